@@ -1,0 +1,39 @@
+"""Frictional contact of elastic bodies with rigid obstacles, on scikit-fem."""
+
+from contact.body import ElasticBody
+from contact.condense import CondensedContact
+from contact.cross_check import CrossCheck, cross_check
+from contact.errors import (
+    ContactError,
+    Infeasible,
+    InputError,
+    MissingDependency,
+    NotConverged,
+    Unbounded,
+)
+from contact.newton import Iteration
+from contact.obstacles import Cylinder, Parabola, Plane, SignedDistance, Sphere
+from contact.problem import ContactProblem
+from contact.result import ContactResult, Status
+
+__all__ = [
+    "CondensedContact",
+    "ContactError",
+    "ContactProblem",
+    "ContactResult",
+    "CrossCheck",
+    "Cylinder",
+    "ElasticBody",
+    "Infeasible",
+    "InputError",
+    "Iteration",
+    "MissingDependency",
+    "NotConverged",
+    "Parabola",
+    "Plane",
+    "SignedDistance",
+    "Sphere",
+    "Status",
+    "Unbounded",
+    "cross_check",
+]

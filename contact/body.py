@@ -1,0 +1,439 @@
+"""An elastic body: mesh, element, material, supports and loads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from skfem import (
+    Basis,
+    ElementHex1,
+    ElementQuad2,
+    ElementTetP1,
+    ElementTriP2,
+    ElementVector,
+    FacetBasis,
+    Mesh,
+)
+
+from contact.elasticity import lame, stiffness_matrix
+from contact.errors import InputError
+from skfem_adini import ElementQuadAdini, essential_constraints
+
+Field = float | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]
+
+_AXES = "xyz"
+_DEFAULT_ELEMENT = {
+    "MeshTri1": ElementTriP2,
+    "MeshTri2": ElementTriP2,
+    "MeshQuad1": ElementQuad2,
+    "MeshTet1": ElementTetP1,
+    "MeshHex1": ElementHex1,
+}
+
+
+class ElasticBody:
+    """A linearly elastic body, discretised by any scikit-fem vector basis.
+
+    The data flow is `basis -> stiffness S, load f, conditions C x = c`; each is an attribute.
+
+    Parameters
+    ----------
+    basis : Basis
+        A basis of ``ElementVector(...)`` in two or three dimensions.
+    E : float or ndarray, shape (ncells,)
+        Young's modulus, positive.
+    nu : float or ndarray, shape (ncells,)
+        Poisson's ratio, in (-1, 1/2).
+    plane : {"strain", "stress"}
+        Two dimensions only.
+
+    Raises
+    ------
+    InputError
+        Not a vector basis, or a material constant outside its range.
+
+    Examples
+    --------
+    A unit square held at its left side and pulled at its right one:
+
+    >>> from skfem import Basis, ElementQuad1, ElementVector, MeshQuad
+    >>> mesh = MeshQuad().refined(2).with_defaults()
+    >>> body = ElasticBody(Basis(mesh, ElementVector(ElementQuad1())), E=1.0, nu=0.0)
+    >>> body = body.fix("left", "xy").load("right", (0.1, 0.0))
+    >>> bool(abs(body.f.sum() - 0.1) < 1e-12)
+    True
+    """
+
+    def __init__(
+        self, basis: Basis, E: ArrayLike, nu: ArrayLike, plane: str | None = "strain"
+    ) -> None:
+        if not isinstance(basis, Basis) or not isinstance(basis.elem, ElementVector):
+            raise InputError(
+                "basis: expected a skfem Basis(mesh, ElementVector(element)), got "
+                f"{type(getattr(basis, 'elem', basis)).__name__}"
+            )
+        if basis.elem.dim != basis.mesh.dim() or basis.elem.dim not in (2, 3):
+            raise InputError(
+                f"basis: {basis.elem.dim} displacement components on a mesh of dimension "
+                f"{basis.mesh.dim()}; both must be 2 or both 3"
+            )
+        if not np.all(np.isfinite(basis.mesh.p)):
+            raise InputError("basis: the mesh has coordinates that are not finite")
+        self.basis = basis
+        self.dim: int = basis.elem.dim
+        self.element = basis.elem.elem
+        self.plane = plane if self.dim == 2 else None
+        self.E, self.nu = np.asarray(E, dtype=float), np.asarray(nu, dtype=float)
+        for name, value in (("E", self.E), ("nu", self.nu)):
+            if value.shape not in ((), (basis.mesh.nelements,)):
+                raise InputError(
+                    f"{name}: expected a number or one value for each of the "
+                    f"{basis.mesh.nelements} cells, got shape {value.shape}"
+                )
+        self.lam, self.mu = lame(self.E, self.nu, self.plane)
+        self.f: NDArray[np.float64] = np.zeros(basis.N)
+        self._supports: list[tuple[NDArray[np.int64], int, Callable[..., Any]]] = []
+
+    @classmethod
+    def from_mesh(
+        cls,
+        mesh: Mesh | str | Path,
+        element: Any = None,
+        *,
+        E: ArrayLike,
+        nu: ArrayLike,
+        plane: str | None = "strain",
+    ) -> Self:
+        """Build a body from a mesh or from a mesh file with named boundaries.
+
+        Parameters
+        ----------
+        mesh : Mesh, str or Path
+            A scikit-fem mesh, or a file that meshio reads (.msh, .vtu, .xdmf, ...). Physical
+            groups become the names of boundaries.
+        element : Element, optional
+            Scalar or vector element. Default: P2 triangles, Q2 quadrilaterals, P1 tetrahedra,
+            Q1 hexahedra.
+        E, nu, plane
+            As for the class.
+
+        Raises
+        ------
+        InputError
+            The file is missing, truncated or holds no mesh of dimension 2 or 3.
+        """
+        if not isinstance(mesh, Mesh):
+            mesh = _load(Path(mesh))
+        if element is None:
+            if type(mesh).__name__ not in _DEFAULT_ELEMENT:
+                raise InputError(f"element: no default for {type(mesh).__name__}; pass one")
+            element = _DEFAULT_ELEMENT[type(mesh).__name__]()
+        if not isinstance(element, ElementVector):
+            element = ElementVector(element)
+        if element.refdom is not mesh.elem.refdom:
+            raise InputError(
+                f"element: {type(element.elem).__name__} does not live on {type(mesh).__name__}"
+            )
+        return cls(Basis(mesh, element), E, nu, plane)
+
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh of the basis."""
+        return self.basis.mesh
+
+    @cached_property
+    def stiffness(self) -> sparse.csr_array:
+        """S of ``a(u, v) = int sigma(u) : eps(v)``, all dofs, shape (ndofs, ndofs)."""
+        return stiffness_matrix(self.basis, self.lam, self.mu)
+
+    @cached_property
+    def scalar_dofs(self) -> Any:
+        """Dof numbering of the scalar element; vector dof = dim * scalar dof + component."""
+        from skfem.assembly import Dofs
+
+        return Dofs(self.mesh, self.element)
+
+    def facets(self, boundary: str | Sequence[str] | ArrayLike) -> NDArray[np.int64]:
+        """Facet numbers of a named boundary, of several, or of an array of facet numbers.
+
+        Raises
+        ------
+        InputError
+            Unknown name, empty set, or facets inside the body.
+        """
+        names = [boundary] if isinstance(boundary, str) else boundary
+        if isinstance(names, (list, tuple)) and all(isinstance(name, str) for name in names):
+            known = self.mesh.boundaries or {}
+            for name in names:
+                if name not in known:
+                    raise InputError(
+                        f"boundary {name!r} is unknown; the mesh names {sorted(known) or 'none'} "
+                        "(mesh.with_boundaries or mesh.with_defaults adds names)"
+                    )
+            found = [np.asarray(known[name], dtype=np.int64) for name in names]
+            facets = np.unique(np.concatenate(found)) if found else np.zeros(0, dtype=np.int64)
+        else:
+            facets = np.unique(np.asarray(boundary, dtype=np.int64))
+            if facets.size and not (0 <= facets[0] and facets[-1] < self.mesh.nfacets):
+                raise InputError(f"boundary: facet numbers must lie in 0..{self.mesh.nfacets - 1}")
+        if facets.size == 0:
+            raise InputError(f"boundary {boundary!r} has no facets")
+        if np.any(self.mesh.f2t[1, facets] != -1):
+            raise InputError(f"boundary {boundary!r} holds facets inside the body")
+        return facets
+
+    def components(self, components: str | int | Sequence[int] | None) -> list[int]:
+        """Component numbers of "x", "xy", 1, (0, 2) or None (all).
+
+        Raises
+        ------
+        InputError
+            Not a set of components.
+        """
+        if components is None:
+            return list(range(self.dim))
+        if isinstance(components, str):
+            numbers = [_AXES.find(letter) for letter in components]
+        else:
+            numbers = [int(c) for c in np.atleast_1d(np.asarray(components))]
+        if not numbers or any(c < 0 or c >= self.dim for c in numbers):
+            raise InputError(
+                f"components={components!r}: expected letters of {_AXES[: self.dim]!r} or "
+                f"numbers below {self.dim}"
+            )
+        return sorted(set(numbers))
+
+    def fix(
+        self,
+        boundary: str | Sequence[str] | ArrayLike,
+        components: str | int | Sequence[int] | None = None,
+        value: Field = 0.0,
+    ) -> Self:
+        """Prescribe displacement components on a boundary.
+
+        For Adini elements the value and its tangential derivative are prescribed, never the
+        normal derivative.
+
+        Parameters
+        ----------
+        boundary : str, list of str or array of facet numbers
+        components : "x", "y", "z", "xy", ..., numbers, or None for all
+        value : float or callable x -> array of shape x.shape[1:]
+            The displacement; x has shape (dim, npoints).
+
+        Returns
+        -------
+        ElasticBody
+            Itself, for chaining.
+
+        Raises
+        ------
+        InputError
+            Unknown boundary or component, a value that is not finite.
+        """
+        facets = self.facets(boundary)
+        function = value if callable(value) else _constant(value)
+        self._supports += [(facets, c, function) for c in self.components(components)]
+        self.__dict__.pop("constraint", None)
+        return self
+
+    def load(self, boundary: str | Sequence[str] | ArrayLike, traction: Field) -> Self:
+        """Add a surface traction (force per area) on a boundary.
+
+        Parameters
+        ----------
+        boundary : str, list of str or array of facet numbers
+        traction : array of shape (dim,) or callable x -> array of shape (dim, ...)
+
+        Returns
+        -------
+        ElasticBody
+            Itself, for chaining.
+        """
+        basis = FacetBasis(self.mesh, self.basis.elem, facets=self.facets(boundary))
+        self.f = self.f + self._load_vector(basis, traction, "traction")
+        return self
+
+    def body_force(self, force: Field) -> Self:
+        """Add a volume force (force per volume).
+
+        Parameters
+        ----------
+        force : array of shape (dim,) or callable x -> array of shape (dim, ...)
+        """
+        self.f = self.f + self._load_vector(self.basis, force, "force")
+        return self
+
+    def _load_vector(self, basis: Any, density: Field, name: str) -> NDArray[np.float64]:
+        x = np.asarray(basis.global_coordinates())
+        value = np.asarray(density(x) if callable(density) else density, dtype=float)
+        if value.ndim == 0 or value.shape[0] != self.dim:
+            raise InputError(
+                f"{name}: expected {self.dim} components, got an array of shape {value.shape}"
+            )
+        value = value.reshape(value.shape + (1,) * (x.ndim - value.ndim))
+        try:
+            value = np.broadcast_to(value, (self.dim, *x.shape[1:]))
+        except ValueError:
+            raise InputError(
+                f"{name}: shape {value.shape} does not fit points of shape {x.shape}"
+            ) from None
+        if not np.all(np.isfinite(value)):
+            raise InputError(f"{name}: holds values that are not finite")
+        result = np.zeros(self.basis.N)
+        for i in range(basis.Nbfun):
+            c = i % self.dim  # only this component of an ElementVector function is not zero
+            density_i = basis.basis[i][0][c] * value[c] * basis.dx
+            np.add.at(result, basis.element_dofs[i], density_i.sum(axis=1))
+        return result
+
+    @cached_property
+    def constraint(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
+        """All prescribed displacements as ``u = T z + u0`` with free unknowns z.
+
+        Returns
+        -------
+        T : csr_array, shape (ndofs, nfree)
+        u0 : ndarray, shape (ndofs,)
+
+        Raises
+        ------
+        InputError
+            Two prescriptions contradict each other.
+        """
+        if not self._supports:
+            return sparse.eye_array(self.basis.N, format="csr"), np.zeros(self.basis.N)
+        if isinstance(self.element, ElementQuadAdini):
+            T, u0 = essential_constraints(
+                self.basis,
+                [
+                    (facets, [function if c == d else None for d in range(self.dim)])
+                    for facets, c, function in self._supports
+                ],
+            )
+            return sparse.csr_array(T), u0
+        u0 = np.full(self.basis.N, np.nan)
+        size = 0.0
+        for facets, component, function in self._supports:
+            dofs = self.basis.get_dofs(facets).flatten()
+            dofs = dofs[dofs % self.dim == component]
+            value = np.asarray(function(self.basis.doflocs[:, dofs]), dtype=float)
+            if value.shape != dofs.shape or not np.all(np.isfinite(value)):
+                raise InputError(
+                    f"value: expected {dofs.size} finite numbers, got shape {value.shape}"
+                )
+            size = max(size, float(np.abs(value).max(initial=0.0)))
+            if np.any(np.abs(u0[dofs] - value) > 1e-10 * size):
+                raise InputError("value: two prescribed displacements differ where they meet")
+            u0[dofs] = value
+        free = np.isnan(u0)
+        T = sparse.eye_array(self.basis.N, format="csr")[:, free]
+        return sparse.csr_array(T), np.where(free, 0.0, u0)
+
+    @cached_property
+    def entities(self) -> tuple[NDArray[np.int64], NDArray[np.float64], sparse.csr_array]:
+        """Dofs grouped by the mesh entity that carries them, for ordering and for rigid modes.
+
+        Returns
+        -------
+        entity : ndarray, shape (ndofs,)
+            Number of the vertex, edge, facet or cell of each dof.
+        points : ndarray, shape (dim, nentities)
+        graph : csr_array, shape (nentities, nentities)
+            Entities that share a cell.
+        """
+        dofs, mesh, groups, points = self.basis.dofs, self.mesh, [], []
+        tables = (
+            (dofs.nodal_dofs, mesh.p),
+            (dofs.edge_dofs, None if self.dim == 2 else mesh.p[:, mesh.edges].mean(axis=1)),
+            (dofs.facet_dofs, mesh.p[:, mesh.facets].mean(axis=1)),
+            (dofs.interior_dofs, mesh.p[:, mesh.t].mean(axis=1)),
+        )
+        entity = np.full(self.basis.N, -1, dtype=np.int64)
+        start = 0
+        for table, where in tables:
+            if table is None or table.shape[0] == 0 or where is None:
+                continue
+            entity[table] = start + np.arange(table.shape[1])
+            points.append(where[:, : table.shape[1]])
+            start += table.shape[1]
+        groups = entity[self.basis.element_dofs[:: self.dim]]
+        rows = np.repeat(groups, groups.shape[0], axis=0).ravel()
+        columns = np.tile(groups, (groups.shape[0], 1)).ravel()
+        ones = np.ones(rows.size, dtype=np.int8)
+        graph = sparse.coo_array((ones, (rows, columns)), shape=(start, start)).tocsr()
+        return entity, np.hstack(points), graph
+
+    @cached_property
+    def rigid_modes(self) -> NDArray[np.float64]:
+        """Rigid motions of every connected piece, shape (ndofs, npieces * dim (dim + 1) / 2).
+
+        Translations first, then rotations about the piece's middle. Free or not: the prescribed
+        displacements are not looked at.
+        """
+        entity, points, graph = self.entities
+        pieces, piece = connected_components(graph, directed=False)
+        derivative = self._derivative_of_dof()
+        component = np.arange(self.basis.N) % self.dim
+        modes = []
+        for k in range(pieces):
+            inside = piece[entity] == k
+            where = points[:, piece == k]
+            middle = 0.5 * (where.min(axis=1) + where.max(axis=1))
+            x = self.basis.doflocs - middle[:, None]
+            for c in range(self.dim):
+                modes.append(inside * (component == c) * (derivative == -1.0))
+            for a in range(self.dim):
+                for b in range(a + 1, self.dim):  # u_a = -x_b, u_b = x_a
+                    rotation = np.zeros(self.basis.N)
+                    for moving, with_x, sign in ((a, b, -1.0), (b, a, 1.0)):
+                        at = inside & (component == moving)
+                        rotation[at & (derivative == -1)] = (
+                            sign * x[with_x, at & (derivative == -1)]
+                        )
+                        rotation[at & (derivative == with_x)] = sign
+                    modes.append(rotation)
+        return np.array(modes, dtype=float).T
+
+    def _derivative_of_dof(self) -> NDArray[np.int64]:
+        """-1 for a dof that is a value, i for a dof that is the derivative along x_i."""
+        kinds = {"u": -1, "u_x": 0, "u_y": 1, "u_z": 2}
+        dofs = self.basis.dofs
+        result = np.full(self.basis.N, -2, dtype=np.int64)
+        names = iter(self.basis.elem.dofnames)
+        for table in (dofs.nodal_dofs, dofs.facet_dofs, dofs.edge_dofs, dofs.interior_dofs):
+            for row in () if table is None else table:
+                name = next(names).split("^")[0]
+                if name not in kinds:
+                    raise InputError(
+                        f"element {type(self.element).__name__}: its dof {name!r} is neither a "
+                        "value nor a first derivative, which contact needs for rigid motions"
+                    )
+                result[row] = kinds[name]
+        return result
+
+
+def _constant(value: Any) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+    number = np.asarray(value, dtype=float)
+    if number.shape != () or not np.isfinite(number):
+        raise InputError(f"value={value!r}: expected a finite number or a callable")
+    return lambda x: np.full(x.shape[1:], float(number))
+
+
+def _load(path: Path) -> Mesh:
+    if not path.is_file():
+        raise InputError(f"mesh file {path} does not exist")
+    try:
+        mesh = Mesh.load(str(path))
+    except Exception as error:  # meshio raises whatever its readers meet
+        raise InputError(f"mesh file {path} cannot be read: {error}") from error
+    if mesh.dim() not in (2, 3):
+        raise InputError(f"mesh file {path}: expected a mesh of dimension 2 or 3")
+    return mesh

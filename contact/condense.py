@@ -1,0 +1,260 @@
+"""Condensation of the body onto its contact boundary by one sparse factorisation."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from contact.boundary import BoundaryProblem
+from contact.dissection import nested_dissection
+from contact.errors import Infeasible, InputError, Unbounded
+from contact.newton import Forces
+from contact.schur import schur_factor
+
+if TYPE_CHECKING:
+    from contact.body import ElasticBody
+    from contact.rows import ContactRows
+
+Array = NDArray[np.float64]
+
+
+class CondensedContact:
+    """A body and its contact rows, reduced to a dense problem on the contact boundary.
+
+    Everything here depends on the stiffness, the supports and the rows alone; loads, gaps and
+    friction come later, so one condensation serves a whole load history.
+
+    Parameters
+    ----------
+    body : ElasticBody
+    rows : ContactRows
+    solver : {"auto", "pardiso", "superlu"}
+        Sparse factorisation; see `contact.schur`.
+
+    Raises
+    ------
+    InputError
+        The contact boundary is fixed entirely.
+    Unbounded
+        A piece of the body is neither fixed nor connected to the contact boundary.
+
+    Notes
+    -----
+    With the contact boundary's unknowns z_b (those that a row touches) and their Schur complement
+    S_b, the compliance of the rows B is ``W = B S_b^-1 B^T``. A body held by contact alone has
+    rigid motions N with S_b N = 0: then S_b + rho N N^T takes the place of S_b, and the motion N a
+    is an unknown of its own, with the balance of loads ``N^T (r - B^T l) = 0``.
+    """
+
+    def __init__(self, body: ElasticBody, rows: ContactRows, solver: str = "auto") -> None:
+        self.body, self.rows = body, rows
+        T, u0 = body.constraint
+        self._T, self._u0 = T, u0
+        if T.nnz == T.shape[1] and np.all(T.data == 1.0):
+            free = T.tocsc().indices
+            S = body.stiffness if free.size == T.shape[0] else body.stiffness[free][:, free]
+        else:
+            S = sparse.csr_array(T.T @ body.stiffness @ T)
+        self._lifted = body.stiffness @ u0 if u0.any() else np.zeros_like(u0)
+
+        dim = body.dim
+        G, tangents = sparse.csr_array(rows.G @ T), sparse.csr_array(rows.T @ T)
+        live_n = _lives(G, rows.G)
+        live_t = _lives(tangents, rows.T)
+        if not live_n.any() and not live_t.any():
+            raise InputError(
+                "boundary: every displacement of the contact boundary is prescribed; "
+                "fix less of it or choose another contact boundary"
+            )
+        count = rows.gap.size
+        self._normal = np.where(live_n, np.cumsum(live_n) - 1, -1)
+        self._tangent = np.where(
+            live_t, live_n.sum() + np.cumsum(live_t) - 1, -1
+        ).reshape(count, dim - 1)
+        B = sparse.vstack([G[live_n], tangents[live_t]], format="csr")
+        self._fixed_normal = rows.G @ u0
+        self._fixed_tangent = (rows.T @ u0).reshape(count, dim - 1)
+
+        self._boundary = np.unique(B.indices).astype(np.int64)
+        self._factor = schur_factor(S, self._boundary, self._elimination_order(), solver)
+        self._B = B[:, self._boundary].toarray()
+        modes = self._free_modes()
+        self._condense(modes)
+
+    def _elimination_order(self) -> NDArray[np.int64]:
+        """Free unknowns in the nested-dissection order of their mesh entities."""
+        entity, points, graph = self.body.entities
+        rank = np.empty(points.shape[1], dtype=np.int64)
+        rank[nested_dissection(graph, points)] = np.arange(points.shape[1])
+        columns = self._T.tocsc()
+        leading = columns.indices[columns.indptr[:-1]]
+        return np.argsort(rank[entity[leading]], kind="stable").astype(np.int64)
+
+    def _free_modes(self) -> Array:
+        """Rigid motions that the supports leave free, in free unknowns, shape (nfree, k)."""
+        modes = self.body.rigid_modes
+        held = modes - self._T @ (self._T.T @ modes)
+        size = np.linalg.norm(modes, axis=0)
+        _, singular, V = np.linalg.svd(held / size, full_matrices=False)
+        free = V[singular < 1e-9].T / size[:, None] if V.size else V
+        return np.asarray(self._T.T @ (modes @ free))
+
+    def _condense(self, modes: Array) -> None:
+        S_b = self._factor.schur
+        N = modes[self._boundary]
+        if modes.shape[1]:
+            N, R = np.linalg.qr(N)
+            if np.abs(np.diag(R)).min() < 1e-10 * np.abs(R).max():
+                loose = modes @ np.linalg.svd(modes[self._boundary])[2][-1]
+                raise self._not_held(loose)
+            self._modes = np.linalg.solve(R.T, modes.T).T
+            S_b = S_b + np.mean(np.diag(S_b)) * N @ N.T
+        else:
+            self._modes = modes
+        try:
+            self._cholesky = cho_factor(S_b, lower=True, check_finite=False)
+        except np.linalg.LinAlgError:
+            raise InputError(
+                "stiffness: the condensed stiffness is not positive definite; the material or "
+                "the mesh is not admissible"
+            ) from None
+        half = solve_triangular(self._cholesky[0], self._B.T, lower=True, check_finite=False)
+        W = half.T @ half
+        diagonal = np.diag(W)
+        # One length for each point, so that its friction ball stays a ball.
+        scale = np.empty(self._B.shape[0])
+        for rows in np.column_stack((self._normal, self._tangent)):
+            live = rows[rows >= 0]
+            scale[live] = np.sqrt(diagonal[live].mean()) if live.size else 1.0
+        self._scale = scale
+        self._W = W / np.outer(scale, scale)
+        self._C = (self._B @ N) / scale[:, None]
+        self._N = N
+
+    @property
+    def point_scale(self) -> Array:
+        """Physical force = scaled force / point_scale; physical displacement = scaled * it."""
+        first = np.maximum(self._normal, self._tangent.max(axis=1))
+        return np.where(first >= 0, self._scale[np.maximum(first, 0)], 1.0)
+
+    def boundary_problem(self, load: Array, gap: Array) -> BoundaryProblem:
+        """The dense problem for one load vector and one gap.
+
+        Parameters
+        ----------
+        load : ndarray, shape (ndofs,)
+        gap : ndarray, shape (m,)
+
+        Raises
+        ------
+        Infeasible
+            A point whose normal displacement is prescribed lies behind the obstacle.
+        """
+        prescribed = self._normal < 0
+        through = prescribed & (self._fixed_normal - gap > 1e-12 * (1 + np.abs(gap)))
+        if np.any(through):
+            i = int(np.flatnonzero(through)[0])
+            raise Infeasible(
+                f"obstacle: contact point {i} at {self.rows.x_nominal[:, i]} is fixed at normal "
+                f"displacement {self._fixed_normal[i]:.6g}, beyond its gap {gap[i]:.6g}"
+            )
+        reduced = self.reduce(load)
+        v0 = self._B @ cho_solve(self._cholesky, reduced, check_finite=False)
+        live_n, live_t = self._normal >= 0, self._tangent >= 0
+        v0[self._normal[live_n]] += self._fixed_normal[live_n]
+        v0[self._tangent[live_t]] += self._fixed_tangent[live_t]
+        scale = self.point_scale
+        return BoundaryProblem(
+            W=self._W,
+            v0=v0 / self._scale,
+            C=self._C,
+            s=self._N.T @ reduced,
+            gap=gap / scale,
+            normal=self._normal,
+            tangent=self._tangent,
+            held=self._fixed_tangent / scale[:, None],
+        )
+
+    def recover(
+        self, load: Array, problem: BoundaryProblem, forces: Forces
+    ) -> tuple[Array, Array, Array]:
+        """Displacement of all dofs and physical forces: (u, mu, t)."""
+        stacked = problem.forces(forces.mu, forces.t) / self._scale
+        reduced = self.reduce(load) - self._B.T @ stacked
+        z_b = cho_solve(self._cholesky, reduced, check_finite=False) + self._N @ forces.a
+        scale = self.point_scale
+        return self.expand(load, z_b), forces.mu / scale, forces.t / scale[:, None]
+
+    @property
+    def stiffness(self) -> Array:
+        """Schur complement S_b of the contact boundary's unknowns, shape (nb, nb)."""
+        return self._factor.schur
+
+    def reduce(self, load: Array) -> Array:
+        """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        return self._factor.reduce(self._free_load(load))
+
+    def restrict(self, rows: sparse.csr_array) -> Array:
+        """Rows of all dofs in the contact boundary's unknowns, shape (nrows, nb)."""
+        reduced: Array = (rows @ self._T)[:, self._boundary].toarray()
+        return reduced
+
+    def expand(self, load: Array, z_b: Array) -> Array:
+        """Displacement of all dofs from the contact boundary's unknowns."""
+        u: Array = self._T @ self._factor.expand(self._free_load(load), z_b) + self._u0
+        return u
+
+    def _free_load(self, load: Array) -> Array:
+        free: Array = self._T.T @ (load - self._lifted)
+        return free
+
+    def not_held(self, a: Array) -> Unbounded:
+        """The error that names the rigid motion a."""
+        return self._not_held(self._modes @ a)
+
+    def _not_held(self, motion: Array) -> Unbounded:
+        u = self._T @ motion
+        return Unbounded(
+            f"the body is not held: {describe_motion(self.body, u)} meets no resistance; fix a "
+            "displacement that it moves, or add friction or an obstacle that stops it",
+            u / np.abs(u).max(),
+        )
+
+
+def describe_motion(body: ElasticBody, u: Array) -> str:
+    """Name a rigid motion, e.g. "translation along x" or "rotation about (0, 1)"."""
+    modes = body.rigid_modes
+    coefficient = np.linalg.lstsq(modes, u, rcond=None)[0]
+    dim, per_piece = body.dim, body.dim * (body.dim + 1) // 2
+    entity, points, _ = body.entities
+    k = int(np.argmax(np.abs(coefficient).reshape(-1, per_piece).max(axis=1)))
+    part = coefficient[k * per_piece : (k + 1) * per_piece]
+    moved = np.abs(modes[:, k * per_piece]) > 0
+    where = points[:, np.unique(entity[moved])]
+    middle = 0.5 * (where.min(axis=1) + where.max(axis=1))
+    reach = float(np.ptp(where, axis=1).max())
+    shift, turn = part[:dim], part[dim:]
+    if np.abs(turn).max() * reach < 1e-8 * np.abs(shift).max():
+        axis = int(np.argmax(np.abs(shift)))
+        pure = np.abs(np.delete(shift, axis)).max(initial=0.0) < 1e-8 * abs(shift[axis])
+        direction = "xyz"[axis] if pure else str(np.round(shift / np.linalg.norm(shift), 4))
+        return f"a translation along {direction}"
+    if dim == 2:
+        centre = middle + np.array([-shift[1], shift[0]]) / turn[0]
+        centre[np.abs(centre) < 1e-9 * reach] = 0.0
+        return f"a rotation about ({centre[0]:.6g}, {centre[1]:.6g})"
+    # Rotations are stored for the planes xy, xz, yz with u_a = -x_b, u_b = x_a.
+    vector = np.array([turn[2], -turn[1], turn[0]])
+    return f"a rotation about the axis {np.round(vector / np.linalg.norm(vector), 4)}"
+
+
+def _lives(reduced: sparse.csr_array, full: sparse.csr_array) -> NDArray[np.bool_]:
+    """Rows that the prescribed displacements leave something of."""
+    size = np.sqrt(np.asarray(full.multiply(full).sum(axis=1)).ravel())
+    left = np.sqrt(np.asarray(reduced.multiply(reduced).sum(axis=1)).ravel())
+    return left > 1e-12 * size
+

@@ -1,0 +1,164 @@
+"""The same contact problem, solved by an independent QP solver and compared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.errors import InputError
+from contact.peers import solve_with
+from contact.result import ContactResult
+
+if TYPE_CHECKING:
+    from contact.problem import ContactProblem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CrossCheck:
+    """How far an independent solver's answer is from ours.
+
+    Attributes
+    ----------
+    solver : str
+    size : int
+        Unknowns of the QP that was handed over.
+    displacement : float
+        Largest difference of u over the largest displacement.
+    multipliers : float
+        Largest difference of a contact force over the largest contact force.
+    objective : float
+        Difference of the energies over the size of the larger.
+    seconds : float
+        Time of the peer.
+    """
+
+    solver: str
+    size: int
+    displacement: float
+    multipliers: float
+    objective: float
+    seconds: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.solver:>9} on {self.size} unknowns: displacement {self.displacement:.1e}, "
+            f"multipliers {self.multipliers:.1e}, objective {self.objective:.1e} "
+            f"({self.seconds:.2f} s)"
+        )
+
+
+def cross_check(
+    problem: ContactProblem,
+    result: ContactResult,
+    solver: str = "osqp",
+    *,
+    condensed: bool | None = None,
+) -> CrossCheck:
+    r"""Solve the problem again with another package and compare.
+
+    The peer gets, with free unknowns z and one slack s per friction row,
+
+    .. math::
+        \min_{z, s} \tfrac12 z^T S z - f^T z + g^T s \quad
+        \text{s.t.} \quad G z \le d, \; -s \le T z \le s .
+
+    A Coulomb problem is checked at its solution: with the bound frozen at g = F mu it is the
+    given-friction problem that the solution must also solve.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+    result : ContactResult
+    solver : str
+        A solver of qpsolvers: "osqp" (polished), "proxqp", "piqp", "clarabel", ...
+    condensed : bool, optional
+        Hand over the dense problem on the contact boundary instead of the full sparse one.
+        Default: from 30,000 unknowns on.
+
+    Returns
+    -------
+    CrossCheck
+
+    Raises
+    ------
+    InputError
+        Friction in three dimensions (no QP), or a solver that qpsolvers does not know.
+    MissingDependency
+        The solver is not installed.
+    NotConverged
+        The peer gave up.
+    """
+    system, dim = result.system, result.system.body.dim
+    if dim == 3 and system.law is not None:
+        raise InputError("cross_check: friction in 3-D is a cone problem, not a QP")
+    rows, (T, u0) = system.rows, system.body.constraint
+    if condensed is None:
+        condensed = T.shape[1] > 30_000
+    usable = np.isfinite(rows.gap)
+    G, R = rows.G[usable], rows.T
+    gap, g = rows.gap[usable] - G @ u0, system.bound(result.mu)
+    rubs = g > 0
+    R, g, offset = R[rubs], g[rubs], (R @ u0)[rubs]
+    if condensed:
+        boundary = problem.condense()
+        S, f = boundary.stiffness, boundary.reduce(system.load)
+        G, R = boundary.restrict(G), boundary.restrict(R)
+    else:
+        S = sparse.csr_array(T.T @ system.body.stiffness @ T)
+        f = T.T @ (system.load - system.body.stiffness @ u0)
+        G, R = sparse.csr_array(G @ T), sparse.csr_array(R @ T)
+    keep_n, keep_t = _nonzero_rows(G), _nonzero_rows(R)
+    G, gap, R, g, offset = G[keep_n], gap[keep_n], R[keep_t], g[keep_t], offset[keep_t]
+
+    n, k = f.size, g.size
+    stack = np.block if condensed else (lambda blocks: sparse.block_array(blocks, format="csc"))
+    eye = np.eye(k) if condensed else sparse.eye_array(k)
+    if k:
+        nothing = np.zeros((n, k)) if condensed else sparse.csr_array((n, k))
+        zero = np.zeros((k, k)) if condensed else sparse.csr_array((k, k))
+        no_slack = np.zeros((gap.size, k)) if condensed else sparse.csr_array((gap.size, k))
+        P = stack([[S, nothing], [nothing.T, zero]])
+        H = stack([[G, no_slack], [R, -eye], [-R, -eye]])
+        h = np.concatenate((gap, -offset, offset))
+    else:
+        P, H, h = S, G, gap
+    solution, seconds = solve_with(solver, P, np.concatenate((-f, g)), H, h)
+
+    z = solution.x[:n]
+    mu, t = np.zeros(result.mu.size), np.zeros(result.t.size)
+    mu[np.flatnonzero(usable)[keep_n]] = solution.z[: gap.size]
+    pushed = solution.z[gap.size : gap.size + k] - solution.z[gap.size + k :]
+    t[np.flatnonzero(rubs)[keep_t]] = pushed
+    if condensed:
+        u = boundary.expand(system.load, z)
+    else:
+        u = T @ z + u0
+
+    def energy(u: Array) -> float:
+        slip = np.linalg.norm((rows.T @ u).reshape(rows.gap.size, -1), axis=1)
+        return system.energy(u) + float(system.bound(result.mu) @ slip)
+
+    ours, theirs = energy(result.u), energy(u)
+    force = max(np.abs(result.mu).max(initial=0.0), np.abs(result.t).max(initial=0.0)) or 1.0
+    difference = max(
+        np.abs(mu - result.mu).max(initial=0.0), np.abs(t - result.t.ravel()).max(initial=0.0)
+    )
+    return CrossCheck(
+        solver=solver,
+        size=n + k,
+        displacement=float(np.abs(u - result.u).max() / (np.abs(result.u).max() or 1.0)),
+        multipliers=float(difference / force),
+        objective=abs(ours - theirs) / max(abs(ours), abs(theirs), np.finfo(float).tiny),
+        seconds=seconds,
+    )
+
+
+def _nonzero_rows(rows: Array | sparse.csr_array) -> NDArray[np.int64]:
+    size = np.asarray(abs(rows).sum(axis=1)).ravel()
+    return np.flatnonzero(size > 1e-12 * size.max(initial=0.0))

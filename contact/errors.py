@@ -1,0 +1,52 @@
+"""What contact raises: one tree, each message naming the argument, the finding and the remedy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class ContactError(Exception):
+    """Base class of every error raised by `contact`."""
+
+
+class InputError(ContactError, ValueError):
+    """An argument is malformed: NaN, a wrong shape, an unknown name, an empty set, a wrong sign."""
+
+
+class NotConverged(ContactError, RuntimeError):
+    """A solver stopped before its recomputed residual met the tolerance.
+
+    Attributes
+    ----------
+    history
+        One entry an iteration, as in `ContactResult.history`.
+    """
+
+    def __init__(self, message: str, history: tuple[Any, ...] = ()) -> None:
+        super().__init__(message)
+        self.history = history
+
+
+class Infeasible(ContactError):
+    """No displacement satisfies the fixed values and the gap together."""
+
+
+class Unbounded(ContactError):
+    """The body is not held: a rigid motion meets no resistance.
+
+    Attributes
+    ----------
+    mode : ndarray, shape (ndofs,)
+        The free rigid motion, normalised to a largest entry of one.
+    """
+
+    def __init__(self, message: str, mode: NDArray[np.float64]) -> None:
+        super().__init__(message)
+        self.mode = mode
+
+
+class MissingDependency(ContactError, ImportError):
+    """An optional package is needed; the message holds the install line."""

@@ -1,0 +1,142 @@
+"""Outer iterations for Coulomb friction, and the regularised fixed point of (4.12)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from contact.active_set import signorini
+from contact.boundary import Array, BoundaryProblem, residual
+from contact.errors import NotConverged
+from contact.newton import Forces, Iteration, Report
+
+Tresca = Callable[[Array, Forces], Forces]
+
+
+def tresca_loop(
+    problem: BoundaryProblem,
+    coefficient: Array,
+    start: Forces,
+    solve: Tresca,
+    *,
+    tol: float,
+    max_iterations: int,
+    report: Report,
+) -> Forces:
+    """Coulomb friction as a fixed point of given friction, g <- F mu (Algorithm 1).
+
+    Parameters
+    ----------
+    problem : BoundaryProblem
+    coefficient : ndarray, shape (m,)
+    start : Forces
+    solve : callable (bound, start) -> Forces
+        Solves the problem with given friction.
+    tol : float
+        On the residual of Coulomb's law.
+    max_iterations : int
+    report : callable
+        Receives one `Iteration` an outer step.
+
+    Raises
+    ------
+    NotConverged
+        The map is no contraction (large friction), or the cap is too low.
+    """
+    now = start
+    for step in range(1, max_iterations + 1):
+        now = solve(coefficient * np.maximum(now.mu, 0.0), now)
+        size = residual(problem, now.mu, now.t, now.a, coefficient * now.mu)
+        report(_line(problem, step, "outer", now, coefficient * now.mu, size))
+        if size <= tol:
+            return now
+    raise NotConverged(
+        f"tresca loop: residual {size:.1e} after {step} outer steps, tolerance {tol:.1e}; "
+        "use method='newton' or raise max_iterations"
+    )
+
+
+def fixed_point(
+    problem: BoundaryProblem,
+    start: Forces,
+    *,
+    eps: Array,
+    coefficient: Array | None,
+    bound: Array | None,
+    tol: float,
+    max_iterations: int,
+    report: Report,
+) -> Forces:
+    r"""Lagged secant stiffness for the regularised friction law: (4.12), Algorithm 3.
+
+    Each step solves Signorini's problem with the friction replaced by the springs
+    ``t = w u_t``, ``w = g / max(eps, |u_t|)`` of the last iterate. In the forces this is the same
+    box QP with 1 / w added to the tangential diagonal: nothing is factored again.
+
+    With a fixed bound the regularised energy
+    :math:`J_\epsilon = \tfrac12 a(u,u) - f(u) + \sum g \psi_\epsilon(|u_t|)` falls in every step;
+    it is reported. The iteration converges linearly and stops when both the displacements and the
+    forces of the contact points change by less than `tol` relative to their size.
+
+    Parameters
+    ----------
+    eps : ndarray, shape (m,)
+        Slip below which friction is linear, in the problem's scale.
+    coefficient, bound : ndarray, shape (m,)
+        One of them: Coulomb's coefficient, or the given bound g.
+
+    Raises
+    ------
+    NotConverged
+        The cap is reached.
+    """
+    now = start
+    before: Array | None = None
+    for step in range(1, max_iterations + 1):
+        g = coefficient * np.maximum(now.mu, 0.0) if coefficient is not None else bound
+        _, u_t = problem.displacements(now.mu, now.t, now.a)
+        slip = np.maximum(eps, np.linalg.norm(u_t, axis=1))
+        with np.errstate(divide="ignore"):
+            softness = np.where(g > 0, slip / g, np.inf)
+        held = now
+        now = signorini(problem, bound=g, softness=softness, start=now, tol=1e-12)
+        u_n, u_t = problem.displacements(now.mu, now.t, now.a)
+        moved = np.concatenate((u_n, u_t.ravel()))
+        change = np.inf
+        if before is not None:
+            forces, last = problem.forces(now.mu, now.t), problem.forces(held.mu, held.t)
+            change = max(
+                np.abs(moved - before).max() / max(np.abs(moved).max(), 1e-300),
+                np.abs(forces - last).max() / max(np.abs(forces).max(), 1e-300),
+            )
+        before = moved
+        energy = np.nan
+        if coefficient is None:
+            psi = _psi(np.linalg.norm(u_t, axis=1), eps)
+            # l^T W l / 2 - s^T a is the energy of body and contact forces alone.
+            energy = problem.energy(now.mu, now.t, now.a) + float(g @ psi)
+        line = _line(problem, step, "fixed point", now, g, float(change))
+        report(
+            Iteration(line.step, line.phase, line.active, line.stick, line.slip, line.residual, energy)
+        )
+        if change <= tol:
+            return now
+    raise NotConverged(
+        f"fixed point: relative change {change:.1e} after {step} steps, tolerance {tol:.1e}; it "
+        "converges linearly: raise max_iterations or eps, or use method='newton'"
+    )
+
+
+def _psi(slip: Array, eps: Array) -> Array:
+    """C1 regularisation of the modulus: (4.11)."""
+    return np.where(slip >= eps, slip, 0.5 * slip**2 / eps + 0.5 * eps)
+
+
+def _line(
+    problem: BoundaryProblem, step: int, phase: str, now: Forces, g: Array, size: float
+) -> Iteration:
+    active = now.mu > 0
+    rubs = (g > 0) & np.any(problem.tangent >= 0, axis=1)
+    slip = rubs & (np.linalg.norm(now.t, axis=1) >= g * (1 - 1e-9))
+    return Iteration(step, phase, int(active.sum()), int((rubs & ~slip).sum()), int(slip.sum()), size)

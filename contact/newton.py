@@ -1,0 +1,269 @@
+r"""Semismooth Newton methods for contact with friction, on the condensed boundary problem.
+
+The contact law is met by an active set, ``u_n = d`` where ``mu + u_n - d > 0`` and ``mu = 0``
+elsewhere. For friction with bound g let q = t + u_t and b = q / |q|:
+
+* g = 0: t = 0;
+* stick, |q| <= g: u_t = 0;
+* slip, |q| > g: the linearised law, in one of two forms,
+
+  - radial return, the exact Newton step of t = g q / |q|:
+    ``t+ = g b + P (t+ + u_t+)`` with ``P = (g / |q|) (I - b b^T)``;
+  - damped, equation (4.16) of the dissertation (J. Kunisch's and Ito's damping) in its corrected
+    form: ``t+ = g / (|q| - g) (I - a b^T) u_t+ + g a`` with ``a = t / max(g, |t|)``.
+
+For Coulomb's law g = F mu+ on active points is an unknown of the same linear system (monolithic).
+In two dimensions radial return is an active-set method on the sign of the slip and ends in
+finitely many steps.
+
+References
+----------
+S. Hueeber, G. Stadler and B. Wohlmuth, A primal-dual active set algorithm for three-dimensional
+contact problems with Coulomb friction, SIAM J. Sci. Comput. 30 (2008).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, lapack
+
+from contact.boundary import Array, BoundaryProblem, residual
+from contact.errors import NotConverged
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Contact forces mu (m,), t (m, dim - 1) and rigid motion a (k,) of a boundary problem."""
+
+    mu: Array
+    t: Array
+    a: Array
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """One line of a solver's history.
+
+    Attributes
+    ----------
+    step : int
+    phase : str
+        Which part of the method made the step.
+    active, stick, slip : int
+        Points in contact, and those of them (or of the friction zone) that stick and slip.
+    residual : float
+        Relative residual after the step.
+    energy : float
+        Potential energy up to a constant, with the friction functional where it is fixed.
+    """
+
+    step: int
+    phase: str
+    active: int
+    stick: int
+    slip: int
+    residual: float
+    energy: float = np.nan
+
+
+Report = Callable[[Iteration], None]
+
+
+def semismooth_newton(
+    problem: BoundaryProblem,
+    start: Forces,
+    *,
+    coefficient: Array | None = None,
+    bound: Array | None = None,
+    form: str = "radial",
+    tol: float = 1e-12,
+    max_iterations: int = 50,
+    phase: str = "newton",
+    report: Report = lambda iteration: None,
+) -> Forces:
+    """Solve for contact with Coulomb friction (coefficient) or a given friction bound.
+
+    Parameters
+    ----------
+    problem : BoundaryProblem
+    start : Forces
+    coefficient : ndarray, shape (m,)
+        Coulomb: g = F mu.
+    bound : ndarray, shape (m,)
+        Tresca: g, a force in the problem's own scale.
+    form : {"radial", "damped"}
+    tol : float
+        On the relative residual of `contact.boundary.residual`.
+    max_iterations : int
+    phase : str
+        Label in the history.
+    report : callable
+        Receives each `Iteration`.
+
+    Returns
+    -------
+    Forces
+
+    Raises
+    ------
+    NotConverged
+        The iteration cap is reached or the active sets repeat: the caller decides what is next.
+    """
+    now, seen = start, set()
+    best = np.inf
+    for step in range(1, max_iterations + 1):
+        sets = _Sets.of(problem, now, coefficient, bound)
+        now = _step(problem, now, sets, coefficient, form)
+        g = coefficient * np.maximum(now.mu, 0.0) if coefficient is not None else bound
+        size = residual(problem, now.mu, now.t, now.a, g)
+        report(
+            Iteration(step, phase, int(sets.active.sum()), int(sets.stick.sum()),
+                      int(sets.slip.sum()), size)
+        )
+        if size <= tol:
+            return now
+        if not np.isfinite(size):
+            break
+        signature = sets.signature(now)
+        if signature in seen and size >= best:
+            raise NotConverged(f"{phase}: the active sets repeat at residual {size:.1e}")
+        seen.add(signature)
+        best = min(best, size)
+    raise NotConverged(f"{phase}: residual {size:.1e} after {step} steps, tolerance {tol:.1e}")
+
+
+@dataclass(frozen=True)
+class _Sets:
+    """Where each law holds at the current iterate; all masks have shape (m,)."""
+
+    active: NDArray[np.bool_]
+    stick: NDArray[np.bool_]
+    slip: NDArray[np.bool_]
+    q: Array
+    g: Array
+
+    @classmethod
+    def of(
+        cls, problem: BoundaryProblem, now: Forces, coefficient: Array | None, bound: Array | None
+    ) -> _Sets:
+        u_n, u_t = problem.displacements(now.mu, now.t, now.a)
+        contact = now.mu + problem.penetration(u_n)
+        active = contact > 0
+        g = coefficient * np.where(active, contact, 0.0) if coefficient is not None else bound
+        q = np.where(problem.tangent >= 0, now.t + u_t, 0.0)
+        length = np.linalg.norm(q, axis=1)
+        rubs = (g > 0) & np.any(problem.tangent >= 0, axis=1)
+        return cls(active, rubs & (length <= g), rubs & (length > g), q, g)
+
+    def signature(self, now: Forces) -> bytes:
+        direction = np.sign(self.q) if self.q.shape[1] == 1 else np.round(self.q, 12)
+        moving = np.where(self.slip[:, None], direction, 0.0)
+        return self.active.tobytes() + self.stick.tobytes() + moving.tobytes()
+
+
+def _step(
+    problem: BoundaryProblem, now: Forces, sets: _Sets, coefficient: Array | None, form: str
+) -> Forces:
+    """Solve the linearised laws for new forces and rigid motion."""
+    tangent, k = problem.tangent, problem.s.size
+    rubbing = (sets.stick | sets.slip)[:, None] & (tangent >= 0)
+    rows_n = problem.normal[sets.active]
+    rows_t = tangent[rubbing]
+    rows = np.concatenate((rows_n, rows_t))
+    n_n, n = rows_n.size, rows.size
+
+    # Displacement rows: W l - C a = v0 - d (contact) and = v0 (stick).
+    A = np.zeros((n + k, n + k))
+    A[:n, :n] = problem.W[np.ix_(rows, rows)]
+    A[:n, n:] = -problem.C[rows]
+    rhs = np.concatenate((problem.v0[rows], np.zeros(k)))
+    rhs[:n_n] -= problem.gap[sets.active]
+
+    # Slip rows replace those of u_t by the linearised law.
+    place = np.full(tangent.shape, -1)
+    place[rubbing] = n_n + np.arange(rows_t.size)
+    normal_place = np.full(sets.active.size, -1)
+    normal_place[sets.active] = np.arange(n_n)
+    _impose_slip(A, rhs, now, sets, place, normal_place, coefficient, form)
+
+    if k:
+        # The balance of loads, with a proximal term that vanishes at convergence: it keeps the
+        # step well defined while too few points hold the body.
+        weak = 1e-9 * float(np.abs(problem.C).max()) ** 2
+        A[n:, :n] = problem.C[rows].T
+        A[n:, n:] = weak * np.eye(k)
+        rhs[n:] = problem.s + weak * now.a
+    solution = _solve(A, rhs)
+    mu, t = problem.zeros()
+    mu[sets.active] = solution[:n_n]
+    t[rubbing] = solution[n_n:n]
+    return Forces(mu, t, solution[n:])
+
+
+def _impose_slip(
+    A: Array,
+    rhs: Array,
+    now: Forces,
+    sets: _Sets,
+    place: NDArray[np.int64],
+    normal_place: NDArray[np.int64],
+    coefficient: Array | None,
+    form: str,
+) -> None:
+    """Overwrite the displacement rows of slipping points by their linearised friction law.
+
+    Each such row holds v = v0 - W l + C a as ``A x - rhs = -v``; a combination M v of them and
+    the unknown t itself make up the law ``t - M' v - [mu] = ...``.
+    """
+    points = np.flatnonzero(sets.slip)
+    if points.size == 0:
+        return
+    dim_t = place.shape[1]
+    q, g = sets.q[points], sets.g[points]
+    length = np.linalg.norm(q, axis=1)
+    b = q / length[:, None]
+    identity = np.eye(dim_t)
+    if form == "radial":
+        P = (g / length)[:, None, None] * (identity - b[:, :, None] * b[:, None, :])
+        own, of_v, direction = identity - P, P, b
+    else:
+        a = now.t[points] / np.maximum(g, np.linalg.norm(now.t[points], axis=1))[:, None]
+        own = np.broadcast_to(identity, (points.size, dim_t, dim_t))
+        of_v = (g / (length - g))[:, None, None] * (identity - a[:, :, None] * b[:, None, :])
+        direction = a
+    at = place[points]  # (p, dim_t), -1 for a prescribed tangent
+    live = at >= 0
+    safe = np.where(live, at, 0)
+    v_rows = np.where(live[:, :, None], A[safe], 0.0)  # -v = A x - rhs
+    v_rhs = np.where(live, rhs[safe], 0.0)
+    if A.size and (dim_t > 1 or form != "radial"):
+        new_rows = np.einsum("pij,pjn->pin", of_v, v_rows)
+        new_rhs = np.einsum("pij,pj->pi", of_v, v_rhs)
+    else:
+        new_rows, new_rhs = np.zeros_like(v_rows), np.zeros_like(v_rhs)
+    for i in range(dim_t):
+        for j in range(dim_t):
+            both = live[:, i] & live[:, j]
+            new_rows[np.flatnonzero(both), i, at[both, j]] += own[both, i, j]
+        if coefficient is None:
+            new_rhs[:, i] += g * direction[:, i]
+        else:
+            column = normal_place[points]
+            new_rows[np.arange(points.size), i, column] -= (
+                coefficient[points] * direction[:, i]
+            )
+    A[at[live]] = new_rows[live]
+    rhs[at[live]] = new_rhs[live]
+
+
+def _solve(A: Array, rhs: Array) -> Array:
+    if rhs.size == 0:
+        return rhs
+    _, _, x, info = lapack.dgesv(A, rhs)
+    if info != 0 or not np.all(np.isfinite(x)):
+        raise LinAlgError("singular Newton system")
+    return x

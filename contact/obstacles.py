@@ -1,0 +1,252 @@
+"""Rigid obstacles: the gap from a boundary point along the body's outward normal.
+
+An obstacle is anything that can be called as ``obstacle(x, n)`` with points and unit normals of
+shape (dim, ...) and returns the signed distance d along n at which the obstacle begins: positive
+where there is a gap, zero at touch, negative where body and obstacle overlap at rest (a press
+fit), and ``inf`` where the ray meets nothing. Contact then reads u_n <= d.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from contact.errors import InputError
+
+Array = NDArray[np.float64]
+Gap = Any  # an obstacle, a number, a callable x -> d, an array of one gap a point, or None
+
+
+def _vector(name: str, value: ArrayLike) -> Array:
+    array = np.asarray(value, dtype=float)
+    if array.ndim != 1 or array.size not in (2, 3) or not np.all(np.isfinite(array)):
+        raise InputError(f"{name}={value!r}: expected 2 or 3 finite numbers")
+    return array
+
+
+def _positive(name: str, value: float) -> float:
+    if not (np.isfinite(value) and value > 0):
+        raise InputError(f"{name}={value!r}: expected a positive number")
+    return float(value)
+
+
+def _column(vector: Array, like: Array) -> Array:
+    if vector.size != like.shape[0]:
+        raise InputError(f"obstacle of dimension {vector.size} against a body of {like.shape[0]}")
+    return vector.reshape((-1,) + (1,) * (like.ndim - 1))
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The half space behind a plane.
+
+    Parameters
+    ----------
+    point : sequence of float
+        Any point of the plane.
+    normal : sequence of float
+        Points out of the obstacle, towards the body; need not be a unit vector.
+
+    Examples
+    --------
+    >>> foundation = Plane((0.0, -0.03), (0.0, 1.0))
+    >>> foundation(np.array([[0.5], [0.0]]), np.array([[0.0], [-1.0]])).tolist()
+    [0.03]
+    """
+
+    point: Sequence[float]
+    normal: Sequence[float]
+
+    def __call__(self, x: Array, n: Array) -> Array:
+        """Return the gap along n from x; both of shape (dim, ...)."""
+        point, normal = _vector("point", self.point), _vector("normal", self.normal)
+        if not np.any(normal):
+            raise InputError("normal: the zero vector is no direction")
+        height = np.sum((x - _column(point, x)) * _column(normal, x), axis=0)
+        slope = -np.sum(n * _column(normal, x), axis=0)
+        facing = slope > 1e-12 * float(np.linalg.norm(normal))
+        return np.where(facing, height / np.where(facing, slope, 1.0), np.inf)
+
+
+def _first_meeting(x: Array, n: Array, radius: float) -> Array:
+    """Where the ray x + d n enters |x + d n| <= radius: the lesser root of a d^2 + 2 b d + c."""
+    a, b, c = np.sum(n * n, axis=0), np.sum(x * n, axis=0), np.sum(x * x, axis=0) - radius**2
+    discriminant = b**2 - a * c
+    ahead = (discriminant >= 0) & (a > 1e-24) & ((c < 0) | (b < 0))
+    root = np.sqrt(np.where(ahead, discriminant, 1.0))
+    # c / (root - b) is the same root without cancellation where b < 0.
+    towards = b < 0
+    near = np.where(towards, c, -b - root) / np.where(ahead, np.where(towards, root - b, a), 1.0)
+    return np.where(ahead, near, np.inf)
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A disk in two dimensions; in three, a cylinder of infinite length.
+
+    Parameters
+    ----------
+    centre : sequence of float
+    radius : float
+    axis : sequence of float
+        Three dimensions only: direction of the axis.
+
+    Examples
+    --------
+    >>> roller = Cylinder((0.0, -2.0), 1.5)
+    >>> roller(np.array([[0.0, 3.0], [0.0, 0.0]]), np.array([[0.0, 0.0], [-1.0, -1.0]])).tolist()
+    [0.5, inf]
+    """
+
+    centre: Sequence[float]
+    radius: float
+    axis: Sequence[float] = (0.0, 0.0, 1.0)
+
+    def __call__(self, x: Array, n: Array) -> Array:
+        """Return the gap along n from x; both of shape (dim, ...)."""
+        radius, centre = _positive("radius", self.radius), _vector("centre", self.centre)
+        x = x - _column(centre, x)
+        if x.shape[0] == 3:
+            axis = _vector("axis", self.axis)
+            if axis.size != 3 or not np.any(axis):
+                raise InputError(f"axis={self.axis!r}: expected a direction of three components")
+            unit = _column(axis / np.linalg.norm(axis), x)
+            x = x - unit * np.sum(x * unit, axis=0)
+            n = n - unit * np.sum(n * unit, axis=0)
+        return _first_meeting(x, n, radius)
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball.
+
+    Parameters
+    ----------
+    centre : sequence of float
+    radius : float
+    """
+
+    centre: Sequence[float]
+    radius: float
+
+    def __call__(self, x: Array, n: Array) -> Array:
+        """Return the gap along n from x; both of shape (dim, ...)."""
+        radius, centre = _positive("radius", self.radius), _vector("centre", self.centre)
+        return _first_meeting(x - _column(centre, x), n, radius)
+
+
+@dataclass(frozen=True)
+class Parabola:
+    """The parabolic gap ``offset + |x_t - apex_t|^2 / (2 radius)`` of Hertz's theory.
+
+    Parameters
+    ----------
+    apex : sequence of float
+    radius : float
+        Radius of curvature at the apex.
+    offset : float
+        Gap at the apex; negative for interference.
+    """
+
+    apex: Sequence[float]
+    radius: float
+    offset: float = 0.0
+
+    def __call__(self, x: Array, n: Array) -> Array:
+        """Return the gap along n from x; both of shape (dim, ...)."""
+        x = x - _column(_vector("apex", self.apex), x)
+        tangential = np.sum(x * x, axis=0) - np.sum(x * n, axis=0) ** 2
+        return self.offset + tangential / (2 * _positive("radius", self.radius))
+
+
+@dataclass(frozen=True)
+class SignedDistance:
+    """An obstacle given by its signed distance function, positive outside.
+
+    The ray is marched by the distance itself and the sign change closed in by bisection and
+    secant steps, so any continuous function that is positive outside and does not overestimate
+    the distance will do (Hart, Sphere tracing, The Visual Computer 12, 1996).
+
+    Parameters
+    ----------
+    function : callable x -> ndarray
+        x of shape (dim, npoints), result of shape (npoints,).
+    reach : float
+        Rays that have met nothing within this length have gap ``inf``.
+    """
+
+    function: Callable[[Array], ArrayLike]
+    reach: float = np.inf
+
+    def __call__(self, x: Array, n: Array) -> Array:
+        """Return the gap along n from x; both of shape (dim, ...)."""
+        shape, x, n = x.shape[1:], x.reshape(x.shape[0], -1), n.reshape(n.shape[0], -1)
+        start = self._at(x)
+        sign = np.where(start < 0, -1.0, 1.0)  # inside the obstacle: go back along the ray
+        reach = min(self.reach, 1e3 * float(np.ptp(x) + np.abs(start).max(initial=0.0) + 1e-300))
+        d, step = np.zeros(start.size), np.abs(start)
+        before = d.copy()
+        crossed = step == 0
+        for _ in range(400):
+            open_ = ~crossed & (np.abs(d) <= reach)
+            if not open_.any():
+                break
+            before[open_] = d[open_]
+            stride = np.maximum(np.abs(self._at(x + d * n))[open_], 1e-6 * reach * 1e-3)
+            d[open_] += sign[open_] * stride
+            value = self._at(x + d * n)
+            crossed |= open_ & (value * sign <= 0)
+        low, high = before.copy(), d.copy()
+        for _ in range(80):
+            middle = 0.5 * (low + high)
+            outside = self._at(x + middle * n) * sign > 0
+            low, high = np.where(outside, middle, low), np.where(outside, high, middle)
+        return np.where(crossed, 0.5 * (low + high), np.inf).reshape(shape)
+
+    def _at(self, x: Array) -> Array:
+        value = np.asarray(self.function(x), dtype=float)
+        if value.shape != x.shape[1:] or np.any(np.isnan(value)):
+            raise InputError(
+                f"SignedDistance: the function must return {x.shape[1:]} numbers, got "
+                f"{value.shape}" + (" with NaN" if np.any(np.isnan(value)) else "")
+            )
+        return value
+
+
+def evaluate_gap(obstacle: Gap, x: Array, n: Array) -> Array:
+    """Gap of any obstacle at points x with outward normals n.
+
+    Parameters
+    ----------
+    obstacle : obstacle, number, callable x -> d, or None
+    x, n : ndarray, shape (dim, ...)
+
+    Returns
+    -------
+    ndarray, shape (...)
+
+    Raises
+    ------
+    InputError
+        NaN, minus infinity or a wrong shape.
+    """
+    if obstacle is None:
+        return np.full(x.shape[1:], np.inf)
+    known = (Plane, Cylinder, Sphere, Parabola, SignedDistance)
+    if isinstance(obstacle, known):
+        gap = obstacle(x, n)
+    else:
+        gap = np.asarray(obstacle(x) if callable(obstacle) else obstacle, dtype=float)
+    try:
+        gap = np.broadcast_to(gap, x.shape[1:])
+    except ValueError:
+        raise InputError(
+            f"obstacle: gap of shape {gap.shape} for points of shape {x.shape[1:]}"
+        ) from None
+    if np.any(np.isnan(gap)) or np.any(np.isneginf(gap)):
+        raise InputError("obstacle: the gap holds NaN or minus infinity")
+    return np.array(gap)

@@ -1,0 +1,324 @@
+"""The solution of a contact problem, which can prove itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from contact.boundary import BoundaryProblem
+from contact.elasticity import stress
+from contact.errors import InputError, NotConverged
+from contact.newton import Forces, Iteration
+from contact.system import ContactSystem
+
+Array = NDArray[np.float64]
+
+
+class Status(IntEnum):
+    """State of a contact point.
+
+    ======  =====================================================================
+    OPEN    no pressure (Tresca without an obstacle: friction at rest or sliding)
+    STICK   in contact, no slip
+    SLIP    in contact, the shear is at its bound
+    ======  =====================================================================
+    """
+
+    OPEN = 0
+    STICK = 1
+    SLIP = 2
+
+
+@dataclass(frozen=True, eq=False)
+class ContactResult:
+    """Displacement, contact forces, and what follows from them.
+
+    Attributes
+    ----------
+    system : ContactSystem
+        The problem that was solved.
+    u : ndarray, shape (ndofs,)
+        Displacement of all dofs of ``system.body.basis``.
+    mu : ndarray, shape (m,)
+        Normal contact forces (multipliers), positive in compression.
+    t : ndarray, shape (m, dim - 1)
+        Tangential multipliers; the friction force on the body is -t.
+    method : str
+    history : tuple of Iteration
+        One entry an iteration of the solver.
+    """
+
+    system: ContactSystem
+    u: Array
+    mu: Array
+    t: Array
+    method: str
+    history: tuple[Iteration, ...]
+
+    @property
+    def x(self) -> Array:
+        """Places of the contact points: the functional's means, shape (dim, m)."""
+        return self.system.rows.x
+
+    @property
+    def x_nominal(self) -> Array:
+        """Nominal places of the contact points, shape (dim, m)."""
+        return self.system.rows.x_nominal
+
+    @property
+    def pressure(self) -> Array:
+        """Contact pressure at `x`, force per area, positive in compression, shape (m,)."""
+        return self.mu / self.system.rows.weights
+
+    @property
+    def shear(self) -> Array:
+        """Shear traction that acts on the body at `x`, along the tangents, (m, dim - 1)."""
+        return -self.t / self.system.rows.weights[:, None]
+
+    @cached_property
+    def normal_displacement(self) -> Array:
+        """u_n of the contact points along the outward normal, shape (m,)."""
+        return np.asarray(self.system.rows.G @ self.u)
+
+    @cached_property
+    def slip(self) -> Array:
+        """Tangential displacement u_t of the contact points, shape (m, dim - 1)."""
+        return np.asarray(self.system.rows.T @ self.u).reshape(self.t.shape)
+
+    @property
+    def gap(self) -> Array:
+        """What is left of the gap, d - u_n, shape (m,)."""
+        return self.system.rows.gap - self.normal_displacement
+
+    @cached_property
+    def status(self) -> NDArray[np.int8]:
+        """`Status` of each contact point, shape (m,)."""
+        size = max(float(self.mu.max(initial=0.0)), float(np.abs(self.t).max(initial=0.0)))
+        g = self.system.bound(self.mu)
+        loaded = self.mu > 1e-12 * size
+        if self.system.law == "tresca":
+            loaded = loaded | (g > 0)
+        force = np.linalg.norm(self.t, axis=1)
+        slides = loaded & (force >= g * (1 - 1e-9)) & (np.linalg.norm(self.slip, axis=1) > 0)
+        return np.where(slides, Status.SLIP, np.where(loaded, Status.STICK, Status.OPEN)).astype(
+            np.int8
+        )
+
+    @property
+    def zone(self) -> Array:
+        """Span of the nominal places of loaded points, shape (dim, 2): least and largest.
+
+        NaN where nothing is in contact.
+        """
+        loaded = self.mu > 1e-12 * float(self.mu.max(initial=0.0))
+        if not loaded.any():
+            return np.full((self.x.shape[0], 2), np.nan)
+        where = self.x_nominal[:, loaded]
+        return np.column_stack((where.min(axis=1), where.max(axis=1)))
+
+    @cached_property
+    def resultant(self) -> Array:
+        """Force of the obstacle on the body, pressure and friction together, shape (dim,)."""
+        return self._total(-self.contact_forces)
+
+    @property
+    def contact_force(self) -> float:
+        """Sum of the normal forces."""
+        return float(self.mu.sum())
+
+    @cached_property
+    def contact_forces(self) -> Array:
+        """``G^T mu + T^T t`` on all dofs: the contact forces with the opposite sign."""
+        rows = self.system.rows
+        return np.asarray(rows.G.T @ self.mu + rows.T.T @ self.t.ravel())
+
+    @cached_property
+    def reactions(self) -> Array:
+        """Forces of the supports on all dofs, shape (ndofs,)."""
+        system = self.system
+        return np.asarray(system.body.stiffness @ self.u + self.contact_forces - system.load)
+
+    def _total(self, forces: Array) -> Array:
+        modes = self.system.body.rigid_modes
+        dim = self.system.body.dim
+        per_piece = dim * (dim + 1) // 2
+        sums = (modes.T @ forces).reshape(-1, per_piece)
+        return np.asarray(sums[:, :dim].sum(axis=0))
+
+    def balance(self) -> dict[str, Array]:
+        """Applied load, support reactions, contact force, and what is left of their sum.
+
+        Returns
+        -------
+        dict
+            ``load``, ``support``, ``contact``: resultants, shape (dim,); ``residual``: their sum
+            over the largest of them; reactions count only where a displacement is prescribed.
+        """
+        T, _ = self.system.body.constraint
+        reactions = self.reactions - T @ (T.T @ self.reactions)
+        parts = {
+            "load": self._total(self.system.load),
+            "support": self._total(reactions),
+            "contact": self.resultant,
+        }
+        largest = max(float(np.abs(part).max()) for part in parts.values()) or 1.0
+        parts["residual"] = sum(parts.values(), start=np.zeros(self.system.body.dim)) / largest
+        return parts
+
+    @property
+    def kkt(self) -> dict[str, float]:
+        """Relative residuals, recomputed from the problem; see `ContactSystem.kkt`."""
+        return self.system.kkt(self.u, self.mu, self.t)
+
+    def certificate(self) -> str:
+        """One line for each residual of `kkt`."""
+        lines = [f"{name:>16}  {value:.1e}" for name, value in self.kkt.items()]
+        return "\n".join(["certificate: relative residuals, recomputed from the problem", *lines])
+
+    def stress(self, points: ArrayLike | None = None) -> Array:
+        """Cauchy stress in the quadrature points of the basis, or at given points.
+
+        Parameters
+        ----------
+        points : array, shape (dim, npoints), optional
+
+        Returns
+        -------
+        ndarray, shape (dim, dim, ncells, nquadrature) or (dim, dim, npoints)
+        """
+        body = self.system.body
+        if points is None:
+            gradient = np.asarray(body.basis.interpolate(self.u).grad)
+            return stress(gradient, _per_cell(body.lam), _per_cell(body.mu))
+        points = self._inside(points)
+        cells = body.mesh.element_finder()(*points)
+        X = body.basis.mapping.invF(points[:, :, None], tind=cells)
+        gradient = np.zeros((body.dim, body.dim, points.shape[1]))
+        for i in range(body.basis.Nbfun):
+            field = body.basis.elem.gbasis(body.basis.mapping, X, i, tind=cells)[0]
+            gradient += field.grad[..., 0] * self.u[body.basis.element_dofs[i, cells]]
+        lam = np.broadcast_to(body.lam, body.mesh.nelements)[cells]
+        return stress(gradient, lam, np.broadcast_to(body.mu, body.mesh.nelements)[cells])
+
+    def von_mises(self, points: ArrayLike | None = None) -> Array:
+        """Von Mises stress, in the places of `stress`; plane strain keeps its sigma_zz."""
+        body = self.system.body
+        sigma = self.stress(points)
+        trace = np.trace(sigma)
+        if body.plane == "strain":
+            nu = body.nu
+            if nu.ndim and points is not None:
+                nu = nu[body.mesh.element_finder()(*self._inside(points))]
+            elif nu.ndim:
+                nu = nu[:, None]
+            out_of_plane = nu * trace
+        else:
+            out_of_plane = np.zeros_like(trace)
+        trace = trace + out_of_plane
+        square = np.sum(sigma**2, axis=(0, 1)) + out_of_plane**2
+        return np.asarray(np.sqrt(1.5 * np.maximum(square - trace**2 / 3, 0.0)))
+
+    def sample(self, points: ArrayLike) -> Array:
+        """Displacement at points of the body by the element's own interpolation.
+
+        Parameters
+        ----------
+        points : array, shape (dim, npoints)
+
+        Returns
+        -------
+        ndarray, shape (dim, npoints)
+        """
+        points = self._inside(points)
+        body = self.system.body
+        cells = body.mesh.element_finder()(*points)
+        X = body.basis.mapping.invF(points[:, :, None], tind=cells)
+        value = np.zeros((body.dim, points.shape[1]))
+        for i in range(body.basis.Nbfun):
+            field = np.asarray(body.basis.elem.gbasis(body.basis.mapping, X, i, tind=cells)[0])
+            value += field[..., 0] * self.u[body.basis.element_dofs[i, cells]]
+        return value
+
+    def _inside(self, points: ArrayLike) -> Array:
+        where = np.asarray(points, dtype=float)
+        dim = self.system.body.dim
+        if where.ndim != 2 or where.shape[0] != dim or not np.all(np.isfinite(where)):
+            raise InputError(f"points: expected finite numbers of shape ({dim}, n)")
+        return where
+
+    def forces(self, problem: BoundaryProblem, scale: Array) -> Forces:
+        """Contact forces in the scale of a boundary problem, to start another solve."""
+        if self.mu.shape != problem.gap.shape:
+            raise InputError(
+                f"start: a result with {self.mu.size} contact points for a problem with "
+                f"{problem.gap.size}"
+            )
+        return Forces(self.mu * scale, self.t * scale[:, None], np.zeros(problem.s.size))
+
+    def save(self, path: str | Path) -> Path:
+        """Write the result, problem included, to one compressed file; see `load`."""
+        from contact.storage import write
+
+        return write(self, Path(path))
+
+    @classmethod
+    def load(cls, path: str | Path) -> ContactResult:
+        """Read a file written by `save`; nothing is lost, `kkt` is recomputed from it."""
+        from contact.storage import read
+
+        return read(Path(path))
+
+    def to_pyvista(self, subdivide: int | None = None) -> Any:
+        """Body as a pyvista grid: displacement, cell-wise von Mises stress."""
+        from contact.export import body_grid
+
+        return body_grid(self, subdivide)
+
+    def boundary_to_pyvista(self) -> Any:
+        """Contact points as a pyvista point cloud or polyline with every contact field."""
+        from contact.export import boundary_grid
+
+        return boundary_grid(self)
+
+    def plot(self, ax: Any = None) -> Any:
+        """Pressure and shear along the contact boundary with stick and slip (2-D)."""
+        from contact.plot import plot_tractions
+
+        return plot_tractions(self, ax)
+
+
+def _per_cell(value: Array) -> Array:
+    return value[:, None] if value.ndim else value
+
+
+def certify(result: ContactResult, tol: float, slack: float) -> None:
+    """Raise unless every residual of the result meets the tolerance.
+
+    Parameters
+    ----------
+    result : ContactResult
+    tol : float
+    slack : float
+        Allowed besides in the friction law, by a method that regularises it.
+
+    Raises
+    ------
+    NotConverged
+    """
+    limits = dict.fromkeys(("cone", "slip"), tol + slack)
+    missed = {
+        name: value
+        for name, value in result.kkt.items()
+        if not value <= limits.get(name, tol)
+    }
+    if missed:
+        found = ", ".join(f"{name} {value:.1e}" for name, value in missed.items())
+        raise NotConverged(
+            f"the solution fails its certificate at tolerance {tol:.1e}: {found}", result.history
+        )

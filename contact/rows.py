@@ -1,0 +1,327 @@
+"""Contact rows: normal and tangential displacement of a boundary as sparse functionals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import splu
+from skfem import FacetBasis
+
+from contact.body import ElasticBody
+from contact.errors import InputError
+from contact.functionals import FacetFunctional, facet_functional
+from contact.obstacles import Gap, evaluate_gap
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ContactRows:
+    """The contact boundary, discretised: m points, each with a normal and dim - 1 tangents.
+
+    Attributes
+    ----------
+    G : csr_array, shape (m, ndofs)
+        ``G u`` is the normal displacement u_n along the outward normal of the body.
+    T : csr_array, shape (m * (dim - 1), ndofs)
+        Tangential displacement; the rows of one point are consecutive.
+    gap : ndarray, shape (m,)
+        The gap d under the same functional; ``inf`` where there is no obstacle.
+    weights : ndarray, shape (m,)
+        Length or area of each point: a multiplier (a force) over its weight is a pressure.
+    x : ndarray, shape (dim, m)
+        Mean place of the functional's dual function: where the pressure is reported.
+    x_nominal : ndarray, shape (dim, m)
+    normals : ndarray, shape (dim, m)
+    tangents : ndarray, shape (dim, dim - 1, m)
+    functional : str
+    """
+
+    G: sparse.csr_array
+    T: sparse.csr_array
+    gap: Array
+    weights: Array
+    x: Array
+    x_nominal: Array
+    normals: Array
+    tangents: Array
+    functional: str
+
+
+def contact_rows(
+    body: ElasticBody, facets: NDArray[np.int64], obstacle: Gap, functional: str | None
+) -> ContactRows:
+    """Discretise a contact boundary.
+
+    Parameters
+    ----------
+    body : ElasticBody
+    facets : ndarray of int
+    obstacle : obstacle, number, callable, array or None
+        See `contact.obstacles`; None means friction without a contact law, a gap of ``inf``.
+    functional : str or None
+        See `contact.functionals`.
+
+    Raises
+    ------
+    InputError
+        The gap holds NaN or has a wrong shape; the element offers no such functional.
+    """
+    form = facet_functional(body.element, functional)
+    at_points = _facet_basis(body, facets, form.points)
+    normals_at = np.asarray(at_points.normals)
+    length = _facet_basis(body, facets, None).dx.sum(axis=1)
+    number, count = _numbering(body, facets, form, normals_at)
+
+    # A shared number is the same from either facet: take each from the first that has it.
+    facet, slot = _first_occurrence(number, count)
+    trace = np.stack([np.asarray(field[0]) for field in at_points.basis], axis=-1)
+    values = (form.C @ trace)[facet, slot]
+    values[np.abs(values) < 1e-11 * np.abs(values).max(initial=0.0)] = 0.0  # inverse-map dirt
+    columns = at_points.element_dofs.T[facet]
+    B = sparse.coo_array(
+        (values.ravel(), (np.repeat(np.arange(count), columns.shape[1]), columns.ravel())),
+        shape=(count, body.scalar_dofs.N),
+    ).tocsr()
+    B.eliminate_zeros()
+
+    nominal = np.asarray(_facet_basis(body, facets, form.nominal).global_coordinates())
+    x_nominal = nominal[:, facet, slot]
+    normals = _mean_normals(normals_at, form, number, length, count)
+    gap = _gap(obstacle, at_points, form, number, count, x_nominal, normals)
+    weights, x = _weights(body, facets, form, B, number, length, x_nominal)
+    tangents = tangent_frame(normals)
+
+    order = _along(body, facets, form, number, length, count)
+    dim = body.dim
+    G = _directed(B[order], normals[:, order])
+    T = sparse.vstack([_directed(B[order], tangents[:, j][:, order]) for j in range(dim - 1)])
+    interleaved = np.arange(count * (dim - 1)).reshape(dim - 1, count).T.ravel()
+    return ContactRows(
+        G, sparse.csr_array(T)[interleaved], gap[order], weights[order], x[:, order],
+        x_nominal[:, order], normals[:, order], tangents[:, :, order], form.name,
+    )
+
+
+def _facet_basis(
+    body: ElasticBody, facets: NDArray[np.int64], points: Array | None
+) -> FacetBasis:
+    """Scalar trace at given reference points, or at Gauss points that integrate x * trace."""
+    rule = None if points is None else (points, np.ones(points.shape[1]))
+    return FacetBasis(
+        body.mesh,
+        body.element,
+        facets=facets,
+        dofs=body.scalar_dofs,
+        quadrature=rule,
+        intorder=None if rule else 2 * body.element.maxdeg + 2,
+        disable_doflocs=True,
+    )
+
+
+def _numbering(
+    body: ElasticBody, facets: NDArray[np.int64], form: FacetFunctional, normals: Array
+) -> tuple[NDArray[np.int64], int]:
+    """Global number of each facet's values, shape (nfacets, nvalues); -1 for a dropped one."""
+    vertex = np.array(form.vertex)
+    carried = vertex >= 0
+    number = np.full((facets.size, vertex.size), -1, dtype=np.int64)
+    corner = body.mesh.facets[vertex[carried]][:, facets].T
+    if form.smooth:
+        smooth = _continued_vertices(corner, normals[:, :, carried])
+        corner = np.where(np.isin(corner, smooth), -1, corner)
+    kept, inverse = np.unique(corner, return_inverse=True)
+    inverse = inverse.reshape(corner.shape) - int(kept.size > 0 and kept[0] < 0)
+    number[:, carried] = inverse
+    shared = kept.size - int(kept.size > 0 and kept[0] < 0)
+    own = facets.size * int((~carried).sum())
+    number[:, ~carried] = shared + np.arange(own).reshape(facets.size, -1)
+    return number, shared + own
+
+
+def _continued_vertices(corner: NDArray[np.int64], normals: Array) -> NDArray[np.int64]:
+    """Vertices where two facets meet without a kink."""
+    flat, normal = corner.ravel(), normals.reshape(normals.shape[0], -1)
+    order = np.argsort(flat, kind="stable")
+    twice = np.flatnonzero(flat[order][1:] == flat[order][:-1])
+    cosine = np.sum(normal[:, order[twice]] * normal[:, order[twice + 1]], axis=0)
+    return flat[order][twice[cosine > 1 - 1e-10]]
+
+
+def _first_occurrence(
+    number: NDArray[np.int64], count: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    first = np.zeros(count, dtype=np.int64)
+    flat = number.ravel()
+    used = np.flatnonzero(flat >= 0)[::-1]
+    first[flat[used]] = used
+    return np.divmod(first, number.shape[1])
+
+
+def _mean_normals(
+    normals: Array, form: FacetFunctional, number: NDArray[np.int64], length: Array, count: int
+) -> Array:
+    """Unit normals; at a shared vertex the mean of its facets', weighted by their size."""
+    dim = normals.shape[0]
+    # Each value takes the normal of the evaluation point that weighs most in it.
+    at = normals[:, :, np.argmax(np.abs(form.C), axis=1)] * length[:, None]
+    used = number.ravel() >= 0
+    total = np.array(
+        [np.bincount(number.ravel()[used], at[i].ravel()[used], count) for i in range(dim)]
+    )
+    size = np.linalg.norm(total, axis=0)
+    if np.any(size < 1e-9 * length.min()):
+        raise InputError("boundary: facets with opposite normals meet at a contact point")
+    return total / size
+
+
+def _gap(
+    obstacle: Gap,
+    at_points: FacetBasis,
+    form: FacetFunctional,
+    number: NDArray[np.int64],
+    count: int,
+    x_nominal: Array,
+    normals: Array,
+) -> Array:
+    """The gap under the same functional as the trace."""
+    if obstacle is not None and not callable(obstacle) and np.ndim(obstacle) == 1:
+        given = np.asarray(obstacle, dtype=float)
+        if given.size != count:
+            raise InputError(f"obstacle: {given.size} gaps given for {count} contact points")
+        return evaluate_gap(given, x_nominal, normals)
+    at = evaluate_gap(
+        obstacle, np.asarray(at_points.global_coordinates()), np.asarray(at_points.normals)
+    )
+    open_ = np.isinf(at)
+    of_facet = np.where(open_, 0.0, at) @ form.C.T
+    of_facet[(open_.astype(float) @ (form.C != 0).T) > 0] = np.inf
+    gap = np.empty(count)
+    gap[number[number >= 0]] = of_facet[number >= 0]
+    vertices = np.unique(number[:, np.array(form.vertex) >= 0])
+    vertices = vertices[vertices >= 0]  # these see the obstacle along their own, mean normal
+    gap[vertices] = evaluate_gap(obstacle, x_nominal[:, vertices], normals[:, vertices])
+    return gap
+
+
+def _weights(
+    body: ElasticBody,
+    facets: NDArray[np.int64],
+    form: FacetFunctional,
+    B: sparse.csr_array,
+    number: NDArray[np.int64],
+    length: Array,
+    x_nominal: Array,
+) -> tuple[Array, Array]:
+    """Weights w and mean places x: B^T w and B^T (w x) are the loads of 1 and of x.
+
+    Where the functional has fewer numbers than the trace has dofs (Gauss points) the equations
+    are met in the least-squares sense, with dofs scaled by their boundary mass.
+    """
+    if form.weights is not None:
+        share = length[:, None] * form.weights
+        return np.bincount(number.ravel(), share.ravel(), B.shape[0]), x_nominal
+    basis = _facet_basis(body, facets, None)
+    x_at = np.asarray(basis.global_coordinates())
+    loads, mass = np.zeros((1 + body.dim, body.scalar_dofs.N)), np.zeros(body.scalar_dofs.N)
+    for i in range(basis.Nbfun):
+        phi = np.asarray(basis.basis[i][0]) * basis.dx
+        np.add.at(mass, basis.element_dofs[i], (phi * np.asarray(basis.basis[i][0])).sum(axis=1))
+        np.add.at(loads[0], basis.element_dofs[i], phi.sum(axis=1))
+        for a in range(body.dim):
+            np.add.at(loads[1 + a], basis.element_dofs[i], (phi * x_at[a]).sum(axis=1))
+    used = np.unique(B.indices)
+    scaled = B[:, used] @ sparse.diags_array(1.0 / np.sqrt(mass[used]))
+    rhs = (scaled @ (loads[:, used] / np.sqrt(mass[used])).T)
+    moments = splu(sparse.csc_matrix(scaled @ scaled.T)).solve(rhs)
+    weights = moments[:, 0]
+    if np.any(weights <= 0):
+        raise InputError(f"functional {form.name!r}: a weight is not positive on this boundary")
+    return weights, (moments[:, 1:] / weights[:, None]).T
+
+
+def tangent_frame(normals: Array) -> Array:
+    """Orthonormal tangents of unit normals, continuous wherever n_z > -1.
+
+    In two dimensions the tangent is the normal turned by +90 degrees: (1, 0) on a bottom edge.
+
+    Parameters
+    ----------
+    normals : ndarray, shape (dim, m)
+
+    Returns
+    -------
+    ndarray, shape (dim, dim - 1, m)
+
+    References
+    ----------
+    T. Duff et al., Building an orthonormal basis, revisited, J. Comput. Graph. Tech. 6 (2017).
+
+    Examples
+    --------
+    >>> tangent_frame(np.array([[0.0], [-1.0]])).ravel().tolist()
+    [1.0, 0.0]
+    """
+    if normals.shape[0] == 2:
+        return np.array([[-normals[1]], [normals[0]]])
+    x, y, z = normals
+    sign = np.where(z < 0, -1.0, 1.0)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    first = np.array([1.0 + sign * x * x * a, sign * b, -sign * x])
+    second = np.array([b, sign + y * y * a, -y])
+    return np.stack([first, second], axis=1)
+
+
+def _directed(B: sparse.csr_array, direction: Array) -> sparse.csr_array:
+    """Rows of ``direction . u`` from rows of the scalar trace."""
+    dim, coo = direction.shape[0], B.tocoo()
+    data = np.concatenate([coo.data * direction[c][coo.row] for c in range(dim)])
+    columns = np.concatenate([dim * coo.col + c for c in range(dim)])
+    rows = np.tile(coo.row, dim)
+    result = sparse.coo_array((data, (rows, columns)), shape=(B.shape[0], dim * B.shape[1])).tocsr()
+    result.eliminate_zeros()
+    return result
+
+
+def _along(
+    body: ElasticBody,
+    facets: NDArray[np.int64],
+    form: FacetFunctional,
+    number: NDArray[np.int64],
+    length: Array,
+    count: int,
+) -> NDArray[np.int64]:
+    """In two dimensions the points in the order in which the boundary is run through."""
+    if body.dim == 3:
+        return np.arange(count)
+    ends = body.mesh.facets[:, facets]
+    at: dict[int, list[int]] = {}
+    for f, (a, b) in enumerate(ends.T.tolist()):
+        at.setdefault(a, []).append(f)
+        at.setdefault(b, []).append(f)
+    place = np.full(count, np.inf)
+    left = set(range(facets.size))
+    arc = 0.0
+    starts = [v for v, around in at.items() if len(around) == 1]
+    starts.sort(key=lambda v: tuple(body.mesh.p[:, v]))
+    while left:
+        vertex = next((v for v in starts if at[v][0] in left), None)
+        if vertex is None:  # a closed curve
+            vertex = int(ends[0, min(left)])
+        while True:
+            f = next((g for g in at[vertex] if g in left), None)
+            if f is None:
+                break
+            left.discard(f)
+            forward = ends[0, f] == vertex
+            s = form.nominal[0] if forward else 1.0 - form.nominal[0]
+            used = number[f] >= 0
+            place[number[f][used]] = np.minimum(place[number[f][used]], arc + (s * length[f])[used])
+            arc += length[f]
+            vertex = int(ends[1, f] if forward else ends[0, f])
+        arc += 1e-9 * length.sum()
+    return np.argsort(place, kind="stable")

@@ -1,0 +1,110 @@
+"""The discrete contact problem: what a solver is given and what a result is proved against."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.body import ElasticBody
+from contact.boundary import project
+from contact.errors import InputError
+from contact.rows import ContactRows
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ContactSystem:
+    """Equilibrium ``S u + G^T mu + T^T t = f`` and the laws at the contact points.
+
+    Attributes
+    ----------
+    body : ElasticBody
+    rows : ContactRows
+        Its ``gap`` is the one in force.
+    load : ndarray, shape (ndofs,)
+    law : {"coulomb", "tresca", None}
+    friction : ndarray, shape (m,)
+        Coulomb: the coefficient F. Tresca: the bound g as a force, i.e. traction times weight.
+    """
+
+    body: ElasticBody
+    rows: ContactRows
+    load: Array
+    law: str | None
+    friction: Array
+
+    def bound(self, mu: Array) -> Array:
+        """Friction bound g of every point for the normal forces mu, shape (m,)."""
+        if self.law == "coulomb":
+            return self.friction * np.maximum(mu, 0.0)
+        return self.friction
+
+    def with_bound(self, bound: Array) -> ContactSystem:
+        """The same system with given friction: Coulomb's problem with its bound frozen."""
+        return replace(self, law="tresca", friction=bound)
+
+    def kkt(self, u: Array, mu: Array, t: Array) -> dict[str, float]:
+        """Relative residuals of every law, computed from the problem and (u, mu, t) alone.
+
+        Returns
+        -------
+        dict
+            ``equilibrium``: largest unbalanced force at a free dof over the largest force that
+            cancels there; ``support``: violation of the prescribed displacements;
+            ``penetration``, ``sign``, ``complementarity``: the contact law; ``cone``, ``slip``:
+            |t| <= g, and t = P_g(t + c u_t). Lengths are relative to the largest displacement,
+            forces to the largest contact force.
+        """
+        rows = self.rows
+        T, u0 = self.body.constraint
+        S = self.body.stiffness
+        force = S @ u + rows.G.T @ mu + rows.T.T @ t.ravel() - self.load
+        terms = abs(S) @ np.abs(u) + np.abs(self.load)
+        free = np.abs(T).T
+        length = float(np.abs(u).max(initial=0.0)) or 1.0
+        size = max(float(np.abs(mu).max(initial=0.0)), float(np.abs(t).max(initial=0.0))) or 1.0
+        open_gap = np.where(np.isfinite(rows.gap), rows.gap, np.inf)
+        through = rows.G @ u - open_gap
+        u_t = (rows.T @ u).reshape(t.shape)
+        g = self.bound(mu)
+        live = self.live_tangents()
+        c = size / length
+        returned = np.where(live, t - project(np.where(live, t + c * u_t, 0.0), g), 0.0)
+        prescribed = u - u0
+        prescribed = prescribed - T @ (T.T @ prescribed)
+        touching = np.where(np.isfinite(through), through, 0.0)
+        result = {
+            "equilibrium": _ratio(T.T @ force, free @ terms),
+            "support": float(np.abs(prescribed).max(initial=0.0)) / length,
+            "penetration": float(np.maximum(touching, 0.0).max(initial=0.0)) / length,
+            "sign": float(np.maximum(-mu, 0.0).max(initial=0.0)) / size,
+            "complementarity": float(
+                np.minimum(np.abs(mu) / size, np.where(np.isfinite(through), np.abs(through), np.inf) / length).max(initial=0.0)
+            ),
+            "cone": float(np.maximum(np.linalg.norm(t, axis=1) - g, 0.0).max(initial=0.0)) / size,
+            "slip": float(np.abs(returned).max(initial=0.0)) / size,
+        }
+        if any(np.isnan(value) for value in result.values()):
+            raise InputError("kkt: the state (u, mu, t) holds NaN")
+        return result
+
+    def live_tangents(self) -> NDArray[np.bool_]:
+        """Tangential rows that the supports leave free, shape (m, dim - 1)."""
+        T, _ = self.body.constraint
+        reduced = abs(self.rows.T @ T).sum(axis=1)
+        live: NDArray[np.bool_] = np.asarray(reduced).ravel() > 1e-12 * abs(self.rows.T).sum(axis=1)
+        return live.reshape(-1, self.body.dim - 1)
+
+    def energy(self, u: Array) -> float:
+        """Potential energy ``u^T S u / 2 - f^T u``, without friction."""
+        return float(0.5 * u @ (self.body.stiffness @ u) - self.load @ u)
+
+
+def _ratio(error: Any, size: Any) -> float:
+    """Largest component of error over the largest component of size."""
+    largest = float(np.abs(size).max(initial=0.0))
+    return float(np.abs(error).max(initial=0.0)) / (largest or 1.0)

@@ -1,0 +1,31 @@
+"""Dense quadratic programs by primal-dual active sets."""
+
+from gpu.box_qp import Step
+from gpu.errors import (
+    GpuError,
+    Infeasible,
+    InputError,
+    MissingDependency,
+    NotConverged,
+    NotSupported,
+    Unbounded,
+)
+from gpu.kkt import KKT
+from gpu.problem import QPFactor
+from gpu.qp import QPResult, Status, solve_qp
+
+__all__ = [
+    "KKT",
+    "GpuError",
+    "Infeasible",
+    "InputError",
+    "MissingDependency",
+    "NotConverged",
+    "NotSupported",
+    "QPFactor",
+    "QPResult",
+    "Status",
+    "Step",
+    "Unbounded",
+    "solve_qp",
+]

@@ -1,0 +1,54 @@
+"""Errors of this package; each message names the argument, what was found, and what to do."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+class GpuError(Exception):
+    """Base class of every error raised on purpose by `gpu`."""
+
+
+class InputError(GpuError, ValueError):
+    """An argument is malformed."""
+
+
+class NotSupported(GpuError, NotImplementedError):  # noqa: N818
+    """A valid request that this version cannot serve yet."""
+
+
+class MissingDependency(GpuError, ImportError):  # noqa: N818
+    """An optional package is needed and not installed."""
+
+
+class NotConverged(GpuError):  # noqa: N818
+    """No answer within the tolerance; nothing is returned."""
+
+
+class Infeasible(GpuError):  # noqa: N818
+    """No point satisfies the constraints.
+
+    Attributes
+    ----------
+    certificate : numpy.ndarray
+        Vector y, one entry an equality row, with ``max (A'y)'x < y'b`` over the box
+        lb <= x <= ub; zero when the box itself is empty.
+    """
+
+    def __init__(self, message: str, certificate: np.ndarray) -> None:
+        super().__init__(message)
+        self.certificate = certificate
+
+
+class Unbounded(GpuError):  # noqa: N818
+    """The objective has no lower bound.
+
+    Attributes
+    ----------
+    ray : numpy.ndarray
+        Feasible direction v with ``P v = 0`` and ``q'v < 0``.
+    """
+
+    def __init__(self, message: str, ray: np.ndarray) -> None:
+        super().__init__(message)
+        self.ray = ray

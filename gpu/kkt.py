@@ -1,0 +1,74 @@
+"""Optimality residuals of a quadratic program, recomputed from its data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpu.dense import symmetric_product
+from gpu.problem import Problem
+
+
+@dataclass(frozen=True)
+class KKT:
+    r"""Relative residuals of the optimality conditions, all zero at an exact solution.
+
+    They are taken in the variables :math:`D^{-1}x`, :math:`D = \mathrm{diag}(P)^{-1/2}`, so that
+    a change of the units of the objective, of a variable or of a row changes none of them.
+
+    Attributes
+    ----------
+    stationarity : float
+        :math:`|D(Px + q + A^Ty + z)|_\infty` over the size of the terms that cancel there,
+        :math:`\phi = |D(|P||x| + |q| + |A|^T|y|)|_\infty`.
+    primal : float
+        Largest violation of a row over :math:`|a_i||x| + |b_i|`, or of a bound over the
+        largest entry of :math:`D^{-1}x`.
+    sign : float
+        Largest multiplier that points to an infinite bound, over :math:`\phi`.
+    complementarity : float
+        Largest of ``min(multiplier, distance to its bound)``, each over its size as above.
+    """
+
+    stationarity: float
+    primal: float
+    sign: float
+    complementarity: float
+
+    @property
+    def worst(self) -> float:
+        """The largest of the four."""
+        return max(self.stationarity, self.primal, self.sign, self.complementarity)
+
+
+def kkt_residuals(problem: Problem, x: np.ndarray, y: np.ndarray, z_box: np.ndarray) -> KKT:
+    """Residuals of ``Px + q + A'y + z_box = 0``, ``Ax = b``, ``lb <= x <= ub`` and of the signs."""
+    factor, q, A, b, lb, ub = problem
+    P, root = factor.P, np.sqrt(factor.P.diagonal())
+    length = root * np.abs(x)
+    used = np.flatnonzero(x)
+    terms = np.abs(x[used]) @ np.abs(P[used]) + np.abs(q) + np.abs(A.T) @ np.abs(y)
+    phi = np.max(terms / root)
+    gradient = symmetric_product(P, x) + q + A.T @ y
+
+    rows = _relative(np.abs(A @ x - b), np.abs(A) @ np.abs(x) + np.abs(b))
+    outside = root * np.maximum(np.maximum(lb - x, x - ub), 0.0)
+    bounds = _relative(outside, max(length.max(), outside.max()))
+
+    pushed = np.flatnonzero(z_box)
+    distance = root[pushed] * np.maximum(np.where(z_box < 0.0, x - lb, ub - x)[pushed], 0.0)
+    force = _relative((np.abs(z_box) / root)[pushed], phi)
+    held = np.isfinite(distance)
+    distance = _relative(distance[held], max(length.max(), distance[held].max(initial=0.0)))
+    return KKT(
+        stationarity=float(_relative(np.abs(gradient + z_box) / root, phi).max()),
+        primal=float(max(rows.max(initial=0.0), bounds.max())),
+        sign=float(force[~held].max(initial=0.0)),
+        complementarity=float(np.minimum(force[held], distance).max(initial=0.0)),
+    )
+
+
+def _relative(value: np.ndarray, size: np.ndarray | float) -> np.ndarray:
+    """``value / size``, zero where both are."""
+    return np.divide(value, size, out=np.zeros_like(value), where=np.asarray(size) > 0)

@@ -1,0 +1,17 @@
+"""Exceptions and warnings of the package, all under :class:`AdiniError`."""
+
+
+class AdiniError(Exception):
+    """Base class of every exception raised by `skfem_adini`."""
+
+
+class InputError(AdiniError, ValueError):
+    """An argument cannot be used; the message names it, what was found and what to do."""
+
+
+class MissingDependency(AdiniError, ImportError):  # noqa: N818
+    """An optional package is not installed; the message holds the line that installs it."""
+
+
+class ReducedOrderWarning(UserWarning):
+    """The cells are not parallelograms: the order of convergence may be lower than stated."""

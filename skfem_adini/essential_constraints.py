@@ -1,0 +1,149 @@
+"""Dirichlet conditions on straight edges of any direction, as an affine parametrisation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from .boundary_edges import (
+    Array,
+    BoundaryEdges,
+    Indices,
+    Value,
+    adini_dofs,
+    imposed_components,
+)
+from .errors import InputError
+from .trace_directions import TraceDirections
+
+_SAMPLES = 7
+_SAME_VALUE = 1e-10
+
+
+def essential_constraints(
+    basis: Any,
+    facets: Any,
+    value: Value = 0.0,
+    components: int | Sequence[int] | None = None,
+) -> tuple[sp.csc_array, Array]:
+    r"""Return T and x0 such that u = value on the edges for every x = T z + x0.
+
+    At a vertex p of the given edges, with unit tangents :math:`t_k`, the conditions are
+    :math:`u(p) = g(p)` and :math:`t_k \cdot \nabla u(p) = \partial g / \partial t_k` on each edge
+    that meets there. The gradient is their least-squares solution
+
+    .. math::
+        \Big(\sum_k t_k t_k^T\Big) \nabla u(p) = \sum_k t_k \, \partial g / \partial t_k .
+
+    - Edges in one line (turning by less than 1e-6) fix the derivative along it, as the mean of
+      the derivatives from both sides, and leave the normal derivative free: one column of T
+      with the entries of the unit normal.
+    - Edges that turn fix the whole gradient, each its own component: no conflict arises. On a
+      polygon that approximates a smooth curve this over-constrains the normal derivative.
+
+    The tangential derivative is that of the polynomial through g at 7 Chebyshev-Lobatto points
+    of the edge: exact for polynomials of degree 6 along the edge, else of order :math:`h^6`.
+
+    Parameters
+    ----------
+    basis
+        Basis with `ElementQuadAdini` or `ElementVector(ElementQuadAdini())`.
+    facets
+        Edge numbers, a boundary name, a callable of edge midpoints, or a set of these; or a
+        mapping from boundary names to values, or a list of pairs (edges, value), which replace
+        `value`.
+    value
+        The data g: a number, or a callable of points (2, edges, points) returning (edges, points)
+        ((components, edges, points) for vector fields). For a vector field also a sequence with
+        one number or scalar callable a component; None leaves that component free.
+    components
+        Components of a vector field on which to impose the data, counted from 0; all by default.
+
+    Returns
+    -------
+    T
+        Sparse matrix (dofs, free parameters) with orthonormal columns.
+    x0
+        Vector (dofs,) that satisfies the conditions, orthogonal to the columns of T.
+
+    Raises
+    ------
+    InputError
+        No edges, an unknown boundary, another element, data that are NaN or of the wrong shape,
+        or two boundaries that ask for different values at a common vertex.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfem import Basis, MeshQuad
+    >>> from skfem_adini import ElementQuadAdini
+    >>> mesh = MeshQuad(np.array([[0.0, 2, 1, -1], [0, 1, 3, 2]]), np.array([[0, 1, 2, 3]]).T)
+    >>> basis = Basis(mesh, ElementQuadAdini())
+    >>> T, x0 = essential_constraints(basis, mesh.boundary_facets()[:1], lambda x: x[0] ** 2)
+    >>> T.shape
+    (12, 8)
+
+    The condensed problem is `A = T.T @ K @ T`, `b = T.T @ (f - K @ x0)`.
+    """
+    dofs = adini_dofs(basis)
+    count, vertices = dofs.shape[1:]
+    conditions = _conditions(facets, value)
+    if not conditions:
+        raise InputError("facets: the mapping is empty; name at least one boundary")
+
+    s, derivative = _differentiation()
+    sampled = []
+    for where, g in conditions:
+        chosen = imposed_components(components, count)
+        if isinstance(g, list | tuple):
+            chosen = [c for c in chosen if c >= len(g) or g[c] is not None]
+            g = [0.0 if part is None else part for part in g]
+        edges = BoundaryEdges.select(basis.mesh, where)
+        sampled.append((where, edges, chosen, edges.sample(g, s, count)))
+    tolerance = _SAME_VALUE * max(np.abs(data).max() for *_, data in sampled)
+
+    directions = TraceDirections(dofs)
+    nodal = np.full((count, vertices), np.nan)
+    right = np.zeros(dofs.size)
+    for where, edges, chosen, data in sampled:
+        for c in chosen:
+            directions.add(c, edges)
+            for end, node in enumerate(edges.vertices):
+                _set_nodal(nodal[c], node, data[c, :, -end], where, tolerance)
+                slope = edges.tangent * (data[c] @ derivative[end]) / edges.length
+                np.add.at(right, dofs[1:, c, node], slope)
+    right[dofs[0]] = np.nan_to_num(nodal)
+    T, seen, weights = directions.split()
+    return T, seen @ ((seen.T @ right) / weights)
+
+
+def _conditions(facets: Any, value: Value) -> list[tuple[Any, Any]]:
+    """Return pairs of boundary and data."""
+    if isinstance(facets, Mapping):
+        return list(facets.items())
+    pairs = isinstance(facets, list) and all(isinstance(item, tuple) for item in facets)
+    return facets if pairs else [(facets, value)]
+
+
+def _differentiation() -> tuple[Array, Array]:
+    """Return Lobatto points on [0, 1] and the weights of the derivatives at 0 and at 1."""
+    s = (1 - np.cos(np.pi * np.arange(_SAMPLES) / (_SAMPLES - 1))) / 2
+    powers = np.arange(_SAMPLES)
+    vandermonde = (2 * s[:, None] - 1) ** powers
+    ends = 2 * powers * np.array([(-1.0) ** (powers + 1), np.ones(_SAMPLES)])
+    return s, np.linalg.solve(vandermonde.T, ends.T).T
+
+
+def _set_nodal(nodal: Array, node: Indices, data: Array, where: Any, tolerance: float) -> None:
+    """Write nodal values, checking against those already there."""
+    clash = np.flatnonzero(np.abs(nodal[node] - data) > tolerance)
+    if clash.size:
+        k = clash[0]
+        raise InputError(
+            f"value: vertex {node[k]} gets {nodal[node[k]]:.6g} and {data[k]:.6g} (the latter from "
+            f"{where!r}); the data must agree where boundaries meet"
+        )
+    nodal[node] = data

@@ -1,0 +1,284 @@
+"""Finite element fields as VTK data, exact where VTK has a cell that holds them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem.assembly import CellBasis
+from skfem.element import ElementComposite, ElementVector
+
+from .errors import InputError, MissingDependency, ReducedOrderWarning
+from .vtk_cells import (
+    LINEAR_ELEMENT,
+    CellPattern,
+    exact_degree,
+    lagrange_pattern,
+    linear_pattern,
+)
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.integer]
+Fields = Array | Mapping[str, Array]
+
+_DEFAULT_SUBDIVISION = 4
+
+
+def to_pyvista(
+    basis: Any,
+    x: Fields,
+    name: str = "u",
+    subdivide: int | None = None,
+    point_data: Mapping[str, Any] | None = None,
+    cell_data: Mapping[str, Any] | None = None,
+) -> Any:
+    """Return finite element fields as a `pyvista.UnstructuredGrid`.
+
+    An Adini cell becomes one 16-node Lagrange quadrilateral (VTK cell type 70), which holds the
+    element's functions exactly; linear and quadratic elements become linear and quadratic VTK
+    cells. These cells share the points on their common edges. Any other element is written as
+    linear sub-cells that share no points, so that jumps between cells stay visible.
+
+    Parameters
+    ----------
+    basis
+        A scikit-fem cell basis of a scalar element or `ElementVector`, on any mesh of triangles,
+        quadrilaterals, tetrahedra or hexahedra.
+    x
+        Dofs (basis.N,), or a mapping from names to such vectors.
+    name
+        Name of the field when `x` is one vector.
+    subdivide
+        Write linear cells, this many along each edge (a power of two for simplices), instead of
+        exact ones; 4 by default for elements that no VTK cell holds.
+    point_data
+        Further data at the mesh vertices, name to array (vertices,) or (components, vertices);
+        (multi)linear inside the cells.
+    cell_data
+        Further data in the mesh cells, name to array (cells,) or (components, cells).
+
+    Returns
+    -------
+    pyvista.UnstructuredGrid
+        Points with z = 0 in 2-D; vector fields with three components.
+
+    Raises
+    ------
+    InputError
+        Not a cell basis, a field of the wrong length or not real, or `subdivide` out of range.
+    MissingDependency
+        pyvista is not installed.
+
+    Examples
+    --------
+    >>> from skfem import Basis, MeshQuad
+    >>> from skfem_adini import ElementQuadAdini
+    >>> basis = Basis(MeshQuad().refined(1), ElementQuadAdini())
+    >>> grid = to_pyvista(basis, basis.project(lambda x: x[0] ** 3))
+    >>> grid.n_cells, grid.n_points, int(grid.celltypes[0])
+    (4, 49, 70)
+    """
+    pyvista = _import_pyvista()
+    if not isinstance(basis, CellBasis) or isinstance(basis.elem, ElementComposite):
+        raise InputError(
+            f"basis: expected a cell basis of a scalar or vector element, got "
+            f"{type(basis).__name__} of {type(basis.elem).__name__}"
+        )
+    fields = dict(x) if isinstance(x, Mapping) else {name: x}
+    pattern, continuous = _pattern(basis, subdivide)
+    tind = np.arange(basis.nelems) if basis.tind is None else basis.tind
+    X = _oriented(basis, pattern, tind)
+    vertices = basis.mesh.t[:, tind]
+    weights = _vertex_weights(basis, X)
+    keep, number = _number_points(pattern, vertices, weights, continuous)
+
+    points = basis.mapping.F(X, tind=tind)
+    cells = number[:, pattern.cells].reshape(-1, pattern.cells.shape[1])
+    layout = np.hstack([np.full((len(cells), 1), cells.shape[1]), cells])
+    types = np.full(len(cells), pattern.vtk_type, dtype=np.uint8)
+    grid = pyvista.UnstructuredGrid(layout.ravel(), types, _rows(points, keep))
+
+    for key, values in _evaluate(basis, fields, X, tind).items():
+        grid.point_data[key] = _rows(values, keep)
+    for key, array in (point_data or {}).items():
+        nodal = _checked("point_data", key, array, basis.mesh.nvertices)
+        values = np.einsum("...vc,vcp->...cp", nodal[..., vertices], weights)
+        grid.point_data[key] = _rows(values, keep)
+    for key, array in (cell_data or {}).items():
+        values = _checked("cell_data", key, array, basis.mesh.nelements)
+        values = np.repeat(values[..., tind], len(pattern.cells), axis=-1)
+        grid.cell_data[key] = _padded(values).T if values.ndim > 1 else values
+    return grid
+
+
+def save(
+    path: str | Path,
+    basis: Any,
+    fields: Fields | Sequence[tuple[float, Fields]],
+    subdivide: int | None = None,
+    point_data: Mapping[str, Any] | None = None,
+    cell_data: Mapping[str, Any] | None = None,
+) -> Path:
+    """Write finite element fields to a VTK file, or a time series to a `.pvd` collection.
+
+    Parameters
+    ----------
+    path
+        A name ending in `.vtu` or `.vtk`, or in `.pvd` for a series: the steps then lie beside
+        it as `name_0000.vtu`, `name_0001.vtu` and so on. Missing folders are made.
+    basis, subdivide, point_data, cell_data
+        As in :func:`to_pyvista`.
+    fields
+        A mapping from names to dof vectors (or one vector, named u); for a series a sequence of
+        pairs (time, fields).
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    InputError
+        Another suffix, an empty series, or what :func:`to_pyvista` refuses.
+    MissingDependency
+        pyvista is not installed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from skfem import Basis, MeshQuad
+    >>> from skfem_adini import ElementQuadAdini
+    >>> basis = Basis(MeshQuad(), ElementQuadAdini())
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save(f"{folder}/field.vtu", basis, {"u": basis.ones()}).name
+    'field.vtu'
+    """
+    path = Path(path)
+    options: dict[str, Any] = {
+        "subdivide": subdivide,
+        "point_data": point_data,
+        "cell_data": cell_data,
+    }
+    if path.suffix not in (".vtu", ".vtk", ".pvd"):
+        raise InputError(f"path: expected a name ending in .vtu, .vtk or .pvd, got {path.name!r}")
+    if path.suffix != ".pvd":
+        grid = to_pyvista(basis, fields, **options)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        grid.save(path)
+        return path
+
+    if isinstance(fields, Mapping | np.ndarray) or len(fields) == 0:
+        raise InputError("fields: a .pvd series takes a non-empty list of pairs (time, fields)")
+    collection = ElementTree.Element("VTKFile", type="Collection", version="0.1")
+    steps = ElementTree.SubElement(collection, "Collection")
+    for k, (time, step) in enumerate(fields):
+        file = save(path.with_name(f"{path.stem}_{k:04d}.vtu"), basis, step, **options)
+        ElementTree.SubElement(steps, "DataSet", timestep=repr(float(time)), file=file.name)
+    ElementTree.indent(collection)
+    ElementTree.ElementTree(collection).write(path, xml_declaration=True, encoding="utf-8")
+    return path
+
+
+def _import_pyvista() -> Any:
+    try:
+        import pyvista
+    except ImportError as error:
+        raise MissingDependency("VTK output needs pyvista: pip install 'pyvista>=0.45'") from error
+    return pyvista
+
+
+def _pattern(basis: Any, subdivide: int | None) -> tuple[CellPattern, bool]:
+    """Choose the VTK cells, and say whether neighbours share points."""
+    mesh, elem = basis.mesh, basis.elem
+    degree = exact_degree(elem.elem if isinstance(elem, ElementVector) else elem)
+    geometry = exact_degree(mesh.elem())
+    continuous = degree is not None and geometry is not None
+    if subdivide is None and degree is not None and geometry is not None:
+        exact = lagrange_pattern(mesh.refdom, max(degree, geometry))
+        if exact is not None:
+            return exact, True
+    return linear_pattern(mesh.refdom, subdivide or _DEFAULT_SUBDIVISION), continuous
+
+
+def _oriented(basis: Any, pattern: CellPattern, tind: Indices) -> Array:
+    """Return reference points (dim, cells, points), mirrored in cells of negative volume."""
+    X = np.repeat(pattern.points[:, None], len(tind), axis=1)
+    mirrored = basis.mapping.detDF(X, tind=tind)[:, 0] < 0
+    X[:2, mirrored] = X[1::-1, mirrored]
+    return X
+
+
+def _vertex_weights(basis: Any, X: Array) -> Array:
+    """Return the (multi)linear vertex functions at X, (vertices of a cell, cells, points)."""
+    linear = LINEAR_ELEMENT[basis.mesh.refdom]()
+    return np.array([linear.lbasis(X, k)[0] for k in range(basis.mesh.refdom.nnodes)])
+
+
+def _number_points(
+    pattern: CellPattern, cells: Indices, weights: Array, continuous: bool
+) -> tuple[Indices, Indices]:
+    """Number the points of all cells, those of neighbours alike when `continuous`.
+
+    Lattice points of two cells coincide exactly when they have the same weights on the same
+    vertices. The sum of weight times a random 64-bit number of the vertex tells them apart.
+
+    Returns
+    -------
+    keep
+        Position in (cells, points), flattened, of each numbered point.
+    number
+        Number of every point, shape (cells, points).
+    """
+    shape = weights.shape[1:]
+    if not continuous:
+        everything = np.arange(shape[0] * shape[1])
+        return everything, everything.reshape(shape)
+    label = np.random.default_rng(0).integers(2**64, size=cells.max() + 1, dtype=np.uint64)
+    multiples = np.rint(weights * pattern.steps ** len(pattern.points)).astype(np.uint64)
+    key = (multiples * label[cells][:, :, None]).sum(axis=0).ravel()
+    _, first, number = np.unique(key, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    return first[order], np.argsort(order)[number].reshape(shape)
+
+
+def _evaluate(basis: Any, fields: Mapping[str, Array], X: Array, tind: Indices) -> dict[str, Array]:
+    """Return every field at X, as (cells, points) or (components, cells, points)."""
+    dofs = {key: _checked("x", key, vector, basis.N) for key, vector in fields.items()}
+    values: dict[str, Any] = dict.fromkeys(dofs, 0.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ReducedOrderWarning)
+        for j, local in enumerate(basis.element_dofs):
+            (shape,) = basis.elem.gbasis(basis.mapping, X, j, tind=tind)
+            for key, vector in dofs.items():
+                values[key] = values[key] + vector[local][:, None] * shape
+    return values
+
+
+def _checked(argument: str, key: str, array: Any, length: int) -> Array:
+    """Return a real array whose last axis has the given length."""
+    values = np.asarray(array)
+    allowed = (1,) if argument == "x" else (1, 2)
+    if values.ndim not in allowed or values.shape[-1] != length or values.dtype.kind not in "bif":
+        raise InputError(
+            f"{argument}[{key!r}]: expected real numbers, last axis of length {length}, got "
+            f"{values.dtype} of shape {values.shape}"
+        )
+    return values
+
+
+def _rows(values: Array, keep: Indices) -> Array:
+    """Return the kept points as rows, vectors padded with zeros to three components."""
+    flat = values.reshape(*values.shape[:-2], -1)[..., keep]
+    return flat if flat.ndim == 1 else _padded(flat).T
+
+
+def _padded(values: Array) -> Array:
+    """Append zero components to fields of two."""
+    missing = 3 - len(values) if len(values) == 2 else 0
+    return np.concatenate([values, np.zeros((missing, *values.shape[1:]))])

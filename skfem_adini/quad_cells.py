@@ -1,0 +1,111 @@
+"""Geometry of straight-sided quadrilateral cells, from coordinate differences alone."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem.refdom import RefQuad
+
+from .errors import InputError, ReducedOrderWarning
+
+Array = NDArray[np.float64]
+
+NEGLIGIBLE_TWIST = 1e-3
+SMALLEST_SINE = 1e-12
+
+
+@dataclass(frozen=True)
+class QuadCells:
+    r"""Bilinear cells :math:`F(X, Y) = p_0 + a X + b Y + c X Y` on the unit square.
+
+    The Jacobian is formed from the sides :math:`a = p_1 - p_0`, :math:`b = p_3 - p_0` and the
+    twist :math:`c = p_0 - p_1 + p_2 - p_3`, so that a large offset of the mesh from the origin
+    costs no more than the rounding already in its coordinates.
+
+    Attributes
+    ----------
+    a, b, c
+        Sides and twist, shape (2, number of cells). A twist at rounding level is stored as zero.
+    affine
+        True when every cell is a parallelogram.
+    """
+
+    a: Array
+    b: Array
+    c: Array
+    affine: bool
+
+    @classmethod
+    def from_mapping(cls, mapping: Any, tind: NDArray[np.integer] | None = None) -> QuadCells:
+        """Read the cells `tind` (all by default) of the mesh behind a scikit-fem mapping."""
+        mesh = mapping.mesh
+        vertices = mesh.dofs.element_dofs
+        if mesh.refdom is not RefQuad or vertices.shape[0] != 4:
+            raise InputError(
+                f"mesh: expected straight-sided quadrilaterals (MeshQuad), got "
+                f"{type(mesh).__name__}; build a MeshQuad from the corner vertices"
+            )
+        p0, p1, p2, p3 = (
+            mesh.doflocs[:, vertex if tind is None else vertex[tind]] for vertex in vertices
+        )
+        a, b = p1 - p0, p3 - p0
+        c = (p2 - p3) - a
+        rounding = 16 * np.finfo(float).eps * np.abs(mesh.doflocs).max()
+        c[np.abs(c) <= rounding] = 0.0
+        return cls(a, b, c, affine=not c.any())
+
+    def tangents(self, X: float | Array, Y: float | Array) -> tuple[Array, Array]:
+        """Return dF/dX and dF/dY at numbers X, Y, each of shape (2, number of cells)."""
+        return self.a + self.c * Y, self.b + self.c * X
+
+    def inverse_jacobian(self, X: Array) -> Array:
+        """Return DF^-1 as (2, 2, cells, points), with one point when the cells are affine.
+
+        Parameters
+        ----------
+        X
+            Reference points, shape (2, points) or (2, cells, points).
+        """
+        if self.affine:
+            (ax, ay), (bx, by) = self.a[:, :, None], self.b[:, :, None]
+        else:
+            a, b, c = self.a[:, :, None], self.b[:, :, None], self.c[:, :, None]
+            (ax, ay), (bx, by) = a + c * X[1], b + c * X[0]
+        scale = 1.0 / (ax * by - bx * ay)
+        return np.array([[by * scale, -bx * scale], [-ay * scale, ax * scale]])
+
+    def check(self) -> None:
+        """Raise on a cell that is not strictly convex, warn when cells are twisted.
+
+        Raises
+        ------
+        InputError
+            A cell is degenerate, concave, self-crossing, or has a coordinate that is not a number.
+        """
+        corners = [self.tangents(X, Y) for X, Y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        lengths = np.array([[np.hypot(*u), np.hypot(*v)] for u, v in corners])
+        areas = np.array([u[0] * v[1] - v[0] * u[1] for u, v in corners])
+        orientation = np.sign(areas.sum(axis=0))
+        convex = (areas * orientation > SMALLEST_SINE * lengths.prod(axis=1)).all(axis=0)
+        if not convex.all():
+            bad = np.flatnonzero(~convex)
+            raise InputError(
+                f"mesh: {len(bad)} of {len(convex)} cells are not strictly convex quadrilaterals "
+                f"(first: position {bad[0]}); order the vertices of a cell cyclically and move "
+                f"vertices until all four corners turn the same way"
+            )
+        twist = float((np.hypot(*self.c) / lengths.max(axis=(0, 1))).max(initial=0.0))
+        if twist > NEGLIGIBLE_TWIST:
+            warnings.warn(
+                f"the cells are not parallelograms (twist t = {twist:.2g} of the longest side). "
+                f"The error gains terms of size t^2 h^2 and t h^3: if t stays constant under "
+                f"refinement, the orders fall from 4 to 2 in L2 and from 3 to 1 in H1; if t falls "
+                f"like h, as in uniform refinement of a coarse quadrilateral mesh, orders 4 and "
+                f"3 are kept",
+                ReducedOrderWarning,
+                stacklevel=3,
+            )

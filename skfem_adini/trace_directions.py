@@ -1,0 +1,81 @@
+"""Split of the dofs into those that a boundary trace sees and those it does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from .boundary_edges import Array, BoundaryEdges, Indices
+
+Mask = NDArray[np.bool_]
+
+_STRAIGHT = 1e-12
+
+
+class TraceDirections:
+    r"""Orthonormal directions of the vertex dofs, sorted by what a set of edges sees of them.
+
+    At a vertex the edges see u and the gradient along the eigenvectors of
+    :math:`\sum_k t_k t_k^T` with non-zero eigenvalue: one when the edges lie in one line (they
+    turn by less than 1e-6), both when they turn.
+
+    Parameters
+    ----------
+    dofs
+        Dofs (3, components, vertices) of u, u_x, u_y.
+
+    Attributes
+    ----------
+    projector
+        The sums of :math:`t_k t_k^T`, shape (components, vertices, 2, 2); filled by `add`.
+    """
+
+    def __init__(self, dofs: Indices) -> None:
+        self.dofs = dofs
+        self.projector = np.zeros((*dofs.shape[1:], 2, 2))
+
+    def add(self, component: int, edges: BoundaryEdges) -> None:
+        """Count in the tangents of edges for one component."""
+        outer = np.einsum("ie,je->eij", edges.tangent, edges.tangent)
+        for node in edges.vertices:
+            np.add.at(self.projector[component], node, outer)
+
+    def split(self) -> tuple[sp.csc_array, sp.csc_array, Array]:
+        """Return the free directions, the seen ones, and the eigenvalues of the latter.
+
+        Returns
+        -------
+        free, seen
+            Sparse matrices with orthonormal columns, (dofs, directions); together a basis. A
+            column is one dof wherever the edges are parallel to the axes.
+        weights
+            One number for each seen direction: 1 for u, the eigenvalue for the gradient.
+        """
+        touched = self.projector.trace(axis1=2, axis2=3) > 0
+        u = self.dofs[0][touched]
+        pair = np.array([self.dofs[1][touched], self.dofs[2][touched]]).T
+        eigenvalues, axes = np.linalg.eigh(self.projector[touched])
+        axes = axes.transpose(0, 2, 1)
+        largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=2)[..., None], axis=2)
+        axes = axes * np.sign(largest)
+        hidden = eigenvalues <= _STRAIGHT * eigenvalues[:, 1:]
+
+        untouched = np.ones(self.dofs.size, dtype=bool)
+        untouched[u] = untouched[pair] = False
+        free = self._columns(np.flatnonzero(untouched), pair, axes, hidden)
+        seen = self._columns(u, pair, axes, ~hidden)
+        return free, seen, np.concatenate([np.ones(len(u)), eigenvalues[~hidden]])
+
+    def _columns(self, single: Indices, pair: Indices, axes: Array, chosen: Mask) -> sp.csc_array:
+        """Return unit columns for single dofs, then the chosen axes of the gradients."""
+        vertex, _ = np.nonzero(chosen)
+        count = len(single) + len(vertex)
+        rows = np.concatenate([single, pair[vertex].ravel()])
+        columns = np.concatenate(
+            [np.arange(len(single)), np.repeat(np.arange(len(single), count), 2)]
+        )
+        entries = np.concatenate([np.ones(len(single)), axes[chosen].ravel()])
+        matrix = sp.csc_array((entries, (rows, columns)), shape=(self.dofs.size, count))
+        matrix.eliminate_zeros()
+        return matrix
