@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -47,12 +48,12 @@ def tresca_loop(
     now = start
     for step in range(1, max_iterations + 1):
         now = solve(coefficient * np.maximum(now.mu, 0.0), now)
-        size = residual(problem, now.mu, now.t, now.a, coefficient * now.mu)
-        report(_line(problem, step, "outer", now, coefficient * now.mu, size))
-        if size <= tol:
+        line = progress(problem, step, "outer", now, coefficient * now.mu)
+        report(line)
+        if line.residual <= tol:
             return now
     raise NotConverged(
-        f"tresca loop: residual {size:.1e} after {step} outer steps, tolerance {tol:.1e}; "
+        f"tresca loop: residual {line.residual:.1e} after {step} outer steps, tolerance {tol:.1e}; "
         "use method='newton' or raise max_iterations"
     )
 
@@ -76,8 +77,9 @@ def fixed_point(
 
     With a fixed bound the regularised energy
     :math:`J_\epsilon = \tfrac12 a(u,u) - f(u) + \sum g \psi_\epsilon(|u_t|)` falls in every step;
-    it is reported. The iteration converges linearly and stops when both the displacements and the
-    forces of the contact points change by less than `tol` relative to their size.
+    it is reported. The iteration converges linearly and stops when the displacement of the contact
+    points changes by less than `tol` relative to its size and the regularised law
+    ``t = g u_t / max(eps, |u_t|)`` is met to `tol` relative to the largest force.
 
     Parameters
     ----------
@@ -103,27 +105,23 @@ def fixed_point(
         now = signorini(problem, bound=g, softness=softness, start=now, tol=1e-12)
         u_n, u_t = problem.displacements(now.mu, now.t, now.a)
         moved = np.concatenate((u_n, u_t.ravel()))
-        change = np.inf
-        if before is not None:
-            forces, last = problem.forces(now.mu, now.t), problem.forces(held.mu, held.t)
-            change = max(
-                np.abs(moved - before).max() / max(np.abs(moved).max(), 1e-300),
-                np.abs(forces - last).max() / max(np.abs(forces).max(), 1e-300),
-            )
+        slip = np.maximum(eps, np.linalg.norm(u_t, axis=1))
+        if coefficient is not None:
+            g = coefficient * np.maximum(now.mu, 0.0)
+        law = float(np.abs(now.t - (g / slip)[:, None] * u_t).max()) / problem.scale(now.mu, now.t)
+        change = np.inf if before is None else _largest(moved - before) / _largest(moved)
         before = moved
         energy = np.nan
         if coefficient is None:
             psi = _psi(np.linalg.norm(u_t, axis=1), eps)
             # l^T W l / 2 - s^T a is the energy of body and contact forces alone.
             energy = problem.energy(now.mu, now.t, now.a) + float(g @ psi)
-        line = _line(problem, step, "fixed point", now, g, float(change))
-        report(
-            Iteration(line.step, line.phase, line.active, line.stick, line.slip, line.residual, energy)
-        )
-        if change <= tol:
+        line = progress(problem, step, "fixed point", now, g, law)
+        report(replace(line, energy=energy, change=change))
+        if max(change, law) <= tol:
             return now
     raise NotConverged(
-        f"fixed point: relative change {change:.1e} after {step} steps, tolerance {tol:.1e}; it "
+        f"fixed point: relative change {change:.1e}, residual {law:.1e} after {step} steps, tolerance {tol:.1e}; it "
         "converges linearly: raise max_iterations or eps, or use method='newton'"
     )
 
@@ -133,10 +131,26 @@ def _psi(slip: Array, eps: Array) -> Array:
     return np.where(slip >= eps, slip, 0.5 * slip**2 / eps + 0.5 * eps)
 
 
-def _line(
-    problem: BoundaryProblem, step: int, phase: str, now: Forces, g: Array, size: float
+def progress(
+    problem: BoundaryProblem,
+    step: int,
+    phase: str,
+    now: Forces,
+    g: Array,
+    size: float | None = None,
 ) -> Iteration:
-    active = now.mu > 0
+    """Describe an outer step; the residual is that of the laws with bound g unless given."""
     rubs = (g > 0) & np.any(problem.tangent >= 0, axis=1)
     slip = rubs & (np.linalg.norm(now.t, axis=1) >= g * (1 - 1e-9))
-    return Iteration(step, phase, int(active.sum()), int((rubs & ~slip).sum()), int(slip.sum()), size)
+    return Iteration(
+        step,
+        phase,
+        int((now.mu > 0).sum()),
+        int((rubs & ~slip).sum()),
+        int(slip.sum()),
+        residual(problem, now.mu, now.t, now.a, g) if size is None else size,
+    )
+
+
+def _largest(x: Array) -> float:
+    return max(float(np.abs(x).max(initial=0.0)), np.finfo(float).tiny)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self
 
@@ -10,10 +11,11 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError
 
 from contact.active_set import signorini
-from contact.boundary import BoundaryProblem, residual
+from contact.boundary import BoundaryProblem
 from contact.errors import InputError, NotConverged
-from contact.loops import fixed_point, tresca_loop
-from contact.newton import Forces, Iteration, Report, semismooth_newton
+from contact.loops import fixed_point, progress, tresca_loop
+from contact.newton import Forces, Report, semismooth_newton
+from gpu import Infeasible
 
 Array = NDArray[np.float64]
 
@@ -22,6 +24,7 @@ _OFFERED: dict[str | None, tuple[str, ...]] = {
     "tresca": ("newton", "pdas", "fixed_point"),
     "coulomb": ("newton", "pdas", "fixed_point", "tresca_loop"),
 }
+Given = Callable[[Array, Forces], Forces]
 # The boundary problem is solved further than the certificate asks, which sees it through the body.
 _INNER = 1e-2
 
@@ -102,6 +105,7 @@ def solve_boundary(
     slack : float
         By how much the method misses the friction law by design, relative to the largest force.
     """
+    _check_held(problem, law is not None)
     tol = options.tol * _INNER
     method = options.method
     peer = method[3:] if method.startswith("qp:") else None
@@ -116,9 +120,7 @@ def solve_boundary(
     def given(bound: Array, near: Forces, note: Report = lambda iteration: None) -> Forces:
         """Solve with given friction."""
         if three_d or method == "pdas":
-            return semismooth_newton(
-                problem, near, bound=bound, form=form, tol=tol, phase=f"{form} newton", report=note
-            )
+            return _given_friction(problem, bound, near, form, tol, note)
         return signorini(problem, bound=bound, start=near, tol=tol, peer=peer, report=note)
 
     if method == "fixed_point":
@@ -139,7 +141,9 @@ def solve_boundary(
     if law == "tresca":
         return given(friction, start, report), 0.0
     if method == "newton":
-        return _coulomb(problem, friction, start, given, tol, options, report), 0.0
+        return _coulomb(
+            problem, friction, start, given, tol, options.max_iterations, report
+        ), 0.0
     forces = tresca_loop(
         problem,
         friction,
@@ -150,6 +154,17 @@ def solve_boundary(
         report=report,
     )
     return forces, 0.0
+
+
+def _check_held(problem: BoundaryProblem, friction: bool) -> None:
+    """Raise the certificate of a rigid motion that no contact row sees."""
+    rows = problem.normal[problem.can_touch]
+    if friction:
+        rows = np.concatenate((rows, problem.tangent[problem.tangent >= 0]))
+    k = problem.s.size
+    _, singular, V = np.linalg.svd(np.vstack((problem.C[rows], np.zeros((k, k)))))
+    if k and singular[-1] <= 1e-10 * float(np.abs(problem.C).max(initial=1e-300)):
+        raise Infeasible("no contact row sees this rigid motion", V[-1])
 
 
 def _frictionless(
@@ -163,19 +178,53 @@ def _frictionless(
     return signorini(problem, tol=tol, springs=springs, phase="frictionless", report=report)
 
 
-def _coulomb(problem, friction, start, given, tol, options, report) -> Forces:  # type: ignore[no-untyped-def]
-    """Monolithic Newton; where its active sets cycle, Tresca steps lead to a better start."""
+def _given_friction(
+    problem: BoundaryProblem, bound: Array, start: Forces, form: str, tol: float, report: Report
+) -> Forces:
+    """Newton for given friction; where one form fails from the start at hand, the other is tried."""
+    other = "damped" if form == "radial" else "radial"
+    rest = Forces(*problem.zeros(), np.zeros(problem.s.size))
     failure: Exception | None = None
-    cap = options.max_iterations
-    for attempt in range(4):
+    for kind, near in ((form, start), (other, start), ("damped", rest)):
         try:
             return semismooth_newton(
-                problem, start, coefficient=friction, tol=tol, max_iterations=min(cap, 60), report=report
+                problem, near, bound=bound, form=kind, tol=tol, phase=f"{kind} newton", report=report
             )
         except (NotConverged, LinAlgError) as error:
             failure = error
-        for step in range(5 * (attempt + 1)):
-            start = given(friction * np.maximum(start.mu, 0.0), start)
-            size = residual(problem, start.mu, start.t, start.a, friction * start.mu)
-            report(Iteration(step + 1, "tresca step", int((start.mu > 0).sum()), 0, 0, size))
+    raise NotConverged(f"given friction: {failure}")
+
+
+def _coulomb(
+    problem: BoundaryProblem,
+    coefficient: Array,
+    start: Forces,
+    given: Given,
+    tol: float,
+    max_iterations: int,
+    report: Report,
+) -> Forces:
+    """Monolithic Newton; where its active sets cycle, Tresca steps lead to a better start.
+
+    In 2-D radial return is an active-set method on the sign of the slip. In 3-D it overshoots for
+    large friction, while the damped form converges in a few steps (measured: 5 to 9 for F .1..3).
+    """
+    form = "radial" if problem.tangent.shape[1] == 1 else "damped"
+    failure: Exception | None = None
+    for attempt in range(4):
+        try:
+            return semismooth_newton(
+                problem,
+                start,
+                coefficient=coefficient,
+                form=form,
+                tol=tol,
+                max_iterations=min(max_iterations, 50),
+                report=report,
+            )
+        except (NotConverged, LinAlgError) as error:
+            failure = error
+        for step in range(1, 5 * (attempt + 1) + 1):
+            start = given(coefficient * np.maximum(start.mu, 0.0), start)
+            report(progress(problem, step, "tresca step", start, coefficient * start.mu))
     raise NotConverged(f"{failure}; try method='tresca_loop' or a smaller friction coefficient")

@@ -58,7 +58,9 @@ class Iteration:
     residual : float
         Relative residual after the step.
     energy : float
-        Potential energy up to a constant, with the friction functional where it is fixed.
+        Potential energy up to a constant with the friction functional, where that is fixed.
+    change : float
+        Relative change of the displacement of the contact points.
     """
 
     step: int
@@ -68,6 +70,12 @@ class Iteration:
     slip: int
     residual: float
     energy: float = np.nan
+    change: float = np.nan
+
+    def __str__(self) -> str:
+        residual = "" if np.isnan(self.residual) else f"   residual {self.residual:.1e}"
+        zones = f", stick {self.stick:4d}, slip {self.slip:4d}" if self.stick or self.slip else ""
+        return f"{self.phase:>12} {self.step:3d}   active {self.active:4d}{zones}{residual}"
 
 
 Report = Callable[[Iteration], None]

@@ -71,9 +71,15 @@ def schur_factor(
         raise InputError(f"solver={solver!r}: expected 'auto', 'pardiso' or 'superlu'")
     if solver == "pardiso" and not has_pardiso():
         raise MissingDependency("PARDISO needs pypardiso: pip install 'skfem-adini[mkl]'")
+    # S may be singular (a floating body). The shift makes it definite; the Schur complement
+    # carries it along unchanged and gives it back.
+    shift = float(np.mean(np.abs(stiffness.diagonal()[boundary])))
+    ramp = np.zeros(stiffness.shape[0])
+    ramp[boundary] = shift
+    shifted = sparse.csr_array(stiffness + sparse.diags_array(ramp, format="csr"))
     if solver == "superlu" or not has_pardiso():
-        return SuperLUSchur(stiffness, boundary, order)
-    return PardisoSchur(stiffness, boundary)
+        return SuperLUSchur(shifted, boundary, order, shift)
+    return PardisoSchur(shifted, boundary, shift)
 
 
 def _singular() -> InputError:
@@ -84,28 +90,24 @@ def _singular() -> InputError:
 
 
 class SuperLUSchur:
-    """SuperLU in a given order, boundary last: the trailing block of L U is the complement.
-
-    The boundary block is shifted by a multiple of the identity while factoring, so that S itself
-    may be singular; the Schur complement carries the same shift and gives it back.
-    """
+    """SuperLU in a given order, boundary last: the trailing block of L U is the complement."""
 
     def __init__(
-        self, stiffness: sparse.csr_array, boundary: NDArray[np.int64], order: NDArray[np.int64]
+        self,
+        stiffness: sparse.csr_array,
+        boundary: NDArray[np.int64],
+        order: NDArray[np.int64],
+        shift: float,
     ) -> None:
         n, nb = stiffness.shape[0], boundary.size
         on_boundary = np.zeros(n, dtype=bool)
         on_boundary[boundary] = True
         self._order = np.concatenate((order[~on_boundary[order]], boundary))
         self._boundary = boundary
-        shift = float(np.mean(np.abs(stiffness.diagonal()[boundary])))
-        ramp = np.zeros(n)
-        ramp[n - nb :] = shift
-        permuted = sparse.csc_array(stiffness[self._order][:, self._order])
-        shifted = sparse.csc_matrix(permuted + sparse.diags_array(ramp, format="csc"))
+        permuted = sparse.csc_matrix(stiffness[self._order][:, self._order])
         try:
             self._lu: SuperLU = splu(
-                shifted,
+                permuted,
                 permc_spec="NATURAL",
                 diag_pivot_thresh=0.0,
                 options={"SymmetricMode": True},
@@ -156,7 +158,9 @@ class PardisoSchur:
     Reference: Intel oneMKL developer reference, ``pardiso`` parameter iparm[35].
     """
 
-    def __init__(self, stiffness: sparse.csr_array, boundary: NDArray[np.int64]) -> None:
+    def __init__(
+        self, stiffness: sparse.csr_array, boundary: NDArray[np.int64], shift: float
+    ) -> None:
         from pypardiso.pardiso_wrapper import PyPardisoSolver
 
         n, nb = stiffness.shape[0], boundary.size
@@ -178,7 +182,7 @@ class PardisoSchur:
         block = np.zeros((nb, nb))
         self._call(11, nothing, nothing)
         self._call(22, nothing, block)
-        self.schur = 0.5 * (block + block.T)
+        self.schur = 0.5 * (block + block.T) - shift * np.eye(nb)
 
     def _call(self, phase: int, b: Vector, x: Vector) -> None:
         solver = self._mkl

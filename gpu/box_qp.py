@@ -1,14 +1,14 @@
 r"""Primal-dual active sets for a strictly convex QP with bounds and a few equality rows.
 
 The state of a variable is -1 (held at its lower bound), 0 (free) or +1 (held at its upper bound).
-A state determines x and the multipliers by one linear system; the indices whose x leaves the box
-or whose multiplier has the wrong sign change their state, all at once. This full exchange [1]_,
-which is a semismooth Newton method [4]_, takes few steps but may cycle. Therefore violated
-indices are counted [2]_, [3]_: when their number has not fallen below its best value in `PATIENCE`
-steps, only the last violated index is exchanged until it does. Single exchanges of a fixed index
-order end after finitely many steps for every positive definite matrix [5]_, also with two bounds:
-between two changes of one index all later ones solve their own problem, and along the path of
-those minima the objective is convex.
+A state determines x and the multipliers by one linear system. Violated are a free variable
+outside its bounds and a held one whose multiplier has the wrong sign; they change their state, all
+at once. This full exchange ([1]_, [2]_; as a semismooth Newton method [3]_) takes few steps but may
+cycle. When the number of violated indices has not fallen below its best value in `PATIENCE` steps
+(the count of [4]_), the rest of the way is a path [5]_: bounds and multipliers are shifted until
+the best state so far solves the problem, and the shift is taken back continuously. Along the path
+x is continuous and piecewise linear, one variable changes its state at each kink, and as P is
+positive definite no state returns, so that it ends (ties go to the last index).
 
 Equality rows enter by proximal steps in their multiplier [6]_: for a centre y_c
 
@@ -22,8 +22,9 @@ is a problem with bounds only, its Hessian is positive definite, and
           \begin{pmatrix} r \\ s \end{pmatrix},
 
 whose Schur complement :math:`A_FP_{FF}^{-1}A_F^T + \rho I` is regular for dependent rows and for
-fewer free variables than rows. At a fixed state the centre steps are the iterative refinement of
-the system with rho = 0.
+fewer free variables than rows; rho is small, two or three centres are the rule. At a fixed state
+they are the iterative refinement of the system with rho = 0. If the rows contradict the bounds,
+the steps of y tend to a vector that separates them, which is verified.
 
 References
 ----------
@@ -32,12 +33,12 @@ References
 .. [2] L. F. Portugal, J. J. Judice, L. N. Vicente, "A comparison of block pivoting and
    interior-point algorithms for linear least squares problems with nonnegative variables",
    Math. Comp. 63 (1994) 625-643.
-.. [3] J. Kim, H. Park, "Fast nonnegative matrix factorization: an active-set-like method and
-   comparisons", SIAM J. Sci. Comput. 33 (2011) 3261-3281.
-.. [4] M. Hintermueller, K. Ito, K. Kunisch, "The primal-dual active set strategy as a semismooth
+.. [3] M. Hintermueller, K. Ito, K. Kunisch, "The primal-dual active set strategy as a semismooth
    Newton method", SIAM J. Optim. 13 (2003) 865-888.
-.. [5] K. G. Murty, "Note on a Bard-type scheme for solving the complementarity problem",
-   Opsearch 11 (1974) 123-130.
+.. [4] J. Kim, H. Park, "Fast nonnegative matrix factorization: an active-set-like method and
+   comparisons", SIAM J. Sci. Comput. 33 (2011) 3261-3281.
+.. [5] H. J. Ferreau, H. G. Bock, M. Diehl, "An online active set strategy to overcome the
+   limitations of explicit MPC", Int. J. Robust Nonlinear Control 18 (2008) 816-830.
 .. [6] R. T. Rockafellar, "Augmented Lagrangians and applications of the proximal point algorithm
    in convex programming", Math. Oper. Res. 1 (1976) 97-116.
 """
@@ -53,8 +54,11 @@ from gpu.dense import cholesky, cholesky_solve, lower_solve, symmetric_product
 from gpu.errors import Infeasible, NotConverged
 
 PATIENCE = 5
-RHO = 1e-8
+MAX_CENTRES = 100
 ROUNDING = 64 * np.finfo(float).eps
+# Of the largest compliance a'P^-1 a of a row: small against the compliance of a few free
+# variables, large against the rounding of the Schur complement.
+RHO, RHO_MIN = 1e-8, 1e-13
 
 
 class Step(NamedTuple):
@@ -98,18 +102,26 @@ class BoxQP:
         )
 
     def row_error(self, x: np.ndarray) -> float:
-        """Largest residual of a row relative to the size of what is added up in it."""
+        """Largest residual of a row over the terms added up in it, beyond rounding in x ~ q."""
         terms = np.abs(self.A) @ np.abs(x) + np.abs(self.b)
-        residual = np.abs(self.A @ x - self.b)
+        rounding = ROUNDING * np.abs(self.A).sum(axis=1) * np.abs(self.q).max()
+        residual = np.maximum(np.abs(self.A @ x - self.b) - rounding, 0.0)
         return float(np.max(residual / np.where(terms > 0, terms, 1.0)))
 
-    def separates(self, y: np.ndarray, tol: float) -> bool:
-        """Whether ``max (A'y)'x < y'b`` over the box, by more than `tol` times the terms."""
+    def separator(self, state: np.ndarray, y: np.ndarray, tol: float) -> np.ndarray | None:
+        """A y with ``max (A'y)'x < y'b`` over the box, by more than `tol` times the terms.
+
+        It is sought next to the given y, where ``A'y`` vanishes on the free variables.
+        """
+        U, size, _ = np.linalg.svd(self.A[:, state == 0], full_matrices=False)
+        U = U[:, size > ROUNDING * size.max(initial=0.0)]
+        y = y - U @ (U.T @ y)
         c = self.A.T @ y
         c[np.abs(c) <= ROUNDING * (np.abs(self.A.T) @ np.abs(y))] = 0.0
         corner = np.where(c > 0, self.ub, np.where(c < 0, self.lb, 0.0))
         margin = y @ self.b - c @ corner
-        return bool(margin > tol * (np.abs(y) @ np.abs(self.b) + np.abs(c) @ np.abs(corner)))
+        terms = np.abs(y) @ np.abs(self.b) + np.abs(c) @ np.abs(corner)
+        return y if margin > tol * terms else None
 
     def guess(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """State in which each variable alone, the others kept, would be optimal."""
@@ -144,7 +156,8 @@ class ActiveSet:
         self.state = state
         self.x = x
         self.y = y
-        self.rho = RHO * np.max(lower_solve(L, problem.A.T) ** 2, initial=0.0)
+        self.compliance = float(np.max(lower_solve(L, problem.A.T) ** 2, initial=0.0)) or 1.0
+        self.rho = RHO * self.compliance
         self.history: list[Step] = []
         self.block: FreeBlock | None = None
 
@@ -233,15 +246,23 @@ class ActiveSet:
     def run(self, tol: float, max_steps: int) -> None:
         """Settle, with equality rows for one centre after the other until they hold."""
         p = self.problem
+        if not p.b.size:
+            self.settle(tol, max_steps)
+            self.x, self.y = self.point(p, self.y)
+            return
         error = np.inf
-        while True:
+        for _ in range(MAX_CENTRES):
             centre = self.y
             self.settle(tol, max_steps)
-            if not p.b.size:
-                self.x, self.y = self.point(p, centre)
-                return
             before, error = error, p.row_error(self.x)
             if error <= ROUNDING / 16 or 0.5 * before < error <= 0.1 * tol:
                 return
-            if p.separates(centre - self.y, tol):
-                raise Infeasible("no point of the box satisfies A x = b", centre - self.y)
+            separator = p.separator(self.state, centre - self.y, tol)
+            if separator is not None:
+                raise Infeasible("no point of the box satisfies A x = b", separator)
+            if error > 0.01 * before:
+                self.rho, self.block = max(0.01 * self.rho, RHO_MIN * self.compliance), None
+        raise NotConverged(
+            f"the equality rows hold to {error:.1e} only, and are not seen to contradict the "
+            "bounds: they may be almost dependent, or almost infeasible; drop or rescale rows"
+        )

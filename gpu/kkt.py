@@ -23,8 +23,9 @@ class KKT:
         :math:`|D(Px + q + A^Ty + z)|_\infty` over the size of the terms that cancel there,
         :math:`\phi = |D(|P||x| + |q| + |A|^T|y|)|_\infty`.
     primal : float
-        Largest violation of a row over :math:`|a_i||x| + |b_i|`, or of a bound over the
-        largest entry of :math:`D^{-1}x`.
+        Largest violation of a row over :math:`|a_i||x| + |b_i|`, what exceeds the rounding
+        :math:`64\epsilon|a_i|D\phi` of an x that the forces determine; or largest violation of a
+        bound over the largest entry of :math:`D^{-1}x`.
     sign : float
         Largest multiplier that points to an infinite bound, over :math:`\phi`.
     complementarity : float
@@ -52,7 +53,9 @@ def kkt_residuals(problem: Problem, x: np.ndarray, y: np.ndarray, z_box: np.ndar
     phi = np.max(terms / root)
     gradient = symmetric_product(P, x) + q + A.T @ y
 
-    rows = _relative(np.abs(A @ x - b), np.abs(A) @ np.abs(x) + np.abs(b))
+    rounding = 64 * np.finfo(float).eps * (np.abs(A) @ (1.0 / root)) * phi
+    residual = np.maximum(np.abs(A @ x - b) - rounding, 0.0)
+    rows = _relative(residual, np.abs(A) @ np.abs(x) + np.abs(b))
     outside = root * np.maximum(np.maximum(lb - x, x - ub), 0.0)
     bounds = _relative(outside, max(length.max(), outside.max()))
 

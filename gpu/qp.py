@@ -182,6 +182,11 @@ def solve_qp(
         iterate.run(tol, max_steps=100 + 10 * problem.q.size)
     except Infeasible as error:
         raise Infeasible(str(error), rows * error.certificate) from None
+    except np.linalg.LinAlgError:
+        raise NotConverged(
+            "a system of free variables and equality rows is singular to working precision: "
+            "P is too ill conditioned, or rows are almost dependent; regularise P or drop rows"
+        ) from None
     return _result(problem, rows, iterate, tol)
 
 
@@ -216,6 +221,8 @@ def _first_iterate(
             raise InputError("start has entries that are not finite")
         else:
             x = point / d
+            inside = (box.lb < x) & (x < box.ub)
+            y = np.linalg.lstsq(box.A[:, inside].T, -box.gradient(x, y)[inside])[0]
     state = box.guess(x, y) if active is None else active.copy()
     state[np.isinf(box.hold(x, state))] = 0
     state[lb == ub] = -1

@@ -200,14 +200,19 @@ def _push_forward(weights: Sequence[Array], functions: Array, G: Array) -> Array
     :math:`\prod_r (G_{1 i_r} \partial_X + G_{2 i_r} \partial_Y)`.
     """
     order = len(functions) // len(weights) - 1
+    affine = G.shape[-1] == 1
+    if not affine:
+        terms = [_combine(weights, functions[k :: order + 1]) for k in range(order + 1)]
+        functions = np.array(terms)
     partial = []
     for in_y in range(order + 1):
         powers = [np.ones((1, 1))]
         for i in (0,) * (order - in_y) + (1,) * in_y:
-            in_X = [G[0, i] * power for power in powers] + [np.zeros((1, 1))]
-            in_Y = [np.zeros((1, 1))] + [G[1, i] * power for power in powers]
-            powers = [p + q for p, q in zip(in_X, in_Y, strict=True)]
-        partial.append(_combine([w * power for w in weights for power in powers], functions))
+            X_part, Y_part = ([g * power for power in powers] for g in G[:, i])
+            inner = [p + q for p, q in zip(X_part[1:], Y_part[:-1], strict=True)]
+            powers = [X_part[0], *inner, Y_part[-1]]
+        coefficients = [w * power for w in weights for power in powers] if affine else powers
+        partial.append(_combine(coefficients, functions))
     indices = list(product((0, 1), repeat=order))
     field = np.array([partial[sum(index)] for index in indices])
     return field.reshape((2,) * order + field.shape[1:])

@@ -65,7 +65,8 @@ def to_pyvista(
     Returns
     -------
     pyvista.UnstructuredGrid
-        Points with z = 0 in 2-D; vector fields with three components.
+        Points with z = 0 in 2-D; vector fields with three components. Sample it with a small
+        `tolerance`: by default VTK may take a point near an edge from the neighbouring cell.
 
     Raises
     ------
@@ -168,6 +169,8 @@ def save(
     if path.suffix not in (".vtu", ".vtk", ".pvd"):
         raise InputError(f"path: expected a name ending in .vtu, .vtk or .pvd, got {path.name!r}")
     if path.suffix != ".pvd":
+        if not isinstance(fields, Mapping | np.ndarray):
+            raise InputError("fields: expected a mapping of names to vectors; a series needs .pvd")
         grid = to_pyvista(basis, fields, **options)
         path.parent.mkdir(parents=True, exist_ok=True)
         grid.save(path)
@@ -203,7 +206,8 @@ def _pattern(basis: Any, subdivide: int | None) -> tuple[CellPattern, bool]:
         exact = lagrange_pattern(mesh.refdom, max(degree, geometry))
         if exact is not None:
             return exact, True
-    return linear_pattern(mesh.refdom, subdivide or _DEFAULT_SUBDIVISION), continuous
+    steps = _DEFAULT_SUBDIVISION if subdivide is None else subdivide
+    return linear_pattern(mesh.refdom, steps), continuous
 
 
 def _oriented(basis: Any, pattern: CellPattern, tind: Indices) -> Array:

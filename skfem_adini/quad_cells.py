@@ -71,12 +71,20 @@ class QuadCells:
             Reference points, shape (2, points) or (2, cells, points).
         """
         if self.affine:
-            (ax, ay), (bx, by) = self.a[:, :, None], self.b[:, :, None]
-        else:
-            a, b, c = self.a[:, :, None], self.b[:, :, None], self.c[:, :, None]
-            (ax, ay), (bx, by) = a + c * X[1], b + c * X[0]
-        scale = 1.0 / (ax * by - bx * ay)
-        return np.array([[by * scale, -bx * scale], [-ay * scale, ax * scale]])
+            X = np.zeros((2, 1))
+        u = self.c[:, :, None] * X[1]
+        u += self.a[:, :, None]
+        v = self.c[:, :, None] * X[0]
+        v += self.b[:, :, None]
+        area = u[0] * v[1]
+        area -= v[0] * u[1]
+        G = np.empty((2, 2, *area.shape))
+        np.divide(v[1], area, out=G[0, 0])
+        np.divide(u[0], area, out=G[1, 1])
+        np.negative(area, out=area)
+        np.divide(v[0], area, out=G[0, 1])
+        np.divide(u[1], area, out=G[1, 0])
+        return G
 
     def check(self) -> None:
         """Raise on a cell that is not strictly convex, warn when cells are twisted.

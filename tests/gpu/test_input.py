@@ -1,0 +1,185 @@
+"""Malformed, unsupported and infeasible input, each with its own error and a message."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import scipy.sparse
+
+import gpu
+from gpu import GpuError, Infeasible, InputError, NotConverged, NotSupported, QPFactor, solve_qp
+
+I2 = np.eye(2)
+Q = np.array([1.0, -1.0])
+ROW = {"A": [[1.0, 1.0]], "b": [1.0]}
+NAN, INF = np.nan, np.inf
+
+BAD = {
+    "P not square": (np.ones((2, 3)), Q, {}, "P has shape"),
+    "P one-dimensional": (np.ones(2), Q, {}, "P has 1 dim"),
+    "P empty": (np.zeros((0, 0)), [], {}, "not empty"),
+    "P NaN": ([[1.0, NAN], [NAN, 1.0]], Q, {}, r"P\[0, 1\] is nan"),
+    "P infinite": ([[INF, 0.0], [0.0, 1.0]], Q, {}, "finite"),
+    "P not symmetric": ([[2.0, 1.0], [0.0, 2.0]], Q, {}, "not symmetric"),
+    "P indefinite": ([[1.0, 2.0], [2.0, 1.0]], Q, {}, "not positive definite"),
+    "P indefinite off the solution": ([[1.0, 2.0], [2.0, 1.0]], [9, 9], {"lb": 0.0}, "definite"),
+    "P semidefinite": (np.ones((2, 2)), Q, {}, "not positive definite"),
+    "P negative diagonal": (np.diag([1.0, -1.0]), Q, {}, r"P\[1, 1\] = -1"),
+    "P zero": (np.zeros((2, 2)), Q, {}, "not positive definite"),
+    "P text": ([["a", "b"], ["c", "d"]], Q, {}, "real numbers"),
+    "P complex": (I2 * 1j, Q, {}, "real numbers"),
+    "P ragged": ([[1.0], [1.0, 2.0]], Q, {}, "real numbers"),
+    "q length": (I2, np.ones(3), {}, "q has shape"),
+    "q matrix": (I2, np.ones((2, 1)), {}, "q has shape"),
+    "q NaN": (I2, [1.0, NAN], {}, r"q\[1\] is nan"),
+    "lb length": (I2, Q, {"lb": np.zeros(3)}, "lb has shape"),
+    "lb NaN": (I2, Q, {"lb": [0.0, NAN]}, r"lb\[1\] is nan"),
+    "lb scalar NaN": (I2, Q, {"lb": NAN}, "lb"),
+    "lb = +inf": (I2, Q, {"lb": [0.0, INF]}, r"lb\[1\] is inf"),
+    "ub = -inf": (I2, Q, {"ub": -INF}, r"ub\[0\] is -inf"),
+    "A without b": (I2, Q, {"A": ROW["A"]}, "together"),
+    "b without A": (I2, Q, {"b": [1.0]}, "together"),
+    "A columns": (I2, Q, {"A": np.ones((1, 3)), "b": [1.0]}, "2 columns"),
+    "A one-dimensional": (I2, Q, {"A": np.ones(2), "b": [1.0]}, "A has 1 dim"),
+    "A infinite": (I2, Q, {"A": [[INF, 1.0]], "b": [1.0]}, r"A\[0, 0\] is inf"),
+    "b length": (I2, Q, {"A": ROW["A"], "b": [1.0, 2.0]}, "b has shape"),
+    "b NaN": (I2, Q, {"A": ROW["A"], "b": [NAN]}, "b"),
+    "tol zero": (I2, Q, {"tol": 0.0}, "tol"),
+    "tol NaN": (I2, Q, {"tol": NAN}, "tol"),
+    "start length": (I2, Q, {"start": np.zeros(3)}, "start has shape"),
+    "start NaN": (I2, Q, {"start": [0.0, NAN]}, "start"),
+    "start states": (I2, Q, {"start": np.array([2, 0], np.int8)}, "-1, 0, 1"),
+    "start of another problem": (I2, Q, {"start": solve_qp(np.eye(3), np.ones(3))}, "3 variables"),
+    "start without its rows": (I2, Q, {"start": solve_qp(I2, Q, **ROW)}, "1 equality rows"),
+}
+
+
+@pytest.mark.parametrize(("P", "q", "options", "message"), BAD.values(), ids=BAD)
+def test_malformed(P, q, options, message):
+    with pytest.raises(InputError, match=message) as caught:
+        solve_qp(P, q, **options)
+    assert isinstance(caught.value, ValueError)
+    assert isinstance(caught.value, GpuError)
+
+
+UNSUPPORTED = {
+    "G": (I2, {"G": I2, "h": Q}),
+    "h": (I2, {"h": Q}),
+    "h_low": (I2, {"h_low": Q}),
+    "P is sparse": (scipy.sparse.eye_array(2), {}),
+    "A is sparse": (I2, {"A": scipy.sparse.csr_array(ROW["A"]), "b": [1.0]}),
+}
+
+
+@pytest.mark.parametrize(("P", "options"), UNSUPPORTED.values(), ids=UNSUPPORTED)
+def test_not_supported_yet(P, options):
+    with pytest.raises(NotSupported, match="not supported yet") as caught:
+        solve_qp(P, Q, **options)
+    assert isinstance(caught.value, NotImplementedError)
+
+
+@pytest.mark.gpu
+def test_device_arrays_are_refused_by_name():
+    cupy = pytest.importorskip("cupy", reason="CuPy is not installed")
+    if not cupy.cuda.is_available():
+        pytest.skip("no CUDA device")
+    with pytest.raises(NotSupported, match="q is a device array"):
+        solve_qp(I2, cupy.ones(2))
+
+
+def test_device_arrays_are_known_by_their_interface():
+    class Device:
+        __cuda_array_interface__ = {"shape": (2,)}  # noqa: RUF012
+
+    with pytest.raises(NotSupported, match="lb is a device array"):
+        solve_qp(I2, Q, lb=Device())
+
+
+def test_empty_box():
+    with pytest.raises(Infeasible, match=r"lb\[1\] = 2.0 is above ub\[1\] = 1.0") as caught:
+        solve_qp(I2, Q, lb=[0.0, 2.0], ub=1.0, **ROW)
+    np.testing.assert_array_equal(caught.value.certificate, [0.0])
+
+
+@pytest.mark.parametrize(
+    ("A", "b", "lb", "ub"),
+    [
+        ([[1.0, 1.0]], [3.0], 0.0, 1.0),
+        ([[1.0, 1.0]], [-1e-6], 0.0, np.inf),
+        ([[1.0, -1.0], [2.0, -2.0]], [1.0, 1.0], -np.inf, np.inf),
+        ([[0.0, 0.0]], [1.0], -np.inf, np.inf),
+        ([[1.0, 0.0], [1.0, 1.0]], [0.5, 0.1], 0.0, np.inf),
+        ([[1e9, 1e9]], [3e9], 0.0, 1.0),
+    ],
+)
+def test_infeasible_rows_come_with_a_separating_vector(A, b, lb, ub):
+    with pytest.raises(Infeasible) as caught:
+        solve_qp(I2, Q, A=A, b=b, lb=lb, ub=ub)
+    y = caught.value.certificate
+    c = np.transpose(A) @ y
+    c[np.abs(c) < 1e-12 * np.abs(y).max() * np.abs(A).max()] = 0.0
+    corner = np.where(c > 0, ub, np.where(c < 0, lb, 0.0))
+    assert c @ corner < y @ np.array(b)
+
+
+def test_consistent_zero_and_repeated_rows_are_accepted():
+    result = solve_qp(I2, Q, A=[[1.0, 1.0], [0.0, 0.0], [2.0, 2.0]], b=[1.0, 0.0, 2.0])
+    np.testing.assert_allclose(result.x, [-0.5, 1.5], atol=1e-14)
+
+
+def test_more_rows_than_free_variables():
+    result = solve_qp(np.eye(3), np.ones(3), A=np.eye(3)[:2], b=[1.0, 0.0], lb=0.0, ub=1.0)
+    np.testing.assert_allclose(result.x, [1.0, 0.0, 0.0], atol=1e-15)
+
+
+def test_asymmetry_of_rounding_is_accepted():
+    P = np.array([[2.0, 1.0], [1.0 + 1e-13, 2.0]])
+    np.testing.assert_allclose(solve_qp(P, Q).x, [-1.0, 1.0], rtol=1e-12)
+
+
+def test_what_is_not_reached_is_not_returned():
+    # Hilbert's matrix: definite, but no x in double precision satisfies the equations to 1e-17.
+    n = 6
+    P = 1.0 / (np.arange(n)[:, None] + np.arange(n) + 1.0)
+    assert solve_qp(P, np.ones(n)).kkt.worst < 1e-15
+    with pytest.raises(NotConverged, match="tol = 1e-18"):
+        solve_qp(P, np.ones(n), tol=1e-18)
+
+
+def test_input_is_left_alone():
+    P, q, lb, active = 2 * I2, Q.copy(), np.zeros(2), np.zeros(2, np.int8)
+    solve_qp(P, q, lb=lb, start=active)
+    np.testing.assert_array_equal(P, 2 * I2)
+    np.testing.assert_array_equal(q, Q)
+    np.testing.assert_array_equal(active, 0)
+    factor = QPFactor(P)
+    P[0, 0] = 100.0
+    np.testing.assert_array_equal(solve_qp(factor, q).x, [-0.5, 0.5])
+
+
+def test_residuals_are_recomputed_from_the_problem():
+    lb = np.zeros(2)
+    result = solve_qp(I2, Q, lb=lb, **ROW)
+    assert result.residuals(I2, Q, lb=lb, **ROW) == result.kkt
+    assert result.kkt.worst < 1e-15
+    assert result.residuals(I2, Q + 1.0, lb=lb, **ROW).stationarity > 0.1
+    assert result.residuals(I2, Q, lb=lb, A=ROW["A"], b=[2.0]).primal > 0.1
+    assert result.residuals(I2, Q, lb=lb + 0.5, **ROW).primal > 0.1
+    bounded = solve_qp(I2, -Q, lb=lb)
+    assert bounded.residuals(I2, -Q, ub=lb).sign == 0.0
+    assert bounded.residuals(I2, -Q).sign > 0.1
+    assert bounded.residuals(I2, -Q, lb=lb - 1.0).complementarity > 0.1
+
+
+def test_import_needs_numpy_and_scipy_only():
+    code = (
+        "import sys, gpu; print({m.split('.')[0] for m in sys.modules} & "
+        "{'cupy', 'numba', 'qpsolvers', 'skfem', 'osqp', 'matplotlib', 'pyvista'})"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "set()"
+
+
+def test_public_names():
+    assert set(gpu.__all__) <= set(dir(gpu))

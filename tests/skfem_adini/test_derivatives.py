@@ -1,0 +1,96 @@
+"""Derivatives against differences of the order below, on every kind of cell."""
+
+import numpy as np
+import pytest
+from skfem import Basis, MeshQuad
+
+from skfem_adini import ElementQuadAdini, InputError
+
+pytestmark = pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
+
+# Places of value, gradient and Hessian in DiscreteField.get.
+FIELD = [0, 1, 4]
+NAMES = ["value", "grad", "hess", "grad3", "grad4", "grad5", "grad6"]
+STEP = 1e-6
+
+
+@pytest.mark.parametrize("i", range(12))
+def test_reference_gradient(i):
+    element = ElementQuadAdini()
+    points = np.random.default_rng(i).uniform(0, 1, (2, 20))
+    gradient = element.lbasis(points, i)[1]
+    for k, shift in enumerate(STEP * np.eye(2)):
+        forward, backward = (
+            element.lbasis(points + sign * shift[:, None], i)[0] for sign in (1, -1)
+        )
+        np.testing.assert_allclose(gradient[k], (forward - backward) / (2 * STEP), atol=1e-8)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_physical_derivatives(any_quads, order):
+    element, mapping = ElementQuadAdini(derivatives=order), any_quads._mapping()
+    points = np.random.default_rng(0).uniform(0.1, 0.9, (2, 6))
+    tind = np.arange(any_quads.nelements)
+    for i in range(12):
+        quotients = []
+        for shift in STEP * np.eye(2)[:, :, None, None]:
+            ends = [mapping.invF(mapping.F(points) + s * shift, tind=tind) for s in (1, -1)]
+            high, low = (element.gbasis(mapping, end, i, tind=tind)[0] for end in ends)
+            quotients.append((high.get(FIELD[order - 1]) - low.get(FIELD[order - 1])) / (2 * STEP))
+        computed = element.gbasis(mapping, points, i)[0].get(FIELD[order])
+        scale = np.abs(computed).max()
+        np.testing.assert_allclose(computed, quotients, rtol=0, atol=1e-7 * max(scale, 10.0**order))
+
+
+def test_third_and_fourth_derivatives(interpolate):
+    """On a sheared mesh, of x^3 y pulled through the shear."""
+    mesh = MeshQuad().refined(2)
+    mesh = MeshQuad(np.array([mesh.p[0] + 0.5 * mesh.p[1], mesh.p[1]]), mesh.t)
+    basis = Basis(mesh, ElementQuadAdini(derivatives=5))
+    x = interpolate(
+        basis,
+        lambda x, y: (x - y / 2) ** 3 * y,
+        lambda x, y: 3 * (x - y / 2) ** 2 * y,
+        lambda x, y: -1.5 * (x - y / 2) ** 2 * y + (x - y / 2) ** 3,
+    )
+    u = basis.interpolate(x)
+    X, Y = basis.global_coordinates()
+    X = X - Y / 2
+    # The chain rule for u = X^3 Y with d/dy = d/dY - 1/2 d/dX.
+    np.testing.assert_allclose(u.grad3[0, 0, 0], 6 * Y, atol=1e-10)
+    np.testing.assert_allclose(u.grad3[0, 1, 0], 6 * X - 3 * Y, atol=1e-10)
+    np.testing.assert_allclose(u.grad3[1, 1, 1], -0.75 * Y + 4.5 * X, atol=1e-10)
+    np.testing.assert_allclose(u.grad4[0, 0, 1, 0], 6 + 0 * X, atol=1e-8)
+    np.testing.assert_allclose(u.grad4[1, 0, 1, 0], -6 + 0 * X, atol=1e-8)
+    np.testing.assert_allclose(u.grad5, 0, atol=1e-7)
+
+
+@pytest.mark.parametrize("derivatives", range(7))
+def test_as_many_orders_as_asked_for(derivatives):
+    (field,) = ElementQuadAdini(derivatives).gbasis(
+        MeshQuad()._mapping(), np.array([[0.3], [0.4]]), 4
+    )
+    given = [name for name in NAMES[1:] if getattr(field, name) is not None]
+    assert given == NAMES[1 : derivatives + 1]
+
+
+def test_third_derivatives_need_parallelograms(convex_quads):
+    element = ElementQuadAdini(derivatives=3)
+    with pytest.raises(InputError, match="parallelogram"):
+        element.gbasis(convex_quads._mapping(), np.array([[0.3], [0.4]]), 0)
+
+
+def test_points_of_each_cell_or_shared(any_quads):
+    element, mapping = ElementQuadAdini(derivatives=2), any_quads._mapping()
+    shared = np.random.default_rng(0).uniform(0, 1, (2, 5))
+    tind = np.arange(any_quads.nelements)[::2]
+    own = np.repeat(shared[:, None], len(tind), axis=1)
+    for i in range(12):
+        (a,) = element.gbasis(mapping, shared, i, tind=tind)
+        (b,) = element.gbasis(mapping, own, i, tind=tind)
+        (c,) = element.gbasis(mapping, shared, i)
+        for name in NAMES[1:3]:
+            scale = np.abs(getattr(a, name)).max()
+            np.testing.assert_allclose(getattr(a, name), getattr(b, name), atol=1e-14 * scale)
+            np.testing.assert_array_equal(getattr(a, name), getattr(c, name)[..., tind, :])
+        np.testing.assert_allclose(a, b, atol=1e-15)

@@ -1,0 +1,45 @@
+"""The examples run headless and return the numbers they print."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+import pyvista as pv
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def load(name):
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_poisson_adini(capsys):
+    l2, h1 = load("poisson_adini").main(["8", "16", "32"])
+    assert l2 == pytest.approx(4, abs=0.1)
+    assert h1 == pytest.approx(3, abs=0.1)
+    assert "order" in capsys.readouterr().out
+
+
+def test_open_vtk_writes_and_reads(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(variable, raising=False)
+    example = load("open_vtk")
+    monkeypatch.setattr(example.sys, "platform", "linux")
+    cells, kind, low, high = example.main([])
+    assert (cells, kind) == (9, 70)
+    assert high == pytest.approx(0.951781, abs=1e-6)
+    assert low == pytest.approx(-high, abs=1e-12)
+    assert example.main(["out/adini_field.vtu"]) == (cells, kind, low, high)
+
+
+def test_open_vtk_renders_off_screen(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    load("open_vtk").main(["--screenshot", "picture.png"])
+    picture = pv.read("picture.png")
+    assert picture.n_points > 10_000
+    low, high = picture.get_data_range()
+    assert high - low > 100
