@@ -56,11 +56,11 @@ def signorini(
     gpu.Infeasible
         No admissible forces balance the loads on a free rigid motion.
     """
-    rubs = bound is not None
-    if rubs and problem.tangent.shape[1] > 1 and softness is None:
+    g = np.zeros(problem.gap.size) if bound is None else bound
+    if bound is not None and problem.tangent.shape[1] > 1 and softness is None:
         raise InputError("given friction in 3-D is no box QP; use method 'newton' or 'pdas'")
     can_touch = problem.can_touch
-    live_t = (problem.tangent >= 0) & (bound[:, None] > 0 if rubs else False)
+    live_t = (problem.tangent >= 0) & (g[:, None] > 0)
     used = np.concatenate((problem.normal[can_touch], problem.tangent[live_t]))
     count = int(can_touch.sum())
     point_t = np.nonzero(live_t)[0]
@@ -70,8 +70,7 @@ def signorini(
     q[:count] += problem.gap[can_touch]
     C = problem.C[used]
     lb, ub = np.zeros(used.size), np.full(used.size, np.inf)
-    if rubs:
-        lb[count:], ub[count:] = -bound[point_t], bound[point_t]
+    lb[count:], ub[count:] = -g[point_t], g[point_t]
     if softness is not None:
         P = P.copy()
         P[np.arange(count, used.size), np.arange(count, used.size)] += softness[point_t]

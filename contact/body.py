@@ -10,7 +10,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 from skfem import (
     Basis,
     ElementHex1,
@@ -181,7 +180,7 @@ class ElasticBody:
             facets = np.unique(np.concatenate(found)) if found else np.zeros(0, dtype=np.int64)
         else:
             facets = np.unique(np.asarray(boundary, dtype=np.int64))
-            if facets.size and not (0 <= facets[0] and facets[-1] < self.mesh.nfacets):
+            if facets.size and not (facets[0] >= 0 and facets[-1] < self.mesh.nfacets):
                 raise InputError(f"boundary: facet numbers must lie in 0..{self.mesh.nfacets - 1}")
         if facets.size == 0:
             raise InputError(f"boundary {boundary!r} has no facets")
@@ -334,8 +333,8 @@ class ElasticBody:
                 raise InputError("value: two prescribed displacements differ where they meet")
             u0[dofs] = value
         free = np.isnan(u0)
-        T = sparse.eye_array(self.basis.N, format="csr")[:, free]
-        return sparse.csr_array(T), np.where(free, 0.0, u0)
+        unit = sparse.eye_array(self.basis.N, format="csr")
+        return sparse.csr_array(unit[:, free]), np.where(free, 0.0, u0)
 
     @cached_property
     def entities(self) -> tuple[NDArray[np.int64], NDArray[np.float64], sparse.csr_array]:
@@ -370,54 +369,6 @@ class ElasticBody:
         ones = np.ones(rows.size, dtype=np.int8)
         graph = sparse.coo_array((ones, (rows, columns)), shape=(start, start)).tocsr()
         return entity, np.hstack(points), graph
-
-    @cached_property
-    def rigid_modes(self) -> NDArray[np.float64]:
-        """Rigid motions of every connected piece, shape (ndofs, npieces * dim (dim + 1) / 2).
-
-        Translations first, then rotations about the piece's middle. Free or not: the prescribed
-        displacements are not looked at.
-        """
-        entity, points, graph = self.entities
-        pieces, piece = connected_components(graph, directed=False)
-        derivative = self._derivative_of_dof()
-        component = np.arange(self.basis.N) % self.dim
-        modes = []
-        for k in range(pieces):
-            inside = piece[entity] == k
-            where = points[:, piece == k]
-            middle = 0.5 * (where.min(axis=1) + where.max(axis=1))
-            x = self.basis.doflocs - middle[:, None]
-            for c in range(self.dim):
-                modes.append(inside * (component == c) * (derivative == -1.0))
-            for a in range(self.dim):
-                for b in range(a + 1, self.dim):  # u_a = -x_b, u_b = x_a
-                    rotation = np.zeros(self.basis.N)
-                    for moving, with_x, sign in ((a, b, -1.0), (b, a, 1.0)):
-                        at = inside & (component == moving)
-                        rotation[at & (derivative == -1)] = (
-                            sign * x[with_x, at & (derivative == -1)]
-                        )
-                        rotation[at & (derivative == with_x)] = sign
-                    modes.append(rotation)
-        return np.array(modes, dtype=float).T
-
-    def _derivative_of_dof(self) -> NDArray[np.int64]:
-        """-1 for a dof that is a value, i for a dof that is the derivative along x_i."""
-        kinds = {"u": -1, "u_x": 0, "u_y": 1, "u_z": 2}
-        dofs = self.basis.dofs
-        result = np.full(self.basis.N, -2, dtype=np.int64)
-        names = iter(self.basis.elem.dofnames)
-        for table in (dofs.nodal_dofs, dofs.facet_dofs, dofs.edge_dofs, dofs.interior_dofs):
-            for row in () if table is None else table:
-                name = next(names).split("^")[0]
-                if name not in kinds:
-                    raise InputError(
-                        f"element {type(self.element).__name__}: its dof {name!r} is neither a "
-                        "value nor a first derivative, which contact needs for rigid motions"
-                    )
-                result[row] = kinds[name]
-        return result
 
 
 def _constant(value: Any) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:

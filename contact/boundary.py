@@ -87,6 +87,24 @@ class BoundaryProblem:
         return float(0.5 * forces @ self.W @ forces - self.s @ a)
 
 
+@dataclass(frozen=True)
+class Friction:
+    """Coulomb's law, ``value`` being the coefficient F, or a given bound g, ``value`` itself.
+
+    Attributes
+    ----------
+    value : ndarray, shape (m,)
+    coulomb : bool
+    """
+
+    value: Array
+    coulomb: bool
+
+    def bound(self, mu: Array) -> Array:
+        """Friction bound g of every point for the normal forces mu, shape (m,)."""
+        return self.value * np.maximum(mu, 0.0) if self.coulomb else self.value
+
+
 def project(q: Array, g: Array) -> Array:
     """Project each row of q, shape (m, dim - 1), onto the ball of radius g, shape (m,)."""
     length = np.linalg.norm(q, axis=1)
@@ -94,9 +112,7 @@ def project(q: Array, g: Array) -> Array:
     return q * factor[:, None]
 
 
-def residual(
-    problem: BoundaryProblem, mu: Array, t: Array, a: Array, bound: Array
-) -> float:
+def residual(problem: BoundaryProblem, mu: Array, t: Array, a: Array, bound: Array) -> float:
     """Largest violation of the contact and the friction law, relative to the largest force.
 
     Parameters

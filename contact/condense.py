@@ -13,6 +13,7 @@ from contact.boundary import BoundaryProblem
 from contact.dissection import nested_dissection
 from contact.errors import Infeasible, InputError, Unbounded
 from contact.newton import Forces
+from contact.rigid_modes import describe_motion, rigid_modes
 from contact.schur import schur_factor
 
 if TYPE_CHECKING:
@@ -20,6 +21,10 @@ if TYPE_CHECKING:
     from contact.rows import ContactRows
 
 Array = NDArray[np.float64]
+
+# Added to the compliance of the dissertation's dependent rows, relative to its largest entry:
+# picks the multipliers of least norm. They remain unstable; the functional is for reproduction.
+REGULARISATION = 1e-10
 
 
 class CondensedContact:
@@ -72,9 +77,9 @@ class CondensedContact:
             )
         count = rows.gap.size
         self._normal = np.where(live_n, np.cumsum(live_n) - 1, -1)
-        self._tangent = np.where(
-            live_t, live_n.sum() + np.cumsum(live_t) - 1, -1
-        ).reshape(count, dim - 1)
+        self._tangent = np.where(live_t, live_n.sum() + np.cumsum(live_t) - 1, -1).reshape(
+            count, dim - 1
+        )
         B = sparse.vstack([G[live_n], tangents[live_t]], format="csr")
         self._fixed_normal = rows.G @ u0
         self._fixed_tangent = (rows.T @ u0).reshape(count, dim - 1)
@@ -96,7 +101,7 @@ class CondensedContact:
 
     def _free_modes(self) -> Array:
         """Rigid motions that the supports leave free, in free unknowns, shape (nfree, k)."""
-        modes = self.body.rigid_modes
+        modes = rigid_modes(self.body)
         held = modes - self._T @ (self._T.T @ modes)
         size = np.linalg.norm(modes, axis=0)
         _, singular, V = np.linalg.svd(held / size, full_matrices=False)
@@ -125,6 +130,8 @@ class CondensedContact:
         half = solve_triangular(self._cholesky[0], self._B.T, lower=True, check_finite=False)
         W = half.T @ half
         diagonal = np.diag(W)
+        if self.rows.functional == "thesis":  # 3N + 1 rows of rank 2N + 2: see REGULARISATION
+            W = W + REGULARISATION * diagonal.max() * np.eye(diagonal.size)
         # One length for each point, so that its friction ball stays a ball.
         scale = np.empty(self._B.shape[0])
         for rows in np.column_stack((self._normal, self._tangent)):
@@ -225,36 +232,8 @@ class CondensedContact:
         )
 
 
-def describe_motion(body: ElasticBody, u: Array) -> str:
-    """Name a rigid motion, e.g. "translation along x" or "rotation about (0, 1)"."""
-    modes = body.rigid_modes
-    coefficient = np.linalg.lstsq(modes, u, rcond=None)[0]
-    dim, per_piece = body.dim, body.dim * (body.dim + 1) // 2
-    entity, points, _ = body.entities
-    k = int(np.argmax(np.abs(coefficient).reshape(-1, per_piece).max(axis=1)))
-    part = coefficient[k * per_piece : (k + 1) * per_piece]
-    moved = np.abs(modes[:, k * per_piece]) > 0
-    where = points[:, np.unique(entity[moved])]
-    middle = 0.5 * (where.min(axis=1) + where.max(axis=1))
-    reach = float(np.ptp(where, axis=1).max())
-    shift, turn = part[:dim], part[dim:]
-    if np.abs(turn).max() * reach < 1e-8 * np.abs(shift).max():
-        axis = int(np.argmax(np.abs(shift)))
-        pure = np.abs(np.delete(shift, axis)).max(initial=0.0) < 1e-8 * abs(shift[axis])
-        direction = "xyz"[axis] if pure else str(np.round(shift / np.linalg.norm(shift), 4))
-        return f"a translation along {direction}"
-    if dim == 2:
-        centre = middle + np.array([-shift[1], shift[0]]) / turn[0]
-        centre[np.abs(centre) < 1e-9 * reach] = 0.0
-        return f"a rotation about ({centre[0]:.6g}, {centre[1]:.6g})"
-    # Rotations are stored for the planes xy, xz, yz with u_a = -x_b, u_b = x_a.
-    vector = np.array([turn[2], -turn[1], turn[0]])
-    return f"a rotation about the axis {np.round(vector / np.linalg.norm(vector), 4)}"
-
-
 def _lives(reduced: sparse.csr_array, full: sparse.csr_array) -> NDArray[np.bool_]:
     """Rows that the prescribed displacements leave something of."""
     size = np.sqrt(np.asarray(full.multiply(full).sum(axis=1)).ravel())
     left = np.sqrt(np.asarray(reduced.multiply(reduced).sum(axis=1)).ravel())
     return left > 1e-12 * size
-

@@ -101,14 +101,14 @@ def cross_check(
     if condensed is None:
         condensed = T.shape[1] > 30_000
     usable = np.isfinite(rows.gap)
-    G, R = rows.G[usable], rows.T
-    gap, g = rows.gap[usable] - G @ u0, system.bound(result.mu)
-    rubs = g > 0
-    R, g, offset = R[rubs], g[rubs], (R @ u0)[rubs]
+    bound = system.bound(result.mu)
+    rubs = np.repeat(bound > 0, dim - 1)
+    G, R = rows.G[usable], rows.T[rubs]
+    gap, g, offset = rows.gap[usable] - G @ u0, bound[bound > 0], R @ u0
     if condensed:
         boundary = problem.condense()
-        S, f = boundary.stiffness, boundary.reduce(system.load)
-        G, R = boundary.restrict(G), boundary.restrict(R)
+        S, f = sparse.csr_array(boundary.stiffness), boundary.reduce(system.load)
+        G, R = (sparse.csr_array(boundary.restrict(rows_)) for rows_ in (G, R))
     else:
         S = sparse.csr_array(T.T @ system.body.stiffness @ T)
         f = T.T @ (system.load - system.body.stiffness @ u0)
@@ -117,28 +117,19 @@ def cross_check(
     G, gap, R, g, offset = G[keep_n], gap[keep_n], R[keep_t], g[keep_t], offset[keep_t]
 
     n, k = f.size, g.size
-    stack = np.block if condensed else (lambda blocks: sparse.block_array(blocks, format="csc"))
-    eye = np.eye(k) if condensed else sparse.eye_array(k)
-    if k:
-        nothing = np.zeros((n, k)) if condensed else sparse.csr_array((n, k))
-        zero = np.zeros((k, k)) if condensed else sparse.csr_array((k, k))
-        no_slack = np.zeros((gap.size, k)) if condensed else sparse.csr_array((gap.size, k))
-        P = stack([[S, nothing], [nothing.T, zero]])
-        H = stack([[G, no_slack], [R, -eye], [-R, -eye]])
-        h = np.concatenate((gap, -offset, offset))
-    else:
-        P, H, h = S, G, gap
-    solution, seconds = solve_with(solver, P, np.concatenate((-f, g)), H, h)
+    one = sparse.eye_array(k, format="csr")
+    P = sparse.block_diag((S, sparse.csr_array((k, k))), format="csr")
+    H = sparse.block_array([[G, sparse.csr_array((gap.size, k))], [R, -one], [-R, -one]])
+    h = np.concatenate((gap, -offset, offset))
+    matrices = (P.toarray(), H.toarray()) if condensed else (P, H)
+    solution, seconds = solve_with(solver, matrices[0], np.concatenate((-f, g)), matrices[1], h)
 
     z = solution.x[:n]
     mu, t = np.zeros(result.mu.size), np.zeros(result.t.size)
     mu[np.flatnonzero(usable)[keep_n]] = solution.z[: gap.size]
     pushed = solution.z[gap.size : gap.size + k] - solution.z[gap.size + k :]
     t[np.flatnonzero(rubs)[keep_t]] = pushed
-    if condensed:
-        u = boundary.expand(system.load, z)
-    else:
-        u = T @ z + u0
+    u = boundary.expand(system.load, z) if condensed else T @ z + u0
 
     def energy(u: Array) -> float:
         slip = np.linalg.norm((rows.T @ u).reshape(rows.gap.size, -1), axis=1)
@@ -159,6 +150,6 @@ def cross_check(
     )
 
 
-def _nonzero_rows(rows: Array | sparse.csr_array) -> NDArray[np.int64]:
-    size = np.asarray(abs(rows).sum(axis=1)).ravel()
-    return np.flatnonzero(size > 1e-12 * size.max(initial=0.0))
+def _nonzero_rows(rows: sparse.csr_array) -> NDArray[np.int64]:
+    size = np.asarray(rows.multiply(rows).sum(axis=1)).ravel()
+    return np.flatnonzero(size > 1e-24 * size.max(initial=0.0))

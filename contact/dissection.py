@@ -66,9 +66,7 @@ def nested_dissection(
         keep = (side[head] >= 0) & (side[tail] >= 0) & (path[head] == path[tail])
         head, tail = head[keep], tail[keep]
         crossing = side[head] != side[tail]
-        separator = np.unique(
-            np.where(side[head[crossing]] == 0, head[crossing], tail[crossing])
-        )
+        separator = np.unique(np.where(side[head[crossing]] == 0, head[crossing], tail[crossing]))
         level[separator], end[separator] = depth_now, (path[separator] + 1) << (depth - depth_now)
         side[separator] = -1
         alive = alive[side[alive] >= 0]

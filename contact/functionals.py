@@ -68,7 +68,9 @@ def _line(
 ) -> FacetFunctional:
     s = np.array([points])
     nominal = s if C is None else np.linspace(0.0, 1.0, len(vertex))[None]
-    return FacetFunctional(name, s, np.eye(len(points)) if C is None else C, nominal, vertex, **more)
+    return FacetFunctional(
+        name, s, np.eye(len(points)) if C is None else C, nominal, vertex, **more
+    )
 
 
 _THIRDS = [0.0, 1 / 3, 2 / 3, 1.0]

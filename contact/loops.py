@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from contact.active_set import signorini
-from contact.boundary import Array, BoundaryProblem, residual
+from contact.boundary import Array, BoundaryProblem, Friction, residual
 from contact.errors import NotConverged
 from contact.newton import Forces, Iteration, Report
 
@@ -17,7 +17,7 @@ Tresca = Callable[[Array, Forces], Forces]
 
 def tresca_loop(
     problem: BoundaryProblem,
-    coefficient: Array,
+    friction: Friction,
     start: Forces,
     solve: Tresca,
     *,
@@ -30,7 +30,8 @@ def tresca_loop(
     Parameters
     ----------
     problem : BoundaryProblem
-    coefficient : ndarray, shape (m,)
+    friction : Friction
+        Coulomb's law.
     start : Forces
     solve : callable (bound, start) -> Forces
         Solves the problem with given friction.
@@ -47,8 +48,8 @@ def tresca_loop(
     """
     now = start
     for step in range(1, max_iterations + 1):
-        now = solve(coefficient * np.maximum(now.mu, 0.0), now)
-        line = progress(problem, step, "outer", now, coefficient * now.mu)
+        now = solve(friction.bound(now.mu), now)
+        line = progress(problem, step, "outer", now, friction.bound(now.mu))
         report(line)
         if line.residual <= tol:
             return now
@@ -63,8 +64,7 @@ def fixed_point(
     start: Forces,
     *,
     eps: Array,
-    coefficient: Array | None,
-    bound: Array | None,
+    friction: Friction,
     tol: float,
     max_iterations: int,
     report: Report,
@@ -85,8 +85,8 @@ def fixed_point(
     ----------
     eps : ndarray, shape (m,)
         Slip below which friction is linear, in the problem's scale.
-    coefficient, bound : ndarray, shape (m,)
-        One of them: Coulomb's coefficient, or the given bound g.
+    friction : Friction
+        Coulomb's law or a given bound.
 
     Raises
     ------
@@ -96,23 +96,21 @@ def fixed_point(
     now = start
     before: Array | None = None
     for step in range(1, max_iterations + 1):
-        g = coefficient * np.maximum(now.mu, 0.0) if coefficient is not None else bound
+        g = friction.bound(now.mu)
         _, u_t = problem.displacements(now.mu, now.t, now.a)
         slip = np.maximum(eps, np.linalg.norm(u_t, axis=1))
         with np.errstate(divide="ignore"):
             softness = np.where(g > 0, slip / g, np.inf)
-        held = now
         now = signorini(problem, bound=g, softness=softness, start=now, tol=1e-12)
         u_n, u_t = problem.displacements(now.mu, now.t, now.a)
         moved = np.concatenate((u_n, u_t.ravel()))
         slip = np.maximum(eps, np.linalg.norm(u_t, axis=1))
-        if coefficient is not None:
-            g = coefficient * np.maximum(now.mu, 0.0)
+        g = friction.bound(now.mu)
         law = float(np.abs(now.t - (g / slip)[:, None] * u_t).max()) / problem.scale(now.mu, now.t)
         change = np.inf if before is None else _largest(moved - before) / _largest(moved)
         before = moved
         energy = np.nan
-        if coefficient is None:
+        if not friction.coulomb:
             psi = _psi(np.linalg.norm(u_t, axis=1), eps)
             # l^T W l / 2 - s^T a is the energy of body and contact forces alone.
             energy = problem.energy(now.mu, now.t, now.a) + float(g @ psi)
@@ -121,8 +119,9 @@ def fixed_point(
         if max(change, law) <= tol:
             return now
     raise NotConverged(
-        f"fixed point: relative change {change:.1e}, residual {law:.1e} after {step} steps, tolerance {tol:.1e}; it "
-        "converges linearly: raise max_iterations or eps, or use method='newton'"
+        f"fixed point: relative change {change:.1e}, residual {law:.1e} after {step} steps, "
+        f"tolerance {tol:.1e}; it converges linearly: raise max_iterations or eps, or use "
+        "method='newton'"
     )
 
 

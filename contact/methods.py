@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError
 
 from contact.active_set import signorini
-from contact.boundary import BoundaryProblem
+from contact.boundary import BoundaryProblem, Friction
 from contact.errors import InputError, NotConverged
 from contact.loops import fixed_point, progress, tresca_loop
 from contact.newton import Forces, Report, semismooth_newton
@@ -68,7 +68,7 @@ class Options:
         if not (np.isfinite(tol) and tol > 0):
             raise InputError(f"tol={tol!r}: expected a positive number")
         if max_iterations is None:
-            max_iterations = 500 if method == "fixed_point" else 100
+            max_iterations = 2000 if method == "fixed_point" else 100
         if max_iterations < 1:
             raise InputError(f"max_iterations={max_iterations!r}: expected at least 1")
         if eps is not None and (method != "fixed_point" or not eps > 0):
@@ -78,8 +78,7 @@ class Options:
 
 def solve_boundary(
     problem: BoundaryProblem,
-    law: str | None,
-    friction: Array,
+    law: Friction | None,
     options: Options,
     start: Forces | None,
     scale: Array,
@@ -90,9 +89,8 @@ def solve_boundary(
     Parameters
     ----------
     problem : BoundaryProblem
-    law : {None, "tresca", "coulomb"}
-    friction : ndarray, shape (m,)
-        Coefficient (Coulomb) or bound in the problem's scale (Tresca).
+    law : Friction or None
+        In the problem's scale.
     options : Options
     start : Forces or None
     scale : ndarray, shape (m,)
@@ -114,7 +112,7 @@ def solve_boundary(
 
     three_d = problem.tangent.shape[1] > 1
     if start is None:
-        start = _frictionless(problem, law, tol, report)
+        start = _frictionless(problem, tol, report)
     form = "damped" if method == "pdas" else "radial"
 
     def given(bound: Array, near: Forces, note: Report = lambda iteration: None) -> Forces:
@@ -126,27 +124,24 @@ def solve_boundary(
     if method == "fixed_point":
         u_n, u_t = problem.displacements(start.mu, start.t, start.a)
         largest = max(np.abs(u_n * scale).max(), np.abs(u_t * scale[:, None]).max())
-        eps = options.eps if options.eps is not None else 1e-6 * float(largest)
+        eps = options.eps if options.eps is not None else 1e-5 * float(largest)
         forces = fixed_point(
             problem,
             start,
             eps=eps / scale,
-            coefficient=friction if law == "coulomb" else None,
-            bound=friction if law == "tresca" else None,
+            friction=law,
             tol=options.tol,
             max_iterations=options.max_iterations,
             report=report,
         )
         return forces, 10 * options.tol + 10 * eps / float(largest)
-    if law == "tresca":
-        return given(friction, start, report), 0.0
+    if not law.coulomb:
+        return given(law.value, start, report), 0.0
     if method == "newton":
-        return _coulomb(
-            problem, friction, start, given, tol, options.max_iterations, report
-        ), 0.0
+        return _coulomb(problem, law, start, given, tol, options.max_iterations, report), 0.0
     forces = tresca_loop(
         problem,
-        friction,
+        law,
         start,
         given,
         tol=tol if peer is None else options.tol,
@@ -167,9 +162,7 @@ def _check_held(problem: BoundaryProblem, friction: bool) -> None:
         raise Infeasible("no contact row sees this rigid motion", V[-1])
 
 
-def _frictionless(
-    problem: BoundaryProblem, law: str, tol: float, report: Report
-) -> Forces:
+def _frictionless(problem: BoundaryProblem, tol: float, report: Report) -> Forces:
     """Start of every friction method; free rigid motions hang on springs, friction holds later."""
     if not np.any(problem.can_touch):
         mu, t = problem.zeros()
@@ -181,14 +174,15 @@ def _frictionless(
 def _given_friction(
     problem: BoundaryProblem, bound: Array, start: Forces, form: str, tol: float, report: Report
 ) -> Forces:
-    """Newton for given friction; where one form fails from the start at hand, the other is tried."""
+    """Newton for given friction; where one form fails from this start, the other is tried."""
+    friction = Friction(bound, coulomb=False)
     other = "damped" if form == "radial" else "radial"
     rest = Forces(*problem.zeros(), np.zeros(problem.s.size))
     failure: Exception | None = None
     for kind, near in ((form, start), (other, start), ("damped", rest)):
         try:
             return semismooth_newton(
-                problem, near, bound=bound, form=kind, tol=tol, phase=f"{kind} newton", report=report
+                problem, near, friction, form=kind, tol=tol, phase=f"{kind} newton", report=report
             )
         except (NotConverged, LinAlgError) as error:
             failure = error
@@ -197,7 +191,7 @@ def _given_friction(
 
 def _coulomb(
     problem: BoundaryProblem,
-    coefficient: Array,
+    friction: Friction,
     start: Forces,
     given: Given,
     tol: float,
@@ -216,7 +210,7 @@ def _coulomb(
             return semismooth_newton(
                 problem,
                 start,
-                coefficient=coefficient,
+                friction,
                 form=form,
                 tol=tol,
                 max_iterations=min(max_iterations, 50),
@@ -225,6 +219,6 @@ def _coulomb(
         except (NotConverged, LinAlgError) as error:
             failure = error
         for step in range(1, 5 * (attempt + 1) + 1):
-            start = given(coefficient * np.maximum(start.mu, 0.0), start)
-            report(progress(problem, step, "tresca step", start, coefficient * start.mu))
+            start = given(friction.bound(start.mu), start)
+            report(progress(problem, step, "tresca step", start, friction.bound(start.mu)))
     raise NotConverged(f"{failure}; try method='tresca_loop' or a smaller friction coefficient")

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, lapack
 
-from contact.boundary import Array, BoundaryProblem, residual
+from contact.boundary import Array, BoundaryProblem, Friction, residual
 from contact.errors import NotConverged
 
 
@@ -84,25 +84,22 @@ Report = Callable[[Iteration], None]
 def semismooth_newton(
     problem: BoundaryProblem,
     start: Forces,
+    friction: Friction,
     *,
-    coefficient: Array | None = None,
-    bound: Array | None = None,
     form: str = "radial",
     tol: float = 1e-12,
     max_iterations: int = 50,
     phase: str = "newton",
     report: Report = lambda iteration: None,
 ) -> Forces:
-    """Solve for contact with Coulomb friction (coefficient) or a given friction bound.
+    """Solve for contact with Coulomb's friction or with a given friction bound.
 
     Parameters
     ----------
     problem : BoundaryProblem
     start : Forces
-    coefficient : ndarray, shape (m,)
-        Coulomb: g = F mu.
-    bound : ndarray, shape (m,)
-        Tresca: g, a force in the problem's own scale.
+    friction : Friction
+        Forces in the problem's own scale.
     form : {"radial", "damped"}
     tol : float
         On the relative residual of `contact.boundary.residual`.
@@ -124,13 +121,18 @@ def semismooth_newton(
     now, seen = start, set()
     best = np.inf
     for step in range(1, max_iterations + 1):
-        sets = _Sets.of(problem, now, coefficient, bound)
-        now = _step(problem, now, sets, coefficient, form)
-        g = coefficient * np.maximum(now.mu, 0.0) if coefficient is not None else bound
-        size = residual(problem, now.mu, now.t, now.a, g)
+        sets = _Sets.of(problem, now, friction)
+        now = _step(problem, now, sets, friction, form)
+        size = residual(problem, now.mu, now.t, now.a, friction.bound(now.mu))
         report(
-            Iteration(step, phase, int(sets.active.sum()), int(sets.stick.sum()),
-                      int(sets.slip.sum()), size)
+            Iteration(
+                step,
+                phase,
+                int(sets.active.sum()),
+                int(sets.stick.sum()),
+                int(sets.slip.sum()),
+                size,
+            )
         )
         if size <= tol:
             return now
@@ -155,13 +157,11 @@ class _Sets:
     g: Array
 
     @classmethod
-    def of(
-        cls, problem: BoundaryProblem, now: Forces, coefficient: Array | None, bound: Array | None
-    ) -> _Sets:
+    def of(cls, problem: BoundaryProblem, now: Forces, friction: Friction) -> _Sets:
         u_n, u_t = problem.displacements(now.mu, now.t, now.a)
         contact = now.mu + problem.penetration(u_n)
         active = contact > 0
-        g = coefficient * np.where(active, contact, 0.0) if coefficient is not None else bound
+        g = friction.bound(np.where(active, contact, 0.0))
         q = np.where(problem.tangent >= 0, now.t + u_t, 0.0)
         length = np.linalg.norm(q, axis=1)
         rubs = (g > 0) & np.any(problem.tangent >= 0, axis=1)
@@ -174,7 +174,7 @@ class _Sets:
 
 
 def _step(
-    problem: BoundaryProblem, now: Forces, sets: _Sets, coefficient: Array | None, form: str
+    problem: BoundaryProblem, now: Forces, sets: _Sets, friction: Friction, form: str
 ) -> Forces:
     """Solve the linearised laws for new forces and rigid motion."""
     tangent, k = problem.tangent, problem.s.size
@@ -196,7 +196,7 @@ def _step(
     place[rubbing] = n_n + np.arange(rows_t.size)
     normal_place = np.full(sets.active.size, -1)
     normal_place[sets.active] = np.arange(n_n)
-    _impose_slip(A, rhs, now, sets, place, normal_place, coefficient, form)
+    _impose_slip(A, rhs, now, sets, place, normal_place, friction, form)
 
     if k:
         # The balance of loads, with a proximal term that vanishes at convergence: it keeps the
@@ -219,7 +219,7 @@ def _impose_slip(
     sets: _Sets,
     place: NDArray[np.int64],
     normal_place: NDArray[np.int64],
-    coefficient: Array | None,
+    friction: Friction,
     form: str,
 ) -> None:
     """Overwrite the displacement rows of slipping points by their linearised friction law.
@@ -257,13 +257,11 @@ def _impose_slip(
         for j in range(dim_t):
             both = live[:, i] & live[:, j]
             new_rows[np.flatnonzero(both), i, at[both, j]] += own[both, i, j]
-        if coefficient is None:
+        if not friction.coulomb:
             new_rhs[:, i] += g * direction[:, i]
         else:
             column = normal_place[points]
-            new_rows[np.arange(points.size), i, column] -= (
-                coefficient[points] * direction[:, i]
-            )
+            new_rows[np.arange(points.size), i, column] -= friction.value[points] * direction[:, i]
     A[at[live]] = new_rows[live]
     rhs[at[live]] = new_rhs[live]
 

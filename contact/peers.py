@@ -74,9 +74,7 @@ def solve_with(
     if solver == "proxqp" and not as_sparse:
         options["backend"] = "dense"
     scale = float(abs(P).max())
-    problem = qpsolvers.Problem(
-        convert(P / scale), q / scale, convert(G), h, convert(A), b, lb, ub
-    )
+    problem = qpsolvers.Problem(convert(P / scale), q / scale, convert(G), h, convert(A), b, lb, ub)
     begin = time.perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # remarks on matrix formats

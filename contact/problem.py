@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -97,9 +96,7 @@ class ContactProblem:
             )
 
     def _friction(self, friction: Friction) -> Array:
-        value = np.asarray(
-            friction(self.rows.x) if callable(friction) else friction, dtype=float
-        )
+        value = np.asarray(friction(self.rows.x) if callable(friction) else friction, dtype=float)
         if value.shape not in ((), self.rows.gap.shape):
             raise InputError(
                 f"friction: expected a number or {self.rows.gap.size} values, one for each "
@@ -154,11 +151,11 @@ class ContactProblem:
             1e-10; ``fixed_point`` 1e-6 and ``qp:`` 1e-7. ``fixed_point`` may miss the friction
             law by its regularisation eps besides.
         max_iterations : int, optional
-            Default 60 Newton, 100 outer, 500 fixed-point steps.
+            Default 2000 for ``fixed_point``, else 100.
         start : ContactResult, optional
             A neighbouring solution to start from, e.g. of the last load step.
         eps : float, optional
-            Only ``fixed_point``: slip below which friction is linear. Default 1e-6 of the
+            Only ``fixed_point``: slip below which friction is linear. Default 1e-5 of the
             largest displacement of the contact boundary.
         callback : callable, optional
             Receives each `Iteration`.
@@ -194,12 +191,10 @@ class ContactProblem:
 
         boundary = condensed.boundary_problem(system.load, system.rows.gap)
         scale = condensed.point_scale
-        friction = system.friction * scale if self.law == "tresca" else system.friction
+        law = system.scaled_friction(scale)
         warm = None if start is None else start.forces(boundary, scale)
         try:
-            forces, slack = solve_boundary(
-                boundary, self.law, friction, options, warm, scale, report
-            )
+            forces, slack = solve_boundary(boundary, law, options, warm, scale, report)
         except QPInfeasible as error:
             raise condensed.not_held(error.certificate) from error
         except (QPNotConverged, NotConverged) as error:

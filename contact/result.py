@@ -15,6 +15,7 @@ from contact.boundary import BoundaryProblem
 from contact.elasticity import stress
 from contact.errors import InputError, NotConverged
 from contact.newton import Forces, Iteration
+from contact.rigid_modes import rigid_modes
 from contact.system import ContactSystem
 
 Array = NDArray[np.float64]
@@ -145,7 +146,7 @@ class ContactResult:
         return np.asarray(system.body.stiffness @ self.u + self.contact_forces - system.load)
 
     def _total(self, forces: Array) -> Array:
-        modes = self.system.body.rigid_modes
+        modes = rigid_modes(self.system.body)
         dim = self.system.body.dim
         per_piece = dim * (dim + 1) // 2
         sums = (modes.T @ forces).reshape(-1, per_piece)
@@ -196,8 +197,7 @@ class ContactResult:
         if points is None:
             gradient = np.asarray(body.basis.interpolate(self.u).grad)
             return stress(gradient, _per_cell(body.lam), _per_cell(body.mu))
-        points = self._inside(points)
-        cells = body.mesh.element_finder()(*points)
+        points, cells = self._located(points)
         X = body.basis.mapping.invF(points[:, :, None], tind=cells)
         gradient = np.zeros((body.dim, body.dim, points.shape[1]))
         for i in range(body.basis.Nbfun):
@@ -214,7 +214,7 @@ class ContactResult:
         if body.plane == "strain":
             nu = body.nu
             if nu.ndim and points is not None:
-                nu = nu[body.mesh.element_finder()(*self._inside(points))]
+                nu = nu[self._located(points)[1]]
             elif nu.ndim:
                 nu = nu[:, None]
             out_of_plane = nu * trace
@@ -235,9 +235,8 @@ class ContactResult:
         -------
         ndarray, shape (dim, npoints)
         """
-        points = self._inside(points)
+        points, cells = self._located(points)
         body = self.system.body
-        cells = body.mesh.element_finder()(*points)
         X = body.basis.mapping.invF(points[:, :, None], tind=cells)
         value = np.zeros((body.dim, points.shape[1]))
         for i in range(body.basis.Nbfun):
@@ -245,12 +244,16 @@ class ContactResult:
             value += field[..., 0] * self.u[body.basis.element_dofs[i, cells]]
         return value
 
-    def _inside(self, points: ArrayLike) -> Array:
+    def _located(self, points: ArrayLike) -> tuple[Array, NDArray[np.int64]]:
+        """Points as an array, and the cell of each."""
         where = np.asarray(points, dtype=float)
-        dim = self.system.body.dim
-        if where.ndim != 2 or where.shape[0] != dim or not np.all(np.isfinite(where)):
-            raise InputError(f"points: expected finite numbers of shape ({dim}, n)")
-        return where
+        body = self.system.body
+        if where.ndim != 2 or where.shape[0] != body.dim or not np.all(np.isfinite(where)):
+            raise InputError(f"points: expected finite numbers of shape ({body.dim}, n)")
+        try:
+            return where, body.mesh.element_finder()(*where)
+        except ValueError as error:
+            raise InputError(f"points: at least one lies outside the body ({error})") from error
 
     def forces(self, problem: BoundaryProblem, scale: Array) -> Forces:
         """Contact forces in the scale of a boundary problem, to start another solve."""
@@ -313,9 +316,7 @@ def certify(result: ContactResult, tol: float, slack: float) -> None:
     """
     limits = dict.fromkeys(("cone", "slip"), tol + slack)
     missed = {
-        name: value
-        for name, value in result.kkt.items()
-        if not value <= limits.get(name, tol)
+        name: value for name, value in result.kkt.items() if not value <= limits.get(name, tol)
     }
     if missed:
         found = ", ".join(f"{name} {value:.1e}" for name, value in missed.items())

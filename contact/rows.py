@@ -101,14 +101,19 @@ def contact_rows(
     T = sparse.vstack([_directed(B[order], tangents[:, j][:, order]) for j in range(dim - 1)])
     interleaved = np.arange(count * (dim - 1)).reshape(dim - 1, count).T.ravel()
     return ContactRows(
-        G, sparse.csr_array(T)[interleaved], gap[order], weights[order], x[:, order],
-        x_nominal[:, order], normals[:, order], tangents[:, :, order], form.name,
+        G,
+        sparse.csr_array(T)[interleaved],
+        gap[order],
+        weights[order],
+        x[:, order],
+        x_nominal[:, order],
+        normals[:, order],
+        tangents[:, :, order],
+        form.name,
     )
 
 
-def _facet_basis(
-    body: ElasticBody, facets: NDArray[np.int64], points: Array | None
-) -> FacetBasis:
+def _facet_basis(body: ElasticBody, facets: NDArray[np.int64], points: Array | None) -> FacetBasis:
     """Scalar trace at given reference points, or at Gauss points that integrate x * trace."""
     rule = None if points is None else (points, np.ones(points.shape[1]))
     return FacetBasis(
@@ -175,7 +180,8 @@ def _mean_normals(
     size = np.linalg.norm(total, axis=0)
     if np.any(size < 1e-9 * length.min()):
         raise InputError("boundary: facets with opposite normals meet at a contact point")
-    return total / size
+    unit: Array = total / size
+    return unit
 
 
 def _gap(
@@ -223,7 +229,8 @@ def _weights(
     """
     if form.weights is not None:
         share = length[:, None] * form.weights
-        return np.bincount(number.ravel(), share.ravel(), B.shape[0]), x_nominal
+        shares: Array = np.bincount(number.ravel(), share.ravel(), B.shape[0])
+        return shares, x_nominal
     basis = _facet_basis(body, facets, None)
     x_at = np.asarray(basis.global_coordinates())
     loads, mass = np.zeros((1 + body.dim, body.scalar_dofs.N)), np.zeros(body.scalar_dofs.N)
@@ -235,7 +242,7 @@ def _weights(
             np.add.at(loads[1 + a], basis.element_dofs[i], (phi * x_at[a]).sum(axis=1))
     used = np.unique(B.indices)
     scaled = B[:, used] @ sparse.diags_array(1.0 / np.sqrt(mass[used]))
-    rhs = (scaled @ (loads[:, used] / np.sqrt(mass[used])).T)
+    rhs = scaled @ (loads[:, used] / np.sqrt(mass[used])).T
     moments = splu(sparse.csc_matrix(scaled @ scaled.T)).solve(rhs)
     weights = moments[:, 0]
     if np.any(weights <= 0):
@@ -309,9 +316,8 @@ def _along(
     starts = [v for v, around in at.items() if len(around) == 1]
     starts.sort(key=lambda v: tuple(body.mesh.p[:, v]))
     while left:
-        vertex = next((v for v in starts if at[v][0] in left), None)
-        if vertex is None:  # a closed curve
-            vertex = int(ends[0, min(left)])
+        closed = int(ends[0, min(left)])
+        vertex: int = next((v for v in starts if at[v][0] in left), closed)
         while True:
             f = next((g for g in at[vertex] if g in left), None)
             if f is None:

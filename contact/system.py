@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact.body import ElasticBody
-from contact.boundary import project
+from contact.boundary import Friction, project
 from contact.errors import InputError
 from contact.rows import ContactRows
 
@@ -39,13 +39,14 @@ class ContactSystem:
 
     def bound(self, mu: Array) -> Array:
         """Friction bound g of every point for the normal forces mu, shape (m,)."""
-        if self.law == "coulomb":
-            return self.friction * np.maximum(mu, 0.0)
-        return self.friction
+        return Friction(self.friction, self.law == "coulomb").bound(mu)
 
-    def with_bound(self, bound: Array) -> ContactSystem:
-        """The same system with given friction: Coulomb's problem with its bound frozen."""
-        return replace(self, law="tresca", friction=bound)
+    def scaled_friction(self, scale: Array) -> Friction | None:
+        """The friction law with forces multiplied by the scale of each point; None without."""
+        if self.law is None:
+            return None
+        coulomb = self.law == "coulomb"
+        return Friction(self.friction if coulomb else self.friction * scale, coulomb)
 
     def kkt(self, u: Array, mu: Array, t: Array) -> dict[str, float]:
         """Relative residuals of every law, computed from the problem and (u, mu, t) alone.
@@ -64,29 +65,25 @@ class ContactSystem:
         S = self.body.stiffness
         force = S @ u + rows.G.T @ mu + rows.T.T @ t.ravel() - self.load
         terms = abs(S) @ np.abs(u) + np.abs(self.load)
-        free = np.abs(T).T
+        free = abs(T).T
         length = float(np.abs(u).max(initial=0.0)) or 1.0
         size = max(float(np.abs(mu).max(initial=0.0)), float(np.abs(t).max(initial=0.0))) or 1.0
-        open_gap = np.where(np.isfinite(rows.gap), rows.gap, np.inf)
-        through = rows.G @ u - open_gap
+        reachable = np.isfinite(rows.gap)
+        through = np.where(reachable, rows.G @ u - np.where(reachable, rows.gap, 0.0), -np.inf)
         u_t = (rows.T @ u).reshape(t.shape)
         g = self.bound(mu)
         live = self.live_tangents()
-        c = size / length
-        returned = np.where(live, t - project(np.where(live, t + c * u_t, 0.0), g), 0.0)
+        returned = t - project(t + size / length * u_t, g)
         prescribed = u - u0
         prescribed = prescribed - T @ (T.T @ prescribed)
-        touching = np.where(np.isfinite(through), through, 0.0)
         result = {
             "equilibrium": _ratio(T.T @ force, free @ terms),
-            "support": float(np.abs(prescribed).max(initial=0.0)) / length,
-            "penetration": float(np.maximum(touching, 0.0).max(initial=0.0)) / length,
-            "sign": float(np.maximum(-mu, 0.0).max(initial=0.0)) / size,
-            "complementarity": float(
-                np.minimum(np.abs(mu) / size, np.where(np.isfinite(through), np.abs(through), np.inf) / length).max(initial=0.0)
-            ),
-            "cone": float(np.maximum(np.linalg.norm(t, axis=1) - g, 0.0).max(initial=0.0)) / size,
-            "slip": float(np.abs(returned).max(initial=0.0)) / size,
+            "support": _largest(prescribed) / length,
+            "penetration": _largest(np.maximum(through, 0.0)) / length,
+            "sign": _largest(np.maximum(-mu, 0.0)) / size,
+            "complementarity": _largest(np.minimum(np.abs(mu) / size, np.abs(through) / length)),
+            "cone": _largest(np.maximum(np.linalg.norm(t, axis=1) - g, 0.0)) / size,
+            "slip": _largest(returned[live]) / size,
         }
         if any(np.isnan(value) for value in result.values()):
             raise InputError("kkt: the state (u, mu, t) holds NaN")
@@ -104,7 +101,10 @@ class ContactSystem:
         return float(0.5 * u @ (self.body.stiffness @ u) - self.load @ u)
 
 
+def _largest(x: Any) -> float:
+    return float(np.abs(x).max(initial=0.0))
+
+
 def _ratio(error: Any, size: Any) -> float:
     """Largest component of error over the largest component of size."""
-    largest = float(np.abs(size).max(initial=0.0))
-    return float(np.abs(error).max(initial=0.0)) / (largest or 1.0)
+    return _largest(error) / (_largest(size) or 1.0)

@@ -1,4 +1,8 @@
-"""Dense quadratic programs by primal-dual active sets."""
+"""Dense strictly convex quadratic programs by primal-dual active sets.
+
+`solve_qp` minimises over a box with equality rows, `QPFactor` serves many problems with one matrix,
+every `QPResult` carries residuals recomputed from the problem, and every failure is a `GpuError`.
+"""
 
 from gpu.box_qp import Step
 from gpu.errors import (

@@ -262,6 +262,8 @@ class ActiveSet:
                 raise Infeasible("no point of the box satisfies A x = b", separator)
             if error > 0.01 * before:
                 self.rho, self.block = max(0.01 * self.rho, RHO_MIN * self.compliance), None
+        if error <= tol:
+            return
         raise NotConverged(
             f"the equality rows hold to {error:.1e} only, and are not seen to contradict the "
             "bounds: they may be almost dependent, or almost infeasible; drop or rescale rows"

@@ -13,8 +13,12 @@ def spd_matrix(rng, n, kind):
         M = rng.standard_normal((n, n))
         return M @ M.T / n + rng.choice([1.0, 0.01]) * np.eye(n)
     if kind == "ill":
-        Q = np.linalg.qr(rng.standard_normal((n, n)))[0]
-        return Q * np.logspace(0.0, -rng.uniform(4.0, 8.0), n) @ Q.T
+        P = np.diag(np.logspace(0.0, -rng.uniform(4.0, 8.0), n))
+        for v in rng.standard_normal((4, n)):
+            v /= np.linalg.norm(v)
+            P -= 2 * np.outer(v, v @ P)
+            P -= 2 * np.outer(P @ v, v)
+        return P
     if kind == "stiffness":
         P = np.diag(rng.uniform(2.0, 2.5, n))
         i = np.arange(n - 1)
@@ -33,7 +37,7 @@ ROWS = ("none", "none", "independent", "dependent", "tight", "infeasible", "cont
 def random_problem(seed, n_max=200):
     """One problem of a random kind: P, q, A, b, lb, ub, and whether it has a feasible point."""
     rng = np.random.default_rng(seed)
-    n = int(rng.integers(1, n_max + 1)) if rng.random() < 0.7 else int(rng.integers(1, 9))
+    n = 1 + int(n_max * rng.random() ** 2)
     kind = rng.choice(MATRICES)
     P = spd_matrix(rng, n, kind)
     P = (P + P.T) / 2

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 import qpsolvers
+from scipy.sparse import csc_matrix
 
 from gpu import Infeasible, solve_qp
 
@@ -67,6 +68,7 @@ SOLVERS = {
 }
 
 
+@pytest.mark.filterwarnings("ignore:The default value of raise_error:PendingDeprecationWarning")
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("rows", [0, 3])
 def test_other_solvers(solver, rows):
@@ -80,15 +82,12 @@ def test_other_solvers(solver, rows):
     A = rng.standard_normal((rows, n)) if rows else None
     b = A @ rng.uniform(lb, ub) if rows else None
     options, tolerance = SOLVERS[solver]
-    if solver in ("osqp", "clarabel"):
-        from scipy.sparse import csc_matrix
-
-        problem = qpsolvers.Problem(
-            csc_matrix(P), q, None, None, None if A is None else csc_matrix(A), b, lb, ub
-        )
-    else:
-        problem = qpsolvers.Problem(P, q, None, None, A, b, lb, ub)
-    other = qpsolvers.solve_problem(problem, solver=solver, **options)
+    problem = qpsolvers.Problem(P, q, None, None, A, b, lb, ub)
+    stored = csc_matrix if solver != "proxqp" else np.asarray
+    theirs = qpsolvers.Problem(
+        stored(P), q, None, None, None if A is None else stored(A), b, lb, ub
+    )
+    other = qpsolvers.solve_problem(theirs, solver=solver, **options)
     assert other.found
     result = solve_qp(P, q, A=A, b=b, lb=lb, ub=ub)
     assert 0 < np.count_nonzero(result.active) < n
@@ -98,7 +97,7 @@ def test_other_solvers(solver, rows):
         np.testing.assert_allclose(result.y, other.y, atol=10 * tolerance)
     # The signs of the multipliers are those of qpsolvers: its own residuals vanish for ours.
     ours = qpsolvers.Solution(
-        qpsolvers.Problem(P, q, None, None, A, b, lb, ub),
+        problem,
         found=True, x=result.x, y=result.y, z=result.z, z_box=result.z_box,
     )  # fmt: skip
     assert ours.primal_residual() < 1e-12

@@ -99,6 +99,7 @@ def test_columns_are_orthonormal_and_x0_is_orthogonal_to_them(parallelogram_basi
     basis = parallelogram_basis
     T, x0 = essential_constraints(basis, basis.mesh.boundary_facets(), cubic)
     np.testing.assert_allclose((T.T @ T).toarray(), np.eye(T.shape[1]), atol=1e-14)
+    assert (T.max(axis=0) + T.min(axis=0)).toarray().min() > -1e-14
     np.testing.assert_allclose(T.T @ x0, 0, atol=1e-13)
 
 

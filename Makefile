@@ -1,0 +1,53 @@
+# Two commands for a fresh machine with Python >= 3.11: `make demo` and `make test`.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+# The tests run side by side, one process a core; more BLAS threads would only get in their way.
+ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
+
+.PHONY: help demo test test-slow lint doctest examples readme clean
+
+help:
+	@echo "make demo       install, solve the frictional contact block, write VTK and a picture to out/"
+	@echo "make test       install what tests need, run the whole suite"
+	@echo "make test-slow  the same with the slow lanes"
+	@echo "make lint       ruff and mypy"
+	@echo "make doctest    the examples in docstrings"
+	@echo "make examples   every script in examples/, as a user would run it"
+	@echo "make readme     regenerate the README's tables from benchmarks/results"
+
+$(VENV)/.demo: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed; try make PYTHON=python3.12" if sys.version_info < (3, 11) else 0)'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+$(VENV)/.test: $(VENV)/.demo
+	$(BIN)/python -m pip install --quiet --editable '.[test]'
+	@touch $@
+
+demo: $(VENV)/.demo
+	$(BIN)/python examples/contact_block.py
+
+test: $(VENV)/.test
+	$(ONE_THREAD) $(BIN)/python -m pytest -n auto -m "not slow"
+
+test-slow: $(VENV)/.test
+	$(ONE_THREAD) HYPOTHESIS_PROFILE=slow $(BIN)/python -m pytest -n auto
+
+lint: $(VENV)/.test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+doctest: $(VENV)/.test
+	$(ONE_THREAD) $(BIN)/python -m pytest -q -n auto --doctest-modules skfem_adini contact cip gpu
+
+examples: $(VENV)/.test
+	set -e; for script in examples/*.py; do echo "== $$script"; $(BIN)/python $$script; done
+
+readme: $(VENV)/.demo
+	$(BIN)/python benchmarks/readme_tables.py
+
+clean:
+	rm -rf $(VENV) out build dist *.egg-info

@@ -1,0 +1,96 @@
+"""Rigid motions of a body in the dofs of its element, and their names."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from contact.errors import InputError
+
+if TYPE_CHECKING:
+    from contact.body import ElasticBody
+
+Array = NDArray[np.float64]
+
+_VALUE = -1
+_KINDS = {"u": _VALUE, "u_x": 0, "u_y": 1, "u_z": 2}
+
+
+def rigid_modes(body: ElasticBody) -> Array:
+    """Rigid motions of every connected piece, shape (ndofs, npieces * dim (dim + 1) / 2).
+
+    Translations first, then rotations about the piece's middle, u_a = -x_b and u_b = x_a for
+    a < b. The prescribed displacements are not looked at.
+
+    Raises
+    ------
+    InputError
+        A dof of the element is neither a value nor a first derivative.
+    """
+    entity, points, graph = body.entities
+    pieces, piece = connected_components(graph, directed=False)
+    kind = _kind_of_dof(body)
+    dim, ndofs = body.dim, body.basis.N
+    component = np.arange(ndofs) % dim
+    modes = []
+    for k in range(pieces):
+        inside = piece[entity] == k
+        x = body.basis.doflocs - _middle(points[:, piece == k])[:, None]
+        modes += [inside * (component == c) * (kind == _VALUE) * 1.0 for c in range(dim)]
+        for a in range(dim):
+            for b in range(a + 1, dim):
+                rotation = np.zeros(ndofs)
+                for moving, along, sign in ((a, b, -1.0), (b, a, 1.0)):
+                    here = inside & (component == moving)
+                    rotation += here * (kind == _VALUE) * sign * x[along]
+                    rotation += here * (kind == along) * sign
+                modes.append(rotation)
+    return np.array(modes).T
+
+
+def _middle(points: Array) -> Array:
+    middle: Array = 0.5 * (points.min(axis=1) + points.max(axis=1))
+    return middle
+
+
+def _kind_of_dof(body: ElasticBody) -> NDArray[np.int64]:
+    """-1 for a dof that is a value, i for a dof that is the derivative along x_i."""
+    dofs = body.basis.dofs
+    kind = np.full(body.basis.N, -2, dtype=np.int64)
+    names = iter(body.basis.elem.dofnames)
+    for table in (dofs.nodal_dofs, dofs.facet_dofs, dofs.edge_dofs, dofs.interior_dofs):
+        for row in () if table is None else table:
+            name = next(names).split("^")[0]
+            if name not in _KINDS:
+                raise InputError(
+                    f"element {type(body.element).__name__}: its dof {name!r} is neither a value "
+                    "nor a first derivative, which contact needs for rigid motions"
+                )
+            kind[row] = _KINDS[name]
+    return kind
+
+
+def describe_motion(body: ElasticBody, u: Array) -> str:
+    """Name a rigid motion, e.g. "a translation along x" or "a rotation about (0, 1)"."""
+    modes = rigid_modes(body)
+    dim, per_piece = body.dim, body.dim * (body.dim + 1) // 2
+    coefficient = np.linalg.lstsq(modes, u, rcond=None)[0].reshape(-1, per_piece)
+    k = int(np.argmax(np.abs(coefficient).max(axis=1)))
+    shift, turn = coefficient[k, :dim], coefficient[k, dim:]
+    entity, points, _ = body.entities
+    where = points[:, np.unique(entity[np.abs(modes[:, k * per_piece]) > 0])]
+    reach = float(np.ptp(where, axis=1).max())
+    if np.abs(turn).max() * reach < 1e-8 * np.abs(shift).max():
+        axis = int(np.argmax(np.abs(shift)))
+        pure = np.abs(np.delete(shift, axis)).max() < 1e-8 * abs(shift[axis])
+        direction = "xyz"[axis] if pure else str(np.round(shift / np.linalg.norm(shift), 4))
+        return f"a translation along {direction}"
+    if dim == 2:
+        centre = _middle(where) + np.array([-shift[1], shift[0]]) / turn[0]
+        centre[np.abs(centre) < 1e-9 * reach] = 0.0
+        return f"a rotation about ({centre[0]:.6g}, {centre[1]:.6g})"
+    vector = np.array([turn[2], -turn[1], turn[0]])
+    return f"a rotation about the axis {np.round(vector / np.linalg.norm(vector), 4)}"

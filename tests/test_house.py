@@ -1,0 +1,90 @@
+"""The house: which package may import what, and when."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("skfem_adini", "contact", "cip", "gpu")
+MODULES = [path for package in PACKAGES for path in sorted((ROOT / package).glob("**/*.py"))]
+STANDARD_SCIENTIFIC = {"numpy", "scipy"}
+# At import time. Everything else third-party is imported where it is used.
+ALLOWED = {
+    "skfem_adini": STANDARD_SCIENTIFIC | {"skfem", "skfem_adini"},
+    "contact": STANDARD_SCIENTIFIC | {"skfem", "skfem_adini", "gpu", "contact"},
+    "cip": STANDARD_SCIENTIFIC | {"cip"},
+    "gpu": STANDARD_SCIENTIFIC | {"gpu"},
+}
+LAZY = {"numba", "cupy", "pyvista", "meshio", "matplotlib", "qpsolvers", "pypardiso", "osqp"}
+
+
+def _imports(tree: ast.AST, top_level_only: bool) -> set[str]:
+    found: set[str] = set()
+
+    def visit(node: ast.AST) -> None:
+        for child in ast.iter_child_nodes(node):
+            inside = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+            typing_only = isinstance(child, ast.If) and "TYPE_CHECKING" in ast.dump(child.test)
+            if top_level_only and (inside or typing_only):
+                continue
+            if isinstance(child, ast.Import):
+                found.update(alias.name.split(".")[0] for alias in child.names)
+            elif isinstance(child, ast.ImportFrom):
+                found.add("" if child.level else (child.module or "").split(".")[0])
+            visit(child)
+
+    visit(tree)
+    return found
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_imports_at_import_time(path: Path) -> None:
+    import sys
+
+    package = path.relative_to(ROOT).parts[0]
+    found = _imports(ast.parse(path.read_text()), top_level_only=True)
+    third_party = found - set(sys.stdlib_module_names) - {""}
+    assert third_party <= ALLOWED[package]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_arrows_go_one_way(path: Path) -> None:
+    package = path.relative_to(ROOT).parts[0]
+    ours = _imports(ast.parse(path.read_text()), top_level_only=False) & {
+        *PACKAGES,
+        "examples",
+        "benchmarks",
+        "tests",
+    }
+    assert ours <= ALLOWED[package]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_import_leaves_optional_packages_alone(package: str) -> None:
+    import subprocess
+    import sys
+
+    code = f"import sys, {package}; print(*sys.modules)"
+    output = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
+    ).stdout
+    loaded = {name.split(".")[0] for name in output.split()}
+    # scikit-fem itself imports meshio.
+    assert loaded & LAZY <= {"meshio"}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_package_is_typed_and_exports_what_it_says(package: str) -> None:
+    import importlib
+
+    assert (ROOT / package / "py.typed").is_file()
+    module = importlib.import_module(package)
+    for name in getattr(module, "__all__", []):
+        assert hasattr(module, name)
+
+
+def test_modules_hold_one_concept() -> None:
+    for path in MODULES:
+        assert len(path.read_text().splitlines()) <= 400, path
+        assert path.stem not in {"utils", "helpers", "common", "misc"}, path
