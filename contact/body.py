@@ -23,6 +23,7 @@ from skfem import (
 
 from contact.elasticity import lame, stiffness_matrix
 from contact.errors import InputError
+from contact.mesh_file import read_mesh
 from skfem_adini import ElementQuadAdini, essential_constraints
 
 Field = float | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]
@@ -129,7 +130,7 @@ class ElasticBody:
             The file is missing, truncated or holds no mesh of dimension 2 or 3.
         """
         if not isinstance(mesh, Mesh):
-            mesh = _load(Path(mesh))
+            mesh = read_mesh(mesh)
         if element is None:
             if type(mesh).__name__ not in _DEFAULT_ELEMENT:
                 raise InputError(f"element: no default for {type(mesh).__name__}; pass one")
@@ -376,15 +377,3 @@ def _constant(value: Any) -> Callable[[NDArray[np.float64]], NDArray[np.float64]
     if number.shape != () or not np.isfinite(number):
         raise InputError(f"value={value!r}: expected a finite number or a callable")
     return lambda x: np.full(x.shape[1:], float(number))
-
-
-def _load(path: Path) -> Mesh:
-    if not path.is_file():
-        raise InputError(f"mesh file {path} does not exist")
-    try:
-        mesh = Mesh.load(str(path))
-    except Exception as error:  # meshio raises whatever its readers meet
-        raise InputError(f"mesh file {path} cannot be read: {error}") from error
-    if mesh.dim() not in (2, 3):
-        raise InputError(f"mesh file {path}: expected a mesh of dimension 2 or 3")
-    return mesh

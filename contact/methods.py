@@ -113,7 +113,7 @@ def solve_boundary(
     three_d = problem.tangent.shape[1] > 1
     if start is None:
         start = _frictionless(problem, tol, report)
-    form = "damped" if method == "pdas" else "radial"
+    form = "damped" if method == "pdas" else "switched"
 
     def given(bound: Array, near: Forces, note: Report = lambda iteration: None) -> Forces:
         """Solve with given friction."""
@@ -174,19 +174,17 @@ def _frictionless(problem: BoundaryProblem, tol: float, report: Report) -> Force
 def _given_friction(
     problem: BoundaryProblem, bound: Array, start: Forces, form: str, tol: float, report: Report
 ) -> Forces:
-    """Newton for given friction; where one form fails from this start, the other is tried."""
+    """Newton for given friction; should it stall, damped from rest, where it starts as (4.16)."""
     friction = Friction(bound, coulomb=False)
-    other = "damped" if form == "radial" else "radial"
     rest = Forces(*problem.zeros(), np.zeros(problem.s.size))
-    failure: Exception | None = None
-    for kind, near in ((form, start), (other, start), ("damped", rest)):
-        try:
-            return semismooth_newton(
-                problem, near, friction, form=kind, tol=tol, phase=f"{kind} newton", report=report
-            )
-        except (NotConverged, LinAlgError) as error:
-            failure = error
-    raise NotConverged(f"given friction: {failure}")
+    try:
+        return semismooth_newton(
+            problem, start, friction, form=form, tol=tol, phase=f"{form} newton", report=report
+        )
+    except (NotConverged, LinAlgError):
+        return semismooth_newton(
+            problem, rest, friction, form="damped", tol=tol, phase="damped newton", report=report
+        )
 
 
 def _coulomb(
@@ -198,23 +196,12 @@ def _coulomb(
     max_iterations: int,
     report: Report,
 ) -> Forces:
-    """Monolithic Newton; where its active sets cycle, Tresca steps lead to a better start.
-
-    In 2-D radial return is an active-set method on the sign of the slip. In 3-D it overshoots for
-    large friction, while the damped form converges in a few steps (measured: 5 to 9 for F .1..3).
-    """
-    form = "radial" if problem.tangent.shape[1] == 1 else "damped"
+    """Monolithic Newton; should it stall, steps with the bound frozen lead to a better start."""
     failure: Exception | None = None
     for attempt in range(4):
         try:
             return semismooth_newton(
-                problem,
-                start,
-                friction,
-                form=form,
-                tol=tol,
-                max_iterations=min(max_iterations, 50),
-                report=report,
+                problem, start, friction, tol=tol, max_iterations=max_iterations, report=report
             )
         except (NotConverged, LinAlgError) as error:
             failure = error

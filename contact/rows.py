@@ -229,7 +229,7 @@ def _weights(
     """
     if form.weights is not None:
         share = length[:, None] * form.weights
-        shares: Array = np.bincount(number.ravel(), share.ravel(), B.shape[0])
+        shares = np.bincount(number.ravel(), share.ravel(), B.shape[0]).astype(np.float64)
         return shares, x_nominal
     basis = _facet_basis(body, facets, None)
     x_at = np.asarray(basis.global_coordinates())
@@ -319,9 +319,10 @@ def _along(
         closed = int(ends[0, min(left)])
         vertex: int = next((v for v in starts if at[v][0] in left), closed)
         while True:
-            f = next((g for g in at[vertex] if g in left), None)
-            if f is None:
+            ahead = [f for f in at[vertex] if f in left]
+            if not ahead:
                 break
+            f = ahead[0]
             left.discard(f)
             forward = ends[0, f] == vertex
             s = form.nominal[0] if forward else 1.0 - form.nominal[0]

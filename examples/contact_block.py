@@ -78,12 +78,12 @@ def picture(result: ContactResult) -> Any:
     """Draw the deformed body on its foundation, both displacements, and the contact traction."""
     import matplotlib.pyplot as plt
 
-    from contact.plot import draw_edges, plot_field, plot_tractions
+    from contact.plot import plot_field, plot_tractions
 
     figure, axes = plt.subplots(2, 2, figsize=(11, 9), layout="constrained")
     axes = axes.ravel()
-    plot_field(result, 1, axes[0], nodal=True, label="$u_y$ at the nodes")
-    axes[0].axhspan(-0.12, -0.03, color="0.6", zorder=0)
+    plot_field(result, 1, axes[0], nodal=True, label="$u_y$ at the nodes, linear in between")
+    axes[0].axhspan(-0.12, -0.03, facecolor="0.8", edgecolor="0.4", hatch="//", zorder=0)
     axes[0].set(ylim=(-0.12, 1.05), title="deformed body on its foundation")
     for component, ax in ((1, axes[1]), (0, axes[2])):
         name = "xy"[component]

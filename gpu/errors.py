@@ -13,19 +13,19 @@ class InputError(GpuError, ValueError):
     """An argument is malformed."""
 
 
-class NotSupported(GpuError, NotImplementedError):  # noqa: N818
+class NotSupported(GpuError, NotImplementedError):
     """A valid request that this version cannot serve yet."""
 
 
-class MissingDependency(GpuError, ImportError):  # noqa: N818
+class MissingDependency(GpuError, ImportError):
     """An optional package is needed and not installed."""
 
 
-class NotConverged(GpuError):  # noqa: N818
+class NotConverged(GpuError):
     """No answer within the tolerance; nothing is returned."""
 
 
-class Infeasible(GpuError):  # noqa: N818
+class Infeasible(GpuError):
     """No point satisfies the constraints.
 
     Attributes
@@ -40,7 +40,7 @@ class Infeasible(GpuError):  # noqa: N818
         self.certificate = certificate
 
 
-class Unbounded(GpuError):  # noqa: N818
+class Unbounded(GpuError):
     """The objective has no lower bound.
 
     Attributes

@@ -9,7 +9,7 @@ class InputError(AdiniError, ValueError):
     """An argument cannot be used; the message names it, what was found and what to do."""
 
 
-class MissingDependency(AdiniError, ImportError):  # noqa: N818
+class MissingDependency(AdiniError, ImportError):
     """An optional package is not installed; the message holds the line that installs it."""
 
 

@@ -1,0 +1,79 @@
+"""Meshes from files, with the names that the file gives to its boundaries."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from skfem import Mesh
+
+from contact.errors import InputError
+
+# Boundary cells of second order; scikit-fem names facets by their corners.
+_FIRST_ORDER = {"line3": ("line", 2), "triangle6": ("triangle", 3), "quad9": ("quad", 4)}
+_DIMENSION = {"triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3}
+
+
+def read_mesh(path: str | Path) -> Mesh:
+    """Read a mesh by meshio; physical groups of Gmsh become named boundaries and subdomains.
+
+    Cells of first and second order; boundary cells of second order keep their names, too.
+
+    Parameters
+    ----------
+    path : str or Path
+        .msh, .vtu, .xdmf, ...
+
+    Returns
+    -------
+    Mesh
+
+    Raises
+    ------
+    InputError
+        The file is missing, truncated, or holds no mesh of dimension 2 or 3.
+    """
+    import meshio
+    from skfem.io.meshio import from_meshio
+
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"mesh file {path} does not exist")
+    try:
+        quiet = io.StringIO()  # its Gmsh reader prints empty lines, and errors besides raising
+        with contextlib.redirect_stdout(quiet), contextlib.redirect_stderr(quiet):
+            file = meshio.read(path)
+        mesh = from_meshio(_named(file))
+    except (Exception, SystemExit) as error:  # meshio raises whatever its readers meet
+        raise InputError(f"mesh file {path} cannot be read: {error or 'bad format'}") from error
+    if mesh.dim() not in (2, 3):
+        raise InputError(f"mesh file {path}: expected a mesh of dimension 2 or 3")
+    if not np.all(np.isfinite(mesh.doflocs)):
+        raise InputError(f"mesh file {path}: holds coordinates that are not finite")
+    return mesh
+
+
+def _named(file: Any) -> Any:
+    """The same mesh with boundary cells of second order replaced by their corners."""
+    import meshio
+
+    kinds = [block.type for block in file.cells]
+    body = max((_DIMENSION.get(kind.rstrip("0123456789"), 0) for kind in kinds), default=0)
+    cells = []
+    for block in file.cells:
+        kind, corners = _FIRST_ORDER.get(block.type, (block.type, None))
+        on_boundary = _DIMENSION.get(kind, 1) < body
+        if on_boundary and corners:
+            cells.append((kind, block.data[:, :corners]))
+        else:
+            cells.append((block.type, block.data))
+    return meshio.Mesh(
+        file.points,
+        cells,
+        cell_data=file.cell_data,
+        field_data=file.field_data,
+        cell_sets=file.cell_sets,
+    )
