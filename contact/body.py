@@ -338,7 +338,7 @@ class ElasticBody:
         return sparse.csr_array(unit[:, free]), np.where(free, 0.0, u0)
 
     @cached_property
-    def entities(self) -> tuple[NDArray[np.int64], NDArray[np.float64], sparse.csr_array]:
+    def entities(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
         """Dofs grouped by the mesh entity that carries them, for ordering and for rigid modes.
 
         Returns
@@ -346,10 +346,10 @@ class ElasticBody:
         entity : ndarray, shape (ndofs,)
             Number of the vertex, edge, facet or cell of each dof.
         points : ndarray, shape (dim, nentities)
-        graph : csr_array, shape (nentities, nentities)
-            Entities that share a cell.
+        cells : ndarray, shape (nentities a cell, ncells)
+            Entities of each cell.
         """
-        dofs, mesh, groups, points = self.basis.dofs, self.mesh, [], []
+        dofs, mesh = self.basis.dofs, self.mesh
         tables = (
             (dofs.nodal_dofs, mesh.p),
             (dofs.edge_dofs, None if self.dim == 2 else mesh.p[:, mesh.edges].mean(axis=1)),
@@ -357,19 +357,16 @@ class ElasticBody:
             (dofs.interior_dofs, mesh.p[:, mesh.t].mean(axis=1)),
         )
         entity = np.full(self.basis.N, -1, dtype=np.int64)
-        start = 0
+        start, points = 0, []
         for table, where in tables:
             if table is None or table.shape[0] == 0 or where is None:
                 continue
             entity[table] = start + np.arange(table.shape[1])
             points.append(where[:, : table.shape[1]])
             start += table.shape[1]
-        groups = entity[self.basis.element_dofs[:: self.dim]]
-        rows = np.repeat(groups, groups.shape[0], axis=0).ravel()
-        columns = np.tile(groups, (groups.shape[0], 1)).ravel()
-        ones = np.ones(rows.size, dtype=np.int8)
-        graph = sparse.coo_array((ones, (rows, columns)), shape=(start, start)).tocsr()
-        return entity, np.hstack(points), graph
+        cells = entity[self.basis.element_dofs[:: self.dim]]
+        first = np.flatnonzero(np.r_[True, np.any(cells[1:] != cells[:-1], axis=1)])
+        return entity, np.hstack(points), cells[first]
 
 
 def _constant(value: Any) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:

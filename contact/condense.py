@@ -10,7 +10,7 @@ from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from contact.boundary import BoundaryProblem
-from contact.dissection import nested_dissection
+from contact.dissection import cell_graph, nested_dissection
 from contact.errors import Infeasible, InputError, Unbounded
 from contact.newton import Forces
 from contact.rigid_modes import describe_motion, rigid_modes
@@ -85,16 +85,17 @@ class CondensedContact:
         self._fixed_tangent = (rows.T @ u0).reshape(count, dim - 1)
 
         self._boundary = np.unique(B.indices).astype(np.int64)
-        self._factor = schur_factor(S, self._boundary, self._elimination_order(), solver)
+        self._factor = schur_factor(S, self._boundary, self._elimination_order, solver)
         self._B = B[:, self._boundary].toarray()
         modes = self._free_modes()
         self._condense(modes)
 
     def _elimination_order(self) -> NDArray[np.int64]:
         """Free unknowns in the nested-dissection order of their mesh entities."""
-        entity, points, graph = self.body.entities
-        rank = np.empty(points.shape[1], dtype=np.int64)
-        rank[nested_dissection(graph, points)] = np.arange(points.shape[1])
+        entity, points, cells = self.body.entities
+        count = points.shape[1]
+        rank = np.empty(count, dtype=np.int64)
+        rank[nested_dissection(cell_graph(cells, count), points)] = np.arange(count)
         columns = self._T.tocsc()
         leading = columns.indices[columns.indptr[:-1]]
         return np.argsort(rank[entity[leading]], kind="stable").astype(np.int64)

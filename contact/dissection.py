@@ -101,3 +101,22 @@ def _bisect(
     rank[ranked] = np.arange(path.size) - start[inverse[ranked]]
     right = np.where(flat, 2 * rank >= count[inverse], right)
     return right, (count <= leaf_size)[inverse]
+
+
+def cell_graph(cells: NDArray[np.int64], count: int) -> sparse.csr_array:
+    """Graph of mesh entities that share a cell.
+
+    Parameters
+    ----------
+    cells : ndarray, shape (nentities a cell, ncells)
+    count : int
+        Number of entities.
+
+    Returns
+    -------
+    csr_array, shape (count, count)
+    """
+    rows = np.repeat(cells, cells.shape[0], axis=0).ravel()
+    columns = np.tile(cells, (cells.shape[0], 1)).ravel()
+    ones = np.ones(rows.size, dtype=np.int8)
+    return sparse.coo_array((ones, (rows, columns)), shape=(count, count)).tocsr()

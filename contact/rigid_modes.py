@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from contact.errors import InputError
@@ -30,8 +31,8 @@ def rigid_modes(body: ElasticBody) -> Array:
     InputError
         A dof of the element is neither a value nor a first derivative.
     """
-    entity, points, graph = body.entities
-    pieces, piece = connected_components(graph, directed=False)
+    entity, points, cells = body.entities
+    pieces, piece = _pieces(cells, points.shape[1])
     kind = _kind_of_dof(body)
     dim, ndofs = body.dim, body.basis.N
     component = np.arange(ndofs) % dim
@@ -49,6 +50,15 @@ def rigid_modes(body: ElasticBody) -> Array:
                     rotation += here * (kind == along) * sign
                 modes.append(rotation)
     return np.array(modes).T
+
+
+def _pieces(cells: NDArray[np.int64], count: int) -> tuple[int, NDArray[np.int32]]:
+    """Number of connected pieces of the mesh, and the piece of each entity."""
+    first = np.repeat(cells[:1], cells.shape[0] - 1, axis=0).ravel()
+    ones = np.ones(first.size, dtype=np.int8)
+    links = sparse.coo_array((ones, (first, cells[1:].ravel())), shape=(count, count))
+    found: tuple[int, NDArray[np.int32]] = connected_components(links.tocsr(), directed=False)
+    return found
 
 
 def _middle(points: Array) -> Array:

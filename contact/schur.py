@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import importlib.util
 import sys
-from typing import Protocol
+from collections.abc import Callable
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +46,7 @@ def has_pardiso() -> bool:
 def schur_factor(
     stiffness: sparse.csr_array,
     boundary: NDArray[np.int64],
-    order: NDArray[np.int64],
+    order: Callable[[], NDArray[np.int64]],
     solver: str = "auto",
 ) -> SchurFactor:
     """Factor once and keep the boundary's Schur complement.
@@ -55,8 +57,8 @@ def schur_factor(
         Symmetric; its block without the boundary must be positive definite.
     boundary : ndarray, shape (nb,)
         Ascending indices of the unknowns to keep.
-    order : ndarray, shape (n,)
-        Fill-reducing elimination order; the boundary is moved to its end (SuperLU only).
+    order : callable () -> ndarray, shape (n,)
+        Fill-reducing elimination order, asked for by SuperLU only; PARDISO finds its own.
     solver : {"auto", "pardiso", "superlu"}
         "auto" takes PARDISO when pypardiso is importable.
 
@@ -71,15 +73,12 @@ def schur_factor(
         raise InputError(f"solver={solver!r}: expected 'auto', 'pardiso' or 'superlu'")
     if solver == "pardiso" and not has_pardiso():
         raise MissingDependency("PARDISO needs pypardiso: pip install 'skfem-adini[mkl]'")
-    # S may be singular (a floating body). The shift makes it definite; the Schur complement
-    # carries it along unchanged and gives it back.
+    # S may be singular (a floating body). A shift of the boundary block makes it definite; the
+    # Schur complement carries it along unchanged and gives it back.
     shift = float(np.mean(np.abs(stiffness.diagonal()[boundary])))
-    ramp = np.zeros(stiffness.shape[0])
-    ramp[boundary] = shift
-    shifted = sparse.csr_array(stiffness + sparse.diags_array(ramp, format="csr"))
     if solver == "superlu" or not has_pardiso():
-        return SuperLUSchur(shifted, boundary, order, shift)
-    return PardisoSchur(shifted, boundary, shift)
+        return SuperLUSchur(stiffness, boundary, order(), shift)
+    return PardisoSchur(stiffness, boundary, shift)
 
 
 def _singular() -> InputError:
@@ -89,7 +88,21 @@ def _singular() -> InputError:
     )
 
 
-class SuperLUSchur:
+class _Forward:
+    """Remembers the forward elimination of the last load: `reduce` and `expand` both need it."""
+
+    _last: tuple[Vector, Vector] | None = None
+
+    def _eliminate(self, load: Vector) -> Vector:
+        raise NotImplementedError
+
+    def _forward(self, load: Vector) -> Vector:
+        if self._last is None or not np.array_equal(self._last[0], load):
+            self._last = load.copy(), self._eliminate(load)
+        return self._last[1]
+
+
+class SuperLUSchur(_Forward):
     """SuperLU in a given order, boundary last: the trailing block of L U is the complement."""
 
     def __init__(
@@ -105,6 +118,9 @@ class SuperLUSchur:
         self._order = np.concatenate((order[~on_boundary[order]], boundary))
         self._boundary = boundary
         permuted = sparse.csc_matrix(stiffness[self._order][:, self._order])
+        diagonal = permuted.diagonal()
+        diagonal[n - nb :] += shift
+        permuted.setdiag(diagonal)
         try:
             self._lu: SuperLU = splu(
                 permuted,
@@ -130,29 +146,29 @@ class SuperLUSchur:
         self._shifted = 0.5 * (self._shifted + self._shifted.T)
         self.schur = self._shifted - shift * np.eye(nb)
 
-    def _inner(self, load: Vector) -> tuple[Vector, Vector]:
-        """The permuted load without its boundary part, and S_bI S_II^-1 f_I."""
-        nb = self._boundary.size
+    def _eliminate(self, load: Vector) -> Vector:
+        """S_bI S_II^-1 f_I, from a solve without load on the boundary."""
         inner = load[self._order]
-        inner[inner.size - nb :] = 0.0
-        return inner, -self._shifted @ self._lu.solve(inner)[inner.size - nb :]
+        inner[load.size - self._boundary.size :] = 0.0
+        carried: Vector = -self._shifted @ self._lu.solve(inner)[load.size - self._boundary.size :]
+        return carried
 
     def reduce(self, load: Vector) -> Vector:
         """Carry a load to the boundary: f_b - S_bI S_II^-1 f_I."""
-        carried: Vector = load[self._boundary] - self._inner(load)[1]
+        carried: Vector = load[self._boundary] - self._forward(load)
         return carried
 
     def expand(self, load: Vector, z_b: Vector) -> Vector:
         """Return all unknowns from the boundary's."""
-        inner, carried = self._inner(load)
-        inner[inner.size - z_b.size :] = self._shifted @ z_b + carried
+        inner = load[self._order]
+        inner[load.size - z_b.size :] = self._shifted @ z_b + self._forward(load)
         z = np.empty_like(load)
         z[self._order] = self._lu.solve(inner)
         z[self._boundary] = z_b
         return z
 
 
-class PardisoSchur:
+class PardisoSchur(_Forward):
     """MKL PARDISO's own partial factorisation (Schur complement control).
 
     Reference: Intel oneMKL developer reference, ``pardiso`` parameter iparm[35].
@@ -161,23 +177,22 @@ class PardisoSchur:
     def __init__(
         self, stiffness: sparse.csr_array, boundary: NDArray[np.int64], shift: float
     ) -> None:
-        from pypardiso.pardiso_wrapper import PyPardisoSolver
-
         n, nb = stiffness.shape[0], boundary.size
         upper = sparse.triu(stiffness, format="csr")
         upper.sort_indices()
+        upper.data[upper.indptr[boundary]] += shift  # the diagonal comes first in its row
         self._matrix = upper
         self._ia = (upper.indptr + 1).astype(np.int32)
         self._ja = (upper.indices + 1).astype(np.int32)
         self._boundary = boundary
-        self._mkl = PyPardisoSolver(mtype=2)  # real symmetric positive definite
-        self._mkl.iparm[:] = 0
-        self._mkl.iparm[0] = 1  # the values below, not the defaults
-        self._mkl.iparm[1] = 2  # nested dissection
-        self._mkl.iparm[23] = 1  # two-level parallel factorisation
-        self._mkl.iparm[35] = 2  # Schur complement, and factors for partial solves
-        self._mkl.perm = np.zeros(n, dtype=np.int32)
-        self._mkl.perm[boundary] = 1
+        self._handle = np.zeros(64, dtype=np.int64)
+        self._perm = np.zeros(n, dtype=np.int32)
+        self._perm[boundary] = 1
+        self._iparm = np.zeros(64, dtype=np.int32)
+        self._iparm[0] = 1  # the values below, not the defaults
+        self._iparm[1] = 2  # nested dissection
+        self._iparm[23] = 1  # two-level parallel factorisation
+        self._iparm[35] = 2  # Schur complement, and factors for partial solves
         nothing = np.zeros(n)
         block = np.zeros((nb, nb))
         self._call(11, nothing, nothing)
@@ -185,29 +200,31 @@ class PardisoSchur:
         self.schur = 0.5 * (block + block.T) - shift * np.eye(nb)
 
     def _call(self, phase: int, b: Vector, x: Vector) -> None:
-        solver = self._mkl
         error = ctypes.c_int32(0)
-        int_p = ctypes.POINTER(ctypes.c_int32)
-
-        def value(i: int) -> object:
-            return ctypes.byref(ctypes.c_int32(i))
-
-        solver._mkl_pardiso(
-            solver.pt.ctypes.data_as(ctypes.POINTER(solver._pt_type[0])),
-            value(1),
-            value(1),
-            value(solver.mtype),
-            value(phase),
-            value(self._matrix.shape[0]),
-            self._matrix.data.ctypes.data_as(ctypes.c_void_p),
-            self._ia.ctypes.data_as(int_p),
-            self._ja.ctypes.data_as(int_p),
-            solver.perm.ctypes.data_as(int_p),
-            value(1),
-            solver.iparm.ctypes.data_as(int_p),
-            value(0),
-            b.ctypes.data_as(ctypes.c_void_p),
-            x.ctypes.data_as(ctypes.c_void_p),
+        arguments = (
+            self._handle,
+            1,  # factorisations kept
+            1,  # which of them
+            2,  # real symmetric positive definite
+            phase,
+            self._matrix.shape[0],
+            self._matrix.data,
+            self._ia,
+            self._ja,
+            self._perm,
+            1,  # right-hand sides
+            self._iparm,
+            0,  # silent
+            b,
+            x,
+        )
+        _pardiso()(
+            *(
+                ctypes.byref(ctypes.c_int32(value))
+                if isinstance(value, int)
+                else value.ctypes.data_as(ctypes.c_void_p)
+                for value in arguments
+            ),
             ctypes.byref(error),
         )
         if error.value == -4:  # zero or negative pivot
@@ -217,7 +234,7 @@ class PardisoSchur:
         if error.value != 0:
             raise ContactError(f"PARDISO phase {phase} failed with code {error.value}")
 
-    def _forward(self, load: Vector) -> Vector:
+    def _eliminate(self, load: Vector) -> Vector:
         halfway = np.zeros_like(load)
         self._call(331, np.ascontiguousarray(load), halfway)
         return halfway
@@ -229,7 +246,7 @@ class PardisoSchur:
 
     def expand(self, load: Vector, z_b: Vector) -> Vector:
         """Return all unknowns from the boundary's."""
-        halfway = self._forward(load)
+        halfway = self._forward(load).copy()
         halfway[self._boundary] = z_b
         z = np.zeros_like(load)
         self._call(333, halfway, z)
@@ -237,8 +254,17 @@ class PardisoSchur:
         return z
 
     def __del__(self) -> None:
-        solver = getattr(self, "_mkl", None)
-        if solver is not None and solver.pt.any() and not sys.is_finalizing():
+        if getattr(self, "_handle", np.zeros(1)).any() and not sys.is_finalizing():
             nothing = np.zeros(1)
             self._call(-1, nothing, nothing)
-            solver.pt[:] = 0
+            self._handle[:] = 0
+
+
+@functools.cache
+def _pardiso() -> Any:
+    """MKL's ``pardiso``; pypardiso searches the installation for it, which takes a while."""
+    from pypardiso.pardiso_wrapper import PyPardisoSolver
+
+    function = PyPardisoSolver().libmkl.pardiso
+    function.argtypes, function.restype = None, None
+    return function

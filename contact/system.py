@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from contact.body import ElasticBody
 from contact.boundary import Friction, project
@@ -64,7 +65,8 @@ class ContactSystem:
         T, u0 = self.body.constraint
         S = self.body.stiffness
         force = S @ u + rows.G.T @ mu + rows.T.T @ t.ravel() - self.load
-        terms = abs(S) @ np.abs(u) + np.abs(self.load)
+        sizes = sparse.csr_array((np.abs(S.data), S.indices, S.indptr), shape=S.shape)
+        terms = sizes @ np.abs(u) + np.abs(self.load)
         free = abs(T).T
         length = float(np.abs(u).max(initial=0.0)) or 1.0
         size = max(float(np.abs(mu).max(initial=0.0)), float(np.abs(t).max(initial=0.0))) or 1.0
