@@ -136,7 +136,7 @@ def plot_cells(
     grid = result.to_pyvista(subdivide=1)
     where = np.asarray(grid.points) + magnification * np.asarray(grid.point_data["displacement"])
     corners = np.asarray(grid.cells).reshape(grid.n_cells, -1)[:, 1:]
-    cells = PolyCollection(where[corners][:, :, :2], array=grid.cell_data["von_mises"], lw=0)
+    cells = PolyCollection(where[corners][:, :, :2], array=grid.cell_data["von_mises"], lw=0.3)
     cells.set_edgecolor("face")
     ax.add_collection(cells)
     ax.figure.colorbar(cells, ax=ax, shrink=0.85, label=label)

@@ -73,7 +73,8 @@ def contact_rows(
     form = facet_functional(body.element, functional)
     at_points = _facet_basis(body, facets, form.points)
     normals_at = np.asarray(at_points.normals)
-    length = _facet_basis(body, facets, None).dx.sum(axis=1)
+    integrals = _facet_basis(body, facets, None)
+    length = integrals.dx.sum(axis=1)
     number, count = _numbering(body, facets, form, normals_at)
 
     # A shared number is the same from either facet: take each from the first that has it.
@@ -88,11 +89,10 @@ def contact_rows(
     ).tocsr()
     B.eliminate_zeros()
 
-    nominal = np.asarray(_facet_basis(body, facets, form.nominal).global_coordinates())
-    x_nominal = nominal[:, facet, slot]
+    x_nominal = at_points.mapping.G(form.nominal, find=facets)[:, facet, slot]
     normals = _mean_normals(normals_at, form, number, length, count)
     gap = _gap(obstacle, at_points, form, number, count, x_nominal, normals)
-    weights, x = _weights(body, facets, form, B, number, length, x_nominal)
+    weights, x = _weights(integrals, form, B, number, length, x_nominal)
     tangents = tangent_frame(normals)
 
     order = _along(body, facets, form, number, length, count)
@@ -214,8 +214,7 @@ def _gap(
 
 
 def _weights(
-    body: ElasticBody,
-    facets: NDArray[np.int64],
+    basis: FacetBasis,
     form: FacetFunctional,
     B: sparse.csr_array,
     number: NDArray[np.int64],
@@ -231,14 +230,13 @@ def _weights(
         share = length[:, None] * form.weights
         shares = np.bincount(number.ravel(), share.ravel(), B.shape[0]).astype(np.float64)
         return shares, x_nominal
-    basis = _facet_basis(body, facets, None)
     x_at = np.asarray(basis.global_coordinates())
-    loads, mass = np.zeros((1 + body.dim, body.scalar_dofs.N)), np.zeros(body.scalar_dofs.N)
+    loads, mass = np.zeros((1 + x_at.shape[0], basis.N)), np.zeros(basis.N)
     for i in range(basis.Nbfun):
         phi = np.asarray(basis.basis[i][0]) * basis.dx
         np.add.at(mass, basis.element_dofs[i], (phi * np.asarray(basis.basis[i][0])).sum(axis=1))
         np.add.at(loads[0], basis.element_dofs[i], phi.sum(axis=1))
-        for a in range(body.dim):
+        for a in range(x_at.shape[0]):
             np.add.at(loads[1 + a], basis.element_dofs[i], (phi * x_at[a]).sum(axis=1))
     used = np.unique(B.indices)
     scaled = B[:, used] @ sparse.diags_array(1.0 / np.sqrt(mass[used]))

@@ -1,7 +1,8 @@
 """A rubber bumper pressed against a rigid roller, with friction.
 
 A real part on an unstructured mesh: the D-shaped bumper of `bumper_mesh.py` (millimetres, made and
-written as a .msh file with physical names on the first run), P2 triangles, plane strain. Its mount
+written as a .msh file of second order with physical names on the first run), curved P2 triangles,
+plane strain. Its mount
 moves down and sideways by given amounts; its nose, a circular arc, meets a roller of radius 30:
 
     u = (shift, -press) on "mount",  u_n <= d along "contact",  |shear traction| <= F p,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
+from math import perm
 from typing import Any
 
 import numpy as np
-from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import NDArray
 from skfem.element import DiscreteField, ElementH1
 from skfem.refdom import RefQuad
@@ -18,9 +18,9 @@ from .quad_cells import QuadCells
 Array = NDArray[np.float64]
 
 # Coefficients in X of the factors seen from the end X = 0 and from the end X = 1.
-_LINEAR = ([1, -1], [0, 1])
-_CUBIC = ([0.5, 0.5, -3, 2], [0, -0.5, 3, -2])
-_SLOPE = ([0, 1, -2, 1], [0, 0, -1, 1])
+_LINEAR = ((1.0, -1.0), (0.0, 1.0))
+_CUBIC = ((0.5, 0.5, -3.0, 2.0), (0.0, -0.5, 3.0, -2.0))
+_SLOPE = ((0.0, 1.0, -2.0, 1.0), (0.0, 0.0, -1.0, 1.0))
 
 # A reference function is a sum of products f(X) g(Y).
 _VALUE = ((_CUBIC, _LINEAR), (_LINEAR, _CUBIC))
@@ -176,14 +176,19 @@ def _reference(functions: Sequence[Any], vertex: Array, X: Array, order: int) ->
     end_x, end_y = vertex.astype(int)
     x, y = X
     rows = [
-        sum(
-            polyval(x, polyder(f[end_x], order - k)) * polyval(y, polyder(g[end_y], k))
-            for f, g in function
-        )
+        sum(_derivative(f[end_x], order - k, x) * _derivative(g[end_y], k, y) for f, g in function)
         for function in functions
         for k in range(order + 1)
     ]
     return np.array(rows)
+
+
+def _derivative(coefficients: tuple[float, ...], order: int, x: Array) -> Array:
+    """Return one derivative of a polynomial at x, by Horner's rule."""
+    result = np.zeros_like(x)
+    for power in range(len(coefficients) - 1, order - 1, -1):
+        result = result * x + coefficients[power] * perm(power, order)
+    return result
 
 
 def _combine(coefficients: Sequence[Array], functions: Array) -> Array:

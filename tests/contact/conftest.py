@@ -108,7 +108,6 @@ def law_error(result):
     coulomb = system.law == "coulomb"
     g = (system.friction * (result.mu if coulomb else 1.0) if system.law else 0 * result.mu) / force
     size = np.linalg.norm(result.t / force, axis=1)
-    slip = np.linalg.norm(u_t, axis=1) / length
     # Power of friction g |u_t| is reached: t . u_t = g |u_t|, which holds for stick and for slip.
     live = system.live_tangents()
     power = np.where(live, result.t / force * u_t / length, 0.0).sum(axis=1)
@@ -120,7 +119,6 @@ def law_error(result):
         "out of reach": np.abs(result.mu[~reach]).max(initial=0.0) / force,
         "cone": np.max(np.where(live.any(axis=1), size - g, 0.0), initial=0.0),
         "power": np.abs(power).max(initial=0.0),
-        "slip seen": slip.max() * 0.0,
     }
     return max(errors.values())
 

@@ -1,0 +1,136 @@
+"""Nested dissection: a permutation whose separators come last and keep the factor sparse."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
+from skfem import ElementTetP1, ElementTriP1, MeshTet, MeshTri
+
+from contact.dissection import nested_dissection
+
+
+def grid(*counts):
+    """Nearest-neighbour graph of a grid with its points."""
+    axes = np.meshgrid(*(np.arange(float(n)) for n in counts), indexing="ij")
+    points = np.array([a.ravel() for a in axes])
+    pairs = []
+    number = np.arange(points.shape[1]).reshape(counts)
+    for axis in range(len(counts)):
+        low = np.take(number, range(counts[axis] - 1), axis).ravel()
+        high = np.take(number, range(1, counts[axis]), axis).ravel()
+        pairs.append((low, high))
+    head, tail = np.hstack(pairs)
+    half = sparse.coo_array((np.ones(head.size), (head, tail)), shape=(number.size,) * 2)
+    return sparse.csr_array(half + half.T), points
+
+
+def mesh_graph(mesh):
+    groups = mesh.t
+    rows = np.repeat(groups, groups.shape[0], axis=0).ravel()
+    columns = np.tile(groups, (groups.shape[0], 1)).ravel()
+    graph = sparse.coo_array((np.ones(rows.size), (rows, columns)), shape=(mesh.p.shape[1],) * 2)
+    return sparse.csr_array(graph), mesh.p
+
+
+def unstructured():
+    """Delaunay-like mesh: adaptively refined towards a corner, vertices shaken."""
+    mesh = MeshTri().refined(3)
+    for _ in range(4):
+        middle = mesh.p[:, mesh.t].mean(axis=1)
+        mesh = mesh.refined(np.flatnonzero(np.hypot(*middle) < 0.4))
+    return mesh_graph(mesh)
+
+
+def two_pieces():
+    graph, points = grid(9, 7)
+    both = sparse.block_diag((graph, graph), format="csr")
+    return sparse.csr_array(both), np.hstack([points, points + np.array([[20.0], [0.0]])])
+
+
+GRAPHS = {
+    "grid": lambda: grid(17, 13),
+    "grid-3d": lambda: grid(6, 7, 5),
+    "unstructured": unstructured,
+    "tetrahedra": lambda: mesh_graph(MeshTet().refined(2)),
+    "two-pieces": two_pieces,
+    "no-edges": lambda: (sparse.csr_array((30, 30)), np.random.default_rng(0).random((2, 30))),
+    "all-at-one-point": lambda: (grid(5, 5)[0], np.zeros((2, 25))),
+    "on-a-line": lambda: grid(40),
+    "single-vertex": lambda: (sparse.csr_array((1, 1)), np.zeros((2, 1))),
+    "two-vertices": lambda: grid(2, 1),
+}
+
+
+def factor_nnz(graph, order):
+    """Entries of the Cholesky factor of the graph's Laplacian plus one in the given order."""
+    A = -sparse.csr_array(abs(graph))
+    A.setdiag(0.0)
+    A.setdiag(1.0 - np.asarray(A.sum(axis=1)).ravel())
+    permuted = sparse.csc_matrix(A[order][:, order])
+    options = {"SymmetricMode": True}
+    return splu(permuted, permc_spec="NATURAL", diag_pivot_thresh=0.0, options=options).L.nnz
+
+
+@pytest.mark.parametrize("name", GRAPHS)
+@pytest.mark.parametrize("leaf_size", [1, 6, 50])
+def test_is_a_permutation(name, leaf_size):
+    graph, points = GRAPHS[name]()
+    order = nested_dissection(graph, points, leaf_size)
+    assert np.array_equal(np.sort(order), np.arange(graph.shape[0]))
+
+
+@pytest.mark.parametrize("k", [15, 31])
+def test_first_separator_is_the_middle_line(k):
+    graph, points = grid(k + 2, k)  # longest along the first coordinate
+    order = nested_dissection(graph, points)
+    assert np.array_equal(np.unique(points[0, order[-k:]]), [(k + 1) / 2])
+
+
+@pytest.mark.parametrize("name", ["grid", "grid-3d", "unstructured", "tetrahedra"])
+def test_separators_separate(name):
+    """Without a small share of the last vertices, no connected piece is larger than 60 %."""
+    graph, points = GRAPHS[name]()
+    order, n = nested_dissection(graph, points), graph.shape[0]
+    for last in range(n):
+        rest = order[: n - last]
+        _, piece = connected_components(graph[rest][:, rest], directed=False)
+        if np.bincount(piece).max() <= 0.6 * n:
+            break
+    # A side of the square has n^(1/2) vertices, a face of the cube n^(2/3); unstructured meshes
+    # cross the cut a few times more often.
+    dim = points.shape[0]
+    assert last <= 2.5 * n ** (1 - 1 / dim)
+
+
+def test_fill_on_a_grid():
+    """Natural order fills the band, n^(3/2); nested dissection O(n log n)."""
+    fill, natural = [], []
+    sizes = (15, 31, 63)
+    for k in sizes:
+        graph, points = grid(k, k)
+        fill.append(factor_nnz(graph, nested_dissection(graph, points)))
+        natural.append(factor_nnz(graph, np.arange(k * k)))
+    assert fill[-1] < 0.4 * natural[-1]
+    order_of_growth = np.polyfit(np.log(np.square(sizes)), np.log(fill), 1)[0]
+    # n log n on these sizes looks like n^1.2, the band like n^1.5.
+    assert 1.0 < order_of_growth < 1.3
+    assert np.polyfit(np.log(np.square(sizes)), np.log(natural), 1)[0] > 1.4
+
+
+@pytest.mark.parametrize("name", ["grid", "unstructured", "tetrahedra", "two-pieces"])
+def test_fill_beats_natural_and_random_order(name):
+    graph, points = GRAPHS[name]()
+    n = graph.shape[0]
+    fill = factor_nnz(graph, nested_dissection(graph, points))
+    assert fill < factor_nnz(graph, np.random.default_rng(0).permutation(n))
+    assert fill < factor_nnz(graph, np.lexsort(points))
+
+
+@pytest.mark.parametrize("element", [ElementTriP1, ElementTetP1], ids=lambda e: e.__name__)
+def test_coordinates_only_choose_where_to_cut(element, make):
+    """Scaling and shifting the points changes nothing."""
+    ticks = np.linspace(0, 1, 5)
+    graph, points = mesh_graph(make.box(element, *(ticks,) * make.meshes[element]().dim()))
+    order = nested_dissection(graph, points)
+    assert np.array_equal(nested_dissection(graph, 8.0 * points + 2.0), order)

@@ -1,0 +1,241 @@
+"""Every method of the table gives the same solution, in the number of steps that is claimed."""
+
+import numpy as np
+import pytest
+from skfem import ElementQuad1, ElementTriP2
+
+from contact import ContactProblem, InputError
+from contact.loops import fixed_point
+from skfem_adini import ElementQuadAdini
+
+# Relative difference of u to the default method: certificates at 1e-10, 1e-7 for QP solvers.
+OFFERED = {
+    (None, "pdas"): 1e-12,
+    (None, "qp:osqp"): 1e-6,
+    (None, "qp:proxqp"): 1e-6,
+    ("tresca", "pdas"): 1e-10,
+    ("tresca", "qp:osqp"): 1e-6,
+    ("tresca", "qp:proxqp"): 1e-6,
+    ("coulomb", "pdas"): 1e-10,
+    ("coulomb", "tresca_loop"): 1e-10,
+    ("coulomb", "qp:osqp"): 1e-6,
+}
+FRICTION = {None: 0.0, "tresca": 0.05, "coulomb": 0.9}
+LAWS = ["tresca", "coulomb"]
+ROWS = [
+    (ElementQuadAdini, "bernstein"),
+    (ElementQuadAdini, "gauss"),
+    (ElementTriP2, "bernstein"),
+    (ElementQuad1, "nodal"),
+]
+
+
+def ids(value):
+    return getattr(value, "__name__", str(value))
+
+
+def difference(result, reference):
+    return np.abs(result.u - reference.u).max() / np.abs(reference.u).max()
+
+
+@pytest.mark.parametrize(("element", "functional"), ROWS, ids=ids)
+@pytest.mark.parametrize(("law", "method"), OFFERED, ids=str)
+def test_agreement(law, method, element, functional, make):
+    if method.startswith("qp:"):
+        pytest.importorskip({"osqp": "osqp", "proxqp": "proxsuite"}[method[3:]])
+    keys = {"law": law, "friction": FRICTION[law], "element": element, "functional": functional}
+    _, reference = make.solved(**keys)
+    _, result = make.solved(method, **keys)
+    assert make.law_error(reference) < 1e-12
+    tol = OFFERED[law, method]
+    assert make.law_error(result) < 1e-7 if tol > 1e-8 else 1e-10
+    assert difference(result, reference) < tol
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_fixed_point_falls_to_the_solution_with_eps(law, make):
+    """The regularisation error is proportional to eps."""
+    problem, reference = make.solved(law=law, friction=FRICTION[law])
+    widths = np.array([1e-2, 1e-3, 1e-4])
+    errors = [
+        difference(problem.solve("fixed_point", eps=eps, tol=1e-9), reference) for eps in widths
+    ]
+    assert np.all(np.diff(errors) < 0)
+    assert errors[-1] < 1e-4
+    # Order one, over three widths.
+    assert 0.8 < np.polyfit(np.log(widths), np.log(errors), 1)[0] < 1.2
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_fixed_point_by_default(law, make):
+    """The default eps is 1e-5 of the largest displacement."""
+    _, reference = make.solved(law=law, friction=FRICTION[law])
+    _, result = make.solved("fixed_point", law=law, friction=FRICTION[law])
+    # A few eps.
+    assert difference(result, reference) < 1e-4
+
+
+@pytest.mark.parametrize("eps", [1e-2, 1e-4])
+@pytest.mark.parametrize("bound", [0.02, 0.05, 0.2])
+@pytest.mark.parametrize("functional", ["bernstein", "gauss"])
+def test_energy_falls_at_every_step(functional, bound, eps, make):
+    """J_eps of (4.12) with a fixed bound never grows, and falls while the iterate moves."""
+    problem, _ = make.solved(law="tresca", friction=bound, functional=functional)
+    history = problem.solve("fixed_point", eps=eps, tol=1e-8).history
+    energy = np.array([line.energy for line in history if line.phase == "fixed point"])
+    change = np.array([line.change for line in history if line.phase == "fixed point"])
+    assert energy.size >= 3
+    # Rounding of an energy of order .01, of which the QP is solved to 1e-12.
+    assert np.diff(energy).max() < 1e-15
+    assert np.all(np.diff(energy)[change[1:] > 1e-5] < 0)
+
+
+def energy_of(problem, u, g, eps):
+    """J_eps written out: u' S u / 2 - f' u + sum g psi_eps(|u_t|), psi_eps of (4.11)."""
+    slip = np.abs(problem.rows.T @ u)
+    psi = np.where(slip >= eps, slip, slip**2 / (2 * eps) + eps / 2)
+    return 0.5 * u @ problem.body.stiffness @ u - problem.body.f @ u + g @ psi
+
+
+def test_reported_energy_is_the_energy(make):
+    """Differences of the history's energies are those of J_eps of the iterates."""
+    eps, bound = 1e-3, 0.05
+    problem, _ = make.solved(law="tresca", friction=bound)
+    history = [
+        line
+        for line in problem.solve("fixed_point", eps=eps, tol=1e-8).history
+        if line.phase == "fixed point"
+    ]
+    energies = []
+    for step in (1, 3, len(history)):
+        result = stopped_after(problem, step, eps)
+        g = bound * problem.rows.weights
+        energies.append((history[step - 1].energy, energy_of(problem, result, g, eps)))
+    reported, recomputed = np.diff(np.array(energies), axis=0).T
+    assert np.all(reported < 0)
+    # Rounding of energies of order one.
+    np.testing.assert_allclose(reported, recomputed, rtol=1e-6, atol=1e-14)
+
+
+def stopped_after(problem, steps, eps):
+    """Displacement after a number of fixed-point steps from the frictionless solution."""
+    condensed, system = problem.condense(), problem.system
+    boundary = condensed.boundary_problem(system.load, system.rows.gap)
+    scale = condensed.point_scale
+    frictionless = ContactProblem(problem.body, "bottom", problem.obstacle, 0.0).solve()
+    lines = []
+    options = {
+        "eps": eps / scale,
+        "friction": system.scaled_friction(scale),
+        "max_iterations": 100,
+        "start": frictionless.forces(boundary, scale),
+    }
+
+    def observe(line):
+        lines.append(line)
+        if len(lines) == steps:
+            raise StopIteration
+
+    try:
+        fixed_point(boundary, **options, tol=1e-15, report=observe)
+    except StopIteration:
+        pass
+    # What the run met at that step is the tolerance that makes it stop there.
+    tol = max(lines[-1].change, lines[-1].residual)
+    assert all(max(line.change, line.residual) > tol for line in lines[:-1])
+    forces = fixed_point(boundary, **options, tol=tol, report=lambda line: None)
+    return condensed.recover(system.load, boundary, forces)[0]
+
+
+def test_dissertation_iteration_stopped_after_ten_steps(make):
+    """Its least u_y then reads -.3116; converged it is -.31153."""
+    problem, result = make.solved()
+    u = stopped_after(problem, 10, 1e-6)
+    # The digits printed.
+    assert round(float(u[1::6].min()), 4) == -0.3116
+    assert abs(result.u[1::6].min() + 0.311533) < 2e-6
+
+
+@pytest.mark.parametrize(("functional", "limit"), [("bernstein", 10), ("gauss", 10)])
+@pytest.mark.parametrize("E", [1.0, 2.0, 5.0])
+def test_three_digits_in_less_than_ten_steps(E, functional, limit, make):
+    problem, _ = make.solved(E=E, functional=functional)
+    history = problem.solve("fixed_point", eps=1e-6 if E == 2.0 else 1e-5).history
+    change = [line.change for line in history if line.phase == "fixed point"]
+    assert next(step for step, c in enumerate(change, 1) if c < 1e-3) < limit
+
+
+@pytest.mark.parametrize("functional", ["bernstein", "gauss"])
+@pytest.mark.parametrize(
+    "n", [10, 20, 40, *(pytest.param(n, marks=pytest.mark.slow) for n in (64, 128))]
+)
+def test_monolithic_newton_steps(n, functional, make):
+    """At most 8 steps after the frictionless start, whatever the mesh."""
+    _, result = make.solved(n=n, functional=functional)
+    phases = [line.phase for line in result.history]
+    assert set(phases) == {"frictionless", "newton"}
+    assert phases.count("newton") <= 8
+    assert phases == sorted(phases)  # the start comes first
+    assert result.history[-1].residual < 1e-12
+
+
+def test_callback_sees_the_history(make):
+    problem, _ = make.solved()
+    seen = []
+    result = problem.solve(callback=seen.append)
+    assert tuple(seen) == result.history
+    assert [line.step for line in seen if line.phase == "newton"] == [1]
+
+
+@pytest.mark.parametrize("law", [None, *LAWS])
+@pytest.mark.parametrize("method", ["newton", "pdas"])
+def test_warm_start(law, method, make):
+    """From its own solution a method needs one step, and gives the same."""
+    problem, cold = make.solved(method, law=law, friction=FRICTION[law])
+    warm = problem.solve(method, start=cold)
+    assert len(warm.history) <= min(2, len(cold.history))
+    # Rounding times the condition of the body's stiffness.
+    assert difference(warm, cold) < 1e-11
+
+
+@pytest.mark.parametrize("method", ["newton", "pdas"])
+def test_friction_without_contact(method, make):
+    """(4.9): no obstacle, a given bound; agrees with its smoothed energy minimum."""
+    body = make.block(8)
+    problem = ContactProblem(body, "bottom", None, 0.03, "tresca")
+    result = problem.solve(method)
+    assert np.all(result.mu == 0)
+    assert make.law_error(result) < 1e-11
+    regularised = problem.solve("fixed_point", eps=1e-6, tol=1e-9)
+    # A few eps against the largest displacement of order one.
+    assert difference(regularised, result) < 1e-5
+
+
+def test_large_friction_sticks(make):
+    """With F = 1e3 nothing slips: the solution with the tangential displacement held."""
+    _, result = make.solved(friction=1e3)
+    assert np.abs(result.slip[result.mu > 0]).max() < 1e-13
+    assert make.law_error(result) < 1e-11
+
+
+def test_solutions_are_reproducible(make):
+    """Bit-identical on the SciPy path."""
+    twice = [
+        ContactProblem(
+            make.block(8), "bottom", make.foundation[2], 0.9, solver="superlu"
+        ).solve()
+        for _ in range(2)
+    ]
+    assert np.array_equal(twice[0].u, twice[1].u)
+    assert np.array_equal(twice[0].mu, twice[1].mu)
+
+
+@pytest.mark.parametrize(
+    ("law", "method"),
+    [(None, "fixed_point"), (None, "tresca_loop"), ("tresca", "tresca_loop")],
+    ids=str,
+)
+def test_methods_that_make_no_sense(law, method, make):
+    problem, _ = make.solved(law=law, friction=FRICTION[law])
+    with pytest.raises(InputError, match="method"):
+        problem.solve(method)

@@ -1,0 +1,136 @@
+"""The condensed stiffness is the Schur complement, whichever factoriser computes it."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+from skfem import ElementHex1, ElementQuad1, ElementTetP1, ElementTriP2
+
+from contact import ContactProblem, ElasticBody, InputError
+from contact import schur as schur_module
+from contact.errors import MissingDependency
+from contact.rigid_modes import rigid_modes
+from contact.schur import SuperLUSchur, has_pardiso, schur_factor
+from skfem_adini import ElementQuadAdini
+
+SOLVERS = [
+    "superlu",
+    pytest.param(
+        "pardiso", marks=pytest.mark.skipif(not has_pardiso(), reason="pypardiso is not installed")
+    ),
+]
+ELEMENTS = [ElementQuadAdini, ElementQuad1, ElementTriP2, ElementTetP1, ElementHex1]
+
+
+def matrix(make, element, floating=False):
+    """Stiffness of a small body without its fixed dofs, and which of them lie on the bottom."""
+    ticks = np.linspace(0, 1, 5 if make.meshes[element]().dim() == 2 else 4)
+    mesh = make.box(element, *(ticks,) * make.meshes[element]().dim())
+    body = ElasticBody.from_mesh(mesh, element(), E=2.0, nu=0.3)
+    fixed = np.zeros(body.basis.N, dtype=bool)
+    if not floating:
+        fixed[body.basis.get_dofs("top").flatten()] = True
+    on_bottom = np.zeros(body.basis.N, dtype=bool)
+    on_bottom[body.basis.get_dofs("bottom").flatten()] = True
+    S = sparse.csr_array(body.stiffness[~fixed][:, ~fixed])
+    return body, S, np.flatnonzero(on_bottom[~fixed]).astype(np.int64)
+
+
+def dense(S, boundary):
+    """Schur complement, carried load and recovered unknowns by dense linear algebra."""
+    full = S.toarray()
+    inner = np.setdiff1d(np.arange(full.shape[0]), boundary)
+    solve = np.linalg.solve(full[np.ix_(inner, inner)], full[np.ix_(inner, boundary)])
+    schur = full[np.ix_(boundary, boundary)] - full[np.ix_(boundary, inner)] @ solve
+    return full, inner, solve, schur
+
+
+def random_order(n, seed=3):
+    return lambda: np.random.default_rng(seed).permutation(n)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("floating", [False, True], ids=["held", "floating"])
+@pytest.mark.parametrize("element", ELEMENTS, ids=lambda e: e.__name__)
+def test_against_dense(element, floating, solver, make):
+    _, S, boundary = matrix(make, element, floating)
+    full, inner, solve, schur = dense(S, boundary)
+    factor = schur_factor(S, boundary, random_order(S.shape[0]), solver)
+    # Condition of the inner block (1e3) times rounding, relative to the largest entry.
+    tol = 1e-12 * np.abs(full).max()
+    assert np.abs(factor.schur - schur).max() < tol
+    assert np.array_equal(factor.schur, factor.schur.T)
+
+    load = np.random.default_rng(0).standard_normal(S.shape[0])
+    z_b = np.random.default_rng(1).standard_normal(boundary.size)
+    carried = load[boundary] - solve.T @ load[inner]
+    np.testing.assert_allclose(factor.reduce(load), carried, atol=1e-11 * np.abs(carried).max())
+    z = factor.expand(load, z_b)
+    assert np.array_equal(z[boundary], z_b)
+    expected = np.linalg.solve(full[np.ix_(inner, inner)], load[inner]) - solve @ z_b
+    np.testing.assert_allclose(z[inner], expected, atol=1e-11 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("element", ELEMENTS, ids=lambda e: e.__name__)
+def test_floating_body_keeps_its_rigid_motions(element, solver, make):
+    body, S, boundary = matrix(make, element, floating=True)
+    factor = schur_factor(S, boundary, random_order(S.shape[0]), solver)
+    modes = rigid_modes(body)[boundary]
+    # S_b N = 0 exactly; rounding and the shift of the boundary block leave a few digits less.
+    assert np.abs(factor.schur @ modes).max() < 1e-12 * np.abs(S.data).max()
+    zero = np.linalg.eigvalsh(factor.schur) < 1e-10 * np.abs(factor.schur).max()
+    assert zero.sum() == body.dim * (body.dim + 1) // 2
+
+
+@pytest.mark.skipif(not has_pardiso(), reason="pypardiso is not installed")
+@pytest.mark.parametrize("friction", [0.0, 0.9])
+def test_both_solvers_give_one_answer(friction, make):
+    results = [
+        ContactProblem(
+            make.block(12), "bottom", make.foundation[2], friction, solver=solver
+        ).solve()
+        for solver in ("superlu", "pardiso")
+    ]
+    # Rounding times the condition of the body's stiffness.
+    for name in ("u", "mu", "t"):
+        one, other = (getattr(result, name) for result in results)
+        assert np.abs(one - other).max() <= 1e-12 * np.abs(one).max()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_superlu_leaves_the_boundary_last(seed, make):
+    _, S, boundary = matrix(make, ElementQuadAdini)
+    n = S.shape[0]
+    factor = SuperLUSchur(S, boundary, random_order(n, seed)(), shift=1.0)
+    lu = factor._lu
+    for permutation in (lu.perm_r, lu.perm_c):
+        assert np.array_equal(permutation[n - boundary.size :], np.arange(n - boundary.size, n))
+
+
+def test_auto_takes_pardiso_when_there(monkeypatch, make):
+    _, S, boundary = matrix(make, ElementQuad1)
+    order = random_order(S.shape[0])
+    monkeypatch.setattr(schur_module, "has_pardiso", lambda: False)
+    assert isinstance(schur_factor(S, boundary, order), SuperLUSchur)
+    with pytest.raises(MissingDependency, match="pip install"):
+        schur_factor(S, boundary, order, "pardiso")
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_loose_piece_is_an_error(solver, make):
+    """A second body that touches neither the supports nor the contact boundary."""
+    _, S, boundary = matrix(make, ElementQuad1)
+    loose = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    both = sparse.csr_array(sparse.block_diag((S, loose)))
+    with pytest.raises(InputError, match="not positive definite"):
+        schur_factor(both, boundary, lambda: np.arange(both.shape[0]), solver)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_indefinite_inner_block_is_an_error(solver, make):
+    _, S, boundary = matrix(make, ElementQuad1)
+    inner = np.setdiff1d(np.arange(S.shape[0]), boundary)
+    indefinite = S.tolil()
+    indefinite[inner[3], inner[3]] = -5.0
+    with pytest.raises(InputError, match="not positive definite"):
+        schur_factor(sparse.csr_array(indefinite), boundary, lambda: np.arange(S.shape[0]), solver)
