@@ -237,4 +237,4 @@ def _lives(reduced: sparse.csr_array, full: sparse.csr_array) -> NDArray[np.bool
     """Rows that the prescribed displacements leave something of."""
     size = np.sqrt(np.asarray(full.multiply(full).sum(axis=1)).ravel())
     left = np.sqrt(np.asarray(reduced.multiply(reduced).sum(axis=1)).ravel())
-    return left > 1e-12 * size
+    return left > 1e-9 * size

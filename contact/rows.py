@@ -94,6 +94,8 @@ def contact_rows(
     gap = _gap(obstacle, at_points, form, number, count, x_nominal, normals)
     weights, x = _weights(integrals, form, B, number, length, x_nominal)
     tangents = tangent_frame(normals)
+    if body.dim == 3:
+        tangents = _along_supports(B, tangents, body.constraint[0])
 
     order = _along(body, facets, form, number, length, count)
     dim = body.dim
@@ -279,6 +281,24 @@ def tangent_frame(normals: Array) -> Array:
     first = np.array([1.0 + sign * x * x * a, sign * b, -sign * x])
     second = np.array([b, sign + y * y * a, -y])
     return np.stack([first, second], axis=1)
+
+
+def _along_supports(B: sparse.csr_array, tangents: Array, T: sparse.csr_array) -> Array:
+    """Turn the frames so that a prescribed tangential direction is one of their axes.
+
+    Where supports (a plane of symmetry, say) hold a contact point in one tangential direction
+    only, two rows in a general frame would depend on each other.
+    """
+    rows = [_directed(B, tangents[:, j]) @ T for j in (0, 1)]
+    a, b, c = (
+        np.asarray(rows[i].multiply(rows[j]).sum(axis=1)).ravel()
+        for i, j in ((0, 0), (0, 1), (1, 1))
+    )
+    least = 0.5 * (a + c) - np.hypot(0.5 * (a - c), b)
+    angle = np.where(least < 1e-12 * (a + c), 0.5 * np.arctan2(2 * b, a - c), 0.0)
+    cos, sin = np.cos(angle), np.sin(angle)
+    first, second = tangents[:, 0], tangents[:, 1]
+    return np.stack([cos * first + sin * second, cos * second - sin * first], axis=1)
 
 
 def _directed(B: sparse.csr_array, direction: Array) -> sparse.csr_array:

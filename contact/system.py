@@ -95,7 +95,7 @@ class ContactSystem:
         """Tangential rows that the supports leave free, shape (m, dim - 1)."""
         T, _ = self.body.constraint
         reduced = abs(self.rows.T @ T).sum(axis=1)
-        live: NDArray[np.bool_] = np.asarray(reduced).ravel() > 1e-12 * abs(self.rows.T).sum(axis=1)
+        live: NDArray[np.bool_] = np.asarray(reduced).ravel() > 1e-9 * abs(self.rows.T).sum(axis=1)
         return live.reshape(-1, self.body.dim - 1)
 
     def energy(self, u: Array) -> float:
