@@ -13,7 +13,8 @@ from contact.boundary import BoundaryProblem
 from contact.dissection import cell_graph, nested_dissection
 from contact.errors import Infeasible, InputError, Unbounded
 from contact.newton import Forces
-from contact.rigid_modes import describe_motion, rigid_modes
+from contact.rigid_modes import describe_motion, dof_lengths, rigid_modes
+from contact.rows import live_rows
 from contact.schur import schur_factor
 
 if TYPE_CHECKING:
@@ -58,18 +59,24 @@ class CondensedContact:
     def __init__(self, body: ElasticBody, rows: ContactRows, solver: str = "auto") -> None:
         self.body, self.rows = body, rows
         T, u0 = body.constraint
-        self._T, self._u0 = T, u0
+        # Free unknowns are displacements: a derivative is multiplied by its length, so that no
+        # unit of length sets values and derivatives apart.
+        columns, lengths = T.tocsc(), dof_lengths(body)
+        self._leading = columns.indices[columns.indptr[:-1]]
+        per_length = 1.0 / lengths[self._leading]
+        self._T = sparse.csr_array(T @ sparse.diags_array(per_length))
+        self._u0 = u0
         if T.nnz == T.shape[1] and np.all(T.data == 1.0):
-            free = T.tocsc().indices
-            S = body.stiffness if free.size == T.shape[0] else body.stiffness[free][:, free]
+            free = columns.indices
+            S = body.stiffness[free][:, free]
+            S.data *= np.repeat(per_length, np.diff(S.indptr)) * per_length[S.indices]
         else:
-            S = sparse.csr_array(T.T @ body.stiffness @ T)
+            S = sparse.csr_array(self._T.T @ body.stiffness @ self._T)
         self._lifted = body.stiffness @ u0 if u0.any() else np.zeros_like(u0)
 
         dim = body.dim
-        G, tangents = sparse.csr_array(rows.G @ T), sparse.csr_array(rows.T @ T)
-        live_n = _lives(G, rows.G)
-        live_t = _lives(tangents, rows.T)
+        G, tangents = sparse.csr_array(rows.G @ self._T), sparse.csr_array(rows.T @ self._T)
+        live_n, live_t = live_rows(rows.G, body), live_rows(rows.T, body)
         if not live_n.any() and not live_t.any():
             raise InputError(
                 "boundary: every displacement of the contact boundary is prescribed; "
@@ -96,18 +103,18 @@ class CondensedContact:
         count = points.shape[1]
         rank = np.empty(count, dtype=np.int64)
         rank[nested_dissection(cell_graph(cells, count), points)] = np.arange(count)
-        columns = self._T.tocsc()
-        leading = columns.indices[columns.indptr[:-1]]
-        return np.argsort(rank[entity[leading]], kind="stable").astype(np.int64)
+        return np.argsort(rank[entity[self._leading]], kind="stable").astype(np.int64)
 
     def _free_modes(self) -> Array:
         """Rigid motions that the supports leave free, in free unknowns, shape (nfree, k)."""
         modes = rigid_modes(self.body)
-        held = modes - self._T @ (self._T.T @ modes)
-        size = np.linalg.norm(modes, axis=0)
+        T, _ = self.body.constraint
+        lengths = dof_lengths(self.body)[:, None]
+        held = lengths * (modes - T @ (T.T @ modes))
+        size = np.linalg.norm(lengths * modes, axis=0)
         _, singular, V = np.linalg.svd(held / size, full_matrices=False)
-        free = V[singular < 1e-9].T / size[:, None] if V.size else V
-        return np.asarray(self._T.T @ (modes @ free))
+        free: Array = T.T @ (modes @ (V[singular < 1e-9].T / size[:, None]))
+        return free * lengths[self._leading]
 
     def _condense(self, modes: Array) -> None:
         S_b = self._factor.schur
@@ -140,8 +147,8 @@ class CondensedContact:
             scale[live] = np.sqrt(diagonal[live].mean()) if live.size else 1.0
         self._scale = scale
         self._W = W / np.outer(scale, scale)
-        self._C = (self._B @ N) / scale[:, None]
-        self._N = N
+        self._N = N * float(np.mean(scale))  # balance then reads in the units of scaled forces
+        self._C = (self._B @ self._N) / scale[:, None]
 
     @property
     def point_scale(self) -> Array:
@@ -231,10 +238,3 @@ class CondensedContact:
             "displacement that it moves, or add friction or an obstacle that stops it",
             u / np.abs(u).max(),
         )
-
-
-def _lives(reduced: sparse.csr_array, full: sparse.csr_array) -> NDArray[np.bool_]:
-    """Rows that the prescribed displacements leave something of."""
-    size = np.sqrt(np.asarray(full.multiply(full).sum(axis=1)).ravel())
-    left = np.sqrt(np.asarray(reduced.multiply(reduced).sum(axis=1)).ravel())
-    return left > 1e-9 * size

@@ -83,6 +83,15 @@ def _kind_of_dof(body: ElasticBody) -> NDArray[np.int64]:
     return kind
 
 
+def dof_lengths(body: ElasticBody) -> Array:
+    """Length that turns each dof into a displacement: 1 for values, the mean cell size otherwise.
+
+    Shape (ndofs,). Residuals and norms over dofs of several kinds are taken in these units.
+    """
+    cell = float(body.basis.dx.sum() / body.mesh.nelements) ** (1 / body.dim)
+    return np.where(_kind_of_dof(body) == _VALUE, 1.0, cell)
+
+
 def describe_motion(body: ElasticBody, u: Array) -> str:
     """Name a rigid motion, e.g. "a translation along x" or "a rotation about (0, 1)"."""
     modes = rigid_modes(body)

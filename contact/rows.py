@@ -14,6 +14,7 @@ from contact.body import ElasticBody
 from contact.errors import InputError
 from contact.functionals import FacetFunctional, facet_functional
 from contact.obstacles import Gap, evaluate_gap
+from contact.rigid_modes import dof_lengths
 
 Array = NDArray[np.float64]
 
@@ -281,6 +282,28 @@ def tangent_frame(normals: Array) -> Array:
     first = np.array([1.0 + sign * x * x * a, sign * b, -sign * x])
     second = np.array([b, sign + y * y * a, -y])
     return np.stack([first, second], axis=1)
+
+
+def live_rows(rows: sparse.csr_array, body: ElasticBody) -> NDArray[np.bool_]:
+    """Rows that the prescribed displacements leave something of.
+
+    Parameters
+    ----------
+    rows : csr_array, shape (nrows, ndofs)
+    body : ElasticBody
+
+    Returns
+    -------
+    ndarray of bool, shape (nrows,)
+    """
+    per_length = sparse.diags_array(1.0 / dof_lengths(body))
+    T, _ = body.constraint
+    left, full = rows @ T @ (T.T @ per_length), rows @ per_length
+    return _norms(left) > 1e-9 * _norms(full)
+
+
+def _norms(rows: sparse.csr_array) -> Array:
+    return np.sqrt(np.asarray(rows.multiply(rows).sum(axis=1), dtype=float).ravel())
 
 
 def _along_supports(B: sparse.csr_array, tangents: Array, T: sparse.csr_array) -> Array:

@@ -12,7 +12,8 @@ from scipy import sparse
 from contact.body import ElasticBody
 from contact.boundary import Friction, project
 from contact.errors import InputError
-from contact.rows import ContactRows
+from contact.rigid_modes import dof_lengths
+from contact.rows import ContactRows, live_rows
 
 Array = NDArray[np.float64]
 
@@ -67,19 +68,19 @@ class ContactSystem:
         force = S @ u + rows.G.T @ mu + rows.T.T @ t.ravel() - self.load
         sizes = sparse.csr_array((np.abs(S.data), S.indices, S.indptr), shape=S.shape)
         terms = sizes @ np.abs(u) + np.abs(self.load)
-        free = abs(T).T
+        lengths = abs(T).T @ dof_lengths(self.body)
         length = float(np.abs(u).max(initial=0.0)) or 1.0
         size = max(float(np.abs(mu).max(initial=0.0)), float(np.abs(t).max(initial=0.0))) or 1.0
         reachable = np.isfinite(rows.gap)
         through = np.where(reachable, rows.G @ u - np.where(reachable, rows.gap, 0.0), -np.inf)
         u_t = (rows.T @ u).reshape(t.shape)
         g = self.bound(mu)
-        live = self.live_tangents()
+        live = live_rows(rows.T, self.body).reshape(t.shape)
         returned = t - project(t + size / length * u_t, g)
         prescribed = u - u0
         prescribed = prescribed - T @ (T.T @ prescribed)
         result = {
-            "equilibrium": _ratio(T.T @ force, free @ terms),
+            "equilibrium": _ratio(T.T @ force / lengths, abs(T).T @ terms / lengths),
             "support": _largest(prescribed) / length,
             "penetration": _largest(np.maximum(through, 0.0)) / length,
             "sign": _largest(np.maximum(-mu, 0.0)) / size,
@@ -90,13 +91,6 @@ class ContactSystem:
         if any(np.isnan(value) for value in result.values()):
             raise InputError("kkt: the state (u, mu, t) holds NaN")
         return result
-
-    def live_tangents(self) -> NDArray[np.bool_]:
-        """Tangential rows that the supports leave free, shape (m, dim - 1)."""
-        T, _ = self.body.constraint
-        reduced = abs(self.rows.T @ T).sum(axis=1)
-        live: NDArray[np.bool_] = np.asarray(reduced).ravel() > 1e-9 * abs(self.rows.T).sum(axis=1)
-        return live.reshape(-1, self.body.dim - 1)
 
     def energy(self, u: Array) -> float:
         """Potential energy ``u^T S u / 2 - f^T u``, without friction."""
