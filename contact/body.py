@@ -24,7 +24,9 @@ from skfem import (
 from contact.elasticity import lame, stiffness_matrix
 from contact.errors import InputError
 from contact.mesh_file import read_mesh
+from contact.rigid_modes import dof_lengths
 from skfem_adini import ElementQuadAdini, essential_constraints
+from skfem_adini import InputError as AdiniInputError
 
 Field = float | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]
 
@@ -84,8 +86,7 @@ class ElasticBody:
                 f"basis: {basis.elem.dim} displacement components on a mesh of dimension "
                 f"{basis.mesh.dim()}; both must be 2 or both 3"
             )
-        if not np.all(np.isfinite(basis.mesh.p)):
-            raise InputError("basis: the mesh has coordinates that are not finite")
+        _check_cells(basis.mesh)
         self.basis = basis
         self.dim: int = basis.elem.dim
         self.element = basis.elem.elem
@@ -141,7 +142,12 @@ class ElasticBody:
             raise InputError(
                 f"element: {type(element.elem).__name__} does not live on {type(mesh).__name__}"
             )
-        return cls(Basis(mesh, element), E, nu, plane)
+        _check_cells(mesh)
+        try:
+            basis = Basis(mesh, element)
+        except AdiniInputError as error:
+            raise InputError(str(error)) from error
+        return cls(basis, E, nu, plane)
 
     @property
     def mesh(self) -> Mesh:
@@ -180,7 +186,12 @@ class ElasticBody:
             found = [np.asarray(known[name], dtype=np.int64) for name in names]
             facets = np.unique(np.concatenate(found)) if found else np.zeros(0, dtype=np.int64)
         else:
-            facets = np.unique(np.asarray(boundary, dtype=np.int64))
+            numbers = np.asarray(boundary)
+            if numbers.size and numbers.dtype.kind not in "iu":
+                raise InputError(
+                    f"boundary={boundary!r}: expected a name, names, or whole facet numbers"
+                )
+            facets = np.unique(numbers.astype(np.int64))
             if facets.size and not (facets[0] >= 0 and facets[-1] < self.mesh.nfacets):
                 raise InputError(f"boundary: facet numbers must lie in 0..{self.mesh.nfacets - 1}")
         if facets.size == 0:
@@ -202,7 +213,8 @@ class ElasticBody:
         if isinstance(components, str):
             numbers = [_AXES.find(letter) for letter in components]
         else:
-            numbers = [int(c) for c in np.atleast_1d(np.asarray(components))]
+            given = np.atleast_1d(np.asarray(components))
+            numbers = [int(c) for c in given] if given.dtype.kind in "iu" else []
         if not numbers or any(c < 0 or c >= self.dim for c in numbers):
             raise InputError(
                 f"components={components!r}: expected letters of {_AXES[: self.dim]!r} or "
@@ -241,7 +253,8 @@ class ElasticBody:
         facets = self.facets(boundary)
         function = value if callable(value) else _constant(value)
         self._supports += [(facets, c, function) for c in self.components(components)]
-        self.__dict__.pop("constraint", None)
+        for derived in ("constraint", "lengths"):
+            self.__dict__.pop(derived, None)
         return self
 
     def load(self, boundary: str | Sequence[str] | ArrayLike, traction: Field) -> Self:
@@ -311,13 +324,16 @@ class ElasticBody:
         if not self._supports:
             return sparse.eye_array(self.basis.N, format="csr"), np.zeros(self.basis.N)
         if isinstance(self.element, ElementQuadAdini):
-            T, u0 = essential_constraints(
-                self.basis,
-                [
-                    (facets, [function if c == d else None for d in range(self.dim)])
-                    for facets, c, function in self._supports
-                ],
-            )
+            try:
+                T, u0 = essential_constraints(
+                    self.basis,
+                    [
+                        (facets, [function if c == d else None for d in range(self.dim)])
+                        for facets, c, function in self._supports
+                    ],
+                )
+            except AdiniInputError as error:
+                raise InputError(str(error)) from error
             return sparse.csr_array(T), u0
         u0 = np.full(self.basis.N, np.nan)
         size = 0.0
@@ -336,6 +352,13 @@ class ElasticBody:
         free = np.isnan(u0)
         unit = sparse.eye_array(self.basis.N, format="csr")
         return sparse.csr_array(unit[:, free]), np.where(free, 0.0, u0)
+
+    @cached_property
+    def lengths(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """What turns each dof, and each free unknown, into a displacement; see `dof_lengths`."""
+        of_dof = dof_lengths(self)
+        columns = self.constraint[0].tocsc()
+        return of_dof, of_dof[columns.indices[columns.indptr[:-1]]]
 
     @cached_property
     def entities(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
@@ -367,6 +390,23 @@ class ElasticBody:
         cells = entity[self.basis.element_dofs[:: self.dim]]
         first = np.flatnonzero(np.r_[True, np.any(cells[1:] != cells[:-1], axis=1)])
         return entity, np.hstack(points), cells[first]
+
+
+def _check_cells(mesh: Mesh) -> None:
+    """Raise unless every cell is mapped one to one: no corner folds over or is flat."""
+    if not np.all(np.isfinite(mesh.doflocs)):
+        raise InputError("mesh: has coordinates that are not finite")
+    with np.errstate(all="ignore"):
+        det = np.atleast_2d(mesh.mapping().detDF(mesh.elem.refdom.p))
+    size = np.ptp(mesh.p[:, mesh.t], axis=1).max(axis=0) ** mesh.dim()
+    sound = np.all(det > 1e-12 * size[:, None], axis=1) | np.all(
+        det < -1e-12 * size[:, None], axis=1
+    )
+    if not np.all(sound):
+        raise InputError(
+            f"mesh: {np.sum(~sound)} cells are flat, not convex or folded (first: "
+            f"{int(np.argmin(sound))}); order their vertices cyclically and untangle them"
+        )
 
 
 def _constant(value: Any) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:

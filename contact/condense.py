@@ -13,7 +13,7 @@ from contact.boundary import BoundaryProblem
 from contact.dissection import cell_graph, nested_dissection
 from contact.errors import Infeasible, InputError, Unbounded
 from contact.newton import Forces
-from contact.rigid_modes import describe_motion, dof_lengths, rigid_modes
+from contact.rigid_modes import describe_motion, rigid_modes
 from contact.rows import live_rows
 from contact.schur import schur_factor
 
@@ -61,9 +61,8 @@ class CondensedContact:
         T, u0 = body.constraint
         # Free unknowns are displacements: a derivative is multiplied by its length, so that no
         # unit of length sets values and derivatives apart.
-        columns, lengths = T.tocsc(), dof_lengths(body)
+        columns, per_length = T.tocsc(), 1.0 / body.lengths[1]
         self._leading = columns.indices[columns.indptr[:-1]]
-        per_length = 1.0 / lengths[self._leading]
         self._T = sparse.csr_array(T @ sparse.diags_array(per_length))
         self._u0 = u0
         if T.nnz == T.shape[1] and np.all(T.data == 1.0):
@@ -109,12 +108,12 @@ class CondensedContact:
         """Rigid motions that the supports leave free, in free unknowns, shape (nfree, k)."""
         modes = rigid_modes(self.body)
         T, _ = self.body.constraint
-        lengths = dof_lengths(self.body)[:, None]
-        held = lengths * (modes - T @ (T.T @ modes))
-        size = np.linalg.norm(lengths * modes, axis=0)
+        of_dof, of_free = (lengths[:, None] for lengths in self.body.lengths)
+        held = of_dof * (modes - T @ (T.T @ modes))
+        size = np.linalg.norm(of_dof * modes, axis=0)
         _, singular, V = np.linalg.svd(held / size, full_matrices=False)
         free: Array = T.T @ (modes @ (V[singular < 1e-9].T / size[:, None]))
-        return free * lengths[self._leading]
+        return free * of_free
 
     def _condense(self, modes: Array) -> None:
         S_b = self._factor.schur

@@ -97,6 +97,11 @@ def cross_check(
     system, dim = result.system, result.system.body.dim
     if dim == 3 and system.law is not None:
         raise InputError("cross_check: friction in 3-D is a cone problem, not a QP")
+    if result.u.size != problem.body.basis.N or result.mu.size != problem.rows.gap.size:
+        raise InputError(
+            f"result: has {result.u.size} unknowns and {result.mu.size} contact points, the "
+            f"problem {problem.body.basis.N} and {problem.rows.gap.size}"
+        )
     rows, (T, u0) = system.rows, system.body.constraint
     if condensed is None:
         condensed = T.shape[1] > 30_000

@@ -53,6 +53,9 @@ def read_mesh(path: str | Path) -> Mesh:
         raise InputError(f"mesh file {path}: expected a mesh of dimension 2 or 3")
     if not np.all(np.isfinite(mesh.doflocs)):
         raise InputError(f"mesh file {path}: holds coordinates that are not finite")
+    height = np.ptp(file.points[:, mesh.dim() :], axis=0).max(initial=0.0)
+    if height > 1e-9 * np.ptp(mesh.p, axis=1).max():
+        raise InputError(f"mesh file {path}: a surface in space, not in the plane of x and y")
     return mesh
 
 

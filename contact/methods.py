@@ -65,13 +65,13 @@ class Options:
             raise InputError(f"method={method!r}: friction in 3-D is no QP; use 'newton' or 'pdas'")
         if tol is None:
             tol = 1e-6 if method == "fixed_point" else 1e-7 if peer else 1e-10
-        if not (np.isfinite(tol) and tol > 0):
-            raise InputError(f"tol={tol!r}: expected a positive number")
+        if not 0 < tol < 1:
+            raise InputError(f"tol={tol!r}: expected a number between 0 and 1")
         if max_iterations is None:
             max_iterations = 2000 if method == "fixed_point" else 100
         if max_iterations < 1:
             raise InputError(f"max_iterations={max_iterations!r}: expected at least 1")
-        if eps is not None and (method != "fixed_point" or not eps > 0):
+        if eps is not None and (method != "fixed_point" or not 0 < eps < np.inf):
             raise InputError(f"eps={eps!r}: a positive number, for method 'fixed_point' only")
         return cls(method, float(tol), int(max_iterations), eps)
 
@@ -103,7 +103,7 @@ def solve_boundary(
     slack : float
         By how much the method misses the friction law by design, relative to the largest force.
     """
-    _check_held(problem, law is not None)
+    _check_held(problem, law)
     tol = options.tol * _INNER
     method = options.method
     peer = method[3:] if method.startswith("qp:") else None
@@ -122,9 +122,9 @@ def solve_boundary(
         return signorini(problem, bound=bound, start=near, tol=tol, peer=peer, report=note)
 
     if method == "fixed_point":
-        u_n, u_t = problem.displacements(start.mu, start.t, start.a)
-        largest = max(np.abs(u_n * scale).max(), np.abs(u_t * scale[:, None]).max())
-        eps = options.eps if options.eps is not None else 1e-5 * float(largest)
+        eps = options.eps
+        if eps is None:
+            eps = 1e-5 * _largest_displacement(problem, start, scale)
         forces = fixed_point(
             problem,
             start,
@@ -134,7 +134,8 @@ def solve_boundary(
             max_iterations=options.max_iterations,
             report=report,
         )
-        return forces, 10 * options.tol + 10 * eps / float(largest)
+        slip = eps / _largest_displacement(problem, forces, scale)
+        return forces, 10 * options.tol + 10 * slip
     if not law.coulomb:
         return given(law.value, start, report), 0.0
     if method == "newton":
@@ -151,11 +152,19 @@ def solve_boundary(
     return forces, 0.0
 
 
-def _check_held(problem: BoundaryProblem, friction: bool) -> None:
-    """Raise the certificate of a rigid motion that no contact row sees."""
+def _largest_displacement(problem: BoundaryProblem, forces: Forces, scale: Array) -> float:
+    """Of the contact points, in the units of the body."""
+    u_n, u_t = problem.displacements(forces.mu, forces.t, forces.a)
+    return float(max(np.abs(u_n * scale).max(), np.abs(u_t * scale[:, None]).max()))
+
+
+def _check_held(problem: BoundaryProblem, law: Friction | None) -> None:
+    """Raise the certificate of a rigid motion that no contact row resists."""
     rows = problem.normal[problem.can_touch]
-    if friction:
-        rows = np.concatenate((rows, problem.tangent[problem.tangent >= 0]))
+    if law is not None:
+        rubs = (law.value > 0) & (problem.can_touch | (not law.coulomb))
+        tangents = problem.tangent[rubs]
+        rows = np.concatenate((rows, tangents[tangents >= 0]))
     k = problem.s.size
     _, singular, V = np.linalg.svd(np.vstack((problem.C[rows], np.zeros((k, k)))))
     if k and singular[-1] <= 1e-10 * float(np.abs(problem.C).max(initial=1e-300)):

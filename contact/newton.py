@@ -126,7 +126,8 @@ def semismooth_newton(
     NotConverged
         The iteration cap is reached or the residual stalls: the caller decides what is next.
     """
-    now, size = start, np.inf
+    now = start
+    size = residual(problem, now.mu, now.t, now.a, friction.bound(now.mu))
     sizes: list[float] = []
     for step in range(1, max_iterations + 1):
         sets = _Sets.of(problem, now, friction)

@@ -205,7 +205,8 @@ class SignedDistance:
             middle = 0.5 * (low + high)
             outside = self._at(x + middle * n) * sign > 0
             low, high = np.where(outside, middle, low), np.where(outside, high, middle)
-        return np.where(crossed, 0.5 * (low + high), np.inf).reshape(shape)
+        gap = 0.5 * (low + high)
+        return np.where(crossed & (np.abs(gap) <= reach), gap, np.inf).reshape(shape)
 
     def _at(self, x: Array) -> Array:
         value = np.asarray(self.function(x), dtype=float)

@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 # What each solver calls its tolerances; the rest of qpsolvers' solvers keep their defaults.
 _OPTIONS: dict[str, dict[str, Any]] = {
     "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "polishing": True, "max_iter": 200_000},
-    "proxqp": {"eps_abs": 1e-9, "eps_rel": 0.0, "backend": "sparse"},
-    "piqp": {"eps_abs": 1e-9, "eps_rel": 1e-9},
+    "proxqp": {"eps_abs": 1e-11, "eps_rel": 0.0, "backend": "sparse"},
+    "piqp": {"eps_abs": 1e-11, "eps_rel": 1e-11},
     "clarabel": {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10},
 }
 

@@ -19,6 +19,7 @@ from contact.result import ContactResult, certify
 from contact.rows import ContactRows, contact_rows
 from contact.system import ContactSystem
 from gpu import Infeasible as QPInfeasible
+from gpu import InputError as QPInputError
 from gpu import NotConverged as QPNotConverged
 
 Array = NDArray[np.float64]
@@ -197,6 +198,11 @@ class ContactProblem:
             forces, slack = solve_boundary(boundary, law, options, warm, scale, report)
         except QPInfeasible as error:
             raise condensed.not_held(error.certificate) from error
+        except QPInputError as error:
+            raise InputError(
+                f"functional {self.rows.functional!r}: its rows depend on each other where the "
+                "supports hold the contact boundary; choose another functional, or refine"
+            ) from error
         except (QPNotConverged, NotConverged) as error:
             raise NotConverged(str(error), tuple(history)) from error
         result = ContactResult(

@@ -14,7 +14,6 @@ from contact.body import ElasticBody
 from contact.errors import InputError
 from contact.functionals import FacetFunctional, facet_functional
 from contact.obstacles import Gap, evaluate_gap
-from contact.rigid_modes import dof_lengths
 
 Array = NDArray[np.float64]
 
@@ -296,10 +295,9 @@ def live_rows(rows: sparse.csr_array, body: ElasticBody) -> NDArray[np.bool_]:
     -------
     ndarray of bool, shape (nrows,)
     """
-    per_length = sparse.diags_array(1.0 / dof_lengths(body))
-    T, _ = body.constraint
-    left, full = rows @ T @ (T.T @ per_length), rows @ per_length
-    return _norms(left) > 1e-9 * _norms(full)
+    of_dof, of_free = body.lengths
+    left = rows @ body.constraint[0] @ sparse.diags_array(1.0 / of_free)
+    return _norms(left) > 1e-9 * _norms(rows @ sparse.diags_array(1.0 / of_dof))
 
 
 def _norms(rows: sparse.csr_array) -> Array:

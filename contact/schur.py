@@ -254,7 +254,10 @@ class PardisoSchur(_Forward):
         return z
 
     def __del__(self) -> None:
-        if getattr(self, "_handle", np.zeros(1)).any() and not sys.is_finalizing():
+        # At the end of the interpreter even the module's names may be gone.
+        if np is None or sys is None or sys.is_finalizing():
+            return
+        if getattr(self, "_handle", np.zeros(1)).any():
             nothing = np.zeros(1)
             self._call(-1, nothing, nothing)
             self._handle[:] = 0

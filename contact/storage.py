@@ -6,6 +6,7 @@ import json
 import os
 import tempfile
 import zipfile
+import zlib
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -91,20 +92,27 @@ def read(path: Path) -> ContactResult:
     InputError
         The file is missing, truncated, or not one of ours.
     """
-    from contact.result import ContactResult
-
     if not path.is_file():
         raise InputError(f"result file {path} does not exist")
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        # NumPy leaves a file open that it opened itself and could not read.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         about = json.loads(str(arrays["about"]))
-        if about["format"] != _FORMAT:
-            raise InputError(f"result file {path} has format {about['format']}, not {_FORMAT}")
-    except (zipfile.BadZipFile, OSError, ValueError, KeyError, EOFError) as error:
-        if isinstance(error, InputError):
-            raise
+        if about["format"] == _FORMAT:
+            return _rebuild(arrays, about)
+    except (
+        *(zipfile.BadZipFile, zlib.error, OSError, EOFError, NotImplementedError),
+        *(ValueError, KeyError, TypeError, AttributeError, IndexError),
+    ) as error:
         raise InputError(f"result file {path} cannot be read: {error}") from error
+    raise InputError(f"result file {path} has format {about['format']}, not {_FORMAT}")
+
+
+def _rebuild(arrays: dict[str, Any], about: dict[str, Any]) -> ContactResult:
+    """The result from the arrays of its file."""
+    from contact.result import ContactResult
+
     boundaries = {
         name.removeprefix("boundary/"): value
         for name, value in arrays.items()

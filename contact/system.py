@@ -12,7 +12,6 @@ from scipy import sparse
 from contact.body import ElasticBody
 from contact.boundary import Friction, project
 from contact.errors import InputError
-from contact.rigid_modes import dof_lengths
 from contact.rows import ContactRows, live_rows
 
 Array = NDArray[np.float64]
@@ -68,7 +67,7 @@ class ContactSystem:
         force = S @ u + rows.G.T @ mu + rows.T.T @ t.ravel() - self.load
         sizes = sparse.csr_array((np.abs(S.data), S.indices, S.indptr), shape=S.shape)
         terms = sizes @ np.abs(u) + np.abs(self.load)
-        lengths = abs(T).T @ dof_lengths(self.body)
+        _, lengths = self.body.lengths
         length = float(np.abs(u).max(initial=0.0)) or 1.0
         size = max(float(np.abs(mu).max(initial=0.0)), float(np.abs(t).max(initial=0.0))) or 1.0
         reachable = np.isfinite(rows.gap)
@@ -80,7 +79,7 @@ class ContactSystem:
         prescribed = u - u0
         prescribed = prescribed - T @ (T.T @ prescribed)
         result = {
-            "equilibrium": _ratio(T.T @ force / lengths, abs(T).T @ terms / lengths),
+            "equilibrium": _ratio(T.T @ force / lengths, abs(T.T @ terms) / lengths),
             "support": _largest(prescribed) / length,
             "penetration": _largest(np.maximum(through, 0.0)) / length,
             "sign": _largest(np.maximum(-mu, 0.0)) / size,

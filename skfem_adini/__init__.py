@@ -1,21 +1,36 @@
 """Adini finite elements for scikit-fem."""
 
+from .element_hex_adini import ElementHexAdini
 from .element_quad_adini import ElementQuadAdini
+from .element_quad_bfs import ElementQuadBFS
 from .errors import AdiniError, InputError, MissingDependency, ReducedOrderWarning
 from .essential_constraints import essential_constraints
 from .essential_dofs import essential_dofs
+from .lowest_eigenpairs import lowest_eigenpairs
+from .hanging_constraints import hanging_constraints
 from .output import save, to_pyvista
 from .project_trace import project_trace
+from .refine_eigenpair import RefinedEigenpair, refine_eigenpair
+from .sparse_solve import factorize
+from .uniform_solver import UniformSolver
 
 __all__ = [
     "AdiniError",
+    "ElementHexAdini",
     "ElementQuadAdini",
+    "ElementQuadBFS",
     "InputError",
     "MissingDependency",
     "ReducedOrderWarning",
+    "RefinedEigenpair",
+    "UniformSolver",
     "essential_constraints",
     "essential_dofs",
+    "factorize",
+    "lowest_eigenpairs",
+    "hanging_constraints",
     "project_trace",
+    "refine_eigenpair",
     "save",
     "to_pyvista",
 ]

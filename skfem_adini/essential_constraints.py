@@ -1,4 +1,4 @@
-"""Dirichlet conditions on straight edges of any direction, as an affine parametrisation."""
+"""Dirichlet conditions on edges and faces of any direction, as an affine parametrisation."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from .boundary_edges import (
     BoundaryEdges,
     Indices,
     Value,
-    adini_dofs,
+    facet_vertices,
     imposed_components,
+    sample,
+    vertex_dofs,
 )
 from .errors import InputError
 from .trace_directions import TraceDirections
@@ -29,9 +31,10 @@ def essential_constraints(
     value: Value = 0.0,
     components: int | Sequence[int] | None = None,
 ) -> tuple[sp.csc_array, Array]:
-    r"""Return T and x0 such that u = value on the edges for every x = T z + x0.
+    r"""Return T and x0 such that u = value on the facets for every x = T z + x0.
 
-    At a vertex p of the given edges, with unit tangents :math:`t_k`, the conditions are
+    At a vertex p of the given edges (in 3-D of the edges of the given faces), with unit tangents
+    :math:`t_k`, the conditions are
     :math:`u(p) = g(p)` and :math:`t_k \cdot \nabla u(p) = \partial g / \partial t_k` on each edge
     that meets there. The gradient is their least-squares solution
 
@@ -41,8 +44,10 @@ def essential_constraints(
     - Edges in one line (turning by less than 1e-6) fix the derivative along it, as the mean of
       the derivatives from both sides, and leave the normal derivative free: one column of T
       with the entries of the unit normal.
-    - Edges that turn fix the whole gradient, each its own component: no conflict arises. On a
-      polygon that approximates a smooth curve this over-constrains the normal derivative.
+    - Edges in one plane in 3-D fix the gradient in that plane and leave the normal derivative.
+    - Edges that turn further fix the whole gradient, each its own component: no conflict arises.
+      On a polygon or polyhedron that approximates a smooth boundary this over-constrains the
+      normal derivative.
 
     The tangential derivative is that of the polynomial through g at 7 Chebyshev-Lobatto points
     of the edge: exact for polynomials of degree 6 along the edge, else of order :math:`h^6`.
@@ -50,15 +55,16 @@ def essential_constraints(
     Parameters
     ----------
     basis
-        Basis with `ElementQuadAdini` or `ElementVector(ElementQuadAdini())`.
+        Basis with an element of this package that has u and its gradient at the vertices, or
+        `ElementVector` of one.
     facets
-        Edge numbers, a boundary name, a callable of edge midpoints, or a set of these; or a
-        mapping from boundary names to values, or a list of pairs (edges, value), which replace
+        Facet numbers, a boundary name, a callable of facet midpoints, or a set of these; or a
+        mapping from boundary names to values, or a list of pairs (facets, value), which replace
         `value`.
     value
-        The data g: a number, or a callable of points (2, edges, points) returning (edges, points)
-        ((components, edges, points) for vector fields). For a vector field also a sequence with
-        one number or scalar callable a component; None leaves that component free.
+        The data g: a number, or a callable of points (dim, edges, points) returning (edges,
+        points) ((components, edges, points) for vector fields). For a vector field also a
+        sequence with one number or scalar callable a component; None leaves that component free.
     components
         Components of a vector field on which to impose the data, counted from 0; all by default.
 
@@ -72,7 +78,7 @@ def essential_constraints(
     Raises
     ------
     InputError
-        No edges, an unknown boundary, another element, data that are NaN or of the wrong shape,
+        No facets, an unknown boundary, another element, data that are NaN or of the wrong shape,
         or two boundaries that ask for different values at a common vertex.
 
     Examples
@@ -88,7 +94,7 @@ def essential_constraints(
 
     The condensed problem is `A = T.T @ K @ T`, `b = T.T @ (f - K @ x0)`.
     """
-    dofs = adini_dofs(basis)
+    dofs = vertex_dofs(basis)
     count, vertices = dofs.shape[1:]
     conditions = _conditions(facets, value)
     if not conditions:
@@ -101,11 +107,12 @@ def essential_constraints(
         if isinstance(g, list | tuple):
             chosen = [c for c in chosen if c >= len(g) or g[c] is not None]
             g = [0.0 if part is None else part for part in g]
-        edges = BoundaryEdges.select(basis.mesh, where)
-        sampled.append((where, edges, chosen, edges.sample(g, s, count)))
+        edges = BoundaryEdges.of(basis.mesh, facet_vertices(basis.mesh, where))
+        sampled.append((where, edges, chosen, sample(g, edges.points(s), count)))
     tolerance = _SAME_VALUE * max(np.abs(data).max() for *_, data in sampled)
 
-    directions = TraceDirections(dofs)
+    dim = basis.mesh.dim()
+    directions = TraceDirections(dofs, dim)
     nodal = np.full((count, vertices), np.nan)
     right = np.zeros(dofs.size)
     for where, edges, chosen, data in sampled:
@@ -114,7 +121,7 @@ def essential_constraints(
             for end, node in enumerate(edges.vertices):
                 _set_nodal(nodal[c], node, data[c, :, -end], where, tolerance)
                 slope = edges.tangent * (data[c] @ derivative[end]) / edges.length
-                np.add.at(right, dofs[1:, c, node], slope)
+                np.add.at(right, dofs[1 : 1 + dim, c, node], slope)
     right[dofs[0]] = np.nan_to_num(nodal)
     T, seen, weights = directions.split()
     return T, seen @ ((seen.T @ right) / weights)

@@ -1,4 +1,4 @@
-"""Dofs that a homogeneous Dirichlet condition fixes on axis-parallel edges."""
+"""Dofs that a homogeneous Dirichlet condition fixes on axis-parallel edges and faces."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .boundary_edges import BoundaryEdges, Indices, adini_dofs, imposed_components
+from .boundary_edges import Indices, facet_vertices, imposed_components, vertex_dofs
 from .errors import InputError
 
 _PARALLEL = 1e-10
@@ -19,21 +19,24 @@ def essential_dofs(
     clamp_normal: bool = False,
     components: int | Sequence[int] | None = None,
 ) -> Indices:
-    """Return the dofs of u and of its tangential derivative on axis-parallel edges.
+    """Return the dofs of u and of its tangential derivatives on axis-parallel edges or faces.
 
-    Along an edge u is the cubic of its values and tangential derivatives at the two ends, so
+    Along an edge u is the cubic of its values and tangential derivatives at the two ends (on a
+    face, the Adini function of its values and two tangential derivatives at the corners), so
     these dofs fix the trace; the normal derivative stays free, and fixing it as well
-    (`basis.get_dofs(facets).all()`) over-constrains a second-order problem. Where a horizontal
-    and a vertical edge meet, both derivatives belong to the trace.
+    (`basis.get_dofs(facets).all()`) over-constrains a second-order problem. Where edges or faces
+    of several directions meet, the derivatives along all of them belong to the trace.
 
     Parameters
     ----------
     basis
-        Basis with `ElementQuadAdini` or `ElementVector(ElementQuadAdini())`.
+        Basis with an element of this package that has u and its gradient at the vertices, or
+        `ElementVector` of one.
     facets
-        Edge numbers, a boundary name, a callable of edge midpoints, or a set of these.
+        Facet numbers, a boundary name, a callable of facet midpoints, or a set of these.
     clamp_normal
-        Add the normal derivative, for clamped plates. Edges may then have any direction.
+        Add the normal derivative (for BFS also u_xy), for clamped plates. Facets may then have
+        any direction.
     components
         Components of a vector field, counted from 0; all by default.
 
@@ -45,7 +48,8 @@ def essential_dofs(
     Raises
     ------
     InputError
-        No edges, an unknown boundary, another element, or a slanted edge without `clamp_normal`.
+        No facets, an unknown boundary, another element, or a slanted facet without
+        `clamp_normal`.
 
     Examples
     --------
@@ -57,24 +61,23 @@ def essential_dofs(
     >>> essential_dofs(basis, "bottom", clamp_normal=True).tolist()
     [0, 1, 2, 3, 4, 5]
     """
-    dofs = adini_dofs(basis)
+    dofs = vertex_dofs(basis)
     chosen = imposed_components(components, dofs.shape[1])
-    edges = BoundaryEdges.select(basis.mesh, facets)
+    mesh = basis.mesh
+    vertices = facet_vertices(mesh, facets)
     if clamp_normal:
-        return np.unique(dofs[:, chosen][:, :, edges.vertices])
+        return np.unique(dofs[:, chosen][:, :, vertices])
 
-    rounding = 4 * np.finfo(float).eps * np.abs(basis.mesh.p).max()
-    rise = np.abs(edges.last - edges.first)[::-1]
-    horizontal, vertical = rise <= _PARALLEL * edges.length + rounding
-    if not (horizontal | vertical).all():
+    rounding = 4 * np.finfo(float).eps * np.abs(mesh.p).max()
+    extent = np.ptp(mesh.p[:, vertices], axis=1)
+    normal_to = extent <= _PARALLEL * extent.max(axis=0) + rounding
+    if not normal_to.any(axis=0).all():
         raise InputError(
-            f"facets: {np.sum(~(horizontal | vertical))} edges are parallel to no axis, so u_x and "
-            "u_y do not separate there; use essential_constraints(basis, facets)"
+            f"facets: {np.sum(~normal_to.any(axis=0))} facets are parallel to no axis (in 3-D: to "
+            "no two axes), so the derivatives do not separate there; use "
+            "essential_constraints(basis, facets)"
         )
-    u, u_x, u_y = dofs[:, chosen]
-    fixed = (
-        u[:, edges.vertices],
-        u_x[:, edges.vertices[:, horizontal]],
-        u_y[:, edges.vertices[:, vertical]],
-    )
+    fixed = [dofs[0, chosen][:, vertices]]
+    for along, slopes in zip(~normal_to, dofs[1:], strict=False):
+        fixed.append(slopes[chosen][:, vertices[:, along]])
     return np.unique(np.concatenate([part.ravel() for part in fixed]))

@@ -39,9 +39,9 @@ def to_pyvista(
 ) -> Any:
     """Return finite element fields as a `pyvista.UnstructuredGrid`.
 
-    An Adini cell becomes one 16-node Lagrange quadrilateral (VTK cell type 70), which holds the
-    element's functions exactly; linear and quadratic elements become linear and quadratic VTK
-    cells. These cells share the points on their common edges. Any other element is written as
+    An Adini or BFS cell becomes one 16-node Lagrange quadrilateral (VTK cell type 70), an Adini
+    brick one 64-node Lagrange hexahedron (type 72); both hold the element's functions exactly.
+    Linear and quadratic elements become linear and quadratic VTK cells. These cells share the points on their common edges. Any other element is written as
     linear sub-cells that share no points, so that jumps between cells stay visible.
 
     Parameters

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from skfem.refdom import RefQuad
 
-from .errors import InputError, ReducedOrderWarning
+from .errors import InputError
+from .reduced_order import warn_of_twist
 
 Array = NDArray[np.float64]
 
-NEGLIGIBLE_TWIST = 1e-3
 SMALLEST_SINE = 1e-12
 
 
@@ -34,10 +34,17 @@ class QuadCells:
         True when every cell is a parallelogram.
     """
 
+    affine_name: ClassVar[str] = "parallelogram"
+
     a: Array
     b: Array
     c: Array
     affine: bool
+
+    @property
+    def count(self) -> int:
+        """Number of cells."""
+        return self.a.shape[1]
 
     @classmethod
     def from_mapping(cls, mapping: Any, tind: NDArray[np.integer] | None = None) -> QuadCells:
@@ -86,6 +93,10 @@ class QuadCells:
         np.divide(u[1], area, out=G[1, 0])
         return G
 
+    def second_derivatives(self, X: Array) -> Iterator[tuple[tuple[int, int], Array]]:
+        """Yield the one mixed second derivative of the map, shape (2, cells, 1)."""
+        yield (0, 1), self.c[:, :, None]
+
     def check(self) -> None:
         """Raise on a cell that is not strictly convex, warn when cells are twisted.
 
@@ -107,13 +118,4 @@ class QuadCells:
                 f"vertices until all four corners turn the same way"
             )
         twist = float((np.hypot(*self.c) / lengths.max(axis=(0, 1))).max(initial=0.0))
-        if twist > NEGLIGIBLE_TWIST:
-            warnings.warn(
-                f"the cells are not parallelograms (twist t = {twist:.2g} of the longest side). "
-                f"The error gains terms of size t^2 h^2 and t h^3: if t stays constant under "
-                f"refinement, the orders fall from 4 to 2 in L2 and from 3 to 1 in H1; if t falls "
-                f"like h, as in uniform refinement of a coarse quadrilateral mesh, orders 4 and "
-                f"3 are kept",
-                ReducedOrderWarning,
-                stacklevel=3,
-            )
+        warn_of_twist(twist, self.affine_name, "quadrilateral")

@@ -18,22 +18,26 @@ class TraceDirections:
 
     At a vertex the edges see u and the gradient along the eigenvectors of
     :math:`\sum_k t_k t_k^T` with non-zero eigenvalue: one when the edges lie in one line (they
-    turn by less than 1e-6), both when they turn.
+    turn by less than 1e-6), two when they lie in one plane, three otherwise.
 
     Parameters
     ----------
     dofs
-        Dofs (3, components, vertices) of u, u_x, u_y.
+        Dofs (names, components, vertices) of u, u_x, u_y (, u_z) and possibly others.
+    dim
+        Dimension of space.
 
     Attributes
     ----------
     projector
-        The sums of :math:`t_k t_k^T`, shape (components, vertices, 2, 2); filled by `add`.
+        The sums of :math:`t_k t_k^T`, shape (components, vertices, dim, dim);
+        filled by `add`.
     """
 
-    def __init__(self, dofs: Indices) -> None:
+    def __init__(self, dofs: Indices, dim: int) -> None:
         self.dofs = dofs
-        self.projector = np.zeros((*dofs.shape[1:], 2, 2))
+        self.dim = dim
+        self.projector = np.zeros((*dofs.shape[1:], dim, dim))
 
     def add(self, component: int, edges: BoundaryEdges) -> None:
         """Count in the tangents of edges for one component."""
@@ -54,26 +58,28 @@ class TraceDirections:
         """
         touched = self.projector.trace(axis1=2, axis2=3) > 0
         u = self.dofs[0][touched]
-        pair = np.array([self.dofs[1][touched], self.dofs[2][touched]]).T
+        gradient = self.dofs[1 : 1 + self.dim, touched].T
         eigenvalues, axes = np.linalg.eigh(self.projector[touched])
         axes = axes.transpose(0, 2, 1)
         largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=2)[..., None], axis=2)
         axes = axes * np.sign(largest)
-        hidden = eigenvalues <= _STRAIGHT * eigenvalues[:, 1:]
+        hidden = eigenvalues <= _STRAIGHT * eigenvalues[:, -1:]
 
         untouched = np.ones(self.dofs.size, dtype=bool)
-        untouched[u] = untouched[pair] = False
-        free = self._columns(np.flatnonzero(untouched), pair, axes, hidden)
-        seen = self._columns(u, pair, axes, ~hidden)
+        untouched[u] = untouched[gradient] = False
+        free = self._columns(np.flatnonzero(untouched), gradient, axes, hidden)
+        seen = self._columns(u, gradient, axes, ~hidden)
         return free, seen, np.concatenate([np.ones(len(u)), eigenvalues[~hidden]])
 
-    def _columns(self, single: Indices, pair: Indices, axes: Array, chosen: Mask) -> sp.csc_array:
+    def _columns(
+        self, single: Indices, gradient: Indices, axes: Array, chosen: Mask
+    ) -> sp.csc_array:
         """Return unit columns for single dofs, then the chosen axes of the gradients."""
         vertex, _ = np.nonzero(chosen)
         count = len(single) + len(vertex)
-        rows = np.concatenate([single, pair[vertex].ravel()])
+        rows = np.concatenate([single, gradient[vertex].ravel()])
         columns = np.concatenate(
-            [np.arange(len(single)), np.repeat(np.arange(len(single), count), 2)]
+            [np.arange(len(single)), np.repeat(np.arange(len(single), count), self.dim)]
         )
         entries = np.concatenate([np.ones(len(single)), axes[chosen].ravel()])
         matrix = sp.csc_array((entries, (rows, columns)), shape=(self.dofs.size, count))

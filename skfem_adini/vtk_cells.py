@@ -23,7 +23,9 @@ from skfem.element import (
 from skfem.mesh import MeshTet1, MeshTri1
 from skfem.refdom import RefHex, RefQuad, RefTet, RefTri
 
+from .element_hex_adini import ElementHexAdini
 from .element_quad_adini import ElementQuadAdini
+from .element_quad_bfs import ElementQuadBFS
 from .errors import InputError
 
 Array = NDArray[np.float64]
@@ -38,7 +40,9 @@ _DEGREE: dict[type[Element], int] = {
     ElementTetP2: 2,
     ElementHex1: 1,
     ElementHex2: 2,
+    ElementHexAdini: 3,
     ElementQuadAdini: 3,
+    ElementQuadBFS: 3,
 }
 
 LINEAR_ELEMENT: dict[Any, type[Element]] = {
@@ -58,6 +62,7 @@ _VTK_TYPE: dict[Any, int] = {
     (RefTet, 2): 24,
     (RefHex, 1): 12,
     (RefHex, 2): 29,
+    (RefHex, 3): 72,
 }
 
 
@@ -94,6 +99,8 @@ def lagrange_pattern(refdom: Any, degree: int) -> CellPattern | None:
         return None
     if refdom is RefQuad:
         lattice = _quad_lattice(degree)
+    elif refdom is RefHex and degree > 2:
+        lattice = _hex_lattice(degree)
     else:
         corners = _cyclic_corners(refdom)
         lattice = corners if degree == 1 else np.vstack([corners, *_midpoints(refdom, corners)])
@@ -169,6 +176,25 @@ def _quad_lattice(degree: int) -> Array:
     return np.vstack(
         [_cyclic_corners(RefQuad), *(np.c_[edge] for edge in edges), np.reshape(inside, (-1, 2))]
     )
+
+
+def _hex_lattice(degree: int) -> Array:
+    """Return the points of a Lagrange hexahedron: corners, edges, faces, inside.
+
+    Edges go in the direction of their axis: around the bottom, around the top, then upwards.
+    Faces come in pairs normal to x, y, z; their points and those inside with x fastest, z slowest.
+    """
+    inner = np.arange(1, degree) / degree
+    corners = _cyclic_corners(RefHex)
+    around = [(0, 1), (1, 2), (3, 2), (0, 3)]
+    edges = [*around, *((a + 4, b + 4) for a, b in around), *((k, k + 4) for k in range(4))]
+    points = [*corners]
+    for a, b in edges:
+        points += [corners[a] + s * (corners[b] - corners[a]) for s in inner]
+    for axis, end in product(range(3), (0.0, 1.0)):
+        points += [np.insert([u, v], axis, end) for v in inner for u in inner]
+    points += [np.array([x, y, z]) for z in inner for y in inner for x in inner]
+    return np.array(points)
 
 
 def _positive(points: Array, cells: NDArray[np.integer]) -> NDArray[np.integer]:

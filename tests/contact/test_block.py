@@ -142,7 +142,8 @@ def test_thesis_points_reproduce_the_forces(make):
 
 
 @pytest.mark.parametrize(
-    ("E", "free", "rough"), [(1.0, 0.17078, 0.15545), (2.0, 0.12928, 0.11864), (5.0, 0.03989, 0.03721)]
+    ("E", "free", "rough"),
+    [(1.0, 0.17078, 0.15545), (2.0, 0.12928, 0.11864), (5.0, 0.03989, 0.03721)],
 )
 def test_other_moduli(E, free, rough, make):
     """Values of an independent prototype."""

@@ -214,9 +214,7 @@ def test_large_friction_sticks(make):
 def test_solutions_are_reproducible(make):
     """Bit-identical on the SciPy path."""
     twice = [
-        ContactProblem(
-            make.block(8), "bottom", make.foundation[2], 0.9, solver="superlu"
-        ).solve()
+        ContactProblem(make.block(8), "bottom", make.foundation[2], 0.9, solver="superlu").solve()
         for _ in range(2)
     ]
     assert np.array_equal(twice[0].u, twice[1].u)

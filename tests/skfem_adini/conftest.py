@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from skfem import MeshQuad
+from skfem import MeshHex, MeshQuad
 
 
 def _deformed(mesh, f):
@@ -65,13 +65,70 @@ def any_quads(request):
     return (PARALLELOGRAMS | {"convex": _convex})[request.param]()
 
 
+def _bricks():
+    x, y, z = np.array([0, 0.2, 0.5, 1.4]), np.array([0, 0.3, 1.0]), np.array([0, 0.7, 0.8])
+    return MeshHex.init_tensor(x, y, z)
+
+
+def _turned_bricks():
+    """Rotate about (1, 2, 3) by 0.7."""
+    k = np.array([1.0, 2, 3]) / np.sqrt(14)
+    K = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
+    R = np.eye(3) + np.sin(0.7) * K + (1 - np.cos(0.7)) * K @ K
+    return MeshHex(R @ _bricks().p, _bricks().t)
+
+
+def _sheared_bricks():
+    x, y, z = _bricks().p
+    return MeshHex(np.array([x + 0.7 * y - 0.2 * z, y - 0.1 * x, z + 0.3 * x]), _bricks().t)
+
+
+def _mixed_bricks():
+    """Swap two reference axes, or turn them cyclically, in some of the cells."""
+    mesh = MeshHex().refined(1)
+    t = mesh.t.copy()
+    t[:, ::3] = t[[0, 2, 1, 3, 4, 6, 5, 7], ::3]
+    t[:, 1::3] = t[[0, 2, 3, 1, 6, 4, 5, 7], 1::3]
+    return MeshHex(mesh.p, t)
+
+
+def _warped_bricks():
+    mesh = MeshHex().refined(1)
+    p = mesh.p + 0.1 * np.random.default_rng(1).uniform(-1, 1, mesh.p.shape)
+    return MeshHex(p, mesh.t)
+
+
+PARALLELEPIPEDS = {
+    "refined": lambda: MeshHex().refined(1),
+    "graded": _bricks,
+    "mixed-axes": _mixed_bricks,
+    "turned": _turned_bricks,
+    "sheared": _sheared_bricks,
+}
+
+
+@pytest.fixture(params=PARALLELEPIPEDS, ids=str)
+def parallelepipeds(request):
+    return PARALLELEPIPEDS[request.param]()
+
+
+@pytest.fixture
+def warped_hexes():
+    return _warped_bricks()
+
+
+@pytest.fixture(params=[*PARALLELEPIPEDS, "warped"], ids=str)
+def any_hexes(request):
+    return (PARALLELEPIPEDS | {"warped": _warped_bricks})[request.param]()
+
+
 @pytest.fixture
 def interpolate():
-    """Return a function that gives the Adini dofs of u with gradient (u_x, u_y)."""
+    """Return a function that gives the dofs of u from u and the derivatives that are dofs."""
 
-    def dofs(basis, u, u_x, u_y):
+    def dofs(basis, *functions):
         x = basis.zeros()
-        for row, f in zip(basis.nodal_dofs, (u, u_x, u_y), strict=True):
+        for row, f in zip(basis.nodal_dofs, functions, strict=True):
             x[row] = f(*basis.mesh.p)
         return x
 

@@ -1,0 +1,118 @@
+"""Element matrices of Adini's element on a box, in whole numbers."""
+
+from __future__ import annotations
+
+from functools import lru_cache, reduce
+from itertools import product
+from math import perm
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Integers = NDArray[np.int64]
+
+# Coefficients of L = 1 - X, B = X (1 - X) (1 - 2 X), S = X (1 - X)^2 and of the same factors seen
+# from the end X = 1, where the slope S changes its sign.
+_FACTORS = (
+    (1, -1, 0, 0),
+    (0, 1, -3, 2),
+    (0, 1, -2, 1),
+    (0, 1, 0, 0),
+    (0, -1, 3, -2),
+    (0, 0, -1, 1),
+)
+# The least common multiple of 1, ..., 7: the factors are cubics.
+_DENOMINATOR = 420
+
+
+class ExactMatrix(NamedTuple):
+    """A matrix of fractions with one denominator.
+
+    Attributes
+    ----------
+    numerators
+        Whole numbers, shape (functions, functions).
+    denominator
+        A whole number; it has no factor in common with all numerators.
+    """
+
+    numerators: Integers
+    denominator: int
+
+
+@lru_cache
+def exact_matrix(dim: int, row: int | None = None, column: int | None = None) -> ExactMatrix:
+    r"""Return the integrals of products of shape functions over the unit box.
+
+    The shape functions of the vertex at the origin are, with :math:`L = 1 - X`,
+    :math:`B = X (1 - X) (1 - 2 X)` and :math:`S = X (1 - X)^2`,
+
+    .. math::
+        N = \prod_j L(X_j) + \sum_i B(X_i) \prod_{j \ne i} L(X_j), \qquad
+        H_i = S(X_i) \prod_{j \ne i} L(X_j),
+
+    so every integral is a sum of products of integrals in one variable. On a box with the sides
+    h the dofs u and :math:`h_i \partial_i u` have the same functions.
+
+    Parameters
+    ----------
+    dim
+        Number of variables, 1 to 3.
+    row, column
+        The variable in which the test and the trial function are differentiated; None for the
+        functions themselves. ``(None, None)`` is the mass matrix, ``(0, 0)`` the part
+        :math:`\int v_x u_x` of the stiffness matrix.
+
+    Returns
+    -------
+    ExactMatrix
+        The vertices come in the order of `itertools.product((0, 1), repeat=dim)`; each brings
+        dim + 1 functions, N, H_1, H_2 and so on.
+
+    Examples
+    --------
+    >>> mass = exact_matrix(2)
+    >>> mass.numerators.shape, mass.denominator
+    ((12, 12), 25200)
+    >>> int(mass.numerators[::3, ::3].sum())
+    25200
+    """
+    integrals = [_integrals(int(row == i), int(column == i)) for i in range(dim)]
+    functions = _functions(dim)
+    numerators = functions @ reduce(np.kron, integrals) @ functions.T
+    common = np.gcd.reduce(np.append(numerators.ravel(), _DENOMINATOR**dim))
+    return ExactMatrix(numerators // common, int(_DENOMINATOR**dim // common))
+
+
+def _integrals(row: int, column: int) -> Integers:
+    """Return the integrals over [0, 1] of products of factors or their derivatives, times 420."""
+    result = np.zeros((len(_FACTORS), len(_FACTORS)), dtype=np.int64)
+    for a, p in enumerate(_FACTORS):
+        for b, q in enumerate(_FACTORS):
+            result[a, b] = sum(
+                perm(i, row)
+                * perm(j, column)
+                * p[i]
+                * q[j]
+                * _DENOMINATOR
+                // (i + j + 1 - row - column)
+                for i in range(row, 4)
+                for j in range(column, 4)
+            )
+    return result
+
+
+def _functions(dim: int) -> Integers:
+    """Return the shape functions in terms of products of factors, shape (functions, 6^dim)."""
+    rows = []
+    for vertex in product((0, 1), repeat=dim):
+        at_end = np.array(vertex) * 3
+        units = at_end + np.eye(dim, dtype=int)
+        slopes = at_end + 2 * np.eye(dim, dtype=int)
+        for choice in ([at_end, *units], *([slope] for slope in slopes)):
+            row = np.zeros((6,) * dim, dtype=np.int64)
+            for index in choice:
+                row[tuple(index)] = 1
+            rows.append(row.ravel())
+    return np.array(rows)
