@@ -25,12 +25,12 @@ from contact.elasticity import lame, stiffness_matrix
 from contact.errors import InputError
 from contact.mesh_file import read_mesh
 from contact.rigid_modes import dof_lengths
+from contact.selection import select_components, select_facets
 from skfem_adini import ElementQuadAdini, essential_constraints
 from skfem_adini import InputError as AdiniInputError
 
 Field = float | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]
 
-_AXES = "xyz"
 _DEFAULT_ELEMENT = {
     "MeshTri1": ElementTriP2,
     "MeshTri2": ElementTriP2,
@@ -167,60 +167,8 @@ class ElasticBody:
         return Dofs(self.mesh, self.element)
 
     def facets(self, boundary: str | Sequence[str] | ArrayLike) -> NDArray[np.int64]:
-        """Facet numbers of a named boundary, of several, or of an array of facet numbers.
-
-        Raises
-        ------
-        InputError
-            Unknown name, empty set, or facets inside the body.
-        """
-        names = [boundary] if isinstance(boundary, str) else boundary
-        if isinstance(names, (list, tuple)) and all(isinstance(name, str) for name in names):
-            known = self.mesh.boundaries or {}
-            for name in names:
-                if name not in known:
-                    raise InputError(
-                        f"boundary {name!r} is unknown; the mesh names {sorted(known) or 'none'} "
-                        "(mesh.with_boundaries or mesh.with_defaults adds names)"
-                    )
-            found = [np.asarray(known[name], dtype=np.int64) for name in names]
-            facets = np.unique(np.concatenate(found)) if found else np.zeros(0, dtype=np.int64)
-        else:
-            numbers = np.asarray(boundary)
-            if numbers.size and numbers.dtype.kind not in "iu":
-                raise InputError(
-                    f"boundary={boundary!r}: expected a name, names, or whole facet numbers"
-                )
-            facets = np.unique(numbers.astype(np.int64))
-            if facets.size and not (facets[0] >= 0 and facets[-1] < self.mesh.nfacets):
-                raise InputError(f"boundary: facet numbers must lie in 0..{self.mesh.nfacets - 1}")
-        if facets.size == 0:
-            raise InputError(f"boundary {boundary!r} has no facets")
-        if np.any(self.mesh.f2t[1, facets] != -1):
-            raise InputError(f"boundary {boundary!r} holds facets inside the body")
-        return facets
-
-    def components(self, components: str | int | Sequence[int] | None) -> list[int]:
-        """Component numbers of "x", "xy", 1, (0, 2) or None (all).
-
-        Raises
-        ------
-        InputError
-            Not a set of components.
-        """
-        if components is None:
-            return list(range(self.dim))
-        if isinstance(components, str):
-            numbers = [_AXES.find(letter) for letter in components]
-        else:
-            given = np.atleast_1d(np.asarray(components))
-            numbers = [int(c) for c in given] if given.dtype.kind in "iu" else []
-        if not numbers or any(c < 0 or c >= self.dim for c in numbers):
-            raise InputError(
-                f"components={components!r}: expected letters of {_AXES[: self.dim]!r} or "
-                f"numbers below {self.dim}"
-            )
-        return sorted(set(numbers))
+        """Facet numbers of a boundary of this body; see `contact.selection.select_facets`."""
+        return select_facets(self.mesh, boundary)
 
     def fix(
         self,
@@ -252,7 +200,7 @@ class ElasticBody:
         """
         facets = self.facets(boundary)
         function = value if callable(value) else _constant(value)
-        self._supports += [(facets, c, function) for c in self.components(components)]
+        self._supports += [(facets, c, function) for c in select_components(self.dim, components)]
         for derived in ("constraint", "lengths"):
             self.__dict__.pop(derived, None)
         return self

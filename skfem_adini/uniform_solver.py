@@ -153,8 +153,9 @@ class UniformSolver:
         places = origin[:, None] + index * (lengths / shape)[:, None]
         filled = np.zeros([n + 1 for n in shape], dtype=int)
         np.add.at(filled, tuple(index), 1)
-        if np.abs(p - places).max() > rounding or not (filled == 1).all():
-            raise InputError("basis: the vertices of its mesh are no uniform grid of a full box")
+        complete = (filled == 1).all() and basis.mesh.nelements == np.prod(shape)
+        if np.abs(p - places).max() > rounding or not complete:
+            raise InputError("basis: its mesh is no uniform grid of a full box")
         solver = cls(shape, lengths, bc, k, c)
         solver._nodes[tuple(index)] = np.arange(p.shape[1])
         return solver
@@ -321,7 +322,7 @@ class UniformSolver:
             raise InputError(f"digits: expected a whole number from 1 to 1000, got {digits!r}")
         with localcontext(prec=digits):
             discrete = extended_eigenvalue(
-                self._steps, self.shape, modes, self.k, self.bc == "dirichlet", digits
+                self.lengths, self.shape, modes, self.k, self.bc == "dirichlet", digits
             )
             exact = continuous_eigenvalue(self.lengths, modes, self.k, digits)
             return discrete + Decimal(self.c), exact + Decimal(self.c)

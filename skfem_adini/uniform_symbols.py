@@ -90,7 +90,7 @@ def phase(p: int, q: int, dirichlet: bool) -> int:
 
 
 def extended_eigenvalue(
-    steps: Sequence[float],
+    lengths: Sequence[float],
     cells: Sequence[int],
     modes: Sequence[int],
     weights: Sequence[float],
@@ -105,8 +105,8 @@ def extended_eigenvalue(
 
     Parameters
     ----------
-    steps
-        Sides of a cell; their binary values count.
+    lengths
+        Sides of the box; their binary values count.
     cells
         Number of cells in each direction.
     modes
@@ -123,7 +123,8 @@ def extended_eigenvalue(
         context.prec = digits + _GUARD
         pi = _pi(context.prec)
         scales = [
-            Decimal(float(k)) / Decimal(float(h)) ** 2 for k, h in zip(weights, steps, strict=True)
+            Decimal(float(k)) * (n / Decimal(float(l))) ** 2
+            for k, n, l in zip(weights, cells, lengths, strict=True)
         ]
         angles = [k * pi / n for k, n in zip(modes, cells, strict=True)]
         even = [(Decimal(1), -4 * _sine(theta / 2) ** 2) for theta in angles]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.sparse.linalg import LinearOperator, cg
-from skfem import Basis, BilinearForm, LinearForm, MeshHex, MeshQuad, condense, solve
+from skfem import Basis, BilinearForm, ElementQuad1, LinearForm, MeshHex, MeshQuad, condense, solve
 from skfem.helpers import dot, grad
 from skfem.models.poisson import laplace, mass
 
@@ -205,10 +205,9 @@ def stretched():
     return Basis(mesh, ElementQuadAdini())
 
 
-def with_a_hole():
-    mesh = MeshQuad().refined(2).remove_elements(np.array([5]))
-    mesh = MeshQuad().refined(2).remove_elements(np.arange(8))
-    return Basis(mesh, ElementQuadAdini())
+def without_cell(cell):
+    mesh = MeshQuad.init_tensor(np.arange(5.0), np.arange(4.0))
+    return Basis(mesh.remove_elements(np.array([cell])), ElementQuadAdini())
 
 
 CASES = {
@@ -233,10 +232,12 @@ CASES = {
     "no digits": (lambda: solver().eigenvalue(1, 1, digits=0), "digits"),
     "constant": (lambda: UniformSolver((4, 4), bc="neumann").eigenvalue_error(0, 0), "zero"),
     "stretched grid": (lambda: UniformSolver.from_basis(stretched()), "uniform grid"),
-    "part of a grid": (lambda: UniformSolver.from_basis(with_a_hole()), "uniform grid"),
+    "hole in the grid": (lambda: UniformSolver.from_basis(without_cell(4)), "full box"),
+    "corner cut off": (lambda: UniformSolver.from_basis(without_cell(0)), "full box"),
+    "single cell": (lambda: UniformSolver.from_basis(Basis(MeshQuad(), ElementQuadAdini())), "at"),
     "another element": (
-        lambda: UniformSolver.from_basis(Basis(MeshQuad(), ElementQuadAdini()).boundary()),
-        "at least 2",
+        lambda: UniformSolver.from_basis(Basis(MeshQuad().refined(1), ElementQuad1())),
+        "Adini's element",
     ),
 }
 
