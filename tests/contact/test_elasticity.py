@@ -5,7 +5,6 @@ import pytest
 from skfem import (
     Basis,
     ElementHex1,
-    ElementHex2,
     ElementQuad1,
     ElementQuad2,
     ElementTetP1,
@@ -35,14 +34,15 @@ SOLID = {
     ElementTetP1: MeshTet,
     ElementTetP2: MeshTet,
     ElementHex1: MeshHex,
-    ElementHex2: MeshHex,
 }
 TICKS = np.array([0.0, 0.3, 1.0, 1.4])
 
 
 def basis_of(element):
     mesh_class = (PLANAR | SOLID)[element]
-    return Basis(mesh_class.init_tensor(*(TICKS,) * mesh_class().dim()), ElementVector(element()))
+    dim = mesh_class().dim()
+    ticks = TICKS if dim == 2 else TICKS[:3]
+    return Basis(mesh_class.init_tensor(*(ticks,) * dim), ElementVector(element()))
 
 
 def worst_entry(S, expected):
@@ -108,8 +108,14 @@ GRADIENT[3] = np.array([[0.01, 0.03, 0.0], [-0.02, -0.04, 0.01], [0.005, 0.02, 0
 
 @pytest.mark.parametrize(
     ("element", "plane"),
-    [(ElementTriP2, "strain"), (ElementQuadAdini, "strain"), (ElementQuadAdini, "stress")]
-    + [(ElementQuad2, "stress"), (ElementHex1, None), (ElementTetP1, None)],
+    [
+        (ElementTriP2, "strain"),
+        (ElementQuadAdini, "strain"),
+        (ElementQuadAdini, "stress"),
+        (ElementQuad2, "stress"),
+        (ElementHex1, None),
+        (ElementTetP1, None),
+    ],
     ids=lambda value: getattr(value, "__name__", str(value)),
 )
 def test_stress_of_an_affine_displacement(element, plane, make):

@@ -466,8 +466,13 @@ def test_truncated_mesh_file(length, tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "content"),
-    [("noise.msh", b"\x00\x01\x02 no mesh"), ("text.msh", b"hello\n"), ("empty.vtu", b"")]
-    + [("mesh.xyzzy", b"1 2 3"), ("text.vtk", b"# vtk DataFile Version 3.0\nbroken")],
+    [
+        ("noise.msh", b"\x00\x01\x02 no mesh"),
+        ("text.msh", b"hello\n"),
+        ("empty.vtu", b""),
+        ("mesh.xyzzy", b"1 2 3"),
+        ("text.vtk", b"# vtk DataFile Version 3.0\nbroken"),
+    ],
 )
 def test_not_a_mesh_file(name, content, tmp_path):
     (tmp_path / name).write_bytes(content)

@@ -11,7 +11,7 @@ from skfem_adini import ElementQuadAdini
 
 PLANAR = [ElementQuadAdini, ElementTriP2, ElementQuad2, ElementQuad1, ElementTriP1]
 POINTS = np.random.default_rng(8).uniform(0, 1, (2, 60))
-few = settings(max_examples=10, suppress_health_check=list(HealthCheck))
+few = settings(max_examples=5, suppress_health_check=list(HealthCheck))
 
 
 def ids(value):

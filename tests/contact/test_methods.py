@@ -120,7 +120,7 @@ def iterates(monkeypatch):
 
 def test_reported_energy_is_the_energy(iterates, make):
     """Differences of the history's energies are those of J_eps of the iterates."""
-    eps, bound = 1e-3, 0.05
+    eps, bound = 1e-3, 0.2  # some points stick, some slip
     problem, _ = make.solved(law="tresca", friction=bound)
     lines, u = iterates(problem, eps=eps, tol=1e-6)
     g = bound * problem.rows.weights
@@ -134,10 +134,10 @@ def test_reported_energy_is_the_energy(iterates, make):
 def test_dissertation_iteration_stopped_after_ten_steps(iterates, make):
     """Its least u_y then reads -.3116; converged it is -.31153."""
     problem, result = make.solved()
-    _, u = iterates(problem, eps=1e-6, tol=1e-8)
+    _, u = iterates(problem, eps=1e-6, tol=1e-6)
     # The digits printed.
     assert round(float(u[9][1::6].min()), 4) == -0.3116
-    assert abs(u[-1][1::6].min() + 0.311533) < 2e-6
+    assert abs(u[-1][1::6].min() + 0.311533) < 1e-5  # stopped at a change of 1e-6 a step
     assert abs(result.u[1::6].min() + 0.311533) < 2e-6
 
 

@@ -202,8 +202,16 @@ def test_signed_distance_of_a_union():
 @pytest.mark.parametrize("shape", [(5,), (4, 3)])
 @pytest.mark.parametrize(
     "obstacle",
-    [Plane((0, -1), (0, 1)), Cylinder((0, -2), 1.5), Sphere((0, -2), 1.5), Parabola((0, 0), 1.0)]
-    + [SignedDistance(lambda x: x[1] + 1.0), lambda x: 1.0 + x[0], 0.3, None],
+    [
+        Plane((0, -1), (0, 1)),
+        Cylinder((0, -2), 1.5),
+        Sphere((0, -2), 1.5),
+        Parabola((0, 0), 1.0),
+        SignedDistance(lambda x: x[1] + 1.0),
+        lambda x: 1.0 + x[0],
+        0.3,
+        None,
+    ],
     ids=lambda o: type(o).__name__,
 )
 def test_shapes(obstacle, shape):

@@ -1,4 +1,4 @@
-"""Friction as a cone in three dimensions: methods agree, the law is met, rotation changes nothing."""
+"""Friction as a cone in three dimensions: methods agree, the law is met, frames do not matter."""
 
 import numpy as np
 import pytest

@@ -1,0 +1,214 @@
+"""Fields on meshes with hanging vertices are continuous, and nothing else is lost."""
+
+import numpy as np
+import pytest
+from skfem import Basis, ElementQuad1, ElementVector, FacetBasis, MeshQuad
+from skfem.models.poisson import laplace
+
+from skfem_adini import (
+    ElementQuadAdini,
+    ElementQuadBFS,
+    InputError,
+    essential_constraints,
+    hanging_constraints,
+)
+
+
+def tensor(x, y):
+    return MeshQuad.init_tensor(np.array(x, float), np.array(y, float))
+
+
+def refine(mesh, cells):
+    return mesh.remove_elements(cells) + mesh.restrict(cells).refined()
+
+
+def local():
+    """Two levels; the inner one shares vertices with the edge of the outer one."""
+    mesh = refine(tensor(np.arange(4), np.arange(4)), np.array([4]))
+    centres = mesh.p[:, mesh.t].mean(axis=1)
+    return refine(mesh, np.flatnonzero((centres > 1).all(0) & (centres < 1.5).all(0)))
+
+
+def chain():
+    """The ends of an edge with a hanging vertex hang themselves."""
+    mesh = tensor([0, 1, 2], [0, 1, 2])
+    for corner in ((0, 0), (0.5, 0.5), (0.75, 0.75)):
+        centres = mesh.p[:, mesh.t].mean(axis=1) - np.array(corner)[:, None]
+        size = np.abs(mesh.p[0, mesh.t[0]] - mesh.p[0, mesh.t[2]])
+        mesh = refine(mesh, np.flatnonzero((np.abs(centres - size / 2) < 1e-9).all(axis=0)))
+    return mesh
+
+
+def uneven():
+    """Two cells beside three, at unequal places, and four beside one."""
+    left = tensor([0, 1], [0, 2])
+    right = tensor([1, 2], [0, 0.3, 1.1, 1.9, 2])
+    return left + right + tensor([-1, 0], [0, 1, 2])
+
+
+def slanted():
+    c, s = np.cos(0.4), np.sin(0.4)
+    mesh = local()
+    return MeshQuad(np.array([[c, -s], [s, c]]) @ mesh.p, mesh.t)
+
+
+def sheared_chain():
+    mesh = chain()
+    return MeshQuad(np.array([[1.0, 0.5], [-0.2, 1]]) @ mesh.p, mesh.t)
+
+
+def mutual():
+    """Cells above and below overlap like bricks in a wall, so vertices hang on each other."""
+    return tensor([0, 2, 4], [0, 1]) + tensor([0, 1, 3, 4], [1, 2])
+
+
+MESHES = {f.__name__: f for f in (local, chain, uneven, slanted, sheared_chain, mutual)}
+
+
+@pytest.fixture(params=MESHES, ids=str)
+def mesh(request):
+    return MESHES[request.param]()
+
+
+def on_segment(p, a, b):
+    """Places s of the points p on the segment from a to b, and whether they lie on it."""
+    side = b - a
+    s = (p - a) @ side / (side @ side)
+    return s, np.linalg.norm(p - a - s[:, None] * side, axis=1) < 1e-9
+
+
+def hanging_vertices(mesh):
+    """Find them one edge at a time."""
+    found = set()
+    for edge in mesh.facets[:, mesh.boundary_facets()].T:
+        s, close = on_segment(mesh.p.T, *mesh.p[:, edge].T)
+        found |= set(np.flatnonzero(close & (s > 1e-9) & (s < 1 - 1e-9)))
+    return found
+
+
+def largest_jump(mesh, element, x):
+    """Evaluate the field in the cells on both sides, where one-sided edges overlap."""
+    single = mesh.boundary_facets()
+    largest, compared = 0.0, 0
+    for f in single:
+        for g in single:
+            ends = mesh.p[:, mesh.facets[:, f]].T
+            s, close = on_segment(mesh.p[:, mesh.facets[:, g]].T, *ends)
+            low, high = max(s.min(), 0), min(s.max(), 1)
+            if f == g or not close.all() or high - low < 1e-9:
+                continue
+            places = low + (high - low) * np.array([0.1, 0.35, 0.6, 0.9])
+            points = ends[0] + places[:, None] * (ends[1] - ends[0])
+            values = []
+            for facet in (f, g):
+                own, _ = on_segment(points, *mesh.p[:, mesh.facets[:, facet]].T)
+                rule = own[None], np.ones(4)
+                trace = FacetBasis(mesh, element, facets=np.array([facet]), quadrature=rule)
+                np.testing.assert_allclose(trace.global_coordinates()[:, 0], points.T, atol=1e-12)
+                values.append(np.array(trace.interpolate(x)))
+            largest = max(largest, np.abs(values[0] - values[1]).max())
+            compared += 1
+    assert compared >= 2
+    return largest
+
+
+@pytest.mark.parametrize("vector", [False, True], ids=["scalar", "vector"])
+def test_random_fields_are_continuous(mesh, vector):
+    element = ElementVector(ElementQuadAdini()) if vector else ElementQuadAdini()
+    basis = Basis(mesh, element, intorder=1)
+    T, x0 = hanging_constraints(basis)
+    assert not x0.any()
+    z = np.random.default_rng(0).uniform(-1, 1, T.shape[1])
+    assert largest_jump(mesh, element, T @ z) < 1e-13
+    free = np.random.default_rng(0).uniform(-1, 1, basis.N)
+    assert largest_jump(mesh, element, free) > 0.1
+
+
+def test_two_dofs_of_every_hanging_vertex_are_lost(mesh):
+    basis = Basis(mesh, ElementQuadAdini(), intorder=1)
+    T, _ = hanging_constraints(basis)
+    assert T.shape == (basis.N, basis.N - 2 * len(hanging_vertices(mesh)))
+    assert np.linalg.matrix_rank(T.toarray()) == T.shape[1]
+
+
+def test_every_cubic_remains(mesh, interpolate):
+    basis = Basis(mesh, ElementQuadAdini(), intorder=1)
+    T, _ = hanging_constraints(basis)
+    x = interpolate(
+        basis,
+        lambda x, y: x**3 - 2 * x * y**2 + y,
+        lambda x, y: 3 * x**2 - 2 * y**2,
+        lambda x, y: -4 * x * y + 1,
+    )
+    z = np.linalg.lstsq(T.toarray(), x, rcond=None)[0]
+    np.testing.assert_allclose(T @ z, x, atol=1e-12)
+
+
+def test_formula_at_the_middle_of_an_edge():
+    """One cell of height 2 beside two: u_m, t_m from the ends, u_n free."""
+    mesh = tensor([0, 1], [0, 2]) + tensor([1, 2], [0, 1, 2])
+    basis = Basis(mesh, ElementQuadAdini(), intorder=1)
+    T, _ = hanging_constraints(basis)
+    z = np.random.default_rng(0).uniform(-1, 1, T.shape[1])
+    m, low, high = (np.flatnonzero((mesh.p.T == (1, y)).all(axis=1))[0] for y in (1, 0, 2))
+    u, u_x, u_y = (T @ z)[basis.nodal_dofs]
+    assert u[m] == pytest.approx((u[low] + u[high]) / 2 + 2 / 8 * (u_y[low] - u_y[high]))
+    assert u_y[m] == pytest.approx(3 * (u[high] - u[low]) / 4 - (u_y[low] + u_y[high]) / 4)
+    row = T[[basis.nodal_dofs[1, m]]]
+    assert row.data.tolist() == [1.0]
+    assert T[:, row.indices].nnz == 1
+
+
+def test_matching_meshes_keep_everything():
+    T, x0 = hanging_constraints(Basis(MeshQuad().refined(2), ElementQuadAdini()))
+    np.testing.assert_array_equal(T.toarray(), np.eye(len(x0)))
+
+
+def test_patch_test_with_dirichlet_conditions(mesh, interpolate):
+    """The data are harmonic, so Laplace's equation gives the cubic back exactly."""
+    basis = Basis(mesh, ElementQuadAdini())
+    single = mesh.boundary_facets()
+    inner = [
+        f
+        for f in single
+        for g in single
+        if f != g and overlap(mesh, f, g)
+    ]
+    outer = np.setdiff1d(single, inner)
+    essential = essential_constraints(basis, outer, lambda x: x[0] ** 3 - 3 * x[0] * x[1] ** 2)
+    T, x0 = hanging_constraints(basis, essential)
+    K = laplace.assemble(basis)
+    z = np.linalg.solve((T.T @ K @ T).toarray(), -T.T @ (K @ x0))
+    exact = interpolate(
+        basis,
+        lambda x, y: x**3 - 3 * x * y**2,
+        lambda x, y: 3 * x**2 - 3 * y**2,
+        lambda x, y: -6 * x * y,
+    )
+    np.testing.assert_allclose(T @ z + x0, exact, atol=1e-10)
+
+
+def overlap(mesh, f, g):
+    s, close = on_segment(mesh.p[:, mesh.facets[:, g]].T, *mesh.p[:, mesh.facets[:, f]].T)
+    return close.all() and min(s.max(), 1) - max(s.min(), 0) > 1e-9
+
+
+def test_conditions_on_the_divided_edges_are_refused():
+    mesh = local()
+    basis = Basis(mesh, ElementQuadAdini(), intorder=1)
+    essential = essential_constraints(basis, mesh.boundary_facets())
+    with pytest.raises(InputError, match="name the boundary by its coordinates"):
+        hanging_constraints(basis, essential)
+
+
+def test_conditions_of_another_basis_are_refused():
+    other = Basis(MeshQuad().with_defaults(), ElementQuadAdini())
+    essential = essential_constraints(other, "left")
+    with pytest.raises(InputError, match="essential: expected T and x0 with"):
+        hanging_constraints(Basis(local(), ElementQuadAdini(), intorder=1), essential)
+
+
+@pytest.mark.parametrize("element", [ElementQuad1(), ElementQuadBFS()], ids=lambda e: type(e).__name__)
+def test_other_elements_are_refused(element):
+    with pytest.raises(InputError, match="expected ElementQuadAdini"):
+        hanging_constraints(Basis(local(), element))

@@ -1,0 +1,90 @@
+"""The brick's derivatives against differences of the order below, on every kind of cell."""
+
+import numpy as np
+import pytest
+from skfem import Basis, MeshHex
+
+from skfem_adini import ElementHexAdini, InputError
+
+pytestmark = pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
+
+# Places of value, gradient and Hessian in DiscreteField.get.
+FIELD = [0, 1, 4]
+NAMES = ["value", "grad", "hess", "grad3", "grad4", "grad5", "grad6"]
+STEP = 1e-6
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_physical_derivatives(any_hexes, order):
+    element, mapping = ElementHexAdini(derivatives=order), any_hexes._mapping()
+    points = np.random.default_rng(0).uniform(0.1, 0.9, (3, 4))
+    tind = np.arange(any_hexes.nelements)
+    ends = [
+        [mapping.invF(mapping.F(points) + s * shift, tind=tind) for s in (1, -1)]
+        for shift in STEP * np.eye(3)[:, :, None, None]
+    ]
+    for i in range(0, 32, 3):
+        quotients = []
+        for pair in ends:
+            high, low = (element.gbasis(mapping, end, i, tind=tind)[0] for end in pair)
+            quotients.append((high.get(FIELD[order - 1]) - low.get(FIELD[order - 1])) / (2 * STEP))
+        computed = element.gbasis(mapping, points, i)[0].get(FIELD[order])
+        scale = np.abs(computed).max()
+        np.testing.assert_allclose(computed, quotients, rtol=0, atol=1e-7 * max(scale, 10.0**order))
+
+
+def test_third_and_higher_derivatives(interpolate):
+    """On a sheared mesh, of X^3 y z with X = x - y/2."""
+    mesh = MeshHex().refined(1)
+    mesh = MeshHex(np.array([mesh.p[0] + 0.5 * mesh.p[1], *mesh.p[1:]]), mesh.t)
+    basis = Basis(mesh, ElementHexAdini(derivatives=6), intorder=2)
+    dofs = interpolate(
+        basis,
+        lambda x, y, z: (x - y / 2) ** 3 * y * z,
+        lambda x, y, z: 3 * (x - y / 2) ** 2 * y * z,
+        lambda x, y, z: (-1.5 * (x - y / 2) ** 2 * y + (x - y / 2) ** 3) * z,
+        lambda x, y, z: (x - y / 2) ** 3 * y,
+    )
+    u = basis.interpolate(dofs)
+    X, Y, Z = basis.global_coordinates()
+    X = X - Y / 2
+    np.testing.assert_allclose(u.grad3[0, 0, 0], 6 * Y * Z, atol=1e-10)
+    np.testing.assert_allclose(u.grad3[0, 1, 0], (6 * X - 3 * Y) * Z, atol=1e-10)
+    np.testing.assert_allclose(u.grad3[2, 1, 1], 1.5 * X * Y - 3 * X**2, atol=1e-10)
+    np.testing.assert_allclose(u.grad4[0, 2, 1, 0], 6 * X - 3 * Y, atol=1e-9)
+    np.testing.assert_allclose(u.grad4[2, 2], 0, atol=1e-9)
+    np.testing.assert_allclose(u.grad5[0, 1, 2, 0, 0], 6 + 0 * X, atol=1e-8)
+    np.testing.assert_allclose(u.grad5[1, 1, 0, 2, 0], -6 + 0 * X, atol=1e-8)
+    np.testing.assert_allclose(u.grad6, 0, atol=1e-6)
+
+
+@pytest.mark.parametrize("derivatives", range(7))
+def test_as_many_orders_as_asked_for(derivatives):
+    (field,) = ElementHexAdini(derivatives).gbasis(
+        MeshHex()._mapping(), np.array([[0.3], [0.4], [0.7]]), 9
+    )
+    given = [name for name in NAMES[1:] if getattr(field, name) is not None]
+    assert given == NAMES[1 : derivatives + 1]
+
+
+def test_third_derivatives_need_parallelepipeds(warped_hexes):
+    element = ElementHexAdini(derivatives=3)
+    with pytest.raises(InputError, match=r"parallelepiped.*ElementHexAdini\(derivatives=2\)"):
+        element.gbasis(warped_hexes._mapping(), np.full((3, 1), 0.3), 0)
+
+
+def test_points_of_each_cell_or_shared(any_hexes):
+    element, mapping = ElementHexAdini(derivatives=2), any_hexes._mapping()
+    shared = np.random.default_rng(0).uniform(0, 1, (3, 5))
+    tind = np.arange(any_hexes.nelements)[::2]
+    own = np.repeat(shared[:, None], len(tind), axis=1)
+    for i in range(32):
+        (a,) = element.gbasis(mapping, shared, i, tind=tind)
+        (b,) = element.gbasis(mapping, own, i, tind=tind)
+        (c,) = element.gbasis(mapping, shared, i)
+        for name in NAMES[1:3]:
+            scale = np.abs(getattr(a, name)).max()
+            np.testing.assert_allclose(getattr(a, name), getattr(b, name), atol=1e-14 * scale)
+            # A cell's values do not depend on which others are asked for.
+            np.testing.assert_allclose(getattr(a, name), getattr(c, name)[..., tind, :], rtol=1e-15)
+        np.testing.assert_allclose(a, b, atol=1e-15)

@@ -1,0 +1,229 @@
+"""Everything scikit-fem does with an element works with the brick."""
+
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+from skfem import (
+    Basis,
+    BilinearForm,
+    ElementDG,
+    ElementVector,
+    FacetBasis,
+    LinearForm,
+    MeshHex,
+    MeshHex2,
+    condense,
+    enforce,
+    solve,
+)
+from skfem.helpers import ddot, dot, grad, sym_grad
+from skfem.models.poisson import laplace, mass, unit_load
+
+from skfem_adini import ElementHexAdini, InputError, ReducedOrderWarning, essential_dofs
+
+
+def cubic(x):
+    return x[0] ** 3 - 2 * x[0] * x[1] ** 2 + x[1] * x[2] + 1
+
+
+POINTS = np.random.default_rng(0).uniform(0.05, 0.95, (3, 40))
+
+
+@pytest.fixture(scope="module")
+def unit_basis():
+    return Basis(MeshHex().refined(1).with_defaults(), ElementHexAdini())
+
+
+def test_project_then_probe(unit_basis):
+    x = unit_basis.project(cubic)
+    np.testing.assert_allclose(unit_basis.probes(POINTS) @ x, cubic(POINTS), atol=1e-12)
+    np.testing.assert_allclose(unit_basis.interpolator(x)(POINTS), cubic(POINTS), atol=1e-12)
+    np.testing.assert_allclose(x[unit_basis.nodal_dofs[0]], cubic(unit_basis.mesh.p), atol=1e-12)
+
+
+def test_vector_interpolator_and_split(unit_basis):
+    basis = Basis(MeshHex(), ElementVector(ElementHexAdini()))
+    names = [f"{name}^{k}" for name in ("u", "u_x", "u_y", "u_z") for k in (1, 2, 3)]
+    assert basis.elem.dofnames == names
+    x = basis.project(lambda p: np.array([cubic(p), p[0] * p[1], p[2] ** 3]))
+    expected = [cubic(POINTS), POINTS[0] * POINTS[1], POINTS[2] ** 3]
+    np.testing.assert_allclose(basis.interpolator(x)(POINTS), expected, atol=1e-12)
+    for (part, scalar), values in zip(basis.split(x), expected, strict=True):
+        np.testing.assert_allclose(scalar.interpolator(part)(POINTS), values, atol=1e-12)
+
+
+def test_rigid_motions_have_no_energy():
+    basis = Basis(MeshHex(), ElementVector(ElementHexAdini()))
+    K = BilinearForm(lambda u, v, _: ddot(sym_grad(u), sym_grad(v))).assemble(basis)
+    turn = basis.project(lambda p: np.array([p[1] - 2 * p[2], -p[0], 2 * p[0]]))
+    assert np.abs(K @ turn).max() < 1e-12
+    assert np.sum(np.linalg.eigvalsh(K.toarray()) < 1e-10) == 6
+
+
+def test_condense_and_enforce_agree(unit_basis):
+    fixed = essential_dofs(unit_basis, unit_basis.mesh.boundary_facets())
+    K, f = laplace.assemble(unit_basis), unit_load.assemble(unit_basis)
+    condensed = solve(*condense(K, f, D=fixed))
+    np.testing.assert_allclose(solve(*enforce(K, f, D=fixed)), condensed, atol=1e-12)
+    # The series solution of -laplace(u) = 1 at the centre of the cube.
+    assert unit_basis.probes(np.full((3, 1), 0.5)) @ condensed == pytest.approx(0.0562128, rel=5e-3)
+
+
+def test_named_dofs(unit_basis):
+    view = unit_basis.get_dofs("left")
+    assert set(view.nodal) == {"u", "u_x", "u_y", "u_z"}
+    nodes = np.flatnonzero(unit_basis.mesh.p[0] == 0)
+    np.testing.assert_array_equal(np.sort(view.nodal["u_z"]), 4 * nodes + 3)
+    np.testing.assert_array_equal(np.sort(view.all(["u"])), 4 * nodes)
+
+
+def test_green_formula_on_every_mesh(parallelepipeds):
+    """Stiffness of a cubic against all functions equals volume and face terms."""
+    basis = Basis(parallelepipeds, ElementHexAdini())
+    x = basis.project(cubic)
+    volume = LinearForm(lambda v, w: -2 * w.x[0] * v).assemble(basis)
+
+    @LinearForm
+    def flux(v, w):
+        x, y, z = w.x
+        gradient = np.array([3 * x**2 - 2 * y**2, -4 * x * y + z, y])
+        return dot(gradient, w.n) * v
+
+    boundary = FacetBasis(parallelepipeds, ElementHexAdini(), intorder=6)
+    np.testing.assert_allclose(
+        laplace.assemble(basis) @ x, volume + flux.assemble(boundary), atol=1e-10
+    )
+
+
+def test_refinement_reproduces_the_coarse_cubic(unit_basis):
+    fine = Basis(unit_basis.mesh.refined(), ElementHexAdini())
+    x = unit_basis.project(cubic)
+    np.testing.assert_allclose(
+        fine.project(unit_basis.interpolator(x)), fine.project(cubic), atol=1e-10
+    )
+
+
+def test_discontinuous_copy():
+    basis = Basis(MeshHex().refined(1), ElementDG(ElementHexAdini()), intorder=5)
+    assert basis.N == 32 * 8
+    x = np.linalg.solve(
+        mass.assemble(basis).toarray(), LinearForm(lambda v, w: cubic(w.x) * v).assemble(basis)
+    )
+    np.testing.assert_allclose(basis.interpolate(x), cubic(basis.global_coordinates()), atol=1e-11)
+
+
+def test_one_instance_on_several_meshes(parallelepipeds):
+    element = ElementHexAdini()
+    for mesh in (MeshHex(), parallelepipeds):
+        basis = Basis(mesh, element)
+        x = basis.project(cubic)
+        np.testing.assert_allclose(
+            basis.interpolate(x), cubic(basis.global_coordinates()), atol=1e-10
+        )
+
+
+def test_pickle_after_use(unit_basis):
+    copy = pickle.loads(pickle.dumps(unit_basis.elem))
+    assert copy.derivatives == unit_basis.elem.derivatives
+    for a, b in zip(unit_basis.with_element(copy).basis, unit_basis.basis, strict=True):
+        np.testing.assert_array_equal(a[0].grad, b[0].grad)
+
+
+def test_composite_element():
+    basis = Basis(MeshHex(), ElementHexAdini() * ElementHexAdini(), intorder=4)
+    K = BilinearForm(lambda u, p, v, q, _: dot(grad(u), grad(v)) + p * q).assemble(basis)
+    assert K.shape == (basis.N, basis.N)
+    assert np.abs(K - K.T).max() < 1e-13
+
+
+def test_elements_subset(unit_basis):
+    part = unit_basis.with_elements(np.array([1, 5, 6]))
+    assert part.dx.sum() == pytest.approx(3 / 8)
+
+
+def test_hessian_of_linear_fields_on_warped_cells(warped_hexes):
+    with pytest.warns(ReducedOrderWarning, match="not parallelepipeds"):
+        basis = Basis(warped_hexes, ElementHexAdini(derivatives=2))
+    x = basis.project(lambda x: 1 + x[0] - 2 * x[1] + 3 * x[2])
+    assert np.abs(basis.interpolate(x).hess).max() < 1e-10
+
+
+def caught(mesh):
+    with warnings.catch_warnings(record=True) as records:
+        warnings.simplefilter("always")
+        Basis(mesh, ElementHexAdini(), intorder=1)
+    return [str(r.message) for r in records if r.category is ReducedOrderWarning]
+
+
+def test_silent_on_parallelepipeds(parallelepipeds):
+    assert not caught(parallelepipeds)
+
+
+def frustum():
+    """The top face has half the sides of the bottom face."""
+    x, y, z = MeshHex().p
+    return MeshHex(np.array([x * (1 - z / 2), y * (1 - z / 2), z]), MeshHex().t)
+
+
+def test_warns_once_and_twist_falls_with_uniform_refinement():
+    messages = [caught(frustum().refined(k)) for k in range(4)]
+    assert [len(m) for m in messages] == [1, 1, 1, 1]
+    assert "from 4 to 2 in L2 and from 3 to 1 in H1" in messages[0][0]
+    assert "uniform refinement of a coarse hexahedral mesh" in messages[0][0]
+    twists = [float(m[0].split()[8]) for m in messages]
+    falls = np.divide(twists[:-1], twists[1:])
+    assert falls[-1] == pytest.approx(2, abs=0.3)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e3, 1e6])
+def test_rounding_is_no_twist(parallelepipeds, offset):
+    """Parallelepipeds far from the origin still count as such."""
+    mesh = MeshHex(parallelepipeds.p + offset, parallelepipeds.t)
+    element = ElementHexAdini(derivatives=3)
+    assert Basis(mesh, element, intorder=1).basis[0][0].grad3 is not None
+
+
+def moved(vertex, place):
+    p = MeshHex().p.copy()
+    p[:, vertex] = place
+    return MeshHex(p, MeshHex().t, validate=False)
+
+
+BAD = {
+    "vertex pushed through the opposite corner": moved(7, (-0.2, -0.2, -0.2)),
+    "vertex in the plane of its neighbours": moved(0, (0.5, 0.5, 0.0)),
+    "flat cell": MeshHex(MeshHex().p * [[1.0], [1], [0]], MeshHex().t, validate=False),
+    "two vertices in one place": moved(0, (1.0, 0, 0)),
+    "NaN vertex": moved(3, (np.nan, 0, 0)),
+    "order of another code": MeshHex(MeshHex().p, np.roll(MeshHex().t, 1, axis=0)),
+    # All corners are sound, the middle of an edge is not.
+    "top turned by 175 degrees": MeshHex(
+        np.where(
+            MeshHex().p[2] > 0,
+            0.5 + np.array([[np.cos(3.05), -np.sin(3.05), 0], [np.sin(3.05), np.cos(3.05), 0], [0, 0, 1]])
+            @ (MeshHex().p - 0.5),
+            MeshHex().p,
+        ),
+        MeshHex().t,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_bad_cells_are_refused(name):
+    with pytest.raises(InputError, match="1 of 1 cells.*Jacobian of one sign"):
+        ElementHexAdini().gbasis(BAD[name]._mapping(), np.full((3, 1), 0.5), 0)
+
+
+def test_skewed_but_valid_cells_are_accepted():
+    """Far from a parallelepiped; only the parts of the cell show that the Jacobian has one sign."""
+    mesh = moved(7, (0.45, 0.45, 0.45))
+    assert len(caught(mesh)) == 1
+
+
+def test_curved_cells_are_refused():
+    with pytest.raises(InputError, match="eight-node hexahedra"):
+        Basis(MeshHex2(), ElementHexAdini())
