@@ -22,7 +22,7 @@ from skfem import (
 )
 
 from contact.elasticity import lame, stiffness_matrix
-from contact.errors import InputError
+from contact.errors import InputError, numbers
 from contact.mesh_file import read_mesh
 from contact.rigid_modes import dof_lengths
 from contact.selection import select_components, select_facets
@@ -91,7 +91,7 @@ class ElasticBody:
         self.dim: int = basis.elem.dim
         self.element = basis.elem.elem
         self.plane = plane if self.dim == 2 else None
-        self.E, self.nu = np.asarray(E, dtype=float), np.asarray(nu, dtype=float)
+        self.E, self.nu = numbers("E", E), numbers("nu", nu)
         for name, value in (("E", self.E), ("nu", self.nu)):
             if value.shape not in ((), (basis.mesh.nelements,)):
                 raise InputError(
@@ -130,8 +130,10 @@ class ElasticBody:
         InputError
             The file is missing, truncated or holds no mesh of dimension 2 or 3.
         """
-        if not isinstance(mesh, Mesh):
+        if isinstance(mesh, str | Path):
             mesh = read_mesh(mesh)
+        if not isinstance(mesh, Mesh):
+            raise InputError(f"mesh: expected a Mesh or a path, got {type(mesh).__name__}")
         if element is None:
             if type(mesh).__name__ not in _DEFAULT_ELEMENT:
                 raise InputError(f"element: no default for {type(mesh).__name__}; pass one")
@@ -234,7 +236,7 @@ class ElasticBody:
 
     def _load_vector(self, basis: Any, density: Field, name: str) -> NDArray[np.float64]:
         x = np.asarray(basis.global_coordinates())
-        value = np.asarray(density(x) if callable(density) else density, dtype=float)
+        value = numbers(name, density(x) if callable(density) else density)
         if value.ndim == 0 or value.shape[0] != self.dim:
             raise InputError(
                 f"{name}: expected {self.dim} components, got an array of shape {value.shape}"
@@ -288,7 +290,7 @@ class ElasticBody:
         for facets, component, function in self._supports:
             dofs = self.basis.get_dofs(facets).flatten()
             dofs = dofs[dofs % self.dim == component]
-            value = np.asarray(function(self.basis.doflocs[:, dofs]), dtype=float)
+            value = numbers("value", function(self.basis.doflocs[:, dofs]))
             if value.shape != dofs.shape or not np.all(np.isfinite(value)):
                 raise InputError(
                     f"value: expected {dofs.size} finite numbers, got shape {value.shape}"
@@ -358,7 +360,7 @@ def _check_cells(mesh: Mesh) -> None:
 
 
 def _constant(value: Any) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
-    number = np.asarray(value, dtype=float)
+    number = numbers("value", value)
     if number.shape != () or not np.isfinite(number):
         raise InputError(f"value={value!r}: expected a finite number or a callable")
     return lambda x: np.full(x.shape[1:], float(number))

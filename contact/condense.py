@@ -112,7 +112,8 @@ class CondensedContact:
         held = of_dof * (modes - T @ (T.T @ modes))
         size = np.linalg.norm(of_dof * modes, axis=0)
         _, singular, V = np.linalg.svd(held / size, full_matrices=False)
-        free: Array = T.T @ (modes @ (V[singular < 1e-9].T / size[:, None]))
+        plain = _reduced(V[singular < 1e-9] / size)  # translations stay translations
+        free: Array = T.T @ (modes @ plain.T)
         return free * of_free
 
     def _condense(self, modes: Array) -> None:
@@ -233,7 +234,25 @@ class CondensedContact:
     def _not_held(self, motion: Array) -> Unbounded:
         u = self._T @ motion
         return Unbounded(
-            f"the body is not held: {describe_motion(self.body, u)} meets no resistance; fix a "
-            "displacement that it moves, or add friction or an obstacle that stops it",
+            f"the body is not held: {describe_motion(self.body, u)} meets no resistance that "
+            "could balance the loads; fix a displacement that it moves, or add friction or an "
+            "obstacle that stops it",
             u / np.abs(u).max(),
         )
+
+
+def _reduced(rows: Array) -> Array:
+    """Reduced row echelon form: as many zeros as the span of the rows allows."""
+    rows, done = rows.copy(), 0
+    for column in range(rows.shape[1]):
+        if done == rows.shape[0]:
+            break
+        best = done + int(np.argmax(np.abs(rows[done:, column])))
+        if np.abs(rows[best, column]) < 1e-9 * np.abs(rows).max():
+            continue
+        rows[[done, best]] = rows[[best, done]]
+        rows[done] /= rows[done, column]
+        others = np.arange(rows.shape[0]) != done
+        rows[others] -= np.outer(rows[others, column], rows[done])
+        done += 1
+    return rows

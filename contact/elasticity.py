@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from contact.errors import InputError
+from contact.errors import InputError, numbers
 
 if TYPE_CHECKING:
     from skfem import Basis
@@ -40,7 +40,7 @@ def lame(
     >>> [round(float(value), 4) for value in lame(2.0, 0.3, "strain")]
     [1.1538, 0.7692]
     """
-    modulus, ratio = np.asarray(E, dtype=float), np.asarray(nu, dtype=float)
+    modulus, ratio = numbers("E", E), numbers("nu", nu)
     if not (np.all(np.isfinite(modulus)) and np.all(modulus > 0)):
         raise InputError(f"E={E!r}: Young's modulus must be positive and finite")
     if not (np.all(ratio > -1) and np.all(ratio < 0.5)):

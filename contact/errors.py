@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 
 class ContactError(Exception):
@@ -50,3 +50,14 @@ class Unbounded(ContactError):
 
 class MissingDependency(ContactError, ImportError):
     """An optional package is needed; the message holds the install line."""
+
+
+def numbers(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """Real numbers as an array of floats, or an `InputError` that names the argument."""
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind not in "biuf":
+            raise TypeError(f"{array.dtype} is not a real number")
+        return array.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name}={value!r}: expected real numbers ({error})") from error

@@ -12,10 +12,10 @@ from scipy.linalg import LinAlgError
 
 from contact.active_set import signorini
 from contact.boundary import BoundaryProblem, Friction
-from contact.errors import InputError, NotConverged
+from contact.errors import InputError, NotConverged, numbers
+from contact.held import check_held
 from contact.loops import fixed_point, progress, tresca_loop
 from contact.newton import Forces, Report, semismooth_newton
-from gpu import Infeasible
 
 Array = NDArray[np.float64]
 
@@ -65,12 +65,15 @@ class Options:
             raise InputError(f"method={method!r}: friction in 3-D is no QP; use 'newton' or 'pdas'")
         if tol is None:
             tol = 1e-6 if method == "fixed_point" else 1e-7 if peer else 1e-10
+        for name, value in (("tol", tol), ("max_iterations", max_iterations), ("eps", eps)):
+            if value is not None and numbers(name, value).shape != ():
+                raise InputError(f"{name}={value!r}: expected one number")
         if not 0 < tol < 1:
             raise InputError(f"tol={tol!r}: expected a number between 0 and 1")
         if max_iterations is None:
             max_iterations = 2000 if method == "fixed_point" else 100
-        if max_iterations < 1:
-            raise InputError(f"max_iterations={max_iterations!r}: expected at least 1")
+        if max_iterations < 1 or max_iterations != int(max_iterations):
+            raise InputError(f"max_iterations={max_iterations!r}: expected a whole number from 1")
         if eps is not None and (method != "fixed_point" or not 0 < eps < np.inf):
             raise InputError(f"eps={eps!r}: a positive number, for method 'fixed_point' only")
         return cls(method, float(tol), int(max_iterations), eps)
@@ -103,7 +106,7 @@ def solve_boundary(
     slack : float
         By how much the method misses the friction law by design, relative to the largest force.
     """
-    _check_held(problem, law)
+    check_held(problem, law)
     tol = options.tol * _INNER
     method = options.method
     peer = method[3:] if method.startswith("qp:") else None
@@ -156,19 +159,6 @@ def _largest_displacement(problem: BoundaryProblem, forces: Forces, scale: Array
     """Of the contact points, in the units of the body."""
     u_n, u_t = problem.displacements(forces.mu, forces.t, forces.a)
     return float(max(np.abs(u_n * scale).max(), np.abs(u_t * scale[:, None]).max()))
-
-
-def _check_held(problem: BoundaryProblem, law: Friction | None) -> None:
-    """Raise the certificate of a rigid motion that no contact row resists."""
-    rows = problem.normal[problem.can_touch]
-    if law is not None:
-        rubs = (law.value > 0) & (problem.can_touch | (not law.coulomb))
-        tangents = problem.tangent[rubs]
-        rows = np.concatenate((rows, tangents[tangents >= 0]))
-    k = problem.s.size
-    _, singular, V = np.linalg.svd(np.vstack((problem.C[rows], np.zeros((k, k)))))
-    if k and singular[-1] <= 1e-10 * float(np.abs(problem.C).max(initial=1e-300)):
-        raise Infeasible("no contact row sees this rigid motion", V[-1])
 
 
 def _frictionless(problem: BoundaryProblem, tol: float, report: Report) -> Forces:

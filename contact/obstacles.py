@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact.errors import InputError
+from contact.errors import InputError, numbers
 
 Array = NDArray[np.float64]
 Gap = Any  # an obstacle, a number, a callable x -> d, an array of one gap a point, or None
 
 
 def _vector(name: str, value: ArrayLike) -> Array:
-    array = np.asarray(value, dtype=float)
+    array = numbers(name, value)
     if array.ndim != 1 or array.size not in (2, 3) or not np.all(np.isfinite(array)):
         raise InputError(f"{name}={value!r}: expected 2 or 3 finite numbers")
     return array
@@ -209,7 +209,7 @@ class SignedDistance:
         return np.where(crossed & (np.abs(gap) <= reach), gap, np.inf).reshape(shape)
 
     def _at(self, x: Array) -> Array:
-        value = np.asarray(self.function(x), dtype=float)
+        value = numbers("SignedDistance", self.function(x))
         if value.shape != x.shape[1:] or np.any(np.isnan(value)):
             raise InputError(
                 f"SignedDistance: the function must return {x.shape[1:]} numbers, got "
@@ -241,7 +241,7 @@ def evaluate_gap(obstacle: Gap, x: Array, n: Array) -> Array:
     if isinstance(obstacle, known):
         gap = obstacle(x, n)
     else:
-        gap = np.asarray(obstacle(x) if callable(obstacle) else obstacle, dtype=float)
+        gap = numbers("obstacle", obstacle(x) if callable(obstacle) else obstacle)
     try:
         gap = np.broadcast_to(gap, x.shape[1:])
     except ValueError:

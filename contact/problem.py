@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact.body import ElasticBody
 from contact.condense import CondensedContact
-from contact.errors import InputError, NotConverged
+from contact.errors import InputError, NotConverged, numbers
 from contact.methods import Options, solve_boundary
 from contact.newton import Iteration
 from contact.obstacles import Gap
@@ -97,7 +97,7 @@ class ContactProblem:
             )
 
     def _friction(self, friction: Friction) -> Array:
-        value = np.asarray(friction(self.rows.x) if callable(friction) else friction, dtype=float)
+        value = numbers("friction", friction(self.rows.x) if callable(friction) else friction)
         if value.shape not in ((), self.rows.gap.shape):
             raise InputError(
                 f"friction: expected a number or {self.rows.gap.size} values, one for each "
@@ -193,6 +193,8 @@ class ContactProblem:
         boundary = condensed.boundary_problem(system.load, system.rows.gap)
         scale = condensed.point_scale
         law = system.scaled_friction(scale)
+        if start is not None and not isinstance(start, ContactResult):
+            raise InputError(f"start: expected a ContactResult, got {type(start).__name__}")
         warm = None if start is None else start.forces(boundary, scale)
         try:
             forces, slack = solve_boundary(boundary, law, options, warm, scale, report)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact.boundary import BoundaryProblem
 from contact.elasticity import stress
-from contact.errors import InputError, NotConverged
+from contact.errors import InputError, NotConverged, numbers
 from contact.newton import Forces, Iteration
 from contact.rigid_modes import rigid_modes
 from contact.system import ContactSystem
@@ -246,14 +246,16 @@ class ContactResult:
 
     def _located(self, points: ArrayLike) -> tuple[Array, NDArray[np.int64]]:
         """Points as an array, and the cell of each."""
-        where = np.asarray(points, dtype=float)
+        where = numbers("points", points)
         body = self.system.body
         if where.ndim != 2 or where.shape[0] != body.dim or not np.all(np.isfinite(where)):
             raise InputError(f"points: expected finite numbers of shape ({body.dim}, n)")
         try:
             return where, body.mesh.element_finder()(*where)
-        except ValueError as error:
-            raise InputError(f"points: at least one lies outside the body ({error})") from error
+        except Exception as error:  # scikit-fem raises ValueError, or Exception from its Newton
+            raise InputError(
+                f"points: scikit-fem's finder places at least one outside the body ({error})"
+            ) from error
 
     def forces(self, problem: BoundaryProblem, scale: Array) -> Forces:
         """Contact forces in the scale of a boundary problem, to start another solve."""

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import splu
 from skfem import FacetBasis
 
 from contact.body import ElasticBody
-from contact.errors import InputError
+from contact.errors import InputError, numbers
 from contact.functionals import FacetFunctional, facet_functional
 from contact.obstacles import Gap, evaluate_gap
 
@@ -81,8 +81,8 @@ def contact_rows(
     facet, slot = _first_occurrence(number, count)
     trace = np.stack([np.asarray(field[0]) for field in at_points.basis], axis=-1)
     values = (form.C @ trace)[facet, slot]
-    values[np.abs(values) < 1e-11 * np.abs(values).max(initial=0.0)] = 0.0  # inverse-map dirt
     columns = at_points.element_dofs.T[facet]
+    values[np.abs(values) < 1e-11 * body.lengths[0][body.dim * columns]] = 0.0  # inverse-map dirt
     B = sparse.coo_array(
         (values.ravel(), (np.repeat(np.arange(count), columns.shape[1]), columns.ravel())),
         shape=(count, body.scalar_dofs.N),
@@ -91,13 +91,16 @@ def contact_rows(
 
     x_nominal = at_points.mapping.G(form.nominal, find=facets)[:, facet, slot]
     normals = _mean_normals(normals_at, form, number, length, count)
-    gap = _gap(obstacle, at_points, form, number, count, x_nominal, normals)
     weights, x = _weights(integrals, form, B, number, length, x_nominal)
     tangents = tangent_frame(normals)
     if body.dim == 3:
         tangents = _along_supports(B, tangents, body.constraint[0])
 
     order = _along(body, facets, form, number, length, count)
+    if isinstance(obstacle, np.ndarray | list | tuple):
+        gap = _given_gap(obstacle, x_nominal[:, order])
+    else:
+        gap = _gap(obstacle, at_points, form, number, count, x_nominal, normals)[order]
     dim = body.dim
     G = _directed(B[order], normals[:, order])
     T = sparse.vstack([_directed(B[order], tangents[:, j][:, order]) for j in range(dim - 1)])
@@ -105,7 +108,7 @@ def contact_rows(
     return ContactRows(
         G,
         sparse.csr_array(T)[interleaved],
-        gap[order],
+        gap,
         weights[order],
         x[:, order],
         x_nominal[:, order],
@@ -186,6 +189,14 @@ def _mean_normals(
     return unit
 
 
+def _given_gap(obstacle: Gap, x: Array) -> Array:
+    """One gap for each contact point, in their order."""
+    given = numbers("obstacle", obstacle)
+    if given.shape not in ((), x.shape[1:]):
+        raise InputError(f"obstacle: {given.size} gaps given for {x.shape[1]} contact points")
+    return evaluate_gap(given, x, x)
+
+
 def _gap(
     obstacle: Gap,
     at_points: FacetBasis,
@@ -196,11 +207,6 @@ def _gap(
     normals: Array,
 ) -> Array:
     """The gap under the same functional as the trace."""
-    if obstacle is not None and not callable(obstacle) and np.ndim(obstacle) == 1:
-        given = np.asarray(obstacle, dtype=float)
-        if given.size != count:
-            raise InputError(f"obstacle: {given.size} gaps given for {count} contact points")
-        return evaluate_gap(given, x_nominal, normals)
     at = evaluate_gap(
         obstacle, np.asarray(at_points.global_coordinates()), np.asarray(at_points.normals)
     )

@@ -6,8 +6,8 @@ from .element_quad_bfs import ElementQuadBFS
 from .errors import AdiniError, InputError, MissingDependency, ReducedOrderWarning
 from .essential_constraints import essential_constraints
 from .essential_dofs import essential_dofs
-from .lowest_eigenpairs import lowest_eigenpairs
 from .hanging_constraints import hanging_constraints
+from .lowest_eigenpairs import lowest_eigenpairs
 from .output import save, to_pyvista
 from .project_trace import project_trace
 from .refine_eigenpair import RefinedEigenpair, refine_eigenpair
@@ -27,8 +27,8 @@ __all__ = [
     "essential_constraints",
     "essential_dofs",
     "factorize",
-    "lowest_eigenpairs",
     "hanging_constraints",
+    "lowest_eigenpairs",
     "project_trace",
     "refine_eigenpair",
     "save",

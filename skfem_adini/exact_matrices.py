@@ -82,7 +82,9 @@ def exact_matrix(dim: int, row: int | None = None, column: int | None = None) ->
     functions = _functions(dim)
     numerators = functions @ reduce(np.kron, integrals) @ functions.T
     common = np.gcd.reduce(np.append(numerators.ravel(), _DENOMINATOR**dim))
-    return ExactMatrix(numerators // common, int(_DENOMINATOR**dim // common))
+    numerators //= common
+    numerators.setflags(write=False)  # every caller gets the same array
+    return ExactMatrix(numerators, int(_DENOMINATOR**dim // common))
 
 
 def _integrals(row: int, column: int) -> Integers:

@@ -41,8 +41,9 @@ def to_pyvista(
 
     An Adini or BFS cell becomes one 16-node Lagrange quadrilateral (VTK cell type 70), an Adini
     brick one 64-node Lagrange hexahedron (type 72); both hold the element's functions exactly.
-    Linear and quadratic elements become linear and quadratic VTK cells. These cells share the points on their common edges. Any other element is written as
-    linear sub-cells that share no points, so that jumps between cells stay visible.
+    Linear and quadratic elements become linear and quadratic VTK cells. These cells share the
+    points on their common edges. Any other element is written as linear sub-cells that share no
+    points, so that jumps between cells stay visible.
 
     Parameters
     ----------
@@ -149,6 +150,11 @@ def save(
         Another suffix, an empty series, or what :func:`to_pyvista` refuses.
     MissingDependency
         pyvista is not installed.
+
+    Notes
+    -----
+    meshio reads these files, except `.vtu` with 64-node hexahedra: VTK marks them as version 2.3,
+    which stands for their node order. Write bricks as `.vtk` for meshio.
 
     Examples
     --------

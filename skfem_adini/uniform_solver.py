@@ -234,8 +234,9 @@ class UniformSolver:
     def as_linear_operator(self, dofs: ArrayLike | None = None) -> LinearOperator:
         """Return a symmetric positive definite preconditioner for variable coefficients.
 
-        With coefficients between a k and b k, the condition number of the preconditioned system
-        is at most b / a on every grid.
+        With coefficients between a k and b k and the same essential conditions, the condition
+        number of the preconditioned system is at most b / a on every grid. For natural conditions
+        u_n is fixed here and free there; the condition number is larger and still bounded.
 
         Parameters
         ----------

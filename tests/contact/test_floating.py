@@ -8,7 +8,6 @@ from contact import (
     ContactProblem,
     ElasticBody,
     InputError,
-    NotConverged,
     Plane,
     Sphere,
     Status,
@@ -147,10 +146,7 @@ def test_lifting_off_is_named(element, friction, loose):
     if body.dim == 3:
         body.fix("front", "y")
     direction = "xyz"[body.dim - 1]
-    # Friction in 3-D has no linear programme to prove it: there the methods diverge.
-    named = (Unbounded, f"translation along {direction}")
-    expected, word = (NotConverged, "residual") if body.dim == 3 and friction else named
-    with pytest.raises(expected, match=word):
+    with pytest.raises(Unbounded, match=f"translation along {direction}"):
         ContactProblem(body, "bottom", 0.01, friction).solve()
 
 
@@ -158,7 +154,7 @@ def test_lifting_off_is_named(element, friction, loose):
 def test_sliding_beyond_friction(method, loose):
     """A side load of .5 on friction .3: there is no equilibrium, and none is returned."""
     body = loose(ElementQuadAdini).body_force((0.5, -1.0))
-    with pytest.raises((Unbounded, NotConverged)):
+    with pytest.raises(Unbounded, match="not held"):
         ContactProblem(body, "bottom", 0.01, 0.3).solve(method, max_iterations=50)
 
 
@@ -168,7 +164,7 @@ def test_sliding_beyond_a_given_bound(method, element, loose):
     body = loose(element)
     body.body_force(0.2 * np.eye(body.dim)[0] - np.eye(body.dim)[-1])
     problem = ContactProblem(body, "bottom", 0.0, 0.05, "tresca")
-    with pytest.raises((Unbounded, NotConverged)):
+    with pytest.raises(Unbounded, match="not held"):
         problem.solve(method)
 
 

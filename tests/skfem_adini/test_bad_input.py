@@ -8,6 +8,7 @@ from skfem import (
     ElementTriP1,
     ElementVector,
     ElementWedge1,
+    MeshHex,
     MeshQuad,
     MeshQuad2,
     MeshTri,
@@ -16,7 +17,9 @@ from skfem import (
 
 from skfem_adini import (
     AdiniError,
+    ElementHexAdini,
     ElementQuadAdini,
+    ElementQuadBFS,
     InputError,
     essential_constraints,
     essential_dofs,
@@ -29,6 +32,7 @@ MESH = MeshQuad().refined(1).with_defaults()
 SCALAR = Basis(MESH, ElementQuadAdini())
 VECTOR = Basis(MESH, ElementVector(ElementQuadAdini()))
 Q1 = Basis(MESH, ElementQuad1())
+BRICK = Basis(MeshHex().with_defaults(), ElementHexAdini())
 ORDER = np.array([[0, 1, 2, 3]]).T
 
 
@@ -48,6 +52,8 @@ CASES = {
     "derivatives negative": (lambda: ElementQuadAdini(-1), "derivatives"),
     "derivatives too many": (lambda: ElementQuadAdini(7), "derivatives"),
     "derivatives fractional": (lambda: ElementQuadAdini(1.5), "derivatives"),
+    "derivatives of bricks": (lambda: ElementHexAdini(8), "derivatives"),
+    "derivatives of BFS": (lambda: ElementQuadBFS(-2), "derivatives"),
     "concave cell": (lambda: basis(cell((0, 0), (1, 0), (0.2, 0.2), (0, 1))), "convex"),
     "crossed cell": (lambda: basis(cell((0, 0), (1, 0), (0, 1), (1, 1))), "convex"),
     "flat cell": (lambda: basis(cell((0, 0), (1, 0), (2, 0), (3, 0))), "convex"),
@@ -63,6 +69,12 @@ CASES = {
     "boolean facets": (lambda: essential_dofs(SCALAR, np.ones(12, dtype=bool)), "whole numbers"),
     "facets of no kind": (lambda: essential_dofs(SCALAR, 1.5), "facets"),
     "another element": (lambda: essential_dofs(Q1, "left"), "ElementQuadAdini"),
+    "faces out of range": (lambda: essential_dofs(BRICK, np.array([6])), "0 to 5"),
+    "no face": (lambda: essential_constraints(BRICK, lambda x: x[0] > 9), "empty"),
+    "NaN on faces": (lambda: essential_constraints(BRICK, "left", nan), "NaN"),
+    "trace NaN on faces": (lambda: project_trace(BRICK, "left", nan), "NaN"),
+    "scalar basis, two components": (lambda: project_trace(BRICK, "left", (1, 2)), "expected 1"),
+    "brick field too short": (lambda: to_pyvista(BRICK, np.zeros(5)), "length 32"),
     "component out of range": (lambda: essential_dofs(VECTOR, "left", components=2), "components"),
     "no components": (lambda: essential_constraints(VECTOR, "left", components=[]), "components"),
     "NaN value": (lambda: essential_constraints(SCALAR, "left", np.nan), "NaN"),

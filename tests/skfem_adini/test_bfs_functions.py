@@ -174,7 +174,7 @@ def test_as_many_orders_as_asked_for(derivatives):
 )
 def test_other_cells_are_refused(corners):
     mesh = MeshQuad(np.array(corners, float).T, np.array([[0, 1, 2, 3]]).T)
-    with pytest.raises(InputError, match="1 of 1 cells are no rectangles.*turn the coordinates"):
+    with pytest.raises(InputError, match=r"1 of 1 cells are no rectangles.*turn the coordinates"):
         Basis(mesh, ElementQuadBFS())
 
 

@@ -81,7 +81,11 @@ def test_pickle_after_use(unit_basis):
 
 def test_one_instance_on_several_meshes():
     element = ElementQuadBFS()
-    for mesh in (MeshQuad(), MeshQuad().refined(1), MeshQuad.init_tensor(*[np.linspace(2, 3, 4)] * 2)):
+    for mesh in (
+        MeshQuad(),
+        MeshQuad().refined(1),
+        MeshQuad.init_tensor(*[np.linspace(2, 3, 4)] * 2),
+    ):
         basis = Basis(mesh, element)
         x = basis.project(lambda x: x[0])
         np.testing.assert_allclose(basis.interpolate(x), basis.global_coordinates()[0], atol=1e-11)

@@ -91,6 +91,27 @@ def test_graded_cells():
     assert constant.residual < 1e-9
 
 
+@pytest.mark.parametrize("width", ["double", "longdouble"])
+def test_constant_has_no_energy_at_all(width, monkeypatch):
+    """The mean of u is subtracted cell by cell, so that not even rounding is left of a constant."""
+    monkeypatch.setattr(np, "longdouble", getattr(np, width))
+    basis = square(7)
+    x = basis.zeros()
+    x[basis.nodal_dofs[0]] = 0.1
+    pair = refine_eigenpair(basis, x)
+    assert pair.value == 0
+    assert pair.residual == 0
+
+
+def test_double_precision_alone(monkeypatch):
+    """Where long double is double, exact cell matrices and the subtracted mean are enough."""
+    basis = square(64)
+    _, x = modes(basis, 2)
+    monkeypatch.setattr(np, "longdouble", np.float64)
+    value = refine_eigenpair(basis, x[:, 1]).value
+    assert value / np.pi**2 - 1 == pytest.approx(4.479e-13, abs=2e-15)
+
+
 @needs_long_double
 def test_cube():
     """The error of the lowest Neumann eigenvalue at n = 8 is 8.78e-8."""

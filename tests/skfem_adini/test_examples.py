@@ -23,6 +23,16 @@ def test_poisson_adini(capsys):
     assert "order" in capsys.readouterr().out
 
 
+def test_hanging_nodes(capsys):
+    uniform, refined, jump = load("hanging_nodes").main()
+    assert jump < 1e-13
+    dofs, error = refined[-1]
+    # Local refinement reaches the error of the finest uniform mesh with a sixth of its dofs.
+    assert dofs < uniform[-1, 0] / 6
+    assert error < 1.1 * uniform[-1, 1]
+    assert "largest jump" in capsys.readouterr().out
+
+
 def test_open_vtk_writes_and_reads(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for variable in ("DISPLAY", "WAYLAND_DISPLAY"):

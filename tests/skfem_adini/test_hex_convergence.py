@@ -4,13 +4,23 @@ import warnings
 
 import numpy as np
 import pytest
-from scipy.sparse.linalg import eigsh, spsolve
+from scipy.sparse.linalg import eigsh, splu
 from skfem import Basis, LinearForm, MeshHex
 from skfem.models.poisson import laplace, mass
 
-from skfem_adini import ElementHexAdini, ReducedOrderWarning, essential_constraints
+from skfem_adini import (
+    ElementHexAdini,
+    ReducedOrderWarning,
+    essential_constraints,
+    essential_dofs,
+)
 
 pi = np.pi
+
+
+def symmetric_solve(A, b):
+    options = {"SymmetricMode": True}
+    return splu(A.tocsc(), "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options).solve(b)
 
 
 def u_exact(x):
@@ -37,11 +47,21 @@ def source(v, w):
     return ((2 * pi**2 + 3) * u_exact(x) - 2 * pi * rest) * v
 
 
-def poisson_errors(mesh):
+def quadratic(x):
+    """A harmonic one, so there is no load; on parallelepipeds it is reproduced."""
+    return x[0] ** 2 - 2 * x[1] ** 2 + x[2] ** 2 + x[0] * x[1]
+
+
+def quadratic_gradient(x):
+    return np.array([2 * x[0] + x[1], x[0] - 4 * x[1], 2 * x[2]])
+
+
+def poisson_errors(mesh, u_exact=u_exact, gradient_exact=gradient_exact, load=source):
     basis = Basis(mesh, ElementHexAdini())
     T, x0 = essential_constraints(basis, mesh.boundary_facets(), u_exact)
-    K, f = laplace.assemble(basis), source.assemble(basis)
-    x = T @ spsolve((T.T @ K @ T).tocsc(), T.T @ (f - K @ x0), permc_spec="MMD_AT_PLUS_A") + x0
+    K = laplace.assemble(basis)
+    f = basis.zeros() if load is None else load.assemble(basis)
+    x = T @ symmetric_solve(T.T @ K @ T, T.T @ (f - K @ x0)) + x0
     u, points = basis.interpolate(x), np.array(basis.global_coordinates())
     l2 = np.sum((np.array(u) - u_exact(points)) ** 2 * basis.dx)
     h1 = np.sum((u.grad - gradient_exact(points)) ** 2 * basis.dx)
@@ -53,8 +73,8 @@ def cube(n):
     return MeshHex.init_tensor(x, x, x)
 
 
-def orders(fit, cells, meshes):
-    l2, h1 = np.transpose([poisson_errors(mesh) for mesh in meshes])
+def orders(fit, cells, meshes, *solution):
+    l2, h1 = np.transpose([poisson_errors(mesh, *solution) for mesh in meshes])
     return fit(cells, l2), fit(cells, h1)
 
 
@@ -69,7 +89,66 @@ def test_poisson(sheared, convergence_order):
     assert h1 == pytest.approx(3, abs=0.15)
 
 
-def warped(strength):
+@pytest.mark.slow
+def test_poisson_on_finer_meshes(convergence_order):
+    cells = [4, 8, 12]
+    l2, h1 = orders(convergence_order, cells, [cube(n) for n in cells])
+    assert l2 == pytest.approx(4, abs=0.1)
+    assert h1 == pytest.approx(3, abs=0.12)
+
+
+@pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
+def test_uniform_refinement_of_a_coarse_mesh_keeps_the_order(convergence_order):
     mesh = MeshHex().refined(1)
-    p = mesh.p + strength * np.random.default_rng(2).uniform(-1, 1, mesh.p.shape)
+    p = mesh.p + 0.06 * np.random.default_rng(2).uniform(-1, 1, mesh.p.shape)
+    mesh = MeshHex(p, mesh.t)
+    l2, h1 = orders(convergence_order, [2, 4, 8], [mesh.refined(k) for k in range(3)])
+    assert l2 == pytest.approx(4, abs=0.2)
+    assert h1 == pytest.approx(3, abs=0.15)
+
+
+def frusta(n):
+    """Return similar truncated pyramids at every level: planes tilt up and down in turn."""
+    mesh = cube(n)
+    index = np.rint(mesh.p * n).astype(int)
+    p = mesh.p.copy()
+    tilt = np.where(index[0] % 2 == 1, 0.25, -0.25) / n
+    p[2] += np.where(index[2] % 2 == 1, tilt, 0)
     return MeshHex(p, mesh.t)
+
+
+def test_similar_frusta_lose_what_the_warning_says(convergence_order):
+    """Seen alone with a quadratic, whose error is all due to the twist."""
+    cells, exact = [4, 6, 8], (quadratic, quadratic_gradient, None)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        l2, h1 = orders(convergence_order, cells, [frusta(n) for n in cells], *exact)
+    messages = {str(w.message) for w in caught if w.category is ReducedOrderWarning}
+    assert any("from 4 to 2 in L2 and from 3 to 1 in H1" in message for message in messages)
+    assert l2 == pytest.approx(2, abs=0.2)
+    assert h1 == pytest.approx(1, abs=0.2)
+
+
+@pytest.mark.parametrize(("n", "expected"), [(2, 1.366e-4), (4, 3.778e-6), (8, 8.78e-8)])
+def test_first_neumann_eigenvalue_of_the_cube(n, expected):
+    """The eigenvalue pi^2 is triple; nothing is imposed on the boundary."""
+    basis = Basis(cube(n), ElementHexAdini())
+    K, M = laplace.assemble(basis), mass.assemble(basis)
+    start = np.random.default_rng(0).uniform(-1, 1, basis.N)
+    values = np.sort(eigsh(K, k=4, M=M, sigma=5.0, v0=start, return_eigenvectors=False))
+    assert abs(values[0]) < 1e-9
+    np.testing.assert_allclose(values[1:] / pi**2 - 1, expected, rtol=0.01)
+
+
+def test_first_dirichlet_eigenvalue_of_the_cube(convergence_order):
+    """Order 6 is reached from above; on these meshes the fit gives 5.4."""
+    cells, errors = [2, 4, 8], []
+    for n in cells:
+        basis = Basis(cube(n), ElementHexAdini())
+        free = basis.complement_dofs(essential_dofs(basis, basis.mesh.boundary_facets()))
+        K, M = (form.assemble(basis)[free][:, free] for form in (laplace, mass))
+        start = np.random.default_rng(0).uniform(-1, 1, len(free))
+        value = eigsh(K, k=1, M=M, sigma=25.0, v0=start, return_eigenvectors=False)[0]
+        errors.append(value / (3 * pi**2) - 1)
+    np.testing.assert_allclose(errors, [1.706e-2, 5.048e-4, 1.012e-5], rtol=1e-3)
+    assert 5.2 < convergence_order(cells, errors) < 6

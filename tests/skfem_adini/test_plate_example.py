@@ -41,7 +41,7 @@ def test_numbers(results):
 def test_floor(results):
     """The deflections obey the floor and solve the program; the picture is symmetric."""
     basis, x, forces, qp = results["floor"]
-    gap, w = 6e-4, x[basis.nodal_dofs[0]]
+    gap, w = 1e-4, x[basis.nodal_dofs[0]]
     assert qp.kkt.worst < 1e-10
     assert w.max() <= gap
     assert forces.min() >= 0
@@ -52,12 +52,12 @@ def test_floor(results):
 
 
 def test_floor_carries_the_pressure_where_the_plate_is_flat(results):
-    """Inside the zone of contact a force of q h^2, and more of it on the rim."""
+    """Inside the zone of contact a force of q h^2, and more than that on the rim."""
     _, _, forces, _ = results["floor"]
     square = forces.reshape(25, 25) * 24**2
-    assert square[12, 12] == pytest.approx(1, abs=0.02)
-    assert square.max() > 1.5
-    assert 0.3 < forces.sum() < 1
+    np.testing.assert_allclose(square[10:15, 10:15], 1, atol=0.03)
+    assert square.max() > 2.5
+    assert forces.sum() == pytest.approx(0.364, abs=0.002)
 
 
 def test_equilibrium_of_every_free_dof(results):

@@ -1,0 +1,83 @@
+"""Whether contact forces can balance the loads on the free rigid motions of a body."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import linprog
+
+from contact.boundary import Array, BoundaryProblem, Friction
+from gpu import Infeasible
+
+_DIRECTIONS = 16  # of the slip in 3-D, over half a turn
+
+
+def check_held(problem: BoundaryProblem, law: Friction | None) -> None:
+    r"""Raise the certificate of a rigid motion that no admissible contact forces resist.
+
+    A motion a moves the contact points by ``v = C a``. Forces within the laws,
+    :math:`\mu \ge 0` and :math:`|t| \le F \mu` or :math:`|t| \le g`, that balance the loads,
+    :math:`C^T l = s`, exist unless (Farkas) some motion has
+
+    .. math::
+        s^T a > \sum_i g_i |v_{t,i}|, \qquad v_{n,i} + F_i |v_{t,i}| \le 0 .
+
+    It is found by a linear program in a; in 3-D the modulus is bounded from above by a polygon,
+    so that what is found is always a certificate. Motions that no contact row sees are refused
+    whatever the loads: they would be undetermined.
+
+    Raises
+    ------
+    gpu.Infeasible
+        Its certificate is the motion a.
+    """
+    k = problem.s.size
+    if k == 0:
+        return
+    touch = problem.can_touch
+    rubs = np.zeros(touch.size, dtype=bool)
+    if law is not None:
+        rubs = (law.value > 0) & (touch | (not law.coulomb))
+    live = (problem.tangent >= 0) & rubs[:, None]
+    normal, tangential = problem.C[problem.normal[touch]], problem.C[problem.tangent[live]]
+    seen = np.vstack((normal, tangential, np.zeros((k, k))))
+    _, singular, V = np.linalg.svd(seen, full_matrices=False)
+    if singular[-1] <= 1e-10 * float(np.abs(problem.C).max(initial=1e-300)):
+        raise Infeasible("no contact row sees this rigid motion", V[-1])
+
+    # Unknowns: a = a+ - a- with |a|_1 <= 1, which favours plain motions, and w_i >= |v_t,i|.
+    points = np.flatnonzero(live.any(axis=1))
+    place = np.full(touch.size, -1)
+    place[points] = np.arange(points.size)
+    V_t = np.where(live[points][:, :, None], problem.C[problem.tangent[points]], 0.0)
+    moduli = [
+        np.hstack((sign * V_t.swapaxes(1, 2) @ direction, -np.eye(points.size)))
+        for direction in _directions(problem.tangent.shape[1])
+        for sign in (1.0, -1.0)
+    ]
+    contact = np.hstack((normal, np.zeros((int(touch.sum()), points.size))))
+    price = np.zeros(points.size)
+    if law is not None and law.coulomb:
+        both = np.flatnonzero(place[touch] >= 0)
+        at = place[touch][both]
+        contact[both, k + at] = law.value[points[at]]
+    elif law is not None:
+        price = law.value[points]
+    of_a, of_w = np.split(np.vstack((*moduli, contact)) / np.abs(problem.C).max(), [k], axis=1)
+    A = np.vstack(
+        (np.hstack((of_a, -of_a, of_w)), np.r_[np.ones(2 * k), np.zeros(points.size)][None])
+    )
+    gain = np.concatenate((problem.s, -problem.s, -price))
+    found = linprog(-gain, A_ub=A, b_ub=np.r_[np.zeros(A.shape[0] - 1), 1.0], method="highs")
+    # A gain this small could be round-off of the program.
+    if found.x is not None and gain @ found.x > 1e-7 * float(np.abs(problem.s).max()):
+        motion = found.x[:k] - found.x[k : 2 * k]
+        raise Infeasible("no admissible contact forces balance the loads", motion)
+
+
+def _directions(count: int) -> list[Array]:
+    """Unit directions, scaled so that the largest product with v is at least its length."""
+    if count == 1:
+        return [np.ones(1)]
+    angles = np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    reach = np.cos(0.5 * np.pi / _DIRECTIONS)
+    return [np.array([np.cos(angle), np.sin(angle)]) / reach for angle in angles]
