@@ -26,7 +26,12 @@ from contact.errors import InputError, numbers
 from contact.mesh_file import read_mesh
 from contact.rigid_modes import dof_lengths
 from contact.selection import select_components, select_facets
-from skfem_adini import ElementQuadAdini, essential_constraints
+from skfem_adini import (
+    ElementHexAdini,
+    ElementQuadAdini,
+    ElementQuadBFS,
+    essential_constraints,
+)
 from skfem_adini import InputError as AdiniInputError
 
 Field = float | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]
@@ -273,7 +278,7 @@ class ElasticBody:
         """
         if not self._supports:
             return sparse.eye_array(self.basis.N, format="csr"), np.zeros(self.basis.N)
-        if isinstance(self.element, ElementQuadAdini):
+        if isinstance(self.element, ElementQuadAdini | ElementHexAdini | ElementQuadBFS):
             try:
                 T, u0 = essential_constraints(
                     self.basis,
