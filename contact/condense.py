@@ -64,13 +64,11 @@ class CondensedContact:
         columns, per_length = T.tocsc(), 1.0 / body.lengths[1]
         self._leading = columns.indices[columns.indptr[:-1]]
         self._T = sparse.csr_array(T @ sparse.diags_array(per_length))
-        self._u0 = u0
         if T.nnz == T.shape[1] and np.all(T.data == 1.0):
             free = columns.indices
             S = body.stiffness[free][:, free]
-            S.data *= np.repeat(per_length, np.diff(S.indptr)) * per_length[S.indices]
         else:
-            S = sparse.csr_array(self._T.T @ body.stiffness @ self._T)
+            S = sparse.csr_array(T.T @ body.stiffness @ T)
         self._lifted = body.stiffness @ u0 if u0.any() else np.zeros_like(u0)
 
         dim = body.dim
@@ -93,6 +91,7 @@ class CondensedContact:
         self._boundary = np.unique(B.indices).astype(np.int64)
         self._factor = schur_factor(S, self._boundary, self._elimination_order, solver)
         self._B = B[:, self._boundary].toarray()
+        self._per_length = per_length[self._boundary]
         modes = self._free_modes()
         self._condense(modes)
 
@@ -117,7 +116,7 @@ class CondensedContact:
         return free * of_free
 
     def _condense(self, modes: Array) -> None:
-        S_b = self._factor.schur
+        S_b = self.stiffness
         N = modes[self._boundary]
         if modes.shape[1]:
             N, R = np.linalg.qr(N)
@@ -207,11 +206,11 @@ class CondensedContact:
     @property
     def stiffness(self) -> Array:
         """Schur complement S_b of the contact boundary's unknowns, shape (nb, nb)."""
-        return self._factor.schur
+        return self._per_length[:, None] * self._factor.schur * self._per_length
 
     def reduce(self, load: Array) -> Array:
         """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
-        return self._factor.reduce(self._free_load(load))
+        return self._per_length * self._factor.reduce(self._free_load(load))
 
     def restrict(self, rows: sparse.csr_array) -> Array:
         """Rows of all dofs in the contact boundary's unknowns, shape (nrows, nb)."""
@@ -220,11 +219,13 @@ class CondensedContact:
 
     def expand(self, load: Array, z_b: Array) -> Array:
         """Displacement of all dofs from the contact boundary's unknowns."""
-        u: Array = self._T @ self._factor.expand(self._free_load(load), z_b) + self._u0
+        T, u0 = self.body.constraint
+        z = self._factor.expand(self._free_load(load), self._per_length * z_b)
+        u: Array = T @ z + u0
         return u
 
     def _free_load(self, load: Array) -> Array:
-        free: Array = self._T.T @ (load - self._lifted)
+        free: Array = self.body.constraint[0].T @ (load - self._lifted)
         return free
 
     def not_held(self, a: Array) -> Unbounded:

@@ -75,7 +75,7 @@ def schur_factor(
         raise MissingDependency("PARDISO needs pypardiso: pip install 'skfem-adini[mkl]'")
     # S may be singular (a floating body). A shift of the boundary block makes it definite; the
     # Schur complement carries it along unchanged and gives it back.
-    shift = float(np.mean(np.abs(stiffness.diagonal()[boundary])))
+    shift = np.abs(stiffness.diagonal()[boundary])
     if solver == "superlu" or not has_pardiso():
         return SuperLUSchur(stiffness, boundary, order(), shift)
     return PardisoSchur(stiffness, boundary, shift)
@@ -110,7 +110,7 @@ class SuperLUSchur(_Forward):
         stiffness: sparse.csr_array,
         boundary: NDArray[np.int64],
         order: NDArray[np.int64],
-        shift: float,
+        shift: Vector,
     ) -> None:
         n, nb = stiffness.shape[0], boundary.size
         on_boundary = np.zeros(n, dtype=bool)
@@ -144,7 +144,7 @@ class SuperLUSchur(_Forward):
         # L = U^T D^-1 for a symmetric matrix factored without row exchanges.
         self._shifted = block.T @ (block / np.diag(block)[:, None])
         self._shifted = 0.5 * (self._shifted + self._shifted.T)
-        self.schur = self._shifted - shift * np.eye(nb)
+        self.schur = self._shifted - np.diag(shift)
 
     def _eliminate(self, load: Vector) -> Vector:
         """S_bI S_II^-1 f_I, from a solve without load on the boundary."""
@@ -175,7 +175,7 @@ class PardisoSchur(_Forward):
     """
 
     def __init__(
-        self, stiffness: sparse.csr_array, boundary: NDArray[np.int64], shift: float
+        self, stiffness: sparse.csr_array, boundary: NDArray[np.int64], shift: Vector
     ) -> None:
         n, nb = stiffness.shape[0], boundary.size
         upper = sparse.triu(stiffness, format="csr")
@@ -197,7 +197,7 @@ class PardisoSchur(_Forward):
         block = np.zeros((nb, nb))
         self._call(11, nothing, nothing)
         self._call(22, nothing, block)
-        self.schur = 0.5 * (block + block.T) - shift * np.eye(nb)
+        self.schur = 0.5 * (block + block.T) - np.diag(shift)
 
     def _call(self, phase: int, b: Vector, x: Vector) -> None:
         error = ctypes.c_int32(0)

@@ -101,7 +101,7 @@ def test_both_solvers_give_one_answer(friction, make):
 def test_superlu_leaves_the_boundary_last(seed, make):
     _, S, boundary = matrix(make, ElementQuadAdini)
     n = S.shape[0]
-    factor = SuperLUSchur(S, boundary, random_order(n, seed)(), shift=1.0)
+    factor = SuperLUSchur(S, boundary, random_order(n, seed)(), shift=np.ones(boundary.size))
     lu = factor._lu
     for permutation in (lu.perm_r, lu.perm_c):
         assert np.array_equal(permutation[n - boundary.size :], np.arange(n - boundary.size, n))
