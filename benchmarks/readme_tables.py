@@ -43,7 +43,55 @@ def contact_block(record: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-TABLES = {"contact_block": contact_block}
+def elements(record: dict[str, Any]) -> str:
+    """Dofs and seconds to one accuracy, one row a problem, and against whom Adini loses."""
+    problems = record["problems"].values()
+    names = list(next(iter(problems))["runs"])
+    target, reference = record["target"], record["reference_dofs"]
+    lines = [f"| problem | {' | '.join(names)} |", f"| --- {'| --- ' * len(names)}|"]
+    verdicts = []
+    for problem in problems:
+        for norm, row in problem["summary"].items():
+            if norm == "H1":
+                continue
+            label = f"{problem['title']}; {norm}"
+            if all(found["dofs_to_target"] is None for found in row.values()):
+                cells = [f"{found['error_at_reference']:.1e}" for found in row.values()]
+                label += f", error at {reference:,} dofs"
+            else:
+                cells = [
+                    "not reached"
+                    if found["dofs_to_target"] is None
+                    else f"{found['dofs_to_target']:,.0f} ({found['seconds_to_target']:.2f} s)"
+                    for found in row.values()
+                ]
+                label += f", dofs to {target:.0e}"
+            lines.append(f"| {label} | {' | '.join(cells)} |")
+            listed = {
+                word: ", ".join(f"{name} {ratio:.1f} x" for name, ratio in rivals) or "nobody"
+                for word, rivals in problem["verdict"][norm].items()
+            }
+            verdicts.append(
+                f"* {problem['title']} ({norm}): smaller error than {listed['wins']}; "
+                f"larger than {listed['loses']}."
+            )
+    machine = record["machine"]
+    return "\n".join(
+        [
+            *lines,
+            "",
+            f"Per dof, at {reference:,} dofs, Adini has a",
+            "",
+            *verdicts,
+            "",
+            f"`benchmarks/elements.py`, seconds for basis, assembly and solution, median of "
+            f"{record['repeats']} on {machine['cores']} cores ({machine['processor']}), "
+            f"scikit-fem {machine['versions']['scikit-fem']}.",
+        ]
+    )
+
+
+TABLES = {"contact_block": contact_block, "elements": elements}
 
 
 def regenerated(text: str) -> str:
