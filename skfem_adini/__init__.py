@@ -8,6 +8,7 @@ from .essential_constraints import essential_constraints
 from .essential_dofs import essential_dofs
 from .hanging_constraints import hanging_constraints
 from .lowest_eigenpairs import lowest_eigenpairs
+from .nodal_fields import nodal_gradient, nodal_stress, von_mises
 from .output import save, to_pyvista
 from .project_trace import project_trace
 from .refine_eigenpair import RefinedEigenpair, refine_eigenpair
@@ -29,8 +30,11 @@ __all__ = [
     "factorize",
     "hanging_constraints",
     "lowest_eigenpairs",
+    "nodal_gradient",
+    "nodal_stress",
     "project_trace",
     "refine_eigenpair",
     "save",
     "to_pyvista",
+    "von_mises",
 ]

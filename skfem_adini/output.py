@@ -25,6 +25,7 @@ from .vtk_cells import (
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 Fields = Array | Mapping[str, Array]
+Step = tuple[float, Fields] | tuple[float, Fields, Mapping[str, Any]]
 
 _DEFAULT_SUBDIVISION = 4
 
@@ -58,16 +59,19 @@ def to_pyvista(
         Write linear cells, this many along each edge (a power of two for simplices), instead of
         exact ones; 4 by default for elements that no VTK cell holds.
     point_data
-        Further data at the mesh vertices, name to array (vertices,) or (components, vertices);
-        (multi)linear inside the cells.
+        Further data at the mesh vertices, name to array (vertices,), (components, vertices) or for
+        tensors (rows, columns, vertices); (multi)linear inside the cells. `nodal_gradient` and
+        `nodal_stress` give such arrays.
     cell_data
-        Further data in the mesh cells, name to array (cells,) or (components, cells).
+        Further data in the mesh cells, name to array (cells,), (components, cells) or for tensors
+        (rows, columns, cells).
 
     Returns
     -------
     pyvista.UnstructuredGrid
-        Points with z = 0 in 2-D; vector fields with three components. Sample it with a small
-        `tolerance`: by default VTK may take a point near an edge from the neighbouring cell.
+        Points with z = 0 in 2-D; vector fields with three components, tensors with nine (row by
+        row). Sample it with a small `tolerance`: by default VTK may take a point near an edge from
+        the neighbouring cell.
 
     Raises
     ------
@@ -114,14 +118,14 @@ def to_pyvista(
     for key, array in (cell_data or {}).items():
         values = _checked("cell_data", key, array, basis.mesh.nelements)
         values = np.repeat(values[..., tind], len(pattern.cells), axis=-1)
-        grid.cell_data[key] = _padded(values).T if values.ndim > 1 else values
+        grid.cell_data[key] = _components(values)
     return grid
 
 
 def save(
     path: str | Path,
     basis: Any,
-    fields: Fields | Sequence[tuple[float, Fields]],
+    fields: Fields | Sequence[Step],
     subdivide: int | None = None,
     point_data: Mapping[str, Any] | None = None,
     cell_data: Mapping[str, Any] | None = None,
@@ -137,7 +141,8 @@ def save(
         As in :func:`to_pyvista`.
     fields
         A mapping from names to dof vectors (or one vector, named u); for a series a sequence of
-        pairs (time, fields).
+        pairs (time, fields), or of triples (time, fields, point_data) where the point data change
+        as well.
 
     Returns
     -------
@@ -182,12 +187,20 @@ def save(
         grid.save(path)
         return path
 
-    if isinstance(fields, Mapping | np.ndarray) or len(fields) == 0:
-        raise InputError("fields: a .pvd series takes a non-empty list of pairs (time, fields)")
+    if (
+        isinstance(fields, Mapping | np.ndarray)
+        or len(fields) == 0
+        or any(len(step) not in (2, 3) or not np.isfinite(step[0]) for step in fields)
+    ):
+        raise InputError(
+            "fields: a .pvd series takes a non-empty list of pairs (time, fields) or triples "
+            "(time, fields, point_data) with finite times"
+        )
     collection = ElementTree.Element("VTKFile", type="Collection", version="0.1")
     steps = ElementTree.SubElement(collection, "Collection")
-    for k, (time, step) in enumerate(fields):
-        file = save(path.with_name(f"{path.stem}_{k:04d}.vtu"), basis, step, **options)
+    for k, (time, step, *data) in enumerate(fields):
+        of_step = {**options, "point_data": dict(point_data or {}) | dict(*data)}
+        file = save(path.with_name(f"{path.stem}_{k:04d}.vtu"), basis, step, **of_step)
         ElementTree.SubElement(steps, "DataSet", timestep=repr(float(time)), file=file.name)
     ElementTree.indent(collection)
     ElementTree.ElementTree(collection).write(path, xml_declaration=True, encoding="utf-8")
@@ -273,8 +286,10 @@ def _evaluate(basis: Any, fields: Mapping[str, Array], X: Array, tind: Indices) 
 def _checked(argument: str, key: str, array: Any, length: int) -> Array:
     """Return a real array whose last axis has the given length."""
     values = np.asarray(array)
-    allowed = (1,) if argument == "x" else (1, 2)
-    if values.ndim not in allowed or values.shape[-1] != length or values.dtype.kind not in "bif":
+    allowed = (1,) if argument == "x" else (1, 2, 3)
+    tensor = values.ndim < 3 or max(values.shape[:2]) <= 3
+    shaped = values.ndim in allowed and values.shape[-1] == length and tensor
+    if not shaped or values.dtype.kind not in "bif":
         raise InputError(
             f"{argument}[{key!r}]: expected real numbers, last axis of length {length}, got "
             f"{values.dtype} of shape {values.shape}"
@@ -283,12 +298,16 @@ def _checked(argument: str, key: str, array: Any, length: int) -> Array:
 
 
 def _rows(values: Array, keep: Indices) -> Array:
-    """Return the kept points as rows, vectors padded with zeros to three components."""
-    flat = values.reshape(*values.shape[:-2], -1)[..., keep]
-    return flat if flat.ndim == 1 else _padded(flat).T
+    """Return the kept points as rows."""
+    return _components(values.reshape(*values.shape[:-2], -1)[..., keep])
 
 
-def _padded(values: Array) -> Array:
-    """Append zero components to fields of two."""
-    missing = 3 - len(values) if len(values) == 2 else 0
-    return np.concatenate([values, np.zeros((missing, *values.shape[1:]))])
+def _components(values: Array) -> Array:
+    """Return fields (..., n) as (n,) or (n, components): vectors with 3, tensors with 9."""
+    if values.ndim == 3:
+        tensor = np.zeros((3, 3, values.shape[-1]))
+        tensor[: values.shape[0], : values.shape[1]] = values
+        values = tensor.reshape(9, -1)
+    if len(values) == 2 and values.ndim == 2:
+        values = np.concatenate([values, np.zeros((1, values.shape[-1]))])
+    return values.T

@@ -28,7 +28,15 @@ from skfem import (
     MeshTri,
 )
 
-from skfem_adini import ElementQuadAdini, InputError, MissingDependency, save, to_pyvista
+from skfem_adini import (
+    ElementQuadAdini,
+    InputError,
+    MissingDependency,
+    nodal_gradient,
+    nodal_stress,
+    save,
+    to_pyvista,
+)
 
 pytestmark = pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
 
@@ -226,6 +234,67 @@ def test_series(tmp_path):
     assert reader.read()[0]["u"].max() == pytest.approx(
         to_pyvista(basis, basis.ones(), subdivide=1)["u"].max()
     )
+
+
+def test_series_with_stresses_of_each_step(tmp_path):
+    """A strip stretched step by step; pyvista finds the times, fields and stresses."""
+    basis = Basis(rectangles(), ElementVector(ElementQuadAdini()))
+    x = basis.project(lambda p: np.array([p[0], 0 * p[0]]))
+    times = [0.0, 0.1, 0.25]
+    steps = [
+        (t, {"u": t * x}, {"stress": nodal_stress(basis, t * x, E=1.0, nu=0.0)}) for t in times
+    ]
+    path = save(tmp_path / "run.pvd", basis, steps, point_data={"E": np.ones(16)})
+    reader = pv.get_reader(path)
+    assert reader.time_values == times
+    for t in times:
+        reader.set_active_time_value(t)
+        grid = reader.read()[0]
+        expected = np.zeros(9)
+        expected[0] = t
+        assert grid["stress"].shape == (grid.n_points, 9)
+        np.testing.assert_allclose(grid["stress"] - expected, 0, atol=1e-12)
+        np.testing.assert_allclose(grid["u"][:, 0], t * grid.points[:, 0], atol=1e-12)
+        np.testing.assert_allclose(grid["E"], 1)
+
+
+def test_gradients_beside_the_field(tmp_path):
+    """Vectors come with three components, gradients of vector fields row by row with nine."""
+    basis = Basis(rectangles(), ElementVector(ElementQuadAdini()))
+    x = basis.project(lambda p: np.array([p[0] + 2 * p[1], 3 * p[0] + 4 * p[1]]))
+    gradient = nodal_gradient(basis, x)
+    data = {"gradient": gradient, "first": gradient[0]}
+    grid = pv.read(save(tmp_path / "field.vtu", basis, x, point_data=data))
+    row = [1.0, 2, 0, 3, 4, 0, 0, 0, 0]
+    np.testing.assert_allclose(grid["gradient"], np.tile(row, (grid.n_points, 1)), atol=1e-10)
+    np.testing.assert_allclose(grid["first"], np.tile(row[:3], (grid.n_points, 1)), atol=1e-10)
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".vtk"])
+def test_round_trip_through_meshio(tmp_path, suffix):
+    """What meshio reads and writes again is the same exact field for pyvista."""
+    basis = Basis(rectangles(), ElementQuadAdini())
+    x = np.random.default_rng(1).uniform(-1, 1, basis.N)
+    gradient = nodal_gradient(basis, x)
+    first = save(tmp_path / f"first{suffix}", basis, x, point_data={"gradient": gradient})
+    second = tmp_path / f"second{suffix}"
+    meshio.read(first).write(second)
+    grid, points = pv.read(second), random_points(2)
+    assert set(grid.celltypes) == {70}
+    np.testing.assert_allclose(
+        sample(grid, points), basis.interpolator(x)(points), rtol=0, atol=1e-12
+    )
+    np.testing.assert_array_equal(grid["gradient"], pv.read(first)["gradient"])
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [[(0.0,)], [(np.nan, np.zeros(1))], [(0.0, {}, {}, {})]],
+    ids=["no fields", "no time", "too much"],
+)
+def test_bad_series(tmp_path, steps):
+    with pytest.raises(InputError, match=r"fields: a \.pvd series"):
+        save(tmp_path / "run.pvd", Basis(rectangles(), ElementQuadAdini()), steps)
 
 
 def test_without_pyvista_the_install_line_is_named(monkeypatch):
