@@ -33,6 +33,15 @@ def test_hanging_nodes(capsys):
     assert "largest jump" in capsys.readouterr().out
 
 
+def test_shape_functions(tmp_path, capsys):
+    distance, entries = load("shape_functions").main(["--output", str(tmp_path)])
+    assert distance < 1e-14
+    assert entries == 21
+    for name in ("shape_functions", "stiffness_matrix"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 20_000
+    assert "identity" in capsys.readouterr().out
+
+
 def test_open_vtk_writes_and_reads(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for variable in ("DISPLAY", "WAYLAND_DISPLAY"):

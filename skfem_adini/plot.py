@@ -1,0 +1,143 @@
+"""Pictures of elements and matrices; every function takes ``ax=None`` and returns the axes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from skfem.element import ElementVector
+from skfem.refdom import RefQuad
+
+from .errors import InputError, MissingDependency
+
+_POINTS = 25
+_MOST_ROWS = 2000
+_LABELS = {"u": "$u$", **{f"u_{k}": f"$u_{{{k}}}$" for k in ("x", "y", "z", "xy")}}
+
+
+def plot_shape_function(element: Any, i: int, ax: Any = None) -> Any:
+    """Draw shape function i of an element on the reference square as a surface.
+
+    Parameters
+    ----------
+    element
+        Element of quadrilaterals with ``lbasis``, for instance `ElementQuadAdini`.
+    i
+        Number of the function: all dofs of the first vertex, then of the second.
+    ax
+        matplotlib axes with ``projection="3d"``; new ones by default.
+
+    Returns
+    -------
+    matplotlib Axes
+
+    Raises
+    ------
+    InputError
+        An element of other cells, or axes that are flat.
+    ValueError
+        There is no function of this number.
+    MissingDependency
+        matplotlib is not installed.
+    """
+    if getattr(element, "refdom", None) is not RefQuad or not hasattr(element, "lbasis"):
+        raise InputError(
+            f"element: expected an element of quadrilaterals with lbasis, got "
+            f"{type(element).__name__}"
+        )
+    ticks = np.linspace(0, 1, _POINTS)
+    X, Y = np.meshgrid(ticks, ticks, indexing="ij")
+    values = element.lbasis(np.array([X.ravel(), Y.ravel()]), i)[0].reshape(X.shape)
+    if ax is None:
+        ax = _pyplot().figure().add_subplot(projection="3d")
+    if not hasattr(ax, "plot_surface"):
+        raise InputError('ax: expected 3-D axes; make them with projection="3d"')
+    ax.computed_zorder = False  # else the surface may hide the vertex
+    ax.plot_surface(X, Y, values, cmap="viridis", rcount=_POINTS, ccount=_POINTS, lw=0)
+    x, y = element.doflocs[i]
+    height = float(element.lbasis(np.array([[x], [y]]), i)[0][0])
+    ax.plot([x], [y], [height], "o", color="#d1495b", zorder=10)
+    name = element.dofnames[i % len(element.dofnames)]
+    ax.set_title(f"{_LABELS.get(name, name)} at ({x:g}, {y:g})", fontsize=10)
+    ax.set(xticks=[0, 1], yticks=[0, 1])
+    ax.tick_params(labelsize=7, pad=-2)
+    return ax
+
+
+def plot_matrix(A: Any, basis: Any, ax: Any = None) -> Any:
+    r"""Draw the size of the entries of a matrix, with rows and columns grouped by kind of dof.
+
+    The vertices of each group go along the last axis first, so that a uniform grid shows its
+    bands. Entries are those of the scaled matrix :math:`a_{ij} / \sqrt{a_{ii} a_{jj}}`, in powers
+    of ten; white ones vanish.
+
+    Parameters
+    ----------
+    A
+        Square sparse matrix of all dofs with a positive diagonal, shape (basis.N, basis.N).
+    basis
+        Basis of an element that has all its dofs at the vertices.
+    ax
+        matplotlib axes; new ones by default.
+
+    Returns
+    -------
+    matplotlib Axes
+
+    Raises
+    ------
+    InputError
+        More than 2000 dofs (the structure of a coarser mesh is the same), dofs elsewhere than at
+        the vertices, a wrong shape, or a diagonal that is not positive.
+    MissingDependency
+        matplotlib is not installed.
+    """
+    names, dofs = _grouped_dofs(basis)
+    if A.shape != (basis.N, basis.N):
+        raise InputError(f"A: expected shape ({basis.N}, {basis.N}), got {A.shape}")
+    if basis.N > _MOST_ROWS:
+        raise InputError(
+            f"A: {basis.N} rows are too many to see; draw a coarser mesh with at most {_MOST_ROWS}"
+        )
+    dense = A.toarray()[np.ix_(dofs.ravel(), dofs.ravel())]
+    diagonal = dense.diagonal()
+    if not (diagonal > 0).all():
+        raise InputError("A: an entry of the diagonal is not positive")
+    size = np.abs(dense) / np.sqrt(np.outer(diagonal, diagonal))
+    size[size < 1e-13] = np.nan  # rounding of entries that vanish
+
+    if ax is None:
+        _, ax = _pyplot().subplots()
+    image = ax.imshow(np.log10(size), cmap="viridis", vmin=-3, vmax=0, interpolation="nearest")
+    ax.figure.colorbar(image, ax=ax, shrink=0.8, label=r"$\log_{10} |a_{ij}|$, scaled")
+    edges = dofs.shape[1] * np.arange(1, len(names)) - 0.5
+    for edge in edges:
+        ax.axhline(edge, color="0.3", lw=0.8)
+        ax.axvline(edge, color="0.3", lw=0.8)
+    middles = dofs.shape[1] * (np.arange(len(names)) + 0.5) - 0.5
+    labels = [_LABELS.get(name, name) for name in names]
+    ax.set_xticks(middles, labels)
+    ax.set_yticks(middles, labels)
+    ax.tick_params(length=0)
+    return ax
+
+
+def _grouped_dofs(basis: Any) -> tuple[list[str], Any]:
+    """Return the names of the dofs of a vertex, and the dofs as (names, vertices in order)."""
+    names, nodal = list(basis.elem.dofnames), basis.nodal_dofs
+    if nodal.size != basis.N:
+        element = basis.elem.elem if isinstance(basis.elem, ElementVector) else basis.elem
+        raise InputError(
+            f"basis: {type(element).__name__} has dofs elsewhere than at the vertices; expected "
+            "an element such as ElementQuadAdini"
+        )
+    order = np.lexsort(basis.mesh.p[::-1, : nodal.shape[1]])
+    return names, nodal[:, order]
+
+
+def _pyplot() -> Any:
+    try:
+        import matplotlib.pyplot as plt
+    except ImportError as error:
+        raise MissingDependency("plots need matplotlib: pip install 'matplotlib>=3.9'") from error
+    return plt
