@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
+from contact.blas_threads import one_blas_thread
 from contact.boundary import BoundaryProblem
 from contact.dissection import cell_graph, nested_dissection
 from contact.errors import Infeasible, InputError, Unbounded
@@ -92,8 +93,8 @@ class CondensedContact:
         self._factor = schur_factor(S, self._boundary, self._elimination_order, solver)
         self._B = B[:, self._boundary].toarray()
         self._per_length = per_length[self._boundary]
-        modes = self._free_modes()
-        self._condense(modes)
+        with one_blas_thread(self.size):
+            self._condense(self._free_modes())
 
     def _elimination_order(self) -> NDArray[np.int64]:
         """Free unknowns in the nested-dissection order of their mesh entities."""
@@ -150,6 +151,11 @@ class CondensedContact:
         self._C = (self._B @ self._N) / scale[:, None]
 
     @property
+    def size(self) -> int:
+        """Order of the largest dense matrix."""
+        return max(self._B.shape)
+
+    @property
     def point_scale(self) -> Array:
         """Physical force = scaled force / point_scale; physical displacement = scaled * it."""
         first = np.maximum(self._normal, self._tangent.max(axis=1))
@@ -169,7 +175,8 @@ class CondensedContact:
             A point whose normal displacement is prescribed lies behind the obstacle.
         """
         prescribed = self._normal < 0
-        through = prescribed & (self._fixed_normal - gap > 1e-12 * (1 + np.abs(gap)))
+        round_off = 1e-12 * float(np.ptp(self.body.mesh.p, axis=1).max())  # of the coordinates
+        through = prescribed & (self._fixed_normal - gap > round_off)
         if np.any(through):
             i = int(np.flatnonzero(through)[0])
             raise Infeasible(

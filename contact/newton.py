@@ -18,8 +18,8 @@ steps on blocks, curved parts and 3-D bodies for friction .1 to 3, where radial 
 in a third of the cases.
 
 For Coulomb's law g = F mu+ on active points is an unknown of the same linear system (monolithic).
-In two dimensions radial return is an active-set method on the sign of the slip and ends in
-finitely many steps.
+In two dimensions radial return is an active-set method on the sign of the slip: where it
+converges, it ends after finitely many steps.
 
 References
 ----------

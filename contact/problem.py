@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from contact.blas_threads import one_blas_thread
 from contact.body import ElasticBody
 from contact.condense import CondensedContact
 from contact.errors import InputError, NotConverged, numbers
@@ -197,7 +198,8 @@ class ContactProblem:
             raise InputError(f"start: expected a ContactResult, got {type(start).__name__}")
         warm = None if start is None else start.forces(boundary, scale)
         try:
-            forces, slack = solve_boundary(boundary, law, options, warm, scale, report)
+            with one_blas_thread(condensed.size):
+                forces, slack = solve_boundary(boundary, law, options, warm, scale, report)
         except QPInfeasible as error:
             raise condensed.not_held(error.certificate) from error
         except QPInputError as error:

@@ -287,6 +287,17 @@ BAD = {
         Infeasible,
         "beyond its gap",
     ),
+    "prescribed penetration of 1e-7 of a body of a micrometre": (
+        lambda m: ContactProblem(
+            body(ElementQuad1, m.box(ElementQuad1, *(np.linspace(0, 1e-6, 5),) * 2)).fix(
+                "bottom", "y", -1e-13
+            ),
+            "bottom",
+            0.0,
+        ).solve(),
+        Infeasible,
+        "beyond its gap",
+    ),
     "body not held": (
         lambda m: ContactProblem(m.block(4, sides=()), "bottom", INF).solve(),
         Unbounded,
