@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-import functools
-import importlib.util
-import sys
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -13,7 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from .errors import AdiniError, InputError, MissingDependency
+from .errors import InputError, MissingDependency
+from .pardiso import DEFINITE, INDEFINITE, Pardiso, PardisoError, has_pardiso
 
 Array = NDArray[np.float64]
 Solver = Literal["auto", "pardiso", "superlu"]
@@ -29,11 +26,6 @@ class Factorization(Protocol):
     def solve(self, b: Array) -> Array:
         """Return the solution for one load (n,) or several (n, loads)."""
         ...
-
-
-def has_pardiso() -> bool:
-    """Return whether pypardiso can be imported."""
-    return importlib.util.find_spec("pypardiso") is not None
 
 
 def factorize(A: Any, definite: bool = True, solver: Solver = "auto") -> Factorization:
@@ -157,70 +149,19 @@ class _SuperLU:
 
 
 class _Pardiso:
-    """Intel oneMKL developer reference, ``pardiso``: real symmetric matrices, upper triangle."""
-
     def __init__(self, A: Any, definite: bool) -> None:
-        upper = sparse.triu(A + sparse.diags_array(np.zeros(A.shape[0])), format="csr")
-        upper.sort_indices()
-        self._data = upper.data
-        self._ia = (upper.indptr + 1).astype(np.int32)
-        self._ja = (upper.indices + 1).astype(np.int32)
         self._definite = definite
-        self._handle = np.zeros(64, dtype=np.int64)
-        self._iparm = np.zeros(64, dtype=np.int32)  # zero in the first place: all defaults
-        self._call(12, np.zeros((A.shape[0], 1), order="F"))
+        self._pardiso = Pardiso(A, DEFINITE if definite else INDEFINITE)
+        self._run(12)
 
     def solve(self, b: Array) -> Array:
         columns = np.asfortranarray(b.reshape(len(b), -1))
-        return self._call(33, columns).reshape(b.shape)
+        x = np.zeros_like(columns, order="F")
+        self._run(33, columns, x)
+        return x.reshape(b.shape)
 
-    def _call(self, phase: int, b: Array) -> Array:
-        x, error = np.zeros_like(b, order="F"), ctypes.c_int32(0)
-        arguments = (
-            self._handle,
-            1,  # factorisations kept
-            1,  # which of them
-            2 if self._definite else -2,
-            phase,
-            self._ia.size - 1,
-            self._data,
-            self._ia,
-            self._ja,
-            np.zeros(1, dtype=np.int32),
-            b.shape[1],
-            self._iparm,
-            0,  # silent
-            b,
-            x,
-        )
-        _pardiso()(
-            *(
-                ctypes.byref(ctypes.c_int32(value))
-                if isinstance(value, int)
-                else value.ctypes.data_as(ctypes.c_void_p)
-                for value in arguments
-            ),
-            ctypes.byref(error),
-        )
-        if error.value in (-4, -7):  # zero or negative pivot
-            raise _singular(self._definite)
-        if error.value == -2:
-            raise MemoryError("PARDISO: not enough memory for the factorisation")
-        if error.value != 0:
-            raise AdiniError(f"PARDISO phase {phase} failed with code {error.value}")
-        return x
-
-    def __del__(self) -> None:
-        if getattr(self, "_handle", np.zeros(1)).any() and not sys.is_finalizing():
-            self._call(-1, np.zeros((1, 1), order="F"))
-            self._handle[:] = 0
-
-
-@functools.cache
-def _pardiso() -> Any:
-    """MKL's ``pardiso``; pypardiso searches the installation for it, which takes a while."""
-    from pypardiso.pardiso_wrapper import PyPardisoSolver
-
-    function = PyPardisoSolver().libmkl.pardiso
-    function.argtypes, function.restype = None, None
-    return function
+    def _run(self, phase: int, b: Array | None = None, x: Array | None = None) -> None:
+        try:
+            self._pardiso(phase, b, x)
+        except PardisoError as error:
+            raise (_singular(self._definite) if error.pivot else error) from error

@@ -1,0 +1,199 @@
+"""MKL's PARDISO, one handle and one call; everything else of MKL stays outside."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import importlib.util
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+from .errors import AdiniError
+
+Array = NDArray[np.float64]
+
+DEFINITE, INDEFINITE = 2, -2
+_NOT_ENOUGH_MEMORY = -2
+_PIVOTS = (-4, -7)
+_RELEASE = -1
+_FACTORISATIONS = (12, 22)
+_SOLUTIONS = (33, 331, 332, 333)
+
+
+class PardisoError(AdiniError):
+    """PARDISO returned an error.
+
+    Attributes
+    ----------
+    phase, code
+        What was called, and PARDISO's number of the error.
+    pivot
+        Whether a pivot was zero, or negative in a matrix said to be definite.
+    """
+
+    def __init__(self, phase: int, code: int) -> None:
+        super().__init__(f"PARDISO phase {phase} failed with code {code}")
+        self.phase, self.code, self.pivot = phase, code, code in _PIVOTS
+
+
+def has_pardiso() -> bool:
+    """Return whether pypardiso, which brings MKL, can be imported."""
+    return importlib.util.find_spec("pypardiso") is not None
+
+
+class Pardiso:
+    """One matrix in PARDISO's memory, given back when the object goes.
+
+    Parameters
+    ----------
+    A
+        Symmetric sparse matrix, shape (n, n). Its upper triangle is taken, with the diagonal
+        stored even where it is zero, as PARDISO demands.
+    kind
+        `DEFINITE` or `INDEFINITE`: real symmetric, PARDISO's matrix types 2 and -2.
+    iparm
+        Entries of PARDISO's integer parameters that differ from zero, counted from 0. Without any
+        the defaults hold; with some, iparm[0] is set to 1 and zeros mean what the reference says.
+    chosen
+        Unknowns whose Schur complement is wanted (iparm[35] not zero), marked in PARDISO's
+        permutation.
+
+    References
+    ----------
+    Intel oneMKL developer reference, ``pardiso`` and its parameter table ``iparm``.
+    """
+
+    def __init__(
+        self,
+        A: Any,
+        kind: int,
+        iparm: Mapping[int, int] | None = None,
+        chosen: ArrayLike | None = None,
+    ) -> None:
+        n = A.shape[0]
+        upper = _upper_triangle(A)
+        if upper.nnz >= 2**31:
+            raise AdiniError(f"PARDISO: {upper.nnz} entries are too many for 32-bit indices")
+        self._kind, self._factored = kind, False
+        self._data = np.ascontiguousarray(upper.data, dtype=np.float64)
+        self._ia = (upper.indptr + 1).astype(np.int32)
+        self._ja = (upper.indices + 1).astype(np.int32)
+        self._perm = np.zeros(n, dtype=np.int32)
+        if chosen is not None:
+            self._perm[np.asarray(chosen)] = 1
+        self._handle = np.zeros(64, dtype=np.int64)
+        self._iparm = np.zeros(64, dtype=np.int32)
+        for place, value in (iparm or {}).items():
+            self._iparm[place] = value
+        if iparm:
+            self._iparm[0] = 1
+
+    def __call__(self, phase: int, b: Array | None = None, x: Array | None = None) -> None:
+        """Run one phase.
+
+        Parameters
+        ----------
+        phase
+            11 analysis, 22 factorisation, 12 both of them, 33 solution, and the partial solutions
+            331, 332, 333.
+        b, x
+            Right-hand sides and what PARDISO writes, (n,) or in Fortran order (n, loads); in
+            phase 22 with a Schur complement x is its dense matrix. PARDISO leaves b alone.
+
+        Raises
+        ------
+        PardisoError
+            Any error but lack of memory.
+        MemoryError
+            PARDISO could not allocate its factors.
+        AdiniError
+            A solution asked for before the factorisation, or arrays that PARDISO would misread: it
+            checks neither, and the process would end.
+        """
+        if phase in _SOLUTIONS:
+            if not self._factored:
+                raise AdiniError(f"PARDISO: phase {phase} needs a factorisation, phase 22, before")
+            for array in (b, x):
+                if (
+                    array is None
+                    or array.dtype != np.float64
+                    or len(array) != self._perm.size
+                    or not array.flags.f_contiguous
+                ):
+                    raise AdiniError(
+                        f"PARDISO: phase {phase} takes b and x of float64 in Fortran order with "
+                        f"{self._perm.size} rows"
+                    )
+        elif phase in _FACTORISATIONS:
+            self._factored = False
+        nothing = np.zeros(1)
+        b, x = (nothing if array is None else array for array in (b, x))
+        error = ctypes.c_int32(0)
+        arguments = (
+            self._handle,
+            1,  # factorisations kept
+            1,  # which of them
+            self._kind,
+            phase,
+            self._ia.size - 1,
+            self._data,
+            self._ia,
+            self._ja,
+            self._perm,
+            b.shape[1] if b.ndim == 2 else 1,
+            self._iparm,
+            0,  # silent
+            b,
+            x,
+        )
+        _library()(
+            *(
+                ctypes.byref(ctypes.c_int32(value))
+                if isinstance(value, int)
+                else value.ctypes.data_as(ctypes.c_void_p)
+                for value in arguments
+            ),
+            ctypes.byref(error),
+        )
+        if error.value == _NOT_ENOUGH_MEMORY:
+            raise MemoryError("PARDISO: not enough memory for the factorisation")
+        if error.value != 0:
+            raise PardisoError(phase, error.value)
+        self._factored = self._factored or phase in _FACTORISATIONS
+
+    def __del__(self) -> None:
+        # At the end of the interpreter even the module's names may be gone.
+        if np is None or sys is None or sys.is_finalizing():
+            return
+        if getattr(self, "_handle", np.zeros(1)).any():
+            self(_RELEASE)
+            self._handle[:] = 0
+
+
+def _upper_triangle(A: Any) -> Any:
+    """Return the upper triangle, columns ascending, with every diagonal entry stored."""
+    n = A.shape[0]
+    upper = sparse.csr_array(sparse.triu(A, format="csr"))
+    if np.count_nonzero(upper.diagonal()) < n:
+        # Sums of sparse matrices drop zeros; conversion from triplets keeps them.
+        entries, k = upper.tocoo(), np.arange(n)
+        row, column = (np.concatenate([part, k]) for part in entries.coords)
+        data = np.concatenate([entries.data, np.zeros(n)])
+        upper = sparse.csr_array(sparse.coo_array((data, (row, column)), shape=A.shape))
+    upper.sort_indices()
+    return upper
+
+
+@functools.cache
+def _library() -> Any:
+    """MKL's ``pardiso``; pypardiso searches the installation for it, which takes a while."""
+    from pypardiso.pardiso_wrapper import PyPardisoSolver
+
+    function = PyPardisoSolver().libmkl.pardiso
+    function.argtypes, function.restype = None, None
+    return function
