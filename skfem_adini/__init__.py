@@ -3,11 +3,18 @@
 from .element_hex_adini import ElementHexAdini
 from .element_quad_adini import ElementQuadAdini
 from .element_quad_bfs import ElementQuadBFS
-from .errors import AdiniError, InputError, MissingDependency, ReducedOrderWarning
+from .errors import (
+    AdiniError,
+    InputError,
+    MissingDependency,
+    NotConverged,
+    ReducedOrderWarning,
+)
 from .essential_constraints import essential_constraints
 from .essential_dofs import essential_dofs
 from .hanging_constraints import hanging_constraints
 from .lowest_eigenpairs import lowest_eigenpairs
+from .near_null_space import NearNullSpace, near_null_space
 from .nodal_fields import nodal_gradient, nodal_stress, von_mises
 from .output import save, to_pyvista
 from .project_trace import project_trace
@@ -22,6 +29,8 @@ __all__ = [
     "ElementQuadBFS",
     "InputError",
     "MissingDependency",
+    "NearNullSpace",
+    "NotConverged",
     "ReducedOrderWarning",
     "RefinedEigenpair",
     "UniformSolver",
@@ -30,6 +39,7 @@ __all__ = [
     "factorize",
     "hanging_constraints",
     "lowest_eigenpairs",
+    "near_null_space",
     "nodal_gradient",
     "nodal_stress",
     "project_trace",

@@ -13,5 +13,9 @@ class MissingDependency(AdiniError, ImportError):
     """An optional package is not installed; the message holds the line that installs it."""
 
 
+class NotConverged(AdiniError):
+    """An iteration did not reach its tolerance; the message says how far it came."""
+
+
 class ReducedOrderWarning(UserWarning):
     """The cells are not parallelograms: the order of convergence may be lower than stated."""

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import spsolve
 
 from .boundary_edges import (
     Array,
@@ -19,6 +18,7 @@ from .boundary_edges import (
     vertex_dofs,
 )
 from .boundary_trace import BoundaryTrace
+from .sparse_solve import factorize
 from .trace_directions import TraceDirections
 
 
@@ -91,5 +91,5 @@ def project_trace(
         M = sp.csc_array((mass.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
         b = np.zeros(dofs.size)
         np.add.at(b, local, np.einsum("ieq,eq,eq->ie", functions, data[c], dx))
-        x += seen @ spsolve(sp.csc_matrix(seen.T @ M @ seen), seen.T @ b)
+        x += seen @ factorize(seen.T @ M @ seen).solve(seen.T @ b)
     return x

@@ -1,4 +1,4 @@
-"""Direct solution of symmetric sparse systems: PARDISO where it is installed, else SuperLU."""
+"""Solution of symmetric sparse systems: PARDISO, SuperLU, or multigrid with CG, by one call."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from .errors import InputError, MissingDependency
+from .multigrid import Multigrid
+from .near_null_space import NearNullSpace
 from .pardiso import DEFINITE, INDEFINITE, Pardiso, PardisoError, has_pardiso
 
 Array = NDArray[np.float64]
-Solver = Literal["auto", "pardiso", "superlu"]
+Solver = Literal["auto", "pardiso", "superlu", "amg"]
 
 _SYMMETRIC = 1e-12
 _PROBE = 1e-3
@@ -23,12 +25,24 @@ _SCALINGS = 10
 class Factorization(Protocol):
     """What `factorize` returns."""
 
+    @property
+    def iterations(self) -> int:
+        """Iterations of the last solution; 0 for the direct solvers."""
+        ...
+
     def solve(self, b: Array) -> Array:
         """Return the solution for one load (n,) or several (n, loads)."""
         ...
 
 
-def factorize(A: Any, definite: bool = True, solver: Solver = "auto") -> Factorization:
+def factorize(
+    A: Any,
+    definite: bool = True,
+    solver: Solver = "auto",
+    near_null: NearNullSpace | None = None,
+    tol: float = 1e-10,
+    max_iterations: int = 500,
+) -> Factorization:
     r"""Factor a symmetric sparse matrix once, for any number of solves.
 
     Rows and columns are first scaled by :math:`a_{ii}^{-1/2}`, those of indefinite matrices until
@@ -44,7 +58,17 @@ def factorize(A: Any, definite: bool = True, solver: Solver = "auto") -> Factori
         out if A is not.
     solver
         ``"auto"`` takes PARDISO when pypardiso is importable; ``"superlu"`` is SciPy's SuperLU with
-        minimum degree ordering of A + A^T and diagonal pivots.
+        minimum degree ordering of A + A^T and diagonal pivots. ``"amg"`` is the method of conjugate
+        gradients preconditioned by smoothed aggregation (pyamg), for definite matrices in 3-D,
+        where the factors of a direct solver outgrow the memory; it needs `near_null` and stops at
+        `tol`.
+    near_null
+        For ``"amg"``: what `near_null_space` gives for the unknowns of A.
+    tol
+        For ``"amg"``: bound of the residual relative to the load, both in the scaled dofs,
+        recomputed from A after the iteration.
+    max_iterations
+        For ``"amg"``: of conjugate gradients.
 
     Returns
     -------
@@ -54,19 +78,25 @@ def factorize(A: Any, definite: bool = True, solver: Solver = "auto") -> Factori
     Raises
     ------
     InputError
-        A is not square, not finite, not symmetric, singular, or (PARDISO) not definite.
+        A is not square, not finite, not symmetric, singular, or (PARDISO) not definite; ``"amg"``
+        without a fitting `near_null`, with `definite` false, or a `tol` that is not in (0, 1).
     MissingDependency
-        PARDISO was asked for and is not installed.
+        PARDISO or pyamg was asked for and is not installed.
+
+    The method ``solve`` of ``"amg"`` raises `NotConverged` when the residual stays above `tol`.
 
     References
     ----------
+    P. Vanek, J. Mandel and M. Brezina, Algebraic multigrid by smoothed aggregation for second and
+    fourth order elliptic problems, Computing 56 (1996), 179-196.
     D. Ruiz, A scaling algorithm to equilibrate both rows and columns norms in matrices, report
     RAL-TR-2001-034, Rutherford Appleton Laboratory, 2001.
 
     Notes
     -----
     The factors must give back a random vector from its product with A, to three digits; if they do
-    not, A is singular in double precision and no solution would mean anything.
+    not, A is singular in double precision and no solution would mean anything. Multigrid proves
+    each solution by its residual instead.
 
     Examples
     --------
@@ -75,8 +105,8 @@ def factorize(A: Any, definite: bool = True, solver: Solver = "auto") -> Factori
     >>> factorize(A).solve(np.array([2.0, 2.0])).tolist()
     [1.0, 0.5]
     """
-    if solver not in ("auto", "pardiso", "superlu"):
-        raise InputError(f"solver: expected 'auto', 'pardiso' or 'superlu', got {solver!r}")
+    if solver not in ("auto", "pardiso", "superlu", "amg"):
+        raise InputError(f"solver: expected 'auto', 'pardiso', 'superlu' or 'amg', got {solver!r}")
     if solver == "pardiso" and not has_pardiso():
         raise MissingDependency("PARDISO needs pypardiso: pip install 'skfem-adini[mkl]'")
     A = sparse.csr_array(A, dtype=float)
@@ -88,6 +118,14 @@ def factorize(A: Any, definite: bool = True, solver: Solver = "auto") -> Factori
     scaled = sparse.csr_array(scale @ A @ scale)
     if np.abs(scaled - scaled.T).max() > _SYMMETRIC:
         raise InputError("A: the matrix is not symmetric")
+    if solver == "amg":
+        modes = _scaled_modes(near_null, scale.diagonal(), definite)
+        if not 0 < tol < 1 or max_iterations < 1:
+            raise InputError(
+                f"tol, max_iterations: expected a number in (0, 1) and a positive one, got {tol!r} "
+                f"and {max_iterations!r}"
+            )
+        return _Scaled(Multigrid(scaled, modes, tol, max_iterations), scale.diagonal())
     use_pardiso = solver != "superlu" and has_pardiso()
     factors = (_Pardiso if use_pardiso else _SuperLU)(scaled, definite)
     probe = np.random.default_rng(0).uniform(-1, 1, A.shape[0])
@@ -113,16 +151,35 @@ def _scale(A: Any, definite: bool) -> Array:
     return scale
 
 
+def _scaled_modes(near_null: NearNullSpace | None, scale: Array, definite: bool) -> NearNullSpace:
+    """Return the near-null space in the scaled unknowns."""
+    if near_null is None or not definite:
+        raise InputError(
+            "near_null: solver='amg' needs a definite matrix and near_null=near_null_space(basis, "
+            "dofs) with the dofs of its unknowns"
+        )
+    if len(near_null.modes) != len(scale) or len(near_null.vertex) != len(scale):
+        raise InputError(
+            f"near_null: it has {len(near_null.modes)} unknowns, A has {len(scale)}; pass the same "
+            "dofs to near_null_space that A was restricted to"
+        )
+    return NearNullSpace(near_null.modes / scale[:, None], near_null.vertex)
+
+
 def _singular(definite: bool) -> InputError:
     kind = "singular or not positive definite" if definite else "singular"
     return InputError(f"A: the matrix is {kind}; are essential conditions missing?")
 
 
 class _Scaled:
-    """The inverse of A from that of DAD."""
+    """The inverse of A from that of D A D."""
 
     def __init__(self, factors: Factorization, scale: Array) -> None:
         self._factors, self._scale = factors, scale
+
+    @property
+    def iterations(self) -> int:
+        return self._factors.iterations
 
     def solve(self, b: ArrayLike) -> Array:
         b = np.asarray(b, dtype=float)
@@ -133,6 +190,8 @@ class _Scaled:
 
 
 class _SuperLU:
+    iterations = 0
+
     def __init__(self, A: Any, definite: bool) -> None:
         try:
             self._factors = splu(
@@ -149,6 +208,8 @@ class _SuperLU:
 
 
 class _Pardiso:
+    iterations = 0
+
     def __init__(self, A: Any, definite: bool) -> None:
         self._definite = definite
         self._pardiso = Pardiso(A, DEFINITE if definite else INDEFINITE)

@@ -1,0 +1,148 @@
+"""Conjugate gradients preconditioned by smoothed aggregation, for large problems in 3-D."""
+
+from __future__ import annotations
+
+import importlib
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator, cg
+
+from .errors import InputError, MissingDependency, NotConverged
+from .near_null_space import NearNullSpace
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.integer]
+
+_RESTARTS = 3
+_COARSEST = 20  # blocks
+_SMOOTHER = ("block_gauss_seidel", {"sweep": "symmetric"})
+
+
+class Multigrid:
+    """Solver of A x = b for a symmetric positive definite matrix with unit diagonal.
+
+    The unknowns of a vertex are aggregated together and smoothed together: the matrix is one of
+    blocks, in which unknowns that a vertex lacks are decoupled ones. The prolongation is smoothed
+    with local weights and nothing is random, so equal input gives equal output.
+
+    Parameters
+    ----------
+    A
+        Sparse matrix, shape (n, n), scaled to a unit diagonal.
+    near_null
+        Its near-null space in the same scaling.
+    tol
+        Bound of |b - A x| / |b| in the Euclidean norm, recomputed after the iteration.
+    max_iterations
+        Of conjugate gradients, over all restarts.
+
+    Attributes
+    ----------
+    iterations
+        Of the last call of `solve`; with several loads of the one that took most.
+    """
+
+    def __init__(self, A: Any, near_null: NearNullSpace, tol: float, max_iterations: int) -> None:
+        self._A, self._tol, self._most = A, tol, max_iterations
+        self.iterations = 0
+        self._place, block, vertices = _slots(near_null.vertex)
+        size = block * vertices
+        # Slots that no unknown fills keep a one on the diagonal and have no part in the modes.
+        filled = sparse.csr_array(
+            (np.ones(len(self._place)), self._place, np.arange(len(self._place) + 1)),
+            shape=(len(self._place), size),
+        )
+        empty = np.ones(size)
+        empty[self._place] = 0.0
+        padded = filled.T @ A @ filled + sparse.diags_array(empty)
+        pyamg = _pyamg()
+        with warnings.catch_warnings():
+            # Six rigid motions for twelve dofs a vertex: the smoother sees to the others.
+            warnings.filterwarnings("ignore", message="Having less target vectors")
+            hierarchy = pyamg.smoothed_aggregation_solver(
+                sparse.bsr_matrix(padded, blocksize=(block, block)),
+                filled.T @ near_null.modes,
+                smooth=("jacobi", {"omega": 4 / 3, "weighting": "local"}),
+                improve_candidates=None,
+                presmoother=_SMOOTHER,
+                postsmoother=_SMOOTHER,
+                max_coarse=_COARSEST,
+            )
+        cycle = hierarchy.aspreconditioner()
+
+        def precondition(r: Array) -> Array:
+            full = np.zeros(size)
+            full[self._place] = np.ravel(r)
+            return np.asarray(cycle @ full)[self._place]
+
+        self._inverse = LinearOperator(A.shape, matvec=precondition, dtype=np.float64)
+
+    def solve(self, b: Array) -> Array:
+        """Return the solution for one load (n,) or several (n, loads).
+
+        Raises
+        ------
+        InputError
+            The load is not finite.
+        NotConverged
+            The residual does not come below `tol`.
+        """
+        if not np.isfinite(b).all():
+            raise InputError("b: the load holds NaN or infinity")
+        self.iterations = 0
+        if b.ndim == 1:
+            return self._solve_one(b)
+        columns = [self._solve_one(np.ascontiguousarray(column)) for column in b.T]
+        return np.array(columns).reshape(b.shape[::-1]).T
+
+    def _solve_one(self, b: Array) -> Array:
+        x, bound, steps = np.zeros_like(b), self._tol * np.linalg.norm(b), 0
+
+        def count(_: Array) -> None:
+            nonlocal steps
+            steps += 1
+
+        residual = b
+        # The residual that the iteration carries along drifts from the true one: start again there.
+        for _ in range(_RESTARTS):
+            correction, _info = cg(
+                self._A, residual, rtol=0.0, atol=0.5 * bound, maxiter=self._most - steps,
+                M=self._inverse, callback=count,
+            )  # fmt: skip
+            x = x + correction
+            residual = b - self._A @ x
+            if np.linalg.norm(residual) <= bound or steps >= self._most:
+                break
+        self.iterations = max(self.iterations, steps)
+        reached = np.linalg.norm(residual)
+        if not reached <= bound:
+            raise NotConverged(
+                f"multigrid: relative residual {reached / np.linalg.norm(b):.1e} after {steps} "
+                f"iterations, asked for {self._tol:.0e}; is A definite and near_null that of its "
+                "unknowns? Raise tol, or use a direct solver (solver='auto')"
+            )
+        return x
+
+
+def _slots(vertex: Indices) -> tuple[Indices, int, int]:
+    """Return a place for each unknown, the places of a vertex in a row; and their numbers."""
+    _, block_of, count = np.unique(vertex, return_inverse=True, return_counts=True)
+    order = np.argsort(block_of, kind="stable")
+    first = np.cumsum(count) - count
+    rank = np.empty(len(vertex), dtype=np.int64)
+    rank[order] = np.arange(len(vertex)) - np.repeat(first, count)
+    block = int(count.max())
+    return block_of * block + rank, block, len(count)
+
+
+def _pyamg() -> Any:
+    try:
+        return importlib.import_module("pyamg")
+    except ImportError as error:
+        raise MissingDependency(
+            "solver='amg' needs pyamg: pip install 'skfem-adini[amg]'"
+        ) from error

@@ -1,0 +1,234 @@
+"""Multigrid gives what a factorisation gives, in few iterations, and proves it."""
+
+import sys
+
+import numpy as np
+import pytest
+from scipy import sparse
+from skfem import Basis, ElementVector, LinearForm, MeshHex, MeshQuad
+from skfem.helpers import dot
+from skfem.models.elasticity import linear_elasticity
+from skfem.models.poisson import laplace
+
+from skfem_adini import (
+    ElementHexAdini,
+    ElementQuadAdini,
+    ElementQuadBFS,
+    InputError,
+    MissingDependency,
+    NearNullSpace,
+    NotConverged,
+    essential_constraints,
+    essential_dofs,
+    factorize,
+    multigrid,
+    near_null_space,
+)
+
+pytest.importorskip("pyamg", reason="multigrid is optional")
+
+
+def bricks(n, form, vector=False, lengths=(1.0, 1.0, 1.0), weights=1.0):
+    """Return a basis of equal bricks and the matrix of a form, from the matrix of one cell.
+
+    The basis has one quadrature point a cell, enough for loads that only need to be some loads.
+    """
+    ticks = [np.linspace(0, l, n + 1) for l in lengths]
+    element = ElementVector(ElementHexAdini()) if vector else ElementHexAdini()
+    cell = Basis(MeshHex.init_tensor(*[t[:2] for t in ticks]), element)
+    dofs = cell.element_dofs[:, 0]
+    local = form.assemble(cell).toarray()[np.ix_(dofs, dofs)]
+    basis = Basis(MeshHex.init_tensor(*ticks), element, intorder=1)
+    count, cells = basis.element_dofs.shape
+    rows = np.repeat(basis.element_dofs, count, axis=0).T.ravel()
+    columns = np.tile(basis.element_dofs, (count, 1)).T.ravel()
+    data = np.multiply.outer(np.broadcast_to(weights, cells), local.ravel()).ravel()
+    K = sparse.coo_array((data, (rows, columns)), shape=(basis.N, basis.N)).tocsr()
+    return basis, K
+
+
+def held(basis, K, facets):
+    """Return the matrix, a load and the near-null space of the free dofs."""
+    free = basis.complement_dofs(essential_dofs(basis, facets))
+    if "^" in basis.elem.dofnames[0]:
+        pull = np.arange(1.0, basis.mesh.dim() + 1)
+        f = LinearForm(lambda v, w: dot(np.multiply.outer(pull, 1 + w.x[0]), v))
+    else:
+        f = LinearForm(lambda v, w: np.exp(w.x[0]) * v)
+    return K[free][:, free], f.assemble(basis)[free], near_null_space(basis, free)
+
+
+def poisson(n, **options):
+    basis, K = bricks(n, laplace, **options)
+    return held(basis, K, basis.mesh.boundary_facets())
+
+
+def clamped_block(n):
+    """Elastic cube held at z = 0: the bending modes are those that need the rotations."""
+    basis, K = bricks(n, linear_elasticity(1.0, 1.0), vector=True)
+    return held(basis, K, basis.mesh.facets_satisfying(lambda x: x[2] == 0))
+
+
+def plane(element):
+    basis = Basis(MeshQuad.init_tensor(*[np.linspace(0, 1, 13)] * 2), ElementVector(element))
+    left = basis.mesh.facets_satisfying(lambda x: x[0] == 0)
+    return held(basis, linear_elasticity(1.0, 1.0).assemble(basis), left)
+
+
+PROBLEMS = {
+    "poisson": lambda: poisson(6),
+    "flat bricks": lambda: poisson(6, lengths=(1.0, 2.0, 0.5)),
+    "elastic block": lambda: clamped_block(4),
+    "elastic plate": lambda: plane(ElementQuadAdini()),
+    "bicubic plate": lambda: plane(ElementQuadBFS()),
+}
+
+
+@pytest.mark.parametrize("problem", PROBLEMS)
+def test_agrees_with_a_factorisation(problem):
+    A, b, near_null = PROBLEMS[problem]()
+    solver = factorize(A, solver="amg", near_null=near_null, tol=1e-12)
+    x = solver.solve(b)
+    expected = factorize(A).solve(b)
+    np.testing.assert_allclose(x, expected, atol=1e-10 * np.abs(expected).max())
+    assert 3 < solver.iterations < 60
+    scale = 1 / np.sqrt(A.diagonal())
+    assert np.linalg.norm(scale * (b - A @ x)) <= 1e-12 * np.linalg.norm(scale * b)
+
+
+@pytest.mark.parametrize(("make", "most"), [(poisson, 12), (clamped_block, 20)])
+def test_iterations_do_not_grow(make, most):
+    counts = []
+    for n in (4, 6, 9):
+        A, b, near_null = make(n)
+        solver = factorize(A, solver="amg", near_null=near_null)
+        solver.solve(b)
+        counts.append(solver.iterations)
+    assert max(counts) <= most
+    assert counts[2] <= counts[1] + 2
+
+
+def test_rotations_pay():
+    """Without them the coarse grids do not see bending."""
+    A, b, near_null = clamped_block(6)
+    counts = []
+    for modes in (near_null.modes, near_null.modes[:, :3]):
+        solver = factorize(A, solver="amg", near_null=NearNullSpace(modes, near_null.vertex))
+        solver.solve(b)
+        counts.append(solver.iterations)
+    assert counts[0] < 0.8 * counts[1]
+
+
+def test_parametrised_unknowns():
+    """A condition on slanted edges, where the free dofs are no longer dofs of the mesh."""
+    mesh = MeshQuad().refined(4)
+    basis = Basis(MeshQuad([[1, -0.7], [0.7, 1]] @ mesh.p, mesh.t), ElementQuadAdini())
+    T, x0 = essential_constraints(basis, mesh.boundary_facets(), lambda x: x[0] ** 2)
+    K = laplace.assemble(basis)
+    A, b = T.T @ K @ T, -T.T @ (K @ x0)
+    near_null = near_null_space(basis, T)
+    x = factorize(A, solver="amg", near_null=near_null, tol=1e-12).solve(b)
+    expected = factorize(A).solve(b)
+    np.testing.assert_allclose(x, expected, atol=1e-10 * np.abs(expected).max())
+
+
+def test_jumping_coefficients():
+    A, b, near_null = poisson(6, weights=np.where(np.arange(216) % 3 == 0, 1e4, 1.0))
+    solver = factorize(A, solver="amg", near_null=near_null, tol=1e-11)
+    expected = factorize(A).solve(b)
+    np.testing.assert_allclose(solver.solve(b), expected, atol=1e-8 * np.abs(expected).max())
+
+
+def test_assembly_from_one_cell_is_that_of_the_mesh():
+    basis, K = bricks(2, laplace, lengths=(1.0, 2.0, 0.5))
+    expected = laplace.assemble(Basis(basis.mesh, basis.elem))
+    np.testing.assert_allclose(K.toarray(), expected.toarray(), atol=1e-13)
+
+
+def test_several_loads_and_none():
+    A, b, near_null = poisson(3)
+    solver = factorize(A, solver="amg", near_null=near_null)
+    loads = np.column_stack([b, 0 * b, -2 * b])
+    x = solver.solve(loads)
+    np.testing.assert_array_equal(x[:, 1], 0)
+    np.testing.assert_allclose(x[:, 2], -2 * x[:, 0], atol=1e-13)
+    np.testing.assert_array_equal(x[:, 0], solver.solve(b))
+    assert solver.solve(np.zeros((len(b), 0))).shape == (len(b), 0)
+
+
+def test_results_repeat_and_no_global_state_moves():
+    A, b, near_null = clamped_block(3)
+    before = np.random.get_state()[1].copy()  # noqa: NPY002
+    x, y = (factorize(A, solver="amg", near_null=near_null).solve(b) for _ in range(2))
+    np.testing.assert_array_equal(x, y)
+    np.testing.assert_array_equal(np.random.get_state()[1], before)  # noqa: NPY002
+
+
+def test_too_few_iterations_are_no_result():
+    A, b, near_null = poisson(4)
+    solver = factorize(A, solver="amg", near_null=near_null, max_iterations=2)
+    with pytest.raises(NotConverged, match=r"residual .* after 2 iterations, asked for 1e-10"):
+        solver.solve(b)
+
+
+def test_a_tolerance_out_of_reach_is_no_result():
+    A, b, near_null = poisson(4)
+    with pytest.raises(NotConverged, match="1e-18"):
+        factorize(A, solver="amg", near_null=near_null, tol=1e-18).solve(b)
+
+
+def test_a_residual_that_lies_is_found_out(monkeypatch):
+    """Conjugate gradients that claim to be done are not believed."""
+    A, b, near_null = poisson(3)
+    monkeypatch.setattr(multigrid, "cg", lambda A, b, **_: (0.9 * b, 0))
+    with pytest.raises(NotConverged):
+        factorize(A, solver="amg", near_null=near_null).solve(b)
+
+
+def test_indefinite_matrix_is_no_result():
+    """Its diagonal is positive, its lowest eigenvalues are not."""
+    A, b, near_null = poisson(3)
+    size = 1 / np.sqrt(A.diagonal())
+    D = sparse.diags_array(size)
+    lowest = np.linalg.eigvalsh((D @ A @ D).toarray())[:4]
+    shifted = A - np.mean(lowest[1:3]) * sparse.diags_array(A.diagonal())
+    try:
+        x = factorize(shifted, solver="amg", near_null=near_null).solve(b)
+    except NotConverged:
+        return
+    assert np.linalg.norm(size * (b - shifted @ x)) <= 1e-10 * np.linalg.norm(size * b)
+
+
+def test_without_pyamg_the_install_line_is_named(monkeypatch):
+    A, _, near_null = poisson(3)
+    monkeypatch.setitem(sys.modules, "pyamg", None)
+    with pytest.raises(MissingDependency, match=r"pip install 'skfem-adini\[amg\]'"):
+        factorize(A, solver="amg", near_null=near_null)
+
+
+A, B, SPACE = poisson(3)
+CASES = {
+    "no near-null space": (lambda: factorize(A, solver="amg"), "near_null"),
+    "not definite": (
+        lambda: factorize(A, definite=False, solver="amg", near_null=SPACE),
+        "definite matrix",
+    ),
+    "of other unknowns": (
+        lambda: factorize(A[1:][:, 1:], solver="amg", near_null=SPACE),
+        "the same dofs",
+    ),
+    "tol": (lambda: factorize(A, solver="amg", near_null=SPACE, tol=0.0), "tol"),
+    "no iterations": (
+        lambda: factorize(A, solver="amg", near_null=SPACE, max_iterations=0),
+        "max_iterations",
+    ),
+    "NaN": (lambda: factorize(A, solver="amg", near_null=SPACE).solve(B * np.nan), "b: .*NaN"),
+    "short": (lambda: factorize(A, solver="amg", near_null=SPACE).solve(B[1:]), "b: expected"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_error(case):
+    attempt, message = CASES[case]
+    with pytest.raises(InputError, match=message):
+        attempt()
