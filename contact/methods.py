@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Self
 
@@ -16,6 +17,7 @@ from contact.errors import InputError, NotConverged, numbers
 from contact.held import check_held
 from contact.loops import fixed_point, progress, tresca_loop
 from contact.newton import Forces, Report, semismooth_newton
+from contact.proximal_point import proximal_point
 
 Array = NDArray[np.float64]
 
@@ -173,17 +175,15 @@ def _frictionless(problem: BoundaryProblem, tol: float, report: Report) -> Force
 def _given_friction(
     problem: BoundaryProblem, bound: Array, start: Forces, form: str, tol: float, report: Report
 ) -> Forces:
-    """Newton for given friction; should it stall, damped from rest, where it starts as (4.16)."""
+    """Newton for given friction; should it stall, damped from rest (4.16), then proximal points."""
     friction = Friction(bound, coulomb=False)
     rest = Forces(*problem.zeros(), np.zeros(problem.s.size))
-    try:
-        return semismooth_newton(
-            problem, start, friction, form=form, tol=tol, phase=f"{form} newton", report=report
-        )
-    except (NotConverged, LinAlgError):
-        return semismooth_newton(
-            problem, rest, friction, form="damped", tol=tol, phase="damped newton", report=report
-        )
+    for near, kind in ((start, form), (rest, "damped")):
+        with suppress(NotConverged, LinAlgError):
+            return semismooth_newton(
+                problem, near, friction, form=kind, tol=tol, phase=f"{kind} newton", report=report
+            )
+    return proximal_point(problem, friction, start, tol=tol, report=report)
 
 
 def _coulomb(
@@ -195,7 +195,7 @@ def _coulomb(
     max_iterations: int,
     report: Report,
 ) -> Forces:
-    """Monolithic Newton; should it stall, steps with the bound frozen lead to a better start."""
+    """Monolithic Newton; should it stall, proximal points, then steps with the bound frozen."""
     failure: Exception | None = None
     for attempt in range(4):
         try:
@@ -204,6 +204,9 @@ def _coulomb(
             )
         except (NotConverged, LinAlgError) as error:
             failure = error
+        if attempt == 0:
+            with suppress(NotConverged):
+                return proximal_point(problem, friction, start, tol=tol, report=report)
         for step in range(1, 5 * (attempt + 1) + 1):
             start = given(friction.bound(start.mu), start)
             report(progress(problem, step, "tresca step", start, friction.bound(start.mu)))
