@@ -91,7 +91,41 @@ def elements(record: dict[str, Any]) -> str:
     )
 
 
-TABLES = {"contact_block": contact_block, "elements": elements}
+def sparse_solving(record: dict[str, Any]) -> str:
+    """Set-up and solution in 3-D, a factorisation beside multigrid, one row a size."""
+    lines = [
+        "| problem | unknowns | factor + solve | multigrid | iterations | without linear modes |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    notes = []
+    for problem, found in record["problems"].items():
+        for size in sorted({line["unknowns"] for line in found["lines"]}):
+            row = {line["solver"]: line for line in found["lines"] if line["unknowns"] == size}
+            direct, full, simple = (
+                row[name] for name in (found["direct"], "amg", "amg, translations")
+            )
+            seconds = [part["setup"] + part["solve"] for part in (direct, full)]
+            lines.append(
+                f"| {problem} | {size:,} | {seconds[0]:.2f} s | {seconds[1]:.2f} s | "
+                f"{full['iterations']} | {simple['iterations']} |"
+            )
+        equal = found["crossover"]
+        where = "at none of these sizes" if equal is None else f"from {equal:,.0f} unknowns on"
+        notes.append(f"{problem}: multigrid is the quicker one {where}")
+    machine = record["machine"]
+    return "\n".join(
+        [
+            *lines,
+            "",
+            f"{'; '.join(notes).capitalize()}. `benchmarks/sparse_solving.py`, "
+            f"{machine['cores']} cores ({machine['processor']}), residual 1e-10, "
+            f"pyamg {machine['versions'].get('pyamg', '-')}, "
+            f"MKL {machine['versions'].get('mkl', '-')}.",
+        ]
+    )
+
+
+TABLES = {"contact_block": contact_block, "elements": elements, "sparse_solving": sparse_solving}
 
 
 def regenerated(text: str) -> str:

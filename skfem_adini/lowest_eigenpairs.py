@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
-from .errors import AdiniError, InputError
+from .errors import InputError, NotConverged
 from .sparse_solve import Solver, factorize
 
 Array = NDArray[np.float64]
@@ -57,7 +57,7 @@ def lowest_eigenpairs(
     ------
     InputError
         Shapes that do not fit, a count that is too large, or K - sigma M not definite.
-    AdiniError
+    NotConverged
         The iteration does not converge.
 
     References
@@ -101,7 +101,7 @@ def lowest_eigenpairs(
     try:
         values, z = eigsh(K, count, M, sigma=shift, OPinv=inverse, v0=start)
     except ArpackError as error:
-        raise AdiniError(f"no convergence of the eigenvalues: {error}; change shift") from error
+        raise NotConverged(f"no convergence of the eigenvalues: {error}; change shift") from error
     order = np.argsort(values)
     vectors = np.zeros((n, count))
     vectors[kept] = scale[:, None] * z[:, order]
