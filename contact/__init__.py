@@ -11,6 +11,8 @@ from contact.errors import (
     NotConverged,
     Unbounded,
 )
+from contact.load_history import LoadHistory
+from contact.load_stepper import LoadStep, LoadStepper
 from contact.newton import Iteration
 from contact.obstacles import Cylinder, Parabola, Plane, SignedDistance, Sphere
 from contact.problem import ContactProblem
@@ -27,6 +29,9 @@ __all__ = [
     "Infeasible",
     "InputError",
     "Iteration",
+    "LoadHistory",
+    "LoadStep",
+    "LoadStepper",
     "MissingDependency",
     "NotConverged",
     "Parabola",

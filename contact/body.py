@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -167,6 +168,12 @@ class ElasticBody:
         return stiffness_matrix(self.basis, self.lam, self.mu)
 
     @cached_property
+    def absolute_stiffness(self) -> sparse.csr_array:
+        """|S| entry by entry, against which residuals are judged; shares its pattern with S."""
+        S = self.stiffness
+        return sparse.csr_array((np.abs(S.data), S.indices, S.indptr), shape=S.shape)
+
+    @cached_property
     def scalar_dofs(self) -> Any:
         """Dof numbering of the scalar element; vector dof = dim * scalar dof + component."""
         from skfem.assembly import Dofs
@@ -307,6 +314,19 @@ class ElasticBody:
         free = np.isnan(u0)
         unit = sparse.eye_array(self.basis.N, format="csr")
         return sparse.csr_array(unit[:, free]), np.where(free, 0.0, u0)
+
+    def under(self, f: NDArray[np.float64], u0: NDArray[np.float64]) -> Self:
+        """The same body, its matrices shared, under other loads and prescribed displacements.
+
+        Parameters
+        ----------
+        f, u0 : ndarray, shape (ndofs,)
+            u0 meets the same supports as ``constraint[1]``.
+        """
+        _ = self.stiffness, self.absolute_stiffness, self.lengths
+        other = copy(self)
+        other.f, other.constraint = f, (self.constraint[0], u0)
+        return other
 
     @cached_property
     def lengths(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

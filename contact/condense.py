@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -58,8 +59,8 @@ class CondensedContact:
     """
 
     def __init__(self, body: ElasticBody, rows: ContactRows, solver: str = "auto") -> None:
-        self.body, self.rows = body, rows
-        T, u0 = body.constraint
+        self.rows = rows
+        T, _ = body.constraint
         # Free unknowns are displacements: a derivative is multiplied by its length, so that no
         # unit of length sets values and derivatives apart.
         columns, per_length = T.tocsc(), 1.0 / body.lengths[1]
@@ -70,8 +71,7 @@ class CondensedContact:
             S = body.stiffness[free][:, free]
         else:
             S = sparse.csr_array(T.T @ body.stiffness @ T)
-        self._lifted = body.stiffness @ u0 if u0.any() else np.zeros_like(u0)
-
+        self._prescribe(body)
         dim = body.dim
         G, tangents = sparse.csr_array(rows.G @ self._T), sparse.csr_array(rows.T @ self._T)
         live_n, live_t = live_rows(rows.G, body), live_rows(rows.T, body)
@@ -86,15 +86,25 @@ class CondensedContact:
             count, dim - 1
         )
         B = sparse.vstack([G[live_n], tangents[live_t]], format="csr")
-        self._fixed_normal = rows.G @ u0
-        self._fixed_tangent = (rows.T @ u0).reshape(count, dim - 1)
-
         self._boundary = np.unique(B.indices).astype(np.int64)
         self._factor = schur_factor(S, self._boundary, self._elimination_order, solver)
         self._B = B[:, self._boundary].toarray()
         self._per_length = per_length[self._boundary]
         with one_blas_thread(self.size):
             self._condense(self._free_modes())
+
+    def _prescribe(self, body: ElasticBody) -> None:
+        u0, rows = body.constraint[1], self.rows
+        self.body = body
+        self._lifted = body.stiffness @ u0 if u0.any() else np.zeros_like(u0)
+        self._fixed_normal = rows.G @ u0
+        self._fixed_tangent = (rows.T @ u0).reshape(rows.gap.size, body.dim - 1)
+
+    def under(self, body: ElasticBody) -> CondensedContact:
+        """The same factorisation for a body that `ElasticBody.under` made of this one."""
+        other = copy(self)
+        other._prescribe(body)
+        return other
 
     def _elimination_order(self) -> NDArray[np.int64]:
         """Free unknowns in the nested-dissection order of their mesh entities."""
@@ -161,13 +171,17 @@ class CondensedContact:
         first = np.maximum(self._normal, self._tangent.max(axis=1))
         return np.where(first >= 0, self._scale[np.maximum(first, 0)], 1.0)
 
-    def boundary_problem(self, load: Array, gap: Array) -> BoundaryProblem:
+    def boundary_problem(
+        self, load: Array, gap: Array, slip_from: Array | None = None
+    ) -> BoundaryProblem:
         """The dense problem for one load vector and one gap.
 
         Parameters
         ----------
         load : ndarray, shape (ndofs,)
         gap : ndarray, shape (m,)
+        slip_from : ndarray, shape (m, dim - 1), optional
+            Tangential displacement that counts as zero, see `ContactSystem`.
 
         Raises
         ------
@@ -188,6 +202,10 @@ class CondensedContact:
         live_n, live_t = self._normal >= 0, self._tangent >= 0
         v0[self._normal[live_n]] += self._fixed_normal[live_n]
         v0[self._tangent[live_t]] += self._fixed_tangent[live_t]
+        fixed_tangent = self._fixed_tangent
+        if slip_from is not None:
+            v0[self._tangent[live_t]] -= slip_from[live_t]
+            fixed_tangent = fixed_tangent - slip_from
         scale = self.point_scale
         return BoundaryProblem(
             W=self._W,
@@ -197,7 +215,7 @@ class CondensedContact:
             gap=gap / scale,
             normal=self._normal,
             tangent=self._tangent,
-            held=self._fixed_tangent / scale[:, None],
+            held=fixed_tangent / scale[:, None],
         )
 
     def recover(

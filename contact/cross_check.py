@@ -110,6 +110,8 @@ def cross_check(
     rubs = np.repeat(bound > 0, dim - 1)
     G, R = rows.G[usable], rows.T[rubs]
     gap, g, offset = rows.gap[usable] - G @ u0, bound[bound > 0], R @ u0
+    if system.slip_from is not None:
+        offset = offset - system.slip_from.ravel()[rubs]
     if condensed:
         boundary = problem.condense()
         S, f = sparse.csr_array(boundary.stiffness), boundary.reduce(system.load)
@@ -137,7 +139,7 @@ def cross_check(
     u = boundary.expand(system.load, z) if condensed else T @ z + u0
 
     def energy(u: Array) -> float:
-        slip = np.linalg.norm((rows.T @ u).reshape(rows.gap.size, -1), axis=1)
+        slip = np.linalg.norm(system.slip_increment(u), axis=1)
         return system.energy(u) + float(system.bound(result.mu) @ slip)
 
     ours, theirs = energy(result.u), energy(u)

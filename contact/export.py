@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -78,3 +81,25 @@ def _vectors(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     padded = np.zeros((values.shape[0], 3))
     padded[:, : values.shape[1]] = values
     return padded
+
+
+def write_series(path: Path, steps: Iterable[tuple[float, Any]]) -> Path:
+    """Write pyvista data sets as a .pvd collection, one file a step beside it.
+
+    Parameters
+    ----------
+    path : Path
+        Ends in .pvd.
+    steps : iterable of (time, data set)
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    collection = ElementTree.Element("VTKFile", type="Collection", version="0.1")
+    listed = ElementTree.SubElement(collection, "Collection")
+    for k, (time, grid) in enumerate(steps):
+        suffix = ".vtp" if hasattr(grid, "n_lines") else ".vtu"
+        file = path.with_name(f"{path.stem}_{k:04d}{suffix}")
+        grid.save(file)
+        ElementTree.SubElement(listed, "DataSet", timestep=repr(float(time)), file=file.name)
+    ElementTree.indent(collection)
+    ElementTree.ElementTree(collection).write(path, xml_declaration=True, encoding="utf-8")
+    return path

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +18,7 @@ from contact.methods import Options, solve_boundary
 from contact.newton import Iteration
 from contact.obstacles import Gap
 from contact.result import ContactResult, certify
-from contact.rows import ContactRows, contact_rows
+from contact.rows import ContactRows, contact_boundary
 from contact.system import ContactSystem
 from gpu import Infeasible as QPInfeasible
 from gpu import InputError as QPInputError
@@ -88,7 +89,8 @@ class ContactProblem:
         if law not in ("coulomb", "tresca", None):
             raise InputError(f"law={law!r}: expected 'coulomb', 'tresca' or None")
         self.body, self.obstacle, self.solver = body, obstacle, solver
-        self.rows: ContactRows = contact_rows(body, body.facets(boundary), obstacle, functional)
+        rows, self.gap_rule = contact_boundary(body, body.facets(boundary), functional)
+        self.rows: ContactRows = replace(rows, gap=self.gap_rule(obstacle))
         self.friction = self._friction(friction)
         self.law = law if np.any(self.friction > 0) else None
         if obstacle is None and self.law != "tresca":
@@ -111,8 +113,20 @@ class ContactProblem:
     @property
     def system(self) -> ContactSystem:
         """The discrete system under the body's present loads."""
-        friction = self.friction * self.rows.weights if self.law == "tresca" else self.friction
-        return ContactSystem(self.body, self.rows, self.body.f, self.law, friction)
+        return self.system_of(self.body, self.rows)
+
+    def system_of(
+        self, body: ElasticBody, rows: ContactRows, after: ContactResult | None = None
+    ) -> ContactSystem:
+        """The discrete system of a body under other loads, with other gaps, after another step."""
+        friction = self.friction * rows.weights if self.law == "tresca" else self.friction
+        if after is not None and after.mu.shape != rows.gap.shape:
+            raise InputError(
+                f"after: a result with {after.mu.size} contact points for a problem with "
+                f"{rows.gap.size}"
+            )
+        slip_from = None if after is None else after.slip
+        return ContactSystem(body, rows, body.f, self.law, friction, slip_from)
 
     def condense(self) -> CondensedContact:
         """Factor once; the result is kept and serves every later `solve`."""
@@ -129,6 +143,7 @@ class ContactProblem:
         tol: float | None = None,
         max_iterations: int | None = None,
         start: ContactResult | None = None,
+        after: ContactResult | None = None,
         eps: float | None = None,
         callback: Callable[[Iteration], None] | None = None,
         verbose: bool = False,
@@ -155,7 +170,10 @@ class ContactProblem:
         max_iterations : int, optional
             Default 2000 for ``fixed_point``, else 100.
         start : ContactResult, optional
-            A neighbouring solution to start from, e.g. of the last load step.
+            A neighbouring solution to start from.
+        after : ContactResult, optional
+            The last step of a load history: friction opposes the slip since then, and the solver
+            starts from there. See `LoadStepper`.
         eps : float, optional
             Only ``fixed_point``: slip below which friction is linear. Default 1e-5 of the
             largest displacement of the contact boundary.
@@ -179,27 +197,45 @@ class ContactProblem:
         InputError
             A malformed argument.
         """
+        for name, value in (("start", start), ("after", after)):
+            if value is not None and not isinstance(value, ContactResult):
+                raise InputError(f"{name}: expected a ContactResult, got {type(value).__name__}")
         options = Options.checked(self.law, self.body.dim, method, tol, max_iterations, eps)
-        condensed, system = self.condense(), self.system
-        history: list[Iteration] = []
 
         def report(line: Iteration) -> None:
-            history.append(line)
             logger.info("%s", line)
             if verbose:
                 print(line)
             if callback is not None:
                 callback(line)
 
-        boundary = condensed.boundary_problem(system.load, system.rows.gap)
+        start = after if start is None else start
+        return self.solve_system(
+            self.system_of(self.body, self.rows, after), self.condense(), options, start, report
+        )
+
+    def solve_system(
+        self,
+        system: ContactSystem,
+        condensed: CondensedContact,
+        options: Options,
+        start: ContactResult | None,
+        report: Callable[[Iteration], None] = lambda line: None,
+    ) -> ContactResult:
+        """Solve and certify one discrete system on a condensation of its body; see `solve`."""
+        history: list[Iteration] = []
+
+        def keep(line: Iteration) -> None:
+            history.append(line)
+            report(line)
+
+        boundary = condensed.boundary_problem(system.load, system.rows.gap, system.slip_from)
         scale = condensed.point_scale
         law = system.scaled_friction(scale)
-        if start is not None and not isinstance(start, ContactResult):
-            raise InputError(f"start: expected a ContactResult, got {type(start).__name__}")
         warm = None if start is None else start.forces(boundary, scale)
         try:
             with one_blas_thread(condensed.size):
-                forces, slack = solve_boundary(boundary, law, options, warm, scale, report)
+                forces, slack = solve_boundary(boundary, law, options, warm, scale, keep)
         except QPInfeasible as error:
             raise condensed.not_held(error.certificate) from error
         except QPInputError as error:
@@ -210,7 +246,10 @@ class ContactProblem:
         except (QPNotConverged, NotConverged) as error:
             raise NotConverged(str(error), tuple(history)) from error
         result = ContactResult(
-            system, *condensed.recover(system.load, boundary, forces), method, tuple(history)
+            system,
+            *condensed.recover(system.load, boundary, forces),
+            options.method,
+            tuple(history),
         )
         certify(result, options.tol, slack)
         return result

@@ -92,6 +92,11 @@ class ContactResult:
         """Tangential displacement u_t of the contact points, shape (m, dim - 1)."""
         return np.asarray(self.system.rows.T @ self.u).reshape(self.t.shape)
 
+    @cached_property
+    def slip_increment(self) -> Array:
+        """Slip since the last step of a load history, which friction opposes, (m, dim - 1)."""
+        return self.system.slip_increment(self.u)
+
     @property
     def gap(self) -> Array:
         """What is left of the gap, d - u_n, shape (m,)."""
@@ -106,7 +111,9 @@ class ContactResult:
         if self.system.law == "tresca":
             loaded = loaded | (g > 0)
         force = np.linalg.norm(self.t, axis=1)
-        slides = loaded & (force >= g * (1 - 1e-9)) & (np.linalg.norm(self.slip, axis=1) > 0)
+        slides = (
+            loaded & (force >= g * (1 - 1e-9)) & (np.linalg.norm(self.slip_increment, axis=1) > 0)
+        )
         return np.where(slides, Status.SLIP, np.where(loaded, Status.STICK, Status.OPEN)).astype(
             np.int8
         )

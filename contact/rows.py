@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,10 @@ from scipy.sparse.linalg import splu
 from skfem import FacetBasis
 
 from contact.body import ElasticBody
-from contact.errors import InputError, numbers
+from contact.errors import InputError
 from contact.functionals import FacetFunctional, facet_functional
-from contact.obstacles import Gap, evaluate_gap
+from contact.gap import GapRule
+from contact.obstacles import Gap
 
 Array = NDArray[np.float64]
 
@@ -70,6 +71,14 @@ def contact_rows(
     InputError
         The gap holds NaN or has a wrong shape; the element offers no such functional.
     """
+    rows, rule = contact_boundary(body, facets, functional)
+    return replace(rows, gap=rule(obstacle))
+
+
+def contact_boundary(
+    body: ElasticBody, facets: NDArray[np.int64], functional: str | None
+) -> tuple[ContactRows, GapRule]:
+    """Discretise a contact boundary whose obstacle comes later: rows, and how to read a gap."""
     form = facet_functional(body.element, functional)
     at_points = _facet_basis(body, facets, form.points)
     normals_at = np.asarray(at_points.normals)
@@ -97,18 +106,23 @@ def contact_rows(
         tangents = _along_supports(B, tangents, body.constraint[0])
 
     order = _along(body, facets, form, number, length, count)
-    if isinstance(obstacle, np.ndarray | list | tuple):
-        gap = _given_gap(obstacle, x_nominal[:, order])
-    else:
-        gap = _gap(obstacle, at_points, form, number, count, x_nominal, normals)[order]
+    rule = GapRule(
+        np.asarray(at_points.global_coordinates()),
+        normals_at,
+        form,
+        number,
+        x_nominal,
+        normals,
+        order,
+    )
     dim = body.dim
     G = _directed(B[order], normals[:, order])
     T = sparse.vstack([_directed(B[order], tangents[:, j][:, order]) for j in range(dim - 1)])
     interleaved = np.arange(count * (dim - 1)).reshape(dim - 1, count).T.ravel()
-    return ContactRows(
+    rows = ContactRows(
         G,
         sparse.csr_array(T)[interleaved],
-        gap,
+        np.full(count, np.inf),
         weights[order],
         x[:, order],
         x_nominal[:, order],
@@ -116,6 +130,7 @@ def contact_rows(
         tangents[:, :, order],
         form.name,
     )
+    return rows, rule
 
 
 def _facet_basis(body: ElasticBody, facets: NDArray[np.int64], points: Array | None) -> FacetBasis:
@@ -187,38 +202,6 @@ def _mean_normals(
         raise InputError("boundary: facets with opposite normals meet at a contact point")
     unit: Array = total / size
     return unit
-
-
-def _given_gap(obstacle: Gap, x: Array) -> Array:
-    """One gap for each contact point, in their order."""
-    given = numbers("obstacle", obstacle)
-    if given.shape not in ((), x.shape[1:]):
-        raise InputError(f"obstacle: {given.size} gaps given for {x.shape[1]} contact points")
-    return evaluate_gap(given, x, x)
-
-
-def _gap(
-    obstacle: Gap,
-    at_points: FacetBasis,
-    form: FacetFunctional,
-    number: NDArray[np.int64],
-    count: int,
-    x_nominal: Array,
-    normals: Array,
-) -> Array:
-    """The gap under the same functional as the trace."""
-    at = evaluate_gap(
-        obstacle, np.asarray(at_points.global_coordinates()), np.asarray(at_points.normals)
-    )
-    open_ = np.isinf(at)
-    of_facet = np.where(open_, 0.0, at) @ form.C.T
-    of_facet[(open_.astype(float) @ (form.C != 0).T) > 0] = np.inf
-    gap = np.empty(count)
-    gap[number[number >= 0]] = of_facet[number >= 0]
-    vertices = np.unique(number[:, np.array(form.vertex) >= 0])
-    vertices = vertices[vertices >= 0]  # these see the obstacle along their own, mean normal
-    gap[vertices] = evaluate_gap(obstacle, x_nominal[:, vertices], normals[:, vertices])
-    return gap
 
 
 def _weights(

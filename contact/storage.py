@@ -7,7 +7,9 @@ import os
 import tempfile
 import zipfile
 import zlib
-from dataclasses import asdict, fields
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,12 +22,12 @@ from contact.errors import InputError
 from contact.newton import Iteration
 from contact.rows import ContactRows
 from contact.system import ContactSystem
-from skfem_adini import ElementQuadAdini
+from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
 if TYPE_CHECKING:
     from contact.result import ContactResult
 
-_FORMAT = 1
+_FORMAT = 2
 _SPARSE = ("G", "T")
 
 
@@ -37,46 +39,69 @@ def write(result: ContactResult, path: Path) -> Path:
     InputError
         The element is not one that `read` could build again.
     """
-    system, body = result.system, result.system.body
+    path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
+    return write_arrays(path, problem_arrays(result.system) | state_arrays(result))
+
+
+def problem_arrays(system: ContactSystem) -> dict[str, Any]:
+    """What all steps of a load history share: body, supports, contact rows."""
+    body = system.body
     _element(type(body.element).__name__)
     arrays: dict[str, Any] = {
         "p": body.mesh.doflocs,
         "t": body.mesh.t,
         "E": body.E,
         "nu": body.nu,
-        "load": system.load,
-        "friction": system.friction,
-        "u": result.u,
-        "mu": result.mu,
-        "multiplier_t": result.t,
     }
     for name, facets in (body.mesh.boundaries or {}).items():
         arrays[f"boundary/{name}"] = np.asarray(facets)
-    T, u0 = body.constraint
-    _pack(arrays, "constraint", T)
-    arrays["u0"] = u0
+    _pack(arrays, "constraint", body.constraint[0])
     for field in fields(ContactRows):
         value = getattr(system.rows, field.name)
         if field.name in _SPARSE:
             _pack(arrays, f"rows/{field.name}", value)
-        elif field.name != "functional":
+        elif field.name not in ("functional", "gap"):
             arrays[f"rows/{field.name}"] = value
     about = {
         "format": _FORMAT,
         "mesh": type(body.mesh).__name__,
         "element": type(body.element).__name__,
         "plane": body.plane,
+        "functional": system.rows.functional,
+    }
+    return arrays | {"about": np.array(json.dumps(about))}
+
+
+def state_arrays(result: ContactResult) -> dict[str, Any]:
+    """Loads, prescribed displacements, gap and solution of one step."""
+    system = result.system
+    arrays: dict[str, Any] = {
+        "load": system.load,
+        "u0": system.body.constraint[1],
+        "rows/gap": system.rows.gap,
+        "friction": system.friction,
+        "u": result.u,
+        "mu": result.mu,
+        "multiplier_t": result.t,
+    }
+    if system.slip_from is not None:
+        arrays["slip_from"] = system.slip_from
+    step = {
         "law": system.law,
         "method": result.method,
-        "functional": system.rows.functional,
         "history": [asdict(line) for line in result.history],
     }
-    arrays["about"] = np.array(json.dumps(about))
-    path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
+    return arrays | {"step": np.array(json.dumps(step))}
+
+
+def write_arrays(path: Path, arrays: dict[str, Any], compress: bool = True) -> Path:
+    """Write an archive beside its place and move it there, complete or not at all."""
     handle, temporary = tempfile.mkstemp(suffix=".npz", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
-            np.savez_compressed(file, **arrays)
+            (np.savez_compressed if compress else np.savez)(file, **arrays)
+            file.flush()
+            os.fsync(file.fileno())  # a full disk may show only here
         os.replace(temporary, path)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
@@ -92,27 +117,74 @@ def read(path: Path) -> ContactResult:
     InputError
         The file is missing, truncated, or not one of ours.
     """
+    return read_step(path, {})
+
+
+def read_step(
+    path: Path, shared: dict[str, Any], near: ContactSystem | None = None
+) -> ContactResult:
+    """Read one step of a history; the system of another lends its body and rows.
+
+    Parameters
+    ----------
+    path : Path
+    shared : dict
+        The `problem_arrays` where they lie in a file of their own.
+    near : ContactSystem, optional
+    """
+    arrays = shared | read_arrays(path)
+    with _damage(path):
+        return _rebuild(arrays, near)
+
+
+def read_arrays(path: Path) -> dict[str, Any]:
+    """The arrays of an archive; `InputError` when it is missing, truncated or not one."""
     if not path.is_file():
         raise InputError(f"result file {path} does not exist")
+    # NumPy leaves a file open that it opened itself and could not read.
+    with _damage(path), path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+        return {name: archive[name] for name in archive.files}
+
+
+@contextmanager
+def _damage(path: Path) -> Iterator[None]:
+    """Tell what a damaged file does to NumPy, zipfile and us as an `InputError`."""
     try:
-        # NumPy leaves a file open that it opened itself and could not read.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        about = json.loads(str(arrays["about"]))
-        if about["format"] == _FORMAT:
-            return _rebuild(arrays, about)
+        yield
+    except InputError:
+        raise
     except (
         *(zipfile.BadZipFile, zlib.error, OSError, EOFError, NotImplementedError),
         *(ValueError, KeyError, TypeError, AttributeError, IndexError),
     ) as error:
         raise InputError(f"result file {path} cannot be read: {error}") from error
-    raise InputError(f"result file {path} has format {about['format']}, not {_FORMAT}")
 
 
-def _rebuild(arrays: dict[str, Any], about: dict[str, Any]) -> ContactResult:
-    """The result from the arrays of its file."""
+def _rebuild(arrays: dict[str, Any], near: ContactSystem | None) -> ContactResult:
     from contact.result import ContactResult
 
+    about = json.loads(str(arrays["about"]))
+    if about["format"] != _FORMAT:
+        raise ValueError(f"it has format {about['format']}, not {_FORMAT}")
+    step = json.loads(str(arrays["step"]))
+    if near is None:
+        body, rows = _rebuild_problem(arrays, about)
+        body.f = arrays["load"]
+    else:
+        body, rows = near.body.under(arrays["load"], arrays["u0"]), near.rows
+    rows = replace(rows, gap=arrays["rows/gap"])
+    system = ContactSystem(
+        body, rows, arrays["load"], step["law"], arrays["friction"], arrays.get("slip_from")
+    )
+    history = tuple(Iteration(**line) for line in step["history"])
+    return ContactResult(
+        system, arrays["u"], arrays["mu"], arrays["multiplier_t"], step["method"], history
+    )
+
+
+def _rebuild_problem(
+    arrays: dict[str, Any], about: dict[str, Any]
+) -> tuple[ElasticBody, ContactRows]:
     boundaries = {
         name.removeprefix("boundary/"): value
         for name, value in arrays.items()
@@ -124,7 +196,6 @@ def _rebuild(arrays: dict[str, Any], about: dict[str, Any]) -> ContactResult:
     body = ElasticBody.from_mesh(
         mesh, _element(about["element"]), E=arrays["E"], nu=arrays["nu"], plane=about["plane"]
     )
-    body.f = arrays["load"]
     body.constraint = _unpack(arrays, "constraint"), arrays["u0"]
     parts: dict[str, Any] = {
         field.name: _unpack(arrays, f"rows/{field.name}")
@@ -133,16 +204,12 @@ def _rebuild(arrays: dict[str, Any], about: dict[str, Any]) -> ContactResult:
         for field in fields(ContactRows)
         if field.name != "functional"
     }
-    rows = ContactRows(**parts, functional=about["functional"])
-    system = ContactSystem(body, rows, arrays["load"], about["law"], arrays["friction"])
-    history = tuple(Iteration(**line) for line in about["history"])
-    return ContactResult(
-        system, arrays["u"], arrays["mu"], arrays["multiplier_t"], about["method"], history
-    )
+    return body, ContactRows(**parts, functional=about["functional"])
 
 
 def _element(name: str) -> Any:
-    known = {"ElementQuadAdini": ElementQuadAdini}
+    ours = (ElementQuadAdini, ElementHexAdini, ElementQuadBFS)
+    known = {element.__name__: element for element in ours}
     element = known.get(name) or getattr(skfem, name, None)
     if element is None:
         raise InputError(f"element {name} is neither ours nor scikit-fem's: it cannot be saved")

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from contact.body import ElasticBody
 from contact.boundary import Friction, project
@@ -30,6 +29,9 @@ class ContactSystem:
     law : {"coulomb", "tresca", None}
     friction : ndarray, shape (m,)
         Coulomb: the coefficient F. Tresca: the bound g as a force, i.e. traction times weight.
+    slip_from : ndarray, shape (m, dim - 1), optional
+        Tangential displacement of the last converged step of a load history: friction opposes
+        the slip since then. None: at rest in the reference state.
     """
 
     body: ElasticBody
@@ -37,6 +39,12 @@ class ContactSystem:
     load: Array
     law: str | None
     friction: Array
+    slip_from: Array | None = None
+
+    def slip_increment(self, u: Array) -> Array:
+        """Tangential displacement since the last step, that of the friction law, (m, dim - 1)."""
+        u_t = (self.rows.T @ u).reshape(self.rows.gap.size, -1)
+        return u_t if self.slip_from is None else u_t - self.slip_from
 
     def bound(self, mu: Array) -> Array:
         """Friction bound g of every point for the normal forces mu, shape (m,)."""
@@ -58,21 +66,20 @@ class ContactSystem:
             ``equilibrium``: largest unbalanced force at a free dof over the largest force that
             cancels there; ``support``: violation of the prescribed displacements;
             ``penetration``, ``sign``, ``complementarity``: the contact law; ``cone``, ``slip``:
-            |t| <= g, and t = P_g(t + c u_t). Lengths are relative to the largest displacement,
-            forces to the largest contact force.
+            |t| <= g, and t = P_g(t + c u_t) with the slip increment u_t. Lengths are relative to
+            the largest displacement, forces to the largest contact force.
         """
         rows = self.rows
         T, u0 = self.body.constraint
         S = self.body.stiffness
         force = S @ u + rows.G.T @ mu + rows.T.T @ t.ravel() - self.load
-        sizes = sparse.csr_array((np.abs(S.data), S.indices, S.indptr), shape=S.shape)
-        terms = sizes @ np.abs(u) + np.abs(self.load)
+        terms = self.body.absolute_stiffness @ np.abs(u) + np.abs(self.load)
         _, lengths = self.body.lengths
         length = float(np.abs(u).max(initial=0.0)) or 1.0
         size = max(float(np.abs(mu).max(initial=0.0)), float(np.abs(t).max(initial=0.0))) or 1.0
         reachable = np.isfinite(rows.gap)
         through = np.where(reachable, rows.G @ u - np.where(reachable, rows.gap, 0.0), -np.inf)
-        u_t = (rows.T @ u).reshape(t.shape)
+        u_t = self.slip_increment(u)
         g = self.bound(mu)
         live = live_rows(rows.T, self.body).reshape(t.shape)
         returned = t - project(t + size / length * u_t, g)

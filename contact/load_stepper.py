@@ -1,0 +1,393 @@
+"""Load histories: steps that follow each other, because friction remembers the path."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from contact.errors import InputError, NotConverged, numbers
+from contact.load_history import HistoryFolder, LoadHistory, fingerprint
+from contact.methods import Options
+from contact.obstacles import Gap
+from contact.selection import select_components
+
+if TYPE_CHECKING:
+    from contact.body import Field
+    from contact.problem import ContactProblem
+    from contact.result import ContactResult
+
+Array = NDArray[np.float64]
+Factor = Callable[[float], float]
+Boundary = str | Sequence[str] | ArrayLike
+Progress = Callable[["LoadStep"], None]
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class LoadStep:
+    """What a progress callback is told of a finished step.
+
+    Attributes
+    ----------
+    number, count : int
+        This step, from one, and how many the run has.
+    time : float
+    result : ContactResult
+    seconds : float
+    """
+
+    number: int
+    count: int
+    time: float
+    result: ContactResult
+    seconds: float
+
+    def __str__(self) -> str:
+        free, stick, slip = np.bincount(self.result.status, minlength=3)[:3]
+        return (
+            f"step {self.number:4d}/{self.count}   t = {self.time:<9.4g} contact force "
+            f"{self.result.contact_force:.4e}   open {free:4d}, stick {stick:4d}, slip {slip:4d}   "
+            f"{len(self.result.history):2d} iterations, {self.seconds:.2f} s"
+        )
+
+
+class LoadStepper:
+    r"""Quasi-static steps of a contact problem along a history of loads, supports and obstacles.
+
+    Friction depends on the path: in step k the slip that it opposes is the increment since the
+    last converged step (backward Euler in the load),
+
+    .. math::
+        |t^k| \le g^k, \qquad t^k = g^k\, \Delta u_t / |\Delta u_t| \ \text{where}\
+        \Delta u_t = u_t^k - u_t^{k-1} \ne 0,
+
+    with :math:`g = F p^k` (Coulomb) or given (Tresca), and :math:`u_t^0 = 0` in the state of rest.
+    The body is factored once for the whole history, each step starts from the last, and every step
+    is certified on its own.
+
+    The loads and supports that the body has already stay as they are; `load`, `body_force`, `move`
+    and `obstacle` add what varies in time.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+    method, tol, max_iterations
+        Of each step, as for `ContactProblem.solve`.
+    halvings : int
+        How often a step that does not converge may be halved, at times between the given ones.
+
+    Attributes
+    ----------
+    history : LoadHistory
+        The finished steps, also after an interruption: `run` goes on from there.
+
+    References
+    ----------
+    P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, section 5.2 (incremental
+    friction laws).
+
+    Examples
+    --------
+    Pressed, then dragged to and fro: on the way back the shear force differs.
+
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    >>> body = body.fix("top", "xy")
+    >>> stepper = LoadStepper(ContactProblem(body, "bottom", 0.0, friction=0.5))
+    >>> _ = stepper.move("top", "y", -0.02)
+    >>> _ = stepper.move("top", "x", 0.1, lambda t: min(t, 2 - t))
+    >>> history = stepper.run([0.5, 1.0, 1.5])
+    >>> forward, _, back = (step.resultant[0] for step in history.results)
+    >>> bool(forward < 0 < back)
+    True
+    """
+
+    def __init__(
+        self,
+        problem: ContactProblem,
+        *,
+        method: str = "newton",
+        tol: float | None = None,
+        max_iterations: int | None = None,
+        halvings: int = 4,
+    ) -> None:
+        from contact.problem import ContactProblem
+
+        if not isinstance(problem, ContactProblem):
+            raise InputError(f"problem: expected a ContactProblem, got {type(problem).__name__}")
+        if isinstance(halvings, bool) or not isinstance(halvings, int) or halvings < 0:
+            raise InputError(f"halvings={halvings!r}: expected a whole number from 0")
+        self.problem, self.halvings = problem, halvings
+        self.options = Options.checked(
+            problem.law, problem.body.dim, method, tol, max_iterations, None
+        )
+        self.history = LoadHistory()
+        self._loads: list[tuple[Array, Factor]] = []
+        self._motions: list[tuple[Array, Factor]] = []
+        self._obstacle: Callable[[float], Gap] | None = None
+
+    def load(self, boundary: Boundary, traction: Field, factor: Factor | None = None) -> Self:
+        """Add the traction ``factor(t) * traction`` on a boundary; see `ElasticBody.load`.
+
+        Parameters
+        ----------
+        boundary : str, list of str or array of facet numbers
+        traction : array of shape (dim,) or callable x -> array of shape (dim, ...)
+        factor : callable t -> float, optional
+            Default: t itself.
+        """
+        vector = self._unloaded().load(boundary, traction).f
+        self._loads.append((vector, _checked_factor(factor)))
+        return self
+
+    def body_force(self, force: Field, factor: Factor | None = None) -> Self:
+        """Add the volume force ``factor(t) * force``; see `ElasticBody.body_force`."""
+        self._loads.append((self._unloaded().body_force(force).f, _checked_factor(factor)))
+        return self
+
+    def _unloaded(self) -> Any:
+        body = copy(self.problem.body)
+        body.f = np.zeros_like(body.f)
+        return body
+
+    def move(
+        self,
+        boundary: Boundary,
+        components: str | int | Sequence[int] | None = None,
+        value: Field = 1.0,
+        factor: Factor | None = None,
+    ) -> Self:
+        """Move supports: ``factor(t) * value`` comes on top of what the body prescribes there.
+
+        Parameters
+        ----------
+        boundary, components, value
+            As for `ElasticBody.fix`. The body must have been fixed on this very boundary in these
+            components.
+        factor : callable t -> float, optional
+            Default: t itself.
+
+        Raises
+        ------
+        InputError
+            There is no such support, or the motion contradicts another support.
+        """
+        body = self.problem.body
+        facets, chosen = body.facets(boundary), select_components(body.dim, components)
+        at_rest = copy(body)
+        at_rest._supports = []
+        at_rest.fix(boundary, components, value)  # checks the value
+        motion = at_rest._supports[-1][2]
+        fixed = [np.array_equal(f, facets) and c in chosen for f, c, _ in body._supports]
+        missing = set(chosen) - {c for (_, c, _), f in zip(body._supports, fixed, strict=True) if f}
+        if missing:
+            raise InputError(
+                f"move: the body is not fixed on boundary {boundary!r} in component "
+                f"{'xyz'[min(missing)]}; fix it first, with body.fix({boundary!r}, ...)"
+            )
+        at_rest._supports = [
+            (f, c, motion if moved else lambda x: np.zeros(x.shape[1:]))
+            for (f, c, _), moved in zip(body._supports, fixed, strict=True)
+        ]
+        at_rest.__dict__.pop("constraint", None)
+        self._motions.append((at_rest.constraint[1], _checked_factor(factor)))
+        return self
+
+    def obstacle(self, of_time: Callable[[float], Gap]) -> Self:
+        """Let the obstacle vary: what `ContactProblem` takes as obstacle, as a function of time.
+
+        Parameters
+        ----------
+        of_time : callable t -> obstacle, number, array or callable
+            E.g. ``lambda t: Plane((0, -0.03 + 0.01 * t), (0, 1))``.
+        """
+        if not callable(of_time):
+            raise InputError(f"obstacle: expected a function of time, got {of_time!r}")
+        self._obstacle = of_time
+        return self
+
+    def step(self, time: float) -> ContactResult:
+        """Solve one step, the next of the history, and keep it.
+
+        Raises
+        ------
+        InputError
+            The time is not finite or not later than the last step's.
+        NotConverged
+            Not even steps halved `halvings` times converge; the history holds what was finished.
+        """
+        times = self.history.times
+        if numbers("time", time).shape != () or not np.isfinite(time):
+            raise InputError(f"time={time!r}: expected a finite number")
+        if times.size and time <= times[-1]:
+            raise InputError(f"time={time!r}: the history has reached {times[-1]} already")
+        last = self.history.results[-1] if times.size else None
+        begin = float(times[-1]) if times.size else np.nan
+        result = self._advance(last, begin, float(time), self.halvings)
+        self.history = self.history.extended(float(time), result)
+        return result
+
+    def run(
+        self,
+        times: ArrayLike,
+        *,
+        path: str | Path | None = None,
+        progress: bool = False,
+        callback: Progress | None = None,
+    ) -> LoadHistory:
+        """Solve a step at each of the times.
+
+        Parameters
+        ----------
+        times : array, shape (n,)
+            Increasing, later than the steps that are finished.
+        path : str or Path, optional
+            A folder that gets a file for each finished step, for `resume` and
+            `LoadHistory.load`; new, or empty.
+        progress : bool
+            Print a line for each step.
+        callback : callable, optional
+            Receives each `LoadStep`.
+
+        Returns
+        -------
+        LoadHistory
+
+        Raises
+        ------
+        InputError
+            Times that do not increase; a folder that holds another history.
+        NotConverged
+            See `step`.
+        OSError
+            A step could not be written. Steps written before it stay readable.
+        """
+        schedule = _schedule(times, self.history.times)
+        folder = None
+        if path is not None:
+            everything = np.concatenate((self.history.times, schedule))
+            folder = HistoryFolder.created(Path(path), everything, self._fingerprint())
+            for k in range(len(self.history)):
+                folder.write(k, self.history.results[k])
+        return self._run(schedule, folder, progress, callback)
+
+    def resume(
+        self,
+        path: str | Path,
+        *,
+        progress: bool = False,
+        callback: Progress | None = None,
+    ) -> LoadHistory:
+        """Take over the finished steps of an interrupted `run` and solve the others.
+
+        The stepper must be built as it was then: same problem, loads, motions.
+
+        Parameters
+        ----------
+        path : str or Path
+            The folder that was given to `run`.
+        progress, callback
+            As for `run`.
+
+        Raises
+        ------
+        InputError
+            No history lies there, or that of another problem.
+        """
+        folder = HistoryFolder.opened(Path(path))
+        if folder.fingerprint != self._fingerprint():
+            raise InputError(
+                f"path: {path} holds the history of another problem (other stiffness, contact "
+                "rows, friction, loads or supports); build the stepper as it was"
+            )
+        self.history = LoadHistory()
+        for k, result in enumerate(folder.finished(self.problem.system)):
+            self.history = self.history.extended(float(folder.times[k]), result)
+        left = folder.times[len(self.history) :]
+        logger.info("resuming after %d of %d steps", len(self.history), folder.times.size)
+        return self._run(left, folder, progress, callback)
+
+    def _run(
+        self,
+        schedule: Array,
+        folder: HistoryFolder | None,
+        progress: bool,
+        callback: Progress | None,
+    ) -> LoadHistory:
+        count = len(self.history) + schedule.size
+        for t in schedule:
+            begin = time.perf_counter()
+            result = self.step(float(t))
+            number = len(self.history)
+            if folder is not None:
+                folder.write(number - 1, result)
+            line = LoadStep(number, count, float(t), result, time.perf_counter() - begin)
+            logger.info("%s", line)
+            if progress:
+                print(line, flush=True)
+            if callback is not None:
+                callback(line)
+        return self.history
+
+    def _advance(
+        self, last: ContactResult | None, begin: float, end: float, halvings: int
+    ) -> ContactResult:
+        problem, base = self.problem, self.problem.body
+        f, u0 = base.f, base.constraint[1]
+        for vector, factor in self._loads:
+            f = f + _value(factor, end) * vector
+        for vector, factor in self._motions:
+            u0 = u0 + _value(factor, end) * vector
+        rows = problem.rows
+        if self._obstacle is not None:
+            rows = replace(rows, gap=problem.gap_rule(self._obstacle(end)))
+        body = base.under(f, u0)
+        condensed = problem.condense().under(body)
+        try:
+            return problem.solve_system(
+                problem.system_of(body, rows, last), condensed, self.options, last
+            )
+        except NotConverged:
+            if halvings == 0 or last is None:
+                raise
+        middle = 0.5 * (begin + end)
+        logger.info("no convergence at t = %g: by way of t = %g", end, middle)
+        last = self._advance(last, begin, middle, halvings - 1)
+        return self._advance(last, middle, end, halvings - 1)
+
+    def _fingerprint(self) -> str:
+        vectors = [vector for vector, _ in (*self._loads, *self._motions)]
+        return fingerprint(self.problem.system, vectors)
+
+
+def _checked_factor(factor: Factor | None) -> Factor:
+    if factor is None:
+        return lambda t: t
+    if not callable(factor):
+        raise InputError(f"factor={factor!r}: expected a function of time")
+    return factor
+
+
+def _value(factor: Factor, t: float) -> float:
+    value = numbers("factor", factor(t))
+    if value.shape != () or not np.isfinite(value):
+        raise InputError(f"factor: returned {value!r} at t = {t}; expected a finite number")
+    return float(value)
+
+
+def _schedule(times: ArrayLike, done: Array) -> Array:
+    schedule = numbers("times", times)
+    if schedule.ndim != 1 or schedule.size == 0 or not np.all(np.isfinite(schedule)):
+        raise InputError(f"times: expected finite numbers of shape (n,), got {schedule.shape}")
+    if np.any(np.diff(np.concatenate((done[-1:], schedule))) <= 0):
+        raise InputError("times: must increase, from the last finished step on")
+    return schedule

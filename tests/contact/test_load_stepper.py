@@ -1,0 +1,370 @@
+"""Load histories: the law in increments, paths, interruptions, files."""
+
+import numpy as np
+import pytest
+import pyvista
+from skfem import ElementHex1, ElementQuad1, ElementTriP2
+
+from contact import (
+    ContactProblem,
+    ContactResult,
+    ElasticBody,
+    InputError,
+    LoadHistory,
+    LoadStepper,
+    NotConverged,
+    Plane,
+    Status,
+    cross_check,
+)
+from skfem_adini import ElementQuadAdini
+
+
+def dragged(make, element=ElementQuadAdini, friction=0.3, law="coulomb", n=6):
+    """A block held by its top, pressed on a foundation and dragged to and fro."""
+    dim = make.meshes[element]().dim()
+    ticks = np.linspace(0, 1, n + 1)
+    body = ElasticBody.from_mesh(make.box(element, *(ticks,) * dim), element(), E=1.0, nu=0.3)
+    body.fix("top")
+    stepper = LoadStepper(ContactProblem(body, "bottom", 0.0, friction, law))
+    stepper.move("top", "xyz"[dim - 1], -0.05, lambda t: min(1.0, 4 * t))
+    return stepper.move("top", "x", 0.08, lambda t: np.sin(3 * t))
+
+
+TIMES = np.linspace(0.125, 2.0, 16)
+
+
+def law_of_increments(history, friction):
+    """Largest violation of the incremental Coulomb law, from its definition."""
+    worst, before = 0.0, 0.0
+    for result in history.results:
+        u_t = (result.system.rows.T @ result.u).reshape(result.t.shape)
+        step = u_t - before
+        before = u_t
+        bound = friction * result.mu
+        force = np.abs(result.mu).max()
+        size = np.linalg.norm(result.t, axis=1)
+        power = np.sum(result.t * step, axis=1) - bound * np.linalg.norm(step, axis=1)
+        length = np.abs(result.u).max()
+        worst = max(
+            worst,
+            np.max(size - bound) / force,
+            np.abs(power).max() / force / length,
+        )
+    return worst
+
+
+@pytest.mark.parametrize("element", [ElementQuadAdini, ElementTriP2, ElementQuad1, ElementHex1])
+def test_every_step_meets_the_law_in_increments(element, make):
+    n = 3 if element is ElementHex1 else 6
+    history = dragged(make, element, n=n).run(TIMES)
+    # Newton's tolerance on the condensed problem is 1e-12.
+    assert law_of_increments(history, 0.3) < 1e-10
+    assert max(max(result.kkt.values()) for result in history.results) < 1e-10
+    kinds = {Status(s) for result in history.results for s in result.status}
+    assert {Status.STICK, Status.SLIP} <= kinds
+
+
+def test_total_slip_is_another_law(make):
+    """The oracle above sees the difference: one solve at the end of the path breaks it."""
+    stepper = dragged(make)
+    history = stepper.run(TIMES)
+    body = history.results[-1].system.body
+    direct = ContactProblem(body, "bottom", 0.0, 0.3).solve()
+    last = history.results[-1]
+    assert np.abs(direct.t - last.t).max() > 0.1 * np.abs(last.t).max()
+
+
+def test_one_step_is_the_single_solve(make):
+    problem = make.problem()
+    history = LoadStepper(problem).run([1.0])
+    assert np.array_equal(history.results[0].u, problem.solve().u)
+
+
+def test_the_path_matters_and_refining_it_converges(make):
+    """Proportional load in 10, 20, 40 steps: the end state converges; press-then-drag differs."""
+
+    def end(count, ramp):
+        body = make.block(8, sides=()).fix("top", "y")
+        stepper = LoadStepper(ContactProblem(body, "bottom", 0.0, 0.3))
+        stepper.move("top", "y", -0.05, ramp).move("top", "x", 0.04)
+        return stepper.run(np.linspace(0, 1, count + 1)[1:]).results[-1].t
+
+    def proportional(t):
+        return t
+
+    coarse, middle, fine = (end(count, proportional) for count in (10, 20, 40))
+    size = np.abs(fine).max()
+    first, second = np.abs(middle - coarse).max() / size, np.abs(fine - middle).max() / size
+    assert second <= 0.75 * first + 1e-12
+    pressed_first = end(40, lambda t: min(1.0, 10 * t))
+    assert np.abs(pressed_first - fine).max() > 1e-3 * size
+
+
+def test_sliding_block_dissipates(make):
+    """A closed cycle of dragging: work of friction = what the top put in (elastic at the ends)."""
+    element = ElementQuadAdini
+    ticks = np.linspace(0, 1, 7)
+    body = ElasticBody.from_mesh(make.box(element, ticks, ticks), element(), E=1.0, nu=0.3)
+    body.fix("top")
+    stepper = LoadStepper(ContactProblem(body, "bottom", 0.0, 0.3))
+    stepper.move("top", "y", -0.05, lambda t: 1.0).move("top", "x", 0.2, lambda t: np.sin(t))
+    history = stepper.run(np.linspace(0, 4 * np.pi, 129)[1:])
+    friction, before = [], 0.0
+    for result in history.results:
+        friction.append(float(np.sum(result.t * (result.slip - before))))
+        before = result.slip
+    assert min(friction) > -1e-15  # friction never gives energy back
+    # Over the second cycle the elastic energy returns to itself; work by the trapezoidal rule.
+    force = -history.resultant[:, 0]  # of the top on the body
+    shift = 0.2 * np.sin(history.times)
+    work = 0.5 * (force[1:] + force[:-1]) * np.diff(shift)
+    put_in, lost = work[63:].sum(), sum(friction[64:])
+    assert lost > 0.01 * put_in > 0
+    # The rule's error in the step, 64 steps a cycle.
+    assert abs(put_in / lost - 1) < 0.05
+
+
+def test_unloading_keeps_shear(make):
+    """Press with friction, then unload halfway: the shear turns, the pressure halves."""
+    body = make.block(8, sides=()).fix("top", "y")
+    problem = ContactProblem(body, "bottom", 0.0, 0.3)
+    stepper = LoadStepper(problem).move("top", "y", -0.1, lambda t: 1 - abs(1 - t))
+    history = stepper.run(np.linspace(0.1, 1.5, 15))
+    loading, unloading = history.results[4], history.results[14]
+    assert history.times[4] == pytest.approx(2 - history.times[14])
+    # Same approach; frictionless contact would return to the same state.
+    difference = np.abs(loading.t - unloading.t).max()
+    assert difference > 0.1 * np.abs(loading.t).max()
+
+
+def test_cross_check_of_a_step(make):
+    """OSQP solves the given-friction problem of the increment."""
+    stepper = dragged(make)
+    history = stepper.run(TIMES[:9])
+    last = history.results[-1]
+    check = cross_check(stepper.problem, last, "osqp")
+    assert check.displacement < 1e-7
+    assert check.multipliers < 1e-6
+
+
+def test_after_is_a_step(make):
+    """`solve(after=)` and the stepper are the same, loads changed by hand."""
+    stepper = LoadStepper(make.problem(8, 0.3)).load("top", (0.2, -0.5))
+    history = stepper.run([1.0, 2.0])
+    problem = make.problem(8, 0.3)
+    load, result = problem.body.f.copy(), None
+    problem.body.load("top", (0.2, -0.5))
+    extra = problem.body.f - load
+    for t in (1.0, 2.0):
+        problem.body.f = load + t * extra
+        result = problem.solve(after=result)
+    # Newton's tolerance of 1e-12 times the condition of the body.
+    assert np.abs(result.u - history.results[-1].u).max() < 1e-10 * np.abs(result.u).max()
+
+
+def test_body_force_and_supports_as_functions_of_time(make):
+    """Without contact a step is linear elasticity under that step's data."""
+    body = make.block(6, sides=()).fix("top", "y", lambda x: 0.1 * x[0])
+    stepper = LoadStepper(ContactProblem(body, "bottom", 10.0))
+    stepper.body_force((0.3, 0.1), lambda t: t**2).load(
+        "left", lambda x: np.array([x[1], 0 * x[1]])
+    )
+    stepper.move("top", "y", lambda x: 0.2 * x[0] ** 2, lambda t: 3 * t)
+    result = stepper.run([0.5, 2.0]).results[-1]
+    other = make.block(6, sides=()).fix("top", "y", lambda x: 0.1 * x[0] + 1.2 * x[0] ** 2)
+    other.body_force((1.2, 0.4)).load("left", lambda x: 2 * np.array([x[1], 0 * x[1]]))
+    expected = ContactProblem(other, "bottom", 10.0).solve()
+    # One solve with a matrix of condition 1e4.
+    assert np.abs(result.u - expected.u).max() < 1e-12 * np.abs(expected.u).max()
+
+
+def test_moving_obstacle(make):
+    stepper = LoadStepper(make.problem(8, 0.0)).obstacle(lambda t: Plane((0, -0.1 + t), (0, 1)))
+    history = stepper.run([0.02, 0.07])
+    # The plane of the fixture lies at -.03.
+    expected = make.problem(8, 0.0).solve()
+    assert np.abs(history.results[1].u - expected.u).max() < 1e-11
+    assert history.results[0].contact_force < expected.contact_force
+
+
+def test_progress_and_callback(make, capsys):
+    lines = []
+    dragged(make, n=4).run(TIMES[:3], progress=True, callback=lines.append)
+    assert [line.number for line in lines] == [1, 2, 3]
+    assert all(line.count == 3 and line.seconds > 0 for line in lines)
+    printed = capsys.readouterr().out.splitlines()
+    assert printed == [str(line) for line in lines]
+    assert "slip" in printed[0]
+
+
+class Interrupted(LoadStepper):
+    """A stepper that is interrupted in the middle of a step."""
+
+    left = 5
+
+    def step(self, time):
+        self.left -= 1
+        if self.left < 0:
+            raise KeyboardInterrupt
+        return super().step(time)
+
+
+def interrupted(make, folder):
+    stepper = dragged(make)
+    stepper.__class__ = Interrupted
+    with pytest.raises(KeyboardInterrupt):
+        stepper.run(TIMES, path=folder)
+    return stepper
+
+
+def test_resume(make, tmp_path):
+    """Finished steps survive, the rest is as if nothing had happened."""
+    stepper = interrupted(make, tmp_path / "run")
+    assert len(stepper.history) == 5
+    kept = LoadHistory.load(tmp_path / "run")
+    assert np.array_equal(kept.times, TIMES[:5])
+    whole = dragged(make).run(TIMES)
+    for ours, expected in zip(kept.results, whole.results, strict=False):
+        assert np.array_equal(ours.u, expected.u)
+        assert max(ours.kkt.values()) < 1e-10
+
+    again = dragged(make)
+    seen = []
+    history = again.resume(tmp_path / "run", callback=seen.append)
+    assert [line.number for line in seen] == list(range(6, 17))  # nothing is solved twice
+    assert np.array_equal(history.times, TIMES)
+    for ours, expected in zip(history.results, whole.results, strict=True):
+        # The same arithmetic from the same state.
+        assert np.abs(ours.u - expected.u).max() < 1e-13 * np.abs(expected.u).max()
+    assert len(LoadHistory.load(tmp_path / "run")) == 16
+    assert len(dragged(make).resume(tmp_path / "run")) == 16  # complete: nothing left to do
+
+
+def test_going_on_in_memory(make):
+    stepper = dragged(make)
+    stepper.run(TIMES[:5])
+    history = stepper.run(TIMES[5:])
+    whole = dragged(make).run(TIMES)
+    assert np.array_equal(history.results[-1].u, whole.results[-1].u)
+
+
+def test_full_disk(make, tmp_path, monkeypatch):
+    """The step that does not fit is lost on disk, those before stay, a resume makes it good."""
+    real, count = np.savez, iter(range(100))
+
+    def full(file, **arrays):
+        if next(count) >= 3:
+            file.write(b"half a step")
+            raise OSError(28, "No space left on device")
+        real(file, **arrays)
+
+    monkeypatch.setattr(np, "savez", full)
+    stepper = dragged(make)
+    with pytest.raises(OSError, match="No space left"):
+        stepper.run(TIMES, path=tmp_path / "run")
+    monkeypatch.undo()
+    assert len(LoadHistory.load(tmp_path / "run")) == 3
+    assert not [p for p in (tmp_path / "run").iterdir() if p.name.startswith("tmp")]
+    assert len(dragged(make).resume(tmp_path / "run")) == 16
+
+
+def test_damaged_step_ends_the_history(make, tmp_path, caplog):
+    dragged(make).run(TIMES[:6], path=tmp_path / "run")
+    broken = tmp_path / "run" / "step_00004.npz"
+    broken.write_bytes(broken.read_bytes()[:200])
+    assert len(LoadHistory.load(tmp_path / "run")) == 3
+    assert "step_00004" in caplog.text
+    seen = []
+    dragged(make).resume(tmp_path / "run", callback=seen.append)
+    assert [line.number for line in seen] == [4, 5, 6]
+
+
+def test_resume_of_another_problem(make, tmp_path):
+    dragged(make).run(TIMES[:2], path=tmp_path / "run")
+    with pytest.raises(InputError, match="another problem"):
+        dragged(make, friction=0.2).resume(tmp_path / "run")
+    with pytest.raises(InputError, match="no load history"):
+        dragged(make).resume(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="not empty"):
+        dragged(make).run(TIMES, path=tmp_path / "run")
+
+
+def test_step_that_fails_leaves_the_history(make, tmp_path):
+    stepper = dragged(make)
+    stepper.run(TIMES[:3])
+    stepper.halvings = 0
+    stepper.options = type(stepper.options)("newton", 1e-300, 1, None)
+    with pytest.raises(NotConverged):
+        stepper.run(TIMES[3:])
+    assert len(stepper.history) == 3
+
+
+def test_failing_steps_are_halved(make, monkeypatch):
+    """A step that fails is reached by way of its middle."""
+    stepper = dragged(make)
+    stepper.run(TIMES[:2])
+    solve, asked = ContactProblem.solve_system, []
+
+    def moody(self, system, condensed, options, start, *rest):
+        asked.append(system.body.constraint[1].max())
+        if len(asked) == 1:
+            raise NotConverged("a bad day")
+        return solve(self, system, condensed, options, start, *rest)
+
+    monkeypatch.setattr(ContactProblem, "solve_system", moody)
+    stepper.run(TIMES[2:3])
+    assert len(asked) == 3
+    assert asked[1] < asked[0] == asked[2]
+
+
+def test_animation(make, tmp_path):
+    history = dragged(make, n=4).run(TIMES[:4])
+    path = history.to_pvd(tmp_path / "drag.pvd")
+    for name in (path, tmp_path / "drag_boundary.pvd"):
+        reader = pyvista.get_reader(name)
+        np.testing.assert_allclose(reader.time_values, TIMES[:4])
+        fields = []
+        for k in range(4):
+            reader.set_active_time_point(k)
+            block = reader.read()[0]
+            fields.append(block["displacement" if name == path else "pressure"])
+        assert np.abs(fields[0] - fields[3]).max() > 0
+    assert np.array_equal(fields[3], history.results[3].pressure)
+
+
+def test_saved_step_keeps_its_increment(make, tmp_path):
+    result = dragged(make).run(TIMES[:4]).results[-1]
+    loaded = ContactResult.load(result.save(tmp_path / "step.npz"))
+    assert np.array_equal(loaded.slip_increment, result.slip_increment)
+    assert loaded.kkt == result.kkt
+    assert np.array_equal(loaded.status, result.status)
+
+
+@pytest.mark.parametrize(
+    ("call", "word"),
+    [
+        (lambda s: s.run([]), "times"),
+        (lambda s: s.run([1.0, 0.5]), "increase"),
+        (lambda s: s.run([np.nan]), "times"),
+        (lambda s: s.run([[1.0]]), "times"),
+        (lambda s: s.run(1j), "times"),
+        (lambda s: s.step(np.inf), "time="),
+        (lambda s: s.load("top", (0, 1), 3.0), "factor"),
+        (lambda s: s.load("top", (0, 1), lambda t: np.nan).run([1.0]), "factor"),
+        (lambda s: s.load("nowhere", (0, 1)), "nowhere"),
+        (lambda s: s.load("top", (0, np.inf)), "traction"),
+        (lambda s: s.move("left", "x"), "not fixed"),
+        (lambda s: s.move("top", "x", np.nan), "value"),
+        (lambda s: s.obstacle(0.3), "obstacle"),
+        (lambda s: s.obstacle(lambda t: np.nan).run([1.0]), "NaN"),
+        (lambda s: LoadStepper(s), "problem"),
+        (lambda s: LoadStepper(s.problem, halvings=-1), "halvings"),
+        (lambda s: LoadStepper(s.problem, method="no"), "method"),
+        (lambda s: s.history.to_pvd("x.pvd"), "no finished step"),
+        (lambda s: s.problem.solve(after=3), "after"),
+    ],
+)
+def test_malformed(call, word, make):
+    with pytest.raises(InputError, match=word):
+        call(dragged(make, n=2))
