@@ -46,31 +46,14 @@ def has_pardiso() -> bool:
     return importlib.util.find_spec("pypardiso") is not None
 
 
-def upper_triangle(A: Any) -> Any:
-    """Return the upper triangle of a symmetric matrix as PARDISO reads it.
-
-    A csr_array of its own memory, columns ascending: the diagonal comes first in every row, stored
-    even where it is zero.
-    """
-    n = A.shape[0]
-    upper = sparse.csr_array(sparse.triu(A, format="csr"))
-    if np.count_nonzero(upper.diagonal()) < n:
-        # Sums of sparse matrices drop zeros; conversion from triplets keeps them.
-        entries, k = upper.tocoo(), np.arange(n)
-        row, column = (np.concatenate([part, k]) for part in entries.coords)
-        data = np.concatenate([entries.data, np.zeros(n)])
-        upper = sparse.csr_array(sparse.coo_array((data, (row, column)), shape=A.shape))
-    upper.sort_indices()
-    return upper
-
-
 class Pardiso:
     """One matrix in PARDISO's memory, given back when the object goes.
 
     Parameters
     ----------
-    upper
-        What `upper_triangle` returns, shape (n, n).
+    A
+        Symmetric sparse matrix, shape (n, n). Its upper triangle is taken, with the diagonal
+        stored even where it is zero, as PARDISO demands.
     kind
         `DEFINITE` or `INDEFINITE`: real symmetric, PARDISO's matrix types 2 and -2.
     iparm
@@ -87,18 +70,21 @@ class Pardiso:
 
     def __init__(
         self,
-        upper: Any,
+        A: Any,
         kind: int,
         iparm: Mapping[int, int] | None = None,
         chosen: ArrayLike | None = None,
     ) -> None:
+        n = A.shape[0]
+        upper = _upper_triangle(A)
+        upper = upper_triangle(A)
         if upper.nnz >= 2**31:
             raise AdiniError(f"PARDISO: {upper.nnz} entries are too many for 32-bit indices")
         self._kind, self._factored = kind, False
         self._data = np.ascontiguousarray(upper.data, dtype=np.float64)
         self._ia = (upper.indptr + 1).astype(np.int32)
         self._ja = (upper.indices + 1).astype(np.int32)
-        self._perm = np.zeros(upper.shape[0], dtype=np.int32)
+        self._perm = np.zeros(n, dtype=np.int32)
         if chosen is not None:
             self._perm[np.asarray(chosen)] = 1
         self._handle = np.zeros(64, dtype=np.int64)
@@ -188,6 +174,20 @@ class Pardiso:
         if getattr(self, "_handle", np.zeros(1)).any():
             self(_RELEASE)
             self._handle[:] = 0
+
+
+def _upper_triangle(A: Any) -> Any:
+    """Return the upper triangle, columns ascending, with every diagonal entry stored."""
+    n = A.shape[0]
+    upper = sparse.csr_array(sparse.triu(A, format="csr"))
+    if np.count_nonzero(upper.diagonal()) < n:
+        # Sums of sparse matrices drop zeros; conversion from triplets keeps them.
+        entries, k = upper.tocoo(), np.arange(n)
+        row, column = (np.concatenate([part, k]) for part in entries.coords)
+        data = np.concatenate([entries.data, np.zeros(n)])
+        upper = sparse.csr_array(sparse.coo_array((data, (row, column)), shape=A.shape))
+    upper.sort_indices()
+    return upper
 
 
 @functools.cache

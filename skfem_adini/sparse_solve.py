@@ -12,14 +12,7 @@ from scipy.sparse.linalg import splu
 from .errors import InputError, MissingDependency
 from .multigrid import Multigrid
 from .near_null_space import NearNullSpace
-from .pardiso import (
-    DEFINITE,
-    INDEFINITE,
-    Pardiso,
-    PardisoError,
-    has_pardiso,
-    upper_triangle,
-)
+from .pardiso import DEFINITE, INDEFINITE, Pardiso, PardisoError, has_pardiso
 
 Array = NDArray[np.float64]
 Solver = Literal["auto", "pardiso", "superlu", "amg"]
@@ -219,7 +212,7 @@ class _Pardiso:
 
     def __init__(self, A: Any, definite: bool) -> None:
         self._definite = definite
-        self._pardiso = Pardiso(upper_triangle(A), DEFINITE if definite else INDEFINITE)
+        self._pardiso = Pardiso(A, DEFINITE if definite else INDEFINITE)
         self._run(12)
 
     def solve(self, b: Array) -> Array:

@@ -21,17 +21,13 @@ def definite(n, seed):
     return sparse.csr_array(A + A.T + 2 * n * sparse.eye_array(n))
 
 
-def handle(A, *arguments):
-    return pardiso.Pardiso(pardiso.upper_triangle(A), *arguments)
-
-
 @given(n=st.integers(2, 30), seed=st.integers(0, 99), loads=st.integers(1, 3))
 def test_analysis_factorisation_and_solution(n, seed, loads):
     A = definite(n, seed)
     exact = np.asfortranarray(np.random.default_rng(seed).uniform(-1, 1, (n, loads)))
     b, x = np.asfortranarray(A @ exact), np.zeros((n, loads), order="F")
     given_b = b.copy()
-    solver = handle(A, pardiso.DEFINITE)
+    solver = pardiso.Pardiso(A, pardiso.DEFINITE)
     for phase in (11, 22):
         solver(phase)
     solver(33, b, x)
@@ -49,7 +45,7 @@ def test_schur_complement_and_partial_solutions(n, seed, share):
     coupling = dense[np.ix_(chosen, inner)] @ np.linalg.inv(dense[np.ix_(inner, inner)])
     expected = dense[np.ix_(chosen, chosen)] - coupling @ dense[np.ix_(inner, chosen)]
 
-    solver = handle(A, pardiso.DEFINITE, {1: 3, 23: 1, 35: 2}, chosen)
+    solver = pardiso.Pardiso(A, pardiso.DEFINITE, {1: 3, 23: 1, 35: 2}, chosen)
     block = np.zeros((chosen.size, chosen.size))
     solver(11)
     solver(22, x=block)
@@ -68,18 +64,18 @@ def test_schur_complement_and_partial_solutions(n, seed, share):
 def test_zeros_on_the_diagonal_are_stored():
     """Matrices of constrained problems have none there, PARDISO wants them all the same."""
     A = sparse.csr_array([[0.0, 1, 2], [1, 0, 0], [2, 0, 1]])
-    upper = pardiso.upper_triangle(A)
+    upper = pardiso._upper_triangle(A)
     assert upper.nnz == 5
     x = factorize(A, definite=False, solver="pardiso").solve(A @ [1.0, 2, 3])
     np.testing.assert_allclose(x, [1, 2, 3], atol=1e-12)
 
 
 def test_pivots_are_told_from_other_errors():
-    solver = handle(sparse.csr_array([[1.0, 2], [2, 1]]), pardiso.DEFINITE)
+    solver = pardiso.Pardiso(sparse.csr_array([[1.0, 2], [2, 1]]), pardiso.DEFINITE)
     with pytest.raises(pardiso.PardisoError, match="phase 12 failed with code -4") as caught:
         solver(12)
     assert caught.value.pivot
-    solver = handle(definite(3, 0), pardiso.DEFINITE)
+    solver = pardiso.Pardiso(definite(3, 0), pardiso.DEFINITE)
     with pytest.raises(pardiso.PardisoError, match="phase 99") as caught:
         solver(99)
     assert not caught.value.pivot
@@ -87,7 +83,7 @@ def test_pivots_are_told_from_other_errors():
 
 def test_what_would_end_the_process_is_refused():
     """PARDISO reads whatever memory it is pointed at."""
-    solver = handle(definite(4, 0), pardiso.DEFINITE)
+    solver = pardiso.Pardiso(definite(4, 0), pardiso.DEFINITE)
     b, x = np.ones(4), np.zeros(4)
     with pytest.raises(AdiniError, match="phase 33 needs a factorisation"):
         solver(33, b, x)
@@ -109,7 +105,7 @@ def test_memory_is_given_back(monkeypatch):
         return library(*arguments)
 
     monkeypatch.setattr(pardiso, "_library", lambda: watched)
-    solver = handle(definite(5, 0), pardiso.DEFINITE)
+    solver = pardiso.Pardiso(definite(5, 0), pardiso.DEFINITE)
     solver(12)
     del solver
     assert phases == [12, -1]
