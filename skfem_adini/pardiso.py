@@ -77,7 +77,6 @@ class Pardiso:
     ) -> None:
         n = A.shape[0]
         upper = _upper_triangle(A)
-        upper = upper_triangle(A)
         if upper.nnz >= 2**31:
             raise AdiniError(f"PARDISO: {upper.nnz} entries are too many for 32-bit indices")
         self._kind, self._factored = kind, False
