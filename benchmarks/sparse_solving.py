@@ -40,7 +40,7 @@ from skfem_adini import (
 )
 from skfem_adini.pardiso import has_pardiso
 
-SIZES = {"poisson": [4, 8, 12, 16, 24, 32], "elasticity": [3, 4, 6, 8, 12, 16]}
+SIZES = {"poisson": [4, 8, 12, 16, 24, 32], "elasticity": [3, 4, 6, 8, 12, 16, 20]}
 SUPERLU_MOST = 5000
 REDUCED, FULL = "amg, translations", "amg"
 PIECE = 10**7
