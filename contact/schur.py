@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
-import functools
-import importlib.util
-import sys
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +11,7 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from contact.errors import ContactError, InputError, MissingDependency
+from skfem_adini.pardiso import DEFINITE, Pardiso, PardisoError, has_pardiso
 
 Vector = NDArray[np.float64]
 
@@ -36,11 +33,6 @@ class SchurFactor(Protocol):
     def expand(self, load: Vector, z_b: Vector) -> Vector:
         """All unknowns, shape (n,): z_I = S_II^-1 (f_I - S_Ib z_b) beside the given z_b."""
         ...
-
-
-def has_pardiso() -> bool:
-    """Whether pypardiso can be imported."""
-    return importlib.util.find_spec("pypardiso") is not None
 
 
 def schur_factor(
@@ -177,66 +169,27 @@ class PardisoSchur(_Forward):
     def __init__(
         self, stiffness: sparse.csr_array, boundary: NDArray[np.int64], shift: Vector
     ) -> None:
-        n, nb = stiffness.shape[0], boundary.size
-        upper = sparse.triu(stiffness, format="csr")
-        upper.sort_indices()
-        upper.data[upper.indptr[boundary]] += shift  # the diagonal comes first in its row
-        self._matrix = upper
-        self._ia = (upper.indptr + 1).astype(np.int32)
-        self._ja = (upper.indices + 1).astype(np.int32)
+        shifted, diagonal = stiffness.copy(), stiffness.diagonal()
+        diagonal[boundary] += shift
+        shifted.setdiag(diagonal)
+        # Parallel nested dissection, the quicker analysis with a Schur block; two-level
+        # factorisation; Schur complement with the factors kept for partial solves.
+        parameters = {1: 3, 23: 1, 35: 2}
         self._boundary = boundary
-        self._handle = np.zeros(64, dtype=np.int64)
-        self._perm = np.zeros(n, dtype=np.int32)
-        self._perm[boundary] = 1
-        self._iparm = np.zeros(64, dtype=np.int32)
-        self._iparm[0] = 1  # the values below, not the defaults
-        self._iparm[1] = 3  # parallel nested dissection: the quicker analysis with a Schur block
-        self._iparm[23] = 1  # two-level parallel factorisation
-        self._iparm[35] = 2  # Schur complement, and factors for partial solves
-        nothing = np.zeros(n)
-        block = np.zeros((nb, nb))
-        self._call(11, nothing, nothing)
-        self._call(22, nothing, block)
+        block = np.zeros((boundary.size, boundary.size))
+        try:
+            self._pardiso = Pardiso(shifted, DEFINITE, parameters, chosen=boundary)
+            self._pardiso(11)
+            self._pardiso(22, x=block)
+        except PardisoError as error:
+            if error.pivot:
+                raise _singular() from error
+            raise ContactError(str(error)) from error
         self.schur = 0.5 * (block + block.T) - np.diag(shift)
-
-    def _call(self, phase: int, b: Vector, x: Vector) -> None:
-        error = ctypes.c_int32(0)
-        arguments = (
-            self._handle,
-            1,  # factorisations kept
-            1,  # which of them
-            2,  # real symmetric positive definite
-            phase,
-            self._matrix.shape[0],
-            self._matrix.data,
-            self._ia,
-            self._ja,
-            self._perm,
-            1,  # right-hand sides
-            self._iparm,
-            0,  # silent
-            b,
-            x,
-        )
-        _pardiso()(
-            *(
-                ctypes.byref(ctypes.c_int32(value))
-                if isinstance(value, int)
-                else value.ctypes.data_as(ctypes.c_void_p)
-                for value in arguments
-            ),
-            ctypes.byref(error),
-        )
-        if error.value == -4:  # zero or negative pivot
-            raise _singular()
-        if error.value == -2:
-            raise MemoryError("PARDISO: not enough memory for the factorisation")
-        if error.value != 0:
-            raise ContactError(f"PARDISO phase {phase} failed with code {error.value}")
 
     def _eliminate(self, load: Vector) -> Vector:
         halfway = np.zeros_like(load)
-        self._call(331, np.ascontiguousarray(load), halfway)
+        self._pardiso(331, np.ascontiguousarray(load), halfway)
         return halfway
 
     def reduce(self, load: Vector) -> Vector:
@@ -249,25 +202,6 @@ class PardisoSchur(_Forward):
         halfway = self._forward(load).copy()
         halfway[self._boundary] = z_b
         z = np.zeros_like(load)
-        self._call(333, halfway, z)
+        self._pardiso(333, halfway, z)
         z[self._boundary] = z_b
         return z
-
-    def __del__(self) -> None:
-        # At the end of the interpreter even the module's names may be gone.
-        if np is None or sys is None or sys.is_finalizing():
-            return
-        if getattr(self, "_handle", np.zeros(1)).any():
-            nothing = np.zeros(1)
-            self._call(-1, nothing, nothing)
-            self._handle[:] = 0
-
-
-@functools.cache
-def _pardiso() -> Any:
-    """MKL's ``pardiso``; pypardiso searches the installation for it, which takes a while."""
-    from pypardiso.pardiso_wrapper import PyPardisoSolver
-
-    function = PyPardisoSolver().libmkl.pardiso
-    function.argtypes, function.restype = None, None
-    return function

@@ -9,8 +9,9 @@ from contact import ContactProblem, ElasticBody, InputError
 from contact import schur as schur_module
 from contact.errors import MissingDependency
 from contact.rigid_modes import rigid_modes
-from contact.schur import SuperLUSchur, has_pardiso, schur_factor
+from contact.schur import SuperLUSchur, schur_factor
 from skfem_adini import ElementQuadAdini
+from skfem_adini.pardiso import has_pardiso
 
 SOLVERS = [
     "superlu",
