@@ -16,8 +16,13 @@ from skfem_adini import (
     lowest_eigenpairs,
     refine_eigenpair,
 )
+from skfem_adini.pardiso import has_pardiso
 
 FINE = MeshQuad().refined(3)
+SOLVERS = [
+    pytest.param("pardiso", marks=pytest.mark.skipif(not has_pardiso(), reason="no pypardiso")),
+    "superlu",
+]
 PI = 4 * np.arctan(np.longdouble(1))
 needs_long_double = pytest.mark.skipif(
     np.finfo(np.longdouble).eps > 1e-18, reason="numpy.longdouble is double here"
@@ -46,6 +51,18 @@ def test_first_neumann_eigenvalue_to_round_off():
 
 
 @needs_long_double
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_shift_and_invert_alone_stalls(solver):
+    """The discretisation error of the (1, 0) eigenvalue is 7.1e-15; rounding is far above it."""
+    basis = square(128)
+    K, M = laplace.assemble(basis), mass.assemble(basis)
+    values, x = lowest_eigenpairs(K, M, 2, solver=solver)
+    assert 5e-14 < abs(values[1] / np.pi**2 - 1) < 1e-11
+    assert 0 < float(refine_eigenpair(basis, x[:, 1]).value / PI**2 - 1) <= 8e-15
+
+
+@needs_long_double
 def test_order_six_where_double_precision_stalls():
     errors = []
     for n in (16, 32, 64):
@@ -57,7 +74,7 @@ def test_order_six_where_double_precision_stalls():
 
 
 @needs_long_double
-@pytest.mark.parametrize("n", [4, 8, 16, 32])
+@pytest.mark.parametrize("n", [4, 8, 16, 32, 64])
 def test_dirichlet_eigenvalues_are_those_of_the_symbol(n):
     basis = square(n)
     fixed = essential_dofs(basis, basis.mesh.boundary_facets())

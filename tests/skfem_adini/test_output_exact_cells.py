@@ -63,6 +63,17 @@ def test_meshio_reads_the_file(case, tmp_path):
     np.testing.assert_array_equal(np.ravel(mesh.point_data["u"]), grid["u"])
 
 
+def test_round_trip_through_meshio(case, tmp_path):
+    """What meshio reads and writes again is the same exact field for pyvista."""
+    basis, x, points, vtk_type, _ = case
+    first, second = tmp_path / "first.vtk", tmp_path / "second.vtk"
+    meshio.read(save(first, basis, x)).write(second)
+    grid = pv.read(second)
+    assert set(grid.celltypes) == {vtk_type}
+    expected = basis.interpolator(x)(points)
+    np.testing.assert_allclose(sample(grid, points).ravel(), expected, rtol=0, atol=1e-12)
+
+
 def test_vector_field():
     basis = Basis(MeshHex(), ElementVector(ElementHexAdini()), intorder=1)
     x = np.random.default_rng(1).uniform(-1, 1, basis.N)
