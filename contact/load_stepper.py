@@ -154,6 +154,17 @@ class LoadStepper:
         self._loads.append((self._unloaded().body_force(force).f, _checked_factor(factor)))
         return self
 
+    def load_vector(self, vector: ArrayLike, factor: Factor | None = None) -> Self:
+        """Add the load ``factor(t) * vector``, one number a dof, such as another body's ``f``."""
+        values = numbers("vector", vector)
+        if values.shape != self.problem.body.f.shape or not np.all(np.isfinite(values)):
+            raise InputError(
+                f"vector: expected {self.problem.body.f.size} finite numbers, got shape "
+                f"{values.shape}"
+            )
+        self._loads.append((values, _checked_factor(factor)))
+        return self
+
     def _unloaded(self) -> Any:
         body = copy(self.problem.body)
         body.f = np.zeros_like(body.f)

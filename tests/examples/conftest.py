@@ -19,3 +19,20 @@ def example():
         return module
 
     return load
+
+
+@pytest.fixture(scope="session")
+def validation(example):
+    """Load examples/validation_*.py, which share `half_space.py` beside them."""
+    import sys
+
+    folder = str(Path(__file__).parents[2] / "examples")
+
+    def load(name: str) -> ModuleType:
+        sys.path.insert(0, folder)
+        try:
+            return example(name)
+        finally:
+            sys.path.remove(folder)
+
+    return load

@@ -1,0 +1,82 @@
+"""A finite block that behaves like a half plane: meshes, and what the far field asks of its sides.
+
+The half plane y > 0 (plane strain) carries on its edge, at the origin, a force f per unit depth.
+With r = |x| and e = x / r (Flamant 1892; S. P. Timoshenko and J. N. Goodier, Theory of Elasticity,
+3rd ed., McGraw-Hill 1970, articles 36 and 37) the stress is
+
+    sigma = s e e^T,   s = -2 (f . e) / (pi r).
+
+A contact of half-width a is such a force up to terms of order (a / r)^2. The validation examples
+cut a block out of the half plane and load its sides with sigma n.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from skfem import MeshQuad
+
+from contact import ElasticBody
+from skfem_adini import ElementQuadAdini
+
+Array = NDArray[np.float64]
+NORMALS = {"left": (-1.0, 0.0), "right": (1.0, 0.0), "top": (0.0, 1.0)}
+
+
+def graded(step: float, fine: float, far: float, ratio: float = 1.25) -> Array:
+    """Ticks from 0 to far: equal steps up to `fine`, then growing by the ratio."""
+    ticks = list(np.arange(round(fine / step) + 1) * step)
+    while ticks[-1] < far:
+        step *= ratio
+        ticks.append(ticks[-1] + step)
+    ticks[-1] = far
+    if len(ticks) > 2 and ticks[-1] - ticks[-2] < 0.5 * (ticks[-2] - ticks[-3]):
+        del ticks[-2]
+    return np.array(ticks)
+
+
+def quarter(h: float, fine: float, far: float) -> MeshQuad:
+    """0 < x < far, 0 < y < far, with cells of size h up to `fine` from the origin."""
+    ticks = graded(h, fine, far)
+    return MeshQuad.init_tensor(ticks, ticks).with_defaults()
+
+
+def half(h: float, fine: float, far: float) -> MeshQuad:
+    """-far < x < far, 0 < y < far."""
+    ticks = graded(h, fine, far)
+    return MeshQuad.init_tensor(np.r_[-ticks[:0:-1], ticks], ticks).with_defaults()
+
+
+def half_plane(mesh: MeshQuad, E: float, nu: float) -> ElasticBody:
+    """An elastic body of Adini elements on the mesh."""
+    return ElasticBody.from_mesh(mesh, ElementQuadAdini(), E=E, nu=nu)
+
+
+def stress(x: ArrayLike, force: ArrayLike) -> Array:
+    """Flamant's stress at points x, shape (2, 2, ...), of a force on the body at the origin."""
+    x, f = np.asarray(x, dtype=float), np.asarray(force, dtype=float)
+    square = x[0] ** 2 + x[1] ** 2
+    s = -2.0 / np.pi * (f[0] * x[0] + f[1] * x[1]) / square**2
+    return s * x[:, None] * x[None, :]
+
+
+def load_far_field(body: ElasticBody, force: ArrayLike, sides: str = "left right top") -> None:
+    """Load the sides with Flamant's tractions."""
+    for side in sides.split():
+        n = np.array(NORMALS[side])
+        body.load(side, lambda x, n=n: np.einsum("ij...,j->i...", stress(x, force), n))
+
+
+def displacement(x: ArrayLike, force: float, E: float, nu: float) -> Array:
+    """Displacement (2, ...) of a tangential force along x at the origin; u_y is odd in x.
+
+    Timoshenko and Goodier, equation (70), in plane strain, up to a motion along x.
+    """
+    x = np.asarray(x, dtype=float)
+    modulus, ratio = E / (1 - nu**2), nu / (1 - nu)
+    r, theta = np.hypot(*x), np.arctan2(x[1], x[0])
+    c, s, turned = np.cos(theta), np.sin(theta), theta - 0.5 * np.pi
+    p = force / (np.pi * modulus)
+    radial = -2 * p * c * np.log(r) - (1 - ratio) * p * turned * s
+    hoop = 2 * ratio * p * s + 2 * p * s * np.log(r) - (1 - ratio) * p * (turned * c - s)
+    return np.array([radial * c - hoop * s, radial * s + hoop * c])
