@@ -1,5 +1,36 @@
-"""Multi-moment semi-Lagrangian (CIP) schemes for transport and advection.
+"""Multi-moment semi-Lagrangian (CIP) schemes for transport and advection in 1-D, 2-D and 3-D.
 
-No scheme has landed yet: this release reserves the package so that the four import names stay
-together in one distribution.
+`Solver` follows the characteristics of a `Velocity` backward on a `Grid` and evaluates the moments
+of a `State` there by a profile; `run` gives a `Trajectory`. Every failure is a `CipError`.
 """
+
+from cip.errors import (
+    CipError,
+    InputError,
+    LeftDomain,
+    MissingDependency,
+    NotConverged,
+    NotFinite,
+    NotSupported,
+)
+from cip.grid import Grid
+from cip.solver import Solver
+from cip.state import State
+from cip.trajectory import Diagnostics, Trajectory
+from cip.velocity import Velocity
+
+__all__ = [
+    "CipError",
+    "Diagnostics",
+    "Grid",
+    "InputError",
+    "LeftDomain",
+    "MissingDependency",
+    "NotConverged",
+    "NotFinite",
+    "NotSupported",
+    "Solver",
+    "State",
+    "Trajectory",
+    "Velocity",
+]

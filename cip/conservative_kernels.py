@@ -1,0 +1,145 @@
+r"""One sweep along an axis for the conservative profiles: kernels for CPU and device.
+
+M = int p is transported, so the mean of a new cell is the integral of the old profile between the
+feet of its ends over its width: what leaves one cell enters the next, to rounding. The value at the
+node is J q(X) and its slope J^2 q'(X) + K q(X).
+
+CSL2 in several dimensions keeps a value or a mean in each direction: moment number ``bits`` is the
+mean in the directions whose bit is set. A sweep takes each pair (value, mean) along its axis with
+the velocity at the place (node or middle of the cell) of the other directions. Feet: X, X_a (CSL4:
+X_aa) for each of these places.
+"""
+
+from __future__ import annotations
+
+from math import floor
+
+from cip.conservative_profiles import csl2, csl4
+from cip.jit import Array, Index, Out, Real, kernel
+
+
+@kernel
+def cell_of(i: Index, d: Real, n: Index, periodic: Index) -> tuple[Index, Real]:
+    """Number of the cell of a foot, not wrapped into the period, and the place in it."""
+    f = floor(d)
+    s = d - f
+    k = i + f
+    if periodic == 0:
+        if k < 0:
+            k = 0
+            s = 0.0
+        if k > n - 2:
+            k = n - 2
+            s = 1.0
+    return k, s
+
+
+@kernel
+def profile(
+    m: Array, h: Array, value: Index, slope: Index, mean: Index, stride: Index, n: Index,
+    cell: Index, s: Real, order: Index, limiter: Index, low: Real, high: Real, slack: Real,
+) -> tuple[Real, Real, Real]:  # fmt: skip
+    """Value, slope (per length) and integral from the left end of a cell, all at s."""
+    k = cell
+    if k < 0 or k >= n:
+        k = k % n
+    r = k + 1
+    if r == n:
+        r = 0
+    a = m[value + k * stride]
+    b = m[value + r * stride]
+    width = h[k]
+    if order == 2:
+        f0, f1, mass = csl2(a, b, m[mean + k * stride], s, limiter, low, high, slack)
+    else:
+        va = width * m[slope + k * stride]
+        vb = width * m[slope + r * stride]
+        f0, f1, mass = csl4(a, b, va, vb, m[mean + k * stride], s, limiter, low, high, slack)
+    return f0, f1 / width, mass * width
+
+
+@kernel
+def mass_of(m: Array, h: Array, mean: Index, stride: Index, n: Index, cell: Index) -> Real:
+    """Integral over a whole cell."""
+    k = cell
+    if k < 0 or k >= n:
+        k = k % n
+    return m[mean + k * stride] * h[k]
+
+
+@kernel
+def node_csl(
+    m: Array, out: Out, feet: Array, h: Array, size: Index, dim: Index, axis: Index,
+    o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
+    limiter: Index, low: Real, high: Real, slack: Real, order: Index,
+) -> None:  # fmt: skip
+    """All (value, mean) pairs along the sweep at one node and in the cell after it."""
+    nxt = i + 1
+    if nxt == n:
+        nxt = 0
+    bit = 1
+    for _ in range(axis):
+        bit = bit * 2
+    count = 1
+    for _ in range(dim):
+        count = count * 2
+    at = 0
+    for pair in range(count):
+        if (pair // bit) % 2 == 0:
+            value = pair * size + base
+            mean = (pair + bit) * size + base
+            slope = value
+            if order == 4:
+                slope = size + base
+                mean = 2 * size + base
+            k1, s1 = cell_of(i, feet[at + o], n, periodic)
+            f0, f1, left = profile(
+                m, h, value, slope, mean, stride, n, k1, s1, order, limiter, low, high, slack
+            )
+            J = feet[at + size + o]
+            out[pair * size + o] = J * f0
+            if order == 4:
+                out[size + o] = J * J * f1 + feet[at + 2 * size + o] * f0
+            if periodic == 1 or i < n - 1:
+                k2, s2 = cell_of(i + 1, feet[at + base + nxt * stride], n, periodic)
+                _, _, right = profile(
+                    m, h, value, slope, mean, stride, n, k2, s2, order, limiter, low, high, slack
+                )
+                if k1 == k2:
+                    mass = right - left
+                else:
+                    mass = mass_of(m, h, mean, stride, n, k1) - left + right
+                    for k in range(k1 + 1, k2):
+                        mass = mass + mass_of(m, h, mean, stride, n, k)
+                out[mean - base + o] = mass / h[i]
+            else:
+                out[mean - base + o] = 0.0
+            at = at + order * size
+            if order == 4:
+                at = at - size
+
+
+@kernel
+def node_csl2(
+    m: Array, out: Out, feet: Array, h: Array, size: Index, dim: Index, axis: Index,
+    o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
+    limiter: Index, low: Real, high: Real, slack: Real,
+) -> None:  # fmt: skip
+    """Values and means."""
+    node_csl(
+        m, out, feet, h, size, dim, axis, o, base, stride, n, periodic, i,
+        limiter, low, high, slack, 2,
+    )  # fmt: skip
+
+
+@kernel
+def node_csl4(
+    m: Array, out: Out, feet: Array, h: Array, size: Index, dim: Index, axis: Index,
+    o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
+    limiter: Index, low: Real, high: Real, slack: Real,
+) -> None:  # fmt: skip
+    """Values, slopes and means of a line."""
+    node_csl(
+        m, out, feet, h, size, dim, axis, o, base, stride, n, periodic, i,
+        limiter, low, high, slack, 4,
+    )  # fmt: skip

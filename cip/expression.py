@@ -1,0 +1,385 @@
+r"""Formulas as graphs: parsed from text or traced from a callable, differentiated exactly.
+
+An `Expression` is an interned node, so equal sub-formulas are one object: a derivative that repeats
+them costs nothing, and the emitted code computes each of them once (Griewank and Walther,
+Evaluating Derivatives, 2008, chapter 6: common subexpressions by value numbering).
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from cip.errors import InputError
+
+COORDINATES = ("x1", "x2", "x3", "t")
+_ALIASES = {"x": "x1", "y": "x2", "z": "x3"}
+_CONSTANTS = {"pi": math.pi, "e": math.e}
+
+
+class Expression:
+    """A node of a formula; build it with arithmetic, NumPy functions, `variable` and `constant`.
+
+    Attributes
+    ----------
+    op : str
+        ``"constant"``, ``"variable"``, ``"opaque"``, an operator ``+ - * / **`` or a function.
+    args : tuple of Expression
+    value
+        The number, the name, or the (name, orders) of an opaque function's derivative.
+    """
+
+    __slots__ = ("_derivatives", "args", "op", "value")
+    _nodes: ClassVar[dict[Any, Expression]] = {}
+    __array_priority__ = 1000.0
+
+    op: str
+    args: tuple[Expression, ...]
+    value: Any
+    _derivatives: dict[str, Expression]
+
+    def __new__(  # noqa: D102
+        cls, op: str, args: tuple[Expression, ...] = (), value: Any = None
+    ) -> Expression:
+        key = (op, args, value, math.copysign(1.0, value) if op == "constant" else None)
+        node = cls._nodes.get(key)
+        if node is None:
+            node = object.__new__(cls)
+            node.op, node.args, node.value, node._derivatives = op, args, value, {}
+            cls._nodes[key] = node
+        return node
+
+    def __add__(self, other: Any) -> Expression:
+        return _add(self, _lift(other))
+
+    def __radd__(self, other: Any) -> Expression:
+        return _add(_lift(other), self)
+
+    def __sub__(self, other: Any) -> Expression:
+        return _subtract(self, _lift(other))
+
+    def __rsub__(self, other: Any) -> Expression:
+        return _subtract(_lift(other), self)
+
+    def __mul__(self, other: Any) -> Expression:
+        return _multiply(self, _lift(other))
+
+    def __rmul__(self, other: Any) -> Expression:
+        return _multiply(_lift(other), self)
+
+    def __truediv__(self, other: Any) -> Expression:
+        return _divide(self, _lift(other))
+
+    def __rtruediv__(self, other: Any) -> Expression:
+        return _divide(_lift(other), self)
+
+    def __pow__(self, other: Any) -> Expression:
+        return _power(self, _lift(other))
+
+    def __rpow__(self, other: Any) -> Expression:
+        return _power(_lift(other), self)
+
+    def __neg__(self) -> Expression:
+        return _subtract(constant(0.0), self)
+
+    def __pos__(self) -> Expression:
+        return self
+
+    def __abs__(self) -> Expression:
+        return apply("abs", self)
+
+    def __bool__(self) -> bool:
+        raise TypeError("a formula has no truth value: it cannot steer an if, min or max")
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **kwargs: Any) -> Any:
+        name = _UFUNC_NAMES.get(ufunc.__name__, ufunc.__name__)
+        if method != "__call__" or kwargs:
+            return NotImplemented
+        operands = [_lift(value) for value in inputs]
+        if name in _BINARY:
+            return _BINARY[name](*operands)
+        if name == "negative":
+            return -operands[0]
+        if name == "square":
+            return operands[0] * operands[0]
+        if name == "positive":
+            return operands[0]
+        if name in RULES:
+            return apply(name, operands[0])
+        return NotImplemented
+
+    def derivative(self, name: str) -> Expression:
+        """The partial derivative with respect to the variable of this name."""
+        found = self._derivatives.get(name)
+        if found is None:
+            found = self._derivatives[name] = _differentiate(self, name)
+        return found
+
+    def variables(self) -> set[str]:
+        """Names of the variables that occur; opaque functions count as all coordinates."""
+        found: set[str] = set()
+        for node in ordered([self]):
+            if node.op == "variable":
+                found.add(node.value)
+            elif node.op == "opaque":
+                found.update(COORDINATES)
+        return found
+
+
+def constant(value: float) -> Expression:
+    """The number as a node."""
+    return Expression("constant", (), float(value))
+
+
+def variable(name: str) -> Expression:
+    """The variable of this name."""
+    return Expression("variable", (), name)
+
+
+def opaque(name: str, orders: tuple[int, int, int, int]) -> Expression:
+    """A partial derivative of a function known only by its values, at (x1, x2, x3, t)."""
+    return Expression("opaque", (), (name, orders))
+
+
+def raised(orders: tuple[int, int, int, int], place: int) -> tuple[int, int, int, int]:
+    """Derivative orders with one more in the coordinate at `place`."""
+    i, j, k, l = (order + (q == place) for q, order in enumerate(orders))
+    return i, j, k, l
+
+
+def apply(name: str, argument: Expression) -> Expression:
+    """The elementary function of this name at a formula."""
+    if argument.op == "constant":
+        with np.errstate(all="ignore"):
+            return constant(float(getattr(np, name)(argument.value)))
+    return Expression(name, (argument,))
+
+
+def ordered(roots: Sequence[Expression]) -> list[Expression]:
+    """All nodes below the roots, arguments first."""
+    done: dict[Expression, None] = {}
+    stack = [(root, False) for root in reversed(roots)]
+    while stack:
+        node, ready = stack.pop()
+        if ready:
+            done[node] = None
+        elif node not in done:
+            stack.append((node, True))
+            stack.extend((argument, False) for argument in reversed(node.args))
+    return list(done)
+
+
+def rebuilt(node: Expression, args: Sequence[Expression]) -> Expression:
+    """The same operation on other arguments."""
+    if not args or tuple(args) == node.args:
+        return node
+    operators = {"+": _add, "-": _subtract, "*": _multiply, "/": _divide, "**": _power}
+    if node.op in operators:
+        return operators[node.op](*args)
+    return apply(node.op, args[0])
+
+
+def parse(text: str, name: str = "expression") -> Expression:
+    """The formula that a text in x1, x2, x3 (or x, y, z) and t says.
+
+    The grammar is Python's arithmetic with ``+ - * / **``, numbers, pi, e, and sin, cos, tan,
+    arcsin, arccos, arctan, sinh, cosh, tanh, exp, log, sqrt, abs and sign.
+    """
+    if not isinstance(text, str):
+        raise InputError(f"{name}: expected a text such as 'x2 * sin(t)', got {text!r}")
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+    except SyntaxError as error:
+        raise InputError(f"{name}: {text!r} is not a formula: {error.msg}") from error
+    return _parsed(tree, text, name)
+
+
+def traced(function: Callable[..., Any], names: Sequence[str]) -> Expression | None:
+    """The formula that a callable computes, or None when it is not plain arithmetic."""
+    try:
+        result = function(*(variable(name) for name in names))
+        return _lift(result)
+    except Exception:  # whatever a user's function raises on an argument that is no number
+        return None
+
+
+def _lift(value: Any) -> Expression:
+    if isinstance(value, Expression):
+        return value
+    array = np.asarray(value)
+    if array.dtype == object and array.ndim == 0:
+        return _lift(array.item())
+    if array.ndim or array.dtype.kind not in "fiub":
+        raise TypeError(f"a formula cannot be combined with {value!r}")
+    return constant(float(array))
+
+
+def _add(a: Expression, b: Expression) -> Expression:
+    if a.op == b.op == "constant":
+        return constant(a.value + b.value)
+    if _is(a, 0.0):
+        return b
+    if _is(b, 0.0):
+        return a
+    return Expression("+", (a, b))
+
+
+def _subtract(a: Expression, b: Expression) -> Expression:
+    if a.op == b.op == "constant":
+        return constant(a.value - b.value)
+    if _is(b, 0.0):
+        return a
+    if a is b:
+        return constant(0.0)
+    if _is(a, 0.0) and b.op == "-" and _is(b.args[0], 0.0):
+        return b.args[1]
+    return Expression("-", (a, b))
+
+
+def _multiply(a: Expression, b: Expression) -> Expression:
+    if a.op == b.op == "constant":
+        return constant(a.value * b.value)
+    if b.op == "constant":
+        a, b = b, a
+    if _is(a, 0.0):
+        return a
+    if _is(a, 1.0):
+        return b
+    if _is(a, -1.0):
+        return -b
+    if a.op == "constant" and b.op == "*" and b.args[0].op == "constant":
+        return _multiply(constant(a.value * b.args[0].value), b.args[1])
+    return Expression("*", (a, b))
+
+
+def _divide(a: Expression, b: Expression) -> Expression:
+    if b.op == "constant" and b.value != 0.0:
+        if a.op == "constant":
+            return constant(a.value / b.value)
+        if math.frexp(b.value)[0] in (0.5, -0.5):  # by a power of two: exact either way
+            return _multiply(constant(1.0 / b.value), a)
+    if _is(a, 0.0):
+        return a
+    return Expression("/", (a, b))
+
+
+def _power(a: Expression, b: Expression) -> Expression:
+    if b.op == "constant":
+        if b.value == 0.0:
+            return constant(1.0)
+        if b.value == 1.0:
+            return a
+        if b.value == 0.5:
+            return apply("sqrt", a)
+        if b.value == int(b.value) and 2 <= abs(b.value) <= 16:
+            n, result, square = int(abs(b.value)), None, a
+            while n:
+                if n & 1:
+                    result = square if result is None else result * square
+                n >>= 1
+                square = square * square if n else square
+            assert result is not None
+            return result if b.value > 0 else constant(1.0) / result
+        if a.op == "constant":
+            return constant(a.value**b.value)
+    return Expression("**", (a, b))
+
+
+def _is(node: Expression, value: float) -> bool:
+    return node.op == "constant" and node.value == value
+
+
+_BINARY: dict[str, Callable[[Expression, Expression], Expression]] = {
+    "add": _add,
+    "subtract": _subtract,
+    "multiply": _multiply,
+    "divide": _divide,
+    "power": _power,
+    "float_power": _power,
+}
+_UFUNC_NAMES = {"absolute": "abs", "fabs": "abs", "true_divide": "divide"}
+
+# d f(a) / da
+RULES: dict[str, Callable[[Expression], Expression]] = {
+    "sin": lambda a: apply("cos", a),
+    "cos": lambda a: -apply("sin", a),
+    "tan": lambda a: 1.0 + apply("tan", a) ** 2,
+    "arcsin": lambda a: 1.0 / apply("sqrt", 1.0 - a**2),
+    "arccos": lambda a: -1.0 / apply("sqrt", 1.0 - a**2),
+    "arctan": lambda a: 1.0 / (1.0 + a**2),
+    "sinh": lambda a: apply("cosh", a),
+    "cosh": lambda a: apply("sinh", a),
+    "tanh": lambda a: 1.0 - apply("tanh", a) ** 2,
+    "exp": lambda a: apply("exp", a),
+    "log": lambda a: 1.0 / a,
+    "sqrt": lambda a: 0.5 / apply("sqrt", a),
+    "abs": lambda a: apply("sign", a),
+    "sign": lambda a: constant(0.0),
+}
+
+
+def _differentiate(node: Expression, name: str) -> Expression:
+    if node.op == "variable":
+        return constant(1.0 if node.value == name else 0.0)
+    if node.op == "constant":
+        return constant(0.0)
+    if node.op == "opaque":
+        function, orders = node.value
+        if name not in COORDINATES:
+            return constant(0.0)
+        return opaque(function, raised(orders, COORDINATES.index(name)))
+    slopes = [argument.derivative(name) for argument in node.args]
+    if node.op == "+":
+        return slopes[0] + slopes[1]
+    if node.op == "-":
+        return slopes[0] - slopes[1]
+    a = node.args[0]
+    if node.op == "*":
+        return slopes[0] * node.args[1] + a * slopes[1]
+    if node.op == "/":
+        return (slopes[0] - node * slopes[1]) / node.args[1]
+    if node.op == "**":
+        b = node.args[1]
+        if b.op == "constant":
+            return b * a ** (b - 1.0) * slopes[0]
+        return node * (slopes[1] * apply("log", a) + b * slopes[0] / a)
+    if _is(slopes[0], 0.0):
+        return slopes[0]
+    return RULES[node.op](a) * slopes[0]
+
+
+def _parsed(tree: ast.expr, text: str, name: str) -> Expression:
+    operators: dict[type, Callable[[Expression, Expression], Expression]] = {
+        ast.Add: _add,
+        ast.Sub: _subtract,
+        ast.Mult: _multiply,
+        ast.Div: _divide,
+        ast.Pow: _power,
+    }
+    if isinstance(tree, ast.Constant) and isinstance(tree.value, int | float):
+        return constant(tree.value)
+    if isinstance(tree, ast.Name):
+        if tree.id in _CONSTANTS:
+            return constant(_CONSTANTS[tree.id])
+        known = _ALIASES.get(tree.id, tree.id)
+        if known in COORDINATES:
+            return variable(known)
+        raise InputError(f"{name}: {tree.id!r} in {text!r} is none of x1, x2, x3, t, pi, e")
+    if isinstance(tree, ast.BinOp) and type(tree.op) in operators:
+        left, right = _parsed(tree.left, text, name), _parsed(tree.right, text, name)
+        return operators[type(tree.op)](left, right)
+    if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub | ast.UAdd):
+        inner = _parsed(tree.operand, text, name)
+        return -inner if isinstance(tree.op, ast.USub) else inner
+    if isinstance(tree, ast.Call) and isinstance(tree.func, ast.Name) and not tree.keywords:
+        if tree.func.id in RULES and len(tree.args) == 1:
+            return apply(tree.func.id, _parsed(tree.args[0], text, name))
+        raise InputError(
+            f"{name}: {tree.func.id!r} in {text!r} is no known function of one argument; "
+            f"known are {', '.join(RULES)}"
+        )
+    raise InputError(f"{name}: {ast.unparse(tree)!r} in {text!r} is not arithmetic")

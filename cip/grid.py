@@ -1,0 +1,214 @@
+"""Tensor-product grids of nodes in one, two and three dimensions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cip.errors import InputError
+
+Array = NDArray[np.float64]
+_UNIFORM = 1e-12
+AXES = ("x", "y", "z")
+
+
+class Grid:
+    """Nodes of a box, uniform or not, periodic or not in each direction.
+
+    Parameters
+    ----------
+    bounds : (low, high), or one such pair for each direction
+        Ends of the box.
+    shape : int, or one for each direction
+        Number of cells, at least 4 each. A periodic direction has as many nodes as cells (the last
+        node is the first again), another one node more.
+    periodic : bool, or one for each direction
+
+    Attributes
+    ----------
+    dim : int
+    cells : tuple of int
+        Number of cells in each direction.
+    nodes : tuple of int
+        Number of nodes in each direction: the shape of nodal arrays.
+    coordinates : tuple of ndarray
+        Coordinates of the nodes in each direction.
+    widths : tuple of ndarray
+        Widths of the cells in each direction.
+    periodic, uniform : tuple of bool
+
+    Examples
+    --------
+    >>> from cip import Grid
+    >>> grid = Grid((-2, 2), 200)
+    >>> grid.nodes, grid.spacing
+    ((201,), (0.02,))
+    >>> Grid([(0, 1), (0, 2)], (10, 20), periodic=True).nodes
+    (10, 20)
+    """
+
+    def __init__(
+        self, bounds: ArrayLike, shape: int | Sequence[int], periodic: bool | Sequence[bool] = False
+    ) -> None:
+        counts = np.atleast_1d(np.asarray(shape))
+        if counts.ndim != 1 or counts.size not in (1, 2, 3) or counts.dtype.kind not in "iu":
+            raise InputError(f"shape: expected 1 to 3 whole numbers of cells, got {shape!r}")
+        try:
+            box = np.asarray(bounds, dtype=float)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"bounds: expected pairs (low, high), got {bounds!r}") from error
+        if box.shape == (2,):
+            box = np.tile(box, (counts.size, 1))
+        if box.shape != (counts.size, 2):
+            raise InputError(
+                f"bounds: expected {counts.size} pairs (low, high) for shape {shape!r}, "
+                f"got shape {box.shape}"
+            )
+        if not np.isfinite(box).all() or np.any(box[:, 1] <= box[:, 0]):
+            raise InputError(f"bounds: each low must be finite and below its high, got {bounds!r}")
+        if counts.min() < 4:
+            raise InputError(f"shape: expected at least 4 cells in each direction, got {shape!r}")
+        lines = [
+            np.linspace(float(pair[0]), float(pair[1]), int(n) + 1)
+            for pair, n in zip(box, counts, strict=True)
+        ]
+        self._set(lines, periodic)
+
+    @classmethod
+    def from_coordinates(
+        cls,
+        x: ArrayLike,
+        y: ArrayLike | None = None,
+        z: ArrayLike | None = None,
+        periodic: bool | Sequence[bool] = False,
+    ) -> Grid:
+        """The grid through given coordinates, both ends of the box included.
+
+        Parameters
+        ----------
+        x, y, z : array_like
+            Strictly increasing coordinates, at least 5 in each direction; in a periodic direction
+            the last one is the image of the first.
+        periodic : bool, or one for each direction
+        """
+        if y is None and z is not None:
+            raise InputError("z: given without y")
+        lines = []
+        for name, value in zip(AXES, (x, y, z), strict=True):
+            if value is None:
+                continue
+            try:
+                line = np.array(value, dtype=float)
+            except (TypeError, ValueError) as error:
+                raise InputError(f"{name}: expected numbers, got {value!r}") from error
+            if line.ndim != 1 or line.size < 5 or not np.isfinite(line).all():
+                raise InputError(
+                    f"{name}: expected at least 5 finite coordinates in one row, got shape "
+                    f"{line.shape}"
+                )
+            if np.any(np.diff(line) <= 0):
+                at = int(np.argmax(np.diff(line) <= 0))
+                raise InputError(
+                    f"{name}: coordinates must increase, but the spacing after node {at} is "
+                    f"{np.diff(line)[at]:.3g}"
+                )
+            lines.append(line)
+        grid = object.__new__(cls)
+        grid._set(lines, periodic)
+        return grid
+
+    def _set(self, lines: list[Array], periodic: bool | Sequence[bool]) -> None:
+        flags = np.atleast_1d(np.asarray(periodic))
+        if flags.dtype != bool or flags.shape not in ((1,), (len(lines),)):
+            raise InputError(
+                f"periodic: expected True or False for each of {len(lines)} directions, "
+                f"got {periodic!r}"
+            )
+        self.dim = len(lines)
+        self.periodic = tuple(bool(flag) for flag in np.broadcast_to(flags, (self.dim,)))
+        self.edges = tuple(lines)
+        self.cells = tuple(line.size - 1 for line in lines)
+        self.nodes = tuple(n + (not p) for n, p in zip(self.cells, self.periodic, strict=True))
+        self.coordinates = tuple(line[:n] for line, n in zip(lines, self.nodes, strict=True))
+        widths = [np.diff(line) for line in lines]
+        self.uniform = tuple(
+            bool(np.ptp(width) <= _UNIFORM * np.abs(line).max())
+            for width, line in zip(widths, lines, strict=True)
+        )
+        self.widths = tuple(
+            np.full(width.size, (line[-1] - line[0]) / width.size) if uniform else width
+            for width, line, uniform in zip(widths, lines, self.uniform, strict=True)
+        )
+
+    def __repr__(self) -> str:
+        box = ", ".join(f"[{line[0]:g}, {line[-1]:g}]" for line in self.edges)
+        return f"Grid({box}, cells={self.cells}, periodic={self.periodic})"
+
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        return int(np.prod(self.nodes))
+
+    @property
+    def bounds(self) -> tuple[tuple[float, float], ...]:
+        """Ends of the box in each direction."""
+        return tuple((float(line[0]), float(line[-1])) for line in self.edges)
+
+    @property
+    def spacing(self) -> tuple[float, ...]:
+        """Smallest cell width in each direction."""
+        return tuple(float(width.min()) for width in self.widths)
+
+    @property
+    def weights(self) -> Array:
+        """Weight of each node in sums over the grid: its share of the adjacent cells.
+
+        On a uniform periodic grid it is h (h^dim) at every node; at an end that is not periodic it
+        is half a cell.
+        """
+        result: Array = np.ones(())
+        for width, periodic in zip(self.widths, self.periodic, strict=True):
+            if periodic:
+                share = 0.5 * (width + np.roll(width, 1))
+            else:
+                share = 0.5 * (np.append(width, 0.0) + np.append(0.0, width))
+            result = result[..., None] * share
+        return result
+
+    def mesh(self) -> tuple[Array, ...]:
+        """Coordinates of all nodes, one array of shape `nodes` for each direction."""
+        return tuple(np.meshgrid(*self.coordinates, indexing="ij"))
+
+    def index_displacement(self, axis: int, start: Array, shift: Array, index: Any) -> Array:
+        """How many cells (whole and fraction) a point at start + shift lies from node `index`.
+
+        Parameters
+        ----------
+        axis : int
+        start : ndarray
+            Coordinate of the node.
+        shift : ndarray
+            Where the point lies from there; never wrapped into the period.
+        index : ndarray of int
+        """
+        line, cells = self.edges[axis], self.cells[axis]
+        if self.uniform[axis]:
+            return shift / self.widths[axis][0]
+        point, turns = start + shift, np.zeros_like(shift)
+        if self.periodic[axis]:
+            length = line[-1] - line[0]
+            turns = np.floor((point - line[0]) / length)
+            point = point - turns * length
+        k = np.clip(np.searchsorted(line, point, side="right") - 1, 0, cells - 1)
+        result = turns * cells + k + (point - line[k]) / self.widths[axis][k] - index
+        return np.where(shift == 0.0, 0.0, result)
+
+
+def node_name(grid: Grid, flat: int) -> str:
+    """Indices and coordinates of a node, for messages."""
+    place = np.unravel_index(int(flat), grid.nodes)
+    point = ", ".join(f"{line[i]:.6g}" for line, i in zip(grid.coordinates, place, strict=True))
+    return f"node {tuple(int(i) for i in place)} at ({point})"

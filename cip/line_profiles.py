@@ -1,0 +1,186 @@
+r"""Profiles on one cell of a line from values and slopes; kernels for CPU and device.
+
+With s in [0, 1] across the cell, end values a, b, d = b - a, and slopes times the width va, vb:
+
+* cubic Hermite: :math:`F = a + d s + s (1-s) [(va - d)(1-s) - (vb - d) s]`;
+* piecewise linear (King 2012, (2.17)-(2.21), signs and pairing of min and max corrected): the two
+  tangents where they cross inside the cell, the chord where they do not;
+* rational (Xiao, Yabe and Ito, Comput. Phys. Commun. 93, 1996, 1-12): in cells whose end slopes
+  differ in sign, convex or concave throughout;
+* quintic Hermite from second derivatives too.
+"""
+
+from __future__ import annotations
+
+from math import floor
+
+from cip.jit import Array, Index, Real, kernel
+
+
+@kernel
+def locate(i: Index, d: Real, n: Index, periodic: Index) -> tuple[Index, Index, Real]:
+    """Cell (left and right node) and place in it of the foot d cells from node i."""
+    f = floor(d)
+    s = d - f
+    k = i + f
+    if periodic == 1:
+        if k < 0 or k >= n:
+            k = k % n
+        r = k + 1
+        if r == n:
+            r = 0
+    else:
+        if k < 0:
+            k = 0
+            s = 0.0
+        if k > n - 2:
+            k = n - 2
+            s = 1.0
+        r = k + 1
+    return k, r, s
+
+
+@kernel
+def cubic(a: Real, b: Real, va: Real, vb: Real, s: Real) -> tuple[Real, Real]:
+    """Value and derivative in s of the cubic Hermite profile."""
+    d = b - a
+    r = 1.0 - s
+    p = va - d
+    q = vb - d
+    e = p * r - q * s
+    return a + s * (d + r * e), d + (r - s) * e - s * r * (p + q)
+
+
+@kernel
+def cubic_second(a: Real, b: Real, va: Real, vb: Real, s: Real) -> Real:
+    """Second derivative in s of the cubic Hermite profile."""
+    d = b - a
+    return 6.0 * s * (va + vb - 2.0 * d) + 2.0 * (3.0 * d - 2.0 * va - vb)
+
+
+@kernel
+def tangents(a: Real, b: Real, va: Real, vb: Real, s: Real, d: Real) -> tuple[Real, Real]:
+    """Value and slope of the piecewise linear profile; d breaks a tie at the kink.
+
+    Where the tangents cross inside the cell, the left one holds before and the right one after the
+    kink: the lower envelope where the slopes decrease, the upper one where they increase. At the
+    kink the tangent from which the flow comes holds.
+    """
+    e0 = vb - (b - a)
+    e1 = va - (b - a)
+    if s <= 0.0:
+        return a, va
+    if s >= 1.0:
+        return b, vb
+    if e0 * e1 > 0.0 or (e0 == 0.0 and e1 == 0.0):
+        return a + s * (b - a), b - a
+    side = e0 + s * (e1 - e0)
+    if e0 == 0.0:
+        side = -e1
+    else:
+        side = side * e0
+    if side > 0.0 or (side == 0.0 and d < 0.0):
+        return a + va * s, va
+    return b - vb * (1.0 - s), vb
+
+
+@kernel
+def rational(a: Real, b: Real, va: Real, vb: Real, s: Real) -> tuple[Real, Real]:
+    """Value and derivative in s; the cubic where the end slopes agree in sign."""
+    d = b - a
+    low = abs(vb - d)
+    if va * vb >= 0.0 or low == 0.0 or va == d:
+        return cubic(a, b, va, vb, s)
+    beta = abs(va - d) / low - 1.0
+    c3 = va - d + (vb - d) * (1.0 + beta)
+    c2 = d * beta + d - va - c3
+    c1 = va + a * beta
+    bottom = 1.0 + beta * s
+    value = (a + s * (c1 + s * (c2 + s * c3))) / bottom
+    return value, (c1 + s * (2.0 * c2 + 3.0 * s * c3) - value * beta) / bottom
+
+
+@kernel
+def quintic(
+    a: Real, b: Real, va: Real, vb: Real, wa: Real, wb: Real, s: Real
+) -> tuple[Real, Real, Real, Real]:
+    """Value and three derivatives in s; wa, wb are half the second derivatives in s at the ends."""
+    A = b - a - va - wa
+    B = vb - va - 2.0 * wa
+    C = wb - wa
+    c3 = 10.0 * A - 4.0 * B + C
+    c4 = -15.0 * A + 7.0 * B - 2.0 * C
+    c5 = 6.0 * A - 3.0 * B + C
+    value = a + s * (va + s * (wa + s * (c3 + s * (c4 + s * c5))))
+    first = va + s * (2.0 * wa + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))
+    second = 2.0 * wa + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))
+    third = 6.0 * c3 + s * (24.0 * c4 + s * 60.0 * c5)
+    return value, first, second, third
+
+
+@kernel
+def rough(
+    m: Array, h: Array, base: Index, stride: Index, n: Index, periodic: Index,
+    k: Index, r: Index, a: Real, b: Real, va: Real, vb: Real,
+) -> Index:  # fmt: skip
+    r"""Whether the data of a cell is no smooth function: the essentially non-oscillatory choice.
+
+    The cubic's third difference |va + vb - 2 d| is compared with a tenth of the jumps here and in
+    the neighbouring cells: on smooth data it is O(h^3) and the jumps O(h).
+    """
+    d = b - a
+    left = d
+    right = d
+    cells = n - 1 + periodic
+    if k > 0 or periodic == 1:
+        p = k - 1
+        if p < 0:
+            p = n - 1
+        left = (a - m[base + p * stride]) * h[k] / h[p]
+    if r < n - 1 or periodic == 1:
+        q = r + 1
+        if q >= n:
+            q = 0
+        right = (m[base + q * stride] - b) * h[k] / h[r % cells]
+    if abs(va + vb - 2.0 * d) > 0.1 * (abs(d) + abs(left) + abs(right)):
+        return 1
+    return 0
+
+
+@kernel
+def lagrange(
+    m: Array, h: Array, base: Index, stride: Index, n: Index, periodic: Index, k: Index, s: Real
+) -> tuple[Real, Real]:
+    """Value and slope (per length) of the cubic through the four nodes around a cell."""
+    first = k - 1
+    cells = n
+    if periodic == 0:
+        cells = n - 1
+        if first < 0:
+            first = 0
+        if first > n - 4:
+            first = n - 4
+    x = s * h[k]
+    x0 = 0.0
+    for q in range(first, k):
+        x0 = x0 - h[q % cells]
+    x1 = x0 + h[first % cells]
+    x2 = x1 + h[(first + 1) % cells]
+    x3 = x2 + h[(first + 2) % cells]
+    f0 = m[base + (first % n) * stride]
+    f1 = m[base + ((first + 1) % n) * stride]
+    f2 = m[base + ((first + 2) % n) * stride]
+    f3 = m[base + ((first + 3) % n) * stride]
+    # Newton's divided differences.
+    f01 = (f1 - f0) / (x1 - x0)
+    f12 = (f2 - f1) / (x2 - x1)
+    f23 = (f3 - f2) / (x3 - x2)
+    f012 = (f12 - f01) / (x2 - x0)
+    f123 = (f23 - f12) / (x3 - x1)
+    f0123 = (f123 - f012) / (x3 - x0)
+    y0 = x - x0
+    y1 = x - x1
+    y2 = x - x2
+    value = f0 + y0 * (f01 + y1 * (f012 + y2 * f0123))
+    slope = f01 + (y0 + y1) * f012 + (y0 * y1 + y0 * y2 + y1 * y2) * f0123
+    return value, slope

@@ -1,0 +1,155 @@
+r"""Direct two-dimensional updates with Adini's and the bicubic profile: kernels for CPU and device.
+
+With the foot X of a node and G = dX/dx, the new field is :math:`\phi(X)` and its gradient
+:math:`G^T \nabla\phi(X)` (King 2012, (3.11): his inverse is G^T); for advection both carry
+E = det G and its derivatives ((3.14) and (3.19), where the printed y3 p is p / y3).
+
+Adini's profile is the Boolean sum of cubic and linear interpolation, exact for cubics,
+:math:`\phi = H_x L_y + L_x H_y - L_x L_y`; with the bubbles of the four edges
+:math:`\beta = s (1-s) [(va - d)(1-s) - (vb - d) s]` it is the bilinear interpolant plus
+:math:`(1-t) \beta_0 + t \beta_1 + (1-s) \beta_2 + s \beta_3`.
+
+Moments u, u_x, u_y (, u_xy); feet X, Y, X_x, X_y, Y_x, Y_y (bicubic: X_xy, Y_xy), for advection
+E, E_x, E_y (bicubic: E_xy).
+"""
+
+from __future__ import annotations
+
+from cip.jit import Array, Index, Out, Real, kernel
+from cip.line_profiles import cubic, cubic_second, locate
+
+
+@kernel
+def bubble(d: Real, va: Real, vb: Real, s: Real) -> tuple[Real, Real]:
+    """What the cubic with end slopes adds to the chord, and its derivative."""
+    r = 1.0 - s
+    p = va - d
+    q = vb - d
+    e = p * r - q * s
+    return s * r * e, (r - s) * e - s * r * (p + q)
+
+
+@kernel
+def node_adini(
+    m: Array, out: Out, feet: Array, hx: Array, hy: Array, size: Index, o: Index,
+    i: Index, j: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
+) -> None:  # fmt: skip
+    """Adini's profile of u, u_x, u_y."""
+    k, kr, s = locate(i, feet[o], nx, px)
+    l, lr, t = locate(j, feet[size + o], ny, py)
+    c00 = k * ny + l
+    c10 = kr * ny + l
+    c01 = k * ny + lr
+    c11 = kr * ny + lr
+    a = hx[k]
+    b = hy[l]
+    u00 = m[c00]
+    u10 = m[c10]
+    u01 = m[c01]
+    u11 = m[c11]
+    ux = size
+    uy = 2 * size
+    d0 = u10 - u00
+    d1 = u11 - u01
+    e0 = u01 - u00
+    e1 = u11 - u10
+    b0, db0 = bubble(d0, a * m[ux + c00], a * m[ux + c10], s)
+    b1, db1 = bubble(d1, a * m[ux + c01], a * m[ux + c11], s)
+    b2, db2 = bubble(e0, b * m[uy + c00], b * m[uy + c01], t)
+    b3, db3 = bubble(e1, b * m[uy + c10], b * m[uy + c11], t)
+    value = u00 + s * d0 + t * (e0 + s * (d1 - d0)) + b0 + t * (b1 - b0) + b2 + s * (b3 - b2)
+    fx = (d0 + t * (d1 - d0) + db0 + t * (db1 - db0) + b3 - b2) / a
+    fy = (e0 + s * (e1 - e0) + db2 + s * (db3 - db2) + b1 - b0) / b
+    if limiter == 1:
+        low = min(min(u00, u10), min(u01, u11))
+        high = max(max(u00, u10), max(u01, u11))
+        value = min(max(value, low), high)
+    gx = feet[2 * size + o] * fx + feet[4 * size + o] * fy
+    gy = feet[3 * size + o] * fx + feet[5 * size + o] * fy
+    if advect == 1:
+        E = feet[6 * size + o]
+        gx = E * gx + feet[7 * size + o] * value
+        gy = E * gy + feet[8 * size + o] * value
+        value = E * value
+    out[o] = value
+    out[ux + o] = gx
+    out[uy + o] = gy
+
+
+@kernel
+def node_bicubic(
+    m: Array, out: Out, feet: Array, hx: Array, hy: Array, size: Index, o: Index,
+    i: Index, j: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
+) -> None:  # fmt: skip
+    """Bicubic Hermite profile of u, u_x, u_y, u_xy: along x on both edges, then along y."""
+    k, kr, s = locate(i, feet[o], nx, px)
+    l, lr, t = locate(j, feet[size + o], ny, py)
+    c00 = k * ny + l
+    c10 = kr * ny + l
+    c01 = k * ny + lr
+    c11 = kr * ny + lr
+    a = hx[k]
+    b = hy[l]
+    ab = a * b
+    ux = size
+    uy = 2 * size
+    w = 3 * size
+    u00 = m[c00]
+    u10 = m[c10]
+    u01 = m[c01]
+    u11 = m[c11]
+    p0 = a * m[ux + c00]
+    p1 = a * m[ux + c10]
+    p2 = a * m[ux + c01]
+    p3 = a * m[ux + c11]
+    q0 = b * m[uy + c00]
+    q1 = b * m[uy + c10]
+    q2 = b * m[uy + c01]
+    q3 = b * m[uy + c11]
+    w0 = ab * m[w + c00]
+    w1 = ab * m[w + c10]
+    w2 = ab * m[w + c01]
+    w3 = ab * m[w + c11]
+    low, low1 = cubic(u00, u10, p0, p1, s)
+    top, top1 = cubic(u01, u11, p2, p3, s)
+    lowt, lowt1 = cubic(q0, q1, w0, w1, s)
+    topt, topt1 = cubic(q2, q3, w2, w3, s)
+    value, ft = cubic(low, top, lowt, topt, t)
+    ftt = cubic_second(low, top, lowt, topt, t)
+    fs, fst = cubic(low1, top1, lowt1, topt1, t)
+    low2 = cubic_second(u00, u10, p0, p1, s)
+    top2 = cubic_second(u01, u11, p2, p3, s)
+    lowt2 = cubic_second(q0, q1, w0, w1, s)
+    topt2 = cubic_second(q2, q3, w2, w3, s)
+    fss, _slope = cubic(low2, top2, lowt2, topt2, t)
+    if limiter == 1:
+        least = min(min(u00, u10), min(u01, u11))
+        most = max(max(u00, u10), max(u01, u11))
+        value = min(max(value, least), most)
+    fx = fs / a
+    fy = ft / b
+    fxx = fss / (a * a)
+    fxy = fst / ab
+    fyy = ftt / (b * b)
+    g11 = feet[2 * size + o]
+    g12 = feet[3 * size + o]
+    g21 = feet[4 * size + o]
+    g22 = feet[5 * size + o]
+    vx = g11 * fx + g21 * fy
+    vy = g12 * fx + g22 * fy
+    vxy = (
+        g11 * g12 * fxx + (g11 * g22 + g21 * g12) * fxy + g21 * g22 * fyy
+        + feet[6 * size + o] * fx + feet[7 * size + o] * fy
+    )  # fmt: skip
+    if advect == 1:
+        E = feet[8 * size + o]
+        Ex = feet[9 * size + o]
+        Ey = feet[10 * size + o]
+        vxy = E * vxy + Ex * vy + Ey * vx + feet[11 * size + o] * value
+        vx = E * vx + Ex * value
+        vy = E * vy + Ey * value
+        value = E * value
+    out[o] = value
+    out[ux + o] = vx
+    out[uy + o] = vy
+    out[w + o] = vxy

@@ -1,0 +1,89 @@
+"""The time loop: steps that land exactly on every output time."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cip.errors import CipError, InputError
+from cip.state import State
+from cip.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from cip.solver import Solver
+
+_log = logging.getLogger(__name__)
+# A remainder below this part of dt is rounding of the times, no step of its own.
+_NO_STEP = 1e-9
+
+
+def run(
+    solver: Solver,
+    state: State,
+    t_end: float,
+    dt: float,
+    snapshots: int | Sequence[float] | None,
+    callback: Callable[[State], Any] | None,
+    progress: bool,
+) -> Trajectory:
+    """See `Solver.run`."""
+    times = output_times(state.t, t_end, snapshots)
+    kernels = solver._kernels
+    state = kernels.place(state)
+    kept = [state.host()]
+    trajectory = Trajectory(tuple(kept), solver, dt)
+    try:
+        for target in times:
+            start = state.t
+            count = max(1, int(np.ceil((target - start) / dt - _NO_STEP)))
+            for k in range(count):
+                last = k == count - 1
+                length = target - (start + k * dt) if last else dt
+                if abs(length - dt) <= _NO_STEP * dt:
+                    length = dt
+                data = solver._advance(state, length).data
+                t = target if last else start + (k + 1) * dt
+                state = State(solver.grid, solver.profile, data, t)
+                if callback is not None:
+                    callback(state)
+            kept.append(state.host().require_finite())
+            trajectory = Trajectory(tuple(kept), solver, dt)
+            if progress:
+                _log.info("t = %.6g of %.6g, mass %.12g", state.t, times[-1], kept[-1].mass)
+    except (KeyboardInterrupt, StopIteration):
+        if state.t > kept[-1].t:
+            kept.append(state.host().require_finite())
+        return Trajectory(tuple(kept), solver, dt, interrupted=True)
+    except CipError as error:
+        error.trajectory = trajectory  # type: ignore[attr-defined]
+        raise
+    return trajectory
+
+
+def output_times(t: float, t_end: float, snapshots: int | Sequence[float] | None) -> list[float]:
+    """Times after t at which the run lands, the last one `t_end`."""
+    try:
+        end = float(t_end)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"t_end: expected a time, got {t_end!r}") from error
+    if not np.isfinite(end) or end <= t:
+        raise InputError(f"t_end: expected a time after t = {t:.6g}, got {t_end!r}")
+    if snapshots is None:
+        return [end]
+    if isinstance(snapshots, int | np.integer) and not isinstance(snapshots, bool):
+        if snapshots < 1:
+            raise InputError(f"snapshots: expected at least 1 interval, got {snapshots}")
+        return [float(time) for time in np.linspace(t, end, int(snapshots) + 1)[1:]]
+    try:
+        times = np.asarray(snapshots, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"snapshots: expected a number or times, got {snapshots!r}") from error
+    if times.ndim != 1 or not np.isfinite(times).all() or np.any(np.diff(times) <= 0):
+        raise InputError(f"snapshots: expected increasing times, got {snapshots!r}")
+    if times.size and not (t <= times[0] and times[-1] <= end):
+        raise InputError(f"snapshots: expected times from {t:.6g} to {end:.6g}, got {snapshots!r}")
+    inner = [float(time) for time in times if t < time < end]
+    return [*inner, end]

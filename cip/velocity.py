@@ -1,0 +1,202 @@
+"""Velocity fields with exact derivatives where a formula is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from cip.errors import InputError
+from cip.expression import COORDINATES, parse, raised, traced
+from cip.formula import Formula, Orders, spline
+from cip.grid import Grid
+
+_ORDERS: tuple[Orders, ...] = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0))
+
+
+class Velocity:
+    """The velocity c of u_t + c . grad u = 0 or p_t + div(c p) = 0.
+
+    Parameters
+    ----------
+    c : callable, array_like, or a sequence of these
+        A callable takes the coordinates as arrays, ``c(x1, x2)``, and t last if not `steady`; it
+        returns one array for each component. A callable that is plain arithmetic of NumPy
+        functions is traced once: its derivatives are exact and it is compiled for CPU and GPU.
+        Any other callable is used by its values. Arrays are nodal values, one for each component,
+        interpolated by quintic splines; they are steady.
+    jacobian : callable, optional
+        ``jacobian(x1, x2)[i][k]`` = dc_i / dx_k, for callables that cannot be traced; default
+        sixth-order differences.
+    hessian : callable, optional
+        ``hessian(x1, x2)[i][k][l]``, likewise.
+    steady : bool
+        Whether c does not depend on t.
+
+    Raises
+    ------
+    InputError
+        Naming what is wrong with an argument.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cip import Velocity
+    >>> Velocity(lambda x: x - x**3).exact
+    True
+    >>> swirl = Velocity.from_expression("sin(pi*x1)**2 * sin(2*pi*x2) * cos(pi*t)", "0")
+    >>> swirl.dim, swirl.steady
+    (2, False)
+    """
+
+    def __init__(
+        self,
+        c: Any,
+        jacobian: Callable[..., Any] | None = None,
+        hessian: Callable[..., Any] | None = None,
+        steady: bool = True,
+    ) -> None:
+        self._c, self._jacobian, self._hessian = c, jacobian, hessian
+        self.steady = bool(steady)
+        self._formulas: tuple[Formula, ...] | None = None
+        for name, value in {"jacobian": jacobian, "hessian": hessian}.items():
+            if value is not None and not (callable(value) and callable(c)):
+                raise InputError(f"{name}: expected a callable beside a callable c, got {value!r}")
+        if callable(c):
+            self.dim = 0  # known when a grid is
+        elif isinstance(c, str):
+            raise InputError("c: for a text use Velocity.from_expression")
+        else:
+            parts = _components(c)
+            self.dim = len(parts)
+            if not steady and any(not callable(part) for part in parts):
+                raise InputError("steady: velocities given by arrays are steady")
+
+    @classmethod
+    def from_expression(cls, *components: str | float) -> Velocity:
+        """The velocity with these formulas in x1, x2, x3 (or x, y, z) and t as components.
+
+        Parameters
+        ----------
+        *components : str or float
+            One for each direction, for instance ``"x2", "-x1"``.
+        """
+        if not 1 <= len(components) <= 3:
+            raise InputError(f"components: expected 1 to 3 formulas, got {len(components)}")
+        self = cls([0.0] * len(components))
+        formulas = []
+        for q, text in enumerate(components):
+            expression = parse(text if isinstance(text, str) else repr(text), f"component {q + 1}")
+            formulas.append(Formula(expression, len(components)))
+            if expression.variables() - {*COORDINATES[: len(components)], "t"}:
+                raise InputError(
+                    f"component {q + 1}: {text!r} holds a coordinate beyond x{len(components)}"
+                )
+        self._formulas = tuple(formulas)
+        self.steady = all(formula.steady for formula in formulas)
+        return self
+
+    @property
+    def exact(self) -> bool:
+        """Whether every component is a formula; in 1-D for a callable before it meets a grid."""
+        formulas = self._formulas or _traced(self._c, max(self.dim, 1), not self.steady)
+        return formulas is not None and all(formula.exact for formula in formulas)
+
+    def on(self, grid: Grid) -> tuple[Formula, ...]:
+        """One `Formula` for each component on this grid."""
+        if self._formulas is not None:
+            return self._check(self._formulas, grid)
+        if callable(self._c):
+            formulas = _traced(self._c, grid.dim, not self.steady)
+            return self._check(formulas or self._by_values(grid.dim), grid)
+        parts = _components(self._c)
+        if len(parts) != grid.dim:
+            raise InputError(
+                f"velocity: {len(parts)} components on a grid of {grid.dim} directions"
+            )
+        return tuple(
+            Formula.of(part, grid.dim, f"c{q + 1}", not self.steady)
+            if callable(part) or isinstance(part, str) or np.ndim(part) == 0
+            else spline(part, grid, f"c{q + 1}")
+            for q, part in enumerate(parts)
+        )
+
+    def _check(self, formulas: tuple[Formula, ...], grid: Grid) -> tuple[Formula, ...]:
+        if len(formulas) != grid.dim:
+            raise InputError(
+                f"velocity: {len(formulas)} components on a grid of {grid.dim} directions"
+            )
+        return formulas
+
+    def _by_values(self, dim: int) -> tuple[Formula, ...]:
+        def part(q: int) -> Callable[..., Any]:
+            def values(*point: Any) -> Any:
+                result = self._c(*point)
+                parts = (result,) if dim == 1 and np.ndim(result) <= np.ndim(point[0]) else result
+                if len(parts) != dim:
+                    raise InputError(f"c: returned {len(parts)} components, expected {dim}")
+                return parts[q]
+
+            return values
+
+        def entry(function: Callable[..., Any], *place: int) -> Callable[..., Any]:
+            def values(*point: Any) -> Any:
+                result = function(*point)
+                if dim == 1 and np.ndim(result) <= np.ndim(point[0]):
+                    return result
+                for q in place:
+                    result = result[q]
+                return result
+
+            return values
+
+        formulas = []
+        for q in range(dim):
+            known: dict[Orders, Callable[..., Any]] = {}
+            for k in range(dim):
+                if self._jacobian is not None:
+                    known[_ORDERS[k]] = entry(self._jacobian, q, k)
+                for l in range(k, dim):
+                    if self._hessian is not None:
+                        known[raised(_ORDERS[k], l)] = entry(self._hessian, q, k, l)
+            formulas.append(Formula.by_values(part(q), dim, f"c{q + 1}", not self.steady, known))
+        return tuple(formulas)
+
+
+def _components(c: Any) -> list[Any]:
+    if isinstance(c, np.ndarray):
+        return [c] if c.ndim == 1 or c.ndim != len(c) + 1 else list(c)
+    if isinstance(c, Sequence):
+        if all(np.ndim(part) == 0 and not callable(part) for part in c) and len(c) > 3:
+            return [np.asarray(c)]
+        if not 1 <= len(c) <= 3:
+            raise InputError(f"c: expected 1 to 3 components, got {len(c)}")
+        return list(c)
+    if np.ndim(c) == 0 and isinstance(c, int | float):
+        return [c]
+    raise InputError(f"c: expected a callable or arrays, got {type(c).__name__}")
+
+
+def _traced(c: Any, dim: int, time: bool) -> tuple[Formula, ...] | None:
+    if not callable(c):
+        return None
+    names = [*COORDINATES[:dim], *(["t"] if time else [])]
+    formulas = []
+    for q in range(dim):
+
+        def part(*point: Any, q: int = q) -> Any:
+            result = c(*point)
+            if isinstance(result, tuple | list | np.ndarray) and np.ndim(result) == 1:
+                if len(result) != dim:
+                    raise TypeError("wrong number of components")
+                return result[q]
+            if dim > 1:
+                raise TypeError("one component only")
+            return result
+
+        expression = traced(part, names)
+        if expression is None:
+            return None
+        formulas.append(Formula(expression, dim))
+    return tuple(formulas)

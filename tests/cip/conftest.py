@@ -1,0 +1,5 @@
+import sys
+from pathlib import Path
+
+# The suite imports test modules by path; `problems` lies beside them.
+sys.path.insert(0, str(Path(__file__).parent))
