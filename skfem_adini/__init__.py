@@ -1,5 +1,7 @@
 """Adini finite elements for scikit-fem."""
 
+from .cut_polygon import Polygon
+from .cut_quadrature import CutQuadrature, cut_quadrature
 from .element_hex_adini import ElementHexAdini
 from .element_quad_adini import ElementQuadAdini
 from .element_quad_bfs import ElementQuadBFS
@@ -13,6 +15,7 @@ from .errors import (
 from .essential_constraints import essential_constraints
 from .essential_dofs import essential_dofs
 from .hanging_constraints import hanging_constraints
+from .level_set import FieldLevelSet, LevelSet
 from .lowest_eigenpairs import lowest_eigenpairs
 from .near_null_space import NearNullSpace, near_null_space
 from .nodal_fields import nodal_gradient, nodal_stress, von_mises
@@ -24,16 +27,21 @@ from .uniform_solver import UniformSolver
 
 __all__ = [
     "AdiniError",
+    "CutQuadrature",
     "ElementHexAdini",
     "ElementQuadAdini",
     "ElementQuadBFS",
+    "FieldLevelSet",
     "InputError",
+    "LevelSet",
     "MissingDependency",
     "NearNullSpace",
     "NotConverged",
+    "Polygon",
     "ReducedOrderWarning",
     "RefinedEigenpair",
     "UniformSolver",
+    "cut_quadrature",
     "essential_constraints",
     "essential_dofs",
     "factorize",
