@@ -66,7 +66,7 @@ def factorize(
         For ``"amg"``: what `near_null_space` gives for the unknowns of A.
     tol
         For ``"amg"``: bound of the residual relative to the load, both in the scaled dofs,
-        recomputed from A after the iteration.
+        recomputed from A after the iteration; or the rounding of A x, where that is larger.
     max_iterations
         For ``"amg"``: of conjugate gradients.
 
