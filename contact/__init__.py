@@ -14,11 +14,13 @@ from contact.errors import (
 from contact.load_history import LoadHistory
 from contact.load_stepper import LoadStep, LoadStepper
 from contact.newton import Iteration
-from contact.obstacles import Cylinder, Parabola, Plane, SignedDistance, Sphere
+from contact.obstacles import ClosestPoint, Cylinder, Parabola, Plane, SignedDistance, Sphere
 from contact.problem import ContactProblem
 from contact.result import ContactResult, Status
+from contact.rigid import Rigid
 
 __all__ = [
+    "ClosestPoint",
     "CondensedContact",
     "ContactError",
     "ContactProblem",
@@ -36,6 +38,7 @@ __all__ = [
     "NotConverged",
     "Parabola",
     "Plane",
+    "Rigid",
     "SignedDistance",
     "Sphere",
     "Status",

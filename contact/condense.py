@@ -21,6 +21,7 @@ from contact.schur import schur_factor
 
 if TYPE_CHECKING:
     from contact.body import ElasticBody
+    from contact.rigid import ObstacleMotion
     from contact.rows import ContactRows
 
 Array = NDArray[np.float64]
@@ -148,7 +149,9 @@ class CondensedContact:
         half = solve_triangular(self._cholesky[0], self._B.T, lower=True, check_finite=False)
         W = half.T @ half
         diagonal = np.diag(W)
-        if self.rows.functional == "thesis":  # 3N + 1 rows of rank 2N + 2: see REGULARISATION
+        if "thesis" in self.rows.functional.split(
+            ","
+        ):  # 3N + 1 rows of rank 2N + 2: see REGULARISATION
             W = W + REGULARISATION * diagonal.max() * np.eye(diagonal.size)
         # One length for each point, so that its friction ball stays a ball.
         scale = np.empty(self._B.shape[0])
@@ -172,7 +175,11 @@ class CondensedContact:
         return np.where(first >= 0, self._scale[np.maximum(first, 0)], 1.0)
 
     def boundary_problem(
-        self, load: Array, gap: Array, slip_from: Array | None = None
+        self,
+        load: Array,
+        gap: Array,
+        slip_from: Array | None = None,
+        motion: ObstacleMotion | None = None,
     ) -> BoundaryProblem:
         """The dense problem for one load vector and one gap.
 
@@ -182,41 +189,60 @@ class CondensedContact:
         gap : ndarray, shape (m,)
         slip_from : ndarray, shape (m, dim - 1), optional
             Tangential displacement that counts as zero, see `ContactSystem`.
+        motion : ObstacleMotion, optional
+            Prescribed motions shift the displacements, free ones are unknowns of a.
 
         Raises
         ------
         Infeasible
             A point whose normal displacement is prescribed lies behind the obstacle.
         """
+        fixed_n, fixed_t = self._fixed_normal, self._fixed_tangent
+        if motion is not None:
+            w_n, w_t = motion.displacement(motion.prescribed)
+            fixed_n, fixed_t = fixed_n - w_n, fixed_t - w_t
+        if slip_from is not None:
+            fixed_t = fixed_t - slip_from
         prescribed = self._normal < 0
         round_off = 1e-12 * float(np.ptp(self.body.mesh.p, axis=1).max())  # of the coordinates
-        through = prescribed & (self._fixed_normal - gap > round_off)
+        through = prescribed & (fixed_n - gap > round_off)
         if np.any(through):
             i = int(np.flatnonzero(through)[0])
             raise Infeasible(
                 f"obstacle: contact point {i} at {self.rows.x_nominal[:, i]} is fixed at normal "
-                f"displacement {self._fixed_normal[i]:.6g}, beyond its gap {gap[i]:.6g}"
+                f"displacement {fixed_n[i]:.6g}, beyond its gap {gap[i]:.6g}"
             )
         reduced = self.reduce(load)
         v0 = self._B @ cho_solve(self._cholesky, reduced, check_finite=False)
         live_n, live_t = self._normal >= 0, self._tangent >= 0
-        v0[self._normal[live_n]] += self._fixed_normal[live_n]
-        v0[self._tangent[live_t]] += self._fixed_tangent[live_t]
-        fixed_tangent = self._fixed_tangent
-        if slip_from is not None:
-            v0[self._tangent[live_t]] -= slip_from[live_t]
-            fixed_tangent = fixed_tangent - slip_from
+        v0[self._normal[live_n]] += fixed_n[live_n]
+        v0[self._tangent[live_t]] += fixed_t[live_t]
         scale = self.point_scale
+        R, per_unit = self._driven(motion)
+        force = np.zeros(0) if motion is None else motion.force[motion.free]
         return BoundaryProblem(
             W=self._W,
             v0=v0 / self._scale,
-            C=self._C,
-            s=self._N.T @ reduced,
+            C=np.hstack((self._C, R)) if R.size else self._C,
+            s=np.concatenate((self._N.T @ reduced, per_unit * force)),
             gap=gap / scale,
             normal=self._normal,
             tangent=self._tangent,
-            held=fixed_tangent / scale[:, None],
+            held=fixed_t / scale[:, None],
         )
+
+    def _driven(self, motion: ObstacleMotion | None) -> tuple[Array, Array]:
+        """Columns of C for the free motions of obstacles, and physical over scaled motion."""
+        if motion is None or not np.any(motion.free):
+            return np.zeros((self._scale.size, 0)), np.zeros(0)
+        free, R = motion.free, np.zeros((self._scale.size, int(motion.free.sum())))
+        live_n, live_t = self._normal >= 0, self._tangent >= 0
+        R[self._normal[live_n]] = -motion.normal[live_n][:, free]
+        R[self._tangent[live_t]] = -motion.tangent[live_t.ravel()][:, free]
+        R /= self._scale[:, None]
+        size = np.abs(R).max(axis=0)
+        per_unit = 1.0 / np.where(size > 0, size, 1.0)
+        return R * per_unit, per_unit
 
     def recover(
         self, load: Array, problem: BoundaryProblem, forces: Forces
@@ -224,9 +250,18 @@ class CondensedContact:
         """Displacement of all dofs and physical forces: (u, mu, t)."""
         stacked = problem.forces(forces.mu, forces.t) / self._scale
         reduced = self.reduce(load) - self._B.T @ stacked
-        z_b = cho_solve(self._cholesky, reduced, check_finite=False) + self._N @ forces.a
+        of_body = forces.a[: self._N.shape[1]]
+        z_b = cho_solve(self._cholesky, reduced, check_finite=False) + self._N @ of_body
         scale = self.point_scale
         return self.expand(load, z_b), forces.mu / scale, forces.t / scale[:, None]
+
+    def obstacle_motion(self, motion: ObstacleMotion | None, forces: Forces) -> Array | None:
+        """Motions of the obstacles in physical units, prescribed and found, shape (k,)."""
+        if motion is None:
+            return None
+        found = motion.prescribed.copy()
+        found[motion.free] = self._driven(motion)[1] * forces.a[self._N.shape[1] :]
+        return found
 
     @property
     def stiffness(self) -> Array:
@@ -255,7 +290,15 @@ class CondensedContact:
 
     def not_held(self, a: Array) -> Unbounded:
         """The error that names the rigid motion a."""
-        return self._not_held(self._modes @ a)
+        k = self._modes.shape[1]
+        if np.abs(a[k:]).max(initial=0.0) > np.abs(a[:k]).max(initial=0.0):
+            return Unbounded(
+                "the obstacle is not held: contact forces cannot balance the force or moment given "
+                "to its `Rigid`; hold a component of its motion, turn the force towards the body, "
+                "or add friction",
+                np.zeros(self.body.basis.N),
+            )
+        return self._not_held(self._modes @ a[:k])
 
     def _not_held(self, motion: Array) -> Unbounded:
         u = self._T @ motion

@@ -112,6 +112,9 @@ def cross_check(
     gap, g, offset = rows.gap[usable] - G @ u0, bound[bound > 0], R @ u0
     if system.slip_from is not None:
         offset = offset - system.slip_from.ravel()[rubs]
+    if system.motion is not None and result.motion is not None:  # checked at the motion found
+        w_n, w_t = system.motion.displacement(result.motion)
+        gap, offset = gap + w_n[usable], offset - w_t.ravel()[rubs]
     if condensed:
         boundary = problem.condense()
         S, f = sparse.csr_array(boundary.stiffness), boundary.reduce(system.load)
@@ -139,7 +142,7 @@ def cross_check(
     u = boundary.expand(system.load, z) if condensed else T @ z + u0
 
     def energy(u: Array) -> float:
-        slip = np.linalg.norm(system.slip_increment(u), axis=1)
+        slip = np.linalg.norm(system.slip_increment(system.relative(u, result.motion)[1]), axis=1)
         return system.energy(u) + float(system.bound(result.mu) @ slip)
 
     ours, theirs = energy(result.u), energy(u)

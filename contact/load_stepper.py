@@ -6,7 +6,7 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -91,8 +91,7 @@ class LoadStepper:
 
     References
     ----------
-    P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, section 5.2 (incremental
-    friction laws).
+    P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, section 5.2.
 
     Examples
     --------
@@ -219,7 +218,8 @@ class LoadStepper:
         Parameters
         ----------
         of_time : callable t -> obstacle, number, array or callable
-            E.g. ``lambda t: Plane((0, -0.03 + 0.01 * t), (0, 1))``.
+            E.g. ``lambda t: Plane((0, -0.03 + 0.01 * t), (0, 1))``, or a `Rigid` whose motion or
+            force depends on t: friction then sees it move.
         """
         if not callable(of_time):
             raise InputError(f"obstacle: expected a function of time, got {of_time!r}")
@@ -312,7 +312,7 @@ class LoadStepper:
         Raises
         ------
         InputError
-            No history lies there, or that of another problem.
+            No history lies there, or another problem's.
         """
         folder = HistoryFolder.opened(Path(path))
         if folder.fingerprint != self._fingerprint():
@@ -358,15 +358,12 @@ class LoadStepper:
             f = f + _value(factor, end) * vector
         for vector, factor in self._motions:
             u0 = u0 + _value(factor, end) * vector
-        rows = problem.rows
-        if self._obstacle is not None:
-            rows = replace(rows, gap=problem.gap_rule(self._obstacle(end)))
         body = base.under(f, u0)
+        obstacle = () if self._obstacle is None else (self._obstacle(end),)
+        system = problem.system_of(body, last, *obstacle)
         condensed = problem.condense().under(body)
         try:
-            return problem.solve_system(
-                problem.system_of(body, rows, last), condensed, self.options, last
-            )
+            return problem.solve_system(system, condensed, self.options, last)
         except NotConverged:
             if halvings == 0 or last is None:
                 raise

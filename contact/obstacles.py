@@ -71,6 +71,14 @@ class Plane:
         facing = slope > 1e-12 * float(np.linalg.norm(normal))
         return np.where(facing, height / np.where(facing, slope, 1.0), np.inf)
 
+    def distance(self, x: Array) -> tuple[Array, Array]:
+        """Signed distance of x and its gradient."""
+        point, normal = _vector("point", self.point), _vector("normal", self.normal)
+        if not np.any(normal):
+            raise InputError("normal: the zero vector is no direction")
+        unit = _column(normal / np.linalg.norm(normal), x)
+        return np.sum((x - _column(point, x)) * unit, axis=0), np.broadcast_to(unit, x.shape)
+
 
 def _first_meeting(x: Array, n: Array, radius: float) -> Array:
     """Where the ray x + d n enters |x + d n| <= radius: the lesser root of a d^2 + 2 b d + c."""
@@ -109,15 +117,22 @@ class Cylinder:
     def __call__(self, x: Array, n: Array) -> Array:
         """Return the gap along n from x; both of shape (dim, ...)."""
         radius, centre = _positive("radius", self.radius), _vector("centre", self.centre)
-        x = x - _column(centre, x)
-        if x.shape[0] == 3:
-            axis = _vector("axis", self.axis)
-            if axis.size != 3 or not np.any(axis):
-                raise InputError(f"axis={self.axis!r}: expected a direction of three components")
-            unit = _column(axis / np.linalg.norm(axis), x)
-            x = x - unit * np.sum(x * unit, axis=0)
-            n = n - unit * np.sum(n * unit, axis=0)
-        return _first_meeting(x, n, radius)
+        return _first_meeting(self._across(x - _column(centre, x)), self._across(n), radius)
+
+    def _across(self, x: Array) -> Array:
+        """The part of x across the axis."""
+        if x.shape[0] == 2:
+            return x
+        axis = _vector("axis", self.axis)
+        if axis.size != 3 or not np.any(axis):
+            raise InputError(f"axis={self.axis!r}: expected a direction of three components")
+        unit = _column(axis / np.linalg.norm(axis), x)
+        return np.asarray(x - unit * np.sum(x * unit, axis=0))
+
+    def distance(self, x: Array) -> tuple[Array, Array]:
+        """Signed distance of x and its gradient."""
+        centre = _column(_vector("centre", self.centre), x)
+        return _from_centre(self._across(x - centre), _positive("radius", self.radius))
 
 
 @dataclass(frozen=True)
@@ -137,6 +152,11 @@ class Sphere:
         """Return the gap along n from x; both of shape (dim, ...)."""
         radius, centre = _positive("radius", self.radius), _vector("centre", self.centre)
         return _first_meeting(x - _column(centre, x), n, radius)
+
+    def distance(self, x: Array) -> tuple[Array, Array]:
+        """Signed distance of x and its gradient."""
+        centre = _column(_vector("centre", self.centre), x)
+        return _from_centre(x - centre, _positive("radius", self.radius))
 
 
 @dataclass(frozen=True)
@@ -188,18 +208,20 @@ class SignedDistance:
         start = self._at(x)
         sign = np.where(start < 0, -1.0, 1.0)  # inside the obstacle: go back along the ray
         reach = min(self.reach, 1e3 * float(np.ptp(x) + np.abs(start).max(initial=0.0) + 1e-300))
-        d, step = np.zeros(start.size), np.abs(start)
+        d = np.zeros(start.size)
         before = d.copy()
-        crossed = step == 0
-        for _ in range(400):
-            open_ = ~crossed & (np.abs(d) <= reach)
-            if not open_.any():
+        crossed = start == 0
+        open_ = np.flatnonzero(~crossed)
+        for _ in range(5000):  # at grazing incidence the distance shrinks slowly along the ray
+            if open_.size == 0:
                 break
+            value = self._at(x[:, open_] + d[open_] * n[:, open_])
+            met = value * sign[open_] <= 0
+            crossed[open_[met]] = True
+            open_, value = open_[~met], value[~met]
             before[open_] = d[open_]
-            stride = np.maximum(np.abs(self._at(x + d * n))[open_], 1e-6 * reach * 1e-3)
-            d[open_] += sign[open_] * stride
-            value = self._at(x + d * n)
-            crossed |= open_ & (value * sign <= 0)
+            d[open_] += sign[open_] * np.maximum(np.abs(value), 1e-9 * reach)
+            open_ = open_[np.abs(d[open_]) <= reach]
         low, high = before.copy(), d.copy()
         for _ in range(80):
             middle = 0.5 * (low + high)
@@ -207,6 +229,19 @@ class SignedDistance:
             low, high = np.where(outside, middle, low), np.where(outside, high, middle)
         gap = 0.5 * (low + high)
         return np.where(crossed & (np.abs(gap) <= reach), gap, np.inf).reshape(shape)
+
+    def distance(self, x: Array) -> tuple[Array, Array]:
+        """Signed distance of x, as the function gives it, and its normalised gradient."""
+        flat = x.reshape(x.shape[0], -1)
+        step = 1e-6 * max(float(np.ptp(flat)), float(np.abs(self._at(flat)).max()), 1e-300)
+        gradient = np.empty_like(flat)
+        for i in range(flat.shape[0]):
+            shift = step * np.eye(flat.shape[0])[:, i : i + 1]
+            gradient[i] = self._at(flat + shift) - self._at(flat - shift)
+        length = np.linalg.norm(gradient, axis=0)
+        if np.any(length < 1e-3 * step):
+            raise InputError("SignedDistance: the function is flat at a contact point")
+        return self._at(flat).reshape(x.shape[1:]), (gradient / length).reshape(x.shape)
 
     def _at(self, x: Array) -> Array:
         value = numbers("SignedDistance", self.function(x))
@@ -216,6 +251,58 @@ class SignedDistance:
                 f"{value.shape}" + (" with NaN" if np.any(np.isnan(value)) else "")
             )
         return value
+
+
+@dataclass(frozen=True)
+class ClosestPoint:
+    r"""Measure the gap to the closest point of an obstacle instead of along the body's normal.
+
+    With the signed distance phi of the obstacle, contact reads
+    :math:`-\nabla\phi \cdot u \le \phi`: the pressure acts along the normal of the *obstacle*,
+    which is what counts where the boundary is not parallel to it. Both readings agree to second
+    order in the angle between them.
+
+    Parameters
+    ----------
+    obstacle : Plane, Cylinder, Sphere or SignedDistance
+
+    Raises
+    ------
+    InputError
+        An obstacle without a distance of its own.
+
+    Examples
+    --------
+    >>> slope = Plane((0.0, -1.0), (3.0, 4.0))
+    >>> x, n = np.zeros((2, 1)), np.array([[0.0], [-1.0]])
+    >>> print(slope(x, n), ClosestPoint(slope)(x, n), ClosestPoint(slope).direction(x).ravel())
+    [1.] [0.8] [-0.6 -0.8]
+    """
+
+    obstacle: Any
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.obstacle, Plane | Cylinder | Sphere | SignedDistance):
+            raise InputError(
+                f"ClosestPoint: a {type(self.obstacle).__name__} has no distance; use a Plane, "
+                "Cylinder, Sphere or SignedDistance"
+            )
+
+    def __call__(self, x: Array, n: Array) -> Array:
+        """Return the signed distance of x, shape (...); n does not matter."""
+        return self.obstacle.distance(x)[0]
+
+    def direction(self, x: Array) -> Array:
+        """Unit vectors from x towards the closest point of the obstacle's surface, (dim, ...)."""
+        return -np.asarray(self.obstacle.distance(x)[1])
+
+
+def _from_centre(x: Array, radius: float) -> tuple[Array, Array]:
+    """Distance from a ball about the origin, and its gradient."""
+    length = np.linalg.norm(x, axis=0)
+    if np.any(length < 1e-12 * radius):
+        raise InputError("ClosestPoint: a contact point lies on the obstacle's centre")
+    return length - radius, x / length
 
 
 def evaluate_gap(obstacle: Gap, x: Array, n: Array) -> Array:
@@ -237,7 +324,7 @@ def evaluate_gap(obstacle: Gap, x: Array, n: Array) -> Array:
     """
     if obstacle is None:
         return np.full(x.shape[1:], np.inf)
-    known = (Plane, Cylinder, Sphere, Parabola, SignedDistance)
+    known = (Plane, Cylinder, Sphere, Parabola, SignedDistance, ClosestPoint)
     if isinstance(obstacle, known):
         gap = obstacle(x, n)
     else:

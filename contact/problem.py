@@ -6,27 +6,30 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact.blas_threads import one_blas_thread
 from contact.body import ElasticBody
+from contact.boundaries import ContactBoundaries
 from contact.condense import CondensedContact
-from contact.errors import InputError, NotConverged, numbers
+from contact.errors import InputError, NotConverged
 from contact.methods import Options, solve_boundary
 from contact.newton import Iteration
 from contact.obstacles import Gap
 from contact.result import ContactResult, certify
-from contact.rows import ContactRows, contact_boundary
+from contact.rows import ContactRows
 from contact.system import ContactSystem
 from gpu import Infeasible as QPInfeasible
 from gpu import InputError as QPInputError
 from gpu import NotConverged as QPNotConverged
 
 Array = NDArray[np.float64]
-Friction = float | ArrayLike | Callable[[Array], ArrayLike]
+Friction = float | ArrayLike | Callable[[Array], ArrayLike] | Sequence[Any]
 logger = logging.getLogger(__name__)
+_SAME: Any = object()
 
 
 class ContactProblem:
@@ -43,8 +46,9 @@ class ContactProblem:
     ----------
     body : ElasticBody
     boundary : str, list of str or array of facet numbers
-        The boundary where contact may occur.
-    obstacle : obstacle, number, callable, array or None
+        The boundary where contact may occur. Together with a list of obstacles: a list of
+        boundaries, each with its own; friction and functional may then be lists as well.
+    obstacle : obstacle, Rigid, number, callable, array, None, or a list of these
         See `contact.obstacles`. None: friction without a contact law, the problem (4.9).
     friction : float, callable x -> array, or ndarray of shape (m,)
         Coulomb: the coefficient. Tresca: the bound, a traction. Never negative.
@@ -81,7 +85,7 @@ class ContactProblem:
         obstacle: Gap,
         friction: Friction = 0.0,
         law: str | None = "coulomb",
-        functional: str | None = None,
+        functional: str | Sequence[str | None] | None = None,
         solver: str = "auto",
     ) -> None:
         if not isinstance(body, ElasticBody):
@@ -89,9 +93,10 @@ class ContactProblem:
         if law not in ("coulomb", "tresca", None):
             raise InputError(f"law={law!r}: expected 'coulomb', 'tresca' or None")
         self.body, self.obstacle, self.solver = body, obstacle, solver
-        rows, self.gap_rule = contact_boundary(body, body.facets(boundary), functional)
-        self.rows: ContactRows = replace(rows, gap=self.gap_rule(obstacle))
-        self.friction = self._friction(friction)
+        self.boundaries = ContactBoundaries.of(body, boundary, obstacle, functional)
+        self.rows: ContactRows = replace(self.boundaries.rows, gap=self.boundaries.gap(obstacle))
+        self.motion = self.boundaries.motion(obstacle)
+        self.friction = self.boundaries.friction(friction)
         self.law = law if np.any(self.friction > 0) else None
         if obstacle is None and self.law != "tresca":
             raise InputError(
@@ -99,26 +104,19 @@ class ContactProblem:
                 "> 0; there is no pressure for Coulomb's law to act on"
             )
 
-    def _friction(self, friction: Friction) -> Array:
-        value = numbers("friction", friction(self.rows.x) if callable(friction) else friction)
-        if value.shape not in ((), self.rows.gap.shape):
-            raise InputError(
-                f"friction: expected a number or {self.rows.gap.size} values, one for each "
-                f"contact point, got shape {value.shape}"
-            )
-        if not np.all(np.isfinite(value)) or np.any(value < 0):
-            raise InputError("friction: must be finite and not negative")
-        return np.broadcast_to(value, self.rows.gap.shape).copy()
-
     @property
     def system(self) -> ContactSystem:
         """The discrete system under the body's present loads."""
-        return self.system_of(self.body, self.rows)
+        return self.system_of(self.body)
 
     def system_of(
-        self, body: ElasticBody, rows: ContactRows, after: ContactResult | None = None
+        self, body: ElasticBody, after: ContactResult | None = None, obstacle: Gap = _SAME
     ) -> ContactSystem:
-        """The discrete system of a body under other loads, with other gaps, after another step."""
+        """The discrete system of a body under other loads, with another obstacle, after a step."""
+        rows, motion = self.rows, self.motion
+        if obstacle is not _SAME:
+            rows = replace(rows, gap=self.boundaries.gap(obstacle))
+            motion = self.boundaries.motion(obstacle)
         friction = self.friction * rows.weights if self.law == "tresca" else self.friction
         if after is not None and after.mu.shape != rows.gap.shape:
             raise InputError(
@@ -126,7 +124,7 @@ class ContactProblem:
                 f"{rows.gap.size}"
             )
         slip_from = None if after is None else after.slip
-        return ContactSystem(body, rows, body.f, self.law, friction, slip_from)
+        return ContactSystem(body, rows, body.f, self.law, friction, slip_from, motion)
 
     def condense(self) -> CondensedContact:
         """Factor once; the result is kept and serves every later `solve`."""
@@ -211,7 +209,7 @@ class ContactProblem:
 
         start = after if start is None else start
         return self.solve_system(
-            self.system_of(self.body, self.rows, after), self.condense(), options, start, report
+            self.system_of(self.body, after), self.condense(), options, start, report
         )
 
     def solve_system(
@@ -229,7 +227,9 @@ class ContactProblem:
             history.append(line)
             report(line)
 
-        boundary = condensed.boundary_problem(system.load, system.rows.gap, system.slip_from)
+        boundary = condensed.boundary_problem(
+            system.load, system.rows.gap, system.slip_from, system.motion
+        )
         scale = condensed.point_scale
         law = system.scaled_friction(scale)
         warm = None if start is None else start.forces(boundary, scale)
@@ -250,6 +250,7 @@ class ContactProblem:
             *condensed.recover(system.load, boundary, forces),
             options.method,
             tuple(history),
+            condensed.obstacle_motion(system.motion, forces),
         )
         certify(result, options.tol, slack)
         return result

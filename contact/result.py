@@ -53,6 +53,8 @@ class ContactResult:
     method : str
     history : tuple of Iteration
         One entry an iteration of the solver.
+    motion : ndarray, shape (k,), or None
+        Of `Rigid` obstacles: translations, then rotation, one obstacle after the other.
     """
 
     system: ContactSystem
@@ -61,6 +63,7 @@ class ContactResult:
     t: Array
     method: str
     history: tuple[Iteration, ...]
+    motion: Array | None = None
 
     @property
     def x(self) -> Array:
@@ -89,18 +92,24 @@ class ContactResult:
 
     @cached_property
     def slip(self) -> Array:
-        """Tangential displacement u_t of the contact points, shape (m, dim - 1)."""
-        return np.asarray(self.system.rows.T @ self.u).reshape(self.t.shape)
+        """Tangential displacement relative to the obstacle, u_t - w_t, shape (m, dim - 1)."""
+        return self.system.relative(self.u, self.motion)[1]
 
     @cached_property
     def slip_increment(self) -> Array:
         """Slip since the last step of a load history, which friction opposes, (m, dim - 1)."""
-        return self.system.slip_increment(self.u)
+        return self.system.slip_increment(self.slip)
 
     @property
     def gap(self) -> Array:
-        """What is left of the gap, d - u_n, shape (m,)."""
-        return self.system.rows.gap - self.normal_displacement
+        """What is left of the gap, d - (u_n - w_n), shape (m,)."""
+        return self.system.rows.gap - self.system.relative(self.u, self.motion)[0]
+
+    @property
+    def part(self) -> NDArray[np.int64]:
+        """Number of the contact boundary of each contact point, shape (m,)."""
+        part = self.system.rows.part
+        return part if part.size else np.zeros(self.mu.size, dtype=np.int64)
 
     @cached_property
     def status(self) -> NDArray[np.int8]:
@@ -134,6 +143,17 @@ class ContactResult:
     def resultant(self) -> Array:
         """Force of the obstacle on the body, pressure and friction together, shape (dim,)."""
         return self._total(-self.contact_forces)
+
+    @property
+    def resultants(self) -> Array:
+        """The resultant of each contact boundary, shape (nboundaries, dim)."""
+        return np.array(
+            [self._total(-self._forces(self.part == k)) for k in range(self.part.max() + 1)]
+        )
+
+    def _forces(self, chosen: NDArray[np.bool_]) -> Array:
+        rows, t = self.system.rows, np.where(chosen[:, None], self.t, 0.0)
+        return np.asarray(rows.G.T @ np.where(chosen, self.mu, 0.0) + rows.T.T @ t.ravel())
 
     @property
     def contact_force(self) -> float:
@@ -182,7 +202,7 @@ class ContactResult:
     @property
     def kkt(self) -> dict[str, float]:
         """Relative residuals, recomputed from the problem; see `ContactSystem.kkt`."""
-        return self.system.kkt(self.u, self.mu, self.t)
+        return self.system.kkt(self.u, self.mu, self.t, self.motion)
 
     def certificate(self) -> str:
         """One line for each residual of `kkt`."""

@@ -52,6 +52,25 @@ def rigid_modes(body: ElasticBody) -> Array:
     return np.array(modes).T
 
 
+def rigid_field(body: ElasticBody, centre: Array) -> Array:
+    """Rigid motions of all of space in the body's dofs, shape (ndofs, dim (dim + 1) / 2).
+
+    Translations, then rotations about `centre`: counter-clockwise in 2-D, about x, y, z in 3-D.
+    """
+    kind, dim = _kind_of_dof(body), body.dim
+    component = np.arange(body.basis.N) % dim
+    x = body.basis.doflocs - centre[:, None]
+    columns = [((component == c) & (kind == _VALUE)) * 1.0 for c in range(dim)]
+    for a, b in ((0, 1),) if dim == 2 else ((1, 2), (2, 0), (0, 1)):
+        rotation = np.zeros(body.basis.N)
+        for moving, along, sign in ((a, b, -1.0), (b, a, 1.0)):
+            here = component == moving
+            rotation += here * (kind == _VALUE) * sign * x[along]
+            rotation += here * (kind == along) * sign
+        columns.append(rotation)
+    return np.array(columns).T
+
+
 def _pieces(cells: NDArray[np.int64], count: int) -> tuple[int, NDArray[np.int32]]:
     """Number of connected pieces of the mesh, and the piece of each entity."""
     first = np.repeat(cells[:1], cells.shape[0] - 1, axis=0).ravel()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,8 @@ class ContactRows:
     normals : ndarray, shape (dim, m)
     tangents : ndarray, shape (dim, dim - 1, m)
     functional : str
+    part : ndarray of int, shape (m,)
+        Number of the contact boundary of each point; empty where there is one only.
     """
 
     G: sparse.csr_array
@@ -50,6 +53,7 @@ class ContactRows:
     normals: Array
     tangents: Array
     functional: str
+    part: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 def contact_rows(
@@ -76,9 +80,20 @@ def contact_rows(
 
 
 def contact_boundary(
-    body: ElasticBody, facets: NDArray[np.int64], functional: str | None
+    body: ElasticBody,
+    facets: NDArray[np.int64],
+    functional: str | None,
+    direction: Callable[[Array], Array] | None = None,
 ) -> tuple[ContactRows, GapRule]:
-    """Discretise a contact boundary whose obstacle comes later: rows, and how to read a gap."""
+    """Discretise a contact boundary whose obstacle comes later: rows, and how to read a gap.
+
+    Parameters
+    ----------
+    body, facets, functional
+        As for `contact_rows`.
+    direction : callable x -> n, optional
+        Unit vectors that take the place of the outward normals, see `ClosestPoint`.
+    """
     form = facet_functional(body.element, functional)
     at_points = _facet_basis(body, facets, form.points)
     normals_at = np.asarray(at_points.normals)
@@ -100,6 +115,8 @@ def contact_boundary(
 
     x_nominal = at_points.mapping.G(form.nominal, find=facets)[:, facet, slot]
     normals = _mean_normals(normals_at, form, number, length, count)
+    if direction is not None:
+        normals = direction(x_nominal)
     weights, x = _weights(integrals, form, B, number, length, x_nominal)
     tangents = tangent_frame(normals)
     if body.dim == 3:

@@ -20,6 +20,7 @@ from scipy import sparse
 from contact.body import ElasticBody
 from contact.errors import InputError
 from contact.newton import Iteration
+from contact.rigid import ObstacleMotion
 from contact.rows import ContactRows
 from contact.system import ContactSystem
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
@@ -86,6 +87,10 @@ def state_arrays(result: ContactResult) -> dict[str, Any]:
     }
     if system.slip_from is not None:
         arrays["slip_from"] = system.slip_from
+    if system.motion is not None and result.motion is not None:
+        for field in fields(ObstacleMotion):
+            arrays[f"motion/{field.name}"] = getattr(system.motion, field.name)
+        arrays["motion"] = result.motion
     step = {
         "law": system.law,
         "method": result.method,
@@ -173,12 +178,22 @@ def _rebuild(arrays: dict[str, Any], near: ContactSystem | None) -> ContactResul
     else:
         body, rows = near.body.under(arrays["load"], arrays["u0"]), near.rows
     rows = replace(rows, gap=arrays["rows/gap"])
+    motion = None
+    if "motion" in arrays:
+        parts = {field.name: arrays[f"motion/{field.name}"] for field in fields(ObstacleMotion)}
+        motion = ObstacleMotion(**parts)
     system = ContactSystem(
-        body, rows, arrays["load"], step["law"], arrays["friction"], arrays.get("slip_from")
+        body, rows, arrays["load"], step["law"], arrays["friction"], arrays.get("slip_from"), motion
     )
     history = tuple(Iteration(**line) for line in step["history"])
     return ContactResult(
-        system, arrays["u"], arrays["mu"], arrays["multiplier_t"], step["method"], history
+        system,
+        arrays["u"],
+        arrays["mu"],
+        arrays["multiplier_t"],
+        step["method"],
+        history,
+        arrays.get("motion"),
     )
 
 

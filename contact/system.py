@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from contact.body import ElasticBody
 from contact.boundary import Friction, project
 from contact.errors import InputError
+from contact.rigid import ObstacleMotion
 from contact.rows import ContactRows, live_rows
 
 Array = NDArray[np.float64]
@@ -32,6 +33,8 @@ class ContactSystem:
     slip_from : ndarray, shape (m, dim - 1), optional
         Tangential displacement of the last converged step of a load history: friction opposes
         the slip since then. None: at rest in the reference state.
+    motion : ObstacleMotion, optional
+        Of obstacles that move; displacements of contact points are then relative to them.
     """
 
     body: ElasticBody
@@ -40,10 +43,26 @@ class ContactSystem:
     law: str | None
     friction: Array
     slip_from: Array | None = None
+    motion: ObstacleMotion | None = None
 
-    def slip_increment(self, u: Array) -> Array:
+    def relative(self, u: Array, w: Array | None) -> tuple[Array, Array]:
+        """Normal (m,) and tangential (m, dim - 1) displacement relative to the obstacles.
+
+        Parameters
+        ----------
+        u : ndarray, shape (ndofs,)
+        w : ndarray, shape (k,), or None
+            Motions of the obstacles.
+        """
+        u_n = np.asarray(self.rows.G @ u)
+        u_t = np.asarray(self.rows.T @ u).reshape(u_n.size, -1)
+        if self.motion is None or w is None:
+            return u_n, u_t
+        w_n, w_t = self.motion.displacement(w)
+        return u_n - w_n, u_t - w_t
+
+    def slip_increment(self, u_t: Array) -> Array:
         """Tangential displacement since the last step, that of the friction law, (m, dim - 1)."""
-        u_t = (self.rows.T @ u).reshape(self.rows.gap.size, -1)
         return u_t if self.slip_from is None else u_t - self.slip_from
 
     def bound(self, mu: Array) -> Array:
@@ -57,8 +76,15 @@ class ContactSystem:
         coulomb = self.law == "coulomb"
         return Friction(self.friction if coulomb else self.friction * scale, coulomb)
 
-    def kkt(self, u: Array, mu: Array, t: Array) -> dict[str, float]:
-        """Relative residuals of every law, computed from the problem and (u, mu, t) alone.
+    def kkt(self, u: Array, mu: Array, t: Array, w: Array | None = None) -> dict[str, float]:
+        """Relative residuals of every law, computed from the problem and (u, mu, t, w) alone.
+
+        Parameters
+        ----------
+        u, mu, t : ndarray
+            Displacement and contact forces.
+        w : ndarray, shape (k,), optional
+            Motions of the obstacles.
 
         Returns
         -------
@@ -67,7 +93,8 @@ class ContactSystem:
             cancels there; ``support``: violation of the prescribed displacements;
             ``penetration``, ``sign``, ``complementarity``: the contact law; ``cone``, ``slip``:
             |t| <= g, and t = P_g(t + c u_t) with the slip increment u_t. Lengths are relative to
-            the largest displacement, forces to the largest contact force.
+            the largest displacement, forces to the largest contact force. For obstacles driven by
+            forces besides ``obstacle``: what is left of those over what cancels there.
         """
         rows = self.rows
         T, u0 = self.body.constraint
@@ -78,8 +105,9 @@ class ContactSystem:
         length = float(np.abs(u).max(initial=0.0)) or 1.0
         size = max(float(np.abs(mu).max(initial=0.0)), float(np.abs(t).max(initial=0.0))) or 1.0
         reachable = np.isfinite(rows.gap)
-        through = np.where(reachable, rows.G @ u - np.where(reachable, rows.gap, 0.0), -np.inf)
-        u_t = self.slip_increment(u)
+        u_n, u_t = self.relative(u, w)
+        through = np.where(reachable, u_n - np.where(reachable, rows.gap, 0.0), -np.inf)
+        u_t = self.slip_increment(u_t)
         g = self.bound(mu)
         live = live_rows(rows.T, self.body).reshape(t.shape)
         returned = t - project(t + size / length * u_t, g)
@@ -94,6 +122,10 @@ class ContactSystem:
             "cone": _largest(np.maximum(np.linalg.norm(t, axis=1) - g, 0.0)) / size,
             "slip": _largest(returned[live]) / size,
         }
+        if self.motion is not None and np.any(self.motion.free):
+            result["obstacle"] = float(
+                np.max(np.abs(self.motion.unbalanced(mu, t)) / (self.motion.size(mu, t) + 1e-300))
+            )
         if any(np.isnan(value) for value in result.values()):
             raise InputError("kkt: the state (u, mu, t) holds NaN")
         return result

@@ -5,7 +5,16 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from contact import Cylinder, InputError, Parabola, Plane, SignedDistance, Sphere
+from contact import (
+    ClosestPoint,
+    ContactProblem,
+    Cylinder,
+    InputError,
+    Parabola,
+    Plane,
+    SignedDistance,
+    Sphere,
+)
 from contact.obstacles import evaluate_gap
 
 number = st.floats(-3.0, 3.0)
@@ -259,3 +268,74 @@ def test_malformed(name):
     x, n = np.array([[0.0, 1.0], [1.0, 1.0]]), np.array([[0.0, 0.0], [-1.0, -1.0]])
     with pytest.raises(InputError, match=word):
         evaluate_gap(obstacle, x, n)
+
+
+CLOSE = {
+    "plane": (Plane((0.1, -1.0), (0.3, 1.0)), None),
+    "disk": (Cylinder((0.2, -2.0), 1.5), lambda x: np.hypot(x[0] - 0.2, x[1] + 2.0) - 1.5),
+    "ball": (
+        Sphere((0.2, 0.1, -2.0), 1.5),
+        lambda x: np.sqrt((x[0] - 0.2) ** 2 + (x[1] - 0.1) ** 2 + (x[2] + 2.0) ** 2) - 1.5,
+    ),
+    "cylinder": (
+        Cylinder((0.2, 0.1, -2.0), 1.5, (1.0, 0.0, 0.0)),
+        lambda x: np.hypot(x[1] - 0.1, x[2] + 2.0) - 1.5,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CLOSE)
+def test_closest_point(name):
+    """x + d n lies on the surface, and no other point of it is closer: the gradient is n."""
+    obstacle, function = CLOSE[name]
+    dim = len(getattr(obstacle, "centre", (0, 0)))
+    x = np.random.default_rng(0).uniform(-1, 1, (dim, 3, 5))
+    close = ClosestPoint(obstacle)
+    d, n = close(x, 0 * x), close.direction(x)
+    assert d.shape == (3, 5)
+    np.testing.assert_allclose(np.linalg.norm(n, axis=0), 1.0, rtol=1e-12)
+    # Rounding.
+    assert np.abs(obstacle.distance(x + d * n)[0]).max() < 1e-12
+    if function is not None:
+        np.testing.assert_allclose(d, function(x), atol=1e-12)
+        numeric = ClosestPoint(SignedDistance(function))
+        # Central differences with a step of 1e-6.
+        np.testing.assert_allclose(numeric.direction(x), n, atol=1e-8)
+        np.testing.assert_allclose(numeric(x, n), d, atol=1e-12)
+
+
+def test_pressure_acts_along_the_normal_of_the_closest_point(make):
+    """Frictionless on a slope: the force is normal to the slope, or to the body, as asked."""
+    body = make.block(6, sides=()).fix("left", "xy")
+    slope = Plane((0.0, -0.01), (0.2, 1.0))
+    along = ContactProblem(body, "bottom", slope).solve().resultant
+    closest = ContactProblem(body, "bottom", ClosestPoint(slope)).solve().resultant
+    # Rounding.
+    assert abs(along[0]) < 1e-12 * along[1]
+    assert closest[0] / closest[1] == pytest.approx(0.2, rel=1e-10)
+
+
+def test_both_gaps_agree_to_second_order(make):
+    """On ever flatter disks the two solutions approach each other as the square of the slope."""
+    differences, radii = [], [4.0, 8.0, 16.0]
+    for radius in radii:
+        body = make.block(8, sides=()).fix("top", "y", -0.1 / radius).fix("left", "x")
+        body.f = 0 * body.f
+        disk = Cylinder((0.0, -radius), radius)
+        one, other = (ContactProblem(body, "bottom", o).solve() for o in (disk, ClosestPoint(disk)))
+        size = one.contact_force
+        differences.append(abs(one.resultant[1] - other.resultant[1]) / size)
+    order = -np.polyfit(np.log(radii), np.log(differences), 1)[0]
+    assert 0.8 < order < 3.0
+    assert differences[-1] < 0.01
+
+
+@pytest.mark.parametrize("obstacle", [Parabola((0, 0), 1.0), 0.1, lambda x: x[0], None])
+def test_no_closest_point(obstacle):
+    with pytest.raises(InputError, match="distance"):
+        ClosestPoint(obstacle)
+
+
+def test_closest_point_of_the_centre():
+    with pytest.raises(InputError, match="centre"):
+        ClosestPoint(Sphere((0.0, 0.0), 1.0)).direction(np.zeros((2, 1)))

@@ -1,0 +1,176 @@
+"""One or several contact boundaries, each with its obstacle, friction and functional."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.body import ElasticBody
+from contact.errors import InputError, numbers
+from contact.gap import GapRule
+from contact.obstacles import ClosestPoint, Gap
+from contact.rigid import ObstacleMotion, Rigid
+from contact.rigid_modes import rigid_field
+from contact.rows import ContactRows, contact_boundary
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ContactBoundaries:
+    """The contact boundaries of a body, discretised together.
+
+    Attributes
+    ----------
+    body : ElasticBody
+    rows : ContactRows
+        Of all boundaries, one after the other; without a gap.
+    rules : tuple of GapRule
+    several : bool
+        Obstacles and friction come as lists.
+    """
+
+    body: ElasticBody
+    rows: ContactRows
+    rules: tuple[GapRule, ...]
+    several: bool
+
+    @classmethod
+    def of(
+        cls, body: ElasticBody, boundary: Any, obstacle: Any, functional: Any
+    ) -> ContactBoundaries:
+        """Discretise what `ContactProblem` was given.
+
+        Raises
+        ------
+        InputError
+            Lists of different lengths, or boundaries that share facets.
+        """
+        several = (
+            isinstance(boundary, list | tuple)
+            and isinstance(obstacle, list | tuple)
+            and not any(np.isscalar(b) and not isinstance(b, str) for b in boundary)
+        )
+        boundaries = list(boundary) if several else [boundary]
+        obstacles = list(obstacle) if several else [obstacle]
+        if len(boundaries) != len(obstacles) or not boundaries:
+            raise InputError(
+                f"obstacle: {len(obstacles)} obstacles for {len(boundaries)} boundaries; give one "
+                "for each, or one obstacle (not a list) for all of them together"
+            )
+        forms = _each("functional", functional, several, len(boundaries), shared=(str, type(None)))
+        facets = [body.facets(b) for b in boundaries]
+        seen, counts = np.unique(np.concatenate(facets), return_counts=True)
+        if np.any(counts > 1):
+            raise InputError(
+                f"boundary: facet {int(seen[counts > 1][0])} belongs to two contact boundaries"
+            )
+        parts = [
+            contact_boundary(body, f, form, _direction(o))
+            for f, form, o in zip(facets, forms, obstacles, strict=True)
+        ]
+        rows = parts[0][0] if len(parts) == 1 else _joined([rows for rows, _ in parts])
+        return cls(body, rows, tuple(rule for _, rule in parts), several)
+
+    def _obstacles(self, obstacle: Any) -> list[Gap]:
+        if not self.several:
+            return [obstacle]
+        if not isinstance(obstacle, list | tuple) or len(obstacle) != len(self.rules):
+            raise InputError(
+                f"obstacle: expected a list of {len(self.rules)}, one for each boundary"
+            )
+        return list(obstacle)
+
+    def gap(self, obstacle: Any) -> Array:
+        """Gap of every contact point, shape (m,)."""
+        plain = [o.obstacle if isinstance(o, Rigid) else o for o in self._obstacles(obstacle)]
+        gaps = [rule(o) for rule, o in zip(self.rules, plain, strict=True)]
+        return np.concatenate(gaps)
+
+    def motion(self, obstacle: Any) -> ObstacleMotion | None:
+        """The motions of those obstacles that are `Rigid`; None when none is."""
+        rows, dim = self.rows, self.body.dim
+        blocks: list[tuple[Array, Array, Array, Array]] = []
+        start = 0
+        for rule, o in zip(self.rules, self._obstacles(obstacle), strict=True):
+            here = slice(start, start + rule.order.size)
+            start = here.stop
+            if not isinstance(o, Rigid):
+                continue
+            motion, force = o.components(dim)
+            unit = rigid_field(self.body, o.about(dim))
+            normal = np.zeros((rows.gap.size, unit.shape[1]))
+            normal[here] = rows.G[here] @ unit
+            along = slice(here.start * (dim - 1), here.stop * (dim - 1))
+            tangent = np.zeros((rows.T.shape[0], unit.shape[1]))
+            tangent[along] = rows.T[along] @ unit
+            blocks.append((normal, tangent, motion, force))
+        if not blocks:
+            return None
+        normals, tangents, motions, forces = zip(*blocks, strict=True)
+        return ObstacleMotion(
+            np.hstack(normals), np.hstack(tangents), np.concatenate(motions), np.concatenate(forces)
+        )
+
+    def friction(self, friction: Any) -> Array:
+        """Coefficient or bound of every contact point, shape (m,).
+
+        Raises
+        ------
+        InputError
+            Not finite, negative, or of a wrong shape.
+        """
+        if not self.several or not isinstance(friction, list | tuple):
+            return _values(friction, self.rows.x)
+        each = _each("friction", friction, True, len(self.rules), shared=())
+        ends = np.cumsum([rule.order.size for rule in self.rules])[:-1]
+        places = np.split(self.rows.x, ends, axis=1)
+        return np.concatenate([_values(f, x) for f, x in zip(each, places, strict=True)])
+
+
+def _direction(obstacle: Any) -> Callable[[Array], Array] | None:
+    plain = obstacle.obstacle if isinstance(obstacle, Rigid) else obstacle
+    return plain.direction if isinstance(plain, ClosestPoint) else None
+
+
+def _each(name: str, given: Any, several: bool, count: int, shared: tuple[type, ...]) -> list[Any]:
+    if not several or isinstance(given, shared):
+        return [given] * count
+    if not isinstance(given, list | tuple) or len(given) != count:
+        raise InputError(f"{name}: expected one for all or a list of {count}, one a boundary")
+    return list(given)
+
+
+def _values(friction: Any, x: Array) -> Array:
+    value = numbers("friction", friction(x) if callable(friction) else friction)
+    if value.shape not in ((), x.shape[1:]):
+        raise InputError(
+            f"friction: expected a number or {x.shape[1]} values, one for each contact point, got "
+            f"shape {value.shape}"
+        )
+    if not np.all(np.isfinite(value)) or np.any(value < 0):
+        raise InputError("friction: must be finite and not negative")
+    return np.broadcast_to(value, x.shape[1:]).copy()
+
+
+def _joined(parts: list[ContactRows]) -> ContactRows:
+    names = dict.fromkeys(rows.functional for rows in parts)
+    first = parts[0]
+    return replace(
+        first,
+        G=sparse.vstack([rows.G for rows in parts], format="csr"),
+        T=sparse.vstack([rows.T for rows in parts], format="csr"),
+        gap=np.concatenate([rows.gap for rows in parts]),
+        weights=np.concatenate([rows.weights for rows in parts]),
+        x=np.hstack([rows.x for rows in parts]),
+        x_nominal=np.hstack([rows.x_nominal for rows in parts]),
+        normals=np.hstack([rows.normals for rows in parts]),
+        tangents=np.concatenate([rows.tangents for rows in parts], axis=2),
+        functional=",".join(names),
+        part=np.repeat(np.arange(len(parts)), [rows.gap.size for rows in parts]),
+    )

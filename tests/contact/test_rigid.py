@@ -1,0 +1,220 @@
+"""Obstacles that move: prescribed, driven by forces and moments, seen from the body."""
+
+import numpy as np
+import pytest
+from skfem import ElementHex1, ElementQuad1, ElementTriP2
+
+from contact import (
+    ContactProblem,
+    ContactResult,
+    ElasticBody,
+    InputError,
+    LoadStepper,
+    Parabola,
+    Plane,
+    Rigid,
+    Sphere,
+    Unbounded,
+)
+from skfem_adini import ElementQuadAdini
+
+PLANAR = [ElementQuadAdini, ElementTriP2, ElementQuad1]
+ELEMENTS = [*PLANAR, ElementHex1]
+
+
+def held(make, element=ElementQuadAdini, n=6, components=None):
+    """Unit square or cube, its top held."""
+    dim = make.meshes[element]().dim()
+    ticks = np.linspace(0, 1, (n if dim == 2 else 3) + 1)
+    body = ElasticBody.from_mesh(make.box(element, *(ticks,) * dim), element(), E=2.0, nu=0.3)
+    return body.fix("top", components)
+
+
+def ids(value):
+    return getattr(value, "__name__", str(value))
+
+
+@pytest.mark.parametrize("element", ELEMENTS, ids=ids)
+def test_uniform_squeeze_by_a_force(element, make):
+    """A foundation pushed up by a force on a bar: its way is that of the uniform strain."""
+    dim = make.meshes[element]().dim()
+    body = held(make, element, components="xyz"[dim - 1]).fix("left", "x")
+    if dim == 3:
+        body.fix("front", "y")
+    push = 0.3
+    force = [None] * (dim - 1) + [push]
+    result = ContactProblem(body, "bottom", Rigid(0.05, force=force)).solve()
+    strain = push / 2.0 * (1 - 0.3**2 if dim == 2 else 1.0)
+    # Rounding times the condition of the body.
+    assert result.motion[dim - 1] == pytest.approx(0.05 + strain, rel=1e-11)
+    assert result.resultant[-1] == pytest.approx(push, rel=1e-11)
+    assert np.abs(result.pressure - push).max() < 1e-11
+    assert result.kkt["obstacle"] < 1e-12
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.4])
+@pytest.mark.parametrize("element", ELEMENTS, ids=ids)
+def test_force_and_displacement_control_agree(element, friction, make):
+    body = held(make, element)
+    dim = body.dim
+    ball = Sphere((*(0.45,) * (dim - 1), -2.0), 1.99)
+    push = [None] * (dim - 1) + [0.05]
+    first = ContactProblem(body, "bottom", Rigid(ball, force=push), friction).solve()
+    assert first.resultant[-1] == pytest.approx(0.05, rel=1e-10)
+    assert first.motion[dim - 1] > 0
+    again = Rigid(ball, displacement=first.motion[:dim], rotation=first.motion[dim:])
+    second = ContactProblem(body, "bottom", again, friction).solve()
+    # Newton's tolerance of 1e-12 times the condition of the body.
+    assert np.abs(first.u - second.u).max() < 1e-9 * np.abs(first.u).max()
+    assert "obstacle" not in second.kkt
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.1, -0.2])
+def test_moment(offset, make):
+    """A stamp that may tilt under an eccentric force: the pressure's first moment is its own."""
+    body = held(make, n=10)
+    stamp = Rigid(Plane((0, 0), (0, 1)), force=(None, 0.2), moment=0.2 * offset, centre=(0.5, 0.0))
+    result = ContactProblem(body, "bottom", stamp).solve()
+    total = result.mu.sum()
+    assert total == pytest.approx(0.2, rel=1e-10)
+    # A linear displacement has its values at the nominal places as Bernstein coefficients, so
+    # there the forces do their work on a rotation.
+    moment = result.mu @ (result.x_nominal[0] - 0.5)
+    assert moment == pytest.approx(0.2 * offset, abs=1e-11)
+    assert np.sign(result.motion[2]) == np.sign(offset) or abs(result.motion[2]) < 1e-10
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3, 3.0])
+@pytest.mark.parametrize("element", ELEMENTS, ids=ids)
+def test_relativity(element, friction, make):
+    """Moving the obstacle by w or everything else by -w is the same."""
+    dim = make.meshes[element]().dim()
+    plane = Plane(np.zeros(dim), np.eye(dim)[-1])
+    shift = np.array([0.02, 0.05]) if dim == 2 else np.array([0.02, -0.01, 0.05])
+    turn = np.array([0.03]) if dim == 2 else np.array([0.02, -0.03, 0.06])
+    centre = np.full(dim, 0.4)
+
+    def motion(x):
+        r = x - centre.reshape(-1, *(1,) * (x.ndim - 1))
+        if dim == 2:
+            spin = turn[0] * np.array([-r[1], r[0]])
+        else:
+            spin = (
+                np.cross(turn, r, axis=-1)
+                if r.shape[-1] == 3 and r.ndim == 1
+                else np.array(
+                    [
+                        turn[1] * r[2] - turn[2] * r[1],
+                        turn[2] * r[0] - turn[0] * r[2],
+                        turn[0] * r[1] - turn[1] * r[0],
+                    ]
+                )
+            )
+        return shift.reshape(-1, *(1,) * (x.ndim - 1)) + spin
+
+    rotation = turn[0] if dim == 2 else turn
+    moving = Rigid(plane, displacement=shift, rotation=rotation, centre=centre)
+    ours = ContactProblem(held(make, element), "bottom", moving, friction).solve()
+    dim_ticks = np.linspace(0, 1, (6 if dim == 2 else 3) + 1)
+    body = ElasticBody.from_mesh(make.box(element, *(dim_ticks,) * dim), element(), E=2.0, nu=0.3)
+    for c in range(dim):
+        body.fix("top", c, lambda x, c=c: -motion(x)[c])
+    theirs = ContactProblem(body, "bottom", plane, friction).solve()
+    assert np.count_nonzero(theirs.mu) >= 2
+    scale = np.abs(theirs.mu).max()
+    # Newton's tolerance of 1e-12 times the condition of the body.
+    assert np.abs(ours.mu - theirs.mu).max() < 1e-9 * scale
+    assert np.abs(ours.t - theirs.t).max() < 1e-9 * scale
+    assert np.abs(ours.slip - theirs.slip).max() < 1e-9 * np.abs(theirs.u).max()
+
+
+def test_hertz_cylinder_by_force(make):
+    """Force control leaves the pressure as it is under the same load from above."""
+    load = 0.1
+    above = make.block(16, sides=()).fix(["left"], "x")
+    above.f = 0 * above.f
+    above.load("top", (0.0, -load))
+    expected = ContactProblem(above, "bottom", Parabola((0.0, 0.0), 1.0)).solve()
+    below = make.block(16, sides=()).fix("left", "x").fix("top", "y")
+    below.f = 0 * below.f
+    driven = Rigid(Parabola((0.0, 0.0), 1.0), force=(None, load))
+    result = ContactProblem(below, "bottom", driven).solve()
+    assert result.contact_force == pytest.approx(expected.contact_force, rel=1e-10)
+    # The top is held here and loaded there: St Venant.
+    assert result.pressure.max() == pytest.approx(expected.pressure.max(), rel=0.05)
+
+
+def test_drag_by_a_force_below_sliding(make):
+    """A stamp with weight N and a tangential force below F N sticks or creeps, but is held."""
+    body = held(make, n=8)
+    stamp = Rigid(0.0, force=(0.05, 0.2))
+    result = ContactProblem(body, "bottom", stamp, 0.5).solve()
+    # The obstacle gets (.05, .2) from outside and gives it to the body.
+    np.testing.assert_allclose(result.resultant, [0.05, 0.2], rtol=1e-9)
+    assert result.motion[0] > 0
+
+
+@pytest.mark.parametrize(
+    ("force", "friction"),
+    [((0.1, 0.2), 0.0), ((None, -0.2), 0.0), ((0.2, 0.2), 0.5), ((0.0, 0.2), 0.0)],
+)
+def test_forces_that_nothing_resists(force, friction, make):
+    problem = ContactProblem(held(make), "bottom", Rigid(0.0, force=force), friction)
+    with pytest.raises(Unbounded, match="obstacle is not held"):
+        problem.solve()
+
+
+def test_floating_body_between_a_fixed_and_a_driven_plane(make):
+    """Two planes, one driven: what goes in below comes out above."""
+    body = make.block(6, sides=("left",))
+    body = ElasticBody.from_mesh(body.mesh, ElementQuadAdini(), E=2.0, nu=0.3).fix("left", "x")
+    obstacles = [Rigid(0.01, force=(None, 0.3)), 0.02]
+    result = ContactProblem(body, ["bottom", "top"], obstacles).solve()
+    np.testing.assert_allclose(result.resultants[:, 1], [0.3, -0.3], rtol=1e-10)
+    assert result.motion[1] == pytest.approx(0.03 + 0.3 * (1 - 0.09) / 2.0, rel=1e-10)
+
+
+def test_history_of_forces(make):
+    """A stamp pressed and dragged by forces in time: friction sees the obstacle move."""
+    problem = ContactProblem(held(make, n=8), "bottom", Rigid(0.0, force=(0.0, 0.2)), 0.5)
+    stepper = LoadStepper(problem)
+    stepper.obstacle(lambda t: Rigid(0.0, force=(0.08 * np.sin(t), 0.2)))
+    history = stepper.run(np.linspace(0.5, 6.0, 12))
+    np.testing.assert_allclose(
+        history.resultant[:, 0], 0.08 * np.sin(history.times), rtol=1e-8, atol=1e-12
+    )
+    assert max(max(r.kkt.values()) for r in history.results) < 1e-10
+    # Hysteresis: at t = pi the force is zero again, the stamp is not where it was.
+    at_rest = ContactProblem(held(make, n=8), "bottom", Rigid(0.0, force=(0.0, 0.2)), 0.5).solve()
+    back = stepper.history.results[5]
+    assert abs(back.motion[0] - at_rest.motion[0]) > 1e-4
+
+
+def test_round_trip(make, tmp_path):
+    problem = ContactProblem(held(make), "bottom", Rigid(0.0, force=(0.05, 0.2)), 0.5)
+    result = problem.solve()
+    loaded = ContactResult.load(result.save(tmp_path / "stamp.npz"))
+    assert loaded.kkt == result.kkt
+    assert np.array_equal(loaded.motion, result.motion)
+    assert np.array_equal(loaded.gap, result.gap)
+
+
+@pytest.mark.parametrize(
+    ("rigid", "word"),
+    [
+        (Rigid(0.0, displacement=(0, 0), force=(0, 1)), "both"),
+        (Rigid(0.0, displacement=(0,)), "displacement"),
+        (Rigid(0.0, force=(0, 1, 2)), "force"),
+        (Rigid(0.0, force=(np.nan, 1)), "force"),
+        (Rigid(0.0, force=(np.inf, 1)), "force"),
+        (Rigid(0.0, force=(1j, 1)), "force"),
+        (Rigid(0.0, moment=(1, 2)), "moment"),
+        (Rigid(0.0, rotation=np.nan), "rotation"),
+        (Rigid(0.0, moment=1.0, rotation=0.1), "both"),
+        (Rigid(0.0, centre=(0, 0, 0)), "centre"),
+        (Rigid(np.nan), "NaN"),
+    ],
+)
+def test_malformed(rigid, word, make):
+    with pytest.raises(InputError, match=word):
+        ContactProblem(held(make), "bottom", rigid)
