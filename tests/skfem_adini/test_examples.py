@@ -3,6 +3,7 @@
 import importlib.util
 from pathlib import Path
 
+import numpy as np
 import pytest
 import pyvista as pv
 
@@ -40,6 +41,24 @@ def test_shape_functions(tmp_path, capsys):
     for name in ("shape_functions", "stiffness_matrix"):
         assert (tmp_path / f"{name}.png").stat().st_size > 20_000
     assert "identity" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("solver", ["auto", "amg"])
+def test_bending(tmp_path, capsys, solver):
+    """Saint-Venant's solution to round-off, and the same stress inside the cells of the file."""
+    if solver == "amg":
+        pytest.importorskip("pyamg", reason="multigrid is optional")
+    example = load("bending")
+    error, stress_error, iterations = example.main(["--solver", solver, "--output", str(tmp_path)])
+    assert error < 1e-11
+    assert stress_error < 1e-11
+    assert (iterations > 0) == (solver == "amg")
+    points = np.random.default_rng(0).uniform(0.01, 0.99, (50, 3)) * [4, 1, 1] - [0, 0.5, 0.5]
+    found = pv.PolyData(points).sample(pv.read(tmp_path / "bending.vtk"), tolerance=1e-12)
+    np.testing.assert_allclose(found["stress"][:, 0], -0.2 * points[:, 1], atol=1e-10)
+    np.testing.assert_allclose(found["von_mises"], 0.2 * np.abs(points[:, 1]), atol=1e-10)
+    np.testing.assert_allclose(found["displacement"], example.exact(points.T).T, atol=1e-10)
+    assert "relative errors" in capsys.readouterr().out
 
 
 def test_open_vtk_writes_and_reads(tmp_path, monkeypatch):
