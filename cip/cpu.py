@@ -9,25 +9,40 @@ from functools import cache
 from itertools import pairwise
 from typing import Any
 
-from cip.jit import Array, Index, Out, Real, kernel
+from cip.jit import Array, Index, Out, Real, loop, pointer
 
 # Fewer nodes than this a thread are not worth waking it.
 _NODES_A_THREAD = 40_000
 
+address = pointer()
 
-@kernel
+
+@loop
+def run_line(
+    node: Any, start: Index, stop: Index, m: Array, out: Out, feet: Array, h: Array, n: Index,
+    periodic: Index, advect: Index, limiter: Index,
+) -> None:  # fmt: skip
+    """Nodes start..stop of the one line of a grid in one dimension."""
+    m, out, feet, h = address(m), address(out), address(feet), address(h)
+    for i in range(start, stop):
+        node(m, out, feet, n, i, h, n, 1, 0, i, 0, 1, n, periodic, i, advect, limiter)
+
+
+@loop
 def run_lines(
     node: Any, start: Index, stop: Index, m: Array, out: Out, feet: Array, h: Array, size: Index,
     dim: Index, axis: Index, inner: Index, n: Index, periodic: Index, advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
     """Rows start..stop of a sweep: row number (block, i) holds the `inner` nodes i of its lines."""
+    m, out, feet, h = address(m), address(out), address(feet), address(h)
     block = start // n
     i = start - block * n
     for _ in range(start, stop):
         base = block * n * inner
         for q in range(inner):
             node(
-                m, out, feet, h, size, dim, axis, base + i * inner + q, base + q, inner, n,
+                m, out, feet, size, base + i * inner + q, h, size, dim, axis,
+                base + i * inner + q, base + q, inner, n,
                 periodic, i, advect, limiter,
             )  # fmt: skip
         i += 1
@@ -36,13 +51,14 @@ def run_lines(
             block += 1
 
 
-@kernel
+@loop
 def run_conservative(
     node: Any, start: Index, stop: Index, m: Array, out: Out, feet: Array, h: Array, size: Index,
     dim: Index, axis: Index, inner: Index, n: Index, periodic: Index,
     limiter: Index, low: Real, high: Real, slack: Real,
 ) -> None:  # fmt: skip
     """As `run_lines`, for the conservative profiles."""
+    m, out, feet, h = address(m), address(out), address(feet), address(h)
     block = start // n
     i = start - block * n
     for _ in range(start, stop):
@@ -58,16 +74,18 @@ def run_conservative(
             block += 1
 
 
-@kernel
+@loop
 def run_plane(
     node: Any, start: Index, stop: Index, m: Array, out: Out, feet: Array, hx: Array, hy: Array,
     size: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
     """Rows start..stop of a plane."""
+    m, out, feet, hx, hy = address(m), address(out), address(feet), address(hx), address(hy)
     for i in range(start, stop):
         for j in range(ny):
             node(
-                m, out, feet, hx, hy, size, i * ny + j, i, j, nx, ny, px, py, advect, limiter
+                m, out, feet, size, i * ny + j, hx, hy, size, i * ny + j, i, j, nx, ny, px, py,
+                advect, limiter,
             )  # fmt: skip
 
 

@@ -40,6 +40,11 @@ class HostKernels:
         stage.finish(out, feet)
         return out
 
+    def name(self, stage: Stage) -> str:
+        """Name of the node function; those that have a limiter have a fast form without."""
+        limited = self.limiter != 0 and stage.profile in ("cubic", "adini", "bicubic")
+        return f"node_{stage.profile}" + ("_limited" if limited else "")
+
     def launch(self, stage: Stage, m: Any, out: Any, feet: Any) -> None:
         """One kernel over all nodes; flat arrays."""
         from cip import cpu
@@ -48,7 +53,7 @@ class HostKernels:
         if stage.axis is None:
             from cip import plane_kernels
 
-            node: Any = getattr(plane_kernels, f"node_{stage.profile}")
+            node: Any = getattr(plane_kernels, self.name(stage))
             (nx, ny), (px, py) = grid.nodes, (int(p) for p in grid.periodic)
 
             def plane(start: int, stop: int) -> None:
@@ -75,11 +80,15 @@ class HostKernels:
         else:
             from cip import line_kernels
 
-            node = getattr(line_kernels, f"node_{stage.profile}")
+            node = getattr(line_kernels, self.name(stage))
+            advect = int(stage.advect)
 
             def sweep(start: int, stop: int) -> None:
-                cpu.run_lines(
-                    node, start, stop, m, out, feet, width, *line, int(stage.advect), self.limiter
-                )
+                if grid.dim == 1:
+                    cpu.run_line(
+                        node, start, stop, m, out, feet, width, n, line[5], advect, self.limiter
+                    )
+                    return
+                cpu.run_lines(node, start, stop, m, out, feet, width, *line, advect, self.limiter)
 
         cpu.share(sweep, grid.size // inner, grid.size)

@@ -19,10 +19,42 @@ Real = float
 Array = Any
 Out = Any
 
+# Multiply-add in one rounding, as on the device; nothing else is reordered.
+_MATH = {"contract"}
+
 
 def kernel(function: Function) -> Function:
-    """Compile without the global interpreter lock, so that threads share the nodes among them."""
+    """Compile a function of one node or cell, to be inlined into the loops that call it."""
     from numba import njit
 
-    compiled: Function = njit(nogil=True, cache=True, error_model="numpy")(function)
+    compiled: Function = njit(cache=True, error_model="numpy", fastmath=_MATH, forceinline=True)(
+        function
+    )
     return compiled
+
+
+def loop(function: Function) -> Function:
+    """Compile a loop over nodes without the global interpreter lock: threads share the nodes."""
+    from numba import njit
+
+    compiled: Function = njit(nogil=True, cache=True, error_model="numpy", fastmath=_MATH)(function)
+    return compiled
+
+
+def pointer() -> Any:
+    """The intrinsic that takes the address of an array.
+
+    Kernels index addresses: numba's arrays carry a reference count and negative indices through
+    every call, which costs ten times the arithmetic of a node.
+    """
+    from numba.core import types
+    from numba.extending import intrinsic
+
+    @intrinsic
+    def address(_context: Any, array: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            return context.make_array(signature.args[0])(context, builder, args[0]).data
+
+        return types.CPointer(array.dtype)(array), generate
+
+    return address

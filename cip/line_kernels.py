@@ -7,7 +7,7 @@ J = X_a; derivatives follow by the chain rule, with X_a, X_aa, ... along the swe
 sweep are interpolated along it by cubics through four nodes: linear interpolation costs a factor
 3.6 in the error of his example 1.
 
-Arrays are flat; moment q is at ``q size``, component f of the feet at ``f size``:
+Arrays are flat; moment q is at ``q size``, component f of the feet at ``f fs + fo``:
 
 | profile | moments | feet, transport | feet, advection |
 | --- | --- | --- | --- |
@@ -34,27 +34,29 @@ from cip.line_profiles import (
 
 @kernel
 def node_linear(
-    m: Array, out: Out, feet: Array, h: Array, size: Index, dim: Index, axis: Index,
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Array, size: Index,
+    dim: Index, axis: Index,
     o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
     advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
     """Linear interpolation of the values."""
-    k, r, s = locate(i, feet[o], n, periodic)
+    k, r, s = locate(i, feet[fo], n, periodic)
     a = m[base + k * stride]
     value = a + s * (m[base + r * stride] - a)
     if advect == 1:
-        value = value * feet[size + o]
+        value = value * feet[fs + fo]
     out[o] = value
 
 
 @kernel
-def node_hermite(
-    m: Array, out: Out, feet: Array, h: Array, size: Index, dim: Index, axis: Index,
+def hermite(
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Array, size: Index,
+    dim: Index, axis: Index,
     o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
     advect: Index, limiter: Index, piecewise: Index,
 ) -> None:  # fmt: skip
     """Cubic or piecewise linear profile of values and slopes, with the limiters of the cubic."""
-    d = feet[o]
+    d = feet[fo]
     k, r, s = locate(i, d, n, periodic)
     width = h[k]
     slopes = (1 + axis) * size + base
@@ -77,10 +79,10 @@ def node_hermite(
             high = max(a, b)
             value = min(max(value, low), high)
     slope = slope / width
-    J = feet[size + o]
+    J = feet[fs + fo]
     component = 2
     if advect == 1:
-        K = feet[2 * size + o]
+        K = feet[2 * fs + fo]
         out[o] = J * value
         out[(1 + axis) * size + o] = J * J * slope + K * value
         component = 3
@@ -95,46 +97,75 @@ def node_hermite(
                 across = f0 + s * (m[q + base + r * stride] - f0)
             else:
                 across, _slope = lagrange(m, h, q + base, stride, n, periodic, k, s)
-            across = across + feet[component * size + o] * slope
+            across = across + feet[component * fs + fo] * slope
             component = component + 1
             if advect == 1:
-                across = J * across + feet[component * size + o] * value
+                across = J * across + feet[component * fs + fo] * value
                 component = component + 1
             out[q + o] = across
 
 
 @kernel
 def node_piecewise_linear(
-    m: Array, out: Out, feet: Array, h: Array, size: Index, dim: Index, axis: Index,
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Array, size: Index,
+    dim: Index, axis: Index,
     o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
     advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
     """The piecewise linear profile."""
-    node_hermite(
-        m, out, feet, h, size, dim, axis, o, base, stride, n, periodic, i, advect, limiter, 1
-    )
+    hermite(m, out, feet, fs, fo, h, size, dim, axis, o, base, stride, n, periodic, i, advect, 0, 1)
 
 
 @kernel
 def node_cubic(
-    m: Array, out: Out, feet: Array, h: Array, size: Index, dim: Index, axis: Index,
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Array, size: Index,
+    dim: Index, axis: Index,
     o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
     advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
-    """The cubic profile."""
-    node_hermite(
-        m, out, feet, h, size, dim, axis, o, base, stride, n, periodic, i, advect, limiter, 0
+    """The cubic profile without limiter, which the compiler then drops."""
+    hermite(m, out, feet, fs, fo, h, size, dim, axis, o, base, stride, n, periodic, i, advect, 0, 0)
+
+
+@kernel
+def node_cubic_limited(
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Array, size: Index,
+    dim: Index, axis: Index,
+    o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
+    advect: Index, limiter: Index,
+) -> None:  # fmt: skip
+    """The cubic profile with a limiter."""
+    hermite(
+        m,
+        out,
+        feet,
+        fs,
+        fo,
+        h,
+        size,
+        dim,
+        axis,
+        o,
+        base,
+        stride,
+        n,
+        periodic,
+        i,
+        advect,
+        limiter,
+        0,
     )
 
 
 @kernel
 def node_quintic(
-    m: Array, out: Out, feet: Array, h: Array, size: Index, dim: Index, axis: Index,
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Array, size: Index,
+    dim: Index, axis: Index,
     o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
     advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
     """The quintic profile of values, slopes and second derivatives."""
-    k, r, s = locate(i, feet[o], n, periodic)
+    k, r, s = locate(i, feet[fo], n, periodic)
     width = h[k]
     q1 = (1 + 2 * axis) * size
     q2 = (2 + 2 * axis) * size
@@ -150,11 +181,11 @@ def node_quintic(
     f1 = f1 / width
     f2 = f2 / (width * width)
     f3 = f3 / (width * width * width)
-    J = feet[size + o]
-    K = feet[2 * size + o]
+    J = feet[fs + fo]
+    K = feet[2 * fs + fo]
     component = 3
     if advect == 1:
-        L = feet[3 * size + o]
+        L = feet[3 * fs + fo]
         out[o] = J * f0
         out[q1 + o] = J * J * f1 + K * f0
         out[q2 + o] = J * J * J * f2 + 3.0 * J * K * f1 + L * f0
@@ -169,14 +200,14 @@ def node_quintic(
             p2 = (2 + 2 * b_axis) * size
             g0, g1 = lagrange(m, h, p1 + base, stride, n, periodic, k, s)
             e0, _slope = lagrange(m, h, p2 + base, stride, n, periodic, k, s)
-            Q = feet[component * size + o]
-            P = feet[(component + 1) * size + o]
+            Q = feet[component * fs + fo]
+            P = feet[(component + 1) * fs + fo]
             once = g0 + Q * f1
             twice = e0 + 2.0 * Q * g1 + Q * Q * f2 + P * f1
             component = component + 2
             if advect == 1:
-                E = feet[component * size + o]
-                F = feet[(component + 1) * size + o]
+                E = feet[component * fs + fo]
+                F = feet[(component + 1) * fs + fo]
                 twice = J * twice + 2.0 * E * once + F * f0
                 once = J * once + E * f0
                 component = component + 2

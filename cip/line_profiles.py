@@ -74,12 +74,9 @@ def tangents(a: Real, b: Real, va: Real, vb: Real, s: Real, d: Real) -> tuple[Re
         return b, vb
     if e0 * e1 > 0.0 or (e0 == 0.0 and e1 == 0.0):
         return a + s * (b - a), b - a
-    side = e0 + s * (e1 - e0)
-    if e0 == 0.0:
-        side = -e1
-    else:
-        side = side * e0
-    if side > 0.0 or (side == 0.0 and d < 0.0):
+    # Left minus right tangent, counted positive before the kink.
+    side = (e0 + s * (e1 - e0)) * e0
+    if e0 != 0.0 and (side > 0.0 or (side == 0.0 and d < 0.0)):
         return a + va * s, va
     return b - vb * (1.0 - s), vb
 

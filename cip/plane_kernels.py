@@ -16,7 +16,7 @@ E, E_x, E_y (bicubic: E_xy).
 from __future__ import annotations
 
 from cip.jit import Array, Index, Out, Real, kernel
-from cip.line_profiles import cubic, cubic_second, locate
+from cip.line_profiles import cubic, cubic_second, locate, rough, tangents
 
 
 @kernel
@@ -30,13 +30,27 @@ def bubble(d: Real, va: Real, vb: Real, s: Real) -> tuple[Real, Real]:
 
 
 @kernel
-def node_adini(
-    m: Array, out: Out, feet: Array, hx: Array, hy: Array, size: Index, o: Index,
+def edge(
+    m: Array, h: Array, base: Index, stride: Index, n: Index, periodic: Index, k: Index, r: Index,
+    a: Real, b: Real, va: Real, vb: Real, s: Real, d: Real,
+) -> tuple[Real, Real, Index]:  # fmt: skip
+    """The bubble of an edge, from the tangents where its line is rough; whether it is."""
+    if rough(m, h, base, stride, n, periodic, k, r, a, b, va, vb) == 1:
+        value, slope = tangents(a, b, va, vb, s, d)
+        return value - a - s * (b - a), slope - (b - a), 1
+    value, slope = bubble(b - a, va, vb, s)
+    return value, slope, 0
+
+
+@kernel
+def adini(
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Array, hy: Array,
+    size: Index, o: Index,
     i: Index, j: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
     """Adini's profile of u, u_x, u_y."""
-    k, kr, s = locate(i, feet[o], nx, px)
-    l, lr, t = locate(j, feet[size + o], ny, py)
+    k, kr, s = locate(i, feet[fo], nx, px)
+    l, lr, t = locate(j, feet[fs + fo], ny, py)
     c00 = k * ny + l
     c10 = kr * ny + l
     c01 = k * ny + lr
@@ -53,23 +67,41 @@ def node_adini(
     d1 = u11 - u01
     e0 = u01 - u00
     e1 = u11 - u10
-    b0, db0 = bubble(d0, a * m[ux + c00], a * m[ux + c10], s)
-    b1, db1 = bubble(d1, a * m[ux + c01], a * m[ux + c11], s)
-    b2, db2 = bubble(e0, b * m[uy + c00], b * m[uy + c01], t)
-    b3, db3 = bubble(e1, b * m[uy + c10], b * m[uy + c11], t)
+    p0 = a * m[ux + c00]
+    p1 = a * m[ux + c10]
+    p2 = a * m[ux + c01]
+    p3 = a * m[ux + c11]
+    q0 = b * m[uy + c00]
+    q1 = b * m[uy + c10]
+    q2 = b * m[uy + c01]
+    q3 = b * m[uy + c11]
+    cut = 0
+    if limiter == 2:
+        dx = feet[fo]
+        dy = feet[fs + fo]
+        b0, db0, r0 = edge(m, hx, l, ny, nx, px, k, kr, u00, u10, p0, p1, s, dx)
+        b1, db1, r1 = edge(m, hx, lr, ny, nx, px, k, kr, u01, u11, p2, p3, s, dx)
+        b2, db2, r2 = edge(m, hy, k * ny, 1, ny, py, l, lr, u00, u01, q0, q2, t, dy)
+        b3, db3, r3 = edge(m, hy, kr * ny, 1, ny, py, l, lr, u10, u11, q1, q3, t, dy)
+        cut = r0 + r1 + r2 + r3
+    else:
+        b0, db0 = bubble(d0, p0, p1, s)
+        b1, db1 = bubble(d1, p2, p3, s)
+        b2, db2 = bubble(e0, q0, q2, t)
+        b3, db3 = bubble(e1, q1, q3, t)
     value = u00 + s * d0 + t * (e0 + s * (d1 - d0)) + b0 + t * (b1 - b0) + b2 + s * (b3 - b2)
     fx = (d0 + t * (d1 - d0) + db0 + t * (db1 - db0) + b3 - b2) / a
     fy = (e0 + s * (e1 - e0) + db2 + s * (db3 - db2) + b1 - b0) / b
-    if limiter == 1:
+    if limiter == 1 or cut > 0:
         low = min(min(u00, u10), min(u01, u11))
         high = max(max(u00, u10), max(u01, u11))
         value = min(max(value, low), high)
-    gx = feet[2 * size + o] * fx + feet[4 * size + o] * fy
-    gy = feet[3 * size + o] * fx + feet[5 * size + o] * fy
+    gx = feet[2 * fs + fo] * fx + feet[4 * fs + fo] * fy
+    gy = feet[3 * fs + fo] * fx + feet[5 * fs + fo] * fy
     if advect == 1:
-        E = feet[6 * size + o]
-        gx = E * gx + feet[7 * size + o] * value
-        gy = E * gy + feet[8 * size + o] * value
+        E = feet[6 * fs + fo]
+        gx = E * gx + feet[7 * fs + fo] * value
+        gy = E * gy + feet[8 * fs + fo] * value
         value = E * value
     out[o] = value
     out[ux + o] = gx
@@ -77,13 +109,14 @@ def node_adini(
 
 
 @kernel
-def node_bicubic(
-    m: Array, out: Out, feet: Array, hx: Array, hy: Array, size: Index, o: Index,
+def bicubic(
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Array, hy: Array,
+    size: Index, o: Index,
     i: Index, j: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
     """Bicubic Hermite profile of u, u_x, u_y, u_xy: along x on both edges, then along y."""
-    k, kr, s = locate(i, feet[o], nx, px)
-    l, lr, t = locate(j, feet[size + o], ny, py)
+    k, kr, s = locate(i, feet[fo], nx, px)
+    l, lr, t = locate(j, feet[fs + fo], ny, py)
     c00 = k * ny + l
     c10 = kr * ny + l
     c01 = k * ny + lr
@@ -116,36 +149,36 @@ def node_bicubic(
     topt, topt1 = cubic(q2, q3, w2, w3, s)
     value, ft = cubic(low, top, lowt, topt, t)
     ftt = cubic_second(low, top, lowt, topt, t)
-    fs, fst = cubic(low1, top1, lowt1, topt1, t)
+    f1, fst = cubic(low1, top1, lowt1, topt1, t)
     low2 = cubic_second(u00, u10, p0, p1, s)
     top2 = cubic_second(u01, u11, p2, p3, s)
     lowt2 = cubic_second(q0, q1, w0, w1, s)
     topt2 = cubic_second(q2, q3, w2, w3, s)
     fss, _slope = cubic(low2, top2, lowt2, topt2, t)
     if limiter == 1:
-        least = min(min(u00, u10), min(u01, u11))
-        most = max(max(u00, u10), max(u01, u11))
-        value = min(max(value, least), most)
-    fx = fs / a
+        low_end = min(min(u00, u10), min(u01, u11))
+        high_end = max(max(u00, u10), max(u01, u11))
+        value = min(max(value, low_end), high_end)
+    fx = f1 / a
     fy = ft / b
     fxx = fss / (a * a)
     fxy = fst / ab
     fyy = ftt / (b * b)
-    g11 = feet[2 * size + o]
-    g12 = feet[3 * size + o]
-    g21 = feet[4 * size + o]
-    g22 = feet[5 * size + o]
+    g11 = feet[2 * fs + fo]
+    g12 = feet[3 * fs + fo]
+    g21 = feet[4 * fs + fo]
+    g22 = feet[5 * fs + fo]
     vx = g11 * fx + g21 * fy
     vy = g12 * fx + g22 * fy
     vxy = (
         g11 * g12 * fxx + (g11 * g22 + g21 * g12) * fxy + g21 * g22 * fyy
-        + feet[6 * size + o] * fx + feet[7 * size + o] * fy
+        + feet[6 * fs + fo] * fx + feet[7 * fs + fo] * fy
     )  # fmt: skip
     if advect == 1:
-        E = feet[8 * size + o]
-        Ex = feet[9 * size + o]
-        Ey = feet[10 * size + o]
-        vxy = E * vxy + Ex * vy + Ey * vx + feet[11 * size + o] * value
+        E = feet[8 * fs + fo]
+        Ex = feet[9 * fs + fo]
+        Ey = feet[10 * fs + fo]
+        vxy = E * vxy + Ex * vy + Ey * vx + feet[11 * fs + fo] * value
         vx = E * vx + Ex * value
         vy = E * vy + Ey * value
         value = E * value
@@ -153,3 +186,43 @@ def node_bicubic(
     out[ux + o] = vx
     out[uy + o] = vy
     out[w + o] = vxy
+
+
+@kernel
+def node_adini(
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Array, hy: Array,
+    size: Index, o: Index,
+    i: Index, j: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
+) -> None:  # fmt: skip
+    """Adini's profile without limiter, which the compiler then drops."""
+    adini(m, out, feet, fs, fo, hx, hy, size, o, i, j, nx, ny, px, py, advect, 0)
+
+
+@kernel
+def node_adini_limited(
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Array, hy: Array,
+    size: Index, o: Index,
+    i: Index, j: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
+) -> None:  # fmt: skip
+    """Adini's profile with a limiter."""
+    adini(m, out, feet, fs, fo, hx, hy, size, o, i, j, nx, ny, px, py, advect, limiter)
+
+
+@kernel
+def node_bicubic(
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Array, hy: Array,
+    size: Index, o: Index,
+    i: Index, j: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
+) -> None:  # fmt: skip
+    """The bicubic profile without limiter, which the compiler then drops."""
+    bicubic(m, out, feet, fs, fo, hx, hy, size, o, i, j, nx, ny, px, py, advect, 0)
+
+
+@kernel
+def node_bicubic_limited(
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Array, hy: Array,
+    size: Index, o: Index,
+    i: Index, j: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
+) -> None:  # fmt: skip
+    """The bicubic profile with a limiter."""
+    bicubic(m, out, feet, fs, fo, hx, hy, size, o, i, j, nx, ny, px, py, advect, limiter)

@@ -1,0 +1,224 @@
+"""C from the kernels: one source serves numba on the CPU and NVRTC on the device.
+
+The kernel language is the part of Python that `cip.jit` describes. A function becomes an inline C
+function with the same arithmetic in the same order; several results become output pointers. Types
+follow from the annotations of the arguments and from the operations: whole numbers are `index`,
+all others `real`, which the prelude sets to double or float.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Sequence
+from types import ModuleType
+
+_TYPES = {"Index": "index", "Real": "real", "Array": "const real* __restrict__"}
+_TYPES["Out"] = "real* __restrict__"
+_OPERATORS: dict[type, str] = {
+    ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Lt: "<", ast.LtE: "<=",
+    ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=", ast.And: "&&", ast.Or: "||",
+}  # fmt: skip
+
+PRELUDE = """
+#ifndef DEVICE
+#include <math.h>
+#define DEVICE static inline
+#endif
+DEVICE index whole_mod(index a, index b) { index r = a % b; return r < 0 ? r + b : r; }
+DEVICE index whole_div(index a, index b) { return (a - whole_mod(a, b)) / b; }
+DEVICE real c_min(real a, real b) { return b < a ? b : a; }
+DEVICE real c_max(real a, real b) { return b > a ? b : a; }
+DEVICE real sign(real a) { return (real)((a > 0) - (a < 0)); }
+"""
+
+
+def prelude(real: str = "double", index: str = "int") -> str:
+    """Types of a translation unit and the functions that C lacks."""
+    return f"typedef {real} real;\ntypedef {index} index;\n{PRELUDE}"
+
+
+def translate(modules: Sequence[ModuleType], entry: str) -> str:
+    """C of the kernel `entry` of the last module and of all kernels that it calls.
+
+    Parameters
+    ----------
+    modules : sequence of module
+        Where the kernels are, in any order.
+    entry : str
+
+    Returns
+    -------
+    str
+        Functions in an order in which each is defined before it is used.
+    """
+    trees: dict[str, ast.FunctionDef] = {}
+    for module in modules:
+        for node in ast.parse(inspect.getsource(module)).body:
+            if isinstance(node, ast.FunctionDef):
+                trees[node.name] = node
+    done: dict[str, str] = {}
+
+    def visit(name: str) -> None:
+        if name in done:
+            return
+        for node in ast.walk(trees[name]):
+            called = node.func if isinstance(node, ast.Call) else None
+            if isinstance(called, ast.Name) and called.id in trees:
+                visit(called.id)
+        done[name] = _Function(trees[name], trees).code()
+
+    visit(entry)
+    return "\n".join(done.values())
+
+
+def results(tree: ast.FunctionDef) -> list[str]:
+    """Types of what a kernel returns."""
+    returns = tree.returns
+    if returns is None or (isinstance(returns, ast.Constant) and returns.value is None):
+        return []
+    if isinstance(returns, ast.Name):
+        return [_TYPES[returns.id]]
+    assert isinstance(returns, ast.Subscript)
+    assert isinstance(returns.slice, ast.Tuple)
+    return [_TYPES[item.id] for item in returns.slice.elts if isinstance(item, ast.Name)]
+
+
+class _Function:
+    def __init__(self, tree: ast.FunctionDef, trees: dict[str, ast.FunctionDef]) -> None:
+        self.tree, self.trees = tree, trees
+        self.types: dict[str, str] = {}
+        self.arguments = []
+        for argument in tree.args.args:
+            assert isinstance(argument.annotation, ast.Name), argument.arg
+            self.types[argument.arg] = _TYPES[argument.annotation.id]
+            self.arguments.append(argument.arg)
+        self.returned = results(tree)
+
+    def code(self) -> str:
+        body = self.block(self.tree.body, 1)
+        parameters = [f"{self.types[name]} {name}" for name in self.arguments]
+        single = len(self.returned) == 1
+        if not single:
+            parameters += [f"{kind}* result{q}" for q, kind in enumerate(self.returned)]
+        locals_ = [
+            f"    {kind} {name};" for name, kind in self.types.items() if name not in self.arguments
+        ]
+        kind = self.returned[0] if single else "void"
+        head = f"DEVICE {kind} {self.tree.name}({', '.join(parameters)})"
+        return "\n".join([head + " {", *locals_, *body, "}"])
+
+    def block(self, statements: Sequence[ast.stmt], depth: int) -> list[str]:
+        pad = "    " * depth
+        lines: list[str] = []
+        for node in statements:
+            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+                continue
+            if isinstance(node, ast.Expr):
+                lines.append(f"{pad}{self.expression(node.value)};")
+            elif isinstance(node, ast.Assign):
+                lines.extend(pad + line for line in self.assign(node.targets[0], node.value))
+            elif isinstance(node, ast.If):
+                lines.append(f"{pad}if ({self.expression(node.test)}) {{")
+                lines += self.block(node.body, depth + 1)
+                if node.orelse:
+                    lines += [f"{pad}}} else {{", *self.block(node.orelse, depth + 1)]
+                lines.append(f"{pad}}}")
+            elif isinstance(node, ast.For):
+                lines += self.loop(node, depth)
+            elif isinstance(node, ast.Return):
+                lines += [pad + line for line in self.result(node.value)]
+            else:
+                raise TypeError(f"{self.tree.name}: {ast.unparse(node)!r} is no kernel language")
+        return lines
+
+    def loop(self, node: ast.For, depth: int) -> list[str]:
+        assert isinstance(node.target, ast.Name)
+        assert isinstance(node.iter, ast.Call)
+        bounds = [self.expression(argument) for argument in node.iter.args]
+        low, high = ("0", bounds[0]) if len(bounds) == 1 else bounds
+        name = node.target.id
+        self.types[name] = "index"
+        pad = "    " * depth
+        head = f"{pad}for ({name} = {low}; {name} < {high}; {name}++) {{"
+        return [head, *self.block(node.body, depth + 1), f"{pad}}}"]
+
+    def assign(self, target: ast.expr, value: ast.expr) -> list[str]:
+        if isinstance(target, ast.Tuple):
+            names = [item.id for item in target.elts if isinstance(item, ast.Name)]
+            assert isinstance(value, ast.Call)
+            assert isinstance(value.func, ast.Name)
+            for name, kind in zip(names, results(self.trees[value.func.id]), strict=True):
+                self.types.setdefault(name, kind)
+            call = [self.expression(a) for a in value.args] + [f"&{name}" for name in names]
+            return [f"{value.func.id}({', '.join(call)});"]
+        if isinstance(target, ast.Name):
+            self.types.setdefault(target.id, self.kind(value))
+        return [f"{self.expression(target)} = {self.expression(value)};"]
+
+    def result(self, value: ast.expr | None) -> list[str]:
+        if value is None:
+            return ["return;"]
+        if len(self.returned) == 1:
+            return [f"return {self.expression(value)};"]
+        if isinstance(value, ast.Call):
+            assert isinstance(value.func, ast.Name)
+            call = [self.expression(a) for a in value.args]
+            call += [f"result{q}" for q in range(len(self.returned))]
+            return [f"{value.func.id}({', '.join(call)});", "return;"]
+        assert isinstance(value, ast.Tuple)
+        lines = [f"*result{q} = {self.expression(item)};" for q, item in enumerate(value.elts)]
+        return [*lines, "return;"]
+
+    def kind(self, node: ast.expr) -> str:
+        """Type of an expression."""
+        if isinstance(node, ast.Constant):
+            return "index" if isinstance(node.value, int) else "real"
+        if isinstance(node, ast.Name):
+            return self.types[node.id]
+        if isinstance(node, ast.Subscript):
+            return "real"
+        if isinstance(node, ast.UnaryOp):
+            return self.kind(node.operand)
+        if isinstance(node, ast.BinOp):
+            kinds = {self.kind(node.left), self.kind(node.right)}
+            return "index" if kinds == {"index"} else "real"
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            if node.func.id == "floor":
+                return "index"
+            if node.func.id in self.trees:
+                return results(self.trees[node.func.id])[0]
+            return "real"
+        raise TypeError(f"{self.tree.name}: {ast.unparse(node)!r} is no kernel language")
+
+    def expression(self, node: ast.expr) -> str:
+        if isinstance(node, ast.Constant):
+            return str(node.value) if isinstance(node.value, int) else f"(real){node.value!r}"
+        if isinstance(node, ast.Name):
+            return node.id
+        if isinstance(node, ast.Subscript):
+            return f"{self.expression(node.value)}[{self.expression(node.slice)}]"
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+            return f"(-{self.expression(node.operand)})"
+        if isinstance(node, ast.BinOp):
+            left, right = self.expression(node.left), self.expression(node.right)
+            if isinstance(node.op, ast.Mod | ast.FloorDiv):
+                name = "whole_mod" if isinstance(node.op, ast.Mod) else "whole_div"
+                return f"{name}({left}, {right})"
+            return f"({left} {_OPERATORS[type(node.op)]} {right})"
+        if isinstance(node, ast.BoolOp):
+            joined = f" {_OPERATORS[type(node.op)]} ".join(map(self.expression, node.values))
+            return f"({joined})"
+        if isinstance(node, ast.Compare) and len(node.ops) == 1:
+            left, right = self.expression(node.left), self.expression(node.comparators[0])
+            return f"({left} {_OPERATORS[type(node.ops[0])]} {right})"
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            return self.call(node.func.id, node.args)
+        raise TypeError(f"{self.tree.name}: {ast.unparse(node)!r} is no kernel language")
+
+    def call(self, name: str, args: Sequence[ast.expr]) -> str:
+        renamed: dict[str, str] = {"abs": "fabs", "min": "c_min", "max": "c_max"}
+        joined = ", ".join(self.expression(a) for a in args)
+        if name == "floor":
+            return f"(index)floor({joined})"
+        return f"{renamed.get(name, name)}({joined})"

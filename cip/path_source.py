@@ -1,0 +1,95 @@
+"""The characteristic of one node as a kernel: feet computed where they are used.
+
+For a velocity that is a formula the equations of `cip.jets` become straight-line code in the kernel
+language: one function for the rates, one for the classical Runge-Kutta steps of a node. numba
+compiles it for the CPU, `cip.device_source` translates it for the device.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cip.emit import statements
+from cip.expression import COORDINATES
+from cip.grid import Grid
+from cip.jets import LOG_DETERMINANT, Jet, System
+
+_STAGES = ((0.5, "0.5"), (0.5, "0.5"), (1.0, "1.0"))
+
+
+def path_source(grid: Grid, system: System, wanted: Sequence[Jet]) -> str:
+    """Python of the kernels `rates` and `path`.
+
+    ``path(feet, x1, x2, x3, t, dt, count, lengths)`` writes the jets in the order of `wanted`, the
+    displacements in cells (uniform directions only), and returns 1 where the path leaves the box
+    through a wall, else 0. `t` is the end of the step.
+    """
+    jets = system.jets
+    names = [jet.name for jet in jets]
+    reals = ", ".join(f"{name}: Real" for name in (*COORDINATES, *names))
+    kinds = ", ".join(["Real"] * len(jets))
+    rates = {f"r{q}": rate for q, rate in enumerate(system.rates)}
+    lines = [
+        f"def rates({reals}) -> tuple[{kinds}]:",
+        *statements(rates),
+        f"    return {', '.join(rates)}",
+        "",
+        "def path(feet: Out, x1: Real, x2: Real, x3: Real, t: Real, dt: Real, count: Index) -> Index:",
+        "    outside = 0",
+        "    step = dt / count",
+    ]
+    lines += [f"    y{q} = {system.start(jet)!r}" for q, jet in enumerate(jets)]
+    lines.append("    for n in range(count):")
+    lines.append("        s = t - n * step")
+    for stage in range(4):
+        args = _stage(system, stage)
+        lines += [f"        {line}" for line in args]
+    for q in range(len(jets)):
+        total = f"a{q} + 2.0 * b{q} + 2.0 * c{q} + d{q}"
+        lines.append(f"        y{q} = y{q} + step / 6.0 * ({total})")
+    for q, axis in enumerate(system.moving):
+        if not grid.periodic[axis]:
+            low, high = grid.bounds[axis]
+            margin = 1e-9 * grid.spacing[axis]
+            x = f"x{axis + 1} + y{q}"
+            lines.append(f"        if {x} < {low - margin!r} or {x} > {high + margin!r}:")
+            lines.append("            outside = 1")
+    place = {jet: q for q, jet in enumerate(jets)}
+    if LOG_DETERMINANT in wanted:
+        lines.append(f"    E = exp(y{place[LOG_DETERMINANT]})")
+    for f, jet in enumerate(wanted):
+        lines.append(f"    feet[{f}] = {_component(grid, jet, place)}")
+    lines.append("    return outside")
+    return "\n".join(lines) + "\n"
+
+
+def _stage(system: System, stage: int) -> list[str]:
+    letter, before = "abcd"[stage], "abcd"[stage - 1]
+    weight = 0.0 if stage == 0 else _STAGES[stage - 1][0]
+    values = [
+        f"y{q}" if stage == 0 else f"y{q} + {weight!r} * step * {before}{q}"
+        for q in range(len(system.jets))
+    ]
+    lines = [f"w{q} = {value}" for q, value in enumerate(values)]
+    point = []
+    for axis, name in enumerate(COORDINATES[:3]):
+        moved = axis in system.moving
+        point.append(f"{name} + w{system.moving.index(axis)}" if moved else name)
+    time = "s" if stage == 0 else f"s - {weight!r} * step"
+    inner = ", ".join([*point, time, *(f"w{q}" for q in range(len(system.jets)))])
+    results = ", ".join(f"{letter}{q}" for q in range(len(system.jets)))
+    return [*lines, f"{results} = rates({inner})"]
+
+
+def _component(grid: Grid, jet: Jet, place: dict[Jet, int]) -> str:
+    if jet.component == 3:
+        axes = [axis for axis in range(3) for _ in range(jet.orders[axis])]
+        slopes = [f"y{place[LOG_DETERMINANT.along(axis)]}" for axis in axes]
+        if not axes:
+            return "E"
+        if len(axes) == 1:
+            return f"E * {slopes[0]}"
+        return f"E * (y{place[jet]} + {slopes[0]} * {slopes[1]})"
+    if any(jet.orders):
+        return f"y{place[jet]}"
+    return f"y{place[jet]} * {1.0 / grid.widths[jet.component][0]!r}"
