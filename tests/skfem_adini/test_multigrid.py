@@ -4,6 +4,8 @@ import sys
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import sparse
 from skfem import Basis, ElementVector, LinearForm, MeshHex, MeshQuad
 from skfem.helpers import dot
@@ -106,6 +108,16 @@ def test_iterations_do_not_grow(make, most):
         counts.append(solver.iterations)
     assert max(counts) <= most
     assert counts[2] <= counts[1] + 2
+
+
+@given(st.lists(st.integers(0, 9), min_size=1, max_size=40))
+def test_unknowns_of_a_vertex_lie_in_one_block(vertex):
+    """Each in a place of its own, whatever the order of the unknowns."""
+    place, block, vertices = multigrid._slots(np.array(vertex))
+    assert len(set(place)) == len(vertex)
+    assert place.min() >= 0
+    assert place.max() < block * vertices
+    assert len(set(zip(vertex, place // block, strict=True))) == len(set(vertex)) == vertices
 
 
 def test_rotations_pay():
