@@ -27,6 +27,7 @@ from contact.errors import InputError, numbers
 from contact.mesh_file import read_mesh
 from contact.rigid_modes import dof_lengths
 from contact.selection import select_components, select_facets
+from contact.solid import BasisSolid
 from skfem_adini import (
     ElementHexAdini,
     ElementQuadAdini,
@@ -46,7 +47,7 @@ _DEFAULT_ELEMENT = {
 }
 
 
-class ElasticBody:
+class ElasticBody(BasisSolid):
     """A linearly elastic body, discretised by any scikit-fem vector basis.
 
     The data flow is `basis -> stiffness S, load f, conditions C x = c`; each is an attribute.

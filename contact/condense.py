@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from copy import copy
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from contact.blas_threads import one_blas_thread
-from contact.boundary import BoundaryProblem
+from contact.boundary import BoundaryProblem, Friction
+from contact.dense_arrays import HostArrays
 from contact.dissection import cell_graph, nested_dissection
 from contact.errors import Infeasible, InputError, Unbounded
-from contact.newton import Forces
+from contact.methods import Options, solve_boundary
+from contact.newton import Forces, Report
 from contact.rigid_modes import describe_motion, rigid_modes
 from contact.rows import live_rows
 from contact.schur import schur_factor
@@ -59,7 +60,9 @@ class CondensedContact:
     is an unknown of its own, with the balance of loads ``N^T (r - B^T l) = 0``.
     """
 
-    def __init__(self, body: ElasticBody, rows: ContactRows, solver: str = "auto") -> None:
+    _arrays = HostArrays()
+
+    def __init__(self, body: Any, rows: ContactRows, solver: str = "auto") -> None:
         self.rows = rows
         T, _ = body.constraint
         # Free unknowns are displacements: a derivative is multiplied by its length, so that no
@@ -73,26 +76,34 @@ class CondensedContact:
         else:
             S = sparse.csr_array(T.T @ body.stiffness @ T)
         self._prescribe(body)
-        dim = body.dim
         G, tangents = sparse.csr_array(rows.G @ self._T), sparse.csr_array(rows.T @ self._T)
-        live_n, live_t = live_rows(rows.G, body), live_rows(rows.T, body)
+        B = self._choose(G, tangents, live_rows(rows.G, body), live_rows(rows.T, body))
+        self._factor = schur_factor(S, self._boundary, self._elimination_order, solver)
+        self._B = sparse.csr_array(B[:, self._boundary])
+        self._per_length = per_length[self._boundary]
+        with one_blas_thread(self.size):
+            self._condense(self._free_modes())
+
+    def _choose(
+        self,
+        G: sparse.csr_array,
+        tangents: sparse.csr_array,
+        live_n: NDArray[np.bool_],
+        live_t: NDArray[np.bool_],
+    ) -> sparse.csr_array:
+        """Number the live rows and the unknowns that they touch; the live rows."""
         if not live_n.any() and not live_t.any():
             raise InputError(
                 "boundary: every displacement of the contact boundary is prescribed; "
                 "fix less of it or choose another contact boundary"
             )
-        count = rows.gap.size
         self._normal = np.where(live_n, np.cumsum(live_n) - 1, -1)
         self._tangent = np.where(live_t, live_n.sum() + np.cumsum(live_t) - 1, -1).reshape(
-            count, dim - 1
+            live_n.size, -1
         )
         B = sparse.vstack([G[live_n], tangents[live_t]], format="csr")
         self._boundary = np.unique(B.indices).astype(np.int64)
-        self._factor = schur_factor(S, self._boundary, self._elimination_order, solver)
-        self._B = B[:, self._boundary].toarray()
-        self._per_length = per_length[self._boundary]
-        with one_blas_thread(self.size):
-            self._condense(self._free_modes())
+        return B
 
     def _prescribe(self, body: ElasticBody) -> None:
         u0, rows = body.constraint[1], self.rows
@@ -128,7 +139,8 @@ class CondensedContact:
         return free * of_free
 
     def _condense(self, modes: Array) -> None:
-        S_b = self.stiffness
+        arrays = self._arrays
+        S_b = self._scaled_schur()
         N = modes[self._boundary]
         if modes.shape[1]:
             N, R = np.linalg.qr(N)
@@ -136,30 +148,31 @@ class CondensedContact:
                 loose = modes @ np.linalg.svd(modes[self._boundary])[2][-1]
                 raise self._not_held(loose)
             self._modes = np.linalg.solve(R.T, modes.T).T
-            S_b = S_b + np.mean(np.diag(S_b)) * N @ N.T
+            on_device = arrays.put(N)
+            S_b = S_b + S_b.diagonal().mean() * (on_device @ on_device.T)
         else:
             self._modes = modes
         try:
-            self._cholesky = cho_factor(S_b, lower=True, check_finite=False)
+            self._L = arrays.cholesky(S_b)
         except np.linalg.LinAlgError:
             raise InputError(
                 "stiffness: the condensed stiffness is not positive definite; the material or "
                 "the mesh is not admissible"
             ) from None
-        half = solve_triangular(self._cholesky[0], self._B.T, lower=True, check_finite=False)
-        W = half.T @ half
-        diagonal = np.diag(W)
-        if "thesis" in self.rows.functional.split(
-            ","
-        ):  # 3N + 1 rows of rank 2N + 2: see REGULARISATION
-            W = W + REGULARISATION * diagonal.max() * np.eye(diagonal.size)
+        W = arrays.gram(arrays.solve(self._L, arrays.dense(self._B.T)))
+        diagonal = arrays.get(W.diagonal())
+        if "thesis" in self.rows.functional.split(","):  # rank 2N + 2: see REGULARISATION
+            i = arrays.xp.arange(diagonal.size)
+            W[i, i] += REGULARISATION * diagonal.max()
         # One length for each point, so that its friction ball stays a ball.
         scale = np.empty(self._B.shape[0])
         for rows in np.column_stack((self._normal, self._tangent)):
             live = rows[rows >= 0]
             scale[live] = np.sqrt(diagonal[live].mean()) if live.size else 1.0
         self._scale = scale
-        self._W = W / np.outer(scale, scale)
+        W /= arrays.put(scale)
+        W /= arrays.put(scale)[:, None]
+        self._W = arrays.matrix(W)
         self._N = N * float(np.mean(scale))  # balance then reads in the units of scaled forces
         self._C = (self._B @ self._N) / scale[:, None]
 
@@ -204,7 +217,9 @@ class CondensedContact:
         if slip_from is not None:
             fixed_t = fixed_t - slip_from
         prescribed = self._normal < 0
-        round_off = 1e-12 * float(np.ptp(self.body.mesh.p, axis=1).max())  # of the coordinates
+        round_off = 1e-12 * float(
+            np.ptp(self.body.trace.mesh.p, axis=1).max()
+        )  # of the coordinates
         through = prescribed & (fixed_n - gap > round_off)
         if np.any(through):
             i = int(np.flatnonzero(through)[0])
@@ -213,7 +228,7 @@ class CondensedContact:
                 f"displacement {fixed_n[i]:.6g}, beyond its gap {gap[i]:.6g}"
             )
         reduced = self.reduce(load)
-        v0 = self._B @ cho_solve(self._cholesky, reduced, check_finite=False)
+        v0 = self._B @ self._flexed(reduced)
         live_n, live_t = self._normal >= 0, self._tangent >= 0
         v0[self._normal[live_n]] += fixed_n[live_n]
         v0[self._tangent[live_t]] += fixed_t[live_t]
@@ -251,7 +266,7 @@ class CondensedContact:
         stacked = problem.forces(forces.mu, forces.t) / self._scale
         reduced = self.reduce(load) - self._B.T @ stacked
         of_body = forces.a[: self._N.shape[1]]
-        z_b = cho_solve(self._cholesky, reduced, check_finite=False) + self._N @ of_body
+        z_b = self._flexed(reduced) + self._N @ of_body
         scale = self.point_scale
         return self.expand(load, z_b), forces.mu / scale, forces.t / scale[:, None]
 
@@ -263,10 +278,32 @@ class CondensedContact:
         found[motion.free] = self._driven(motion)[1] * forces.a[self._N.shape[1] :]
         return found
 
+    def solve(
+        self,
+        problem: BoundaryProblem,
+        law: Friction | None,
+        options: Options,
+        start: Forces | None,
+        report: Report,
+    ) -> tuple[Forces, float]:
+        """Solve the dense problem where its matrix lies; see `contact.methods.solve_boundary`."""
+        return solve_boundary(problem, law, options, start, self.point_scale, report)
+
+    def _flexed(self, r: Array) -> Array:
+        """Displacement of the boundary's unknowns under forces r on them."""
+        arrays = self._arrays
+        half = arrays.solve(self._L, arrays.put(r[:, None]))
+        return np.asarray(arrays.get(arrays.solve(self._L, half, transposed=True)))[:, 0]
+
+    def _scaled_schur(self) -> Any:
+        """S_b on the device, a copy."""
+        per_length = self._arrays.put(self._per_length)
+        return per_length[:, None] * self._factor.schur * per_length
+
     @property
     def stiffness(self) -> Array:
         """Schur complement S_b of the contact boundary's unknowns, shape (nb, nb)."""
-        return self._per_length[:, None] * self._factor.schur * self._per_length
+        return np.asarray(self._arrays.get(self._scaled_schur()))
 
     def reduce(self, load: Array) -> Array:
         """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
@@ -296,7 +333,7 @@ class CondensedContact:
                 "the obstacle is not held: contact forces cannot balance the force or moment given "
                 "to its `Rigid`; hold a component of its motion, turn the force towards the body, "
                 "or add friction",
-                np.zeros(self.body.basis.N),
+                np.zeros_like(self.body.f),
             )
         return self._not_held(self._modes @ a[:k])
 

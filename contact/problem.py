@@ -5,22 +5,21 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact.blas_threads import one_blas_thread
-from contact.body import ElasticBody
 from contact.boundaries import ContactBoundaries
 from contact.condense import CondensedContact
 from contact.errors import InputError, NotConverged
-from contact.methods import Options, solve_boundary
+from contact.methods import Options
 from contact.newton import Iteration
 from contact.obstacles import Gap
 from contact.result import ContactResult, certify
 from contact.rows import ContactRows
+from contact.solid import Solid
 from contact.system import ContactSystem
 from gpu import Infeasible as QPInfeasible
 from gpu import InputError as QPInputError
@@ -44,7 +43,7 @@ class ContactProblem:
 
     Parameters
     ----------
-    body : ElasticBody
+    body : ElasticBody or LayeredBlock
     boundary : str, list of str or array of facet numbers
         The boundary where contact may occur. Together with a list of obstacles: a list of
         boundaries, each with its own; friction and functional may then be lists as well.
@@ -80,7 +79,7 @@ class ContactProblem:
 
     def __init__(
         self,
-        body: ElasticBody,
+        body: Solid,
         boundary: str | Sequence[str] | ArrayLike,
         obstacle: Gap,
         friction: Friction = 0.0,
@@ -88,13 +87,18 @@ class ContactProblem:
         functional: str | Sequence[str | None] | None = None,
         solver: str = "auto",
     ) -> None:
-        if not isinstance(body, ElasticBody):
-            raise InputError(f"body: expected an ElasticBody, got {type(body).__name__}")
+        if not isinstance(body, Solid):
+            raise InputError(
+                f"body: expected an ElasticBody or a LayeredBlock, got {type(body).__name__}"
+            )
         if law not in ("coulomb", "tresca", None):
             raise InputError(f"law={law!r}: expected 'coulomb', 'tresca' or None")
-        self.body, self.obstacle, self.solver = body, obstacle, solver
-        self.boundaries = ContactBoundaries.of(body, boundary, obstacle, functional)
-        self.rows: ContactRows = replace(self.boundaries.rows, gap=self.boundaries.gap(obstacle))
+        self.body: Any = body
+        self.obstacle, self.solver = obstacle, solver
+        self.boundaries = ContactBoundaries.of(body.trace, boundary, obstacle, functional)
+        rows = replace(self.boundaries.rows, gap=self.boundaries.gap(obstacle))
+        self.rows: ContactRows = body.embedded(rows)
+        self._condensed: tuple[str, CondensedContact] | None = None
         self.motion = self.boundaries.motion(obstacle)
         self.friction = self.boundaries.friction(friction)
         self.law = law if np.any(self.friction > 0) else None
@@ -110,7 +114,7 @@ class ContactProblem:
         return self.system_of(self.body)
 
     def system_of(
-        self, body: ElasticBody, after: ContactResult | None = None, obstacle: Gap = _SAME
+        self, body: Solid, after: ContactResult | None = None, obstacle: Gap = _SAME
     ) -> ContactSystem:
         """The discrete system of a body under other loads, with another obstacle, after a step."""
         rows, motion = self.rows, self.motion
@@ -126,13 +130,19 @@ class ContactProblem:
         slip_from = None if after is None else after.slip
         return ContactSystem(body, rows, body.f, self.law, friction, slip_from, motion)
 
-    def condense(self) -> CondensedContact:
-        """Factor once; the result is kept and serves every later `solve`."""
-        return self._condensed
+    def condense(self, device: str | None = None) -> CondensedContact:
+        """Factor once; the result is kept and serves every later `solve`.
 
-    @cached_property
-    def _condensed(self) -> CondensedContact:
-        return CondensedContact(self.body, self.rows, self.solver)
+        Parameters
+        ----------
+        device : {"cpu", "cuda"}, optional
+            Where to condense and to solve; default: where it was done before, else "cpu".
+            "cuda" needs a `LayeredBlock`, CuPy and a CUDA device.
+        """
+        if self._condensed is None or device not in (None, self._condensed[0]):
+            where = "cpu" if device is None else device
+            self._condensed = where, self.body.condense(self.rows, self.solver, where)
+        return self._condensed[1]
 
     def solve(
         self,
@@ -235,7 +245,7 @@ class ContactProblem:
         warm = None if start is None else start.forces(boundary, scale)
         try:
             with one_blas_thread(condensed.size):
-                forces, slack = solve_boundary(boundary, law, options, warm, scale, keep)
+                forces, slack = condensed.solve(boundary, law, options, warm, keep)
         except QPInfeasible as error:
             raise condensed.not_held(error.certificate) from error
         except QPInputError as error:

@@ -15,7 +15,6 @@ from contact.boundary import BoundaryProblem
 from contact.elasticity import stress
 from contact.errors import InputError, NotConverged, numbers
 from contact.newton import Forces, Iteration
-from contact.rigid_modes import rigid_modes
 from contact.system import ContactSystem
 
 Array = NDArray[np.float64]
@@ -142,13 +141,16 @@ class ContactResult:
     @cached_property
     def resultant(self) -> Array:
         """Force of the obstacle on the body, pressure and friction together, shape (dim,)."""
-        return self._total(-self.contact_forces)
+        return self.system.body.total(-self.contact_forces)
 
     @property
     def resultants(self) -> Array:
         """The resultant of each contact boundary, shape (nboundaries, dim)."""
         return np.array(
-            [self._total(-self._forces(self.part == k)) for k in range(self.part.max() + 1)]
+            [
+                self.system.body.total(-self._forces(self.part == k))
+                for k in range(self.part.max() + 1)
+            ]
         )
 
     def _forces(self, chosen: NDArray[np.bool_]) -> Array:
@@ -172,13 +174,6 @@ class ContactResult:
         system = self.system
         return np.asarray(system.body.stiffness @ self.u + self.contact_forces - system.load)
 
-    def _total(self, forces: Array) -> Array:
-        modes = rigid_modes(self.system.body)
-        dim = self.system.body.dim
-        per_piece = dim * (dim + 1) // 2
-        sums = (modes.T @ forces).reshape(-1, per_piece)
-        return np.asarray(sums[:, :dim].sum(axis=0))
-
     def balance(self) -> dict[str, Array]:
         """Applied load, support reactions, contact force, and what is left of their sum.
 
@@ -188,15 +183,14 @@ class ContactResult:
             ``load``, ``support``, ``contact``: resultants, shape (dim,); ``residual``: their sum
             over the largest of them; reactions count only where a displacement is prescribed.
         """
-        T, _ = self.system.body.constraint
-        reactions = self.reactions - T @ (T.T @ self.reactions)
+        body = self.system.body
         parts = {
-            "load": self._total(self.system.load),
-            "support": self._total(reactions),
+            "load": body.total(self.system.load),
+            "support": body.total(body.at_supports(self.reactions)),
             "contact": self.resultant,
         }
         largest = max(float(np.abs(part).max()) for part in parts.values()) or 1.0
-        parts["residual"] = sum(parts.values(), start=np.zeros(self.system.body.dim)) / largest
+        parts["residual"] = sum(parts.values(), start=np.zeros(body.dim)) / largest
         return parts
 
     @property
@@ -224,14 +218,9 @@ class ContactResult:
         if points is None:
             gradient = np.asarray(body.basis.interpolate(self.u).grad)
             return stress(gradient, _per_cell(body.lam), _per_cell(body.mu))
-        points, cells = self._located(points)
-        X = body.basis.mapping.invF(points[:, :, None], tind=cells)
-        gradient = np.zeros((body.dim, body.dim, points.shape[1]))
-        for i in range(body.basis.Nbfun):
-            field = body.basis.elem.gbasis(body.basis.mapping, X, i, tind=cells)[0]
-            gradient += field.grad[..., 0] * self.u[body.basis.element_dofs[i, cells]]
-        lam = np.broadcast_to(body.lam, body.mesh.nelements)[cells]
-        return stress(gradient, lam, np.broadcast_to(body.mu, body.mesh.nelements)[cells])
+        where = self._points(points)
+        lam, mu, _ = body.material(where)
+        return stress(body.gradient(self.u, where), lam, mu)
 
     def von_mises(self, points: ArrayLike | None = None) -> Array:
         """Von Mises stress, in the places of `stress`; plane strain keeps its sigma_zz."""
@@ -239,11 +228,7 @@ class ContactResult:
         sigma = self.stress(points)
         trace = np.trace(sigma)
         if body.plane == "strain":
-            nu = body.nu
-            if nu.ndim and points is not None:
-                nu = nu[self._located(points)[1]]
-            elif nu.ndim:
-                nu = nu[:, None]
+            nu = _per_cell(body.nu) if points is None else body.material(self._points(points))[2]
             out_of_plane = nu * trace
         else:
             out_of_plane = np.zeros_like(trace)
@@ -262,27 +247,13 @@ class ContactResult:
         -------
         ndarray, shape (dim, npoints)
         """
-        points, cells = self._located(points)
-        body = self.system.body
-        X = body.basis.mapping.invF(points[:, :, None], tind=cells)
-        value = np.zeros((body.dim, points.shape[1]))
-        for i in range(body.basis.Nbfun):
-            field = np.asarray(body.basis.elem.gbasis(body.basis.mapping, X, i, tind=cells)[0])
-            value += field[..., 0] * self.u[body.basis.element_dofs[i, cells]]
-        return value
+        return self.system.body.displacement(self.u, self._points(points))
 
-    def _located(self, points: ArrayLike) -> tuple[Array, NDArray[np.int64]]:
-        """Points as an array, and the cell of each."""
-        where = numbers("points", points)
-        body = self.system.body
-        if where.ndim != 2 or where.shape[0] != body.dim or not np.all(np.isfinite(where)):
-            raise InputError(f"points: expected finite numbers of shape ({body.dim}, n)")
-        try:
-            return where, body.mesh.element_finder()(*where)
-        except Exception as error:  # scikit-fem raises ValueError, or Exception from its Newton
-            raise InputError(
-                f"points: scikit-fem's finder places at least one outside the body ({error})"
-            ) from error
+    def _points(self, points: ArrayLike) -> Array:
+        where, dim = numbers("points", points), self.system.body.dim
+        if where.ndim != 2 or where.shape[0] != dim or not np.all(np.isfinite(where)):
+            raise InputError(f"points: expected finite numbers of shape ({dim}, n)")
+        return where
 
     def forces(self, problem: BoundaryProblem, scale: Array) -> Forces:
         """Contact forces in the scale of a boundary problem, to start another solve."""

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.body import ElasticBody
 from contact.boundary import Friction, project
 from contact.errors import InputError
 from contact.rigid import ObstacleMotion
-from contact.rows import ContactRows, live_rows
+from contact.rows import ContactRows
 
 Array = NDArray[np.float64]
 
@@ -23,7 +22,7 @@ class ContactSystem:
 
     Attributes
     ----------
-    body : ElasticBody
+    body : Solid
     rows : ContactRows
         Its ``gap`` is the one in force.
     load : ndarray, shape (ndofs,)
@@ -37,7 +36,7 @@ class ContactSystem:
         Of obstacles that move; displacements of contact points are then relative to them.
     """
 
-    body: ElasticBody
+    body: Any
     rows: ContactRows
     load: Array
     law: str | None
@@ -97,11 +96,9 @@ class ContactSystem:
             forces besides ``obstacle``: what is left of those over what cancels there.
         """
         rows = self.rows
-        T, u0 = self.body.constraint
-        S = self.body.stiffness
-        force = S @ u + rows.G.T @ mu + rows.T.T @ t.ravel() - self.load
-        terms = self.body.absolute_stiffness @ np.abs(u) + np.abs(self.load)
-        _, lengths = self.body.lengths
+        unbalanced, cancelling = self.body.equilibrium(
+            u, rows.G.T @ mu + rows.T.T @ t.ravel(), self.load
+        )
         length = float(np.abs(u).max(initial=0.0)) or 1.0
         size = max(float(np.abs(mu).max(initial=0.0)), float(np.abs(t).max(initial=0.0))) or 1.0
         reachable = np.isfinite(rows.gap)
@@ -109,13 +106,11 @@ class ContactSystem:
         through = np.where(reachable, u_n - np.where(reachable, rows.gap, 0.0), -np.inf)
         u_t = self.slip_increment(u_t)
         g = self.bound(mu)
-        live = live_rows(rows.T, self.body).reshape(t.shape)
+        live = self.body.live(rows.T).reshape(t.shape)
         returned = t - project(t + size / length * u_t, g)
-        prescribed = u - u0
-        prescribed = prescribed - T @ (T.T @ prescribed)
         result = {
-            "equilibrium": _ratio(T.T @ force / lengths, abs(T.T @ terms) / lengths),
-            "support": _largest(prescribed) / length,
+            "equilibrium": unbalanced / (cancelling or 1.0),
+            "support": self.body.support_error(u) / length,
             "penetration": _largest(np.maximum(through, 0.0)) / length,
             "sign": _largest(np.maximum(-mu, 0.0)) / size,
             "complementarity": _largest(np.minimum(np.abs(mu) / size, np.abs(through) / length)),
@@ -137,8 +132,3 @@ class ContactSystem:
 
 def _largest(x: Any) -> float:
     return float(np.abs(x).max(initial=0.0))
-
-
-def _ratio(error: Any, size: Any) -> float:
-    """Largest component of error over the largest component of size."""
-    return _largest(error) / (_largest(size) or 1.0)

@@ -1,0 +1,203 @@
+"""Dense factorisations and products on NumPy or CuPy arrays, one name for each."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.linalg.blas import dgemm, dsyrk, dtrsm
+from scipy.linalg.lapack import dpotrf
+
+from contact.errors import InputError, MissingDependency
+
+
+class HostArrays:
+    """NumPy arrays in column-major order, SciPy's BLAS.
+
+    NumPy brings a BLAS of its own; calls that alternate between the two make their thread pools
+    wait for each other.
+    """
+
+    xp: Any = np
+
+    def put(self, x: Any) -> Any:
+        """A column-major copy on the device; x lives on the host."""
+        return np.array(x, dtype=np.float64, order="F")
+
+    def get(self, x: Any) -> Any:
+        """The array on the host."""
+        return x
+
+    def dense(self, matrix: Any) -> Any:
+        """A sparse matrix of the host as a dense one."""
+        return matrix.toarray(order="F")
+
+    def matrix(self, W: Any) -> Any:
+        """A symmetric matrix as NumPy code can use it."""
+        return W
+
+    def cholesky(self, A: Any) -> Any:
+        """Lower factor of a symmetric A, which is overwritten; the upper triangle is undefined.
+
+        Raises
+        ------
+        LinAlgError
+        """
+        if not A.size:
+            return A
+        L, info = dpotrf(A, lower=1, clean=0, overwrite_a=1)
+        if info:
+            raise np.linalg.LinAlgError(f"leading minor {info} is not positive")
+        return L
+
+    def solve(self, L: Any, B: Any, transposed: bool = False) -> Any:
+        """Solve ``L X = B`` or ``L^T X = B`` for a matrix B, which is overwritten if it can be."""
+        if not B.size:
+            return B
+        return dtrsm(1.0, L, B, side=0, lower=1, trans_a=int(transposed), overwrite_b=1)
+
+    def product(self, A: Any, B: Any, transposed: bool = False) -> Any:
+        """``A B`` or ``A^T B`` for column-major matrices."""
+        if not (A.size and B.size):
+            return (A.T if transposed else A) @ B
+        return dgemm(1.0, A, B, trans_a=int(transposed))
+
+    def gram(self, A: Any) -> Any:
+        """``A^T A``, both triangles."""
+        if not A.size:
+            return A.T @ A
+        lower = dsyrk(1.0, A, trans=1, lower=1)
+        return mirrored(lower)
+
+    def synchronize(self) -> None:
+        """Wait until everything asked for is done."""
+
+
+class DeviceArrays(HostArrays):
+    """CuPy arrays, cuBLAS and cuSOLVER.
+
+    Raises
+    ------
+    MissingDependency
+        CuPy is not installed.
+    InputError
+        There is no CUDA device.
+    """
+
+    def __init__(self) -> None:
+        try:
+            import cupy
+            from cupyx.scipy.linalg import (  # type: ignore[import-not-found, unused-ignore]
+                solve_triangular,
+            )
+        except ImportError as error:
+            raise MissingDependency(
+                "device='cuda' needs CuPy: pip install 'skfem-adini[cuda13]' (or [cuda12])"
+            ) from error
+        try:
+            cupy.cuda.runtime.getDeviceCount()
+        except cupy.cuda.runtime.CUDARuntimeError as error:
+            raise InputError(f"device='cuda': no CUDA device answers ({error})") from error
+        self.xp, self._solve = cupy, solve_triangular
+
+    def put(self, x: Any) -> Any:
+        """A copy on the device; x lives on the host."""
+        return self.xp.asarray(x, dtype=np.float64)
+
+    def get(self, x: Any) -> Any:
+        """The array on the host."""
+        return self.xp.asnumpy(x)
+
+    def dense(self, matrix: Any) -> Any:
+        """A sparse matrix of the host as a dense one, column-major."""
+        xp, entries = self.xp, matrix.tocoo()
+        columns, rows = matrix.shape[1], matrix.shape[0]
+        flat = xp.zeros(rows * columns)
+        flat[xp.asarray(entries.row + rows * entries.col.astype(np.int64))] = xp.asarray(
+            entries.data
+        )
+        return flat.reshape((rows, columns), order="F")
+
+    def matrix(self, W: Any) -> Any:
+        """A symmetric matrix as NumPy code can use it."""
+        return DeviceMatrix(self, W)
+
+    def cholesky(self, A: Any) -> Any:
+        """Lower factor of a symmetric A; NaN marks a pivot that is not positive."""
+        if not A.size:
+            return A
+        L = self.xp.asfortranarray(self.xp.linalg.cholesky(A))
+        if not bool(self.xp.isfinite(L.diagonal()).all()):
+            raise np.linalg.LinAlgError("a pivot is not positive")
+        return L
+
+    def solve(self, L: Any, B: Any, transposed: bool = False) -> Any:
+        """Solve ``L X = B`` or ``L^T X = B`` for a matrix B, which is overwritten if it can be."""
+        if not B.size:
+            return B
+        return self._solve(L, B, trans=int(transposed), lower=True, overwrite_b=True)
+
+    def product(self, A: Any, B: Any, transposed: bool = False) -> Any:
+        """``A B`` or ``A^T B``."""
+        return (A.T if transposed else A) @ B
+
+    def gram(self, A: Any) -> Any:
+        """``A^T A``, both triangles."""
+        return A.T @ A
+
+    def synchronize(self) -> None:
+        """Wait until everything asked for is done."""
+        self.xp.cuda.runtime.deviceSynchronize()
+
+
+class DeviceMatrix:
+    """A symmetric matrix on the device for code that is written for NumPy arrays.
+
+    Products with vectors of the host run on the device; a submatrix is copied to the host.
+    """
+
+    __array_ufunc__ = None  # leave products with an array on the left to __rmatmul__
+
+    def __init__(self, arrays: DeviceArrays, values: Any) -> None:
+        self.arrays, self.values = arrays, values
+        self.shape = values.shape
+
+    def __matmul__(self, x: Any) -> Any:
+        return self.arrays.get(self.values @ self.arrays.put(x))
+
+    __rmatmul__ = __matmul__
+
+    def __getitem__(self, index: Any) -> Any:
+        xp = self.arrays.xp
+        return self.arrays.get(self.values[tuple(xp.asarray(i) for i in index)])
+
+    def __add__(self, other: Any) -> Any:
+        return self.arrays.get(self.values) + other
+
+
+def mirrored(lower: Any) -> Any:
+    """The symmetric matrix of a lower triangle, in place."""
+    n, width = lower.shape[0], 256  # blocks that stay in the cache
+    for i in range(0, n, width):
+        block = slice(i, i + width)
+        corner = lower[block, block]
+        corner[...] = np.tril(corner) + np.tril(corner, -1).T
+        lower[block, i + width :] = lower[i + width :, block].T
+    return lower
+
+
+def arrays_on(device: str) -> HostArrays:
+    """The arrays of ``device="cpu"`` or ``"cuda"``.
+
+    Raises
+    ------
+    InputError
+        Another name, or no CUDA device.
+    MissingDependency
+        CuPy is not installed.
+    """
+    if device == "cpu":
+        return HostArrays()
+    if device == "cuda":
+        return DeviceArrays()
+    raise InputError(f"device={device!r}: expected 'cpu' or 'cuda'")

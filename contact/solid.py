@@ -1,0 +1,221 @@
+"""What contact asks of an elastic body, and how a body with a Basis answers."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.errors import InputError
+from contact.rigid_modes import rigid_modes
+
+if TYPE_CHECKING:
+    from skfem import Basis, Mesh
+
+    from contact.condense import CondensedContact
+    from contact.rows import ContactRows
+
+Array = NDArray[np.float64]
+
+
+class Solid(ABC):
+    """An elastic body under loads and supports, as contact sees it.
+
+    Attributes
+    ----------
+    dim : int
+    plane : {"strain", "stress", None}
+    f : ndarray, shape (ndofs,)
+        Load on every dof.
+    """
+
+    dim: int
+    plane: str | None
+    f: Array
+
+    @property
+    @abstractmethod
+    def trace(self) -> Any:
+        """A body with a Basis whose dofs are the first of this one's and hold its boundary."""
+
+    @abstractmethod
+    def embedded(self, rows: ContactRows) -> ContactRows:
+        """Rows of the `trace` on all dofs of this body."""
+
+    @abstractmethod
+    def condense(self, rows: ContactRows, solver: str, device: str) -> CondensedContact:
+        """Reduce the body to its contact boundary."""
+
+    @abstractmethod
+    def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
+        """Rows that the supports leave something of; see `contact.rows.live_rows`."""
+
+    @abstractmethod
+    def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
+        """Largest force at a free dof that nothing balances, and largest of those that cancel.
+
+        Parameters
+        ----------
+        u, contact, load : ndarray, shape (ndofs,)
+            Displacement; contact forces with the opposite sign; applied loads.
+        """
+
+    @abstractmethod
+    def support_error(self, u: Array) -> float:
+        """Largest deviation from a prescribed displacement."""
+
+    @abstractmethod
+    def at_supports(self, forces: Array) -> Array:
+        """The part of forces on all dofs that acts where a displacement is prescribed."""
+
+    @abstractmethod
+    def total(self, forces: Array) -> Array:
+        """Resultant of forces on all dofs, shape (dim,)."""
+
+    @abstractmethod
+    def displacement(self, u: Array, points: Array) -> Array:
+        """Displacement at points, by the element's own interpolation, shape (dim, npoints)."""
+
+    @abstractmethod
+    def gradient(self, u: Array, points: Array) -> Array:
+        """Its gradient d u_i / d x_j at points, shape (dim, dim, npoints)."""
+
+    @abstractmethod
+    def material(self, points: Array) -> tuple[Array, Array, Array]:
+        """Lame parameters lambda and mu, and Poisson's ratio, at points."""
+
+
+class BasisSolid(Solid):
+    """A `Solid` with a scikit-fem Basis: sparse matrices, scikit-fem's element finder."""
+
+    basis: Basis
+    lam: Array
+    mu: Array
+    nu: Array
+
+    if TYPE_CHECKING:
+
+        @property
+        def mesh(self) -> Mesh:
+            """The mesh of the basis."""
+            ...
+
+        @property
+        def stiffness(self) -> sparse.csr_array:
+            """S, all dofs."""
+            ...
+
+        @property
+        def absolute_stiffness(self) -> sparse.csr_array:
+            """|S| entry by entry."""
+            ...
+
+        @property
+        def constraint(self) -> tuple[sparse.csr_array, Array]:
+            """T and u0 of u = T z + u0."""
+            ...
+
+        @property
+        def lengths(self) -> tuple[Array, Array]:
+            """Length of each dof and of each free unknown."""
+            ...
+
+    @property
+    def trace(self) -> Self:
+        """The body itself."""
+        return self
+
+    @property
+    def _itself(self) -> Any:
+        return self
+
+    def embedded(self, rows: ContactRows) -> ContactRows:
+        """The same rows."""
+        return rows
+
+    def condense(self, rows: ContactRows, solver: str, device: str) -> CondensedContact:
+        """Reduce the body to its contact boundary by a sparse factorisation."""
+        from contact.condense import CondensedContact
+
+        if device != "cpu":
+            raise InputError(
+                f"device={device!r}: sparse factorisation runs on the 'cpu'; a `LayeredBlock` can "
+                "be condensed on 'cuda'"
+            )
+        return CondensedContact(self, rows, solver)
+
+    def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
+        """Rows that the supports leave something of; see `contact.rows.live_rows`."""
+        from contact.rows import live_rows
+
+        return live_rows(rows, self._itself)
+
+    def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
+        """Largest force at a free dof that nothing balances, and largest of those that cancel."""
+        T, _ = self.constraint
+        _, lengths = self.lengths
+        force = self.stiffness @ u + contact - load
+        terms = self.absolute_stiffness @ np.abs(u) + np.abs(load)
+        return _largest(T.T @ force / lengths), _largest(abs(T.T @ terms) / lengths)
+
+    def support_error(self, u: Array) -> float:
+        """Largest deviation from a prescribed displacement."""
+        T, u0 = self.constraint
+        return _largest(u - u0 - T @ (T.T @ (u - u0)))
+
+    def at_supports(self, forces: Array) -> Array:
+        """The part of forces on all dofs that acts where a displacement is prescribed."""
+        T, _ = self.constraint
+        part: Array = forces - T @ (T.T @ forces)
+        return part
+
+    def total(self, forces: Array) -> Array:
+        """Resultant of forces on all dofs, shape (dim,)."""
+        per_piece = self.dim * (self.dim + 1) // 2
+        sums = (rigid_modes(self._itself).T @ forces).reshape(-1, per_piece)
+        return np.asarray(sums[:, : self.dim].sum(axis=0))
+
+    def displacement(self, u: Array, points: Array) -> Array:
+        """Displacement at points, by the element's own interpolation, shape (dim, npoints)."""
+        cells = self._cells(points)
+        return sum(
+            (np.asarray(field)[..., 0] * u[dofs] for field, dofs in self._local(points, cells)),
+            start=np.zeros((self.dim, points.shape[1])),
+        )
+
+    def gradient(self, u: Array, points: Array) -> Array:
+        """Its gradient d u_i / d x_j at points, shape (dim, dim, npoints)."""
+        cells = self._cells(points)
+        return sum(
+            (field.grad[..., 0] * u[dofs] for field, dofs in self._local(points, cells)),
+            start=np.zeros((self.dim, self.dim, points.shape[1])),
+        )
+
+    def material(self, points: Array) -> tuple[Array, Array, Array]:
+        """Lame parameters lambda and mu, and Poisson's ratio, at points."""
+        cells, count = self._cells(points), self.mesh.nelements
+        lam, mu, nu = (np.broadcast_to(v, count)[cells] for v in (self.lam, self.mu, self.nu))
+        return lam, mu, nu
+
+    def _local(self, points: Array, cells: NDArray[np.int64]) -> Any:
+        """Each local basis function at the points, and its dof in the cell of each point."""
+        basis = self.basis
+        X = basis.mapping.invF(points[:, :, None], tind=cells)
+        for i in range(basis.Nbfun):
+            field = basis.elem.gbasis(basis.mapping, X, i, tind=cells)[0]
+            yield field, basis.element_dofs[i, cells]
+
+    def _cells(self, points: Array) -> NDArray[np.int64]:
+        try:
+            return np.asarray(self.mesh.element_finder()(*points))
+        except Exception as error:  # scikit-fem raises ValueError, or Exception from its Newton
+            raise InputError(
+                f"points: scikit-fem's finder places at least one outside the body ({error})"
+            ) from error
+
+
+def _largest(x: Any) -> float:
+    return float(np.abs(x).max(initial=0.0))
