@@ -20,6 +20,11 @@ _OPERATORS: dict[type, str] = {
     ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=", ast.And: "&&", ast.Or: "||",
 }  # fmt: skip
 
+_NAMES = {
+    "abs": "fabs", "min": "c_min", "max": "c_max", "arcsin": "asin", "arccos": "acos",
+    "arctan": "atan",
+}  # fmt: skip
+
 PRELUDE = """
 #ifndef DEVICE
 #include <math.h>
@@ -38,14 +43,14 @@ def prelude(real: str = "double", index: str = "int") -> str:
     return f"typedef {real} real;\ntypedef {index} index;\n{PRELUDE}"
 
 
-def translate(modules: Sequence[ModuleType], entry: str) -> str:
-    """C of the kernel `entry` of the last module and of all kernels that it calls.
+def translate(modules: Sequence[ModuleType | str], *entries: str) -> str:
+    """C of some kernels and of all kernels that they call.
 
     Parameters
     ----------
-    modules : sequence of module
-        Where the kernels are, in any order.
-    entry : str
+    modules : sequence of module or str
+        Where the kernels are, in any order: modules, or generated source.
+    *entries : str
 
     Returns
     -------
@@ -54,7 +59,8 @@ def translate(modules: Sequence[ModuleType], entry: str) -> str:
     """
     trees: dict[str, ast.FunctionDef] = {}
     for module in modules:
-        for node in ast.parse(inspect.getsource(module)).body:
+        text = module if isinstance(module, str) else inspect.getsource(module)
+        for node in ast.parse(text).body:
             if isinstance(node, ast.FunctionDef):
                 trees[node.name] = node
     done: dict[str, str] = {}
@@ -68,7 +74,8 @@ def translate(modules: Sequence[ModuleType], entry: str) -> str:
                 visit(called.id)
         done[name] = _Function(trees[name], trees).code()
 
-    visit(entry)
+    for entry in entries:
+        visit(entry)
     return "\n".join(done.values())
 
 
@@ -205,6 +212,8 @@ class _Function:
             if isinstance(node.op, ast.Mod | ast.FloorDiv):
                 name = "whole_mod" if isinstance(node.op, ast.Mod) else "whole_div"
                 return f"{name}({left}, {right})"
+            if isinstance(node.op, ast.Pow):
+                return f"pow({left}, {right})"
             return f"({left} {_OPERATORS[type(node.op)]} {right})"
         if isinstance(node, ast.BoolOp):
             joined = f" {_OPERATORS[type(node.op)]} ".join(map(self.expression, node.values))
@@ -217,8 +226,7 @@ class _Function:
         raise TypeError(f"{self.tree.name}: {ast.unparse(node)!r} is no kernel language")
 
     def call(self, name: str, args: Sequence[ast.expr]) -> str:
-        renamed: dict[str, str] = {"abs": "fabs", "min": "c_min", "max": "c_max"}
         joined = ", ".join(self.expression(a) for a in args)
         if name == "floor":
             return f"(index)floor({joined})"
-        return f"{renamed.get(name, name)}({joined})"
+        return f"{_NAMES.get(name, name)}({joined})"

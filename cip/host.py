@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cip.schemes import LIMITER_CODES
+from cip.kernels import Kernels
 from cip.stage import Stage, StageFeet
 from cip.state import State
 
@@ -14,14 +14,15 @@ if TYPE_CHECKING:
     from cip.solver import Solver
 
 
-class HostKernels:
-    """Runs the stages of a solver with numba, rows shared among threads."""
+class HostKernels(Kernels):
+    """Runs the stages with numba, rows shared among threads."""
 
     def __init__(self, solver: Solver) -> None:
-        self.solver = solver
-        self.grid, self.dtype = solver.grid, solver.dtype
-        self.limiter = LIMITER_CODES[solver.limiter]
+        super().__init__(solver)
         self.widths = [width.astype(self.dtype) for width in solver.grid.widths]
+        self.lines = [line.astype(self.dtype) for line in solver.grid.coordinates]
+        self.lines += [np.zeros(1, self.dtype)] * (3 - solver.grid.dim)
+        self._paths: dict[Any, Any] = {}
 
     def place(self, state: State) -> State:
         """The state in a NumPy array of the solver's precision."""
@@ -32,63 +33,101 @@ class HostKernels:
         """Feet in the solver's precision."""
         return StageFeet(feet.data.astype(self.dtype), feet.exits, feet.t_start, feet.t_end)
 
-    def apply(self, stage: Stage, place: int, data: Any, t: float, dt: float) -> Any:
-        """The moments after a stage."""
-        feet = self.solver.feet(place, stage, t, dt)
-        out = np.empty_like(data)
-        self.launch(stage, data.reshape(-1), out.reshape(-1), feet.data)
-        stage.finish(out, feet)
-        return out
+    def empty(self, data: Any) -> Any:
+        """Room for the new moments."""
+        return np.empty_like(data)
 
-    def name(self, stage: Stage) -> str:
-        """Name of the node function; those that have a limiter have a fast form without."""
-        limited = self.limiter != 0 and stage.profile in ("cubic", "adini", "bicubic")
-        return f"node_{stage.profile}" + ("_limited" if limited else "")
+    def correct(self, flat: Any, places: Any, values: Any, add: bool) -> None:
+        """Write or add values at flat places."""
+        if add:
+            np.add.at(flat, places, values.astype(self.dtype))
+        else:
+            flat[places] = values
 
     def launch(self, stage: Stage, m: Any, out: Any, feet: Any) -> None:
-        """One kernel over all nodes; flat arrays."""
-        from cip import cpu
+        """One kernel over all nodes with stored feet; flat arrays."""
+        from cip import conservative_kernels, cpu, line_kernels, plane_kernels
 
-        grid = self.grid
+        loops: Any = cpu
+        grid, advect, limiter = self.grid, int(stage.advect), self.limiter
         if stage.axis is None:
-            from cip import plane_kernels
-
             node: Any = getattr(plane_kernels, self.name(stage))
-            (nx, ny), (px, py) = grid.nodes, (int(p) for p in grid.periodic)
-
-            def plane(start: int, stop: int) -> None:
-                cpu.run_plane(
-                    node, start, stop, m, out, feet, self.widths[0], self.widths[1], grid.size,
-                    nx, ny, px, py, int(stage.advect), self.limiter,
-                )  # fmt: skip
-
-            cpu.share(plane, nx, grid.size)
+            plane = (*self.widths, grid.size, *grid.nodes, *map(int, grid.periodic))
+            cpu.share(
+                lambda start, stop: loops.run_plane(
+                    node, start, stop, m, out, feet, *plane, advect, limiter
+                ),
+                grid.nodes[0],
+                grid.size,
+            )
             return
-        axis, n = stage.axis, grid.nodes[stage.axis]
-        inner = int(np.prod(grid.nodes[axis + 1 :]))
-        line = (grid.size, grid.dim, axis, inner, n, int(grid.periodic[axis]))
-        width = self.widths[axis]
+        inner, line = self._line(stage)
+        width = self.widths[stage.axis]
         if stage.conservative:
-            from cip import conservative_kernels
-
-            node = getattr(conservative_kernels, f"node_{stage.profile}")
-            limits = (self.limiter, *self.solver.bounds, self.solver.bounds_tolerance)
+            node = getattr(conservative_kernels, self.name(stage))
+            limits = (limiter, *self.solver.bounds, self.solver.bounds_tolerance)
 
             def sweep(start: int, stop: int) -> None:
-                cpu.run_conservative(node, start, stop, m, out, feet, width, *line, *limits)
+                loops.run_conservative(node, start, stop, m, out, feet, width, *line, *limits)
+
+        elif grid.dim == 1:
+            node = getattr(line_kernels, self.name(stage))
+
+            def sweep(start: int, stop: int) -> None:
+                loops.run_line(node, start, stop, m, out, feet, width, *line[-2:], advect, limiter)
 
         else:
-            from cip import line_kernels
-
             node = getattr(line_kernels, self.name(stage))
-            advect = int(stage.advect)
 
             def sweep(start: int, stop: int) -> None:
-                if grid.dim == 1:
-                    cpu.run_line(
-                        node, start, stop, m, out, feet, width, n, line[5], advect, self.limiter
-                    )
-                    return
-                cpu.run_lines(node, start, stop, m, out, feet, width, *line, advect, self.limiter)
+                loops.run_lines(node, start, stop, m, out, feet, width, *line, advect, limiter)
 
         cpu.share(sweep, grid.size // inner, grid.size)
+
+    def launch_path(
+        self, stage: Stage, m: Any, out: Any, t_end: float, dt: float, count: int
+    ) -> bool:
+        """One kernel that computes the feet too; whether any path left the box."""
+        from cip import cpu, line_kernels, path_loops, plane_kernels
+
+        loops: Any = path_loops
+
+        key = (stage.axis, str(self.dtype))
+        if key not in self._paths:
+            self._paths[key] = path_loops.compiled(self.grid, stage)
+        path = self._paths[key]
+        grid, advect, limiter = self.grid, int(stage.advect), self.limiter
+        left = np.zeros(max(grid.nodes[0], grid.size // grid.nodes[-1]) + grid.size, np.int64)
+        clock = (t_end, dt, count)
+        if stage.axis is None:
+            node: Any = getattr(plane_kernels, self.name(stage))
+            plane = (*self.widths, grid.size, *grid.nodes, *map(int, grid.periodic))
+            cpu.share(
+                lambda start, stop: loops.run_plane_path(
+                    node, path, start, stop, m, out, left, *self.lines[:2], *clock, *plane,
+                    advect, limiter,
+                ),
+                grid.nodes[0],
+                grid.size,
+            )  # fmt: skip
+            return bool(left.any())
+        inner, line = self._line(stage)
+        node = getattr(line_kernels, self.name(stage))
+        shape = (*grid.nodes, 1, 1)[:3]
+        cpu.share(
+            lambda start, stop: loops.run_lines_path(
+                node, path, start, stop, m, out, left, *self.lines, *shape[1:], *clock,
+                self.widths[stage.axis or 0], *line, advect, limiter,
+            ),
+            grid.size // inner,
+            grid.size,
+        )  # fmt: skip
+        return bool(left.any())
+
+    def _line(self, stage: Stage) -> tuple[int, tuple[int, ...]]:
+        """Number of nodes that follow each other across the sweep, and the kernels' numbers."""
+        assert stage.axis is not None
+        grid, axis = self.grid, stage.axis
+        inner = int(np.prod(grid.nodes[axis + 1 :]))
+        n, periodic = grid.nodes[axis], int(grid.periodic[axis])
+        return inner, (grid.size, grid.dim, axis, inner, n, periodic)

@@ -47,8 +47,10 @@ def pointer() -> Any:
     Kernels index addresses: numba's arrays carry a reference count and negative indices through
     every call, which costs ten times the arithmetic of a node.
     """
-    from numba.core import types
+    import numba
     from numba.extending import intrinsic
+
+    types: Any = numba.types
 
     @intrinsic
     def address(_context: Any, array: Any) -> Any:

@@ -34,7 +34,8 @@ def path_source(grid: Grid, system: System, wanted: Sequence[Jet]) -> str:
         *statements(rates),
         f"    return {', '.join(rates)}",
         "",
-        "def path(feet: Out, x1: Real, x2: Real, x3: Real, t: Real, dt: Real, count: Index) -> Index:",
+        "def path(feet: Out, x1: Real, x2: Real, x3: Real,"
+        " t: Real, dt: Real, count: Index) -> Index:",
         "    outside = 0",
         "    step = dt / count",
     ]
@@ -52,7 +53,9 @@ def path_source(grid: Grid, system: System, wanted: Sequence[Jet]) -> str:
             low, high = grid.bounds[axis]
             margin = 1e-9 * grid.spacing[axis]
             x = f"x{axis + 1} + y{q}"
-            lines.append(f"        if {x} < {low - margin!r} or {x} > {high + margin!r}:")
+            lines.append(
+                f"        if {x} < {float(low - margin)!r} or {x} > {float(high + margin)!r}:"
+            )
             lines.append("            outside = 1")
     place = {jet: q for q, jet in enumerate(jets)}
     if LOG_DETERMINANT in wanted:
@@ -92,4 +95,4 @@ def _component(grid: Grid, jet: Jet, place: dict[Jet, int]) -> str:
         return f"E * (y{place[jet]} + {slopes[0]} * {slopes[1]})"
     if any(jet.orders):
         return f"y{place[jet]}"
-    return f"y{place[jet]} * {1.0 / grid.widths[jet.component][0]!r}"
+    return f"y{place[jet]} * {float(1.0 / grid.widths[jet.component][0])!r}"

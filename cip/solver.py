@@ -10,8 +10,9 @@ from numpy.typing import DTypeLike
 
 from cip.boundary import check_split, walls
 from cip.characteristics import check_step, time_scale
-from cip.errors import InputError, NotSupported
+from cip.errors import InputError
 from cip.grid import Grid
+from cip.kernels import Kernels
 from cip.schemes import LIMITER_CODES, LIMITERS, LINE, PLANE, moments
 from cip.stage import Stage, StageFeet, stages
 from cip.state import State, _real, default_profile
@@ -53,6 +54,9 @@ class Solver:
     bounds_tolerance : float
         The profile is left alone while it passes the bounds by less than this; keep it above
         rounding and below what the application notices.
+    store_feet : bool, optional
+        Whether feet are stored or computed again by every kernel, which needs a velocity that is a
+        formula; default: stored for steady velocities.
 
     Notes
     -----
@@ -102,6 +106,7 @@ class Solver:
         dtype: DTypeLike = np.float64,
         bounds: tuple[float, float] = (0.0, np.inf),
         bounds_tolerance: float = 1e-14,
+        store_feet: bool | None = None,
     ) -> None:
         if not isinstance(grid, Grid):
             raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
@@ -118,16 +123,21 @@ class Solver:
         if not self.bounds_tolerance >= 0.0:
             raise InputError(f"bounds_tolerance: expected >= 0, got {bounds_tolerance!r}")
         self._formulas = self.velocity.on(grid)
+        self.steady = self.velocity.steady and all(c.steady for c in self._formulas)
+        self.store_feet = store_feet
         data = walls(boundary, grid)
         if grid.dim > 1 and self.profile in LINE:
             check_split(data, form == "advection")
         self._stages = stages(grid, self._formulas, self.profile, form == "advection", data)
         self._feet: dict[Any, StageFeet] = {}
         if backend == "cupy":
-            raise NotSupported("backend: 'cupy' has not landed yet; pass backend='cpu'")
-        from cip.host import HostKernels
+            from cip.device import DeviceKernels
 
-        self._kernels: Any = HostKernels(self)
+            self._kernels: Kernels = DeviceKernels(self)
+        else:
+            from cip.host import HostKernels
+
+            self._kernels = HostKernels(self)
 
     def _check_choices(self) -> None:
         moments(self.profile, self.grid.dim)
@@ -163,8 +173,7 @@ class Solver:
     def state(self, f: Any, derivatives: Any = None, t: float = 0.0) -> State:
         """`State.from_function` with the grid, profile and precision of this solver."""
         made = State.from_function(f, self.grid, self.profile, derivatives, t, self.dtype)
-        placed: State = self._kernels.place(made)
-        return placed
+        return self._kernels.place(made)
 
     def step(self, state: State, dt: float) -> State:
         """The state after one step of length dt, of any size.
@@ -251,15 +260,14 @@ class Solver:
 
     def _advance(self, state: State, dt: float) -> State:
         data = state.data
-        for place, stage in enumerate(self._stages):
-            data = self._kernels.apply(stage, place, data, state.t, dt)
+        for stage in self._stages:
+            data = self._kernels.apply(stage, data, state.t, dt)
         return State(self.grid, self.profile, data, state.t + dt)
 
-    def feet(self, place: int, stage: Stage, t: float, dt: float) -> StageFeet:
+    def feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
         """Feet of a stage in the precision of the solver, kept for a steady velocity."""
-        if not all(c.steady for c in self._formulas) or not self.velocity.steady:
-            fresh: StageFeet = self._kernels.feet(stage.feet(t, dt))
-            return fresh
+        if not self.steady:
+            return self._kernels.feet(stage.feet(t, dt))
         key = (stage.axis, (stage.end - stage.begin) * dt)
         found = self._feet.get(key)
         if found is None:

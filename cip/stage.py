@@ -17,6 +17,10 @@ from cip.schemes import PLANE, line_jets, moments, plane_jets
 
 Array = NDArray[np.float64]
 
+# Feet computed in the kernel: error in cells, from a sample of so many nodes.
+PATH_TOLERANCE = 1e-8
+_SAMPLE = 1024
+
 
 @dataclass(frozen=True)
 class StageFeet:
@@ -41,6 +45,15 @@ class StageFeet:
     def bounded(self) -> bool:
         """Whether any path begins on a wall."""
         return any(exits is not None for exits in self.exits)
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Values for flat places of the moments, written or added."""
+
+    places: NDArray[np.int64]
+    values: Array
+    add: bool
 
 
 class Stage:
@@ -134,43 +147,62 @@ class Stage:
             rows.append(row)
         return rows
 
-    def finish(self, data: Any, feet: StageFeet) -> None:
-        """Overwrite the moments of nodes whose characteristic begins on a wall."""
+    def corrections(self, feet: StageFeet) -> list[Correction]:
+        """What to write where the characteristic begins on a wall: data and, for means, flux."""
         if not feet.bounded:
-            return
+            return []
         size = self.grid.size
-        flat = data.reshape(-1)
         wanted = [moment.orders for moment in moments(self.profile, self.grid.dim)]
         if self.conservative:
             wanted = [(0, 0, 0, 0), (1, 0, 0, 0)][: 2 if self.profile == "csl4" else 1]
         wall = self._data(wanted, feet.t_end)
+        found = []
         for block, exits in zip(self.blocks, feet.exits, strict=True):
             if exits is None:
                 continue
             values = wall.values(exits, feet.t_end)
             for q, row in enumerate(values):
-                flat[(block + q) * size + exits.nodes] = row
+                found.append(Correction((block + q) * size + exits.nodes, row, False))
             if self.conservative:
-                self._mass_from_walls(flat, block, exits, wall, feet)
+                found += self._mass_from_walls(block, exits, wall, feet)
+        return found
 
     def _mass_from_walls(
-        self, flat: Any, block: int, exits: Exits, wall: WallMoments, feet: StageFeet
-    ) -> None:
+        self, block: int, exits: Exits, wall: WallMoments, feet: StageFeet
+    ) -> list[Correction]:
         """The kernel counts from the wall; add what came in before each path began."""
         assert self.axis is not None
         grid, axis, size = self.grid, self.axis, self.grid.size
         mean = (2 if self.profile == "csl4" else block + (1 << axis)) * size
         stride = int(np.prod(grid.nodes[axis + 1 :]))
-        missing = -wall.flux(exits, feet.t_start, feet.t_end)
+        missing = wall.flux(exits, feet.t_start, feet.t_end)
         place = (exits.nodes // stride) % grid.nodes[axis]
         after, before = place < grid.cells[axis], place > 0
         widths = grid.widths[axis]
-        np.subtract.at(flat, mean + exits.nodes[after], missing[after] / widths[place[after]])
-        np.add.at(
-            flat,
-            mean + exits.nodes[before] - stride,
-            missing[before] / widths[place[before] - 1],
+        return [
+            Correction(mean + exits.nodes[after], missing[after] / widths[place[after]], True),
+            Correction(
+                mean + exits.nodes[before] - stride,
+                -missing[before] / widths[place[before] - 1],
+                True,
+            ),
+        ]
+
+    def substeps(self, t: float, dt: float) -> int:
+        """Sub-steps that the equations of this stage need, found on a sample of the nodes."""
+        t_end, length = t + self.end * dt, (self.end - self.begin) * dt
+        every = max(1, int(np.ceil(self.grid.size / _SAMPLE)))
+        points = [x.ravel()[::every] for x in self.points(0)]
+        found = integrate(
+            self.grid, self.velocity, self.system, points, t_end, length, PATH_TOLERANCE
         )
+        return found.substeps
+
+    @property
+    def computable(self) -> bool:
+        """Whether a kernel can compute the feet itself: a formula on uniform directions."""
+        uniform = all(self.grid.uniform[axis] for axis in self.moving)
+        return uniform and not self.conservative and all(c.exact for c in self.velocity)
 
     def _data(self, orders: list[Orders], t: float) -> WallMoments:
         if self._wall_moments is None:

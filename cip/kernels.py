@@ -1,0 +1,85 @@
+"""What the kernels on the CPU and on the device have in common: the order of a stage."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from cip.schemes import LIMITER_CODES
+from cip.stage import Stage, StageFeet
+from cip.state import State
+
+if TYPE_CHECKING:
+    from cip.solver import Solver
+
+# The number of sub-steps of feet computed in the kernel is found again after so many steps.
+_RENEW = 16
+
+
+class Kernels:
+    """Runs the stages of a solver; subclasses know where the arrays live."""
+
+    def __init__(self, solver: Solver) -> None:
+        self.solver, self.grid, self.dtype = solver, solver.grid, solver.dtype
+        self.limiter = LIMITER_CODES[solver.limiter]
+        self._left = False
+        self._counts: dict[Any, tuple[float, int]] = {}
+
+    def place(self, state: State) -> State:
+        """The state where the kernels work, in the solver's precision."""
+        raise NotImplementedError
+
+    def feet(self, feet: StageFeet) -> StageFeet:
+        """Feet where the kernels work, in the solver's precision."""
+        raise NotImplementedError
+
+    def empty(self, data: Any) -> Any:
+        """Room for the new moments."""
+        raise NotImplementedError
+
+    def launch(self, stage: Stage, m: Any, out: Any, feet: Any) -> None:
+        """One kernel over all nodes with stored feet; flat arrays."""
+        raise NotImplementedError
+
+    def launch_path(
+        self, stage: Stage, m: Any, out: Any, t_end: float, dt: float, count: int
+    ) -> bool:
+        """One kernel that computes the feet too; whether any path left the box."""
+        raise NotImplementedError
+
+    def correct(self, flat: Any, places: Any, values: Any, add: bool) -> None:
+        """Write or add values at flat places."""
+        raise NotImplementedError
+
+    def apply(self, stage: Stage, data: Any, t: float, dt: float) -> Any:
+        """The moments after a stage of the step [t, t + dt]."""
+        out = self.empty(data)
+        m, new = data.reshape(-1), out.reshape(-1)
+        if self._computes(stage):
+            length = (stage.end - stage.begin) * dt
+            count = self._count(stage, t, dt)
+            if not self.launch_path(stage, m, new, t + stage.end * dt, length, count):
+                return out
+            self._left = True  # paths begin on walls: their feet must be known to the host
+        feet = self.solver.feet(stage, t, dt)
+        self.launch(stage, m, new, feet.data)
+        for correction in stage.corrections(feet):
+            self.correct(new, correction.places, correction.values, correction.add)
+        return out
+
+    def name(self, stage: Stage) -> str:
+        """Name of the node function; those that have a limiter have a fast form without."""
+        limited = self.limiter != 0 and stage.profile in ("cubic", "adini", "bicubic")
+        return f"node_{stage.profile}" + ("_limited" if limited else "")
+
+    def _computes(self, stage: Stage) -> bool:
+        if self._left or not stage.computable:
+            return False
+        stored = self.solver.store_feet
+        return not self.solver.steady if stored is None else not stored
+
+    def _count(self, stage: Stage, t: float, dt: float) -> int:
+        key = (stage.axis, stage.begin, stage.end, dt)
+        found = self._counts.get(key)
+        if found is None or (not self.solver.steady and abs(t - found[0]) > _RENEW * dt):
+            found = self._counts[key] = (t, stage.substeps(t, dt))
+        return found[1]

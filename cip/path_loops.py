@@ -1,0 +1,81 @@
+"""Loops over nodes that compute the feet themselves, for velocities that are formulas."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from cip.cpu import address
+from cip.expression import RULES
+from cip.grid import Grid
+from cip.jit import Array, Index, Out, Real, loop
+from cip.path_source import path_source
+from cip.stage import Stage
+
+# No stage reads more components of the feet.
+_COMPONENTS = 16
+
+
+def compiled(grid: Grid, stage: Stage) -> Any:
+    """The kernel `path` of a stage."""
+    from numba import njit
+
+    source = path_source(grid, stage.system, stage.jets)
+    namespace: dict[str, Any] = {name: getattr(np, name) for name in RULES}
+    namespace.update(Real=float, Index=int, Out=Any, nan=math.nan, inf=math.inf, abs=abs)
+    exec(source, namespace)
+    inline = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+    namespace["rates"] = inline(namespace["rates"])
+    return njit(error_model="numpy", fastmath={"contract"})(namespace["path"])
+
+
+@loop
+def run_plane_path(
+    node: Any, path: Any, start: Index, stop: Index, m: Array, out: Out, left: Out,
+    x: Array, y: Array, t: Real, dt: Real, count: Index, hx: Array, hy: Array, size: Index,
+    nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
+) -> None:  # fmt: skip
+    """Rows start..stop of a plane; left[row] counts paths that leave the box."""
+    feet = np.empty(_COMPONENTS)
+    m, out, left, hx, hy = address(m), address(out), address(left), address(hx), address(hy)
+    foot = address(feet)
+    for i in range(start, stop):
+        gone = 0
+        for j in range(ny):
+            gone += path(foot, x[i], y[j], 0.0, t, dt, count)
+            node(
+                m, out, foot, 1, 0, hx, hy, size, i * ny + j, i, j, nx, ny, px, py, advect, limiter
+            )
+        left[i] = gone
+
+
+@loop
+def run_lines_path(
+    node: Any, path: Any, start: Index, stop: Index, m: Array, out: Out, left: Out,
+    x: Array, y: Array, z: Array, ny: Index, nz: Index, t: Real, dt: Real, count: Index, h: Array,
+    size: Index, dim: Index, axis: Index, inner: Index, n: Index, periodic: Index,
+    advect: Index, limiter: Index,
+) -> None:  # fmt: skip
+    """Rows start..stop of a sweep."""
+    feet = np.empty(_COMPONENTS)
+    m, out, left, h = address(m), address(out), address(left), address(h)
+    foot = address(feet)
+    block = start // n
+    i = start - block * n
+    for row in range(start, stop):
+        gone = 0
+        base = block * n * inner
+        for q in range(inner):
+            o = base + i * inner + q
+            gone += path(foot, x[o // (ny * nz)], y[o // nz % ny], z[o % nz], t, dt, count)
+            node(
+                m, out, foot, 1, 0, h, size, dim, axis, o, base + q, inner, n, periodic, i,
+                advect, limiter,
+            )  # fmt: skip
+        left[row] = gone
+        i += 1
+        if i == n:
+            i = 0
+            block += 1

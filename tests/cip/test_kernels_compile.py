@@ -1,0 +1,156 @@
+"""The device's C, compiled for the CPU by a C compiler: its body against numba's."""
+
+import ctypes
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from cip import Grid, Solver, Velocity
+from cip.device import device_source
+from cip.schemes import LIMITER_CODES
+
+COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+
+# The device's grid of threads as a loop.
+CPU = """
+#include <math.h>
+typedef struct { int x, y; } place;
+static place blockIdx, blockDim, threadIdx;
+#define __device__
+#define __global__
+#define __forceinline__ inline
+"""
+LOOP = """
+void all(%s, int nx, int ny) {
+    blockDim.x = 1; blockDim.y = 1; threadIdx.x = 0; threadIdx.y = 0;
+    for (blockIdx.y = 0; blockIdx.y < ny; blockIdx.y++)
+        for (blockIdx.x = 0; blockIdx.x < nx; blockIdx.x++) run(%s);
+}
+"""
+
+
+def compiled(source, folder):
+    """The kernel as a function that runs all its threads."""
+    head = source[source.index("void run(") :]
+    parameters = head[len("void run(") : head.index(") {")]
+    names = [part.split()[-1].lstrip("*") for part in parameters.split(", ")]
+    code = CPU + source.replace('extern "C"', "static") + LOOP % (parameters, ", ".join(names))
+    (folder / "kernel.c").write_text(code)
+    subprocess.run(
+        [COMPILER, "-O1", "-ffp-contract=off", "-Wall", "-Wno-unused", "-Wno-maybe-uninitialized",
+         "-shared", "-fPIC", "-o", folder / "kernel.so", folder / "kernel.c", "-lm"],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    return ctypes.CDLL(str(folder / "kernel.so")).all
+
+
+def pointer(array):
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def solver_of(profile, limiter=None, dim=1, dtype=np.float64, **more):
+    shape = (24, 20, 16)[:dim]
+    grid = Grid([(0, 1), (0, 1.5), (0, 2)][:dim], shape, periodic=True)
+    field = ["0.4 + 0.2*sin(2*pi*x1)", "0.3*cos(2*pi*x1) + 0.1*sin(pi*x3)", "0.2*sin(2*pi*x1)"]
+    field[1] = field[1] if dim == 3 else "0.3*cos(2*pi*x1)"
+    splitting = "strang" if dim > 1 and profile not in ("adini", "bicubic") else None
+    form = more.pop("form", "advection" if profile.startswith("csl") else "transport")
+    return Solver(
+        grid, Velocity.from_expression(*field[:dim]), form, profile, limiter, splitting,
+        dtype=dtype, bounds=(-0.5, 0.5), **more,
+    )  # fmt: skip
+
+
+def random_state(solver, seed=11):
+    state = solver.state(0.0)
+    state.data[...] = np.random.default_rng(seed).uniform(-1, 1, state.data.shape)
+    return state
+
+
+CASES = [
+    ("linear", None, 1), ("piecewise_linear", None, 1), ("cubic", None, 1), ("cubic", "eno", 1),
+    ("cubic", "clamp", 1), ("cubic", "rational", 1), ("quintic", None, 1), ("csl2", None, 1),
+    ("csl2", "bounds", 1), ("csl2", "rational", 1), ("csl4", "bounds", 1), ("adini", None, 2),
+    ("adini", "eno", 2), ("bicubic", None, 2), ("bicubic", "clamp", 2), ("cubic", None, 3),
+    ("quintic", None, 2), ("csl2", None, 3),
+]  # fmt: skip
+
+
+FAST = [("cubic", None, 1, "transport"), ("adini", None, 2, "transport")]
+EVERY = [
+    pytest.param(*case, dtype, marks=[] if case in FAST else pytest.mark.slow)
+    for case in [
+        (*case, form)
+        for case in CASES
+        for form in ("transport", "advection")
+        if form == "advection" or not case[0].startswith("csl")
+    ]
+    for dtype in (np.float64, np.float32)
+]
+
+
+@pytest.mark.parametrize(("profile", "limiter", "dim", "form", "dtype"), EVERY)
+def test_stored_feet(profile, limiter, dim, form, dtype, tmp_path):
+    solver = solver_of(profile, limiter, dim, dtype, form=form)
+    state = random_state(solver)
+    stage = solver._stages[0]
+    feet = solver.feet(stage, 0.0, 0.21)
+    m, out = state.data.reshape(-1), np.full_like(state.data, np.nan).reshape(-1)
+    expected = np.full_like(out, np.nan)
+    solver._kernels.launch(stage, m, expected, feet.data)
+    real = "double" if dtype == np.float64 else "float"
+    source = device_source(
+        stage, solver._kernels.name(stage), LIMITER_CODES[limiter], False, real, "int"
+    )
+    run = compiled(source, tmp_path)
+    arguments = [pointer(m), pointer(out), pointer(feet.data)]
+    widths = [width.astype(dtype) for width in solver.grid.widths]
+    arguments += [pointer(width) for width in widths]
+    kind = ctypes.c_double if dtype == np.float64 else ctypes.c_float
+    if stage.conservative:
+        arguments += [kind(value) for value in (*solver.bounds, solver.bounds_tolerance)]
+    nodes = solver.grid.nodes
+    blocks = (nodes[1], nodes[0]) if stage.axis is None else (solver.grid.size, 1)
+    run(*arguments, *blocks)
+    assert np.isfinite(expected).all()
+    # Second derivatives of random data: up to h^-2 times rounding, in units of the largest moment.
+    tolerance = 1e-13 if dtype == np.float64 else 2e-5
+    scale = np.abs(expected.reshape(len(state.data), -1)).max(axis=1, keepdims=True) + 1
+    error = np.abs(out - expected).reshape(len(state.data), -1) / scale
+    if limiter in ("eno", "clamp", "bounds", "rational") and dtype == np.float32:
+        # A choice between profiles may fall either way within rounding.
+        assert np.mean(error > tolerance) < 0.02
+    else:
+        assert error.max() < tolerance
+
+
+@pytest.mark.parametrize(
+    ("profile", "dim", "form"),
+    [
+        ("adini", 2, "transport"),
+        pytest.param("bicubic", 2, "advection", marks=pytest.mark.slow),
+        pytest.param("cubic", 3, "advection", marks=pytest.mark.slow),
+    ],
+)
+def test_feet_computed_in_the_kernel(profile, dim, form, tmp_path):
+    solver = solver_of(profile, None, dim, form=form, store_feet=False)
+    state = random_state(solver)
+    stage = solver._stages[0]
+    m, out = state.data.reshape(-1), np.full_like(state.data, np.nan).reshape(-1)
+    expected = np.full_like(out, np.nan)
+    assert not solver._kernels.launch_path(stage, m, expected, 0.3, 0.2, 3)
+    source = device_source(stage, solver._kernels.name(stage), 0, True, "double", "int")
+    run = compiled(source, tmp_path)
+    grid, left = solver.grid, np.zeros(1, np.int32)
+    clock = [ctypes.c_double(0.3), ctypes.c_double(0.2), ctypes.c_int(3), pointer(left)]
+    lines = [pointer(line) for line in grid.coordinates]
+    widths = [pointer(width) for width in grid.widths]
+    blocks = (grid.nodes[1], grid.nodes[0]) if stage.axis is None else (grid.size, 1)
+    run(pointer(m), pointer(out), *lines, *clock, *widths, *blocks)
+    scale = np.abs(expected.reshape(len(state.data), -1)).max(axis=1, keepdims=True) + 1
+    error = np.abs(out - expected).reshape(len(state.data), -1) / scale
+    assert error.max() < 1e-12
+    assert left[0] == 0
