@@ -195,7 +195,7 @@ def main(argv: list[str] | None = None) -> dict[str, Any]:
                 print(
                     f"{row['profile']:8s} {n:5d}^2 {row['dtype']} {row['feet']:8s} "
                     f"{row['velocity']:8s} ({row['substeps']:2d}) {row['gnodes_per_s']:7.2f} "
-                    f"Gnode/s {row['tb_per_s']:5.2f} TB/s, {100 * row['of_copy']:5.1f} % of the copy",
+                    f"Gn/s {row['tb_per_s']:5.2f} TB/s, {100 * row['of_copy']:5.1f} % of copy",
                     flush=True,
                 )
         results["spline"].append(spline_peer(n))

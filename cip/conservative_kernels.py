@@ -102,7 +102,7 @@ def node_csl(
                 out[size + o] = J * J * f1 + feet[at + 2 * size + o] * f0
             if periodic == 1 or i < n - 1:
                 k2, s2 = cell_of(i + 1, feet[at + base + nxt * stride], n, periodic)
-                _, _, right = profile(
+                _value, _slope, right = profile(
                     m, h, value, slope, mean, stride, n, k2, s2, order, limiter, low, high, slack
                 )
                 if k1 == k2:

@@ -41,6 +41,7 @@ def compiled(source, folder):
     (folder / "kernel.c").write_text(code)
     subprocess.run(
         [COMPILER, "-O1", "-ffp-contract=off", "-Wall", "-Wno-unused", "-Wno-maybe-uninitialized",
+         "-Werror=incompatible-pointer-types",
          "-shared", "-fPIC", "-o", folder / "kernel.so", folder / "kernel.c", "-lm"],
         check=True, capture_output=True,
     )  # fmt: skip
