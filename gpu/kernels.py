@@ -1,0 +1,13 @@
+"""The CUDA sources of this package, for whoever compiles them without a device.
+
+Every raw kernel is listed here; the tests compile each for each architecture with NVRTC, on a
+machine that needs neither a GPU nor a driver.
+"""
+
+from __future__ import annotations
+
+from gpu import arnoldi_kernels
+
+OPTIONS = ("--std=c++17",)
+ARCHITECTURES = ("sm_75", "sm_80", "sm_86", "sm_89", "sm_90", "sm_100", "sm_120")
+SOURCES = {"arnoldi": arnoldi_kernels.SOURCE}
