@@ -27,10 +27,10 @@ def path_source(grid: Grid, system: System, wanted: Sequence[Jet]) -> str:
     jets = system.jets
     names = [jet.name for jet in jets]
     reals = ", ".join(f"{name}: Real" for name in (*COORDINATES, *names))
-    kinds = ", ".join(["Real"] * len(jets))
+    kinds = f"tuple[{', '.join(['Real'] * len(jets))}]" if len(jets) > 1 else "Real"
     rates = {f"r{q}": rate for q, rate in enumerate(system.rates)}
     lines = [
-        f"def rates({reals}) -> tuple[{kinds}]:",
+        f"def rates({reals}) -> {kinds}:",
         *statements(rates),
         f"    return {', '.join(rates)}",
         "",
