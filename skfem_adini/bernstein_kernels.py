@@ -20,20 +20,26 @@ _ROOT_WIDTH = 1e-14
 
 
 def value(c: Array, t: float) -> float:
-    """Evaluate a polynomial in one variable by de Casteljau's scheme."""
-    work = c.copy()
-    for r in range(work.size - 1, 0, -1):
-        for i in range(r):
-            work[i] += t * (work[i + 1] - work[i])
-    return work[0]
+    """Evaluate a polynomial in one variable: a sum with weights that are not negative."""
+    p = c.size - 1
+    total, binomial, power = c[0], 1.0, 1.0
+    for i in range(1, p + 1):
+        # Horner's scheme in 1 - t: after step i the terms so far lack (1 - t)^(p - i).
+        binomial *= (p - i + 1) / i
+        power *= t
+        total = total * (1 - t) + binomial * power * c[i]
+    return total
 
 
 def slope(c: Array, t: float) -> float:
     """Return the derivative of a polynomial in one variable."""
-    work = np.empty(c.size - 1)
-    for i in range(work.size):
-        work[i] = work.size * (c[i + 1] - c[i])
-    return value(work, t)
+    p = c.size - 2
+    total, binomial, power = c[1] - c[0], 1.0, 1.0
+    for i in range(1, p + 1):
+        binomial *= (p - i + 1) / i
+        power *= t
+        total = total * (1 - t) + binomial * power * (c[i + 1] - c[i])
+    return (p + 1) * total
 
 
 def line(c: Array, axis: int, s: float) -> Array:
@@ -152,7 +158,9 @@ def append(rows: Array, count: int, row: Array) -> Array:
     """Append a row to an array that grows."""
     if count == rows.shape[0]:
         more = np.empty((2 * count, rows.shape[1]))
-        more[:count] = rows
+        for i in range(count):
+            for j in range(rows.shape[1]):
+                more[i, j] = rows[i, j]
         rows = more
     for i in range(row.size):
         rows[count, i] = row[i]

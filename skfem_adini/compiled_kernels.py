@@ -21,5 +21,9 @@ def compiled_cut_boxes() -> Callable[..., Any]:
 
     for module in (bernstein_kernels, cut_kernels, cut_boxes):
         for name in module.KERNELS:
-            setattr(module, name, numba.njit(cache=True)(getattr(module, name)))
+            entry = name == "cut_boxes"
+            compile_ = numba.njit(
+                cache=True, no_cpython_wrapper=not entry, no_cfunc_wrapper=True, nogil=True
+            )
+            setattr(module, name, compile_(getattr(module, name)))
     return cut_boxes.cut_boxes

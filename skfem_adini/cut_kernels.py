@@ -18,7 +18,7 @@ Table = NDArray[np.uint8]
 
 KERNELS = (
     "relevant", "index_of", "good_direction", "height", "crossing", "emit_surface",
-    "sorted_breaks", "face_rule", "height_rule",
+    "sorted_breaks",  "face_rule", "height_rule",
 )  # fmt: skip
 
 _ROOT_WIDTH = 1e-14
@@ -155,8 +155,13 @@ def emit_surface(
 
 def sorted_breaks(breaks: Array, count: int) -> None:
     """Sort the first entries of an array in place."""
-    part = np.sort(breaks[:count])
-    breaks[:count] = part
+    for i in range(1, count):
+        moving = breaks[i]
+        j = i
+        while j > 0 and breaks[j - 1] > moving:
+            breaks[j] = breaks[j - 1]
+            j -= 1
+        breaks[j] = moving
 
 
 def face_rule(
@@ -181,13 +186,17 @@ def face_rule(
         for d in range(2):
             for end in range(2):
                 face = poly.line(c[k], 1 - d, float(end))
-                if np.abs(face).max() > tol[k]:
+                largest = 0.0
+                for i in range(face.size):
+                    largest = max(largest, abs(face[i]))
+                if largest > tol[k]:
                     continue
                 breaks[0], breaks[1], used = 0.0, 1.0, 2
                 for l in range(state.size):
                     if state[l] == 2:
                         n = poly.roots(poly.line(c[l], 1 - d, float(end)), tol[l], found)
-                        breaks[used : used + n] = found[:n]
+                        for i in range(n):
+                            breaks[used + i] = found[i]
                         used += n
                 sorted_breaks(breaks, used)
                 for i in range(used - 1):
@@ -240,7 +249,8 @@ def height_rule(
         if state[k] == 2:
             for end in range(2):
                 n = poly.roots(poly.line(c[k], 1 - d, float(end)), tol[k], found)
-                breaks[used : used + n] = found[:n]
+                for i in range(n):
+                    breaks[used + i] = found[i]
                 used += n
     sorted_breaks(breaks, used)
     simple = used

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
+from .reference_points import reference_points
 
 Array = NDArray[np.float64]
 
@@ -136,7 +137,7 @@ class FieldLevelSet(LevelSet):
 
     def _values(self, x: Array, cells: NDArray[np.integer]) -> Any:
         basis = self.basis
-        X = basis.mapping.invF(x, tind=cells)
+        X = reference_points(basis.mesh, cells, x)
         total = np.zeros(x.shape[1:])
         for i in range(basis.Nbfun):
             field = np.asarray(basis.elem.gbasis(basis.mapping, X, i, tind=cells)[0])

@@ -1,5 +1,8 @@
 """Meshes shared by the tests of this folder."""
 
+import importlib.util
+from pathlib import Path
+
 import numpy as np
 import pytest
 from skfem import MeshHex, MeshQuad
@@ -144,3 +147,13 @@ def convergence_order():
         return -np.polyfit(np.log(cells), np.log(errors), 1)[0]
 
     return fit
+
+
+@pytest.fixture(scope="session")
+def cut_problems():
+    """Return the module of domains with known eigenvalues."""
+    path = Path(__file__).with_name("cut_problems.py")
+    spec = importlib.util.spec_from_file_location("cut_problems", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
