@@ -1,0 +1,86 @@
+"""The dofs of cells as blocks of consecutive numbers: those of a vertex, edge, facet or cell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Integers = NDArray[np.integer]
+
+# A block fits into one machine word of bits.
+LARGEST = 64
+
+
+@dataclass(frozen=True)
+class DofBlocks:
+    """The dofs of the cells of a mesh.
+
+    Attributes
+    ----------
+    of_cells
+        Block numbers, shape (blocks of a cell, cells).
+    local
+        Where each block of a cell begins in its list of dofs, and the end of that list.
+    start
+        First dof of each block, and the end of the last one.
+    size
+        Number of dofs.
+    """
+
+    of_cells: Integers
+    local: Integers
+    start: Integers
+    size: int
+
+    @classmethod
+    def from_mesh(cls, mesh: Any, element: Any) -> DofBlocks:
+        """Number the dofs of an element as `skfem.Dofs` does: vertices, edges, facets, cells."""
+        tables: list[tuple[Integers, int, int]] = []
+        if element.nodal_dofs > 0:
+            tables.append((mesh.t, mesh.nvertices, element.nodal_dofs))
+        if element.dim == 3 and element.edge_dofs > 0:
+            tables.append((mesh.t2e, mesh.nedges, element.edge_dofs))
+        if element.dim >= 2 and element.facet_dofs > 0:
+            tables.append((mesh.t2f, mesh.nfacets, element.facet_dofs))
+        if element.interior_dofs > 0:
+            cells = mesh.t.shape[1]
+            tables.append((np.arange(cells, dtype=np.int32)[None], cells, element.interior_dofs))
+        rows: list[Integers] = []
+        local, sizes = [0], [np.zeros(1, dtype=np.int64)]
+        blocks = 0
+        for numbers, count, dofs in tables:
+            pieces = [min(LARGEST, dofs - begin) for begin in range(0, dofs, LARGEST)]
+            for row in numbers:
+                for k, piece in enumerate(pieces):
+                    rows.append(blocks + len(pieces) * row + k)
+                    local.append(local[-1] + piece)
+            sizes.append(np.tile(pieces, count))
+            blocks += count * len(pieces)
+        start = np.cumsum(np.concatenate(sizes))
+        return cls(np.array(rows, dtype=np.int32), np.array(local), start, int(start[-1]))
+
+    @classmethod
+    def from_dofs(cls, dofs: Any) -> DofBlocks:
+        """Take each dof of any numbering as a block."""
+        numbers = np.ascontiguousarray(dofs.element_dofs, dtype=np.int32)
+        return cls(numbers, np.arange(len(numbers) + 1), np.arange(dofs.N + 1), int(dofs.N))
+
+    def element_dofs(self) -> Integers:
+        """Return the dofs of the cells, shape (dofs of a cell, cells)."""
+        return np.vstack(
+            [
+                self.start[blocks] + k
+                for blocks, size in zip(self.of_cells, np.diff(self.local), strict=True)
+                for k in range(size)
+            ]
+        )
+
+    def restricted(self, cells: Integers | None) -> DofBlocks:
+        """Return the blocks of some of the cells, all for None."""
+        if cells is None:
+            return self
+        of_cells = np.ascontiguousarray(self.of_cells[:, cells])
+        return DofBlocks(of_cells, self.local, self.start, self.size)

@@ -1,0 +1,221 @@
+"""Local matrices and vectors of a few cells, all their entries in one call of the form."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem.element import DiscreteField, ElementVector
+from skfem.mapping import MappingAffine, MappingIsoparametric
+
+from .congruence_classes import Classes
+from .errors import InputError
+from .form_parameters import FormParameters, NotConstant
+
+Array = NDArray[Any]
+Integers = NDArray[np.integer]
+
+# Quadrature points a call of the form: its temporary arrays stay in the second cache.
+_POINTS = 2**15
+_FIELDS = 2**20
+
+
+class FormNotPointwise(Exception):
+    """A form failed on part of the cells, or gave something else than one number for each point."""
+
+
+# Value, gradient, ... of all functions, (..., functions * cells, points), for each component.
+Fields = list[list[Array | None]]
+
+
+@dataclass(frozen=True)
+class Space:
+    """Functions of the cells to integrate over."""
+
+    element: Any
+    mapping: Any
+    X: Array
+    W: Array
+
+    def on(self, cells: Integers) -> Any:
+        """Return the mapping as it is to be used for some cells, with no cache of its own."""
+        if isinstance(self.mapping, MappingAffine):
+            return MappingAffine(self.mapping.mesh, tind=cells)
+        return MappingIsoparametric(self.mapping.mesh, self.mapping.elem, self.mapping.bndelem)
+
+    def measures(self, cells: Integers) -> Array:
+        """Return the weights of the quadrature points, shape (cells, points)."""
+        try:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                volume = np.abs(self.on(cells).detDF(self.X, tind=cells))
+        except Exception as error:  # scikit-fem has no type of its own for a zero determinant
+            raise InputError(f"mesh: a cell is degenerate ({error})") from error
+        if not (volume > 0).all():
+            bad = cells[~(volume > 0).all(axis=1)]
+            raise InputError(f"mesh: cell {bad[0]} has no volume")
+        return volume * self.W
+
+    def fields(self, cells: Integers, functions: int) -> Fields:
+        """Return the functions in some cells."""
+        return _fields(self.element, self.on(cells), self.X, cells, functions)
+
+
+class Coefficients(NamedTuple):
+    """The parameters of a form.
+
+    Attributes
+    ----------
+    numbers
+        Those that are the same for all cells.
+    fields
+        Field and derivatives over (..., cells, points or 1), constant in every cell.
+    withheld
+        Names of those that vary inside a cell.
+    """
+
+    numbers: dict[str, Any]
+    fields: dict[str, list[Array | None]]
+    withheld: set[str]
+
+
+def local_tensors(
+    form: Any,
+    spaces: Sequence[Space],
+    sizes: Sequence[int],
+    shapes: Classes,
+    classes: Classes,
+    cells: Integers,
+    coefficients: Coefficients,
+) -> Array:
+    """Return the local tensor of each class, shape (classes, test functions(, trial functions)).
+
+    Parameters
+    ----------
+    form
+        Linear or bilinear form.
+    spaces, sizes
+        Functions and their number: trial and test for a bilinear form, test for a linear one.
+    shapes
+        Cells of the same shape.
+    classes
+        Cells of the same shape and with the same coefficients.
+    cells
+        Numbers of the cells in the mesh.
+    coefficients
+        Parameters of the form.
+
+    Raises
+    ------
+    NotConstant
+        The form used something that varies inside a cell.
+    FormNotPointwise
+        The form raised, or did not return a number for each quadrature point.
+    """
+    local = np.zeros((len(classes.representatives), *reversed(sizes)), dtype=form.dtype)
+    flat = local.reshape(len(local), -1)
+    shape_of = shapes.labels[classes.representatives]
+    points = spaces[0].W.size
+    order = np.argsort(shape_of, kind="stable")
+    step = max(1, _FIELDS // (max(sizes) * points))
+    evaluated: Integers = np.empty(0, dtype=int)
+    for begin in range(0, len(order), step):
+        some = order[begin : begin + step]
+        needed, place = np.unique(shape_of[some], return_inverse=True)
+        if not np.array_equal(needed, evaluated):
+            at = cells[shapes.representatives[needed]]
+            dx = spaces[0].measures(at)
+            fields = [spaces[0].fields(at, sizes[0])]
+            if len(spaces) == 2:
+                same = spaces[1] is spaces[0]
+                fields.append(fields[0] if same else spaces[1].fields(at, sizes[1]))
+            evaluated = needed
+        for entries in _batches(len(some), flat.shape[1], max(1, _POINTS // points), len(cells)):
+            member, entry = np.divmod(entries, flat.shape[1])
+            # A row for each test function, the trial functions along it.
+            indices = (entry,) if len(sizes) == 1 else np.divmod(entry, sizes[0])[::-1]
+            arguments = [
+                argument
+                for field, index in zip(fields, indices, strict=True)
+                for argument in _take(field, index * len(needed) + place[member])
+            ]
+            values = classes.representatives[some[member]]
+            parameters = FormParameters(
+                coefficients.numbers
+                | {name: _at(parts, values) for name, parts in coefficients.fields.items()},
+                coefficients.withheld,
+            )
+            flat[some[member], entry] = _integrate(form, arguments, parameters, dx[place[member]])
+    return local
+
+
+def _integrate(form: Any, arguments: list[Any], w: FormParameters, dx: Array) -> Array:
+    try:
+        density = form.form(*arguments, w) * dx
+    except NotConstant:
+        raise
+    except Exception as error:
+        raise NotConstant(w._refused) if w._refused else FormNotPointwise(repr(error)) from error
+    if w._refused:
+        raise NotConstant(w._refused)
+    if np.shape(density) != dx.shape:
+        raise FormNotPointwise(f"it returned an array of shape {np.shape(density)}")
+    return np.asarray(np.sum(density, axis=1))
+
+
+def _batches(members: int, entries: int, step: int, cells: int) -> Iterator[Integers]:
+    """Yield the numbers of entries to compute together, never as many as there are cells.
+
+    An array over the cells that a form holds on to, and that nobody can see, then does not fit to
+    the other arrays of the form.
+    """
+    for begin in range(0, members * entries, step):
+        batch = np.arange(begin, min(begin + step, members * entries))
+        yield np.append(batch, batch[-1]) if len(batch) == cells != 1 else batch
+
+
+def _fields(element: Any, mapping: Any, X: Array, cells: Integers, functions: int) -> Fields:
+    if type(element) is ElementVector:
+        dim = element.dim
+        inner = _fields(element.elem, mapping, X, cells, functions // dim)[0]
+        return [[None if part is None else _vectors(part, dim, len(cells)) for part in inner]]
+    basis = [element.gbasis(mapping, X, i, tind=cells) for i in range(functions)]
+    found: Fields = []
+    for component in zip(*basis, strict=True):
+        parts: list[Array | None] = []
+        for several in zip(*(field.astuple for field in component), strict=True):
+            if several[0] is None:
+                parts.append(None)
+                continue
+            last = (len(cells), X.shape[1])
+            wide = [np.broadcast_to(part, (*part.shape[:-2], *last)) for part in several]
+            stacked = np.stack(wide, axis=-3)
+            parts.append(stacked.reshape(*stacked.shape[:-3], -1, last[1]))
+        found.append(parts)
+    return found
+
+
+def _vectors(part: Array, dim: int, cells: int) -> Array:
+    """Return the fields e_n phi of all components n of all functions phi, n fastest."""
+    split = part.reshape(*part.shape[:-2], -1, 1, cells, part.shape[-1])
+    shape = (dim, *split.shape[:-3], dim, *split.shape[-2:])
+    vectors = np.zeros(shape, dtype=part.dtype)
+    for n in range(dim):
+        vectors[n, ..., n : n + 1, :, :] = split
+    return vectors.reshape(dim, *part.shape[:-2], -1, part.shape[-1])
+
+
+def _take(fields: Fields, rows: Integers) -> list[DiscreteField]:
+    return [
+        DiscreteField(*(None if part is None else part.take(rows, axis=-2) for part in parts))
+        for parts in fields
+    ]
+
+
+def _at(parts: list[Array | None], cells: Integers) -> DiscreteField:
+    """Return a coefficient in the cells of a batch."""
+    return DiscreteField(
+        *(None if part is None else np.ascontiguousarray(part[..., cells, :]) for part in parts)
+    )

@@ -1,0 +1,252 @@
+"""`assemble` gives what `skfem.asm` gives, on the fast path: elements x forms x meshes."""
+
+import numpy as np
+import pytest
+import skfem
+from hypothesis import given
+from hypothesis import strategies as st
+from skfem import Basis, BilinearForm, LinearForm, MeshHex, MeshQuad, MeshTet, MeshTri, asm
+from skfem.helpers import ddot, div, dot, eye, sym_grad, trace
+from skfem.models.elasticity import linear_elasticity
+from skfem.models.poisson import laplace, mass
+
+from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS, assemble
+
+# Sums of up to 64 quadrature points and 8 cells, of terms no larger than the largest entry.
+CLOSE = 1e-14
+
+advection = BilinearForm(lambda u, v, w: v * (0.3 * u.grad[0] - 2.0 * u.grad[1]))
+load = LinearForm(lambda v, w: v)
+vector_mass = BilinearForm(lambda u, v, w: dot(u, v))
+vector_load = LinearForm(lambda v, w: v[0] - 2.0 * v[1])
+elasticity = linear_elasticity(1.3, 0.7)
+hermitian = BilinearForm(
+    lambda u, v, w: (1 + 2j) * u * v + 1j * u.grad[0] * v.grad[1], dtype=np.complex128
+)
+
+
+def agrees(found, expected):
+    assert found.shape == expected.shape
+    assert found.dtype == expected.dtype
+    if found.ndim == 2:
+        assert type(found) is type(expected)
+        found.check_format(full_check=True)
+        assert found.has_canonical_format
+    largest = np.abs(expected).max()
+    assert largest > 0
+    return np.abs(found - expected).max() <= CLOSE * largest
+
+
+def permuted(mesh, seed=3):
+    order = np.random.default_rng(seed).permutation(mesh.t.shape[1])
+    return type(mesh)(mesh.p, mesh.t[:, order])
+
+
+SCALAR_QUADS = [ElementQuadAdini(), ElementQuadAdini(derivatives=2), skfem.ElementQuad0()]
+SCALAR_QUADS += [skfem.ElementQuad1(), skfem.ElementQuad2(), skfem.ElementQuadP(4)]
+
+
+@pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
+@pytest.mark.parametrize("element", SCALAR_QUADS, ids=lambda e: type(e).__name__)
+def test_scalar_elements_on_any_quadrilaterals(any_quads, element):
+    form = mass if isinstance(element, skfem.ElementQuad0) else laplace
+    if isinstance(element, ElementQuadAdini) and element.derivatives == 2:
+        form = BilinearForm(lambda u, v, w: ddot(u.hess, v.hess))
+    for mesh in (any_quads, permuted(any_quads)):
+        basis = Basis(mesh, element)
+        K = assemble(form, mesh, element, fallback=False)
+        assert agrees(K, asm(form, basis))
+
+
+@pytest.mark.parametrize("form", [mass, laplace, advection, load, hermitian], ids=range(5))
+def test_scalar_forms(parallelograms, form):
+    element = ElementQuadAdini()
+    found = assemble(form, parallelograms, element, fallback=False)
+    assert agrees(found, asm(form, Basis(parallelograms, element)))
+
+
+@pytest.mark.parametrize("form", [elasticity, vector_mass, vector_load], ids=range(3))
+@pytest.mark.parametrize("inner", [ElementQuadAdini, skfem.ElementQuad2])
+def test_vector_elements(parallelograms, inner, form):
+    element = skfem.ElementVector(inner())
+    found = assemble(form, parallelograms, element, fallback=False)
+    assert agrees(found, asm(form, Basis(parallelograms, element)))
+
+
+@pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
+@pytest.mark.parametrize("element", [ElementHexAdini, skfem.ElementHex1, skfem.ElementHex2])
+def test_bricks(any_hexes, element):
+    found = assemble(laplace, any_hexes, element(), fallback=False)
+    assert agrees(found, asm(laplace, Basis(any_hexes, element())))
+
+
+def test_elastic_bricks():
+    mesh, element = MeshHex().refined(1), skfem.ElementVector(ElementHexAdini())
+    found = assemble(elasticity, mesh, element, intorder=4, fallback=False)
+    assert agrees(found, asm(elasticity, Basis(mesh, element, intorder=4)))
+
+
+def test_bogner_fox_schmit():
+    mesh = MeshQuad.init_tensor(np.array([0, 0.2, 0.5, 1.4]), np.array([0, 0.3, 1.0]))
+    found = assemble(mass, mesh, ElementQuadBFS(), fallback=False)
+    assert agrees(found, asm(mass, Basis(mesh, ElementQuadBFS())))
+
+
+TRIANGLES = [skfem.ElementTriP0, skfem.ElementTriP1, skfem.ElementTriP2, skfem.ElementTriP3]
+TRIANGLES += [skfem.ElementTriP4, skfem.ElementTriCR, skfem.ElementTriMini]
+
+
+@pytest.mark.parametrize("element", TRIANGLES)
+def test_triangles(element):
+    for mesh in (MeshTri().refined(2), MeshTri.init_symmetric().refined(1), MeshTri.init_circle(2)):
+        found = assemble(mass, mesh, element(), fallback=False)
+        assert agrees(found, asm(mass, Basis(mesh, element())))
+
+
+@pytest.mark.parametrize("element", [skfem.ElementTetP1, skfem.ElementTetP2, skfem.ElementTetCR])
+def test_tetrahedra(element):
+    mesh = MeshTet().refined(1)
+    found = assemble(laplace, mesh, element(), fallback=False)
+    assert agrees(found, asm(laplace, Basis(mesh, element())))
+
+
+ORIENTED = [skfem.ElementTriRT1, skfem.ElementTriRT2, skfem.ElementTriBDM1, skfem.ElementTriN1]
+ORIENTED += [skfem.ElementTriN2, skfem.ElementTriN3, skfem.ElementQuadRT1, skfem.ElementQuadN1]
+ORIENTED += [skfem.ElementTetRT1, skfem.ElementTetN1, skfem.ElementHexRT1]
+
+
+@pytest.mark.parametrize("element", ORIENTED)
+def test_elements_with_oriented_facets(element):
+    mesh = {"RefTri": MeshTri, "RefQuad": MeshQuad, "RefTet": MeshTet, "RefHex": MeshHex}[
+        element.refdom.__name__
+    ]().refined(1 if element.refdom.dim() == 3 else 2)
+    mesh = permuted(mesh)
+    basis = Basis(mesh, element())
+    assert agrees(assemble(vector_mass, mesh, element(), fallback=False), asm(vector_mass, basis))
+
+
+def test_rectangular():
+    mesh = MeshQuad().refined(2)
+    u, p = skfem.ElementVector(ElementQuadAdini()), skfem.ElementQuad1()
+    form = BilinearForm(lambda u, q, w: div(u) * q)
+    bases = [Basis(mesh, element, intorder=6) for element in (u, p)]
+    expected = asm(form, *bases)
+    assert expected.shape[0] != expected.shape[1]
+    assert agrees(assemble(form, mesh, u, p, fallback=False), expected)
+    assert agrees(assemble(form, *bases, fallback=False), expected)
+
+
+def test_composite_and_discontinuous():
+    mesh = MeshTri().refined(2)
+    stokes = skfem.ElementVector(skfem.ElementTriP2()) * skfem.ElementTriP1()
+
+    @BilinearForm
+    def form(u, p, v, q, w):
+        return ddot(sym_grad(u), sym_grad(v)) - div(v) * p - div(u) * q
+
+    assert agrees(assemble(form, mesh, stokes, fallback=False), asm(form, Basis(mesh, stokes)))
+    broken = skfem.ElementDG(ElementQuadAdini())
+    quads = MeshQuad().refined(2)
+    assert agrees(assemble(laplace, quads, broken), asm(laplace, Basis(quads, broken)))
+
+
+def test_blocks_of_more_dofs_than_a_word_has_bits():
+    mesh, element = MeshQuad().refined(1), skfem.ElementDG(skfem.ElementQuadP(8))
+    assert element.interior_dofs > 64
+    assert agrees(assemble(laplace, mesh, element), asm(laplace, Basis(mesh, element)))
+
+
+def test_existing_basis_with_its_own_cells_dofs_and_quadrature():
+    mesh, element = MeshQuad().refined(3), ElementQuadAdini()
+    basis = Basis(mesh, element, intorder=4, elements=np.array([3, 9, 40, 41, 7]))
+    assert agrees(assemble(laplace, basis, fallback=False), asm(laplace, basis))
+    dofs = skfem.Dofs(mesh, element)
+    left, right = (np.flatnonzero(mesh.p[0] == x) for x in (0, 1))
+    right = right[np.argsort(mesh.p[1, right])]
+    left = left[np.argsort(mesh.p[1, left])]
+    glue = np.arange(dofs.N)
+    glue[dofs.nodal_dofs[:, right]] = dofs.nodal_dofs[:, left]
+    dofs.element_dofs = glue[dofs.element_dofs]
+    periodic = Basis(mesh, element, dofs=dofs)
+    assert agrees(assemble(laplace, periodic, fallback=False), asm(laplace, periodic))
+
+
+def test_subset_by_name_and_quadrature():
+    mesh = MeshQuad().refined(3).with_subdomains({"left": lambda x: x[0] < 0.5})
+    options = {"elements": "left", "quadrature": skfem.quadrature.get_quadrature(mesh.refdom, 5)}
+    found = assemble(laplace, mesh, ElementQuadAdini(), fallback=False, **options)
+    assert agrees(found, asm(laplace, Basis(mesh, ElementQuadAdini(), **options)))
+
+
+def test_periodic_mesh():
+    mesh = skfem.MeshQuad1DG.init_tensor(np.linspace(0, 1, 6), np.linspace(0, 2, 5), periodic=[0])
+    found = assemble(laplace, mesh, skfem.ElementQuad2())
+    assert agrees(found, asm(laplace, Basis(mesh, skfem.ElementQuad2())))
+
+
+def test_curved_triangles():
+    flat = MeshTri.init_circle(2)
+    mesh = skfem.MeshTri2.init_circle(2)
+    assert flat.t.shape == mesh.t.shape
+    found = assemble(laplace, mesh, skfem.ElementTriP2(), fallback=False)
+    assert agrees(found, asm(laplace, Basis(mesh, skfem.ElementTriP2())))
+
+
+def test_entries_that_only_get_zeros_are_left_out():
+    element = skfem.ElementVector(skfem.ElementQuad1())
+    form = BilinearForm(lambda u, v, w: ddot(u.grad, v.grad))
+    mesh = MeshQuad().refined(3)
+    found, expected = assemble(form, mesh, element), asm(form, Basis(mesh, element))
+    assert found.nnz == expected.nnz
+    assert np.array_equal(found.indices, expected.indices)
+    assert np.array_equal(found.indptr, expected.indptr)
+
+
+def test_trace_terms_of_a_tensor_coefficient():
+    """The form indexes a coefficient that is a tensor in each cell, and one without cells."""
+    mesh = MeshQuad().refined(3)
+    element = skfem.ElementVector(ElementQuadAdini())
+    A = np.random.default_rng(5).uniform(1, 2, (2, 2, mesh.t.shape[1], 1))
+    C = np.array([[2.0, 0.5], [0.25, 1.0]])
+
+    @BilinearForm
+    def form(u, v, w):
+        e = sym_grad(u)
+        stress = e + eye(trace(e), 2) * w.lam
+        return ddot(np.einsum("ij...,jk...->ik...", w.A, stress), v.grad) + w.C[0, 1] * dot(u, v)
+
+    expected = asm(form, Basis(mesh, element), A=A, C=C, lam=0.5)
+    assert agrees(assemble(form, mesh, element, A=A, C=C, lam=0.5, fallback=False), expected)
+
+
+steps = st.lists(st.sampled_from([0.5, 1.0, 0.3, 0.1, 0.7]), min_size=1, max_size=6)
+
+
+@given(steps, steps, st.floats(-1, 1), st.floats(-0.5, 0.5), st.integers(0, 2**32 - 1))
+def test_random_tensor_meshes(dx, dy, origin, shear, seed):
+    """Also clockwise cells, turned numberings of the vertices, shear, and cells in any order."""
+    random = np.random.default_rng(seed)
+    mesh = MeshQuad.init_tensor(*(origin + np.cumsum([0, *steps]) for steps in (dx, dy)))
+    t = permuted(mesh, seed).t.copy()
+    for c in np.flatnonzero(random.random(t.shape[1]) < 0.3):
+        t[:, c] = np.roll(t[:: random.choice([-1, 1]), c], random.integers(4))
+    mesh = MeshQuad(np.array([mesh.p[0] + shear * mesh.p[1], mesh.p[1]]), t)
+    k = random.choice([1.0, 2.5, 7.0], mesh.t.shape[1])
+    form = BilinearForm(lambda u, v, w: dot(u.grad, v.grad) * np.sqrt(w.k) + w.k**2 * u * v)
+    element = ElementQuadAdini()
+    found = assemble(form, mesh, element, k=k[:, None])
+    expected = asm(form, Basis(mesh, element), k=k[:, None])
+    # Jacobians from coordinates x are rounded by eps x / h: cells of a class are not equal there.
+    narrow = min(*dx, *dy)
+    rounding = 8 * np.finfo(float).eps * (1 + np.abs(mesh.p).max() / narrow)
+    assert np.abs(found - expected).max() <= max(CLOSE, rounding) * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("shift", [1e-9, 1e-12, 1e-15])
+def test_slightly_different_cells_are_told_apart(shift):
+    ticks = np.array([0.0, 0.25, 0.5, 0.75 + shift, 1.0])
+    mesh = MeshQuad.init_tensor(ticks, ticks)
+    found = assemble(laplace, mesh, ElementQuadAdini(), fallback=False)
+    assert agrees(found, asm(laplace, Basis(mesh, ElementQuadAdini())))
+    even = MeshQuad.init_tensor(*[np.linspace(0, 1, 5)] * 2)
+    assert (assemble(laplace, even, ElementQuadAdini()) != found).nnz > 0
