@@ -1,6 +1,7 @@
-"""Dense strictly convex quadratic programs by primal-dual active sets.
+"""Convex quadratic programs by primal-dual active sets and interior points.
 
-`solve_qp` minimises over a box with equality rows, `QPFactor` serves many problems with one matrix,
+`solve_qp` minimises over a box with equality and inequality rows, dense or sparse, on the host or on
+a device; `QPFactor` serves many problems with one matrix,
 every `QPResult` carries residuals recomputed from the problem, and every failure is a `GpuError`.
 """
 
@@ -16,7 +17,8 @@ from gpu.errors import (
 )
 from gpu.kkt import KKT
 from gpu.problem import QPFactor
-from gpu.qp import QPResult, Status, solve_qp
+from gpu.qp import solve_qp
+from gpu.result import QPResult, Status
 
 __all__ = [
     "KKT",

@@ -1,36 +1,92 @@
-"""Dense kernels of the active-set method, all from SciPy's BLAS.
+"""Dense kernels on either side: SciPy's BLAS and LAPACK, or cuBLAS and cuSOLVER.
 
 NumPy brings a BLAS of its own; calls that alternate between the two make their thread pools wait
-for each other, which costs more than a product with a matrix of a thousand rows.
+for each other, which costs more than a product with a matrix of a thousand rows. On a device the
+libraries are called directly: `cupy.linalg.cholesky` copies, cleans and waits, which is twice the
+factorisation.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from scipy.linalg.blas import dsymv
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
 
+Array = Any  # numpy.ndarray or cupy.ndarray
 
-def symmetric_product(P: np.ndarray, x: np.ndarray) -> np.ndarray:
+
+def symmetric_product(P: Array, x: Array) -> Array:
     """``P x`` for a symmetric P in row-major order."""
-    return dsymv(1.0, P.T, x, lower=1)
+    return dsymv(1.0, P.T, x, lower=1) if isinstance(P, np.ndarray) else P @ x
 
 
-def cholesky(M: np.ndarray) -> np.ndarray:
+def cholesky(M: Array) -> Array:
     """Lower factor of the symmetric M, which is overwritten; raises `LinAlgError`."""
     if not M.size:
         return M
+    if not isinstance(M, np.ndarray):
+        return _device_cholesky(M)
     L, info = dpotrf(M.T, lower=1, clean=0, overwrite_a=1)
     if info:
         raise np.linalg.LinAlgError(f"leading minor {info} is not positive")
     return L
 
 
-def cholesky_solve(L: np.ndarray, r: np.ndarray) -> np.ndarray:
+def cholesky_solve(L: Array, r: Array) -> Array:
     """Solve ``L L' u = r``."""
+    if not isinstance(L, np.ndarray):
+        return lower_solve(L, lower_solve(L, r), transposed=True)
     return dpotrs(L, r, lower=1)[0] if r.size else r
 
 
-def lower_solve(L: np.ndarray, r: np.ndarray, transposed: bool = False) -> np.ndarray:
+def lower_solve(L: Array, r: Array, transposed: bool = False) -> Array:
     """Solve ``L u = r`` or ``L' u = r``."""
-    return dtrtrs(L, r, lower=1, trans=int(transposed))[0] if r.size else r
+    if not r.size:
+        return r
+    if not isinstance(L, np.ndarray):
+        return _device_lower_solve(L, r, transposed)
+    return dtrtrs(L, r, lower=1, trans=int(transposed))[0]
+
+
+def _device_cholesky(M: Array) -> Array:
+    import cupy
+    from cupy.cuda import device
+    from cupy_backends.cuda.libs import cublas, cusolver
+
+    M = cupy.ascontiguousarray(M)
+    n, handle = len(M), device.get_cusolver_handle()
+    # Row-major memory is the column-major transpose, which is the same symmetric matrix.
+    size = cusolver.dpotrf_bufferSize(handle, cublas.CUBLAS_FILL_MODE_LOWER, n, M.data.ptr, n)
+    work, info = cupy.empty(size), cupy.empty(1, dtype=cupy.int32)
+    cusolver.dpotrf(
+        handle, cublas.CUBLAS_FILL_MODE_LOWER, n, M.data.ptr, n, work.data.ptr, size, info.data.ptr
+    )
+    if int(info[0]):
+        raise np.linalg.LinAlgError(f"leading minor {int(info[0])} is not positive")
+    return M.T
+
+
+def _device_lower_solve(L: Array, r: Array, transposed: bool) -> Array:
+    import cupy
+    from cupy.cuda import device
+    from cupy_backends.cuda.libs import cublas
+
+    u = r.copy(order="F") if r.ndim == 2 else r.copy()
+    n, columns = len(L), 1 if r.ndim == 1 else r.shape[1]
+    operation = cublas.CUBLAS_OP_T if transposed else cublas.CUBLAS_OP_N
+    one = np.ones(1)
+    assert L.flags.f_contiguous
+    handle = device.get_cublas_handle()
+    mode = cublas.getPointerMode(handle)
+    cublas.setPointerMode(handle, cublas.CUBLAS_POINTER_MODE_HOST)
+    try:
+        cublas.dtrsm(
+            handle, cublas.CUBLAS_SIDE_LEFT, cublas.CUBLAS_FILL_MODE_LOWER, operation,
+            cublas.CUBLAS_DIAG_NON_UNIT, n, columns, one.ctypes.data, L.data.ptr, n,
+            u.data.ptr, n,
+        )  # fmt: skip
+    finally:
+        cublas.setPointerMode(handle, mode)
+    return cupy.asarray(u)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 
@@ -22,7 +24,17 @@ class MissingDependency(GpuError, ImportError):
 
 
 class NotConverged(GpuError):
-    """No answer within the tolerance; nothing is returned."""
+    """No answer within the tolerance; nothing is returned.
+
+    Attributes
+    ----------
+    eigenvalues, eigenvectors : array or None
+        Of an eigenvalue problem: what did converge.
+    """
+
+    def __init__(self, message: str, *, eigenvalues: Any = None, eigenvectors: Any = None) -> None:
+        super().__init__(message)
+        self.eigenvalues, self.eigenvectors = eigenvalues, eigenvectors
 
 
 class Infeasible(GpuError):
@@ -30,9 +42,10 @@ class Infeasible(GpuError):
 
     Attributes
     ----------
-    certificate : numpy.ndarray
-        Vector y, one entry an equality row, with ``max (A'y)'x < y'b`` over the box
-        lb <= x <= ub; zero when the box itself is empty.
+    certificate : array
+        Farkas pair (y, z) in one vector, one entry an equality row and then one a row of G, with
+        ``max (A'y + G'z)'x < y'b + min z'r``, the maximum over the box lb <= x <= ub and the
+        minimum over h_low <= r <= h; zero when the box itself is empty.
     """
 
     def __init__(self, message: str, certificate: np.ndarray) -> None:

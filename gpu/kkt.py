@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from gpu.dense import symmetric_product
 from gpu.problem import Problem
+from gpu.program import namespace, one_sided, residuals
 
 
 @dataclass(frozen=True)
@@ -30,22 +32,60 @@ class KKT:
         Largest multiplier that points to an infinite bound, over :math:`\phi`.
     complementarity : float
         Largest of ``min(multiplier, distance to its bound)``, each over its size as above.
+    gap : float
+        :math:`|x^TPx + q^Tx + y^Tr + z^Tb|`, the difference of primal and dual objective, over
+        the largest of its four terms; with inequality rows, a semidefinite or a sparse P only,
+        where `stationarity` and `primal` are those of `gpu.program.Residuals`.
     """
 
     stationarity: float
     primal: float
     sign: float
     complementarity: float
+    gap: float = 0.0
 
     @property
     def worst(self) -> float:
-        """The largest of the four."""
-        return max(self.stationarity, self.primal, self.sign, self.complementarity)
+        """The largest of them; infinite where one is not a number."""
+        values = (self.stationarity, self.primal, self.sign, self.complementarity, self.gap)
+        return max(values) if all(np.isfinite(values)) else np.inf
+
+
+def general_residuals(problem: Problem, x: Any, y: Any, z: Any, z_box: Any) -> KKT:
+    """Residuals with the rows ``low <= G x <= high`` as well, of either storage and namespace."""
+    p = problem.program
+    xp, multiplier = p.xp, namespace(x).concatenate([y, z])
+    r = residuals(p, x, multiplier, z_box)
+    Cx = p.C @ x
+    outside = float(xp.maximum(xp.maximum(p.lb - x, x - p.ub), 0.0).max())
+    length = float(xp.abs(x).max())
+    force = max(float(xp.abs(a).max()) for a in (p.q, p.P @ x, p.C.T @ multiplier, z_box))
+    wrong, product = 0.0, 0.0
+    for value, at, low, high, size in (
+        (multiplier, Cx, p.row_low, p.row_high, max(float(xp.abs(Cx).max(initial=0.0)), length)),
+        (z_box, x, p.lb, p.ub, length),
+    ):
+        if not value.size:
+            continue
+        astray = value - one_sided(value, low, high)
+        wrong = max(wrong, float(xp.abs(astray).max()))
+        distance = xp.where(value > 0, high - at, xp.where(value < 0, at - low, 0.0))
+        distance = xp.where(xp.isinf(distance), 0.0, distance)
+        near = xp.abs(distance) / (size or 1.0)
+        weight = xp.abs(value) / (max(force, float(xp.abs(value).max())) or 1.0)
+        product = max(product, float(xp.minimum(weight, near).max()))
+    return KKT(
+        stationarity=r.dual,
+        primal=max(r.primal, outside / length if outside else 0.0),
+        sign=wrong / force if wrong else 0.0,
+        complementarity=product,
+        gap=r.gap if not wrong else 0.0,
+    )
 
 
 def kkt_residuals(problem: Problem, x: np.ndarray, y: np.ndarray, z_box: np.ndarray) -> KKT:
     """Residuals of ``Px + q + A'y + z_box = 0``, ``Ax = b``, ``lb <= x <= ub`` and of the signs."""
-    factor, q, A, b, lb, ub = problem
+    factor, q, A, b, lb, ub, *_ = problem
     P, root = factor.P, np.sqrt(factor.P.diagonal())
     length = root * np.abs(x)
     used = np.flatnonzero(x)

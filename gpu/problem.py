@@ -6,32 +6,44 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
 from scipy.sparse import issparse
 
+from gpu.arrays import array_module, cupy
 from gpu.dense import cholesky
 from gpu.errors import InputError, NotSupported
+from gpu.program import Program, namespace
+from gpu.sparse_factor import is_positive_definite
 
 # Largest |P_ij - P_ji| / sqrt(P_ii P_jj) that is taken for rounding of whoever computed P.
 ASYMMETRY = 1e-10
+# Largest shift of the scaled P, for a thousand unknowns, that is taken for rounding of its entries.
+CONVEXITY = 1e-10
+INFINITE = 1e20
 
 
 class QPFactor:
-    """A symmetric positive definite matrix, checked, scaled and factored once.
+    """A symmetric positive semidefinite matrix, checked, scaled and factored once.
 
     `solve_qp` takes it in place of `P`, so that a sequence of problems with one matrix pays for
     the checks and for the factorisation once.
 
     Parameters
     ----------
-    P : (n, n) array_like
+    P : (n, n) array_like, SciPy sparse array or CuPy array
         The matrix; it is copied.
+    semidefinite : bool, optional
+        Whether a matrix that is not positive definite to working precision is accepted.
+
+    Attributes
+    ----------
+    definite : bool
+        Whether a Cholesky factor exists and is kept; never for a sparse matrix.
 
     Raises
     ------
     InputError
-        If `P` is not square, finite, symmetric up to rounding and positive definite.
-    NotSupported
-        If `P` is sparse or a device array.
+        If `P` is not square, finite, symmetric up to rounding and positive semidefinite.
 
     Examples
     --------
@@ -42,57 +54,129 @@ class QPFactor:
     [[0.5, 0.0], [1.0, 0.0]]
     """
 
-    def __init__(self, P: ArrayLike) -> None:
+    def __init__(self, P: ArrayLike, *, semidefinite: bool = True) -> None:
         matrix = _array("P", P, 2)
-        n = len(matrix)
+        n = matrix.shape[0]
         if n == 0 or matrix.shape != (n, n):
             raise InputError(f"P has shape {matrix.shape}: it must be square and not empty")
         _finite("P", matrix)
+        xp = namespace(matrix)
         diagonal = matrix.diagonal()
-        if np.any(diagonal <= 0.0):
-            i = int(np.argmin(diagonal))
+        if bool((diagonal < 0.0).any()) or (not semidefinite and bool((diagonal == 0.0).any())):
+            i = int(diagonal.argmin())
             raise InputError(
-                f"P is not positive definite, P[{i}, {i}] = {diagonal[i]:.3g}; "
-                "semidefinite matrices are not supported yet"
+                f"P is not positive {'semi' * semidefinite}definite, "
+                f"P[{i}, {i}] = {float(diagonal[i]):.3g}: the problem has no convex objective"
             )
-        self.scale = 1.0 / power_of_two(np.sqrt(diagonal))
-        self.P = np.array(matrix, order="C")
-        if not np.array_equal(matrix, matrix.T):
-            self.P = (matrix + matrix.T) / 2.0
-            error = np.abs(self._scaled(matrix - self.P)).max()
-            if error > ASYMMETRY:
-                raise InputError(
-                    f"P is not symmetric, |P - P'| reaches {2 * error:.1e} of its diagonal: "
-                    "only x'Px matters, so pass (P + P.T) / 2 if that is what is meant"
-                )
+        self.scale = 1.0 / power_of_two(xp.sqrt(xp.where(diagonal > 0.0, diagonal, 1.0)))
+        self.L: Any = None
+        self.P = _symmetric(matrix, self._scaled)
         self.scaled = self._scaled(self.P)
-        try:
-            self.L = cholesky(self.scaled.copy())
-            pivot = float(np.min(self.L.diagonal()) ** 2)
-        except np.linalg.LinAlgError:
-            pivot = 0.0
+        if issparse(self.P):
+            _check_convex(self.scaled, 1)
+            self.definite = False
+            return
+        pivot = 0.0
+        if not bool((diagonal == 0.0).any()):
+            try:
+                self.L = cholesky(self.scaled.copy())
+                pivot = float(self.L.diagonal().min()) ** 2
+            except np.linalg.LinAlgError:
+                self.L = None
         # Below this the rounding of the entries of P decides about definiteness.
-        if pivot <= 10 * n * np.finfo(float).eps:
-            raise InputError(
-                "P is not positive definite to working precision; semidefinite matrices are not "
-                "supported yet: add a small multiple of its diagonal"
-            )
+        self.definite = pivot > 10 * n * np.finfo(float).eps
+        if self.definite:
+            return
+        self.L = None
+        if not semidefinite:
+            raise InputError("P is not positive definite to working precision")
+        _check_convex(self.scaled, n)
 
-    def _scaled(self, M: np.ndarray) -> np.ndarray:
+    def _scaled(self, M: Any) -> Any:
+        if issparse(M):
+            D: Any = sparse.diags_array(self.scale)
+            return sparse.csr_array(D @ M @ D)
         scaled = M * self.scale
         scaled *= self.scale[:, None]
         return scaled
 
 
+def _symmetric(matrix: Any, scaled: Any) -> Any:
+    """A symmetric copy; `InputError` where the asymmetry is more than rounding."""
+    if issparse(matrix):
+        twin = sparse.csr_array(matrix.T)
+        difference = matrix - twin
+        if not difference.nnz or not abs(difference).max():
+            return matrix.copy()
+        half, error = (matrix + twin) / 2.0, abs(scaled(difference)).max() / 2.0
+    else:
+        xp = namespace(matrix)
+        if xp is not np:
+            # Tiles, so that a matrix which fills half the device needs no second half.
+            error, tile = 0.0, 4096
+            for i in range(0, len(matrix), tile):
+                rows = matrix[i : i + tile] - matrix[:, i : i + tile].T
+                error = max(error, float(xp.abs(rows).max()))
+            if error == 0.0:
+                return matrix
+        elif np.array_equal(matrix, matrix.T):
+            return np.array(matrix, order="C")
+        half = (matrix + matrix.T) / 2.0
+        error = float(abs(scaled(matrix - half)).max())
+    if error > ASYMMETRY:
+        raise InputError(
+            f"P is not symmetric, |P - P'| reaches {2 * error:.1e} of its diagonal: "
+            "only x'Px matters, so pass (P + P.T) / 2 if that is what is meant"
+        )
+    return half
+
+
+def _check_convex(scaled: Any, n: int) -> None:
+    """`InputError` unless a shift by rounding makes the scaled matrix positive definite."""
+    shift = CONVEXITY * max(1.0, 1e-3 * n)
+    if issparse(scaled):
+        K = sparse.csc_array(scaled + shift * sparse.eye_array(scaled.shape[0]))
+        convex = is_positive_definite(K)
+    else:
+        M = scaled.copy()
+        i = namespace(M).arange(len(M))
+        M[i, i] += shift
+        try:
+            cholesky(M)
+            convex = True
+        except np.linalg.LinAlgError:
+            convex = False
+    if not convex:
+        raise InputError(
+            "P is not positive semidefinite: the objective is not convex, and a minimum found "
+            "near one point would prove nothing about the others"
+        )
+
+
 class Problem(NamedTuple):
-    """Data of a quadratic program with bounds and equality rows."""
+    """Data of a quadratic program; `A` holds the equality rows, `G` the others."""
 
     factor: QPFactor
-    q: np.ndarray
-    A: np.ndarray
-    b: np.ndarray
-    lb: np.ndarray
-    ub: np.ndarray
+    q: Any
+    A: Any
+    b: Any
+    lb: Any
+    ub: Any
+    G: Any
+    low: Any
+    high: Any
+
+    @property
+    def program(self) -> Program:
+        """The same, with one set of rows: those of A, then those of G."""
+        xp = namespace(self.q)
+        P = self.factor.P
+        if issparse(P):
+            C = sparse.csr_array(sparse.vstack([self.A, self.G], format="csr"))
+        else:
+            C = xp.concatenate([self.A, self.G])
+        row_low, row_high = (xp.concatenate([self.b, side]) for side in (self.low, self.high))
+        return Program(P, self.q, C, row_low, row_high, self.lb, self.ub)
 
 
 def check_problem(
@@ -107,67 +191,107 @@ def check_problem(
     h_low: ArrayLike | None,
 ) -> Problem:
     """The arguments of `solve_qp` as arrays; `InputError` names what is wrong with them."""
-    for name, value in {"G": G, "h": h, "h_low": h_low}.items():
-        if value is not None:
-            raise NotSupported(
-                f"{name} is given: general inequality rows are not supported yet, only bounds "
-                "lb, ub and equality rows A x = b"
-            )
     factor = P if isinstance(P, QPFactor) else QPFactor(P)
-    n = len(factor.P)
-    q = _finite("q", _shaped("q", q, (n,)))
+    n = factor.P.shape[0]
+    xp = array_module(factor.P, q, G, h, A, b, lb, ub, h_low)
+    q = _finite("q", _shaped("q", q, (n,), xp))
     if (A is None) != (b is None):
         raise InputError("A and b must be given together: one of them is None")
-    rows = np.zeros((0, n)) if A is None else _array("A", A, 2)
-    if rows.shape[1] != n:
-        raise InputError(f"A has shape {rows.shape}: it must have {n} columns")
-    right = np.zeros(0) if b is None else _shaped("b", b, (len(rows),))
+    if G is None and (h is not None or h_low is not None):
+        raise InputError("h or h_low is given without G")
+    if G is not None and h is None and h_low is None:
+        raise InputError("G is given without h and h_low: one of them must be")
+    rows, general = _rows("A", A, n, xp), _rows("G", G, n, xp)
+    m, l = rows.shape[0], general.shape[0]
+    right = xp.zeros(0) if b is None else _finite("b", _shaped("b", b, (m,), xp))
+    low, high = _bound("h_low", h_low, l, -np.inf, xp), _bound("h", h, l, np.inf, xp)
+    if issparse(factor.P) or issparse(rows) or issparse(general):
+        if xp is not np:
+            raise NotSupported("sparse matrices with device arrays: move all to the host")
+        rows, general = sparse.csr_array(rows), sparse.csr_array(general)
+        if not issparse(factor.P):
+            factor = _as_sparse(factor)
     return Problem(
-        factor,
-        q,
-        _finite("A", rows),
-        _finite("b", right),
-        _bound("lb", lb, n, -np.inf),
-        _bound("ub", ub, n, np.inf),
-    )
+        factor, q, rows, right,
+        _bound("lb", lb, n, -np.inf, xp), _bound("ub", ub, n, np.inf, xp),
+        general, low, high,
+    )  # fmt: skip
+
+
+def _as_sparse(factor: QPFactor) -> QPFactor:
+    """A factor of dense P beside sparse rows: checked already, it only changes its storage."""
+    other = object.__new__(QPFactor)
+    other.P, other.scaled = sparse.csr_array(factor.P), sparse.csr_array(factor.scaled)
+    other.scale, other.L, other.definite = factor.scale, None, False
+    return other
+
+
+def _rows(name: str, value: Any, n: int, xp: Any) -> Any:
+    rows = xp.zeros((0, n)) if value is None else _array(name, value, 2)
+    if xp is not np and isinstance(rows, np.ndarray):
+        rows = xp.asarray(rows)
+    if rows.shape[1] != n:
+        raise InputError(f"{name} has shape {rows.shape}: it must have {n} columns")
+    return _finite(name, rows)
 
 
 def power_of_two(size: np.ndarray) -> np.ndarray:
     """Nearest powers of two; scaling with them does not round."""
-    return np.exp2(np.round(np.log2(size)))
+    xp = namespace(size)
+    return xp.exp2(xp.round(xp.log2(size)))
 
 
-def _bound(name: str, value: ArrayLike | None, n: int, missing: float) -> np.ndarray:
+def _bound(name: str, value: ArrayLike | None, n: int, missing: float, xp: Any) -> Any:
     if value is None:
-        return np.full(n, missing)
+        return xp.full(n, missing)
     bound = _array(name, value)
-    bound = np.full(n, float(bound)) if bound.ndim == 0 else _shaped(name, bound, (n,))
-    wrong = np.isnan(bound) | (bound == -missing)
-    if wrong.any():
-        i = int(np.argmax(wrong))
+    if bound.ndim == 0:
+        bound = xp.full(n, float(bound))
+    bound = _shaped(name, bound, (n,), xp)
+    # What stands for infinity in files of the field.
+    bound = xp.where(xp.abs(bound) >= INFINITE, xp.copysign(xp.inf, bound), bound)
+    wrong = xp.isnan(bound) | (bound == -missing)
+    if bool(wrong.any()):
+        i = int(wrong.argmax())
         raise InputError(f"{name}[{i}] is {bound[i]}: it must be a number or {missing}")
     return bound
 
 
-def _shaped(name: str, value: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
+def _shaped(name: str, value: ArrayLike, shape: tuple[int, ...], xp: Any) -> Any:
     array = _array(name, value)
+    if issparse(array):
+        raise InputError(f"{name} is sparse: vectors must be dense")
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}: it must be {shape}")
     return array
 
 
-def _finite(name: str, array: np.ndarray) -> np.ndarray:
-    if not np.isfinite(array).all():
-        i = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
+def _finite(name: str, array: Any) -> Any:
+    if issparse(array):
+        if not np.isfinite(array.data).all():
+            raise InputError(f"{name} has entries that are not finite")
+        return array
+    xp = namespace(array)
+    if xp is not np and array.size:
+        # One pass without a mask: a sum of absolute values is finite if its terms are.
+        good = bool(xp.isfinite(xp.abs(array).max()))
+    else:
+        good = bool(xp.isfinite(array).all())
+    if not good:
+        i = tuple(int(k) for k in xp.argwhere(~xp.isfinite(array))[0])
         raise InputError(f"{name}{list(i)} is {array[i]}: every entry must be finite")
     return array
 
 
-def _array(name: str, value: Any, dimensions: int | None = None) -> np.ndarray:
+def _array(name: str, value: Any, dimensions: int | None = None) -> Any:
     if hasattr(value, "__cuda_array_interface__"):
-        raise NotSupported(f"{name} is a device array: only NumPy arrays are supported yet")
+        return _device_array(name, value, dimensions)
     if issparse(value):
-        raise NotSupported(f"{name} is sparse, which is not supported yet: pass {name}.toarray()")
+        if value.dtype.kind not in "biuf":
+            raise InputError(f"{name} is not an array of real numbers: {value.dtype}")
+        value = sparse.csr_array(value, dtype=float)
+        value.sum_duplicates()
+        return value
     try:
         array = np.asarray(value)
         if array.dtype.kind not in "biuf":
@@ -178,3 +302,13 @@ def _array(name: str, value: Any, dimensions: int | None = None) -> np.ndarray:
     if dimensions is not None and array.ndim != dimensions:
         raise InputError(f"{name} has {array.ndim} dimensions: it must have {dimensions}")
     return array
+
+
+def _device_array(name: str, value: Any, dimensions: int | None) -> Any:
+    module = cupy()
+    array = module.asarray(value)
+    if array.dtype.kind not in "biuf":
+        raise InputError(f"{name} is not an array of real numbers: {array.dtype}")
+    if dimensions is not None and array.ndim != dimensions:
+        raise InputError(f"{name} has {array.ndim} dimensions: it must have {dimensions}")
+    return array.astype(float, copy=False)

@@ -1,92 +1,21 @@
-"""Dense strictly convex quadratic programs."""
+"""Convex quadratic programs."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import Enum
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpu.box_qp import ActiveSet, BoxQP, Step
+from gpu.arrays import to_host
+from gpu.box_qp import ActiveSet, BoxQP
 from gpu.dense import symmetric_product
-from gpu.errors import Infeasible, InputError, NotConverged
-from gpu.kkt import KKT, kkt_residuals
+from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
+from gpu.general_rows import solve_general
+from gpu.kkt import kkt_residuals
 from gpu.problem import Problem, QPFactor, check_problem, power_of_two
-
-
-class Status(Enum):
-    """What is known about an answer, and what to do about it.
-
-    Failures are raised; a result exists only with one of these.
-
-    =============  =====================================================================
-    `OPTIMAL`      every recomputed residual is below `tol`
-    `DEGENERATE`   the same, but the active set is not the only one that leads to x
-    =============  =====================================================================
-    """
-
-    OPTIMAL = "optimal: every recomputed residual is below tol, nothing is left to do"
-    DEGENERATE = (
-        "optimal, but some held variables carry no multiplier: compare x and the multipliers of "
-        "two runs, not their active sets"
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class QPResult:
-    """Solution of a quadratic program, with its proof.
-
-    Attributes
-    ----------
-    x : (n,) numpy.ndarray
-        The minimiser; a held variable is exactly at its bound.
-    y : (m,) numpy.ndarray
-        Multipliers of the equality rows.
-    z : (0,) numpy.ndarray
-        Multipliers of general inequality rows, of which there are none yet.
-    z_box : (n,) numpy.ndarray
-        Multipliers of the bounds, not positive at a lower, not negative at an upper one:
-        ``P x + q + A'y + z_box = 0``.
-    status : Status
-        What is known about the answer.
-    active : (n,) numpy.ndarray of int8
-        -1 held at the lower bound, 0 free, +1 held at the upper bound; for a fixed variable the
-        side its multiplier points to.
-    kkt : KKT
-        Relative residuals, recomputed from the problem.
-    iterations : int
-        Number of active-set steps.
-    history : tuple of Step
-        Number of held and of violated variables in each step.
-    """
-
-    x: np.ndarray
-    y: np.ndarray
-    z: np.ndarray
-    z_box: np.ndarray
-    status: Status
-    active: np.ndarray
-    kkt: KKT
-    iterations: int
-    history: tuple[Step, ...]
-
-    def residuals(
-        self,
-        P: ArrayLike | QPFactor,
-        q: ArrayLike,
-        G: ArrayLike | None = None,
-        h: ArrayLike | None = None,
-        A: ArrayLike | None = None,
-        b: ArrayLike | None = None,
-        lb: ArrayLike | None = None,
-        ub: ArrayLike | None = None,
-        *,
-        h_low: ArrayLike | None = None,
-    ) -> KKT:
-        """Residuals of this answer in a problem given like in `solve_qp`."""
-        problem = check_problem(P, q, G, h, A, b, lb, ub, h_low)
-        return kkt_residuals(problem, self.x, self.y, self.z_box)
+from gpu.program import namespace
+from gpu.result import QPResult, Status, boxes_only
 
 
 def solve_qp(
@@ -102,26 +31,32 @@ def solve_qp(
     h_low: ArrayLike | None = None,
     start: QPResult | ArrayLike | None = None,
     tol: float = 1e-9,
+    host_below: int = 0,
 ) -> QPResult:
-    r"""Solve a strictly convex quadratic program with bounds and equality rows.
+    r"""Solve a convex quadratic program.
 
     .. math:: \min_x \tfrac12 x^TPx + q^Tx \quad\text{subject to}\quad
-              Ax = b,\quad l \le x \le u
+              Ax = b,\quad h_l \le Gx \le h,\quad l \le x \le u
 
-    by primal-dual active sets, see `gpu.box_qp`. A step costs one Cholesky factorisation of the
-    block of P that belongs to the free variables.
+    Strictly convex dense problems are solved by primal-dual active sets: with bounds and a few
+    equality rows by `gpu.box_qp`, otherwise by `gpu.whitened_active_set`, which factors P once.
+    Where that exchange stalls, where P is semidefinite (a linear program has P = 0), and where
+    matrices are sparse, an interior point (`gpu.interior_point`) finds the active set, from which
+    `gpu.polish` goes on to the accuracy of the arithmetic.
 
     Parameters
     ----------
-    P : (n, n) array_like or QPFactor
-        Symmetric positive definite matrix; only its symmetric part counts and an asymmetry of
-        rounding is accepted.
+    P : (n, n) array_like, SciPy sparse array, CuPy array or QPFactor
+        Symmetric positive semidefinite matrix; an asymmetry of rounding is accepted.
     q : (n,) array_like
         Linear term.
-    G, h, h_low : None
-        Rows ``h_low <= G x <= h``; not supported yet.
+    G : (l, n) array_like or sparse array, optional
+        Inequality rows.
+    h, h_low : float or (l,) array_like, optional
+        Their upper and lower sides; entries may be infinite or equal to each other. From 1e20
+        on a number counts as infinite, here and in `lb`, `ub`.
     A : (m, n) array_like, optional
-        Equality rows, few of them; they may depend on each other.
+        Equality rows; they may depend on each other.
     b : (m,) array_like, optional
         Their right-hand side.
     lb, ub : float or (n,) array_like, optional
@@ -131,6 +66,9 @@ def solve_qp(
     tol : float, optional
         Largest accepted value of `KKT.worst`. The answer is usually exact to rounding; `tol` also
         decides when an infeasibility is too small to be told from rounding of the data.
+    host_below : int, optional
+        Device problems with fewer unknowns are solved on the host, which is quicker for small
+        ones; the result lives on the device all the same.
 
     Returns
     -------
@@ -141,12 +79,14 @@ def solve_qp(
     ------
     Infeasible
         If no point satisfies the constraints; its `certificate` has been verified.
+    Unbounded
+        If the objective has no lower bound; its `ray` has been verified.
     NotConverged
         If the residuals stay above `tol`.
     InputError
-        If an argument is malformed; P not positive definite is such a case.
+        If an argument is malformed; an objective that is not convex is such a case.
     NotSupported
-        For inequality rows, sparse matrices and device arrays.
+        For sparse matrices on a device.
 
     Notes
     -----
@@ -168,13 +108,62 @@ def solve_qp(
     problem = check_problem(P, q, G, h, A, b, lb, ub, h_low)
     if not 0.0 < tol < 1.0:
         raise InputError(f"tol is {tol}: it must lie between 0 and 1")
-    empty = problem.lb > problem.ub
-    if empty.any():
-        i = int(np.argmax(empty))
-        raise Infeasible(
-            f"the box is empty: lb[{i}] = {problem.lb[i]} is above ub[{i}] = {problem.ub[i]}",
-            np.zeros(problem.b.size),
-        )
+    for low, high, names in (
+        (problem.lb, problem.ub, ("the box is empty: lb", "ub")),
+        (problem.low, problem.high, ("a row is empty: h_low", "h")),
+    ):
+        empty = low > high
+        if bool(empty.any()):
+            i = int(empty.argmax())
+            raise Infeasible(
+                f"{names[0]}[{i}] = {low[i]} is above {names[1]}[{i}] = {high[i]}",
+                _empty_proof(problem, None if names[1] == "ub" else i),
+            )
+    if host_below and not isinstance(problem.q, np.ndarray) and problem.q.size < host_below:
+        return _on_host(problem, start, tol)
+    if boxes_only(problem):
+        try:
+            return _boxes(problem, start, tol)
+        except NotConverged as error:
+            try:
+                return solve_general(problem, None, tol)
+            except NotConverged:
+                raise error from None
+    return solve_general(problem, start, tol)
+
+
+def _empty_proof(problem: Problem, row: int | None) -> Any:
+    xp = namespace(problem.q)
+    proof = xp.zeros(problem.b.size + problem.low.size)
+    if row is not None:
+        proof[problem.b.size + row] = 1.0
+    return proof
+
+
+def _on_host(problem: Problem, start: QPResult | ArrayLike | None, tol: float) -> QPResult:
+    """Solve a small device problem with NumPy; the result goes back to the device."""
+    xp = namespace(problem.q)
+    if isinstance(start, QPResult):
+        start = start.moved(to_host)
+    elif start is not None:
+        start = to_host(start)
+    host = [to_host(value) for value in (problem.factor.P, *problem[1:])]
+    matrix, q, A, b, lb, ub, G, low, high = host
+    try:
+        result = solve_qp(
+            matrix, q, G if low.size else None, high if low.size else None,
+            A if b.size else None, b if b.size else None, lb, ub,
+            h_low=low if low.size else None, start=start, tol=tol,
+        )  # fmt: skip
+    except Infeasible as error:
+        raise Infeasible(str(error), xp.asarray(error.certificate)) from None
+    except Unbounded as error:
+        raise Unbounded(str(error), xp.asarray(error.ray)) from None
+    return result.moved(xp.asarray)
+
+
+def _boxes(problem: Problem, start: QPResult | ArrayLike | None, tol: float) -> QPResult:
+    """Bounds and equality rows, strictly convex, on the host."""
     norms = np.linalg.norm(problem.A * problem.factor.scale, axis=1)
     rows = 1.0 / power_of_two(np.where(norms > 0.0, norms, 1.0))
     iterate = _first_iterate(problem, rows, start)
@@ -194,7 +183,7 @@ def _first_iterate(
     problem: Problem, rows: np.ndarray, start: QPResult | ArrayLike | None
 ) -> ActiveSet:
     """The scaled problem with the active set to begin with."""
-    factor, q, A, b, lb, ub = problem
+    factor, q, A, b, lb, ub, *_ = problem
     d = factor.scale
     box = BoxQP(factor.scaled, d * q, rows[:, None] * A * d, rows * b, lb / d, ub / d)
     x, y = np.clip(np.zeros_like(q), box.lb, box.ub), np.zeros_like(b)
@@ -231,7 +220,7 @@ def _first_iterate(
 
 def _result(problem: Problem, rows: np.ndarray, iterate: ActiveSet, tol: float) -> QPResult:
     """The answer in the units of the problem, if its residuals pass."""
-    factor, q, A, _, lb, ub = problem
+    factor, q, A, _, lb, ub, *_ = problem
     x = np.clip(factor.scale * iterate.x, lb, ub)
     y = rows * iterate.y
     force = -(symmetric_product(factor.P, x) + q + A.T @ y)

@@ -1,5 +1,6 @@
 """Malformed, unsupported and infeasible input, each with its own error and a message."""
 
+import importlib.util
 import subprocess
 import sys
 
@@ -8,7 +9,16 @@ import pytest
 import scipy.sparse
 
 import gpu
-from gpu import GpuError, Infeasible, InputError, NotConverged, NotSupported, QPFactor, solve_qp
+from gpu import (
+    GpuError,
+    Infeasible,
+    InputError,
+    MissingDependency,
+    NotConverged,
+    QPFactor,
+    Unbounded,
+    solve_qp,
+)
 
 I2 = np.eye(2)
 Q = np.array([1.0, -1.0])
@@ -22,15 +32,29 @@ BAD = {
     "P NaN": ([[1.0, NAN], [NAN, 1.0]], Q, {}, r"P\[0, 1\] is nan"),
     "P infinite": ([[INF, 0.0], [0.0, 1.0]], Q, {}, "finite"),
     "P not symmetric": ([[2.0, 1.0], [0.0, 2.0]], Q, {}, "not symmetric"),
-    "P indefinite": ([[1.0, 2.0], [2.0, 1.0]], Q, {}, "not positive definite"),
+    "P indefinite": ([[1.0, 2.0], [2.0, 1.0]], Q, {}, "not positive semidefinite"),
     "P indefinite off the solution": ([[1.0, 2.0], [2.0, 1.0]], [9, 9], {"lb": 0.0}, "definite"),
-    "P semidefinite": (np.ones((2, 2)), Q, {}, "not positive definite"),
+    "P sparse indefinite": (
+        scipy.sparse.csr_array([[1.0, 2.0], [2.0, 1.0]]),
+        Q,
+        {},
+        "not positive semidefinite",
+    ),
+    "P hollow": ([[0.0, 1.0], [1.0, 0.0]], Q, {}, "not positive semidefinite"),
     "P negative diagonal": (np.diag([1.0, -1.0]), Q, {}, r"P\[1, 1\] = -1"),
-    "P zero": (np.zeros((2, 2)), Q, {}, "not positive definite"),
     "P text": ([["a", "b"], ["c", "d"]], Q, {}, "real numbers"),
     "P complex": (I2 * 1j, Q, {}, "real numbers"),
     "P ragged": ([[1.0], [1.0, 2.0]], Q, {}, "real numbers"),
     "q length": (I2, np.ones(3), {}, "q has shape"),
+    "G without h": (I2, Q, {"G": I2}, "without h"),
+    "h without G": (I2, Q, {"h": Q}, "without G"),
+    "h_low without G": (I2, Q, {"h_low": Q}, "without G"),
+    "G columns": (I2, Q, {"G": np.ones((1, 3)), "h": 1.0}, "2 columns"),
+    "G NaN": (I2, Q, {"G": [[NAN, 0.0]], "h": 1.0}, r"G\[0, 0\] is nan"),
+    "h length": (I2, Q, {"G": I2, "h": np.ones(3)}, "h has shape"),
+    "h NaN": (I2, Q, {"G": I2, "h": [0.0, NAN]}, r"h\[1\] is nan"),
+    "h = -inf": (I2, Q, {"G": I2, "h": [0.0, -INF]}, r"h\[1\] is -inf"),
+    "h_low = inf": (I2, Q, {"G": I2, "h_low": [0.0, INF]}, r"h_low\[1\] is inf"),
     "q matrix": (I2, np.ones((2, 1)), {}, "q has shape"),
     "q NaN": (I2, [1.0, NAN], {}, r"q\[1\] is nan"),
     "lb length": (I2, Q, {"lb": np.zeros(3)}, "lb has shape"),
@@ -63,37 +87,28 @@ def test_malformed(P, q, options, message):
     assert isinstance(caught.value, GpuError)
 
 
-UNSUPPORTED = {
-    "G": (I2, {"G": I2, "h": Q}),
-    "h": (I2, {"h": Q}),
-    "h_low": (I2, {"h_low": Q}),
-    "P is sparse": (scipy.sparse.eye_array(2), {}),
-    "A is sparse": (I2, {"A": scipy.sparse.csr_array(ROW["A"]), "b": [1.0]}),
-}
-
-
-@pytest.mark.parametrize(("P", "options"), UNSUPPORTED.values(), ids=UNSUPPORTED)
-def test_not_supported_yet(P, options):
-    with pytest.raises(NotSupported, match="not supported yet") as caught:
-        solve_qp(P, Q, **options)
-    assert isinstance(caught.value, NotImplementedError)
-
-
-@pytest.mark.gpu
-def test_device_arrays_are_refused_by_name():
-    cupy = pytest.importorskip("cupy", reason="CuPy is not installed")
-    if not cupy.cuda.is_available():
-        pytest.skip("no CUDA device")
-    with pytest.raises(NotSupported, match="q is a device array"):
-        solve_qp(I2, cupy.ones(2))
-
-
-def test_device_arrays_are_known_by_their_interface():
+def test_device_arrays_need_cupy():
     class Device:
         __cuda_array_interface__ = {"shape": (2,)}  # noqa: RUF012
 
-    with pytest.raises(NotSupported, match="lb is a device array"):
+    if importlib.util.find_spec("cupy"):
+        pytest.skip("CuPy is installed")
+    with pytest.raises(MissingDependency, match=r"cupy|CuPy"):
         solve_qp(I2, Q, lb=Device())
+
+
+@pytest.mark.parametrize("P", [np.zeros((2, 2)), np.ones((2, 2))], ids=["zero", "singular"])
+def test_semidefinite_and_unbounded(P):
+    with pytest.raises(Unbounded) as caught:
+        solve_qp(P, Q)
+    ray = caught.value.ray
+    assert Q @ ray < 0
+    np.testing.assert_allclose(P @ ray, 0.0, atol=1e-12)
+
+
+def test_empty_row():
+    with pytest.raises(Infeasible, match=r"h_low\[1\] = 2.0 is above h\[1\] = 1.0"):
+        solve_qp(I2, Q, G=I2, h=1.0, h_low=[0.0, 2.0])
 
 
 def test_empty_box():

@@ -1,0 +1,55 @@
+"""Which array module an argument lives on, and the way to the host."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gpu.errors import InputError, MissingDependency
+
+
+def array_module(*values: Any) -> Any:
+    """Return cupy if any of the values lives on a device, else numpy.
+
+    Raises
+    ------
+    InputError
+        Host and device arrays are mixed.
+    """
+    on_device = [_of_cupy(value) for value in values if value is not None]
+    if not any(on_device):
+        return np
+    on_host = [
+        value
+        for value, device in zip([v for v in values if v is not None], on_device, strict=True)
+        if not device and getattr(value, "ndim", 0) > 0
+    ]
+    if on_host:
+        raise InputError("arrays of NumPy and of CuPy are mixed: move all of them to one side")
+    return cupy()
+
+
+def cupy() -> Any:
+    """Import cupy.
+
+    Raises
+    ------
+    MissingDependency
+    """
+    try:
+        import cupy as module
+    except ImportError as error:
+        raise MissingDependency(
+            "the device needs CuPy: pip install 'skfem-adini[cuda12]' or 'skfem-adini[cuda13]'"
+        ) from error
+    return module
+
+
+def _of_cupy(value: Any) -> bool:
+    return type(value).__module__.partition(".")[0] in ("cupy", "cupyx")
+
+
+def to_host(array: Any) -> np.ndarray:
+    """Return the array as NumPy's, copied from the device if need be."""
+    return array.get() if _of_cupy(array) else np.array(array)

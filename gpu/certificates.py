@@ -1,0 +1,131 @@
+r"""Proofs that a program has no feasible point, or no lower bound.
+
+A Farkas vector y of the rows has, with :math:`c = C^Ty`,
+
+.. math:: \max_{l \le x \le u} c^Tx < \sum_i \min_{r_l \le r \le r_u} y_ir,
+
+so that no x of the box can have its rows within their sides. A ray d has :math:`Pd = 0`,
+:math:`q^Td < 0`, and follows rows and bounds for ever. Both are sought as the nearest point of
+a cone to a given vector, a strictly convex problem that always has a solution; it is zero where
+there is no proof. What is found is verified before it counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy import sparse
+
+from gpu.program import Array, Matrix, Program
+
+# Rounding in a sum, over its terms; and the margin of a proof over the terms of its sums.
+ROUNDING, MARGIN = 1e-12, 1e-9
+Solve = Callable[[Program], Array]
+
+
+def farkas(p: Program, solve: Solve) -> Array | None:
+    """A verified Farkas vector of the rows, if there is one."""
+    xp, m = p.xp, p.row_low.size
+    equal = p.equality
+    up = xp.flatnonzero(~equal & xp.isfinite(p.row_high))
+    down = xp.flatnonzero(~equal & xp.isfinite(p.row_low))
+    at_ub, at_lb = xp.flatnonzero(xp.isfinite(p.ub)), xp.flatnonzero(xp.isfinite(p.lb))
+    eq = xp.flatnonzero(equal)
+    Ct = _transposed(p.C)
+    unit = _identity(p.P, p.q.size, xp)
+    blocks = [
+        _take(Ct, eq), _take(Ct, up), -_take(Ct, down), _take(unit, at_ub), -_take(unit, at_lb)
+    ]  # fmt: skip
+    cost = xp.concatenate(
+        [p.row_low[eq], p.row_high[up], -p.row_low[down], p.ub[at_ub], -p.lb[at_lb]]
+    )
+    N = cost.size
+    size = float(xp.abs(cost).max()) if N else 0.0
+    if not size:
+        return None
+    low = xp.zeros(N)
+    low[: eq.size] = -xp.inf
+    nothing = xp.zeros(p.q.size)
+    nearest = Program(
+        _identity(p.P, N, xp), cost / size, _stack(blocks, p.P, xp),
+        nothing, nothing, low, xp.full(N, xp.inf),
+    )  # fmt: skip
+    v = solve(nearest)
+    y = xp.zeros(m)
+    first, second = eq.size, eq.size + up.size
+    y[eq] = v[:first]
+    y[up] += v[first:second]
+    y[down] -= v[second : second + down.size]
+    return _verified(p, -y)
+
+
+def _verified(p: Program, y: Array) -> Array | None:
+    xp = p.xp
+    largest = float(xp.abs(y).max()) if y.size else 0.0
+    if not largest or not np.isfinite(largest):
+        return None
+    y = y / largest
+    y = xp.where(xp.abs(y) <= ROUNDING, 0.0, y)
+    y = xp.where((y > 0) & xp.isinf(p.row_low), 0.0, y)
+    y = xp.where((y < 0) & xp.isinf(p.row_high), 0.0, y)
+    c = p.C.T @ y
+    c = xp.where(xp.abs(c) <= ROUNDING * (abs(p.C).T @ xp.abs(y)), 0.0, c)
+    corner = xp.where(c > 0, p.ub, xp.where(c < 0, p.lb, 0.0))
+    row = xp.where(y > 0, p.row_low, xp.where(y < 0, p.row_high, 0.0))
+    most, least = float(c @ corner), float(y @ row)
+    terms = float(xp.abs(c) @ xp.abs(corner)) + float(xp.abs(y) @ xp.abs(row))
+    return y if least - most > MARGIN * terms else None
+
+
+def ray(p: Program, solve: Solve) -> Array | None:
+    """A verified ray along which the objective falls for ever, if there is one."""
+    xp, n = p.xp, p.q.size
+    size = float(xp.abs(p.q).max()) if n else 0.0
+    if not size:
+        return None
+    rows = _rows([p.P, p.C], xp)
+    flat = xp.zeros(n)
+    low = xp.concatenate([flat, xp.where(xp.isfinite(p.row_low), 0.0, -xp.inf)])
+    high = xp.concatenate([flat, xp.where(xp.isfinite(p.row_high), 0.0, xp.inf)])
+    cone = Program(
+        _identity(p.P, n, xp), p.q / size, rows, low, high,
+        xp.where(xp.isfinite(p.lb), 0.0, -xp.inf), xp.where(xp.isfinite(p.ub), 0.0, xp.inf),
+    )  # fmt: skip
+    d = solve(cone)
+    largest = float(xp.abs(d).max())
+    if not largest or not np.isfinite(largest):
+        return None
+    d = d / largest
+    d = xp.where(xp.abs(d) <= ROUNDING, 0.0, d)
+    d = xp.clip(d, cone.lb, cone.ub)
+    length = xp.abs(d)
+    along, terms = rows @ d, abs(rows) @ length
+    outside = xp.maximum(cone.row_low - along, along - cone.row_high)
+    if bool((outside > 1e-10 * terms + 1e-13 * float(terms.max())).any()):
+        return None
+    return d if float(p.q @ d) < -MARGIN * float(xp.abs(p.q) @ length) else None
+
+
+def _transposed(C: Matrix) -> Matrix:
+    return sparse.csc_array(C.T) if sparse.issparse(C) else C.T
+
+
+def _identity(like: Matrix, n: int, xp: object) -> Matrix:
+    return sparse.eye_array(n, format="csc") if sparse.issparse(like) else xp.eye(n)  # type: ignore[attr-defined]
+
+
+def _take(M: Matrix, columns: Array) -> Matrix:
+    return M[:, columns]
+
+
+def _stack(blocks: list[Matrix], like: Matrix, xp: object) -> Matrix:
+    if sparse.issparse(like):
+        return sparse.hstack(blocks, format="csr")
+    return xp.concatenate(blocks, axis=1)  # type: ignore[attr-defined]
+
+
+def _rows(blocks: list[Matrix], xp: object) -> Matrix:
+    if sparse.issparse(blocks[0]):
+        return sparse.csr_array(sparse.vstack(blocks, format="csr"))
+    return xp.concatenate(blocks, axis=0)  # type: ignore[attr-defined]

@@ -1,0 +1,178 @@
+"""Any convex quadratic program: presolve, scale, interior point, polish, certificates."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpu.certificates import farkas, ray
+from gpu.equilibrate import equilibrate
+from gpu.errors import NotConverged
+from gpu.interior_point import interior_point
+from gpu.kkt_system import kkt_system
+from gpu.polish import Sides, polish
+from gpu.presolve import presolve
+from gpu.program import Array, Program, Residuals, one_sided, residuals
+
+logger = logging.getLogger(__name__)
+# Separate steps for x and for the multipliers or not, and the size of the first multipliers.
+ATTEMPTS = ((False, 1e3), (True, 1e6), (True, 1.0), (False, 1.0), (False, 1e6))
+# What the polish aims at: the accuracy of the arithmetic.
+SHARP = 1e-14
+# No proof is sought where the rows, or stationarity, already hold to this.
+PLAUSIBLE = 1e-7
+
+
+@dataclass(frozen=True)
+class Point:
+    """x and the multipliers of rows and bounds, with residuals recomputed from the program."""
+
+    x: Array
+    y: Array
+    z: Array
+    residuals: Residuals
+    iterations: int
+
+
+class NoPoint(Exception):
+    """The rows contradict each other within the box; `certificate` is a Farkas vector."""
+
+    def __init__(self, certificate: Array) -> None:
+        super().__init__("infeasible")
+        self.certificate = certificate
+
+
+class NoBound(Exception):
+    """The objective falls for ever along `direction`."""
+
+    def __init__(self, direction: Array) -> None:
+        super().__init__("unbounded")
+        self.direction = direction
+
+
+def certified(p: Program, x: Array, y: Array) -> Point:
+    """The point next to (x, y) whose bounds and signs hold, and its residuals."""
+    xp = p.xp
+    x = xp.clip(x, p.lb, p.ub)
+    y = one_sided(y, p.row_low, p.row_high)
+    force = one_sided(-p.gradient(x, y), p.lb, p.ub)
+    at_side = ((force > 0) & (x == p.ub)) | ((force < 0) & (x == p.lb))
+    points = [
+        Point(x, y, z, residuals(p, x, y, z), 0) for z in (xp.where(at_side, force, 0.0), force)
+    ]
+    clean, full = points
+    return clean if clean.residuals.worst <= 2.0 * full.residuals.worst else full
+
+
+def minimise(p: Program, tol: float, solver: str = "auto", proofs: bool = True) -> Point:
+    """Solve, or raise `NoPoint`, `NoBound` or `NotConverged`.
+
+    Parameters
+    ----------
+    p : Program
+    tol : float
+        Largest accepted residual; the polish goes on to the accuracy of the arithmetic.
+    solver : {"auto", "pardiso", "superlu"}
+        Of sparse systems.
+    proofs : bool
+        Whether to look for certificates where no solution is found.
+    """
+    with np.errstate(all="ignore"):  # what overflows shows in the residuals
+        return _minimise(p, tol, solver, proofs)
+
+
+def _minimise(p: Program, tol: float, solver: str, proofs: bool) -> Point:
+    small = presolve(p)
+    if not small.free.size:
+        return _nothing_free(p, small.point(p.xp.zeros(0), p.xp.zeros(small.rows.size)), tol)
+    scaled, scaling = equilibrate(small.program)
+    system = kkt_system(scaled, solver)
+
+    def whole(x: Array, y: Array) -> Point:
+        return certified(p, *small.point(*scaling.point(x, y)))
+
+    def measure(x: Array, y: Array) -> float:
+        return whole(x, y).residuals.worst
+
+    best, steps = None, 0
+    for attempt, (separate, spread) in enumerate(ATTEMPTS if proofs else ATTEMPTS[:2]):
+        x, y, sides, count = interior_point(scaled, system, measure, 0.1 * tol, separate, spread)
+        steps += count
+        x, y, error = polish(scaled, system, Sides(*sides), x, y, measure, SHARP)
+        logger.debug("attempt %d: %d steps, residuals %.1e", attempt, count, error)
+        point = whole(x, y)
+        if best is None or error < best.residuals.worst:
+            best = point
+        if best.residuals.worst <= tol:
+            break
+        if attempt == 0 and proofs:
+            _prove(p, best, tol, solver)
+    assert best is not None
+    if not best.residuals.worst <= tol:
+        if not proofs:
+            raise NotConverged("no solution")
+        raise NotConverged(
+            f"{steps} interior-point steps end at {best.residuals}, above tol = {tol}, and neither "
+            "a certificate of infeasibility nor a ray was found: rescale the problem, drop rows "
+            "that are almost dependent, or accept a larger tol"
+        )
+    return Point(best.x, best.y, best.z, best.residuals, steps)
+
+
+def polished(p: Program, sides: Sides, x: Array, y: Array) -> Point | None:
+    """The point that active-set steps reach from a start near the solution."""
+    small = presolve(p)
+    if not small.free.size:
+        return None
+    scaled, scaling = equilibrate(small.program)
+
+    def whole(x: Array, y: Array) -> Point:
+        return certified(p, *small.point(*scaling.point(x, y)))
+
+    def measure(x: Array, y: Array) -> float:
+        return whole(x, y).residuals.worst
+
+    begin = scaling.scaled_point(x[small.free], y[small.rows])
+    part = Sides(sides.bounds[small.free], sides.rows[small.rows])
+    try:
+        x, y, _ = polish(scaled, kkt_system(scaled), part, *begin, measure, SHARP)
+    except np.linalg.LinAlgError:
+        return None
+    return whole(x, y)
+
+
+def _prove(p: Program, best: Point, tol: float, solver: str) -> None:
+    """Raise with a certificate if there is one."""
+    small, scaling = equilibrate(p)
+
+    def solve(program: Program) -> Array:
+        try:
+            return minimise(program, 1e-10, solver, proofs=False).x
+        except NotConverged:
+            return program.xp.zeros(program.q.size)
+
+    errors = best.residuals
+    if not errors.primal <= PLAUSIBLE:
+        y = farkas(small, solve)
+        if y is not None:
+            raise NoPoint(scaling.rows * y)
+    if not max(errors.dual, errors.gap) <= PLAUSIBLE or not errors.primal <= PLAUSIBLE:
+        direction = ray(small, solve)
+        if direction is not None:
+            raise NoBound(scaling.variables * direction)
+
+
+def _nothing_free(p: Program, start: tuple[Array, Array], tol: float) -> Point:
+    """Every variable is fixed: the rows hold, or one of them is the proof."""
+    xp = p.xp
+    point = certified(p, *start)
+    if point.residuals.worst <= tol:
+        return point
+    Cx = p.C @ point.x
+    outside = xp.maximum(p.row_low - Cx, Cx - p.row_high)
+    i = int(xp.argmax(outside))
+    y = xp.zeros_like(Cx)
+    y[i] = 1.0 if float(Cx[i]) < float(p.row_low[i]) else -1.0
+    raise NoPoint(y)

@@ -1,0 +1,137 @@
+r"""A convex quadratic program in the one form that the interior point and the polish work on.
+
+.. math:: \min_x \tfrac12 x^TPx + q^Tx \quad\text{subject to}\quad
+          r_l \le Cx \le r_u, \quad l \le x \le u
+
+Equality rows have :math:`r_l = r_u`. With multipliers y of the rows and z of the bounds, positive
+where an upper side holds and negative where a lower side does, the solution has
+:math:`Px + q + C^Ty + z = 0`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+Array = Any  # numpy.ndarray or cupy.ndarray
+Matrix = Any  # the same, or a SciPy sparse array
+
+
+def namespace(array: Any) -> Any:
+    """The module, numpy or cupy, whose functions take this array."""
+    if hasattr(array, "__cuda_array_interface__"):
+        import cupy
+
+        return cupy
+    return np
+
+
+@dataclass(frozen=True)
+class Program:
+    """Data of the module's formula; P and C are both dense or both sparse."""
+
+    P: Matrix
+    q: Array
+    C: Matrix
+    row_low: Array
+    row_high: Array
+    lb: Array
+    ub: Array
+
+    @property
+    def xp(self) -> Any:
+        """numpy or cupy."""
+        return namespace(self.q)
+
+    @property
+    def is_sparse(self) -> bool:
+        """Whether P and C are."""
+        return sparse.issparse(self.P)
+
+    @property
+    def equality(self) -> Array:
+        """Which rows are equalities."""
+        return self.row_low == self.row_high
+
+    def gradient(self, x: Array, y: Array) -> Array:
+        """``P x + q + C'y``."""
+        return self.P @ x + self.q + self.C.T @ y
+
+
+def one_sided(value: Array, low: Array, high: Array) -> Array:
+    """`value` without what points to an infinite side."""
+    xp = namespace(value)
+    value = xp.where((value > 0) & xp.isinf(high), 0.0, value)
+    return xp.where((value < 0) & xp.isinf(low), 0.0, value)
+
+
+# Sums whose terms cancel are measured against their terms times this, not against themselves.
+CANCELLATION = 1e-3
+
+
+@dataclass(frozen=True)
+class Residuals:
+    r"""Relative residuals of an approximate solution of a `Program`.
+
+    Attributes
+    ----------
+    primal : float
+        Largest violation of a row over the largest of :math:`|Cx|, |r|` in the rows where either
+        side counts; bounds hold exactly.
+    dual : float
+        Largest entry of :math:`Px + q + C^Ty + z` over the largest of its four terms.
+    gap : float
+        :math:`|x^TPx + q^Tx + y^Tr + z^Tb|` over the largest of the four terms.
+    """
+
+    primal: float
+    dual: float
+    gap: float
+
+    @property
+    def worst(self) -> float:
+        """The largest; infinite where one is not a number."""
+        values = (self.primal, self.dual, self.gap)
+        return max(values) if all(np.isfinite(values)) else np.inf
+
+
+def residuals(p: Program, x: Array, y: Array, z: Array) -> Residuals:
+    """Residuals of `x` within its bounds and of multipliers with the right signs."""
+    xp = p.xp
+
+    def largest(*arrays: Array) -> float:
+        return max((float(xp.abs(a).max()) if a.size else 0.0 for a in arrays), default=0.0)
+
+    Px, Cx, Cy = p.P @ x, p.C @ x, p.C.T @ y
+    size = xp.abs(x), xp.abs(y)
+    terms_x, terms_y = abs(p.C) @ size[0], abs(p.P) @ size[0] + abs(p.C).T @ size[1]
+    outside = xp.maximum(p.row_low - Cx, Cx - p.row_high)
+    near = xp.clip(Cx, p.row_low, p.row_high)
+    primal = _over(
+        max(float(outside.max()) if outside.size else 0.0, 0.0),
+        max(largest(Cx, near), CANCELLATION * largest(terms_x)),
+    )
+    dual = _over(
+        largest(Px + p.q + Cy + z), max(largest(Px, p.q, Cy, z), CANCELLATION * largest(terms_y))
+    )
+    row = xp.where(y > 0, p.row_high, xp.where(y < 0, p.row_low, 0.0))
+    bound = xp.where(z > 0, p.ub, xp.where(z < 0, p.lb, 0.0))
+    parts = [float(x @ Px), float(p.q @ x), float(y @ row), float(z @ bound)]
+    whole = [
+        size[0] @ xp.abs(Px),
+        xp.abs(p.q) @ size[0],
+        size[1] @ xp.abs(row),
+        xp.abs(z * bound).sum(),
+    ]
+    gap = _over(
+        abs(sum(parts)),
+        max(max(abs(part) for part in parts), CANCELLATION * float(max(whole))),
+    )
+    return Residuals(primal, dual, gap)
+
+
+def _over(value: float, size: float) -> float:
+    return value / size if value else 0.0

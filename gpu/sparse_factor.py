@@ -1,0 +1,202 @@
+"""Factors of symmetric quasidefinite sparse matrices whose diagonal changes.
+
+A matrix ``[[H, C'], [C, -E]]`` with H and E positive definite has a factorisation ``L D L'`` in
+every order of elimination ([1]_), so that one ordering serves all the matrices of an
+interior-point method. PARDISO is taken when pypardiso is importable, SuperLU otherwise.
+
+References
+----------
+.. [1] R. J. Vanderbei, "Symmetric quasidefinite matrices", SIAM J. Optim. 5 (1995) 100-113.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import importlib.util
+import sys
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+Vector = np.ndarray
+# PARDISO perturbs pivots that are small beside the whole matrix: its rows are scaled first.
+SCALINGS = 3
+
+
+def has_pardiso() -> bool:
+    """Whether pypardiso can be imported."""
+    return importlib.util.find_spec("pypardiso") is not None
+
+
+def quasidefinite(K: sparse.csc_array, solver: str = "auto") -> SuperLUFactor | PardisoFactor:
+    """Prepare to factor K, a symmetric matrix with a full diagonal; `factor` takes diagonals."""
+    if solver == "superlu" or (solver == "auto" and not has_pardiso()):
+        return SuperLUFactor(K)
+    return PardisoFactor(K)
+
+
+class SuperLUFactor:
+    """SuperLU without pivoting, in a minimum-degree order."""
+
+    def __init__(self, K: sparse.csc_array) -> None:
+        self.size = K.shape[0]
+        self._matrix = _with_sorted_indices(K)
+        self._place = _diagonal_places(self._matrix)
+
+    def factor(self, diagonal: Vector) -> None:
+        """Factor the matrix with this diagonal; raises `LinAlgError`."""
+        self._matrix.data[self._place] = diagonal
+        try:
+            self._lu = splu(
+                self._matrix,
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except (RuntimeError, MemoryError) as error:
+            raise np.linalg.LinAlgError(str(error)) from None
+
+    def solve(self, r: Vector) -> Vector:
+        """Solve with the last factor."""
+        u: Vector = self._lu.solve(r)
+        return u
+
+    def pivots(self) -> Vector:
+        """Diagonal of the last factor."""
+        pivots: Vector = self._lu.U.diagonal()
+        return np.where(self._lu.perm_r == self._lu.perm_c, pivots, -1.0)
+
+
+def is_positive_definite(K: sparse.csc_array) -> bool:
+    """Whether a symmetric matrix has positive pivots, each one of its own diagonal."""
+    factors = SuperLUFactor(K)
+    try:
+        factors.factor(K.diagonal())
+    except np.linalg.LinAlgError:
+        return False
+    return bool((factors.pivots() > 0.0).all())
+
+
+def _with_sorted_indices(K: sparse.csc_array) -> sparse.csc_array:
+    K = _with_full_diagonal(K)
+    K.sort_indices()
+    K.indices, K.indptr = K.indices.astype(np.int32), K.indptr.astype(np.int32)
+    return K
+
+
+def _with_full_diagonal(K: Any) -> sparse.csc_array:
+    coo = sparse.coo_array(K)
+    i = np.arange(K.shape[0])
+    off = coo.coords[0] != coo.coords[1]
+    rows = np.concatenate([coo.coords[0][off], i])
+    columns = np.concatenate([coo.coords[1][off], i])
+    data = np.concatenate([coo.data[off], np.ones(i.size)])
+    return sparse.csc_array((data, (rows, columns)), shape=K.shape)
+
+
+def _diagonal_places(K: sparse.csc_array) -> np.ndarray:
+    """Where the diagonal stands in ``K.data``."""
+    column = np.repeat(np.arange(K.shape[0]), np.diff(K.indptr))
+    return np.flatnonzero(K.indices == column)
+
+
+class PardisoFactor:
+    """MKL's PARDISO for symmetric indefinite matrices, one analysis for all factorisations.
+
+    Reference: Intel oneMKL developer reference, ``pardiso``, matrix type -2.
+    """
+
+    def __init__(self, K: sparse.csc_array) -> None:
+        self.size = K.shape[0]
+        upper = sparse.csr_array(sparse.triu(_with_full_diagonal(K), format="csr"))
+        upper.sort_indices()
+        self._entries = upper.data.astype(float)
+        self._data = self._entries.copy()
+        self._column = upper.indices.astype(np.int64)
+        self._row = np.repeat(np.arange(self.size), np.diff(upper.indptr))
+        self._place = upper.indptr[:-1].astype(np.int64)  # the diagonal comes first in its row
+        self._ia = (upper.indptr + 1).astype(np.int32)
+        self._ja = (upper.indices + 1).astype(np.int32)
+        self._handle = np.zeros(64, dtype=np.int64)
+        self._perm = np.zeros(self.size, dtype=np.int32)
+        self._iparm = np.zeros(64, dtype=np.int32)
+        self._iparm[0] = 1  # the values below, not the defaults
+        self._iparm[1] = 2  # nested dissection
+        self._iparm[7] = 0  # no refinement: that is done against the unfactored blocks
+        self._iparm[9] = 13  # pivots below 1e-13 of the norm are perturbed
+        self._iparm[20] = 1  # 1x1 and 2x2 pivots
+        self._nothing = np.zeros(self.size)
+        self._call(11, self._nothing, self._nothing)
+
+    def factor(self, diagonal: Vector) -> None:
+        """Factor the matrix with this diagonal; raises `LinAlgError`."""
+        self._data[:] = self._entries
+        self._data[self._place] = diagonal
+        self._root = np.ones(self.size)
+        for _ in range(SCALINGS):
+            size = np.maximum.reduceat(np.abs(self._data), self._place)
+            np.maximum.at(size, self._column, np.abs(self._data))
+            root = 1.0 / np.sqrt(size)
+            self._data *= root[self._row] * root[self._column]
+            self._root *= root
+        self._call(22, self._nothing, self._nothing)
+
+    def solve(self, r: Vector) -> Vector:
+        """Solve with the last factor."""
+        u = np.zeros(self.size)
+        self._call(33, self._root * r, u)
+        return self._root * u
+
+    def _call(self, phase: int, b: Vector, x: Vector) -> None:
+        error = ctypes.c_int32(0)
+        arguments: tuple[Any, ...] = (
+            self._handle,
+            1,  # factorisations kept
+            1,  # which of them
+            -2,  # real symmetric indefinite
+            phase,
+            self.size,
+            self._data,
+            self._ia,
+            self._ja,
+            self._perm,
+            1,  # right-hand sides
+            self._iparm,
+            0,  # silent
+            b,
+            x,
+        )
+        _pardiso()(
+            *(
+                ctypes.byref(ctypes.c_int32(value))
+                if isinstance(value, int)
+                else value.ctypes.data_as(ctypes.c_void_p)
+                for value in arguments
+            ),
+            ctypes.byref(error),
+        )
+        if error.value == -2:
+            raise MemoryError("PARDISO: not enough memory for the factorisation")
+        if error.value != 0:
+            raise np.linalg.LinAlgError(f"PARDISO phase {phase} failed with code {error.value}")
+
+    def __del__(self) -> None:
+        # At the end of the interpreter even the module's names may be gone.
+        if np is None or sys is None or sys.is_finalizing():
+            return
+        if getattr(self, "_handle", np.zeros(1)).any():
+            self._call(-1, self._nothing, self._nothing)
+            self._handle[:] = 0
+
+
+@functools.cache
+def _pardiso() -> Any:
+    """MKL's ``pardiso``; pypardiso searches the installation for it, which takes a while."""
+    from pypardiso.pardiso_wrapper import PyPardisoSolver
+
+    function = PyPardisoSolver().libmkl.pardiso
+    function.argtypes, function.restype = None, None
+    return function
