@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.cones import solve_cones
 from contact.errors import InputError
 from contact.peers import solve_with
 from contact.result import ContactResult
@@ -81,6 +82,8 @@ def cross_check(
         Hand over the dense problem on the contact boundary instead of the full sparse one.
         Default: from 30,000 unknowns on.
 
+    In 3-D the friction terms are cones, s_i >= |T_i z|, and the peer is Clarabel.
+
     Returns
     -------
     CrossCheck
@@ -88,15 +91,18 @@ def cross_check(
     Raises
     ------
     InputError
-        Friction in three dimensions (no QP), or a solver that qpsolvers does not know.
+        Friction in three dimensions and not Clarabel, or a solver that qpsolvers does not know.
     MissingDependency
         The solver is not installed.
     NotConverged
         The peer gave up.
     """
     system, dim = result.system, result.system.body.dim
-    if dim == 3 and system.law is not None:
-        raise InputError("cross_check: friction in 3-D is a cone problem, not a QP")
+    cones = dim == 3 and system.law is not None
+    if cones and solver != "clarabel":
+        raise InputError(
+            "cross_check: friction in 3-D is a cone problem, not a QP; use solver='clarabel'"
+        )
     if result.u.size != problem.body.basis.N or result.mu.size != problem.rows.gap.size:
         raise InputError(
             f"result: has {result.u.size} unknowns and {result.mu.size} contact points, the "
@@ -124,21 +130,27 @@ def cross_check(
         f = T.T @ (system.load - system.body.stiffness @ u0)
         G, R = sparse.csr_array(G @ T), sparse.csr_array(R @ T)
     keep_n, keep_t = _nonzero_rows(G), _nonzero_rows(R)
-    G, gap, R, g, offset = G[keep_n], gap[keep_n], R[keep_t], g[keep_t], offset[keep_t]
+    if cones:
+        keep_t = np.arange(R.shape[0])  # a row that supports hold still belongs to its cone
+    else:
+        g = g[keep_t]
+    G, gap, R, offset = G[keep_n], gap[keep_n], R[keep_t], offset[keep_t]
 
     n, k = f.size, g.size
-    one = sparse.eye_array(k, format="csr")
-    P = sparse.block_diag((S, sparse.csr_array((k, k))), format="csr")
-    H = sparse.block_array([[G, sparse.csr_array((gap.size, k))], [R, -one], [-R, -one]])
-    h = np.concatenate((gap, -offset, offset))
-    matrices = (P.toarray(), H.toarray()) if condensed else (P, H)
-    solution, seconds = solve_with(solver, matrices[0], np.concatenate((-f, g)), matrices[1], h)
-
-    z = solution.x[:n]
     mu, t = np.zeros(result.mu.size), np.zeros(result.t.size)
-    mu[np.flatnonzero(usable)[keep_n]] = solution.z[: gap.size]
-    pushed = solution.z[gap.size : gap.size + k] - solution.z[gap.size + k :]
-    t[np.flatnonzero(rubs)[keep_t]] = pushed
+    if cones:
+        z, pressing, pushed, seconds = solve_cones(S, f, G, gap, R, offset.reshape(k, -1), g)
+    else:
+        one = sparse.eye_array(k, format="csr")
+        P = sparse.block_diag((S, sparse.csr_array((k, k))), format="csr")
+        H = sparse.block_array([[G, sparse.csr_array((gap.size, k))], [R, -one], [-R, -one]])
+        h = np.concatenate((gap, -offset, offset))
+        matrices = (P.toarray(), H.toarray()) if condensed else (P, H)
+        solution, seconds = solve_with(solver, matrices[0], np.r_[-f, g], matrices[1], h)
+        z, pressing = solution.x[:n], solution.z[: gap.size]
+        pushed = solution.z[gap.size : gap.size + k] - solution.z[gap.size + k :]
+    mu[np.flatnonzero(usable)[keep_n]] = pressing
+    t[np.flatnonzero(rubs)[keep_t]] = pushed.ravel()
     u = boundary.expand(system.load, z) if condensed else T @ z + u0
 
     def energy(u: Array) -> float:

@@ -1,4 +1,4 @@
-"""Constraint functionals: how a multiplier meets the trace of the displacement.
+r"""Constraint functionals: how a multiplier meets the trace of the displacement.
 
 A functional takes, on each contact facet, the values of the trace at a few points to a few
 numbers, ``value_k = sum_j C[k, j] v(s_j)``. Numbers that belong to a shared vertex are one and the
@@ -14,16 +14,31 @@ name            numbers                              passes    remark
 ``bernstein``   Bernstein (control-net) coefficients yes       no penetration between the points:
                                                                the trace lies in their convex hull
 ``gauss``       values at two Gauss points           yes       may penetrate between the points
+``centroid``    one a vertex: its share of the mean  yes       may penetrate between the points
 ``thesis``      3N + 1 points at thirds              --        rank 2N + 2: reproduction only
 ==============  ===================================  ========  =====================================
 
-For Adini the trace is a C1 cubic spline. Where two facets continue each other the vertex number
-is a mean of its two neighbours and is dropped; what remains has full rank 2N + 2.
+For Adini and BFS the trace is a C1 cubic spline. Where two facets continue each other the vertex
+number is a mean of its two neighbours and is dropped; what remains has full rank 2N + 2.
+
+Quadratic elements cannot use vertex and midpoint values: the mean of a quadratic triangle weighs
+its vertices with zero, so forces there have no pressure (and in their neighbourhood no sign).
+All Bernstein coefficients of a face weigh the same, 1/6 on triangles and 1/9 on quadrilaterals.
+
+A face of the Adini brick has three numbers a vertex, u and its slopes along the face. Control
+points along the edges would be four, points of Gauss four a face: rows that depend on each other.
+``centroid`` asks for one, the part of the mean of u that the functions phi_j of the vertex v carry,
+
+.. math::
+    b_v(u) = \frac1{w_v} \sum_{j \in v} u_j \int \phi_j, \qquad w_v = \int \phi_{v},
+
+that is u plus the slope times the way to the centroid of phi_v's load: the vertex value itself on
+a uniform mesh. The forces w_v p then are the load of a uniform pressure p on any mesh.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -46,21 +61,30 @@ class FacetFunctional:
     C : ndarray, shape (nvalues, npoints)
     nominal : ndarray, shape (dim - 1, nvalues)
         Where each number is thought to sit.
-    vertex : tuple of int
-        Local vertex that carries the number, or -1 if the facet does.
+    vertex : tuple of int or pairs of int
+        Local vertex that carries the number, the two ends of the edge that does, or -1 for the
+        facet.
     smooth : bool
         The trace is C1: drop vertex numbers where two facets continue each other.
     weights : ndarray, shape (nvalues,), or None
         Weights as fractions of the facet's measure; None derives them from the trace space.
+    mean : bool
+        Replace the vertex values by the vertices' shares of the mean (``centroid``).
     """
 
     name: str
     points: Array
     C: Array
     nominal: Array
-    vertex: tuple[int, ...]
+    vertex: tuple[int | tuple[int, int], ...]
     smooth: bool = False
     weights: Array | None = None
+    mean: bool = False
+
+    @property
+    def shared(self) -> NDArray[np.bool_]:
+        """Numbers that a vertex or an edge carries, not the facet alone, shape (nvalues,)."""
+        return np.array([carrier != -1 for carrier in self.vertex])
 
 
 def _line(
@@ -81,21 +105,44 @@ _CUBIC = np.array([[6.0, 0, 0, 0], [-5, 18, -9, 2], [2, -9, 18, -5], [0, 0, 0, 6
 
 _NODAL_LINE = _line("nodal", [0.0, 1.0], None, (0, 1))
 _GAUSS_LINE = _line("gauss", _GAUSS, None, (-1, -1))
-_NODAL_TRIANGLE = FacetFunctional(
-    "nodal",
-    np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
-    np.eye(3),
-    np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
-    (0, 1, 2),
-)
-_NODAL_QUAD = FacetFunctional(
-    "nodal",
-    np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]]),
+_TRIANGLE = np.array([[0.0, 1.0, 0.0, 0.5, 0.5, 0.0], [0.0, 0.0, 1.0, 0.0, 0.5, 0.5]])
+_SQUARE = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]])
+_NODAL_TRIANGLE = FacetFunctional("nodal", _TRIANGLE[:, :3], np.eye(3), _TRIANGLE[:, :3], (0, 1, 2))
+_NODAL_QUAD = FacetFunctional("nodal", _SQUARE, np.eye(4), _SQUARE, (0, 1, 2, 3))
+_TRIANGLE_EDGES, _SQUARE_EDGES = ((0, 1), (1, 2), (0, 2)), ((0, 1), (1, 2), (2, 3), (3, 0))
+
+
+def _quadratic_triangle() -> FacetFunctional:
+    C = np.eye(6)
+    for k, (a, b) in enumerate(_TRIANGLE_EDGES):
+        C[3 + k, [3 + k, a, b]] = 2.0, -0.5, -0.5
+    return FacetFunctional("bernstein", _TRIANGLE, C, _TRIANGLE, (0, 1, 2, *_TRIANGLE_EDGES))
+
+
+def _quadratic_square() -> FacetFunctional:
+    # Places in halves of a side: vertices, middles of edges, the middle.
+    place = np.array([(0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1), (1, 1)])
+    C = np.array([[_QUADRATIC[k, i] * _QUADRATIC[m, j] for i, j in place] for k, m in place])
+    return FacetFunctional(
+        "bernstein", place.T / 2, C, place.T / 2, (0, 1, 2, 3, *_SQUARE_EDGES, -1)
+    )
+
+
+_GAUSS_SQUARE = FacetFunctional(
+    "gauss",
+    np.array([[x, y] for x in _GAUSS for y in _GAUSS]).T,
     np.eye(4),
-    np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]]),
-    (0, 1, 2, 3),
+    np.array([[x, y] for x in _GAUSS for y in _GAUSS]).T,
+    (-1, -1, -1, -1),
 )
 _QUADRATIC_LINE = _line("bernstein", [0.0, 0.5, 1.0], _QUADRATIC, (0, -1, 1))
+
+_CUBIC_LINES = (
+    _line("bernstein", _THIRDS, _CUBIC, (0, -1, -1, 1), smooth=True),
+    _GAUSS_LINE,
+    _NODAL_LINE,
+    replace(_NODAL_LINE, name="centroid", mean=True),
+)
 
 # The first functional of an element is its default.
 _OF_ELEMENT: dict[str, tuple[FacetFunctional, ...]] = {
@@ -105,10 +152,12 @@ _OF_ELEMENT: dict[str, tuple[FacetFunctional, ...]] = {
     "ElementQuad2": (_QUADRATIC_LINE, _GAUSS_LINE),
     "ElementTetP1": (_NODAL_TRIANGLE,),
     "ElementHex1": (_NODAL_QUAD,),
+    "ElementTetP2": (_quadratic_triangle(),),
+    "ElementHex2": (_quadratic_square(), _GAUSS_SQUARE),
+    "ElementHexAdini": (replace(_NODAL_QUAD, name="centroid", mean=True),),
+    "ElementQuadBFS": (*_CUBIC_LINES,),
     "ElementQuadAdini": (
-        _line("bernstein", _THIRDS, _CUBIC, (0, -1, -1, 1), smooth=True),
-        _GAUSS_LINE,
-        _NODAL_LINE,
+        *_CUBIC_LINES,
         _line("thesis", _THIRDS, None, (0, -1, -1, 1), weights=np.array([1.0, 3, 3, 1]) / 8),
     ),
 }

@@ -29,6 +29,8 @@ class GapRule:
         Of the contact points, before sorting.
     order : ndarray of int, shape (m,)
         Sorts the contact points.
+    offset : ndarray, shape (dim, m), optional
+        From the vertex to the point, before sorting, of the functional ``centroid``.
     """
 
     x: Array
@@ -38,6 +40,7 @@ class GapRule:
     x_nominal: Array
     mean_normals: Array
     order: NDArray[np.int64]
+    offset: Array | None = None
 
     def __call__(self, obstacle: Gap) -> Array:
         """Gap of every contact point, shape (m,); ``inf`` where there is no obstacle.
@@ -49,6 +52,8 @@ class GapRule:
         """
         if isinstance(obstacle, np.ndarray | list | tuple):
             return self._given(obstacle)
+        if self.offset is not None:
+            return self._extrapolated(obstacle, self.offset)[self.order]
         at = evaluate_gap(obstacle, self.x, self.normals)
         open_ = np.isinf(at)
         of_facet = np.where(open_, 0.0, at) @ self.form.C.T
@@ -56,12 +61,23 @@ class GapRule:
         gap = np.empty(self.order.size)
         used = self.number >= 0
         gap[self.number[used]] = of_facet[used]
-        shared = np.unique(self.number[:, np.array(self.form.vertex) >= 0])
+        shared = np.unique(self.number[:, self.form.shared])
         shared = shared[shared >= 0]  # these see the obstacle along their own, mean normal
         if shared.size:
             where = self.x_nominal[:, shared], self.mean_normals[:, shared]
             gap[shared] = evaluate_gap(obstacle, *where)
         return gap[self.order]
+
+    def _extrapolated(self, obstacle: Gap, offset: Array) -> Array:
+        """d plus its slope times the offset, as for the displacement; exact for quadratic d."""
+        vertex = self.x_nominal - offset
+        here, half, there = (
+            evaluate_gap(obstacle, vertex + part * offset, self.mean_normals)
+            for part in (0.0, 0.5, 1.0)
+        )
+        open_ = np.isinf(here) | np.isinf(half) | np.isinf(there)
+        here, half, there = (np.where(open_, 0.0, d) for d in (here, half, there))
+        return np.where(open_, np.inf, 4 * half - 2 * here - there)
 
     def _given(self, obstacle: Gap) -> Array:
         """One gap for each contact point, in their order."""

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_VALUE = -1
-_KINDS = {"u": _VALUE, "u_x": 0, "u_y": 1, "u_z": 2}
+_VALUE, _MIXED = -1, -2
+_KINDS = {"u": _VALUE, "u_x": 0, "u_y": 1, "u_z": 2, "u_xy": _MIXED}
 
 
 def rigid_modes(body: ElasticBody) -> Array:
@@ -29,7 +29,7 @@ def rigid_modes(body: ElasticBody) -> Array:
     Raises
     ------
     InputError
-        A dof of the element is neither a value nor a first derivative.
+        A dof of the element is neither a value, a first derivative nor u_xy.
     """
     entity, points, cells = body.entities
     pieces, piece = _pieces(cells, points.shape[1])
@@ -86,7 +86,7 @@ def _middle(points: Array) -> Array:
 
 
 def _kind_of_dof(body: ElasticBody) -> NDArray[np.int64]:
-    """-1 for a dof that is a value, i for a dof that is the derivative along x_i."""
+    """-1 for a value, i for the derivative along x_i, -2 for a mixed second derivative."""
     dofs = body.basis.dofs
     kind = np.full(body.basis.N, -2, dtype=np.int64)
     names = iter(body.basis.elem.dofnames)
@@ -95,8 +95,8 @@ def _kind_of_dof(body: ElasticBody) -> NDArray[np.int64]:
             name = next(names).split("^")[0]
             if name not in _KINDS:
                 raise InputError(
-                    f"element {type(body.element).__name__}: its dof {name!r} is neither a value "
-                    "nor a first derivative, which contact needs for rigid motions"
+                    f"element {type(body.element).__name__}: its dof {name!r} is neither a value, "
+                    "a first derivative nor u_xy, which contact needs for rigid motions"
                 )
             kind[row] = _KINDS[name]
     return kind
@@ -108,7 +108,8 @@ def dof_lengths(body: ElasticBody) -> Array:
     Shape (ndofs,). Residuals and norms over dofs of several kinds are taken in these units.
     """
     cell = float(body.basis.dx.sum() / body.mesh.nelements) ** (1 / body.dim)
-    return np.where(_kind_of_dof(body) == _VALUE, 1.0, cell)
+    kind = _kind_of_dof(body)
+    return np.where(kind == _VALUE, 1.0, np.where(kind == _MIXED, cell**2, cell))
 
 
 def describe_motion(body: ElasticBody, u: Array) -> str:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import splu
 from skfem import FacetBasis
 
 from contact.body import ElasticBody
@@ -16,6 +15,7 @@ from contact.errors import InputError
 from contact.functionals import FacetFunctional, facet_functional
 from contact.gap import GapRule
 from contact.obstacles import Gap
+from contact.weights import mean_shares, weights_and_places
 
 Array = NDArray[np.float64]
 
@@ -114,10 +114,16 @@ def contact_boundary(
     B.eliminate_zeros()
 
     x_nominal = at_points.mapping.G(form.nominal, find=facets)[:, facet, slot]
+    offset = None
+    if form.mean:
+        vertex = body.mesh.facets[np.array(form.vertex)][:, facets].T[facet, slot]
+        B, offset, weights, x = mean_shares(body, integrals, vertex)
+        x_nominal = x_nominal + offset
+    else:
+        weights, x = weights_and_places(integrals, form, B, number, length, x_nominal)
     normals = _mean_normals(normals_at, form, number, length, count)
     if direction is not None:
         normals = direction(x_nominal)
-    weights, x = _weights(integrals, form, B, number, length, x_nominal)
     tangents = tangent_frame(normals)
     if body.dim == 3:
         tangents = _along_supports(B, tangents, body.constraint[0])
@@ -131,6 +137,7 @@ def contact_boundary(
         x_nominal,
         normals,
         order,
+        offset,
     )
     dim = body.dim
     G = _directed(B[order], normals[:, order])
@@ -168,10 +175,21 @@ def _numbering(
     body: ElasticBody, facets: NDArray[np.int64], form: FacetFunctional, normals: Array
 ) -> tuple[NDArray[np.int64], int]:
     """Global number of each facet's values, shape (nfacets, nvalues); -1 for a dropped one."""
-    vertex = np.array(form.vertex)
-    carried = vertex >= 0
-    number = np.full((facets.size, vertex.size), -1, dtype=np.int64)
-    corner = body.mesh.facets[vertex[carried]][:, facets].T
+    carried = form.shared
+    number = np.full((facets.size, carried.size), -1, dtype=np.int64)
+    ends = body.mesh.facets[:, facets]
+    corner = (
+        np.array(
+            [
+                ends[c] if isinstance(c, int) else _edge_key(ends[list(c)], body.mesh.nvertices)
+                for c in form.vertex
+                if c != -1
+            ],
+            dtype=np.int64,
+        )
+        .reshape(-1, facets.size)
+        .T
+    )
     if form.smooth:
         smooth = _continued_vertices(corner, normals[:, :, carried])
         corner = np.where(np.isin(corner, smooth), -1, corner)
@@ -182,6 +200,12 @@ def _numbering(
     own = facets.size * int((~carried).sum())
     number[:, ~carried] = shared + np.arange(own).reshape(facets.size, -1)
     return number, shared + own
+
+
+def _edge_key(ends: NDArray[np.int64], nvertices: int) -> NDArray[np.int64]:
+    """A number for each edge, the same from either side and above those of the vertices."""
+    low, high = np.sort(ends.astype(np.int64), axis=0)
+    return np.asarray(nvertices * (1 + low) + high)
 
 
 def _continued_vertices(corner: NDArray[np.int64], normals: Array) -> NDArray[np.int64]:
@@ -219,41 +243,6 @@ def _mean_normals(
         raise InputError("boundary: facets with opposite normals meet at a contact point")
     unit: Array = total / size
     return unit
-
-
-def _weights(
-    basis: FacetBasis,
-    form: FacetFunctional,
-    B: sparse.csr_array,
-    number: NDArray[np.int64],
-    length: Array,
-    x_nominal: Array,
-) -> tuple[Array, Array]:
-    """Weights w and mean places x: B^T w and B^T (w x) are the loads of 1 and of x.
-
-    Where the functional has fewer numbers than the trace has dofs (Gauss points) the equations
-    are met in the least-squares sense, with dofs scaled by their boundary mass.
-    """
-    if form.weights is not None:
-        share = length[:, None] * form.weights
-        shares = np.bincount(number.ravel(), share.ravel(), B.shape[0]).astype(np.float64)
-        return shares, x_nominal
-    x_at = np.asarray(basis.global_coordinates())
-    loads, mass = np.zeros((1 + x_at.shape[0], basis.N)), np.zeros(basis.N)
-    for i in range(basis.Nbfun):
-        phi = np.asarray(basis.basis[i][0]) * basis.dx
-        np.add.at(mass, basis.element_dofs[i], (phi * np.asarray(basis.basis[i][0])).sum(axis=1))
-        np.add.at(loads[0], basis.element_dofs[i], phi.sum(axis=1))
-        for a in range(x_at.shape[0]):
-            np.add.at(loads[1 + a], basis.element_dofs[i], (phi * x_at[a]).sum(axis=1))
-    used = np.unique(B.indices)
-    scaled = B[:, used] @ sparse.diags_array(1.0 / np.sqrt(mass[used]))
-    rhs = scaled @ (loads[:, used] / np.sqrt(mass[used])).T
-    moments = splu(sparse.csc_matrix(scaled @ scaled.T)).solve(rhs)
-    weights = moments[:, 0]
-    if np.any(weights <= 0):
-        raise InputError(f"functional {form.name!r}: a weight is not positive on this boundary")
-    return weights, (moments[:, 1:] / weights[:, None]).T
 
 
 def tangent_frame(normals: Array) -> Array:

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from skfem import (
     ElementHex1,
+    ElementHex2,
     ElementQuad1,
     ElementQuad2,
     ElementTetP1,
+    ElementTetP2,
     ElementTriP1,
     ElementTriP2,
     MeshHex,
@@ -19,7 +21,7 @@ from skfem import (
 )
 
 from contact import ContactProblem, ElasticBody, Plane
-from skfem_adini import ElementQuadAdini
+from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
 # A graded side, no two cells alike; 0 and 1 are its ends.
 GRADED = np.array([0.0, 0.13, 0.2, 0.41, 0.55, 0.8, 0.86, 1.0])
@@ -30,8 +32,12 @@ _MESHES = {
     ElementQuad1: MeshQuad,
     ElementQuad2: MeshQuad,
     ElementQuadAdini: MeshQuad,
+    ElementQuadBFS: MeshQuad,
     ElementTetP1: MeshTet,
+    ElementTetP2: MeshTet,
     ElementHex1: MeshHex,
+    ElementHex2: MeshHex,
+    ElementHexAdini: MeshHex,
 }
 
 

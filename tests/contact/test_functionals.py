@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from skfem import (
     ElementHex1,
+    ElementHex2,
     ElementQuad1,
     ElementQuad2,
     ElementTetP1,
+    ElementTetP2,
     ElementTriP1,
     ElementTriP2,
     MeshTri,
@@ -14,7 +16,7 @@ from skfem import (
 
 from contact import ContactProblem, ElasticBody, Parabola, Plane
 from contact.rows import contact_rows, tangent_frame
-from skfem_adini import ElementQuadAdini
+from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
 FULL_RANK = [
     (ElementQuadAdini, "bernstein"),
@@ -28,12 +30,18 @@ FULL_RANK = [
     (ElementTriP2, "gauss"),
     (ElementTetP1, "nodal"),
     (ElementHex1, "nodal"),
+    (ElementQuadBFS, "bernstein"),
+    (ElementQuadBFS, "gauss"),
+    (ElementTetP2, "bernstein"),
+    (ElementHex2, "bernstein"),
+    (ElementHex2, "gauss"),
+    (ElementHexAdini, "centroid"),
 ]
 THESIS = [(ElementQuadAdini, "thesis")]
 GAUSS = np.array([0.5 - 0.5 / np.sqrt(3), 0.5 + 0.5 / np.sqrt(3)])
 
 
-SOLID = (ElementTetP1, ElementHex1)
+SOLID = (ElementTetP1, ElementHex1, ElementTetP2, ElementHex2, ElementHexAdini, ElementQuadBFS)
 
 
 def turned(pairs):
@@ -80,8 +88,10 @@ def interpolated(body, u):
     at = body.basis.doflocs.astype(complex)
     for dof in range(body.basis.N):
         x, name = at[:, dof].copy(), names[dof]
-        if name in ("u_x", "u_y"):
-            x["xy".index(name[-1])] += 1e-30j
+        if name == "u_xy":
+            continue  # not in any trace
+        if name in ("u_x", "u_y", "u_z"):
+            x["xyz".index(name[-1])] += 1e-30j
             result[dof] = u(x)[dof % body.dim].imag / 1e-30
         else:
             result[dof] = u(x)[dof % body.dim].real
@@ -124,7 +134,7 @@ def test_thesis_points_are_dependent(N, body_of):
 
 @pytest.mark.parametrize(
     ("element", "functional", "angle"),
-    turned(p for p in FULL_RANK + THESIS if p[1] != "bernstein"),
+    turned(p for p in FULL_RANK + THESIS if p[1] not in ("bernstein", "centroid")),
     ids=ids,
 )
 def test_point_values(element, functional, angle, body_of):
@@ -196,7 +206,8 @@ def test_weights_carry_a_constant_pressure(element, functional, angle, body_of):
 
 @pytest.mark.parametrize(
     ("element", "functional"),
-    [p for p in FULL_RANK if p[0] is not ElementQuadAdini or p[1] == "bernstein"],
+    [p for p in FULL_RANK if p[0] not in (ElementQuadAdini, ElementQuadBFS, ElementHexAdini)]
+    + [(ElementQuadAdini, "bernstein"), (ElementQuadBFS, "bernstein")],
     ids=ids,
 )
 def test_mean_places_carry_a_linear_pressure(element, functional, body_of):
@@ -251,10 +262,12 @@ def test_corners(element, functional, body_of):
     # The mean of the normals cannot load a corner like both sides: only the sum is asked for.
     assert abs(rows.weights.sum() - 2.0) < 1e-12
     corner = np.all(np.abs(rows.x_nominal[[0, -1]]) < 1e-12, axis=0)
-    if functional == "gauss":
+    if functional in ("gauss", "centroid"):  # a centroid lies off the corner
         assert not corner.any()
         return
-    assert corner.sum() == (1 if body.dim == 2 else np.unique(body.mesh.p[1]).size)
+    along = np.unique(body.mesh.p[1]).size
+    quadratic_edges = along - 1 if element in (ElementTetP2, ElementHex2) else 0
+    assert corner.sum() == (1 if body.dim == 2 else along + quadratic_edges)
     if body.dim == 2:
         # Weighted by the adjacent facets, which are as long as each other here.
         expected = -np.sqrt(0.5) * np.ones((2, 1))
@@ -353,3 +366,49 @@ def test_no_penetration_between_the_points(element, functional, holds, make):
     deepest = np.max(down - (0.01 + (x - 0.42) ** 2 / 3.0))
     # Rounding against the largest displacement, .4; the others miss by 1e-5 and more.
     assert deepest < 1e-14 if holds else deepest > 1e-6
+
+
+@pytest.mark.parametrize("element", [ElementTetP2, ElementHex2], ids=ids)
+def test_quadratic_faces_do_not_penetrate_between_the_points(element, make):
+    """The trace lies in the convex hull of its Bernstein coefficients; the gap is affine."""
+    ticks = np.linspace(0, 1, 4)
+    body = ElasticBody.from_mesh(make.box(element, ticks, ticks, ticks), element(), E=1, nu=0.3)
+    body.fix("top", "xy").fix("top", "z", lambda x: -0.05 * x[0] * (0.5 + x[1]))
+    result = ContactProblem(body, "bottom", 0.02, 0.3).solve()
+    assert 3 <= np.count_nonzero(result.mu) < result.mu.size
+    x = np.random.default_rng(2).uniform(0, 1, (2, 400))
+    down = -result.sample(np.vstack((x, np.zeros(400))))[2]
+    # Rounding.
+    assert down.max() < 0.02 + 1e-14
+
+
+@pytest.mark.parametrize("element", [ElementTetP2, ElementHex2, ElementHexAdini], ids=ids)
+def test_weights_are_positive_and_balance_a_uniform_pressure(element, body_of):
+    body = body_of(element).load("bottom", (0.0, 0.0, 1.0))
+    rows = rows_of(body, None)
+    assert rows.weights.min() > 1e-3 * rows.weights.max()
+    # G^T (w p) is the load of the pressure: rounding.
+    assert np.abs(rows.G.T @ rows.weights + body.f).max() < 1e-14
+
+
+def test_centroid_is_the_vertex_on_a_uniform_mesh(body_of):
+    rows = rows_of(body_of(ElementQuadAdini, ticks=np.linspace(0, 1, 11)), "centroid")
+    h = 0.1
+    # The mean of the slope function of one cell is h^2 / 12, that of the value h / 2.
+    expected = np.linspace(0, 1, 11)
+    expected[[0, -1]] += [h / 6, -h / 6]
+    np.testing.assert_allclose(rows.x_nominal[0], expected, atol=1e-12)
+    np.testing.assert_allclose(rows.weights, np.r_[h / 2, np.full(9, h), h / 2], rtol=1e-12)
+
+
+@pytest.mark.parametrize("element", [ElementQuadAdini, ElementQuadBFS, ElementHexAdini], ids=ids)
+def test_quadratic_gap_under_centroids(element, body_of):
+    """The gap is extrapolated from the vertex as the displacement is."""
+    body = body_of(element)
+    rows = rows_of(body, "centroid", obstacle=lambda x: 0.01 + (x[0] - 0.3) ** 2 + 0.2 * x[0])
+
+    def closing(x):
+        return np.array([0 * x[0]] * (body.dim - 1) + [-0.01 - (x[0] - 0.3) ** 2 - 0.2 * x[0]])
+
+    # Rounding.
+    assert np.abs(rows.G @ interpolated(body, closing) - rows.gap).max() < 1e-13

@@ -1,0 +1,84 @@
+"""Given friction in three dimensions as a second-order cone program, for Clarabel."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.errors import MissingDependency, NotConverged
+
+Array = NDArray[np.float64]
+
+
+def solve_cones(
+    S: Any, f: Array, G: Any, gap: Array, R: Any, offset: Array, bound: Array
+) -> tuple[Array, Array, Array, float]:
+    r"""Minimise ``z^T S z / 2 - f^T z + sum_i g_i |R_i z + o_i|`` subject to ``G z <= d``.
+
+    Each friction term becomes a slack :math:`s_i \ge |R_i z + o_i|`, a cone of dimension one more
+    than that of the slip.
+
+    Parameters
+    ----------
+    S : sparse array, shape (n, n)
+    f : ndarray, shape (n,)
+    G, gap : sparse array, shape (m, n), and ndarray, shape (m,)
+    R, offset : sparse array, shape (k * dim_t, n), and ndarray, shape (k, dim_t)
+        Rows of one point are consecutive.
+    bound : ndarray, shape (k,)
+
+    Returns
+    -------
+    z : ndarray, shape (n,)
+    mu : ndarray, shape (m,)
+    t : ndarray, shape (k, dim_t)
+        Multipliers, with ``S z + G^T mu + R^T t = f``.
+    seconds : float
+
+    Raises
+    ------
+    MissingDependency
+        Clarabel is not installed.
+    NotConverged
+        It found no solution.
+    """
+    try:
+        clarabel = importlib.import_module("clarabel")
+    except ImportError as error:
+        raise MissingDependency("cones need Clarabel: pip install clarabel") from error
+    n, m, (k, dim_t) = f.size, gap.size, offset.shape
+    scale = float(abs(S).max())
+    # Rows (s_i, R_i z + o_i) of each point one after the other, as b - A x in the cone.
+    slack = sparse.coo_array(
+        (-np.ones(k), ((1 + dim_t) * np.arange(k), np.arange(k))), shape=((1 + dim_t) * k, k)
+    )
+    spread = (1 + dim_t) * np.arange(k)[:, None] + 1 + np.arange(dim_t)
+    place = sparse.coo_array(
+        (-np.ones(k * dim_t), (spread.ravel(), np.arange(k * dim_t))),
+        shape=((1 + dim_t) * k, k * dim_t),
+    )
+    A = sparse.block_array([[G, None], [place @ R, slack]], format="csc")
+    b = np.concatenate((gap, np.insert(offset, 0, 0.0, axis=1).ravel()))
+    P = sparse.block_diag((S / scale, sparse.csc_array((k, k))), format="csc")
+    q = np.concatenate((-f, bound)) / scale
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
+    cones = [clarabel.NonnegativeConeT(m)] if m else []
+    cones += [clarabel.SecondOrderConeT(1 + dim_t)] * k
+    begin = time.perf_counter()
+    solver = clarabel.DefaultSolver(
+        sparse.triu(sparse.csc_matrix(P), format="csc"), q, sparse.csc_matrix(A), b, cones, settings
+    )
+    solution = solver.solve()
+    seconds = time.perf_counter() - begin
+    if str(solution.status) not in ("Solved", "AlmostSolved"):
+        raise NotConverged(f"clarabel found no solution of the cone program: {solution.status}")
+    y = scale * np.array(solution.z)
+    t = -y[m:].reshape(k, 1 + dim_t)[:, 1:]
+    return np.array(solution.x[:n]), y[:m], t, seconds
