@@ -8,7 +8,7 @@ from contact.boundary import Array, BoundaryProblem
 from contact.errors import InputError
 from contact.newton import Forces, Iteration, Report
 from contact.peers import solve_box_with
-from gpu import solve_qp
+from gpu import QPFactor, solve_qp
 
 
 def signorini(
@@ -87,7 +87,9 @@ def signorini(
         x, y = solve_box_with(peer, P, q, A, b, lb, ub)
     else:
         guess = None if start is None else problem.forces(start.mu, start.t)[used]
-        result = solve_qp(P, q, A=A, b=b, lb=lb, ub=ub, start=guess, tol=tol)
+        # A singular compliance means dependent rows, which the caller reports by name.
+        factor = QPFactor(P, semidefinite=False)
+        result = solve_qp(factor, q, A=A, b=b, lb=lb, ub=ub, start=guess, tol=tol)
         x, y = result.x, result.y
         for step, line in enumerate(result.history, 1):
             report(Iteration(step, phase, used.size - line.active, 0, 0, np.nan))
