@@ -7,6 +7,7 @@ from .cut_polygon import Polygon
 from .cut_quadrature import CutQuadrature, cut_quadrature
 from .element_hex_adini import ElementHexAdini
 from .element_quad_adini import ElementQuadAdini
+from .element_quad_adini_weighted import ElementQuadAdiniWeighted
 from .element_quad_bfs import ElementQuadBFS
 from .errors import (
     AdiniError,
@@ -39,6 +40,7 @@ __all__ = [
     "CutQuadrature",
     "ElementHexAdini",
     "ElementQuadAdini",
+    "ElementQuadAdiniWeighted",
     "ElementQuadBFS",
     "FieldLevelSet",
     "InputError",
