@@ -22,7 +22,6 @@ class HostKernels(Kernels):
         self.widths = [width.astype(self.dtype) for width in solver.grid.widths]
         self.lines = [line.astype(self.dtype) for line in solver.grid.coordinates]
         self.lines += [np.zeros(1, self.dtype)] * (3 - solver.grid.dim)
-        self._paths: dict[Any, Any] = {}
 
     def place(self, state: State) -> State:
         """The state in a NumPy array of the solver's precision."""
@@ -92,7 +91,7 @@ class HostKernels(Kernels):
 
         loops: Any = path_loops
 
-        key = (stage.axis, str(self.dtype))
+        key = (stage.axis, stage.blocks[0])
         if key not in self._paths:
             self._paths[key] = path_loops.compiled(self.grid, stage)
         path = self._paths[key]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from cip.schemes import LIMITER_CODES
 from cip.stage import Stage, StageFeet
 from cip.state import State
@@ -13,6 +15,8 @@ if TYPE_CHECKING:
 
 # The number of sub-steps of feet computed in the kernel is found again after so many steps.
 _RENEW = 16
+# Feet of a steady velocity on so many nodes are worth the seconds of compiling its formula.
+_COMPILE_FROM = 100_000
 
 
 class Kernels:
@@ -23,6 +27,7 @@ class Kernels:
         self.limiter = LIMITER_CODES[solver.limiter]
         self._left = False
         self._counts: dict[Any, tuple[float, int]] = {}
+        self._paths: dict[Any, Any] = {}
 
     def place(self, state: State) -> State:
         """The state where the kernels work, in the solver's precision."""
@@ -65,6 +70,45 @@ class Kernels:
         for correction in stage.corrections(feet):
             self.correct(new, correction.places, correction.values, correction.add)
         return out
+
+    def compute_feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
+        """Feet of a stage: compiled for formulas where that pays, else by NumPy."""
+        large = self.grid.size > _COMPILE_FROM or not self.solver.steady
+        if large and stage.formula and not self._left:
+            found = self._compiled_feet(stage, t, dt)
+            if found is not None:
+                return found
+        return stage.feet(t, dt)
+
+    def _compiled_feet(self, stage: Stage, t: float, dt: float) -> StageFeet | None:
+        from cip import cpu, path_loops
+
+        loops: Any = path_loops
+        key = (stage.axis, stage.blocks[0])
+        if key not in self._paths:
+            self._paths[key] = path_loops.compiled(self.grid, stage)
+        path, size = self._paths[key], self.grid.size
+        t_end, length = t + stage.end * dt, (stage.end - stage.begin) * dt
+        count = self._count(stage, t, dt)
+        feet = np.empty((len(stage.blocks), len(stage.jets) * size))
+        left = np.empty(size, np.int64)
+        for row, block in zip(feet, stage.blocks, strict=True):
+            points = [np.ascontiguousarray(x.ravel()) for x in stage.points(block)]
+            points += [np.zeros(size)] * (3 - self.grid.dim)
+
+            def work(start: int, stop: int, row: Any = row, points: Any = points) -> None:
+                loops.run_feet(
+                    path, start, stop, row, left, *points, size, len(stage.jets), t_end, length,
+                    count,
+                )  # fmt: skip
+
+            cpu.share(work, size, size)
+            if left.any():
+                self._left = True  # paths begin on walls: NumPy finds where
+                return None
+        if not np.isfinite(feet.sum()):
+            return None  # NumPy names the node
+        return StageFeet(feet.reshape(-1), [None] * len(feet), t + stage.begin * dt, t_end)
 
     def name(self, stage: Stage) -> str:
         """Name of the node function; those that have a limiter have a fast form without."""

@@ -79,3 +79,17 @@ def run_lines_path(
         if i == n:
             i = 0
             block += 1
+
+
+@loop
+def run_feet(
+    path: Any, start: Index, stop: Index, feet: Out, left: Out, x: Array, y: Array, z: Array,
+    size: Index, components: Index, t: Real, dt: Real, count: Index,
+) -> None:  # fmt: skip
+    """Feet of the points start..stop, component after component."""
+    one = np.empty(_COMPONENTS)
+    feet, left, foot = address(feet), address(left), address(one)
+    for o in range(start, stop):
+        left[o] = path(foot, x[o], y[o], z[o], t, dt, count)
+        for f in range(components):
+            feet[f * size + o] = foot[f]

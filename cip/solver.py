@@ -267,13 +267,13 @@ class Solver:
     def feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
         """Feet of a stage in the precision of the solver, kept for a steady velocity."""
         if not self.steady:
-            return self._kernels.feet(stage.feet(t, dt))
+            return self._kernels.feet(self._kernels.compute_feet(stage, t, dt))
         key = (stage.axis, (stage.end - stage.begin) * dt)
         found = self._feet.get(key)
         if found is None:
             if len(self._feet) >= 16:  # partial steps of many snapshots
                 self._feet.pop(next(iter(self._feet)))
-            found = self._feet[key] = self._kernels.feet(stage.feet(t, dt))
+            found = self._feet[key] = self._kernels.feet(self._kernels.compute_feet(stage, t, dt))
         t_start, t_end = t + stage.begin * dt, t + stage.end * dt
         return StageFeet(found.data, found.exits, t_start, t_end)
 

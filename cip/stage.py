@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cip.boundary import Wall, WallMoments
-from cip.characteristics import Exits, check_inside, integrate, time_scale
+from cip.characteristics import TOLERANCE, Exits, check_inside, integrate, time_scale
 from cip.formula import Formula
 from cip.grid import Grid
 from cip.jets import LOG_DETERMINANT, Jet, Orders, System
@@ -17,7 +17,7 @@ from cip.schemes import PLANE, line_jets, moments, plane_jets
 
 Array = NDArray[np.float64]
 
-# Feet computed in the kernel: error in cells, from a sample of so many nodes.
+# Feet of unsteady velocities: error in cells, from a sample of so many nodes.
 PATH_TOLERANCE = 1e-8
 _SAMPLE = 1024
 
@@ -193,16 +193,21 @@ class Stage:
         t_end, length = t + self.end * dt, (self.end - self.begin) * dt
         every = max(1, int(np.ceil(self.grid.size / _SAMPLE)))
         points = [x.ravel()[::every] for x in self.points(0)]
-        found = integrate(
-            self.grid, self.velocity, self.system, points, t_end, length, PATH_TOLERANCE
-        )
+        steady = all(c.steady for c in self.velocity)
+        tolerance = TOLERANCE if steady else PATH_TOLERANCE
+        found = integrate(self.grid, self.velocity, self.system, points, t_end, length, tolerance)
         return found.substeps
 
     @property
     def computable(self) -> bool:
-        """Whether a kernel can compute the feet itself: a formula on uniform directions."""
+        """Whether a kernel can compute the feet itself, each node its own."""
+        return self.formula and not self.conservative
+
+    @property
+    def formula(self) -> bool:
+        """Whether feet can be compiled: the velocity a formula, the directions uniform."""
         uniform = all(self.grid.uniform[axis] for axis in self.moving)
-        return uniform and not self.conservative and all(c.exact for c in self.velocity)
+        return uniform and all(c.exact for c in self.velocity)
 
     def _data(self, orders: list[Orders], t: float) -> WallMoments:
         if self._wall_moments is None:
