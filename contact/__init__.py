@@ -11,6 +11,7 @@ from contact.errors import (
     NotConverged,
     Unbounded,
 )
+from contact.layered_block import LayeredBlock
 from contact.load_history import LoadHistory
 from contact.load_stepper import LoadStep, LoadStepper
 from contact.newton import Iteration
@@ -31,6 +32,7 @@ __all__ = [
     "Infeasible",
     "InputError",
     "Iteration",
+    "LayeredBlock",
     "LoadHistory",
     "LoadStep",
     "LoadStepper",

@@ -21,7 +21,6 @@ from contact.rows import live_rows
 from contact.schur import schur_factor
 
 if TYPE_CHECKING:
-    from contact.body import ElasticBody
     from contact.rigid import ObstacleMotion
     from contact.rows import ContactRows
 
@@ -105,14 +104,14 @@ class CondensedContact:
         self._boundary = np.unique(B.indices).astype(np.int64)
         return B
 
-    def _prescribe(self, body: ElasticBody) -> None:
+    def _prescribe(self, body: Any) -> None:
         u0, rows = body.constraint[1], self.rows
-        self.body = body
-        self._lifted = body.stiffness @ u0 if u0.any() else np.zeros_like(u0)
+        self.body: Any = body
+        self._lifted: Any = body.stiffness @ u0 if u0.any() else np.zeros_like(u0)
         self._fixed_normal = rows.G @ u0
         self._fixed_tangent = (rows.T @ u0).reshape(rows.gap.size, body.dim - 1)
 
-    def under(self, body: ElasticBody) -> CondensedContact:
+    def under(self, body: Any) -> CondensedContact:
         """The same factorisation for a body that `ElasticBody.under` made of this one."""
         other = copy(self)
         other._prescribe(body)
@@ -134,7 +133,7 @@ class CondensedContact:
         held = of_dof * (modes - T @ (T.T @ modes))
         size = np.linalg.norm(of_dof * modes, axis=0)
         _, singular, V = np.linalg.svd(held / size, full_matrices=False)
-        plain = _reduced(V[singular < 1e-9] / size)  # translations stay translations
+        plain = reduced_echelon(V[singular < 1e-9] / size)  # translations stay translations
         free: Array = T.T @ (modes @ plain.T)
         return free * of_free
 
@@ -270,6 +269,10 @@ class CondensedContact:
         scale = self.point_scale
         return self.expand(load, z_b), forces.mu / scale, forces.t / scale[:, None]
 
+    def unbalanced(self, load: Array, u: Array, mu: Array, t: Array) -> Array | None:
+        """Forces on free dofs that nothing balances, where a step of refinement is worth it."""
+        return None
+
     def obstacle_motion(self, motion: ObstacleMotion | None, forces: Forces) -> Array | None:
         """Motions of the obstacles in physical units, prescribed and found, shape (k,)."""
         if motion is None:
@@ -338,16 +341,21 @@ class CondensedContact:
         return self._not_held(self._modes @ a[:k])
 
     def _not_held(self, motion: Array) -> Unbounded:
-        u = self._T @ motion
+        name, u = self._motion_of(motion)
         return Unbounded(
-            f"the body is not held: {describe_motion(self.body, u)} meets no resistance that "
+            f"the body is not held: {name} meets no resistance that "
             "could balance the loads; fix a displacement that it moves, or add friction or an "
             "obstacle that stops it",
             u / np.abs(u).max(),
         )
 
+    def _motion_of(self, motion: Array) -> tuple[str, Array]:
+        """Name and all dofs of a rigid motion in free unknowns."""
+        u: Array = self._T @ motion
+        return describe_motion(self.body, u), u
 
-def _reduced(rows: Array) -> Array:
+
+def reduced_echelon(rows: Array) -> Array:
     """Reduced row echelon form: as many zeros as the span of the rows allows."""
     rows, done = rows.copy(), 0
     for column in range(rows.shape[1]):

@@ -237,15 +237,24 @@ class ContactProblem:
             history.append(line)
             report(line)
 
-        boundary = condensed.boundary_problem(
-            system.load, system.rows.gap, system.slip_from, system.motion
-        )
         scale = condensed.point_scale
         law = system.scaled_friction(scale)
-        warm = None if start is None else start.forces(boundary, scale)
-        try:
+
+        def solved(load: Array, warm: Any, line: Callable[[Iteration], None]) -> Any:
+            boundary = condensed.boundary_problem(
+                load, system.rows.gap, system.slip_from, system.motion
+            )
+            if isinstance(warm, ContactResult):
+                warm = warm.forces(boundary, scale)
             with one_blas_thread(condensed.size):
-                forces, slack = condensed.solve(boundary, law, options, warm, keep)
+                forces, slack = condensed.solve(boundary, law, options, warm, line)
+            return forces, slack, condensed.recover(load, boundary, forces)
+
+        try:
+            forces, slack, state = solved(system.load, start, keep)
+            rest = condensed.unbalanced(system.load, *state)
+            if rest is not None:  # one step of iterative refinement
+                forces, slack, state = solved(system.load + rest, forces, lambda line: None)
         except QPInfeasible as error:
             raise condensed.not_held(error.certificate) from error
         except QPInputError as error:
@@ -255,9 +264,12 @@ class ContactProblem:
             ) from error
         except (QPNotConverged, NotConverged) as error:
             raise NotConverged(str(error), tuple(history)) from error
+        u, mu, t = state
         result = ContactResult(
             system,
-            *condensed.recover(system.load, boundary, forces),
+            u,
+            mu,
+            t,
             options.method,
             tuple(history),
             condensed.obstacle_motion(system.motion, forces),

@@ -1,0 +1,115 @@
+"""Layers of equal cells, read and checked, and the tensor grid that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem import MeshQuad
+
+from contact.errors import InputError, numbers
+
+Array = NDArray[np.float64]
+
+
+class Layer(NamedTuple):
+    """Height, number of cell rows, Young's modulus, Poisson's ratio, and where it begins."""
+
+    height: float
+    cells: int
+    E: float
+    nu: float
+    bottom: float
+    first: int
+
+
+def read_layers(layers: Any) -> list[Layer]:
+    """Check ``[(height, cells, E, nu), ...]``, from the bottom up; materials are checked later.
+
+    Raises
+    ------
+    InputError
+    """
+    if not isinstance(layers, list | tuple) or not layers:
+        raise InputError(f"layers={layers!r}: expected a list of (height, cells, E, nu)")
+    found: list[Layer] = []
+    bottom, first = 0.0, 0
+    for k, entry in enumerate(layers):
+        if not isinstance(entry, list | tuple) or len(entry) != 4:
+            raise InputError(f"layers[{k}]={entry!r}: expected (height, cells, E, nu)")
+        height, cells, E, nu = (
+            _number(f"layers[{k}]: {name}", value)
+            for name, value in zip(("height", "cells", "E", "nu"), entry, strict=True)
+        )
+        if not height > 0:
+            raise InputError(f"layers[{k}]: the height must be positive, got {height}")
+        if cells < 1 or cells != int(cells):
+            raise InputError(f"layers[{k}]: cells must be a whole number from 1, got {cells}")
+        found.append(Layer(height, int(cells), E, nu, bottom, first))
+        bottom, first = bottom + height, first + int(cells)
+    return found
+
+
+def read_lengths(lengths: Any, layers: Sequence[Layer]) -> tuple[float, float]:
+    """Width and height; the height is the layers'.
+
+    Raises
+    ------
+    InputError
+        Not positive, or a height that is not the sum of the layers'.
+    """
+    given = numbers("lengths", lengths)
+    if given.shape not in ((), (1,), (2,)) or not np.all(np.isfinite(given)) or np.any(given <= 0):
+        raise InputError(f"lengths={lengths!r}: expected a positive width, or width and height")
+    height = sum(layer.height for layer in layers)
+    if given.shape == (2,) and abs(given[1] - height) > 1e-9 * height:
+        raise InputError(f"lengths={lengths!r}: the layers are {height:.12g} high together")
+    return float(given.ravel()[0]), height
+
+
+def read_columns(columns: Any, width: float, layer: Layer) -> int:
+    """Number of cells in a row; None makes the layer's cells as square as can be.
+
+    Raises
+    ------
+    InputError
+    """
+    if columns is None:
+        return max(1, round(width * layer.cells / layer.height))
+    count = _number("columns", columns)
+    if count < 1 or count != int(count):
+        raise InputError(f"columns={columns!r}: expected a whole number from 1")
+    return int(count)
+
+
+def read_sides(sides: Any) -> tuple[Any, Any]:
+    """Components fixed on the left and on the right.
+
+    Raises
+    ------
+    InputError
+    """
+    if sides is None or isinstance(sides, str):
+        return sides, sides
+    if not isinstance(sides, list | tuple) or len(sides) != 2:
+        raise InputError(f"sides={sides!r}: expected components, None, or a pair of these")
+    return sides[0], sides[1]
+
+
+def _number(name: str, value: Any) -> float:
+    number = numbers(name, value)
+    if number.shape != () or not np.isfinite(number):
+        raise InputError(f"{name}={value!r}: expected one finite number")
+    return float(number)
+
+
+def grid(x: Array, y: Array) -> MeshQuad:
+    """Tensor mesh whose vertices run along x first, its four sides named."""
+    columns, rows = x.size - 1, y.size - 1
+    X, Y = np.meshgrid(x, y)
+    i, j = np.meshgrid(np.arange(columns), np.arange(rows))
+    corner = (i + (columns + 1) * j).ravel()
+    t = np.vstack((corner, corner + 1, corner + columns + 2, corner + columns + 1))
+    return MeshQuad(np.vstack((X.ravel(), Y.ravel())), t, sort_t=False).with_defaults()
