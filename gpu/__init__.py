@@ -1,7 +1,7 @@
 """Convex quadratic programs by primal-dual active sets and interior points.
 
-`solve_qp` minimises over a box with equality and inequality rows, dense or sparse, on the host or on
-a device; `QPFactor` serves many problems with one matrix,
+`solve_qp` minimises over a box with equality and inequality rows, dense or sparse, on the host
+or on a device; `QPFactor` serves many problems with one matrix,
 every `QPResult` carries residuals recomputed from the problem, and every failure is a `GpuError`.
 """
 

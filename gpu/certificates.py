@@ -13,14 +13,18 @@ there is no proof. What is found is verified before it counts.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from gpu.program import Array, Matrix, Program
+from gpu.program import Array, Matrix, Program, is_sparse
 
 # Rounding in a sum, over its terms; and the margin of a proof over the terms of its sums.
 ROUNDING, MARGIN = 1e-12, 1e-9
+# Multipliers that are small beside the largest are tried without.
+SMALL = (1e-12, 1e-9, 1e-7, 1e-5)
+CLOSE, PROJECTED = 1e-8, 4_000_000
 Solve = Callable[[Program], Array]
 
 
@@ -57,16 +61,39 @@ def farkas(p: Program, solve: Solve) -> Array | None:
     y[eq] = v[:first]
     y[up] += v[first:second]
     y[down] -= v[second : second + down.size]
-    return _verified(p, -y)
+    largest = float(xp.abs(y).max()) if m else 0.0
+    if not largest or not np.isfinite(largest):
+        return None
+    for small in SMALL:
+        support = xp.where(xp.abs(y) <= small * largest, 0.0, -y / largest)
+        for candidate in (support, _projected(p, support)):
+            proof = _verified(p, candidate)
+            if proof is not None:
+                return proof
+    return None
+
+
+def _projected(p: Program, y: Array) -> Array:
+    """The nearest y, of the same support, whose ``C'y`` vanishes on the free variables."""
+    xp = p.xp
+    rows = xp.flatnonzero(y)
+    columns = xp.flatnonzero(xp.isinf(p.lb) | xp.isinf(p.ub))
+    if not rows.size or not columns.size or rows.size * columns.size > PROJECTED:
+        return y
+    block = p.C[rows][:, columns]
+    block = block.toarray() if is_sparse(block) else block
+    c = p.C.T @ y
+    loose = xp.isinf(p.lb[columns]) & xp.isinf(p.ub[columns])
+    # A column with one side only must vanish where it points to the other, or nearly does so.
+    wrong = xp.where(xp.isinf(p.ub[columns]), c[columns] > -CLOSE, c[columns] < CLOSE)
+    keep = loose | wrong
+    y = y.copy()
+    y[rows] -= xp.linalg.lstsq(block[:, keep].T, c[columns][keep], rcond=1e-13)[0]
+    return y
 
 
 def _verified(p: Program, y: Array) -> Array | None:
     xp = p.xp
-    largest = float(xp.abs(y).max()) if y.size else 0.0
-    if not largest or not np.isfinite(largest):
-        return None
-    y = y / largest
-    y = xp.where(xp.abs(y) <= ROUNDING, 0.0, y)
     y = xp.where((y > 0) & xp.isinf(p.row_low), 0.0, y)
     y = xp.where((y < 0) & xp.isinf(p.row_high), 0.0, y)
     c = p.C.T @ y
@@ -108,24 +135,24 @@ def ray(p: Program, solve: Solve) -> Array | None:
 
 
 def _transposed(C: Matrix) -> Matrix:
-    return sparse.csc_array(C.T) if sparse.issparse(C) else C.T
+    return sparse.csc_array(C.T) if is_sparse(C) else C.T
 
 
-def _identity(like: Matrix, n: int, xp: object) -> Matrix:
-    return sparse.eye_array(n, format="csc") if sparse.issparse(like) else xp.eye(n)  # type: ignore[attr-defined]
+def _identity(like: Matrix, n: int, xp: Any) -> Matrix:
+    return sparse.eye_array(n, format="csc") if is_sparse(like) else xp.eye(n)
 
 
 def _take(M: Matrix, columns: Array) -> Matrix:
     return M[:, columns]
 
 
-def _stack(blocks: list[Matrix], like: Matrix, xp: object) -> Matrix:
-    if sparse.issparse(like):
+def _stack(blocks: list[Matrix], like: Matrix, xp: Any) -> Matrix:
+    if is_sparse(like):
         return sparse.hstack(blocks, format="csr")
-    return xp.concatenate(blocks, axis=1)  # type: ignore[attr-defined]
+    return xp.concatenate(blocks, axis=1)
 
 
-def _rows(blocks: list[Matrix], xp: object) -> Matrix:
-    if sparse.issparse(blocks[0]):
+def _rows(blocks: list[Matrix], xp: Any) -> Matrix:
+    if is_sparse(blocks[0]):
         return sparse.csr_array(sparse.vstack(blocks, format="csr"))
-    return xp.concatenate(blocks, axis=0)  # type: ignore[attr-defined]
+    return xp.concatenate(blocks, axis=0)

@@ -12,11 +12,12 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from gpu.program import Array, Matrix, Program
+from gpu.program import Array, Matrix, Program, is_sparse
 
 ROUNDS = 12
 
@@ -62,17 +63,17 @@ def equilibrate(p: Program) -> tuple[Program, Scaling]:
 class _Sizes:
     """Largest entries of the rows and columns of a matrix under a scaling."""
 
-    def __init__(self, M: Matrix, xp: object) -> None:
+    def __init__(self, M: Matrix, xp: Any) -> None:
         self.xp = xp
         self.M = abs(M)
         self.shape = M.shape
-        if sparse.issparse(M):
+        if is_sparse(M):
             coo = sparse.coo_array(self.M)
             self.i, self.j, self.data = *coo.coords, coo.data
 
     def _reduce(self, E: Array, D: Array, axis: int) -> Array:
         xp = self.xp
-        if sparse.issparse(self.M):
+        if is_sparse(self.M):
             size = np.zeros(self.shape[1 - axis])
             np.maximum.at(size, self.j if axis == 0 else self.i, E[self.i] * self.data * D[self.j])
             return size
@@ -87,7 +88,7 @@ class _Sizes:
         return self._reduce(E, D, 1)
 
 
-def _scale(M: Matrix, E: Array, D: Array, xp: object) -> Matrix:
-    if sparse.issparse(M):
+def _scale(M: Matrix, E: Array, D: Array, xp: Any) -> Matrix:
+    if is_sparse(M):
         return sparse.csr_array(sparse.diags_array(E) @ M @ sparse.diags_array(D))
     return E[:, None] * M * D

@@ -21,6 +21,8 @@ logger = logging.getLogger(__name__)
 ATTEMPTS = ((False, 1e3), (True, 1e6), (True, 1.0), (False, 1.0), (False, 1e6))
 # What the polish aims at: the accuracy of the arithmetic.
 SHARP = 1e-14
+# No other choice of multipliers is tried below this.
+CLEAN = 1e-12
 # No proof is sought where the rows, or stationarity, already hold to this.
 PLAUSIBLE = 1e-7
 
@@ -59,10 +61,11 @@ def certified(p: Program, x: Array, y: Array) -> Point:
     y = one_sided(y, p.row_low, p.row_high)
     force = one_sided(-p.gradient(x, y), p.lb, p.ub)
     at_side = ((force > 0) & (x == p.ub)) | ((force < 0) & (x == p.lb))
-    points = [
-        Point(x, y, z, residuals(p, x, y, z), 0) for z in (xp.where(at_side, force, 0.0), force)
-    ]
-    clean, full = points
+    held = xp.where(at_side, force, 0.0)
+    clean = Point(x, y, held, residuals(p, x, y, held), 0)
+    if clean.residuals.worst <= CLEAN:
+        return clean
+    full = Point(x, y, force, residuals(p, x, y, force), 0)
     return clean if clean.residuals.worst <= 2.0 * full.residuals.worst else full
 
 
@@ -77,7 +80,8 @@ def minimise(p: Program, tol: float, solver: str = "auto", proofs: bool = True) 
     solver : {"auto", "pardiso", "superlu"}
         Of sparse systems.
     proofs : bool
-        Whether to look for certificates where no solution is found.
+        Whether to look for certificates where no solution is found; if not, the best point comes
+        back, whatever its residuals.
     """
     with np.errstate(all="ignore"):  # what overflows shows in the residuals
         return _minimise(p, tol, solver, proofs)
@@ -98,6 +102,8 @@ def _minimise(p: Program, tol: float, solver: str, proofs: bool) -> Point:
 
     best, steps = None, 0
     for attempt, (separate, spread) in enumerate(ATTEMPTS if proofs else ATTEMPTS[:2]):
+        if attempt == 1 and not scaled.is_sparse:
+            system = kkt_system(scaled, solver, safe=True)
         x, y, sides, count = interior_point(scaled, system, measure, 0.1 * tol, separate, spread)
         steps += count
         x, y, error = polish(scaled, system, Sides(*sides), x, y, measure, SHARP)
@@ -110,9 +116,7 @@ def _minimise(p: Program, tol: float, solver: str, proofs: bool) -> Point:
         if attempt == 0 and proofs:
             _prove(p, best, tol, solver)
     assert best is not None
-    if not best.residuals.worst <= tol:
-        if not proofs:
-            raise NotConverged("no solution")
+    if proofs and not best.residuals.worst <= tol:
         raise NotConverged(
             f"{steps} interior-point steps end at {best.residuals}, above tol = {tol}, and neither "
             "a certificate of infeasibility nor a ray was found: rescale the problem, drop rows "
@@ -148,10 +152,7 @@ def _prove(p: Program, best: Point, tol: float, solver: str) -> None:
     small, scaling = equilibrate(p)
 
     def solve(program: Program) -> Array:
-        try:
-            return minimise(program, 1e-10, solver, proofs=False).x
-        except NotConverged:
-            return program.xp.zeros(program.q.size)
+        return minimise(program, 1e-10, solver, proofs=False).x
 
     errors = best.residuals
     if not errors.primal <= PLAUSIBLE:

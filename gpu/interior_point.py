@@ -29,7 +29,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpu.kkt_system import DenseSystem, SparseSystem
+from gpu.kkt_system import System
 from gpu.program import Array, Program
 
 logger = logging.getLogger(__name__)
@@ -78,7 +78,7 @@ class InteriorPoint:
     def __init__(
         self,
         program: Program,
-        system: SparseSystem | DenseSystem,
+        system: System,
         separate: bool = False,
         spread: float = 1.0,
     ) -> None:
@@ -233,10 +233,14 @@ class InteriorPoint:
         )
         products = s.z_low * s.t_low, s.z_high * s.t_high
         while True:
-            self.factor()
-            d = self.direction(rd, rp, -products[0], -products[1])
-            if self.system.accuracy <= ACCURACY or self.boost > MOST_BOOST:
-                break
+            try:
+                self.factor()
+                d = self.direction(rd, rp, -products[0], -products[1])
+                if self.system.accuracy <= ACCURACY or self.boost > MOST_BOOST:
+                    break
+            except np.linalg.LinAlgError:
+                if self.boost > MOST_BOOST:
+                    raise
             self.boost *= 10.0
         if self.count:
             ap, ad = self.lengths(d)
@@ -299,7 +303,7 @@ class InteriorPoint:
 
 def interior_point(
     program: Program,
-    system: SparseSystem | DenseSystem,
+    system: System,
     measure: Callable[[Array, Array], float],
     target: float,
     separate: bool = False,

@@ -59,10 +59,11 @@ def general_residuals(problem: Problem, x: Any, y: Any, z: Any, z_box: Any) -> K
     Cx = p.C @ x
     outside = float(xp.maximum(xp.maximum(p.lb - x, x - p.ub), 0.0).max())
     length = float(xp.abs(x).max())
+    reach = float(xp.abs(Cx).max()) if Cx.size else 0.0
     force = max(float(xp.abs(a).max()) for a in (p.q, p.P @ x, p.C.T @ multiplier, z_box))
     wrong, product = 0.0, 0.0
     for value, at, low, high, size in (
-        (multiplier, Cx, p.row_low, p.row_high, max(float(xp.abs(Cx).max(initial=0.0)), length)),
+        (multiplier, Cx, p.row_low, p.row_high, max(reach, length)),
         (z_box, x, p.lb, p.ub, length),
     ):
         if not value.size:

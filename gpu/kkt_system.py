@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy import sparse
+from scipy.linalg.lapack import dsytrf, dsytrs
 
 from gpu.dense import cholesky, cholesky_solve, lower_solve
 from gpu.program import Array, Program
@@ -125,6 +126,58 @@ class DenseSystem:
         return kept
 
 
-def kkt_system(program: Program, solver: str = "auto") -> SparseSystem | DenseSystem:
+class IndefiniteSystem:
+    """The system of dense P and C on the host, factored as it stands with symmetric pivoting.
+
+    Slower than the condensed one, and safe where entries of D and E differ by many orders.
+    """
+
+    def __init__(self, program: Program) -> None:
+        n, m = program.q.size, program.row_low.size
+        self.n, self.K = n, np.zeros((n + m, n + m))
+        self.K[:n, :n] = program.P
+        self.K[n:, :n] = program.C
+        self.K[:n, n:] = program.C.T
+        self.diagonal = program.P.diagonal()
+
+    def factor(self, D: Array, E: Array) -> None:
+        """Factor for these diagonals; raises `LinAlgError`."""
+        i = np.arange(len(self.K))
+        self.K[i, i] = np.concatenate([self.diagonal + D, -E])
+        # Rows of size one: pivots are chosen by size.
+        self.root = 1.0 / np.sqrt(np.abs(self.K).max(axis=1))
+        M = self.K * self.root * self.root[:, None]
+        self.factors, self.pivots, info = dsytrf(M.T, lower=1, overwrite_a=1)
+        if info:
+            raise np.linalg.LinAlgError(f"pivot {info} vanishes")
+
+    def solve(self, r: Array, s: Array) -> tuple[Array, Array]:
+        """Solve for (u, v), refined."""
+        right = np.concatenate([r, s])
+        w = kept = self._once(right)
+        best = np.inf
+        for _ in range(REFINEMENT + 1):
+            left = right - self.K @ w
+            error = float(np.abs(left).max())
+            if not error < 0.5 * best:
+                break
+            kept, best = w, error
+            w = w + self._once(left)
+        size = float(np.abs(right).max())
+        self.accuracy = best / size if size else 0.0
+        return kept[: self.n], kept[self.n :]
+
+    def _once(self, r: Array) -> Array:
+        return self.root * dsytrs(self.factors, self.pivots, self.root * r, lower=1)[0]
+
+
+System = SparseSystem | DenseSystem | IndefiniteSystem
+
+
+def kkt_system(program: Program, solver: str = "auto", safe: bool = False) -> System:
     """The system of a program, by the storage of its matrices."""
-    return SparseSystem(program, solver) if program.is_sparse else DenseSystem(program)
+    if program.is_sparse:
+        return SparseSystem(program, solver)
+    if safe and program.xp is np:
+        return IndefiniteSystem(program)
+    return DenseSystem(program)

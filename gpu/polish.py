@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gpu.kkt_system import DenseSystem, SparseSystem
+from gpu.kkt_system import System
 from gpu.program import Array, Program
 
 HUGE = 1e20
@@ -36,7 +36,7 @@ class Sides(NamedTuple):
 
 def polish(
     p: Program,
-    system: SparseSystem | DenseSystem,
+    system: System,
     sides: Sides,
     x: Array,
     y: Array,
@@ -70,7 +70,7 @@ def polish(
 
 def _at(
     p: Program,
-    system: SparseSystem | DenseSystem,
+    system: System,
     state: Sides,
     x: Array,
     y: Array,

@@ -7,11 +7,12 @@ multipliers of what was taken out follow from stationarity.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from gpu.program import Array, Matrix, Program
+from gpu.program import Array, Matrix, Program, is_sparse
 
 
 @dataclass(frozen=True)
@@ -57,11 +58,11 @@ def presolve(p: Program) -> Presolved:
 
 
 def _columns(M: Matrix, keep: Array) -> Matrix:
-    return sparse.csr_array(sparse.csc_array(M)[:, keep]) if sparse.issparse(M) else M[:, keep]
+    return sparse.csr_array(sparse.csc_array(M)[:, keep]) if is_sparse(M) else M[:, keep]
 
 
-def _nonempty(C: Matrix, xp: object) -> Array:
-    if sparse.issparse(C):
+def _nonempty(C: Matrix, xp: Any) -> Array:
+    if is_sparse(C):
         nonzero = sparse.csr_array(C)
         nonzero.eliminate_zeros()
         return np.diff(nonzero.indptr) > 0

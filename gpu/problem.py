@@ -7,12 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
-from scipy.sparse import issparse
 
 from gpu.arrays import array_module, cupy
 from gpu.dense import cholesky
 from gpu.errors import InputError, NotSupported
-from gpu.program import Program, namespace
+from gpu.program import Program, is_sparse, namespace
 from gpu.sparse_factor import is_positive_definite
 
 # Largest |P_ij - P_ji| / sqrt(P_ii P_jj) that is taken for rounding of whoever computed P.
@@ -72,7 +71,7 @@ class QPFactor:
         self.L: Any = None
         self.P = _symmetric(matrix, self._scaled)
         self.scaled = self._scaled(self.P)
-        if issparse(self.P):
+        if is_sparse(self.P):
             _check_convex(self.scaled, 1)
             self.definite = False
             return
@@ -93,7 +92,7 @@ class QPFactor:
         _check_convex(self.scaled, n)
 
     def _scaled(self, M: Any) -> Any:
-        if issparse(M):
+        if is_sparse(M):
             D: Any = sparse.diags_array(self.scale)
             return sparse.csr_array(D @ M @ D)
         scaled = M * self.scale
@@ -103,7 +102,7 @@ class QPFactor:
 
 def _symmetric(matrix: Any, scaled: Any) -> Any:
     """A symmetric copy; `InputError` where the asymmetry is more than rounding."""
-    if issparse(matrix):
+    if is_sparse(matrix):
         twin = sparse.csr_array(matrix.T)
         difference = matrix - twin
         if not difference.nnz or not abs(difference).max():
@@ -134,7 +133,7 @@ def _symmetric(matrix: Any, scaled: Any) -> Any:
 def _check_convex(scaled: Any, n: int) -> None:
     """`InputError` unless a shift by rounding makes the scaled matrix positive definite."""
     shift = CONVEXITY * max(1.0, 1e-3 * n)
-    if issparse(scaled):
+    if is_sparse(scaled):
         K = sparse.csc_array(scaled + shift * sparse.eye_array(scaled.shape[0]))
         convex = is_positive_definite(K)
     else:
@@ -171,7 +170,7 @@ class Problem(NamedTuple):
         """The same, with one set of rows: those of A, then those of G."""
         xp = namespace(self.q)
         P = self.factor.P
-        if issparse(P):
+        if is_sparse(P):
             C = sparse.csr_array(sparse.vstack([self.A, self.G], format="csr"))
         else:
             C = xp.concatenate([self.A, self.G])
@@ -205,11 +204,11 @@ def check_problem(
     m, l = rows.shape[0], general.shape[0]
     right = xp.zeros(0) if b is None else _finite("b", _shaped("b", b, (m,), xp))
     low, high = _bound("h_low", h_low, l, -np.inf, xp), _bound("h", h, l, np.inf, xp)
-    if issparse(factor.P) or issparse(rows) or issparse(general):
+    if is_sparse(factor.P) or is_sparse(rows) or is_sparse(general):
         if xp is not np:
             raise NotSupported("sparse matrices with device arrays: move all to the host")
         rows, general = sparse.csr_array(rows), sparse.csr_array(general)
-        if not issparse(factor.P):
+        if not is_sparse(factor.P):
             factor = _as_sparse(factor)
     return Problem(
         factor, q, rows, right,
@@ -259,15 +258,17 @@ def _bound(name: str, value: ArrayLike | None, n: int, missing: float, xp: Any) 
 
 def _shaped(name: str, value: ArrayLike, shape: tuple[int, ...], xp: Any) -> Any:
     array = _array(name, value)
-    if issparse(array):
+    if is_sparse(array):
         raise InputError(f"{name} is sparse: vectors must be dense")
+    if isinstance(array, np.ndarray):
+        array = xp.asarray(array)
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}: it must be {shape}")
     return array
 
 
 def _finite(name: str, array: Any) -> Any:
-    if issparse(array):
+    if is_sparse(array):
         if not np.isfinite(array.data).all():
             raise InputError(f"{name} has entries that are not finite")
         return array
@@ -286,7 +287,7 @@ def _finite(name: str, array: Any) -> Any:
 def _array(name: str, value: Any, dimensions: int | None = None) -> Any:
     if hasattr(value, "__cuda_array_interface__"):
         return _device_array(name, value, dimensions)
-    if issparse(value):
+    if is_sparse(value):
         if value.dtype.kind not in "biuf":
             raise InputError(f"{name} is not an array of real numbers: {value.dtype}")
         value = sparse.csr_array(value, dtype=float)

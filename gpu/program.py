@@ -10,6 +10,7 @@ where an upper side holds and negative where a lower side does, the solution has
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +28,11 @@ def namespace(array: Any) -> Any:
 
         return cupy
     return np
+
+
+def is_sparse(matrix: Any) -> bool:
+    """Whether a matrix is stored sparsely."""
+    return bool(sparse.issparse(matrix))
 
 
 @dataclass(frozen=True)
@@ -49,7 +55,7 @@ class Program:
     @property
     def is_sparse(self) -> bool:
         """Whether P and C are."""
-        return sparse.issparse(self.P)
+        return is_sparse(self.P)
 
     @property
     def equality(self) -> Array:
@@ -70,6 +76,8 @@ def one_sided(value: Array, low: Array, high: Array) -> Array:
 
 # Sums whose terms cancel are measured against their terms times this, not against themselves.
 CANCELLATION = 1e-3
+# Residuals below this need no closer look.
+SHARP = 1e-13
 
 
 @dataclass(frozen=True)
@@ -107,31 +115,36 @@ def residuals(p: Program, x: Array, y: Array, z: Array) -> Residuals:
 
     Px, Cx, Cy = p.P @ x, p.C @ x, p.C.T @ y
     size = xp.abs(x), xp.abs(y)
-    terms_x, terms_y = abs(p.C) @ size[0], abs(p.P) @ size[0] + abs(p.C).T @ size[1]
     outside = xp.maximum(p.row_low - Cx, Cx - p.row_high)
     near = xp.clip(Cx, p.row_low, p.row_high)
     primal = _over(
         max(float(outside.max()) if outside.size else 0.0, 0.0),
-        max(largest(Cx, near), CANCELLATION * largest(terms_x)),
+        largest(Cx, near),
+        lambda: largest(abs(p.C) @ size[0]),
     )
     dual = _over(
-        largest(Px + p.q + Cy + z), max(largest(Px, p.q, Cy, z), CANCELLATION * largest(terms_y))
+        largest(Px + p.q + Cy + z),
+        largest(Px, p.q, Cy, z),
+        lambda: largest(abs(p.P) @ size[0] + abs(p.C).T @ size[1]),
     )
     row = xp.where(y > 0, p.row_high, xp.where(y < 0, p.row_low, 0.0))
     bound = xp.where(z > 0, p.ub, xp.where(z < 0, p.lb, 0.0))
     parts = [float(x @ Px), float(p.q @ x), float(y @ row), float(z @ bound)]
-    whole = [
-        size[0] @ xp.abs(Px),
-        xp.abs(p.q) @ size[0],
-        size[1] @ xp.abs(row),
-        xp.abs(z * bound).sum(),
-    ]
     gap = _over(
         abs(sum(parts)),
-        max(max(abs(part) for part in parts), CANCELLATION * float(max(whole))),
+        max(abs(part) for part in parts),
+        lambda: max(
+            float(size[0] @ xp.abs(Px)),
+            float(xp.abs(p.q) @ size[0]),
+            float(size[1] @ xp.abs(row)),
+            float(xp.abs(z * bound).sum()),
+        ),
     )
     return Residuals(primal, dual, gap)
 
 
-def _over(value: float, size: float) -> float:
-    return value / size if value else 0.0
+def _over(value: float, size: float, terms: Callable[[], float]) -> float:
+    """`value` over `size`, or over the terms of sums that cancel, which are costly."""
+    if not value or value <= SHARP * size:
+        return value / size if value else 0.0
+    return value / max(size, CANCELLATION * terms())
