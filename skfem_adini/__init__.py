@@ -7,6 +7,7 @@ from .cut_polygon import Polygon
 from .cut_quadrature import CutQuadrature, cut_quadrature
 from .element_hex_adini import ElementHexAdini
 from .element_quad_adini import ElementQuadAdini
+from .element_quad_adini_cut import ElementQuadAdiniCut, UnisolvenceWarning
 from .element_quad_adini_weighted import ElementQuadAdiniWeighted
 from .element_quad_bfs import ElementQuadBFS
 from .errors import (
@@ -40,6 +41,7 @@ __all__ = [
     "CutQuadrature",
     "ElementHexAdini",
     "ElementQuadAdini",
+    "ElementQuadAdiniCut",
     "ElementQuadAdiniWeighted",
     "ElementQuadBFS",
     "FieldLevelSet",
@@ -52,6 +54,7 @@ __all__ = [
     "ReducedOrderWarning",
     "RefinedEigenpair",
     "UniformSolver",
+    "UnisolvenceWarning",
     "assemble",
     "cut_quadrature",
     "essential_constraints",

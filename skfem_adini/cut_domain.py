@@ -77,7 +77,7 @@ class CutDomain:
         gradient: Callable[[Array], Any] | None = None,
         q: int = 8,
     ) -> None:
-        corners = _rectangles(mesh)
+        corners = axis_parallel_cells(mesh)
         self.mesh = mesh
         self.quadrature: CutQuadrature = cut_quadrature(level_set, *corners, q, gradient)
         if self.active.size == 0:
@@ -313,7 +313,7 @@ class BoundaryBasis(CellBasis):
         )
 
 
-def _rectangles(mesh: Any) -> tuple[Array, Array]:
+def axis_parallel_cells(mesh: Any) -> tuple[Array, Array]:
     """Return lower and upper corners of the cells."""
     if not isinstance(mesh, MeshQuad) or mesh.t.shape[0] != 4 or type(mesh).__name__ != "MeshQuad1":
         raise InputError(f"mesh: expected a MeshQuad, got {type(mesh).__name__}")

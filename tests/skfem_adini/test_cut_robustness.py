@@ -55,7 +55,7 @@ def run(cut_problems, shifts, slivers):
 def check(errors, conditions):
     for found in errors.values():
         assert max(found) <= 1.2 * min(found)
-        assert max(found) <= 2e-7
+        assert max(found) <= 2.5e-7
     assert max(conditions["extension"]) <= 6e4
     assert max(conditions["ghost"]) <= 3e3
 
