@@ -1,0 +1,86 @@
+"""Stress below a contact: Hertz' own field, and far away that of a point force.
+
+Below a line contact (E. McEwen, Phil. Mag. 40 (1949); K. L. Johnson, Contact Mechanics, Cambridge
+1985, equations 4.49) with m, n > 0 given by
+
+    m^2, n^2 = sqrt((a^2 - x^2 + z^2)^2 / 4 + x^2 z^2) +- (a^2 - x^2 + z^2) / 2,
+    s_xx = -p0/a [m (1 + (z^2 + n^2) / (m^2 + n^2)) - 2 z],
+    s_zz = -p0/a  m (1 - (z^2 + n^2) / (m^2 + n^2)),   s_xz = p0/a n (m^2 - z^2) / (m^2 + n^2).
+
+The contact of half-width a enters the far field by its second moment: this field differs from that
+of a point force (Flamant) by a^2 / 2 r^2 on the axis, 2 % at r = 5 a and 1 % from 7 a on. In three
+dimensions the point force is Boussinesq's. Compared along half circles and spheres of radius r,
+rms of all components over the rms of the stress.
+
+    python examples/validation_far_field.py
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+import validation_hertz_line
+import validation_hertz_sphere
+from half_space import stress
+
+from contact import Parabola
+
+
+def deviation(found: np.ndarray, exact: np.ndarray) -> float:
+    """Root mean square, relative."""
+    return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+
+
+def hertz(x: np.ndarray, p0: float, a: float = 1.0) -> np.ndarray:
+    """McEwen's stress, x along the surface and y into the body."""
+    half = 0.5 * (a**2 - x[0] ** 2 + x[1] ** 2)
+    root = np.hypot(half, x[0] * x[1])
+    m, n = np.sqrt(root + half), np.sign(x[0]) * np.sqrt(np.maximum(root - half, 0.0))
+    share = (x[1] ** 2 + n**2) / (m**2 + n**2)
+    xx, yy = -m * (1 + share) + 2 * x[1], -m * (1 - share)
+    xy = -n * (m**2 - x[1] ** 2) / (m**2 + n**2)
+    return p0 / a * np.array([[xx, xy], [xy, yy]])
+
+
+def line(radii: list[float], cells: int = 8) -> dict[float, tuple[float, float]]:
+    """Deviations from Hertz' field and from the point force, at distances in half-widths."""
+    star, R = 1 / (1 - 0.3**2), 20.0
+    force = np.pi * star / (4 * R)
+    obstacle = Parabola((0.0, 0.0), R)
+    result = validation_hertz_line.pressed(1.0, cells, force, obstacle, 1.0, "bernstein")
+    angle = (np.arange(40) + 0.5) / 40 * np.pi / 2
+    where = np.array([np.cos(angle), np.sin(angle)])
+    found = {r: result.stress(r * where) for r in radii}
+    return {
+        r: (
+            deviation(s, hertz(r * where, 2 * force / np.pi)),
+            deviation(s, stress(r * where, (0.0, force))),
+        )
+        for r, s in found.items()
+    }
+
+
+def point(radii: list[float], cells: int = 2) -> dict[float, float]:
+    """Hertz' point contact on a quarter of the half space."""
+    script = validation_hertz_sphere
+    result = script.sphere(cells, 1.3).result
+    rng = np.random.default_rng(5)
+    where = np.abs(rng.standard_normal((3, 200)))
+    where /= np.linalg.norm(where, axis=0)
+    return {r: deviation(result.stress(r * where), script.boussinesq(r * where)) for r in radii}
+
+
+def main(argv: list[str] | None = None) -> dict[str, dict]:
+    """Print the deviations."""
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args(argv)
+    lines, points = line([0.5, 1.0, 2.0, 5.0, 7.5, 15.0, 40.0]), point([5.0, 7.5])
+    for r, (own, far) in lines.items():
+        print(f"line, r = {r:4g} a: from Hertz' field {own:.1e}, from a point force {far:.1e}")
+    for r, far in points.items():
+        print(f"point, r = {r:4g} a: from a point force {far:.1e}")
+    return {"line": lines, "point": points}
+
+
+if __name__ == "__main__":
+    main()
