@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,8 +10,14 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.blas_threads import one_blas_thread
+from contact.boundary import BoundaryProblem, Friction
 from contact.condense import CondensedContact, reduced_echelon
 from contact.dense_arrays import HostArrays
+from contact.errors import NotConverged
+from contact.held import check_held
+from contact.methods import Options
+from contact.newton import Forces, Report
+from contact.plane_newton import INNER, plane_newton
 from contact.rigid_modes import describe_motion, rigid_modes
 from contact.slab_doubling import PER_NODE, SlabDoubling
 
@@ -96,6 +103,30 @@ class CondensedLayers(CondensedContact):
         self._plain = reduced_echelon(V[singular < 1e-9 * np.sqrt(max(held.size, 1))] / size)
         free: Array = self._T.T @ (self._all @ self._plain.T) / (self._T**2).sum(axis=0)[:, None]
         return free
+
+    def solve(
+        self,
+        problem: BoundaryProblem,
+        law: Friction | None,
+        options: Options,
+        start: Forces | None,
+        report: Report,
+    ) -> tuple[Forces, float]:
+        """Newton's method on the device; should it stall, or for other methods, on the host."""
+        if options.method == "newton" and self._arrays.xp is not np:
+            check_held(problem, law)
+            with suppress(NotConverged, np.linalg.LinAlgError):
+                forces = plane_newton(
+                    problem,
+                    self._arrays,
+                    law,
+                    start,
+                    tol=INNER * options.tol,
+                    max_iterations=options.max_iterations,
+                    report=report,
+                )
+                return forces, 0.0
+        return super().solve(problem, law, options, start, report)
 
     def restrict(self, rows: Any) -> Array:
         """Rows of all dofs in the contact boundary's unknowns, shape (nrows, nb)."""

@@ -36,6 +36,10 @@ class HostArrays:
         """A symmetric matrix as NumPy code can use it."""
         return W
 
+    def values(self, W: Any) -> Any:
+        """The array behind what `matrix` returned."""
+        return W
+
     def cholesky(self, A: Any) -> Any:
         """Lower factor of a symmetric A, which is overwritten; the upper triangle is undefined.
 
@@ -121,6 +125,10 @@ class DeviceArrays(HostArrays):
     def matrix(self, W: Any) -> Any:
         """A symmetric matrix as NumPy code can use it."""
         return DeviceMatrix(self, W)
+
+    def values(self, W: Any) -> Any:
+        """The array behind what `matrix` returned."""
+        return W.values
 
     def cholesky(self, A: Any) -> Any:
         """Lower factor of a symmetric A; NaN marks a pivot that is not positive."""

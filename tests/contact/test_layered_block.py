@@ -16,6 +16,7 @@ from contact import (
     Unbounded,
 )
 from contact.dense_arrays import arrays_on
+from contact.plane_newton import plane_newton
 
 
 def _supported(n):
@@ -196,6 +197,38 @@ def test_one_condensation_serves_every_load():
     block.load("top", (0.0, -0.2))
     assert problem.condense() is condensed
     assert problem.solve(start=first).contact_force > first.contact_force
+
+
+@pytest.mark.parametrize("law", ["coulomb", "tresca", None])
+@pytest.mark.parametrize("case", CASES)
+def test_newton_for_devices_finds_what_the_host_finds(case, law):
+    block, obstacle, friction = case(24)
+    if law is None:
+        block = LayeredBlock(1.0, [(1.0, 24, 2.0, 0.3)], sides="x").load("top", (0.0, -1.0))
+    problem = ContactProblem(block, "bottom", obstacle, friction if law else 0.0, law=law)
+    expected, condensed, system = problem.solve(), problem.condense(), problem.system
+    boundary = condensed.boundary_problem(system.load, system.rows.gap)
+    scaled = system.scaled_friction(condensed.point_scale)
+    forces = plane_newton(boundary, arrays_on("cpu"), scaled, None, tol=1e-12, max_iterations=40)
+    _, mu, t = condensed.recover(system.load, boundary, forces)
+    assert np.abs(mu - expected.mu).max() <= 1e-9 * expected.mu.max()
+    assert np.abs(t - expected.t).max() <= 1e-9 * expected.mu.max()
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("n", [16, 64])
+def test_device_agrees_with_host(case, n):
+    block, obstacle, friction = case(n)
+    host = ContactProblem(block, "bottom", obstacle, friction).solve()
+    block, obstacle, friction = case(n)
+    problem = ContactProblem(block, "bottom", obstacle, friction)
+    problem.condense(device="cuda")
+    for method in ("newton", "tresca_loop"):
+        device = problem.solve(method)
+        assert np.abs(device.mu - host.mu).max() <= 1e-12 * host.mu.max()
+        assert np.abs(device.t - host.t).max() <= 1e-12 * host.mu.max()
+        assert np.abs(device.u - host.u).max() <= 1e-11 * np.abs(host.u).max()
 
 
 GOOD = (1.0, [(1.0, 4, 1.0, 0.3)])
