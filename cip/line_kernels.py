@@ -66,7 +66,7 @@ def hermite(
     vb = width * m[slopes + r * stride]
     lines = piecewise
     if limiter == 2:
-        lines = rough(m, h, base, stride, n, periodic, k, r, a, b, va, vb)
+        lines = rough(m, h, base, stride, n, periodic, k, r, a, b, va, vb, 0.1)
     if lines == 1:
         value, slope = tangents(a, b, va, vb, s, d)
     else:

@@ -118,12 +118,12 @@ def quintic(
 @kernel
 def rough(
     m: Array, h: Array, base: Index, stride: Index, n: Index, periodic: Index,
-    k: Index, r: Index, a: Real, b: Real, va: Real, vb: Real,
+    k: Index, r: Index, a: Real, b: Real, va: Real, vb: Real, factor: Real,
 ) -> Index:  # fmt: skip
     r"""Whether the data of a cell is no smooth function: the essentially non-oscillatory choice.
 
-    The cubic's third difference |va + vb - 2 d| is compared with a tenth of the jumps here and in
-    the neighbouring cells: on smooth data it is O(h^3) and the jumps O(h).
+    The cubic's third difference |va + vb - 2 d| is compared with a part (`factor`) of the jumps
+    here and in the neighbouring cells: on smooth data it is O(h^3) and the jumps O(h).
     """
     d = b - a
     left = d
@@ -139,7 +139,7 @@ def rough(
         if q >= n:
             q = 0
         right = (m[base + q * stride] - b) * h[k] / h[r % cells]
-    if abs(va + vb - 2.0 * d) > 0.1 * (abs(d) + abs(left) + abs(right)):
+    if abs(va + vb - 2.0 * d) > factor * (abs(d) + abs(left) + abs(right)):
         return 1
     return 0
 

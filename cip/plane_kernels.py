@@ -34,12 +34,17 @@ def edge(
     m: Array, h: Array, base: Index, stride: Index, n: Index, periodic: Index, k: Index, r: Index,
     a: Real, b: Real, va: Real, vb: Real, s: Real, d: Real,
 ) -> tuple[Real, Real, Index]:  # fmt: skip
-    """The bubble of an edge, from the tangents where its line is rough; whether it is."""
-    if rough(m, h, base, stride, n, periodic, k, r, a, b, va, vb) == 1:
+    """The bubble of an edge, from the tangents where its line is rough; whether to clamp.
+
+    A fifth of the roughness of a jump marks the wiggles beside it: there the cubic stays, within
+    the values at the corners.
+    """
+    if rough(m, h, base, stride, n, periodic, k, r, a, b, va, vb, 0.1) == 1:
         value, slope = tangents(a, b, va, vb, s, d)
         return value - a - s * (b - a), slope - (b - a), 1
     value, slope = bubble(b - a, va, vb, s)
-    return value, slope, 0
+    clamped = rough(m, h, base, stride, n, periodic, k, r, a, b, va, vb, 0.02)
+    return value, slope, clamped
 
 
 @kernel

@@ -1,0 +1,109 @@
+"""Bounds, oscillation and conservation: the Jiang-Shu profile and Zalesak's disk."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cip import Grid, Solver, Velocity
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def load(name):
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def jiang_shu(profile, limiter, cfl=0.4, n=200):
+    example = load("cip_jiang_shu")
+    solver = example.solver(example.grid(n), profile, limiter)
+    start = example.start(solver)
+    run = solver.run(start, 8.0, dt=cfl * 2 / n, snapshots=8)
+    u = run.final["u"]
+    return 2 / n * np.abs(u - start["u"]).sum(), u, run.diagnostics
+
+
+def test_csl4_with_bounds():
+    l1, u, found = jiang_shu("csl4", "bounds")
+    assert l1 <= 0.016
+    assert u.min() >= -1e-12
+    assert u.max() <= 1 + 1e-12
+    np.testing.assert_allclose(found.mass, found.mass[0], atol=1e-13)
+
+
+def test_eno_choice():
+    l1, u, found = jiang_shu("cubic", "eno")
+    assert l1 <= 0.027
+    assert found.total_variation[-1] <= found.total_variation[0]
+    assert u.min() >= -1e-2
+    assert u.max() <= 1 + 1e-2
+
+
+def test_piecewise_linear_keeps_tangents():
+    """With constant velocity every tangent is carried exactly: no diffusion at all."""
+    l1, u, found = jiang_shu("piecewise_linear", None)
+    assert l1 <= 1e-3
+    assert found.total_variation[-1] <= found.total_variation[0] * (1 + 1e-9)
+    assert u.min() >= -1e-12
+
+
+@given(seed=st.integers(0, 10**6), cfl=st.floats(0.01, 7.9))
+def test_bounds_and_mass_for_random_data(seed, cfl):
+    """Any data within the bounds, values and means alike, stays there and keeps its integral."""
+    rng = np.random.default_rng(seed)
+    grid = Grid((0, 1), 16, periodic=True)
+    for profile in ("csl2", "csl4"):
+        solver = Solver(grid, 1.0, "advection", profile, "bounds", bounds=(0.0, 1.0))
+        state = solver.state(0.0)
+        state.data[...] = rng.uniform(0, 1, state.data.shape)
+        mass = state.mass
+        for _ in range(5):
+            state = solver.step(state, cfl / 16)
+        assert state["u"].min() >= -1e-12
+        assert state["u"].max() <= 1 + 1e-12
+        assert state["mean"].min() >= -1e-12
+        assert state["mean"].max() <= 1 + 1e-12
+        assert abs(state.mass - mass) <= 1e-13
+
+
+@settings(max_examples=12)
+@given(seed=st.integers(0, 10**6), dt=st.floats(0.001, 0.3))
+def test_clamp_keeps_the_range_in_two_dimensions(seed, dt):
+    rng = np.random.default_rng(seed)
+    grid = Grid([(0, 1)] * 2, (8, 8), periodic=True)
+    for profile in ("adini", "bicubic"):
+        solver = Solver(
+            grid, Velocity.from_expression("sin(2*pi*x2)", "x1"), profile=profile, limiter="clamp"
+        )
+        state = solver.state(0.0)
+        state.data[...] = rng.uniform(-1, 1, state.data.shape) * 10
+        low, high = state["u"].min(), state["u"].max()
+        after = solver.step(state, dt)["u"]
+        assert low <= after.min()
+        assert after.max() <= high
+
+
+def zalesak(profile, limiter):
+    example = load("cip_zalesak")
+    solver = example.solver(100, profile, limiter)
+    start = example.start(solver)
+    final = solver.run(start, 1.0, dt=1 / 628).final["u"]
+    return np.abs(final - start["u"]).sum() / start["u"].sum(), final
+
+
+@pytest.mark.slow
+def test_zalesak_bicubic():
+    assert zalesak("bicubic", None)[0] <= 0.25
+
+
+def test_zalesak_eno():
+    error, final = zalesak("adini", "eno")
+    assert error < 0.317  # Adini's profile with the clamp
+    assert final.min() >= -0.01
+    assert final.max() <= 1.01

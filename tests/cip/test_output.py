@@ -1,0 +1,152 @@
+"""What a run leaves: snapshots on time, diagnostics, samples, files, pictures, interruptions."""
+
+import numpy as np
+import pytest
+
+from cip import Grid, InputError, MissingDependency, Solver, Velocity
+
+
+def wave(x):
+    return np.sin(2 * np.pi * x) + 2
+
+
+def run_of(profile="cubic", **more):
+    form = "advection" if profile.startswith("csl") else "transport"
+    solver = Solver(Grid((0, 1), 20, periodic=True), 1.0, form, profile)
+    return solver.run(solver.state(wave), 0.5, dt=0.03, **more)
+
+
+def plane():
+    grid = Grid([(0, 1), (0, 2)], (8, 10), periodic=[True, False])
+    solver = Solver(grid, Velocity.from_expression("0.3", "0"), profile="adini")
+    return solver.run(
+        solver.state(lambda x, y: np.sin(2 * np.pi * x) + y), 0.3, dt=0.1, snapshots=3
+    )
+
+
+def test_lands_on_the_output_times():
+    times = [0.0, 0.1, 0.123, 0.5]
+    run = run_of(snapshots=times)
+    np.testing.assert_array_equal(run.times, times)
+    exact = wave(run.solver.grid.coordinates[0] - 0.123)
+    np.testing.assert_allclose(run[2]["u"], exact, atol=2e-4)
+    assert len(run_of(snapshots=4)) == 5
+
+
+def test_diagnostics():
+    found = run_of(snapshots=3).diagnostics
+    np.testing.assert_allclose(found.mass, 2.0, rtol=1e-12)
+    np.testing.assert_allclose(found.total_variation, 4, rtol=0.02)
+    np.testing.assert_allclose(found.l1, 2.0, rtol=1e-3)
+    np.testing.assert_allclose(found.l2, np.sqrt(4.5), rtol=1e-3)
+    assert found.maximum[0] == pytest.approx(3)
+    assert found.minimum[0] == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    "profile", ["linear", "piecewise_linear", "cubic", "quintic", "csl2", "csl4"]
+)
+def test_samples_interpolate(profile):
+    run = run_of(profile)
+    grid = run.solver.grid
+    np.testing.assert_allclose(run.sample(grid.coordinates[0]), run.final["u"], atol=1e-13)
+    between = np.random.default_rng(0).uniform(-1, 2, 50)
+    largest = {"linear": 0.3, "piecewise_linear": 0.06}.get(profile, 2e-3)
+    np.testing.assert_allclose(run.sample(between), wave(between - 0.5), atol=largest)
+
+
+def test_samples_of_cell_means_are_consistent():
+    """The mean of the sampled profile over each cell is the mean that is carried."""
+    run = run_of("csl4")
+    places, weights = np.polynomial.legendre.leggauss(5)
+    x = run.solver.grid.coordinates[0][:, None] + (1 + places) / 2 / 20
+    means = run.sample(x) @ weights / 2
+    np.testing.assert_allclose(means, run.final["mean"], atol=1e-13)
+
+
+def test_samples_in_two_and_three_dimensions():
+    def field(x, y, z=0.0):
+        return x**2 * y - y**3 + x * y * (1 + z)
+
+    rng = np.random.default_rng(2)
+    for dim, profile, tolerance in (
+        (2, "adini", 1e-12),
+        (2, "bicubic", 1e-12),
+        (3, "cubic", 1e-12),
+    ):
+        grid = Grid([(0, 1)] * dim, (5,) * dim)
+        splitting = "strang" if dim == 3 else None
+        solver = Solver(grid, [1.0] * dim, profile=profile, splitting=splitting)
+        state = solver.state(field)
+        points = rng.uniform(0, 1, (dim, 30))
+        from cip.sample import sample
+
+        np.testing.assert_allclose(sample(state, points), field(*points), atol=tolerance)
+    with pytest.raises(InputError, match="outside"):
+        sample(state, [[2.0], [0.5], [0.5]])
+
+
+def test_series_opens_in_pyvista(tmp_path):
+    import pyvista
+
+    run = plane()
+    series, *files = run.save(tmp_path / "run.pvd")
+    assert len(files) == 4
+    reader = pyvista.get_reader(series)
+    np.testing.assert_allclose(reader.time_values, run.times)
+    reader.set_active_time_value(run.times[-1])
+    mesh = reader.read()[0]
+    assert mesh.dimensions == (9, 11, 1)
+    values = mesh.point_data["u"].reshape(11, 9).T
+    np.testing.assert_array_equal(values[:8], run.final["u"])
+    np.testing.assert_array_equal(values[8], run.final["u"][0])
+    with pytest.raises(InputError, match=r"\.pvd"):
+        run.save(tmp_path / "run.vtk")
+
+
+def test_xarray():
+    try:
+        import xarray  # noqa: F401
+    except ImportError:
+        with pytest.raises(MissingDependency, match="pip install xarray"):
+            plane().to_xarray()
+        return
+    run = plane()
+    data = run.to_xarray()
+    assert data["u"].dims == ("t", "x", "y")
+    np.testing.assert_array_equal(data["u"].isel(t=-1), run.final["u"])
+
+
+def test_pictures(tmp_path):
+    import matplotlib.pyplot as plt
+
+    lines = run_of(snapshots=2).plot().get_lines()
+    assert len(lines) == 3
+    assert plane().plot().get_title() == "t = 0.3"
+    run_of(snapshots=2).animate(tmp_path / "run.gif")
+    assert (tmp_path / "run.gif").stat().st_size > 1000
+    plane().animate(tmp_path / "plane.gif")
+    with pytest.raises(InputError, match=r"\.gif"):
+        run_of().animate(tmp_path / "run.mp4")
+    plt.close("all")
+
+
+@pytest.mark.parametrize("signal", [KeyboardInterrupt, StopIteration])
+def test_interrupted_runs_keep_their_snapshots(signal):
+    def stop(state):
+        if state.t > 0.25:
+            raise signal
+
+    run = run_of(snapshots=[0.1, 0.2, 0.4], callback=stop)
+    assert run.interrupted
+    np.testing.assert_allclose(run.times, [0, 0.1, 0.2, 0.26])
+    assert not run_of().interrupted
+
+
+def test_callback_sees_every_step(caplog):
+    seen = []
+    with caplog.at_level("INFO", logger="cip.run"):
+        run_of(callback=lambda state: seen.append(state.t), progress=True)
+    assert len(seen) == 17
+    assert seen[-1] == 0.5
+    assert "mass" in caplog.text

@@ -1,0 +1,121 @@
+"""Section 3.3 of King (2012), both examples, and the two-dimensional updates themselves."""
+
+import numpy as np
+import pytest
+
+from cip import Grid, Solver, Velocity
+from cip.jets import Composite, foot
+
+
+def bell(x, y):
+    return np.exp(-10 * (x**2 + y**2))
+
+
+def blade(x, y, t):
+    return bell(x * np.cosh(t) - y * np.sinh(t), y * np.cosh(t) - x * np.sinh(t))
+
+
+@pytest.mark.parametrize(
+    ("profile", "splitting", "limit"),
+    [("bicubic", None, 6e-4), ("adini", None, 2.3e-3), ("cubic", "strang", 1.1e-3)],
+)
+def test_example_1(profile, splitting, limit):
+    """h = dt = .04 to t = 1.2; the dissertation's slice has .0035."""
+    grid = Grid([(-2, 2)] * 2, (100, 100))
+    solver = Solver(
+        grid, Velocity.from_expression("x2", "x1"), profile=profile, splitting=splitting,
+        boundary=0.0,
+    )  # fmt: skip
+    final = solver.run(solver.state(bell), 1.2, dt=0.04).final["u"]
+    error = final - blade(*grid.mesh(), 1.2)
+    assert 0.04 * np.sqrt(np.sum(error**2)) <= limit
+
+
+@pytest.mark.parametrize(("profile", "limit"), [("adini", 0.008), ("bicubic", 0.005)])
+def test_example_2(profile, limit):
+    """Four revolutions in steps of 2 pi / 200; the edge of the disk is a tanh of width .16."""
+
+    def disk(x, y):
+        def edge(s):
+            return (1 + np.tanh(s / 0.16)) / 2
+
+        radius = np.sqrt(x**2 + y**2 + 1e-30)
+        slot = edge(0.25 - np.sqrt(x**2 + 1e-30)) * edge(0.8 + y)
+        return edge(1.4 - radius) * (1 - slot)
+
+    grid = Grid([(-2, 2)] * 2, (100, 100))
+    solver = Solver(grid, Velocity.from_expression("x2", "-x1"), profile=profile, boundary=0.0)
+    start = solver.state(disk)
+    final = solver.run(start, 8 * np.pi, dt=2 * np.pi / 200).final["u"]
+    assert grid.coordinates[0][29] == pytest.approx(-0.84)
+    error = (final - start["u"])[29]
+    assert np.sqrt(0.04 * np.sum(error**2)) <= limit
+
+
+@pytest.mark.parametrize(("profile", "degree"), [("adini", 3), ("bicubic", 3)])
+def test_cubics_are_reproduced_with_their_derivatives(profile, degree):
+    """One step of a linear flow maps cubics to cubics: exact for a profile that holds them."""
+    rng = np.random.default_rng(4)
+    powers = [(i, j) for i in range(4) for j in range(4 - i)]
+    weights = rng.uniform(-1, 1, len(powers))
+
+    def cubic(x, y):
+        return sum(w * x**i * y**j for w, (i, j) in zip(weights, powers, strict=True))
+
+    grid = Grid([(-1, 1), (-1, 1.5)], (8, 10))
+    velocity = Velocity.from_expression("0.3*x1 + 0.2*x2", "0.4*x2 - 0.1*x1")
+    solver = Solver(grid, velocity, profile=profile, boundary={})
+    dt = 0.25
+    A = np.array([[0.3, 0.2], [-0.1, 0.4]])
+    values, vectors = np.linalg.eig(-A * dt)
+    back = (vectors @ np.diag(np.exp(values)) @ np.linalg.inv(vectors)).real
+    after = solver.step(solver.state(cubic), dt)
+    x, y = grid.mesh()
+
+    def moved(x, y):
+        return cubic(back[0, 0] * x + back[0, 1] * y, back[1, 0] * x + back[1, 1] * y)
+
+    expected = solver.state(moved)
+    for name in expected.names:
+        np.testing.assert_allclose(after[name], expected[name], atol=2e-9)
+    assert x.shape == y.shape == after["u"].shape
+
+
+@pytest.mark.parametrize("profile", ["adini", "bicubic"])
+def test_constants_and_uniform_flow(profile):
+    grid = Grid([(0, 1), (0, 2)], (12, 10), periodic=True)
+    solver = Solver(grid, Velocity.from_expression("sin(2*pi*x2)", "cos(2*pi*x1)"), profile=profile)
+    final = solver.run(solver.state(3.7), 1.0, dt=0.13).final
+    np.testing.assert_allclose(final["u"], 3.7, rtol=1e-14)
+    np.testing.assert_allclose(final.data[1:], 0, atol=1e-12)
+    whole = Solver(grid, Velocity.from_expression("3/12", "4/10"), profile=profile)
+    start = whole.state(lambda x, y: np.sin(2 * np.pi * x) * np.cos(np.pi * y))
+    moved = whole.step(start, 1.0)["u"]  # three and two cells
+    np.testing.assert_allclose(moved, np.roll(start["u"], (3, 2), (0, 1)), atol=1e-13)
+
+
+def test_chain_rule_of_the_determinant():
+    """E of (3.14): the new value is det(dX/dx) u(X), its derivative by the product rule."""
+    value = Composite((0,), advect=True).moment((1, 0, 0, 0))
+    names = value.variables()
+    assert names == {"f_000", "f_100", foot(0, 0).name, foot(0, 0, 0).name}
+
+
+def test_determinant_of_the_flow_map():
+    """E and E_x against central differences of the displacements, an O(h^2) oracle."""
+    n, h = 128, 1 / 128
+    grid = Grid([(0, 1)] * 2, (n, n), periodic=True)
+    velocity = Velocity.from_expression("0.3 + 0.2*sin(2*pi*x1)*cos(2*pi*x2)", "0.1*sin(2*pi*x1)")
+    solver = Solver(grid, velocity, "advection", "adini")
+    feet = solver.feet(solver._stages[0], 0.0, 0.4).data.reshape(9, n, n)
+
+    def slope(f, axis):
+        return (np.roll(f, -1, axis) - np.roll(f, 1, axis)) / 2
+
+    # Displacements count cells, so their differences are derivatives.
+    Xx, Xy = 1 + slope(feet[0], 0), slope(feet[0], 1)
+    Yx, Yy = slope(feet[1], 0), 1 + slope(feet[1], 1)
+    np.testing.assert_allclose(feet[6], Xx * Yy - Xy * Yx, atol=5e-3)
+    np.testing.assert_allclose(feet[7], slope(feet[6], 0) / h, atol=0.05)
+    np.testing.assert_allclose(feet[8], slope(feet[6], 1) / h, atol=0.05)
+    assert np.ptp(feet[6]) > 0.3
