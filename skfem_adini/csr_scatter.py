@@ -106,7 +106,8 @@ def _shares(first: Integers, columns: int) -> list[tuple[int, int]]:
     """Return ranges of blocks of about equal work, one for each thread."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     work = int(first[-1]) * columns
-    threads = max(1, min(cores or 1, _MOST_THREADS, work // _WORTH_A_THREAD))
+    # The work is limited by the memory: a second thread on two processors gained nothing.
+    threads = max(1, min((cores or 1) // 2, _MOST_THREADS, work // _WORTH_A_THREAD))
     ends = np.searchsorted(first, first[-1] * np.arange(1, threads) / threads)
     ends = [0, *map(int, ends), len(first) - 1]
     return list(pairwise(ends))
@@ -116,8 +117,11 @@ def _in_threads(work: Callable[[int, int], None], shares: list[tuple[int, int]])
     if len(shares) == 1:
         work(*shares[0])
         return
-    with ThreadPoolExecutor(len(shares)) as pool:
-        list(pool.map(work, *zip(*shares, strict=True)))
+    with ThreadPoolExecutor(len(shares) - 1) as pool:
+        others = [pool.submit(work, *share) for share in shares[1:]]
+        work(*shares[0])
+        for other in others:
+            other.result()
 
 
 @lru_cache
@@ -176,7 +180,8 @@ def _sum_rows(
     longest = most * begins[wide]
     owner = np.full(start.size - 1, -1, dtype=np.int32)
     slot = np.empty(start.size - 1, dtype=np.int32)
-    found = np.empty(most * wide, dtype=np.int32)
+    blocks = np.empty(most * wide, dtype=np.int64)
+    found = np.empty(most * wide, dtype=np.int64)
     offset = np.empty(most * wide + 1, dtype=np.int64)
     hits = np.zeros(most * wide, dtype=np.uint64)
     sums = np.zeros(longest, dtype=data.dtype)
@@ -189,16 +194,37 @@ def _sum_rows(
     kept_places = np.empty((ways, highest * longest), dtype=np.int32)
     kept_sums = np.empty((ways, highest * longest), dtype=data.dtype)
     way = np.int64(0)
+    count = 0
+    last_size = np.int64(-1)
     one = np.uint64(1)
     none = np.uint64(0)
     for row_block in range(begin, end):
         origin = first[row_block]
         held = first[row_block + 1] - origin
-        count = 0
+        size = held * (wide + 1)
+        # Often all numbers are those of the block before plus a constant: nothing else changes.
+        moved = size == last_size and size > 0
+        step = np.int64(0)
+        if moved:
+            step = np.int64(of_cells[0, holders[origin]]) - blocks[0]
         for k in range(held):
             cell = holders[origin + k]
+            at = k * (wide + 1)
+            kind = labels[cell] * rows_wide + places[origin + k]
+            moved = moved and kind == key[at]
+            key[at] = kind
             for b in range(wide):
-                block = of_cells[b, cell]
+                block = np.int64(of_cells[b, cell])
+                moved = moved and block - blocks[k * wide + b] == step
+                blocks[k * wide + b] = block
+        last_size = size
+        if moved:
+            for s in range(count):
+                found[s] += step
+        else:
+            count = 0
+            for k in range(held * wide):
+                block = blocks[k]
                 if owner[block] != row_block:
                     owner[block] = row_block
                     place = count
@@ -207,22 +233,15 @@ def _sum_rows(
                         place -= 1
                     found[place] = block
                     count += 1
-        offset[0] = 0
-        for s in range(count):
-            slot[found[s]] = s
-            offset[s + 1] = offset[s] + start[found[s] + 1] - start[found[s]]
+            offset[0] = 0
+            for s in range(count):
+                slot[found[s]] = s
+                offset[s + 1] = offset[s] + start[found[s] + 1] - start[found[s]]
+            for k in range(held):
+                for b in range(wide):
+                    key[k * (wide + 1) + 1 + b] = slot[blocks[k * wide + b]]
         length = offset[count]
-        size = held * (wide + 1)
-        for k in range(held):
-            cell = holders[origin + k]
-            at = k * (wide + 1)
-            key[at] = labels[cell] * rows_wide + places[origin + k]
-            for b in range(wide):
-                key[at + 1 + b] = slot[of_cells[b, cell]]
-        same = key_sizes[way] == size  # mostly that of the block before
-        if same:
-            for k in range(size):
-                same = same and keys[way, k] == key[k]
+        same = moved
         if not same:
             code = np.uint64(14695981039346656037)
             for k in range(size):
@@ -253,8 +272,9 @@ def _sum_rows(
                         if not full:
                             hits[s] |= masks[label, i, b]
                         target = offset[s] - begins[b]
-                        for j in range(begins[b], begins[b + 1]):
-                            sums[target + j] += local[label, i, j]
+                        if not counting:
+                            for j in range(begins[b], begins[b + 1]):
+                                sums[target + j] += local[label, i, j]
                 for s in range(count):
                     for q in range(offset[s + 1] - offset[s]):
                         if full or (hits[s] >> np.uint64(q)) & one:
@@ -278,8 +298,14 @@ def _sum_rows(
         read_sums = kept_sums[way]
         for e in range(write_data.size):
             write_data[e] = read_sums[e]
-        for e in range(write_indices.size):
-            write_indices[e] = columns[read_places[e]]
+        if write_indices.size == height * length:
+            for a in range(height):
+                row = write_indices[a * length : (a + 1) * length]
+                for q in range(row.size):
+                    row[q] = columns[q]
+        else:
+            for e in range(write_indices.size):
+                write_indices[e] = columns[read_places[e]]
 
 
 _KERNELS: dict[str, Callable[..., Any]] = {

@@ -250,3 +250,37 @@ def test_slightly_different_cells_are_told_apart(shift):
     assert agrees(found, asm(laplace, Basis(mesh, ElementQuadAdini())))
     even = MeshQuad.init_tensor(*[np.linspace(0, 1, 5)] * 2)
     assert (assemble(laplace, even, ElementQuadAdini()) != found).nnz > 0
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+def test_threads_do_not_change_a_bit(threads, monkeypatch):
+    from skfem_adini import csr_scatter
+
+    mesh, element = permuted(MeshQuad().refined(4)), ElementQuadAdini()
+    alone = assemble(laplace, mesh, element)
+    monkeypatch.setattr(csr_scatter, "_WORTH_A_THREAD", 1)
+    monkeypatch.setattr(csr_scatter.os, "sched_getaffinity", lambda _: range(2 * threads))
+    found = assemble(laplace, mesh, element)
+    for name in ("indptr", "indices", "data"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
+
+
+def test_long_integers_where_32_bits_do_not_suffice(monkeypatch):
+    from skfem_adini import csr_scatter
+
+    assert csr_scatter.index_type(2**31 - 1, 5) is np.int32
+    assert csr_scatter.index_type(2**31, 5) is np.int64
+    monkeypatch.setattr(csr_scatter, "index_type", lambda entries, size: np.int64)
+    mesh, element = MeshQuad().refined(2), skfem.ElementQuad1()
+    found = scatter_long(mesh, element)  # SciPy shortens the indices again where it can
+    assert agrees(found, asm(laplace, Basis(mesh, element)))
+
+
+def scatter_long(mesh, element):
+    from skfem_adini.csr_scatter import scatter_matrix
+    from skfem_adini.dof_blocks import DofBlocks
+
+    basis = Basis(mesh, element)
+    local = np.swapaxes(laplace.elemental(basis).tolocal(), 1, 2).copy()
+    blocks = DofBlocks.from_mesh(mesh, element)
+    return scatter_matrix(local, np.arange(mesh.t.shape[1], dtype=np.int32), blocks, blocks)
