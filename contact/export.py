@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from contact.errors import MissingDependency
-from skfem_adini import to_pyvista
+from skfem_adini import to_pyvista, von_mises
 
 if TYPE_CHECKING:
     from contact.result import ContactResult
@@ -28,20 +28,21 @@ def body_grid(result: ContactResult, subdivide: int | None = None) -> Any:
     Returns
     -------
     pyvista.UnstructuredGrid
-        Point data ``displacement``; cell data ``von_mises`` and ``stress`` (xx, yy, zz, xy, ...).
+        Point data ``displacement``, ``nodal_stress`` (nine components), ``nodal_von_mises``; cell
+        data ``von_mises`` and ``stress`` (xx, yy, zz, xy, ...).
     """
-    body = result.system.body
+    body, cell, nodal = result.system.body, result.cell_stress(), result.nodal_stress()
+    pairs = [(0, 0), (1, 1), (0, 1)] if body.dim == 2 else [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2)]
+    pairs += [] if body.dim == 2 else [(0, 2)]
     dx = body.basis.dx
-    mean = np.sum(result.stress() * dx, axis=-1) / dx.sum(axis=1)
-    names = (
-        [(0, 0), (1, 1), (0, 1)]
-        if body.dim == 2
-        else [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)]
-    )
     cell_data = {"von_mises": np.sum(result.von_mises() * dx, axis=1) / dx.sum(axis=1)}
-    cell_data |= {f"stress_{'xyz'[i]}{'xyz'[j]}": mean[i, j] for i, j in names}
+    cell_data |= {f"stress_{'xyz'[i]}{'xyz'[j]}": cell[i, j] for i, j in pairs}
     return to_pyvista(
-        body.basis, {"displacement": result.u}, subdivide=subdivide, cell_data=cell_data
+        body.basis,
+        {"displacement": result.u},
+        subdivide=subdivide,
+        point_data={"nodal_stress": nodal, "nodal_von_mises": von_mises(nodal)},
+        cell_data=cell_data,
     )
 
 

@@ -73,8 +73,7 @@ class LoadStepper:
     The body is factored once for the whole history, each step starts from the last, and every step
     is certified on its own.
 
-    The loads and supports that the body has already stay as they are; `load`, `body_force`, `move`
-    and `obstacle` add what varies in time.
+    Loads and supports of the body stay; `load`, `move`, `obstacle`, ... add what varies in time.
 
     Parameters
     ----------
@@ -95,7 +94,7 @@ class LoadStepper:
 
     Examples
     --------
-    Pressed, then dragged to and fro: on the way back the shear force differs.
+    Pressed, then dragged to and fro; on the way back the shear force differs:
 
     >>> from skfem import MeshQuad
     >>> from contact import ContactProblem, ElasticBody

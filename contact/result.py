@@ -222,6 +222,29 @@ class ContactResult:
         lam, mu, _ = body.material(where)
         return stress(body.gradient(self.u, where), lam, mu)
 
+    def nodal_stress(self) -> Array:
+        """Cauchy stress at the vertices of the mesh, shape (3, 3, nvertices)."""
+        from contact.recovery import nodal_stress
+
+        return nodal_stress(self)
+
+    def cell_stress(self) -> Array:
+        """Mean Cauchy stress of each cell, shape (3, 3, ncells)."""
+        from contact.recovery import cell_stress
+
+        return cell_stress(self)
+
+    @property
+    def centre_of_pressure(self) -> Array:
+        """Where the resultant of the pressure acts, on each contact boundary, (nboundaries, dim).
+
+        NaN where nothing is in contact. The forces act at the nominal places: the moment about
+        any point is that which the body feels.
+        """
+        parts = [self.part == k for k in range(self.part.max() + 1)]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.array([self.x_nominal[:, p] @ self.mu[p] / self.mu[p].sum() for p in parts])
+
     def von_mises(self, points: ArrayLike | None = None) -> Array:
         """Von Mises stress, in the places of `stress`; plane strain keeps its sigma_zz."""
         body = self.system.body

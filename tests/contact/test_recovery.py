@@ -1,0 +1,93 @@
+"""Stresses at vertices and in cells, centre of pressure, and their export."""
+
+import numpy as np
+import pytest
+from skfem import ElementHex1, ElementHex2, ElementQuad1, ElementTetP2, ElementTriP2
+
+from contact import ContactProblem, ElasticBody, Rigid
+from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
+
+PLANAR = [ElementQuadAdini, ElementQuadBFS, ElementTriP2, ElementQuad1]
+ELEMENTS = [*PLANAR, ElementHex1, ElementHex2, ElementTetP2, ElementHexAdini]
+
+
+def squeezed(make, element, plane="strain"):
+    """A block on a flat foundation under a uniform pressure of one: uniform stress."""
+    dim = make.meshes[element]().dim()
+    ticks = make.graded if dim == 2 else make.graded[[0, 3, 5, 7]]
+    mesh = make.box(element, *(ticks,) * dim)
+    body = ElasticBody.from_mesh(mesh, element(), E=2.0, nu=0.3, plane=plane)
+    body.fix("left", "x").load("top", -np.eye(dim)[-1])
+    if dim == 3:
+        body.fix("front", "y")
+    return ContactProblem(body, "bottom", 0.0).solve()
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_uniform_stress(element, make):
+    result = squeezed(make, element)
+    dim = result.x.shape[0]
+    expected = np.zeros((3, 3))
+    expected[dim - 1, dim - 1] = -1.0
+    if dim == 2:
+        expected[2, 2] = -0.3  # of plane strain
+    for found in (result.nodal_stress(), result.cell_stress()):
+        assert found.shape[:2] == (3, 3)
+        # One factorisation of a matrix of condition 1e4.
+        assert np.abs(found - expected[:, :, None]).max() < 1e-10
+    np.testing.assert_allclose(result.centre_of_pressure[0, : dim - 1], 0.5, rtol=1e-10)
+
+
+def test_plane_stress_has_none_across(make):
+    result = squeezed(make, ElementTriP2, "stress")
+    assert np.abs(result.nodal_stress()[2, 2]).max() == 0
+    assert np.abs(result.cell_stress()[2, 2]).max() == 0
+
+
+@pytest.mark.parametrize("element", [ElementTriP2, ElementQuadAdini])
+def test_nodal_stress_converges(element, make):
+    """Without contact, between smooth walls: the change of the mesh matters ever less."""
+    errors, cells = [], [4, 8, 16]
+    for n in cells:
+        ticks = np.linspace(0, 1, n + 1)
+        body = ElasticBody.from_mesh(make.box(element, ticks, ticks), element(), E=1.0, nu=0.3)
+        body.fix(["left", "right"], "x").fix("top", "y", lambda x: 0.1 * np.cos(np.pi * x[0]))
+        result = ContactProblem(body, "bottom", 10.0).solve()
+        at = np.argmin(np.abs(result.system.body.mesh.p - 0.5).sum(axis=0))
+        inside = np.argmin(np.abs(result.system.body.mesh.p - [[0.25], [0.5]]).sum(axis=0))
+        errors.append(result.nodal_stress()[:2, :2, [at, inside]])
+    first, second = (np.abs(errors[k] - errors[k + 1]).max() for k in (0, 1))
+    assert second < first / 3
+
+
+@pytest.mark.parametrize("element", [ElementQuadAdini, ElementTriP2, ElementHex1])
+def test_centre_of_pressure_balances_the_moment(element, make):
+    """A stamp with an eccentric force and free to tilt: the pressure's centre is the force's."""
+    dim = make.meshes[element]().dim()
+    ticks = np.linspace(0, 1, 7 if dim == 2 else 5)
+    body = ElasticBody.from_mesh(make.box(element, *(ticks,) * dim), element(), E=2.0, nu=0.3)
+    body.fix("top")
+    place = np.array([0.45, 0.6, 0.0])[[0, 2]] if dim == 2 else np.array([0.45, 0.6, 0.0])
+    force = [None] * (dim - 1) + [0.2]
+    moment = 0.0 if dim == 2 else (0.0, 0.0, None)
+    stamp = Rigid(0.0, force=force, moment=moment, centre=place)
+    result = ContactProblem(body, "bottom", stamp).solve()
+    np.testing.assert_allclose(result.centre_of_pressure[0], place, atol=1e-9)
+
+
+def test_nothing_in_contact(make):
+    result = ContactProblem(make.block(4), "bottom", 10.0).solve()
+    assert np.all(np.isnan(result.centre_of_pressure))
+
+
+@pytest.mark.parametrize("element", [ElementQuadAdini, ElementTriP2, ElementHex1])
+def test_export(element, make):
+    result = squeezed(make, element)
+    grid = result.to_pyvista()
+    assert {"displacement", "nodal_stress", "nodal_von_mises"} <= set(grid.point_data)
+    last = result.x.shape[0] - 1
+    assert np.abs(grid.point_data["nodal_stress"][:, 4 * last] + 1.0).max() < 1e-9
+    # sqrt(1 - .3 + .09) in plane strain, one in 3-D.
+    expected = np.sqrt(0.79) if last == 1 else 1.0
+    np.testing.assert_allclose(grid.point_data["nodal_von_mises"], expected, rtol=1e-9)
+    assert f"stress_{'xyz'[last]}{'xyz'[last]}" in grid.cell_data
