@@ -90,3 +90,28 @@ def _device_lower_solve(L: Array, r: Array, transposed: bool) -> Array:
     finally:
         cublas.setPointerMode(handle, mode)
     return cupy.asarray(u)
+
+
+def symmetric_and_finite(M: Array) -> bool:
+    """Whether a device matrix is its own transpose and has no NaN or infinity, in one pass."""
+    import cupy
+
+    wrong = cupy.ReductionKernel(
+        "float64 a, float64 b", "int64 count", "(a == b && isfinite(a)) ? 0 : 1", "a + b",
+        "count = a", "0", "gpu_asymmetric",
+    )  # fmt: skip
+    tile = 4096  # a tile and its mirror image stay in the cache
+    return not any(
+        int(wrong(M[i : i + tile], M[:, i : i + tile].T)) for i in range(0, len(M), tile)
+    )
+
+
+def scaled_symmetric(M: Array, scale: Array) -> Array:
+    """``D M D`` of a device matrix and a diagonal, in one pass."""
+    import cupy
+
+    product = cupy.ElementwiseKernel(
+        "float64 m, float64 row, float64 column", "float64 out", "out = m * row * column",
+        "gpu_scaled_symmetric",
+    )  # fmt: skip
+    return product(M, scale[:, None], scale)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gpu.box_qp import Step
+from gpu.dense import symmetric_product
 from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
 from gpu.general_qp import NoBound, NoPoint, Point, certified, minimise, polished
 from gpu.kkt import general_residuals, kkt_residuals
@@ -94,10 +95,12 @@ def _whitened(problem: Problem, p: Program, state: Any) -> tuple[Point, tuple[St
     e = 1.0 / power_of_two(xp.where(norms > 0.0, norms, 1.0))
     scaled_rows *= e[:, None]
     scaled = Program(
-        problem.factor.scaled, d * p.q, scaled_rows, e * p.row_low, e * p.row_high, p.lb / d,
+        p.P, d * p.q, scaled_rows, e * p.row_low, e * p.row_high, p.lb / d,
         p.ub / d,
     )  # fmt: skip
-    method = WhitenedActiveSet(scaled, problem.factor.L)
+    method = WhitenedActiveSet(
+        scaled, problem.factor.L, lambda x: d * symmetric_product(problem.factor.P, d * x)
+    )
     try:
         x, multipliers, _ = method.run(state)
     except GaveUp:
@@ -115,7 +118,7 @@ def _result(
     if boxes_only(problem):
         kkt = kkt_residuals(problem, x, y, z_box)
     else:
-        kkt = general_residuals(problem, x, y, z, z_box)
+        kkt = general_residuals(problem, x, y, z, z_box, p, point.residuals)
     active = xp.where(x == p.lb, -1, xp.where(x == p.ub, 1, 0))
     active = xp.where(p.lb == p.ub, xp.where(z_box < 0.0, -1, 1), active).astype(np.int8)
     rows = xp.sign(z).astype(np.int8)

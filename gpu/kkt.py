@@ -9,7 +9,7 @@ import numpy as np
 
 from gpu.dense import symmetric_product
 from gpu.problem import Problem
-from gpu.program import namespace, one_sided, residuals
+from gpu.program import Program, Residuals, namespace, one_sided, residuals
 
 
 @dataclass(frozen=True)
@@ -51,11 +51,19 @@ class KKT:
         return max(values) if all(np.isfinite(values)) else np.inf
 
 
-def general_residuals(problem: Problem, x: Any, y: Any, z: Any, z_box: Any) -> KKT:
+def general_residuals(
+    problem: Problem,
+    x: Any,
+    y: Any,
+    z: Any,
+    z_box: Any,
+    program: Program | None = None,
+    known: Residuals | None = None,
+) -> KKT:
     """Residuals with the rows ``low <= G x <= high`` as well, of either storage and namespace."""
-    p = problem.program
+    p = program or problem.program
     xp, multiplier = p.xp, namespace(x).concatenate([y, z])
-    r = residuals(p, x, multiplier, z_box)
+    r = known or residuals(p, x, multiplier, z_box)
     Cx = p.C @ x
     outside = float(xp.maximum(xp.maximum(p.lb - x, x - p.ub), 0.0).max())
     length = float(xp.abs(x).max())

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from gpu.arrays import array_module, cupy
-from gpu.dense import cholesky
+from gpu.dense import cholesky, scaled_symmetric, symmetric_and_finite
 from gpu.errors import InputError, NotSupported
 from gpu.program import Program, is_sparse, namespace
 from gpu.sparse_factor import is_positive_definite
@@ -58,8 +58,9 @@ class QPFactor:
         n = matrix.shape[0]
         if n == 0 or matrix.shape != (n, n):
             raise InputError(f"P has shape {matrix.shape}: it must be square and not empty")
-        _finite("P", matrix)
         xp = namespace(matrix)
+        if xp is np or is_sparse(matrix):  # on a device one pass checks all, see `_symmetric`
+            _finite("P", matrix)
         diagonal = matrix.diagonal()
         if bool((diagonal < 0.0).any()) or (not semidefinite and bool((diagonal == 0.0).any())):
             i = int(diagonal.argmin())
@@ -70,26 +71,34 @@ class QPFactor:
         self.scale = 1.0 / power_of_two(xp.sqrt(xp.where(diagonal > 0.0, diagonal, 1.0)))
         self.L: Any = None
         self.P = _symmetric(matrix, self._scaled)
+        if xp is not np and not is_sparse(self.P) and bool((diagonal > 0.0).all()):
+            self.scaled = None
+            if self._factor(scaled_symmetric(self.P, self.scale), n):
+                return
+            self.L = None
         self.scaled = self._scaled(self.P)
         if is_sparse(self.P):
             _check_convex(self.scaled, 1)
             self.definite = False
             return
-        pivot = 0.0
-        if not bool((diagonal == 0.0).any()):
-            try:
-                self.L = cholesky(self.scaled.copy())
-                pivot = float(self.L.diagonal().min()) ** 2
-            except np.linalg.LinAlgError:
-                self.L = None
-        # Below this the rounding of the entries of P decides about definiteness.
-        self.definite = pivot > 10 * n * np.finfo(float).eps
+        self.definite = bool((diagonal > 0.0).all()) and self._factor(self.scaled.copy(), n)
         if self.definite:
             return
         self.L = None
         if not semidefinite:
             raise InputError("P is not positive definite to working precision")
         _check_convex(self.scaled, n)
+
+    def _factor(self, M: Any, n: int) -> bool:
+        """Factor M, overwritten; whether it is definite beyond rounding."""
+        self.definite = False
+        try:
+            self.L = cholesky(M)
+        except np.linalg.LinAlgError:
+            return False
+        # Below this the rounding of the entries of P decides about definiteness.
+        self.definite = float(self.L.diagonal().min()) ** 2 > 10 * n * np.finfo(float).eps
+        return self.definite
 
     def _scaled(self, M: Any) -> Any:
         if is_sparse(M):
@@ -111,13 +120,9 @@ def _symmetric(matrix: Any, scaled: Any) -> Any:
     else:
         xp = namespace(matrix)
         if xp is not np:
-            # Tiles, so that a matrix which fills half the device needs no second half.
-            error, tile = 0.0, 4096
-            for i in range(0, len(matrix), tile):
-                rows = matrix[i : i + tile] - matrix[:, i : i + tile].T
-                error = max(error, float(xp.abs(rows).max()))
-            if error == 0.0:
+            if symmetric_and_finite(matrix):
                 return matrix
+            _finite("P", matrix)
         elif np.array_equal(matrix, matrix.T):
             return np.array(matrix, order="C")
         half = (matrix + matrix.T) / 2.0

@@ -23,10 +23,12 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from gpu.box_qp import Step
-from gpu.dense import cholesky, cholesky_solve, lower_solve, symmetric_product
+from gpu.dense import cholesky, cholesky_solve, lower_solve
 from gpu.program import Array, Program
 
 PATIENCE, MAX_STEPS = 3, 60
@@ -42,10 +44,13 @@ class GaveUp(Exception):
 
 
 class WhitenedActiveSet:
-    """Rows ``C x`` of a program, then the variables themselves, in one numbering."""
+    """Rows ``C x`` of a program, then the variables themselves, in one numbering.
 
-    def __init__(self, p: Program, L: Array) -> None:
-        self.p, self.L, self.xp = p, L, p.xp
+    `L` is the factor of P and `product` multiplies by it; the P of the program is not touched.
+    """
+
+    def __init__(self, p: Program, L: Array, product: Callable[[Array], Array]) -> None:
+        self.p, self.L, self.product, self.xp = p, L, product, p.xp
         xp = self.xp
         self.m, self.n = p.row_low.size, p.q.size
         self.low = xp.concatenate([p.row_low, p.lb])
@@ -104,9 +109,7 @@ class WhitenedActiveSet:
 
     def _multipliers(self, right: Array) -> Array:
         mu = cholesky_solve(self.S, right)
-        for _ in range(2):
-            mu = mu + cholesky_solve(self.S, right - self.WA @ mu)
-        return mu
+        return mu + cholesky_solve(self.S, right - self.WA @ mu)
 
     def _spread(self, mu: Array) -> Array:
         """``Y_A' mu``."""
@@ -127,7 +130,7 @@ class WhitenedActiveSet:
         p, xp = self.p, self.xp
         whole = xp.zeros(self.m + self.n)
         whole[self.active] = mu
-        r = -(symmetric_product(p.P, x) + p.q + p.C.T @ whole[: self.m] + whole[self.m :])
+        r = -(self.product(x) + p.q + p.C.T @ whole[: self.m] + whole[self.m :])
         u = lower_solve(self.L, r)
         if self.at.size:
             s = self.goal - self.values(x)[self.active]
@@ -162,8 +165,7 @@ class WhitenedActiveSet:
             if stalled >= PATIENCE or len(self.history) >= MAX_STEPS:
                 raise GaveUp("the full exchange stalls")
             state = self._next(state, add, drop, below, above)
-        for _ in range(2):
-            x, mu = self.refine(x, mu)
+        x, mu = self.refine(x, mu)
         whole = xp.zeros(self.m + self.n)
         whole[self.active] = mu
         held = self.active[self.active >= self.m] - self.m
