@@ -28,6 +28,7 @@ from cip.line_profiles import (
     quintic,
     rational,
     rough,
+    smoothed,
     tangents,
 )
 
@@ -69,6 +70,8 @@ def hermite(
         lines = rough(m, h, base, stride, n, periodic, k, r, a, b, va, vb, 0.1)
     if lines == 1:
         value, slope = tangents(a, b, va, vb, s, d)
+    elif lines == 2:
+        value, slope = smoothed(a, b, va, vb, s, width)
     else:
         if limiter == 3:
             value, slope = rational(a, b, va, vb, s)
@@ -92,7 +95,7 @@ def hermite(
     for b_axis in range(dim):
         if b_axis != axis:
             q = (1 + b_axis) * size
-            if piecewise == 1:
+            if piecewise > 0:
                 f0 = m[q + base + k * stride]
                 across = f0 + s * (m[q + base + r * stride] - f0)
             else:
@@ -114,6 +117,17 @@ def node_piecewise_linear(
 ) -> None:  # fmt: skip
     """The piecewise linear profile."""
     hermite(m, out, feet, fs, fo, h, size, dim, axis, o, base, stride, n, periodic, i, advect, 0, 1)
+
+
+@kernel
+def node_smoothed(
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Array, size: Index,
+    dim: Index, axis: Index,
+    o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
+    advect: Index, limiter: Index,
+) -> None:  # fmt: skip
+    """The piecewise linear profile with the smoothed choice (2.18)."""
+    hermite(m, out, feet, fs, fo, h, size, dim, axis, o, base, stride, n, periodic, i, advect, 0, 2)
 
 
 @kernel

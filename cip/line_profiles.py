@@ -12,7 +12,7 @@ With s in [0, 1] across the cell, end values a, b, d = b - a, and slopes times t
 
 from __future__ import annotations
 
-from math import floor
+from math import exp, floor
 
 from cip.jit import Array, Index, Real, kernel
 
@@ -79,6 +79,22 @@ def tangents(a: Real, b: Real, va: Real, vb: Real, s: Real, d: Real) -> tuple[Re
     if e0 != 0.0 and (side > 0.0 or (side == 0.0 and d < 0.0)):
         return a + va * s, va
     return b - vb * (1.0 - s), vb
+
+
+@kernel
+def smoothed(a: Real, b: Real, va: Real, vb: Real, s: Real, width: Real) -> tuple[Real, Real]:
+    """The weights (2.18) between both tangents, in place of the choice, signs corrected.
+
+    Their width c = 1e-6 is in the units of u for the values and of u_x for the slopes, as printed.
+    """
+    c = 1e-6
+    left = a + va * s
+    right = b - vb * (1.0 - s)
+    concave = 1.0 / (1.0 + exp((vb - va) / (width * c)))
+    upper = 1.0 / (1.0 + exp((left - right) / c))
+    # Weight of the right tangent: the lower one where concave, the upper one where convex.
+    weight = concave * (1.0 - upper) + (1.0 - concave) * upper
+    return left + weight * (right - left), va + weight * (vb - va)
 
 
 @kernel

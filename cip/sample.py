@@ -94,7 +94,7 @@ def _line(profile: str, data: dict[str, Array], grid: Grid, cells: list[Cell]) -
     va, vb = h * data["u_x"][k], h * data["u_x"][r]
     if profile == "cubic":
         return _cubic(a, b, va, vb, s)
-    if profile == "piecewise_linear":
+    if profile in ("piecewise_linear", "smoothed"):
         d = b - a
         left, right, chord = a + va * s, b - vb * (1.0 - s), a + d * s
         crossing = (vb - d) * (va - d) <= 0.0

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from cip.errors import InputError, NotSupported
 from cip.jets import LOG_DETERMINANT, Jet, Orders, foot
 
-LINE = ("linear", "piecewise_linear", "cubic", "quintic", "csl2", "csl4")
+LINE = ("linear", "piecewise_linear", "smoothed", "cubic", "quintic", "csl2", "csl4")
 PLANE = ("adini", "bicubic")
 LIMITERS: dict[str, tuple[str, ...]] = {
     "linear": (),
     "piecewise_linear": (),
+    "smoothed": (),
     "cubic": ("clamp", "eno", "rational"),
     "quintic": ("clamp",),
     "csl2": ("bounds", "rational"),
@@ -54,7 +55,7 @@ def moments(profile: str, dim: int) -> tuple[Moment, ...]:
     u = _derivative()
     if profile == "linear":
         return (u,)
-    if profile in ("piecewise_linear", "cubic"):
+    if profile in ("piecewise_linear", "smoothed", "cubic"):
         return (u, *(_derivative(axis) for axis in range(dim)))
     if profile == "quintic":
         pairs = [(_derivative(axis), _derivative(axis, axis)) for axis in range(dim)]

@@ -36,9 +36,10 @@ class Solver:
     velocity : Velocity, or what `Velocity` takes
     form : {"transport", "advection"}
     profile : str, optional
-        One-dimensional: ``linear``, ``piecewise_linear``, ``cubic``, ``quintic``, and for
-        advection ``csl2``, ``csl4``; two-dimensional: ``adini``, ``bicubic``. One-dimensional
-        profiles serve two and three dimensions through the splitting (``csl4`` lines only).
+        One-dimensional: ``linear``, ``piecewise_linear``, ``smoothed`` (its printed form, for
+        comparison), ``cubic``, ``quintic``, and for advection ``csl2``, ``csl4``;
+        two-dimensional: ``adini``, ``bicubic``. One-dimensional profiles serve two and three
+        dimensions through the splitting (``csl4`` lines only).
     limiter : {None, "clamp", "eno", "rational", "bounds"}
         See the notes.
     splitting : {None, "strang"}
@@ -65,8 +66,8 @@ class Solver:
     * constants are kept by every scheme for transport, and for advection with constant velocity;
     * the integral is kept by csl2 and csl4 always, in any dimension, but for what the walls let
       through; by the other profiles for constant velocity on uniform grids;
-    * ``linear``, and ``clamp`` for transport, keep the range of the initial values in any
-      dimension; ``clamp`` does not conserve;
+    * ``linear`` for transport, and ``clamp`` for transport by a direct or one-dimensional step,
+      keep the range of the initial values; ``clamp`` does not conserve;
     * ``bounds`` keeps values and means within (low, high) where each one-dimensional motion is
       divergence-free, so on lines for constant c; a lower bound 0 it keeps always;
     * ``eno`` picks the piecewise linear profile in cells whose data are not smooth: no new

@@ -1,0 +1,66 @@
+"""The examples run headless and return the numbers that they print."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def load(name):
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_dissertation(tmp_path, capsys):
+    found = load("cip_dissertation").main(
+        ["--cells", "200", "400", "--advection-cells", "100", "200", "--output", str(tmp_path)]
+    )
+    np.testing.assert_allclose(found["2.1"]["linear"], [1.024e-2, 5.206e-3], rtol=5e-4)
+    assert found["2.2"]["cubic"][0] <= 3.7e-6
+    assert found["2.3"]["csl4"][1] <= 4e-8
+    # Larger steps interpolate less often.
+    assert found["2.6"]["cubic"] == sorted(found["2.6"]["cubic"], reverse=True)
+    assert "dissertation" in capsys.readouterr().out
+    assert (tmp_path / "cip_dissertation.png").exists()
+
+
+@pytest.mark.slow
+def test_two_dimensions(tmp_path, capsys):
+    found = load("cip_two_dimensions").main(["--output", str(tmp_path)])
+    assert found["1", "bicubic"][1] <= 6e-4
+    assert found["2", "adini"][1][0] <= 0.008
+    assert found["2", "bicubic"][1][1] <= 0.0086
+    assert "printed" in capsys.readouterr().out
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "cip_figure_3_2.png",
+        "cip_figure_3_3.png",
+    }
+
+
+def test_jiang_shu(tmp_path, capsys):
+    rows = load("cip_jiang_shu").main(["--cells", "100", "--output", str(tmp_path)])
+    assert rows["csl4", "bounds"]["l1"] < rows["csl2", "bounds"]["l1"] < rows["csl2", None]["l1"]
+    assert rows["cubic", "clamp"]["under"] >= 0
+    assert "TV/TV0" in capsys.readouterr().out
+
+
+def test_zalesak(tmp_path, capsys):
+    rows = load("cip_zalesak").main(["--cells", "40", "--steps", "60", "--output", str(tmp_path)])
+    assert rows["adini", "eno"]["error"] < rows["adini", "clamp"]["error"]
+    assert abs(rows["csl2", "bounds"]["mass"]) < 1e-6
+    assert (tmp_path / "cip_zalesak.png").exists()
+    assert "error" in capsys.readouterr().out
+
+
+def test_deformation(tmp_path):
+    found = load("cip_deformation").main(
+        ["--cells", "8", "--steps", "6", "--output", str(tmp_path)]
+    )
+    assert abs(found["mass"]) < 1e-13
+    assert found["least"] >= -1e-13
+    assert (tmp_path / "cip_deformation.pvd").exists()
