@@ -26,14 +26,14 @@ from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+# This file has the package's name: the package must be found first.
+sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "examples")]
 
 import numpy as np
 from machine import describe
 from scipy import ndimage
 
 from cip import Grid, Solver, Velocity
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
 
 def best(action: Callable[[], Any], seconds: float = 1.0) -> float:

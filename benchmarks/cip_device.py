@@ -18,8 +18,12 @@ from __future__ import annotations
 import argparse
 import json
 import statistics
+import sys
 from pathlib import Path
 from typing import Any
+
+# The folder of this script holds cip.py: the package must be found first.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 from machine import describe

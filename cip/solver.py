@@ -91,7 +91,7 @@ class Solver:
     >>> start = solver.state(lambda x: np.sin(2 * np.pi * x))
     >>> end = solver.run(start, 1.0, dt=0.01).final
     >>> print(f"{np.abs(end['u'] - start['u']).max():.1e}")
-    1.3e-04
+    1.5e-04
     """
 
     def __init__(
