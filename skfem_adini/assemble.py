@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem import BilinearForm, CellBasis, LinearForm, Mesh, asm
+from skfem import BilinearForm, CellBasis, LinearForm, Mesh, MeshHex, MeshQuad, asm
 from skfem.assembly.basis.abstract_basis import AbstractBasis
 from skfem.assembly.form.form import Form
 from skfem.element import DiscreteField, Element
@@ -266,7 +266,7 @@ class _Problem:
     def _shapes(self) -> Classes:
         """Return the cells of the same shape and orientation."""
         mapping = self.spaces[0].mapping
-        if isinstance(mapping, MappingAffine):
+        if isinstance(mapping, MappingAffine) or type(mapping.mesh) in (MeshQuad, MeshHex):
             nodes = mapping.mesh.t
         else:
             nodes = mapping.mesh.dofs.element_dofs

@@ -8,12 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from skfem import MeshHex, MeshQuad
 from skfem.element import DiscreteField, ElementVector
 from skfem.mapping import MappingAffine, MappingIsoparametric
 
 from .congruence_classes import Classes
 from .errors import InputError
 from .form_parameters import FormParameters, NotConstant
+from .translation_invariance import oriented
 
 Array = NDArray[Any]
 Integers = NDArray[np.integer]
@@ -40,17 +42,30 @@ class Space:
     X: Array
     W: Array
 
-    def on(self, cells: Integers) -> Any:
-        """Return the mapping as it is to be used for some cells, with no cache of its own."""
+    def on(self, cells: Integers) -> tuple[Any, Integers]:
+        """Return a mapping for some cells, with no cache from before, and their numbers in it.
+
+        Straight quadrilaterals and bricks are taken out of the mesh, since whatever their mapping
+        and the elements of this package do first they do for the whole mesh.
+        """
+        mesh = self.mapping.mesh
         if isinstance(self.mapping, MappingAffine):
-            return MappingAffine(self.mapping.mesh, tind=cells)
-        return MappingIsoparametric(self.mapping.mesh, self.mapping.elem, self.mapping.bndelem)
+            return MappingAffine(mesh, tind=cells), cells
+        if type(mesh) in (MeshQuad, MeshHex) and not oriented(self.element):
+            p = mesh.doflocs
+            used, t = np.unique(mesh.t[:, cells], return_inverse=True)
+            # The size of the coordinates, by which elements judge what is rounding, stays.
+            far = np.abs(p).max(axis=0).argmax()
+            mesh = type(mesh)(p[:, np.append(used, far)], t.reshape(-1, len(cells)))
+            cells = np.arange(len(cells))
+        return MappingIsoparametric(mesh, self.mapping.elem, self.mapping.bndelem), cells
 
     def measures(self, cells: Integers) -> Array:
         """Return the weights of the quadrature points, shape (cells, points)."""
         try:
             with np.errstate(divide="ignore", invalid="ignore"):
-                volume = np.abs(self.on(cells).detDF(self.X, tind=cells))
+                mapping, own = self.on(cells)
+                volume = np.abs(mapping.detDF(self.X, tind=own))
         except Exception as error:  # scikit-fem has no type of its own for a zero determinant
             raise InputError(f"mesh: a cell is degenerate ({error})") from error
         if not (volume > 0).all():
@@ -60,7 +75,8 @@ class Space:
 
     def fields(self, cells: Integers, functions: int) -> Fields:
         """Return the functions in some cells."""
-        return _fields(self.element, self.on(cells), self.X, cells, functions)
+        mapping, cells = self.on(cells)
+        return _fields(self.element, mapping, self.X, cells, functions)
 
 
 class Coefficients(NamedTuple):

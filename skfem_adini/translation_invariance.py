@@ -51,17 +51,17 @@ def why_not_mapping(mapping: Any, mesh: Any) -> str | None:
     return None
 
 
+def oriented(element: Any) -> list[Any]:
+    """Return the leaves whose functions depend on the orientation of facets or edges."""
+    return [leaf for leaf in leaves(element) if type(leaf).orient is not Element.orient]
+
+
 def orientations(elements: Iterable[Any], mapping: Any) -> NDArray[np.uint64]:
     """Return the signs of the facets or edges of each cell as bits, shape (cells, words)."""
-    oriented = [
-        leaf
-        for element in elements
-        for leaf in leaves(element)
-        if type(leaf).orient is not Element.orient
-    ]
     signs = [
         np.asarray(leaf.orient(mapping, i)) > 0
-        for leaf in oriented
+        for element in elements
+        for leaf in oriented(element)
         for i in range(int(leaf._bfun_counts().sum()))
     ]
     words = np.zeros((mapping.mesh.t.shape[1], -(-len(signs) // 64)), dtype=np.uint64)
