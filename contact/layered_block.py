@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
+from skfem import Basis, ElementVector, MeshQuad
 
 from contact.body import ElasticBody
 from contact.cell_stencil import CellStencil
@@ -105,6 +106,7 @@ class LayeredBlock(Solid):
         ]
         self.f: Array = np.zeros(self.node_rows * self.row_size)
         self._supports: list[tuple[str, int, Field]] = []
+        self._edges: dict[str, tuple[ElasticBody, NDArray[np.int64]]] = {}
         self.arrays = HostArrays()
         left, right = read_sides(sides)
         for boundary, components in (("left", left), ("right", right), ("top", top)):
@@ -156,29 +158,34 @@ class LayeredBlock(Solid):
         return list(names)
 
     def _edge(self, name: str) -> tuple[ElasticBody, NDArray[np.int64]]:
-        """One line of cells along an edge, as a body, and its dofs in this one."""
+        """One line of cells along an edge, as a body without supports, and its dofs in this one."""
+        if name not in self._edges:
+            self._edges[name] = self._build_edge(name)
+        body, dofs = self._edges[name]
+        fresh = copy(body)
+        fresh._supports = []
+        return fresh, dofs
+
+    def _build_edge(self, name: str) -> tuple[ElasticBody, NDArray[np.int64]]:
         y = self.y
         if name in ("top", "bottom"):
             at = slice(-2, None) if name == "top" else slice(0, 2)
-            strip = self._strip(y[at], self.cells[-1 if name == "top" else 0])
+            strip = self._strip(y[at], self.cells[-1 if name == "top" else 0], intorder=1)
             start = self.f.size - strip.f.size if name == "top" else 0
             return strip, start + np.arange(strip.f.size)
         i = np.array([0, 1] if name == "left" else [self.columns - 1, self.columns])
         nodes = (self.columns + 1) * np.arange(y.size)[:, None] + i
         dofs = PER_NODE * nodes.ravel()[:, None] + np.arange(PER_NODE)
-        E, nu = (np.repeat([getattr(l, key) for l in self.layers], [l.cells for l in self.layers])
-                 for key in ("E", "nu"))  # fmt: skip
-        body = ElasticBody.from_mesh(
-            grid(self.x[i], y), ElementQuadAdini(), E=E, nu=nu, plane=self.plane
-        )
-        return body, dofs.ravel()
+        # Its material is not looked at: edges serve supports and tractions.
+        return self._body(grid(self.x[i], y), self.cells[0], intorder=1), dofs.ravel()
 
-    def _strip(self, y: Array, cell: ElasticBody) -> ElasticBody:
+    def _strip(self, y: Array, cell: ElasticBody, intorder: int | None = None) -> ElasticBody:
         """One row of cells between two heights."""
-        mesh = grid(self.x, y)
-        return ElasticBody.from_mesh(
-            mesh, ElementQuadAdini(), E=cell.E, nu=cell.nu, plane=self.plane
-        )
+        return self._body(grid(self.x, y), cell, intorder)
+
+    def _body(self, mesh: MeshQuad, cell: ElasticBody, intorder: int | None) -> ElasticBody:
+        basis = Basis(mesh, ElementVector(ElementQuadAdini()), intorder=intorder)
+        return ElasticBody(basis, E=cell.E, nu=cell.nu, plane=self.plane)
 
     @property
     def x(self) -> Array:
@@ -229,11 +236,12 @@ class LayeredBlock(Solid):
     @cached_property
     def trace(self) -> ElasticBody:
         """The lowest row of cells with the sides' supports; its dofs are this body's first."""
-        strip = self._strip(self.y[:2], self.cells[0])
+        strip, _ = self._edge("bottom")
         for name, c, value in self._supports:
             if name != "top" or self.node_rows == 2:
                 strip.fix(name, c, value)
         bottom = {"bottom": strip.facets("bottom")}  # contact is offered there only
+        strip.basis = copy(strip.basis)
         strip.basis.mesh = replace(strip.mesh, _boundaries=bottom)
         return strip
 
