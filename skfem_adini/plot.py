@@ -8,6 +8,8 @@ import numpy as np
 from skfem.element import ElementVector
 from skfem.refdom import RefQuad
 
+from .adini_extension import AdiniExtension
+from .cut_domain import CutDomain
 from .errors import InputError, MissingDependency
 
 _POINTS = 25
@@ -141,3 +143,107 @@ def _pyplot() -> Any:
     except ImportError as error:
         raise MissingDependency("plots need matplotlib: pip install 'matplotlib>=3.9'") from error
     return plt
+
+
+def plot_cut_domain(
+    domain: CutDomain, extension: AdiniExtension | None = None, points: bool = True, ax: Any = None
+) -> Any:
+    """Draw the cells of a cut domain: full, cut and, with an extension, those that follow others.
+
+    Parameters
+    ----------
+    domain
+        The cut domain.
+    extension
+        Colours cut cells that are not good, and draws arrows from the good cells to the vertices
+        that follow them.
+    points
+        Draw quadrature points inside cut cells and on the boundary.
+    ax
+        matplotlib axes; new ones by default.
+
+    Returns
+    -------
+    matplotlib Axes
+
+    Raises
+    ------
+    MissingDependency
+        matplotlib is not installed.
+    """
+    if ax is None:
+        _, ax = _pyplot().subplots(figsize=(6, 6))
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    mesh, rule = domain.mesh, domain.quadrature
+    kinds = {"full": domain.full, "cut": domain.cut}
+    if extension is not None:
+        bad = np.setdiff1d(domain.cut, extension.good)
+        kinds = {"full": domain.full, "cut": np.setdiff1d(domain.cut, bad), "aggregated": bad}
+    for (name, cells), colour in zip(
+        kinds.items(), ("#dbe7f3", "#a9c8e6", "#f3c9a5"), strict=False
+    ):
+        squares = mesh.p[:, mesh.t[:, cells]].transpose(2, 1, 0)
+        ax.add_collection(PolyCollection(squares, facecolor=colour, edgecolor="0.6", label=name))
+    sides = mesh.p[:, mesh.facets[:, domain.ghost_facets]].transpose(2, 1, 0)
+    ax.add_collection(LineCollection(sides, color="C3", lw=1.2, label="ghost facets"))
+    if points:
+        ax.plot(*rule.points, ".", color="C0", ms=1, label="points inside")
+        ax.plot(*rule.boundary_points, ".", color="k", ms=2, label="points on the boundary")
+    if extension is not None and extension.outside.size:
+        tail = mesh.p[:, mesh.t[:, extension.roots]].mean(axis=1)
+        step = mesh.p[:, extension.outside] - tail
+        ax.quiver(
+            *tail, *step, angles="xy", scale_units="xy", scale=1, width=2e-3, color="C1",
+            label="extension",
+        )  # fmt: skip
+    ax.autoscale()
+    ax.set_aspect("equal")
+    ax.legend(fontsize=7, loc="upper right")
+    return ax
+
+
+def plot_cut_field(
+    domain: CutDomain, element: Any, x: Any, exact: Any = None, ax: Any = None
+) -> Any:
+    """Draw a scalar field, or its error, at the quadrature points of a cut domain.
+
+    Parameters
+    ----------
+    domain
+        The cut domain.
+    element
+        Scalar element of the field.
+    x
+        Dofs, shape (dofs,).
+    exact
+        Function of points (2, cells, points); the logarithm of the error's size is drawn then.
+    ax
+        matplotlib axes; new ones by default.
+
+    Returns
+    -------
+    matplotlib Axes
+
+    Raises
+    ------
+    MissingDependency
+        matplotlib is not installed.
+    """
+    if ax is None:
+        _, ax = _pyplot().subplots(figsize=(6, 5))
+    places, values = [], []
+    for basis in domain.basis(element):
+        where = np.asarray(basis.global_coordinates())
+        field = np.asarray(basis.interpolate(x))
+        if exact is not None:
+            field = np.log10(np.maximum(np.abs(field - exact(where)), 1e-17))
+        keep = basis.dx > 0
+        places.append(where[:, keep])
+        values.append(field[keep])
+    where, field = np.concatenate(places, axis=1), np.concatenate(values)
+    drawn = ax.scatter(*where, c=field, s=3, cmap="viridis")
+    label = "$u$" if exact is None else r"$\log_{10} |u_h - u|$"
+    ax.figure.colorbar(drawn, ax=ax, shrink=0.8, label=label)
+    ax.set_aspect("equal")
+    return ax
