@@ -1,0 +1,138 @@
+"""Formulas, their derivatives, and the characteristics against independent answers."""
+
+import numpy as np
+import pytest
+import sympy
+from problems import foot_inside, order, speed
+from scipy.integrate import solve_ivp
+
+from cip import Grid, Solver, Velocity
+from cip.characteristics import integrate
+from cip.jets import System, foot
+
+TEXTS = [
+    "x1**3*sin(x2) - exp(-t)*x2/(2 + x1**2)",
+    "sqrt(1 + x1**2)*tanh(x2*t) + log(3 + x2) - abs(x1 - 2)",
+    "(2 + x1)**(x2/3) + arctan(x1*x2)*cosh(t) - arcsin(x1/4)*cos(x2)",
+    "tan(x1/3) + sinh(x2)**2 - 3*x1**0.5*pi + e**x2",
+]
+
+
+@pytest.mark.parametrize("text", TEXTS)
+def test_derivatives_against_sympy(text):
+    names = sympy.symbols("x1 x2 t", real=True)
+    known = dict(zip(("x1", "x2", "t"), names, strict=True))
+    known |= {"arctan": sympy.atan, "arcsin": sympy.asin, "abs": sympy.Abs, "e": sympy.E}
+    reference = sympy.sympify(text.replace("**0.5", "**Rational(1,2)"), locals=known)
+    (formula, _) = Velocity.from_expression(text, "0").on(Grid([(0, 1)] * 2, (4, 4)))
+    point = (0.7, 0.4, 0.9)
+    for orders in (
+        (0, 0, 0, 0),
+        (1, 0, 0, 0),
+        (1, 1, 0, 0),
+        (0, 2, 0, 0),
+        (2, 1, 0, 0),
+        (0, 0, 0, 1),
+    ):
+        exact = reference
+        for name, times in zip(names, (orders[0], orders[1], orders[3]), strict=True):
+            exact = sympy.diff(exact, name, times) if times else exact
+        exact = float(exact.subs(dict(zip(names, point, strict=True))).evalf())
+        found = formula.derivative(orders, (1.0,) * 4)(point[0], point[1], 0.0, point[2])
+        assert found == pytest.approx(exact, rel=1e-11, abs=1e-12)
+
+
+def test_characteristics_against_the_closed_form():
+    grid = Grid((-2, 2), 60)
+    formulas = Velocity(speed).on(grid)
+    system = System([f.expression for f in formulas], [0], [foot(0, 0), foot(0, 0, 0)])
+    found = integrate(grid, formulas, system, grid.mesh(), 0.0, 0.3)
+    x = grid.coordinates[0]
+    exact = foot_inside(x, 0.3)
+    inside = np.isfinite(exact)
+    assert set(np.flatnonzero(~inside)) <= set(found.exits.nodes)
+    inside[found.exits.nodes] = False
+    np.testing.assert_allclose((x + found.jets[foot(0)])[inside], exact[inside], atol=1e-10)
+    d = np.where(inside, 1 - x**2 + x**2 * np.exp(-0.6), 1)
+    np.testing.assert_allclose(
+        found.jets[foot(0, 0)][inside], (np.exp(-0.3) * d**-1.5)[inside], rtol=1e-8
+    )
+    # Age of a path that comes in through the wall: from 2 to |x| along dx/dt = x - x^3.
+    age = [
+        solve_ivp(
+            lambda t, y: speed(y), (0, 0.3), [2.0], rtol=1e-11, atol=1e-12,
+            events=lambda t, y, node=node: y[0] - abs(x[node]),
+        ).t_events[0][0]
+        for node in found.exits.nodes
+        if 0 < node < 60
+    ]  # fmt: skip
+    inner = (found.exits.nodes > 0) & (found.exits.nodes < 60)
+    np.testing.assert_allclose(found.exits.ages[inner], age, atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["traced", "values", "jacobian", "arrays", "expression"])
+def test_every_kind_of_velocity_gives_the_same_step(kind):
+    grid = Grid([(0, 2 * np.pi)] * 2, (32, 32), periodic=True)
+
+    def c(x, y):
+        return np.sin(y) + 0.3, 0.4 * np.cos(x)
+
+    def branched(x, y):
+        return np.where(x > 1e9, x, np.sin(y) + 0.3), 0.4 * np.cos(x)
+
+    def jacobian(x, y):
+        return [[0 * x, np.cos(y)], [-0.4 * np.sin(x), 0 * x]]
+
+    velocity = {
+        "traced": lambda: Velocity(c),
+        "values": lambda: Velocity(branched),
+        "jacobian": lambda: Velocity(branched, jacobian=jacobian),
+        "arrays": lambda: Velocity(np.array(c(*grid.mesh()))),
+        "expression": lambda: Velocity.from_expression("sin(x2) + 0.3", "0.4*cos(x1)"),
+    }[kind]()
+    assert all(f.exact for f in velocity.on(grid)) == (kind in ("traced", "expression"))
+    solver = Solver(grid, velocity, profile="bicubic")
+    after = solver.step(solver.state("sin(x1)*cos(2*x2)"), 0.4)
+    reference = Solver(
+        grid, Velocity.from_expression("sin(x2)+0.3", "0.4*cos(x1)"), profile="bicubic"
+    )
+    expected = reference.step(reference.state("sin(x1)*cos(2*x2)"), 0.4)
+    # Quintic splines and sixth-order differences on 32 nodes a period.
+    tolerance = {"arrays": 2e-5, "values": 1e-6, "jacobian": 1e-6}.get(kind, 1e-12)
+    np.testing.assert_allclose(after.data, expected.data, atol=tolerance)
+
+
+@pytest.mark.parametrize("stored", [True, False])
+def test_unsteady_velocity_has_order_three(stored):
+    """u_t + cos(t) u_x = 0: the exact shift is sin t."""
+    errors, sizes = [], (20, 40, 80)
+    for n in sizes:
+        grid = Grid((0, 1), n, periodic=True)
+        solver = Solver(grid, Velocity.from_expression("cos(t)"), store_feet=stored)
+        run = solver.run(solver.state("sin(2*pi*x1)"), 1.0, dt=0.7 / n)
+        exact = np.sin(2 * np.pi * (grid.coordinates[0] - np.sin(1.0)))
+        errors.append(np.abs(run.final["u"] - exact).max())
+    assert 2.9 <= order(sizes, errors) <= 3.2
+
+
+def test_partial_steps_have_their_own_feet():
+    """The cache is keyed by dt: a short last step must not use the feet of a long one."""
+    grid = Grid((0, 1), 64, periodic=True)
+    solver = Solver(grid, lambda x: 1 + 0 * x, profile="quintic")
+    run = solver.run(solver.state("sin(2*pi*x1)"), 0.25, dt=0.1)
+    exact = np.sin(2 * np.pi * (grid.coordinates[0] - 0.25))
+    np.testing.assert_allclose(run.final["u"], exact, atol=1e-8)
+
+
+def test_single_precision_follows_double():
+    grid = Grid([(0, 1)] * 2, (32, 32), periodic=True)
+    ends = []
+    for dtype in (np.float64, np.float32):
+        solver = Solver(
+            grid, Velocity.from_expression("sin(2*pi*x2)", "cos(2*pi*x1)"), profile="adini",
+            dtype=dtype,
+        )  # fmt: skip
+        final = solver.run(solver.state("sin(2*pi*x1)"), 0.3, dt=0.05).final
+        assert final["u"].dtype == dtype
+        ends.append(final["u"])
+    np.testing.assert_allclose(ends[1], ends[0], atol=5e-6)
