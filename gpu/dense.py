@@ -99,7 +99,7 @@ def symmetric_and_finite(M: Array) -> bool:
     # A flag that hardly any thread writes is quicker than CuPy's reductions to one number; a row
     # and the column that mirrors it are read while both are in the cache.
     compare = cupy.ElementwiseKernel(
-        "float64 a, float64 b, raw int32 wrong", "",
+        "float64 a, float64 b", "raw int32 wrong",
         "if (!(a == b && isfinite(a))) { wrong[0] = 1; }",
         "gpu_asymmetric",
     )  # fmt: skip
