@@ -56,7 +56,7 @@ class Space:
             used, t = np.unique(mesh.t[:, cells], return_inverse=True)
             # The size of the coordinates, by which elements judge what is rounding, stays.
             far = np.abs(p).max(axis=0).argmax()
-            mesh = type(mesh)(p[:, np.append(used, far)], t.reshape(-1, len(cells)))
+            mesh = type(mesh)(p.take(np.append(used, far), axis=1), t.reshape(-1, len(cells)))
             cells = np.arange(len(cells))
         return MappingIsoparametric(mesh, self.mapping.elem, self.mapping.bndelem), cells
 
