@@ -16,7 +16,10 @@ ALLOWED = {
     "cip": STANDARD_SCIENTIFIC | {"cip"},
     "gpu": STANDARD_SCIENTIFIC | {"gpu"},
 }
-LAZY = {"numba", "cupy", "pyvista", "meshio", "matplotlib", "qpsolvers", "pypardiso", "osqp"}
+LAZY = {
+    *("numba", "cupy", "pyvista", "meshio", "matplotlib", "qpsolvers", "pypardiso", "osqp"),
+    *("pyamg", "xarray", "threadpoolctl"),
+}
 
 
 def _imports(tree: ast.AST, top_level_only: bool) -> set[str]:
