@@ -34,7 +34,9 @@ def linear_field(basis, gradient, shift=0.0):
 
 
 @pytest.mark.parametrize(
-    "element", [ElementQuadAdini(), ElementQuadBFS(), ElementHexAdini()], ids=repr
+    "element",
+    [ElementQuadAdini(), ElementQuadBFS(), ElementHexAdini()],
+    ids=lambda element: type(element).__name__,
 )
 def test_gradient_of_a_cubic(element):
     mesh = SPACE.mesh if isinstance(element, ElementHexAdini) else PLANE.mesh
