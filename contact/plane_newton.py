@@ -83,6 +83,8 @@ def plane_newton(
         report(Iteration(step, "newton" if law else "active set", *counts, size))
         if size <= tol:
             return now
+        if size > 0.5 * sizes[-1] and min(sizes) <= ROUND_OFF * tol:
+            return best  # rounding of W, which grows with its order, is all that is left
         if size < min(sizes):
             best = now
         sizes.append(size)
