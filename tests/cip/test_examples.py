@@ -16,6 +16,7 @@ def load(name):
     return module
 
 
+@pytest.mark.slow
 def test_dissertation(tmp_path, capsys):
     found = load("cip_dissertation").main(
         ["--cells", "200", "400", "--advection-cells", "100", "200", "--output", str(tmp_path)]
@@ -49,6 +50,7 @@ def test_jiang_shu(tmp_path, capsys):
     assert "TV/TV0" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_zalesak(tmp_path, capsys):
     rows = load("cip_zalesak").main(["--cells", "40", "--steps", "60", "--output", str(tmp_path)])
     assert rows["adini", "eno"]["error"] < rows["adini", "clamp"]["error"]
@@ -57,6 +59,7 @@ def test_zalesak(tmp_path, capsys):
     assert "error" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_deformation(tmp_path):
     found = load("cip_deformation").main(
         ["--cells", "8", "--steps", "6", "--output", str(tmp_path)]

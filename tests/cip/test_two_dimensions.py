@@ -31,7 +31,9 @@ def test_example_1(profile, splitting, limit):
     assert 0.04 * np.sqrt(np.sum(error**2)) <= limit
 
 
-@pytest.mark.parametrize(("profile", "limit"), [("adini", 0.008), ("bicubic", 0.005)])
+@pytest.mark.parametrize(
+    ("profile", "limit"), [("adini", 0.008), pytest.param("bicubic", 0.005, marks=pytest.mark.slow)]
+)
 def test_example_2(profile, limit):
     """Four revolutions in steps of 2 pi / 200; the edge of the disk is a tanh of width .16."""
 

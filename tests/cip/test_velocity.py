@@ -70,7 +70,11 @@ def test_characteristics_against_the_closed_form():
     np.testing.assert_allclose(found.exits.ages[inner], age, atol=1e-8)
 
 
-@pytest.mark.parametrize("kind", ["traced", "values", "jacobian", "arrays", "expression"])
+SLOW = pytest.mark.slow
+KINDS = ["traced", pytest.param("values", marks=SLOW), "jacobian", "arrays", "expression"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_velocity_gives_the_same_step(kind):
     grid = Grid([(0, 2 * np.pi)] * 2, (32, 32), periodic=True)
 
