@@ -23,7 +23,7 @@ _NORMAL_DEGREE = 3
 def ghost_penalty(
     domain: CutDomain,
     elem: Any,
-    gamma: float = 0.01,
+    gamma: float = 0.02,
     matrix: Literal["stiffness", "mass"] = "stiffness",
 ) -> Any:
     r"""Return the matrix of the jumps across the facets of cut cells.
@@ -46,7 +46,7 @@ def ghost_penalty(
     gamma
         Positive weight, without unit for the Laplacian; multiply by the conductivity or by
         2 mu + lambda for other stiffness matrices, by the density for mass matrices. With
-        beta = 50 in `nitsche` the stiffness matrix is definite from 0.01.
+        beta = 50 in `nitsche` 0.01 is too little for some cuts.
     matrix
         Which matrix it stabilises.
 

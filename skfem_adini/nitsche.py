@@ -53,7 +53,7 @@ def nitsche(
         or (2, cells, points), or a sequence of one a component.
     beta
         Penalty, without unit. With `AdiniExtension` at threshold 0.5 the matrix is definite from
-        35, with a ghost penalty of 0.01 from 50.
+        35, with a ghost penalty of 0.02 from 50.
     coefficient
         The conductivity k, a positive number or function of points. Scalar fields only.
     lame
