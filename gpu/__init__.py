@@ -6,6 +6,7 @@ every `QPResult` carries residuals recomputed from the problem, and every failur
 """
 
 from gpu.box_qp import Step
+from gpu.eigs import eigs
 from gpu.errors import (
     GpuError,
     Infeasible,
@@ -19,6 +20,7 @@ from gpu.kkt import KKT
 from gpu.problem import QPFactor
 from gpu.qp import solve_qp
 from gpu.result import QPResult, Status
+from gpu.svds import svds
 
 __all__ = [
     "KKT",
@@ -33,5 +35,7 @@ __all__ = [
     "Status",
     "Step",
     "Unbounded",
+    "eigs",
     "solve_qp",
+    "svds",
 ]

@@ -1,0 +1,127 @@
+"""Orthonormal Krylov basis that grows by Arnoldi steps, on either array module."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from gpu.arrays import to_host
+
+BREAKDOWN = 20 * np.finfo(float).eps  # beta below this times |A v| is round-off: invariant
+
+
+class Arnoldi:
+    """Rows v_0, v_1, ... with ``A V_j = V_j S_j + v_j b_j`` for every leading part of the basis.
+
+    Orthogonalisation is classical Gram-Schmidt, twice (CGS2). Nothing waits for the device inside
+    a sweep: the coefficients come to the host in one copy at its end.
+
+    Parameters
+    ----------
+    apply : callable x -> A x
+        On arrays of `xp`, shape (n,).
+    n, size : int
+        Order of A and most vectors that ever span the basis.
+    dtype : numpy dtype
+        float64 or complex128.
+    xp : module
+        numpy or cupy.
+    seed : int
+        Of the vectors that take the place of broken-down ones.
+
+    References
+    ----------
+    L. Giraud, J. Langou, M. Rozloznik and J. van den Eshof, Rounding error analysis of the
+    classical Gram-Schmidt orthogonalization process, Numer. Math. 101 (2005).
+    """
+
+    def __init__(
+        self, apply: Callable[[Any], Any], n: int, size: int, dtype: Any, xp: Any, seed: int = 0
+    ) -> None:
+        self.xp, self.size, self.matvecs = xp, size, 0
+        self.V = xp.zeros((size + 1, n), dtype=dtype)
+        self._apply = apply
+        self._rng = np.random.default_rng(seed)
+        # Row j: the coefficients of A v_j, then |v| of what is left of it.
+        self._coefficients = xp.zeros((size, size + 2), dtype=dtype)
+        self._steps = None
+        if xp is not np and np.dtype(dtype) == np.float64:
+            from gpu.arnoldi_kernels import FusedSteps
+
+            self._steps = FusedSteps(self.V, self._coefficients)
+
+    def start(self, place: int, vector: Any = None) -> None:
+        """Make row `place` a unit vector orthogonal to those before it; random by default."""
+        xp, V = self.xp, self.V
+        for _ in range(3):
+            if vector is None:
+                drawn = self._rng.standard_normal(V.shape[1])
+                if V.dtype.kind == "c":
+                    drawn = drawn + 1j * self._rng.standard_normal(V.shape[1])
+                w = xp.asarray(drawn)
+            else:
+                w = xp.array(vector, dtype=V.dtype)
+            w /= xp.abs(w).max()
+            before = float(xp.linalg.norm(w))
+            for _ in range(3):
+                w -= self._products(w, place) @ V[:place]
+            size = float(xp.linalg.norm(w))
+            if size > 1e-8 * before:
+                V[place] = w / size
+                return
+            vector = None
+        raise np.linalg.LinAlgError("the basis spans the whole space")
+
+    def _products(self, w: Any, count: int) -> Any:
+        """V^* w of the first rows; conjugating w spares a conjugated copy of V."""
+        V = self.V[:count]
+        return V @ w if V.dtype.kind == "f" else (V @ w.conj()).conj()
+
+    def sweep(self, first: int, last: int) -> np.ndarray:
+        """Arnoldi steps from row `first` up to row `last`.
+
+        Returns
+        -------
+        ndarray, shape (last - first, size + 2)
+            Row i, on the host: V^* A v of row j = first + i in its first j + 1 entries, and beta_j
+            in the last. Where beta_j is round-off, later rows mean nothing: see `broken`.
+        """
+        xp, V = self.xp, self.V
+        for j in range(first, last):
+            w = self._apply(V[j])
+            row = self._coefficients[j]
+            if self._steps is not None:
+                self._steps(w, j)
+                continue
+            w = xp.array(w, dtype=V.dtype)
+            h = self._products(w, j + 1)
+            w -= h @ V[: j + 1]
+            again = self._products(w, j + 1)
+            w -= again @ V[: j + 1]
+            beta = xp.linalg.norm(w)
+            row[: j + 1] = h + again
+            row[-1] = beta
+            V[j + 1] = w / xp.where(beta > 0, beta, 1.0)
+        self.matvecs += last - first
+        return to_host(self._coefficients[first:last])
+
+    def broken(self, rows: np.ndarray) -> int | None:
+        """The first of the rows of a sweep that ended in an invariant subspace."""
+        beta = rows[:, -1].real
+        size = np.linalg.norm(rows[:, :-1], axis=1)
+        ended = np.flatnonzero(beta <= BREAKDOWN * size)
+        return int(ended[0]) if ended.size else None
+
+    def rotate(self, Q: np.ndarray, residual: int) -> None:
+        """Replace the first rows by the columns of Q, and the next one by row `residual`."""
+        xp, (count, kept) = self.xp, Q.shape
+        rotated = xp.asarray(np.ascontiguousarray(Q.T)) @ self.V[:count]
+        last = self.V[residual].copy()
+        self.V[:kept] = rotated
+        self.V[kept] = last
+
+    def combine(self, Y: np.ndarray) -> Any:
+        """Columns ``V^T Y`` of the space, shape (n, k), for Y of shape (count, k)."""
+        return (self.xp.asarray(np.ascontiguousarray(Y.T)) @ self.V[: len(Y)]).T

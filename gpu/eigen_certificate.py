@@ -1,0 +1,57 @@
+"""The proof that what `eigs` returns are eigenpairs: residuals recomputed from the matrices."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gpu.eigen_operator import Matrix, norm_of, unit_of
+from gpu.errors import NotConverged
+
+CERTIFIED = 1e-11  # |A x - lambda M x| over |A| + |lambda| |M|
+
+
+def certify(
+    matrix: Matrix,
+    mass: Matrix | None,
+    values: Any,
+    vectors: Any,
+    tol: float,
+    scale: float,
+) -> None:
+    """Raise unless every returned pair satisfies its equation."""
+    unit = unit_of(matrix)
+    scale = (scale or norm_of(matrix)) * unit
+    xp = matrix.xp
+    left = _product(matrix, vectors * unit)
+    right = vectors if mass is None else _product(mass, vectors)
+    values = values * unit
+    error = xp.linalg.norm(left - right * values, axis=0)
+    size = xp.linalg.norm(left, axis=0)
+    allowed = CERTIFIED * (
+        max(float(size.max()), scale) + xp.abs(values) * (1.0 if mass is None else norm_of(mass))
+    ) + 10 * tol * xp.abs(values)
+    good = error <= allowed
+    if not bool(good.all()):
+        worst = CERTIFIED * float((error[~good] / allowed[~good]).max())
+        raise NotConverged(
+            f"{int((~good).sum())} of {len(values)} pairs fail their certificate: |A x - lambda x| "
+            f"reaches {worst:.1e} |A|",
+            eigenvalues=values[good] / unit,
+            eigenvectors=vectors[:, good],
+        )
+
+
+def _product(matrix: Matrix, X: Any) -> Any:
+    if matrix.explicit is not None:
+        if matrix.real and X.dtype.kind == "c":
+            # Parts side by side: a mixed product would copy the matrix into complex numbers.
+            parts = matrix.explicit @ matrix.xp.concatenate((X.real, X.imag), axis=1)
+            return parts[:, : X.shape[1]] + 1j * parts[:, X.shape[1] :]
+        return matrix.explicit @ X
+    columns = []
+    for x in X.T:
+        if matrix.real and X.dtype.kind == "c":  # an operator of real vectors
+            columns.append(matrix.apply(x.real.copy()) + 1j * matrix.apply(x.imag.copy()))
+        else:
+            columns.append(matrix.apply(x.copy()))
+    return matrix.xp.stack(columns, axis=1)

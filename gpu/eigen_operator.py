@@ -1,0 +1,190 @@
+"""What `eigs` multiplies by: the arguments A, M and sigma as one operator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import linalg, sparse
+from scipy.sparse import linalg as sparse_linalg
+
+from gpu.arrays import array_module, cupy, to_host
+from gpu.errors import InputError
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """A square linear map on one side, host or device.
+
+    Attributes
+    ----------
+    n : int
+    real : bool
+    xp : module
+        numpy or cupy.
+    apply : callable x -> A x
+    explicit : array or sparse matrix or None
+        The entries, where there are any.
+    largest : float
+        The largest modulus among them.
+    """
+
+    n: int
+    real: bool
+    xp: Any
+    apply: Callable[[Any], Any]
+    explicit: Any
+    largest: float = np.nan
+
+    @property
+    def dtype(self) -> Any:
+        """float64 or complex128."""
+        return np.dtype(float if self.real else complex)
+
+    def dense(self) -> np.ndarray:
+        """All entries, on the host, shape (n, n); by n products where none are stored."""
+        if self.explicit is None:
+            identity = self.xp.eye(self.n, dtype=self.dtype)
+            columns = [to_host(self.apply(column)) for column in identity]
+            return np.array(columns).reshape(self.n, self.n).T
+        full = self.explicit.toarray() if hasattr(self.explicit, "toarray") else self.explicit
+        return to_host(full)
+
+
+def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
+    """Check an argument and say how to multiply by it.
+
+    Parameters
+    ----------
+    name : str
+    A : array, sparse matrix or LinearOperator of NumPy, SciPy or CuPy, or callable x -> A x
+    start : array, shape (n,), optional
+        Gives a callable its order, and the module and dtype of what it works on.
+
+    Raises
+    ------
+    InputError
+    """
+    if callable(A) and not hasattr(A, "shape"):
+        if start is None:
+            raise InputError(
+                f"{name}: a callable has no shape; pass v0, shape (n,), to give it one"
+            )
+        xp = array_module(start)
+        real = np.dtype(start.dtype).kind != "c" and _real_result(name, A, xp.asarray(start) * 1.0)
+        return Matrix(len(start), real, xp, A, None)
+    shape = getattr(A, "shape", None)
+    if shape is None:
+        A = np.asarray(A)
+        shape = A.shape
+    if len(shape) != 2 or shape[0] != shape[1] or shape[0] == 0:
+        raise InputError(f"{name} has shape {tuple(shape)}: it must be square and not empty")
+    kind = np.dtype(A.dtype).kind if A.dtype is not None else "f"
+    if kind not in "buifc":
+        raise InputError(f"{name} holds {A.dtype}: expected numbers")
+    dtype = complex if kind == "c" else float
+    if hasattr(A, "matvec"):
+        xp = array_module(A)
+        return Matrix(int(shape[0]), kind != "c", xp, A.matvec, None)
+    if hasattr(A, "tocsr"):
+        xp = np if sparse.issparse(A) else cupy()
+        A = A.tocsr().astype(dtype)
+        entries = A.data
+    else:
+        xp = array_module(A)
+        A = xp.ascontiguousarray(A, dtype=dtype)
+        entries = A
+    largest = _largest(entries, xp)
+    if not np.isfinite(largest):
+        raise InputError(f"{name} holds NaN or infinity")
+    return Matrix(int(shape[0]), kind != "c", xp, lambda x: A @ x, A, largest)
+
+
+def _largest(entries: Any, xp: Any) -> float:
+    """Largest modulus, NaN if there is one, without a copy of real entries."""
+    if not entries.size:
+        return 0.0
+    if entries.dtype.kind == "c":
+        return float(xp.abs(entries).max())
+    if xp is np:
+        return float(max(abs(float(entries.max())), abs(float(entries.min()))))
+    # On the device one pass over A instead of two: it costs as much as a product.
+    greatest = xp.ReductionKernel(
+        "T x",
+        "T y",
+        "abs(x)",
+        "(a >= b || a != a) ? a : b",
+        "y = a",
+        "0",
+        "largest_modulus",
+    )
+    return float(greatest(entries))
+
+
+def _real_result(name: str, A: Callable[[Any], Any], x: Any) -> bool:
+    y = A(x)
+    if getattr(y, "shape", None) != x.shape:
+        raise InputError(
+            f"{name}: maps a vector of shape {x.shape} to {getattr(y, 'shape', type(y).__name__)}"
+        )
+    return bool(y.dtype.kind != "c")
+
+
+def factorized(A: Any, xp: Any) -> Callable[[Any], Any] | None:
+    """Solve with an explicit matrix by its LU factors; None where it is exactly singular."""
+    if xp is np:
+        if hasattr(A, "tocsr"):
+            try:
+                factors = sparse_linalg.splu(sparse.csc_matrix(A))
+            except RuntimeError:
+                return None
+            return None if _singular(np.abs(factors.U.diagonal())) else factors.solve
+        lapack: Any = linalg.get_lapack_funcs(("getrf", "getrs"), (A,))
+        getrf, getrs = lapack
+        lu, pivots, _ = getrf(A)
+        if _singular(np.abs(np.diag(lu))):
+            return None
+        return lambda x: getrs(lu, pivots, x)[0]
+    if hasattr(A, "tocsr"):
+        from cupyx.scipy.sparse import csc_matrix  # type: ignore[import-not-found]
+        from cupyx.scipy.sparse.linalg import splu  # type: ignore[import-not-found]
+
+        try:
+            return splu(csc_matrix(A)).solve
+        except RuntimeError:
+            return None
+    from cupyx.scipy.linalg import lu_factor, lu_solve  # type: ignore[import-not-found]
+
+    device = lu_factor(A, check_finite=False)
+    if _singular(to_host(xp.abs(xp.diag(device[0])))):
+        return None
+    return lambda x: lu_solve(device, x, check_finite=False)
+
+
+def _singular(pivots: np.ndarray) -> bool:
+    """Whether a pivot is rounding: solving would blow up what the others have to say."""
+    limit = len(pivots) * np.finfo(float).eps * pivots.max(initial=0.0)
+    return not bool(np.all(pivots > limit))
+
+
+def norm_of(matrix: Matrix) -> float:
+    """A lower bound of the spectral norm, the largest column; zero where no entries are stored."""
+    if matrix.explicit is None or matrix.largest == 0.0:
+        return 0.0
+    scaled = abs(matrix.explicit) * (1.0 / matrix.largest)
+    squares = scaled.multiply(scaled) if hasattr(scaled, "tocsr") else scaled * scaled
+    return matrix.largest * float(np.sqrt(float(squares.sum(axis=0).max())))
+
+
+def unit_of(matrix: Matrix) -> float:
+    """Power of two that brings huge or tiny entries within reach of squares."""
+    if matrix.explicit is None:
+        probe = matrix.apply(matrix.xp.asarray(np.ones(matrix.n, dtype=matrix.dtype)))
+        size = float(matrix.xp.abs(probe).max())
+    else:
+        size = matrix.largest
+    if not np.isfinite(size) or size == 0 or 1e-100 < size < 1e100:
+        return 1.0
+    return float(2.0 ** -np.floor(np.log2(size)))

@@ -1,0 +1,341 @@
+"""A few eigenvalues of a large general matrix, on the host or on a device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+
+from gpu.arrays import array_module
+from gpu.eigen_certificate import certify
+from gpu.eigen_operator import Matrix, as_matrix, factorized, norm_of, unit_of
+from gpu.errors import InputError, NotConverged
+from gpu.krylov_schur import FLOOR, RESTARTS, krylov_schur
+from gpu.ordered_schur import Rank
+from gpu.spectrum_order import best_first, rank_of
+
+DENSE = 128  # up to this order all eigenvalues are computed: quick, and nothing can be missed
+FALLBACK = 4096  # up to this one where the iteration does not converge and entries are stored
+DROWNED = 1e-6  # rounding over the least wanted eigenvalue of the inverse
+
+
+def eigs(
+    A: Any,
+    k: int = 6,
+    M: Any = None,
+    sigma: Any = None,
+    which: str = "LM",
+    v0: Any = None,
+    ncv: int | None = None,
+    maxiter: int | None = None,
+    tol: float = 0.0,
+    return_eigenvectors: bool = True,
+    *,
+    restart: str = "krylov-schur",
+) -> Any:
+    r"""Find k eigenvalues and eigenvectors of ``A x = lambda x`` or ``A x = lambda M x``.
+
+    The signature is that of `scipy.sparse.linalg.eigs`; results live where A lives. Krylov-Schur
+    iteration with thick restarts; what has converged is challenged from random vectors before it
+    is returned, so that copies of repeated eigenvalues are found too, and every returned pair has
+    had its residual recomputed.
+
+    Parameters
+    ----------
+    A : array, sparse matrix or LinearOperator, shape (n, n), or callable x -> A x
+        Of NumPy and SciPy, or of CuPy; real or complex, computed in double precision. A callable
+        takes its order from `v0`.
+    k : int
+        From 1 to n.
+    M : array or sparse matrix, shape (n, n), optional
+        Must be invertible, or `sigma` be given.
+    sigma : number, optional
+        Eigenvalues nearest to sigma: the iteration runs with ``(A - sigma M)^-1 M``, whose
+        factors are computed once. Needs the entries of A.
+    which : {"LM", "SM", "LR", "SR", "LI", "SI"}
+        Largest or smallest modulus, real part, imaginary part (for real A its modulus). With
+        `sigma` it speaks of 1 / (lambda - sigma). "SM" with stored entries means ``sigma=0``.
+    v0 : array, shape (n,), optional
+        Start vector; a fixed random one by default.
+    ncv : int, optional
+        Dimension of the space, at least k + 3; default ``max(2 k + 20, 40)``.
+    maxiter : int, optional
+        Restarts; default about 40 n products.
+    tol : float
+        Residual relative to \|lambda\|. The default, 0, asks for 100 rounding units of \|A\|,
+        which is also the most that can be had.
+    return_eigenvectors : bool
+    restart : {"krylov-schur", "implicit"}
+        "implicit" restarts by explicitly shifted QR steps on the Hessenberg matrix (Sorensen 1992,
+        Algorithm 6 of the dissertation): the same spaces in exact arithmetic, kept for comparison.
+
+    Returns
+    -------
+    w : ndarray, shape (k,)
+        Complex, best first; conjugate pairs side by side. A pair that k cuts gives its member of
+        positive imaginary part.
+    v : ndarray, shape (n, k)
+        Unit columns; not with ``return_eigenvectors=False``.
+
+    Raises
+    ------
+    InputError
+    NotConverged
+        With attributes ``eigenvalues`` and ``eigenvectors``: what did converge.
+    MissingDependency
+
+    Notes
+    -----
+    Matrices of order up to 128 are decomposed fully, and so are those up to 4096 with stored
+    entries whose iteration does not converge, unless `maxiter` was given; for "SI" these always,
+    since values inside the spectrum can be missed, as by "SM" and "SI" with operators.
+
+    References
+    ----------
+    G. W. Stewart, A Krylov-Schur algorithm for large eigenproblems, SIAM J. Matrix Anal. Appl. 23
+    (2001). R. B. Lehoucq, D. C. Sorensen and C. Yang, ARPACK Users' Guide, SIAM 1998.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from gpu import eigs
+    >>> w, v = eigs(np.diag(np.arange(1.0, 301.0)), k=2)
+    >>> w.real.round(10)
+    array([300., 299.])
+    """
+    matrix, mass = as_matrix("A", A, v0), None if M is None else as_matrix("M", M)
+    n, xp = matrix.n, matrix.xp
+    k = _whole("k", k, 1, n)
+    if mass is not None:
+        _matching(matrix, mass)
+    start = None if v0 is None else _start(v0, n, xp)
+    if restart not in RESTARTS:
+        raise InputError(f"restart={restart!r}: expected one of {', '.join(RESTARTS)}")
+    if not isinstance(tol, int | float | np.floating) or not 0 <= tol < 1:
+        raise InputError(f"tol={tol!r}: expected a number from 0, below 1")
+    if maxiter is not None:
+        maxiter = _whole("maxiter", maxiter, 1, np.inf)
+    size = max(2 * k + 20, 40) if ncv is None else _whole("ncv", ncv, k + 2, np.inf)
+    size = max(size, k + 3)
+    if sigma is not None and not _finite_number(sigma):
+        raise InputError(f"sigma={sigma!r}: expected a finite number")
+    if sigma is None and which == "SM" and _stored(matrix, mass):
+        sigma, which = 0.0, "LM"
+    sigma = float(np.real(sigma)) if sigma is not None and np.imag(sigma) == 0 else sigma
+    rank = rank_of(which, matrix.real and (mass is None or mass.real) and np.isrealobj(sigma))
+
+    scale = 0.0  # a lower bound of |A|
+    stored = n <= FALLBACK and _stored(matrix, mass)
+    # The smallest imaginary parts lie inside the spectrum, where a Krylov space is blind.
+    if n <= max(DENSE, size + 1) or (which == "SI" and sigma is None and stored):
+        values, vectors = _decomposed(matrix, mass, sigma, rank, k)
+    else:
+        problem = _Problem.of(matrix, mass, sigma)
+        fallback = maxiter is None and stored
+        limit = maxiter or max(20, n // 10 if fallback else 40 * n // (size - k))
+        found = None
+        try:
+            found = krylov_schur(
+                problem.apply,
+                n,
+                k,
+                rank,
+                dtype=problem.dtype,
+                xp=xp,
+                ncv=size,
+                start=start,
+                tol=tol,
+                maxiter=limit,
+                restart=restart,
+            )
+        except FloatingPointError as error:
+            # Powers of an inverse may overflow although A is fine.
+            if not fallback:
+                raise InputError(f"A: {error}") from error
+        # Where sigma lies on an eigenvalue, rounding of its image drowns those of the others.
+        drowned = (
+            found is not None
+            and found.complete
+            and sigma is not None
+            and FLOOR * found.scale > DROWNED * np.abs(found.values[:k]).min()
+        )
+        if found is None or (fallback and (drowned or not found.complete)):
+            values, vectors = _decomposed(matrix, mass, sigma, rank, k)
+        else:
+            if mass is None and sigma is None:
+                scale = found.scale / unit_of(matrix)
+            theta, Y = linalg.eig(found.T) if len(found.T) else (np.zeros(0), np.zeros((0, 0)))
+            order = best_first(theta, rank, k, problem.dtype.kind == "f")
+            values, vectors = (
+                problem.values(theta[order]),
+                found.basis.combine(Y[:, order]),
+            )
+            if drowned:
+                raise NotConverged(
+                    f"sigma={sigma} lies too close to an eigenvalue to tell the next {k} apart: "
+                    "move it by a small part of their distance, or ask for fewer"
+                )
+            if not found.complete:
+                raise NotConverged(
+                    f"{len(order)} of {k} eigenvalues converged in {found.restarts} restarts "
+                    f"({found.matvecs} products) with ncv={size}; raise maxiter or ncv, loosen "
+                    "tol, or use sigma",
+                    eigenvalues=xp.asarray(values),
+                    eigenvectors=vectors,
+                )
+    vectors = xp.asarray(vectors)
+    vectors = vectors / xp.linalg.norm(vectors, axis=0)
+    values = xp.asarray(values)
+    try:
+        certify(matrix, mass, values, vectors, tol, scale)
+    except NotConverged:
+        # Shift and invert loses digits where sigma lies much closer to one eigenvalue than to
+        # the others.
+        if maxiter is not None or not stored:
+            raise
+        values, vectors = _decomposed(matrix, mass, sigma, rank, k)
+        values, vectors = xp.asarray(values), xp.asarray(vectors)
+        vectors = vectors / xp.linalg.norm(vectors, axis=0)
+        certify(matrix, mass, values, vectors, tol, scale)
+    return (values, vectors) if return_eigenvectors else values
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """The operator of the iteration and the way back from its eigenvalues."""
+
+    apply: Callable[[Any], Any]
+    dtype: Any
+    values: Callable[[np.ndarray], np.ndarray]
+
+    @classmethod
+    def of(cls, matrix: Matrix, mass: Matrix | None, sigma: Any) -> _Problem:
+        real = matrix.real and (mass is None or mass.real) and np.isrealobj(sigma)
+        dtype = np.dtype(float if real else complex)
+        unit = unit_of(matrix)
+        if sigma is None and mass is None:
+            if unit == 1.0:
+                return cls(matrix.apply, dtype, lambda theta: theta)
+            return cls(lambda x: matrix.apply(x * unit), dtype, lambda theta: theta / unit)
+        if mass is not None and mass.explicit is None:
+            raise InputError("M: an operator cannot be factored; pass its entries")
+        xp = matrix.xp
+        if sigma is None:
+            assert mass is not None
+            solve = factorized(mass.explicit, xp)
+            if solve is None:
+                raise InputError("M is singular: give sigma, so that A - sigma M is factored")
+            by_mass = solve
+            return cls(lambda x: by_mass(matrix.apply(x * unit)), dtype, lambda t: t / unit)
+        if matrix.explicit is None:
+            raise InputError(
+                "sigma: A is an operator and cannot be factored; pass eigs an operator of "
+                "(A - sigma)^-1 and take sigma + 1 / w"
+            )
+        shift, solve = sigma, None
+        for attempt in range(3):
+            # Where sigma is an eigenvalue the shift moves off it by round-off of half precision.
+            solve = factorized(_shifted(matrix, mass, shift * unit, unit), xp)
+            if solve is not None:
+                break
+            step = 1e-9 * 10**attempt * (norm_of(matrix) or 1.0)
+            shift = sigma + step / (1.0 if mass is None else norm_of(mass) or 1.0)
+        if solve is None:
+            raise InputError("A - sigma M is singular for every sigma that was tried")
+        if mass is None:
+            return cls(solve, dtype, lambda theta: shift + 1.0 / (theta * unit))
+        weigh, inverse = mass.apply, solve
+        return cls(lambda x: inverse(weigh(x)), dtype, lambda theta: shift + 1.0 / (theta * unit))
+
+
+def _shifted(matrix: Matrix, mass: Matrix | None, sigma: Any, unit: float) -> Any:
+    """``unit A - sigma M``, shaped like A."""
+    A, xp = matrix.explicit * unit, matrix.xp
+    if hasattr(A, "tocsr"):
+        if xp is np:
+            from scipy import sparse
+        else:
+            from cupyx.scipy import sparse  # type: ignore[import-not-found,no-redef]
+        B = sparse.identity(matrix.n, format="csr") if mass is None else mass.explicit
+        if not hasattr(B, "tocsr"):
+            return A.toarray() - sigma * B
+        return A - sigma * B
+    if mass is not None and hasattr(mass.explicit, "tocsr"):
+        return A - sigma * mass.explicit.toarray()
+    if mass is not None:
+        return A - sigma * mass.explicit
+    shifted = A.astype(np.result_type(A.dtype, type(sigma)))
+    places = xp.arange(matrix.n)
+    shifted[places, places] -= sigma
+    return shifted
+
+
+def _decomposed(
+    matrix: Matrix, mass: Matrix | None, sigma: Any, rank: Rank, k: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """All eigenvalues by LAPACK on the host, the k best returned."""
+    unit = unit_of(matrix)
+    full = matrix.dense() * unit  # LAPACK's own scaling does not bring all eigenvalues back
+    if not np.all(np.isfinite(full)):
+        raise InputError("A: A v is not finite")
+    if sigma is not None:
+        sigma = sigma * unit
+    if mass is None:
+        values, vectors = linalg.eig(full)
+        finite = np.ones(values.size, dtype=bool)
+    else:
+        (alpha, beta), vectors = linalg.eig(full, mass.dense(), homogeneous_eigvals=True)
+        finite = np.abs(beta) > 1e-14 * np.abs(beta).max()
+        if finite.sum() < k or (sigma is None and not finite.all()):
+            raise InputError(
+                f"M is singular: {int(finite.sum())} eigenvalues are finite; give sigma and k <= "
+                f"{int(finite.sum())}"
+            )
+        values = alpha[finite] / beta[finite]
+        vectors = vectors[:, finite]
+    key = values
+    if sigma is not None:
+        distance = values - sigma
+        tiny = 1e-300 + 1e-15 * np.abs(values).max(initial=0.0)
+        key = 1.0 / np.where(np.abs(distance) < tiny, tiny, distance)
+    real = matrix.real and (mass is None or mass.real) and np.isrealobj(sigma)
+    order = best_first(key, rank, k, real, values)
+    return values[order] / unit, vectors[:, order]
+
+
+def _stored(matrix: Matrix, mass: Matrix | None) -> bool:
+    return matrix.explicit is not None and (mass is None or mass.explicit is not None)
+
+
+def _matching(matrix: Matrix, mass: Matrix) -> None:
+    if mass.n != matrix.n:
+        raise InputError(f"M has order {mass.n}, A has {matrix.n}")
+    if mass.xp is not matrix.xp:
+        raise InputError("M and A live on different sides: move one of them")
+
+
+def _finite_number(value: Any) -> bool:
+    return isinstance(value, int | float | complex | np.number) and bool(np.isfinite(value))
+
+
+def _whole(name: str, value: Any, least: float, most: float) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise InputError(f"{name}={value!r}: expected a whole number")
+    if not least <= value <= most:
+        upper = "" if most == np.inf else f" to {most:.0f}"
+        raise InputError(f"{name}={value}: expected a whole number from {least:.0f}{upper}")
+    return int(value)
+
+
+def _start(v0: Any, n: int, xp: Any) -> Any:
+    if array_module(v0) is not xp:
+        raise InputError("v0 and A live on different sides: move one of them")
+    vector = xp.asarray(v0)
+    if vector.shape != (n,) or vector.dtype.kind not in "buifc":
+        raise InputError(f"v0 has shape {vector.shape}: expected ({n},)")
+    if not bool(xp.all(xp.isfinite(vector))) or not bool(xp.any(vector != 0)):
+        raise InputError("v0: expected finite numbers, not all zero")
+    return vector

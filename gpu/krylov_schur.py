@@ -1,0 +1,206 @@
+"""Krylov-Schur iteration with a challenge that looks for eigenvalues it may have missed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gpu.arnoldi import Arnoldi
+from gpu.implicit_restart import shifted_qr
+from gpu.ordered_schur import Rank, ordered_schur, whole
+
+RESTARTS = ("krylov-schur", "implicit")
+FLOOR = 100 * np.finfo(float).eps  # residuals below this times |A| are round-off
+
+
+@dataclass(frozen=True)
+class PartialSchur:
+    """The outcome: ``A U = U T`` up to the residual, U the leading basis vectors.
+
+    Attributes
+    ----------
+    T : ndarray, shape (c, c)
+        Of the converged part, best eigenvalues first.
+    values : ndarray, shape (c,)
+    basis : Arnoldi
+    scale : float
+        Norm of A on the spaces it was applied to: a lower bound of |A|.
+    restarts, matvecs : int
+    complete : bool
+        Whether the wanted eigenvalues have converged and have stood the challenge.
+    """
+
+    T: np.ndarray
+    values: np.ndarray
+    basis: Arnoldi
+    scale: float
+    restarts: int
+    matvecs: int
+    complete: bool
+
+
+def krylov_schur(
+    apply: Callable[[Any], Any],
+    n: int,
+    k: int,
+    rank: Rank,
+    *,
+    dtype: Any,
+    xp: Any,
+    ncv: int,
+    start: Any = None,
+    tol: float = 0.0,
+    maxiter: int = 1000,
+    restart: str = "krylov-schur",
+) -> PartialSchur:
+    r"""The k best eigenvalues of A, by rank, with their Schur basis.
+
+    The decomposition
+
+    .. math::
+        A V_m = V_m S_m + v_{m+1} b^*
+
+    is brought to Schur form, its wanted part moved to the front and the rest cut off; Arnoldi steps
+    fill it up again. The leading c Schur vectors have converged when
+    :math:`|b_{1..c}| \le \max(tol\,|\theta_c|,\ 100\,\epsilon\,|A|)`.
+
+    A Krylov space of one vector holds one eigenvector of a repeated eigenvalue only, and may be
+    blind to others. So the converged part is challenged: it is kept, and the iteration goes on from
+    a random vector orthogonal to it, until the best of the newcomers has converged or its residual
+    shows it to be worse than all that is wanted. Whatever is better comes in, and is challenged
+    again.
+
+    Parameters
+    ----------
+    apply : callable x -> A x
+    n, k : int
+    rank : callable
+        Of eigenvalues; the larger, the more wanted. Must change by at most |d| when the eigenvalue
+        moves by d.
+    dtype, xp
+        See `Arnoldi`.
+    ncv : int
+        Dimension m of the space, k + 3 <= ncv <= n - 1.
+    start : array, optional
+    tol : float
+    maxiter : int
+        Of restarts.
+    restart : {"krylov-schur", "implicit"}
+        How the space shrinks until it is challenged; see `implicit_restart.shifted_qr`.
+
+    References
+    ----------
+    G. W. Stewart, A Krylov-Schur algorithm for large eigenproblems, SIAM J. Matrix Anal. Appl. 23
+    (2001).
+    """
+    basis = Arnoldi(apply, n, ncv, dtype, xp)
+    basis.start(0, start)
+    S = np.zeros((ncv, ncv), dtype=dtype)
+    kept, scale = 0, 0.0
+    locked = 0  # rows that a challenge began with
+    hessenberg = restart == "implicit"
+    champions: np.ndarray | None = None  # ranks of the wanted that a challenge has to better
+    count, goal = 1, ncv
+    while count <= maxiter:
+        rows = basis.sweep(kept, goal)
+        if not np.all(np.isfinite(rows)):
+            raise FloatingPointError(f"A v is not finite after {basis.matvecs} products")
+        ended = basis.broken(rows)
+        size = goal if ended is None else kept + ended + 1
+        for j in range(kept, size):
+            S[: j + 1, j] = rows[j - kept, : j + 1]
+            if j + 1 < size:
+                S[j + 1, j] = rows[j - kept, -1].real
+                S[j + 2 :, j] = 0.0
+        beta = 0.0 if ended is not None else rows[-1, -1].real
+        scale = max(scale, float(np.linalg.norm(S[:size, :size], axis=0).max()))
+        T, Q, values = ordered_schur(S[:size, :size], rank, leading=size)
+        spike = beta * Q[size - 1]
+        converged = _leading(T, values, spike, tol, FLOOR * scale)
+
+        fresh = ended is not None
+        if converged >= k:
+            ranks = np.sort(rank(values[:converged]))[::-1][:k]
+            slack = 1e-9 * np.abs(ranks) + FLOOR * scale  # what rounding may better them by
+            if champions is None or np.any(ranks > champions + slack):
+                champions, fresh = ranks, True
+            elif _unbeaten(rank, T, values, spike, converged, locked, ranks[-1]):
+                basis.rotate(Q[:, :converged], size)
+                return PartialSchur(
+                    T[:converged, :converged],
+                    values[:converged],
+                    basis,
+                    scale,
+                    count,
+                    basis.matvecs,
+                    True,
+                )
+        if champions is not None and not fresh and size < ncv:
+            # A challenge may be settled half way; if not, the space goes on growing.
+            S[size, size - 1] = beta
+            kept, goal = size, ncv
+            continue
+        if fresh and champions is not None:
+            keep = min(converged, max(whole(T, k), ncv // 2))
+        elif fresh:
+            keep = min(size, ncv - 1)
+        else:
+            keep = max(k + converged // 2, ncv // 2)
+        keep = whole(T, min(keep, ncv - 2, size))
+        projected, spike = T[:keep, :keep], spike[:keep]
+        if fresh:
+            basis.rotate(Q[:, :keep], size)
+            basis.start(keep)
+            hessenberg, spike, locked = False, np.zeros(keep), keep
+        elif hessenberg:
+            Q, projected, spike = shifted_qr(S, beta, values, keep)
+            basis.rotate(Q, size)
+        else:
+            basis.rotate(Q[:, :keep], size)
+            spike[: min(converged, keep)] = 0.0
+        S[:] = 0.0
+        S[:keep, :keep], S[keep, :keep] = projected, spike
+        kept, count = keep, count + 1
+        goal = (kept + ncv + 1) // 2 if fresh and champions is not None else ncv
+    converged = min(converged, kept)
+    return PartialSchur(
+        T[:converged, :converged],
+        values[:converged],
+        basis,
+        scale,
+        maxiter,
+        basis.matvecs,
+        False,
+    )
+
+
+def _leading(T: np.ndarray, values: np.ndarray, spike: np.ndarray, tol: float, floor: float) -> int:
+    """How many leading Schur vectors have converged; conjugate pairs together."""
+    count = 0
+    while count < len(values):
+        following = whole(T, count + 1)
+        limit = max(tol * float(np.abs(values[count])), floor)
+        if np.linalg.norm(spike[:following]) > limit:
+            break
+        count = following
+    return count
+
+
+def _unbeaten(
+    rank: Rank,
+    T: np.ndarray,
+    values: np.ndarray,
+    spike: np.ndarray,
+    converged: int,
+    locked: int,
+    worst: float,
+) -> bool:
+    """Whether the best newcomer has converged or cannot outrank the worst of the wanted."""
+    if converged > locked or converged == len(values):
+        return True
+    following = whole(T, converged + 1)
+    moved = float(np.linalg.norm(spike[converged:following]))
+    return bool(rank(values[converged : converged + 1])[0] + moved < worst)

@@ -1,0 +1,77 @@
+"""Schur form of the small projected matrix, its leading blocks in a wanted order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.linalg.lapack import dgees, dtrexc, zgees, ztrexc
+
+Array = np.ndarray
+Rank = Callable[[Array], Array]
+
+
+def eigenvalues_of(T: Array) -> Array:
+    """Diagonal eigenvalues of a Schur form, complex, in the order of its rows.
+
+    A conjugate pair of a real form sits in a block of two rows, positive imaginary part first.
+    """
+    values = T.diagonal().astype(complex)
+    if np.iscomplexobj(T):
+        return values
+    pair = np.flatnonzero(T.diagonal(-1))
+    # LAPACK's standard block: equal diagonal entries, off-diagonal ones of opposite sign.
+    imaginary = np.sqrt(np.abs(T[pair, pair + 1])) * np.sqrt(np.abs(T[pair + 1, pair]))
+    values[pair] += 1j * imaginary
+    values[pair + 1] -= 1j * imaginary
+    return values
+
+
+def ordered_schur(S: Array, rank: Rank, leading: int) -> tuple[Array, Array, Array]:
+    """``S = Q T Q^*`` with the best eigenvalues first.
+
+    Parameters
+    ----------
+    S : ndarray, shape (m, m)
+    rank : callable (values,) -> ndarray
+        The larger, the earlier; equal for the two of a conjugate pair.
+    leading : int
+        How many rows to put in order; blocks of two rows stay whole.
+
+    Returns
+    -------
+    T, Q : ndarray, shape (m, m)
+    values : ndarray, shape (m,)
+        Complex eigenvalues in the order of T's rows.
+
+    References
+    ----------
+    Z. Bai and J. W. Demmel, On swapping diagonal blocks in real Schur form, Linear Algebra Appl.
+    186 (1993): LAPACK's trexc.
+    """
+    gees, trexc = (zgees, ztrexc) if np.iscomplexobj(S) else (dgees, dtrexc)
+    found = gees(lambda *_: 0, S, sort_t=0)
+    T, Q, info = found[0], found[-3], found[-1]
+    if info:
+        raise np.linalg.LinAlgError(f"Schur form: info {info}")
+    values = eigenvalues_of(T)
+    place = 0
+    while place < min(leading, len(S)):
+        better = rank(values[place:])
+        # The first of the best, unless what is here is as good: rounding must not shuffle.
+        best = place + int(np.argmax(better))
+        if best > place and better[best - place] > better[0]:
+            T, Q, _ = trexc(T, Q, best + 1, place + 1, overwrite_a=1, overwrite_q=1)
+            values = eigenvalues_of(T)
+        place += _block(T, place)
+    return T, Q, values
+
+
+def whole(T: Array, count: int) -> int:
+    """The smallest number of rows from `count` on that splits no conjugate pair."""
+    return count + (_block(T, count - 1) - 1 if 0 < count < len(T) else 0)
+
+
+def _block(T: Array, place: int) -> int:
+    """Rows of the block that begins here: one, or two."""
+    return 2 if place + 1 < len(T) and T[place + 1, place] != 0 else 1
