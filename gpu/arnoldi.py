@@ -9,6 +9,7 @@ import numpy as np
 
 from gpu.arrays import to_host
 
+ONE_LAUNCH = 2048  # up to this order launches cost more than a library product gains
 BREAKDOWN = 20 * np.finfo(float).eps  # beta below this times |A v| is round-off: invariant
 
 
@@ -30,6 +31,8 @@ class Arnoldi:
         numpy or cupy.
     seed : int
         Of the vectors that take the place of broken-down ones.
+    matrix : array, optional
+        The entries of A, where `apply` multiplies by just these.
 
     References
     ----------
@@ -38,7 +41,14 @@ class Arnoldi:
     """
 
     def __init__(
-        self, apply: Callable[[Any], Any], n: int, size: int, dtype: Any, xp: Any, seed: int = 0
+        self,
+        apply: Callable[[Any], Any],
+        n: int,
+        size: int,
+        dtype: Any,
+        xp: Any,
+        seed: int = 0,
+        matrix: Any = None,
     ) -> None:
         self.xp, self.size, self.matvecs = xp, size, 0
         self.V = xp.zeros((size + 1, n), dtype=dtype)
@@ -46,11 +56,13 @@ class Arnoldi:
         self._rng = np.random.default_rng(seed)
         # Row j: the coefficients of A v_j, then |v| of what is left of it.
         self._coefficients = xp.zeros((size, size + 2), dtype=dtype)
-        self._steps = None
+        self._steps = self._matrix = None
         if xp is not np and np.dtype(dtype) == np.float64:
             from gpu.arnoldi_kernels import FusedSteps
 
             self._steps = FusedSteps(self.V, self._coefficients)
+            if matrix is not None and n <= ONE_LAUNCH and self._steps.multiplies(matrix):
+                self._matrix = matrix
 
     def start(self, place: int, vector: Any = None) -> None:
         """Make row `place` a unit vector orthogonal to those before it; random by default."""
@@ -89,6 +101,10 @@ class Arnoldi:
             in the last. Where beta_j is round-off, later rows mean nothing: see `broken`.
         """
         xp, V = self.xp, self.V
+        if self._matrix is not None and self._steps is not None:
+            self._steps.sweep(self._matrix, first, last)
+            self.matvecs += last - first
+            return to_host(self._coefficients[first:last])
         for j in range(first, last):
             w = self._apply(V[j])
             row = self._coefficients[j]

@@ -150,6 +150,7 @@ def eigs(
                 tol=tol,
                 maxiter=limit,
                 restart=restart,
+                matrix=problem.matrix,
             )
         except FloatingPointError as error:
             # Powers of an inverse may overflow although A is fine.
@@ -210,6 +211,7 @@ class _Problem:
     apply: Callable[[Any], Any]
     dtype: Any
     values: Callable[[np.ndarray], np.ndarray]
+    matrix: Any = None
 
     @classmethod
     def of(cls, matrix: Matrix, mass: Matrix | None, sigma: Any) -> _Problem:
@@ -218,7 +220,7 @@ class _Problem:
         unit = unit_of(matrix)
         if sigma is None and mass is None:
             if unit == 1.0:
-                return cls(matrix.apply, dtype, lambda theta: theta)
+                return cls(matrix.apply, dtype, lambda theta: theta, matrix.explicit)
             return cls(lambda x: matrix.apply(x * unit), dtype, lambda theta: theta / unit)
         if mass is not None and mass.explicit is None:
             raise InputError("M: an operator cannot be factored; pass its entries")

@@ -55,6 +55,7 @@ def krylov_schur(
     tol: float = 0.0,
     maxiter: int = 1000,
     restart: str = "krylov-schur",
+    matrix: Any = None,
 ) -> PartialSchur:
     r"""The k best eigenvalues of A, by rank, with their Schur basis.
 
@@ -80,7 +81,7 @@ def krylov_schur(
     rank : callable
         Of eigenvalues; the larger, the more wanted. Must change by at most |d| when the eigenvalue
         moves by d.
-    dtype, xp
+    dtype, xp, matrix
         See `Arnoldi`.
     ncv : int
         Dimension m of the space, k + 3 <= ncv <= n - 1.
@@ -96,7 +97,7 @@ def krylov_schur(
     G. W. Stewart, A Krylov-Schur algorithm for large eigenproblems, SIAM J. Matrix Anal. Appl. 23
     (2001).
     """
-    basis = Arnoldi(apply, n, ncv, dtype, xp)
+    basis = Arnoldi(apply, n, ncv, dtype, xp, matrix=matrix)
     basis.start(0, start)
     S = np.zeros((ncv, ncv), dtype=dtype)
     kept, scale = 0, 0.0

@@ -1,0 +1,185 @@
+"""Shift and invert, pencils, operators, restarts, singular values, bad input; on the device too."""
+
+import numpy as np
+import pytest
+from scipy import linalg, sparse
+from scipy.sparse.linalg import LinearOperator
+from scipy.sparse.linalg import eigs as arpack
+
+from gpu import GpuError, InputError, NotConverged, eigs, svds
+
+N = 200
+
+
+def matrix(seed=0, dtype=float):
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((N, N)) / np.sqrt(N)
+    if dtype is complex:
+        A = A + 1j * rng.standard_normal((N, N)) / np.sqrt(N)
+    return A + np.diag(np.r_[np.linspace(6, 3, 12), np.zeros(N - 12)])
+
+
+def nearest(values, sigma, k):
+    return values[np.argsort(np.abs(values - sigma))[:k]]
+
+
+def same(found, wanted):
+    """Sets of values agree within rounding of moderate condition; order is another matter."""
+    assert len(found) == len(wanted)
+    apart = np.abs(np.asarray(found)[:, None] - np.asarray(wanted)[None])
+    assert apart.min(axis=0).max() < 1e-9
+    assert apart.min(axis=1).max() < 1e-9
+
+
+@pytest.mark.parametrize("dtype", [float, complex])
+@pytest.mark.parametrize("restart", ["krylov-schur", "implicit"])
+def test_restarts_agree_with_lapack(dtype, restart):
+    A = matrix(1, dtype)
+    w, v = eigs(A, 5, ncv=20, restart=restart)
+    true = np.linalg.eigvals(A)
+    same(w, true[np.argsort(-np.abs(true))[:5]])
+    assert np.linalg.norm(A @ v - v * w, axis=0).max() < 1e-11
+
+
+@pytest.mark.parametrize("stored", [np.asarray, sparse.csr_matrix, sparse.csc_array])
+@pytest.mark.parametrize("sigma", [4.1, 1.0 + 0.5j])
+def test_shift_and_invert(stored, sigma):
+    A = matrix(2)
+    w, v = eigs(stored(A), 3, sigma=sigma)
+    same(w, nearest(np.linalg.eigvals(A), sigma, 3))
+    assert np.linalg.norm(A @ v - v * w, axis=0).max() < 1e-10
+
+
+@pytest.mark.parametrize("sigma", [None, 2.5])
+def test_pencil(sigma):
+    A = matrix(3)
+    M = np.diag(np.linspace(1.0, 2.0, N)) + 0.01 * matrix(4)
+    w, v = eigs(A, 3, M=M, sigma=sigma)
+    true = linalg.eigvals(A, M)
+    wanted = true[np.argsort(-np.abs(true))[:3]] if sigma is None else nearest(true, sigma, 3)
+    same(w, wanted)
+    assert np.linalg.norm(A @ v - M @ v * w, axis=0).max() < 1e-10
+
+
+def test_operators_and_callables_give_what_the_matrix_gives():
+    A = matrix(5)
+    w = eigs(A, 4, return_eigenvectors=False)
+    same(eigs(LinearOperator(A.shape, matvec=lambda x: A @ x, dtype=float), 4)[0], w)
+    same(eigs(lambda x: A @ x, 4, v0=np.ones(N))[0], w)
+    same(eigs(sparse.csr_array(A), 4)[0], w)
+
+
+def test_order_and_shapes_are_those_of_scipy():
+    A = matrix(6)
+    w, v = eigs(A, 4)
+    s, u = arpack(A, 4, v0=np.ones(N))
+    assert w.shape == s.shape
+    assert v.shape == u.shape
+    same(w, s)
+    assert np.all(np.diff(np.abs(w)) < 1e-12)
+
+
+def test_not_converged_carries_what_converged():
+    A = np.random.default_rng(7).standard_normal((400, 400))
+    with pytest.raises(NotConverged) as caught:
+        eigs(A, 10, ncv=24, maxiter=4)
+    w, v = caught.value.eigenvalues, caught.value.eigenvectors
+    assert len(w) < 10
+    assert v.shape == (400, len(w))
+    if len(w):
+        assert np.linalg.norm(A @ v - v * w, axis=0).max() < 1e-9 * np.linalg.norm(A, 2)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 5])
+def test_all_eigenvalues_of_small_matrices(size):
+    A = np.random.default_rng(size).standard_normal((size, size))
+    same(eigs(A, size)[0], np.linalg.eigvals(A))
+
+
+BAD = {
+    "A has shape": lambda: eigs(np.zeros((3, 4))),
+    "NaN": lambda: eigs(np.full((4, 4), np.nan), 1),
+    "k=7": lambda: eigs(np.eye(6), 7),
+    "k=0": lambda: eigs(np.eye(6), 0),
+    "which=": lambda: eigs(np.eye(6), 2, which="XX"),
+    "tol=": lambda: eigs(np.eye(6), 2, tol=-1.0),
+    "restart=": lambda: eigs(np.eye(6), 2, restart="none"),
+    "v0 has shape": lambda: eigs(np.eye(6), 2, v0=np.ones(5)),
+    "M has order": lambda: eigs(np.eye(6), 2, M=np.eye(5)),
+    "M is singular": lambda: eigs(np.eye(6), 6, M=np.zeros((6, 6))),
+    "sigma=": lambda: eigs(np.eye(6), 2, sigma=np.inf),
+}
+
+
+@pytest.mark.parametrize("words", BAD)
+def test_bad_input(words):
+    with pytest.raises(InputError, match=words):
+        BAD[words]()
+
+
+@pytest.mark.parametrize("shape", [(300, 200), (150, 260)])
+@pytest.mark.parametrize("kind", ["real", "complex", "sparse", "low rank", "repeated"])
+def test_singular_values(shape, kind):
+    rng = np.random.default_rng(8)
+    A = rng.standard_normal(shape)
+    if kind == "complex":
+        A = A + 1j * rng.standard_normal(shape)
+    if kind == "low rank":
+        A = rng.standard_normal((shape[0], 3)) @ rng.standard_normal((3, shape[1]))
+    if kind == "repeated":
+        U, s, V = np.linalg.svd(A, full_matrices=False)
+        A = (U * np.r_[[9.0] * 4, s[4:] / s[4]]) @ V
+    u, s, vh = svds(sparse.csr_array(A) if kind == "sparse" else A, 5)
+    size = np.linalg.norm(A, 2)
+    assert s == pytest.approx(np.linalg.svd(A, compute_uv=False)[:5][::-1], abs=1e-11 * size)
+    assert np.abs(u.conj().T @ u - np.eye(5)).max() < 1e-12
+    assert np.abs(vh @ vh.conj().T - np.eye(5)).max() < 1e-12
+    assert np.linalg.norm(A @ vh.conj().T - u * s) < 1e-9 * size
+
+
+def test_smallest_singular_values_and_operators():
+    A = np.random.default_rng(9).standard_normal((180, 150))
+    true = np.linalg.svd(A, compute_uv=False)
+    assert svds(A, 2, which="SM")[1] == pytest.approx(true[-2:][::-1], rel=1e-10)
+    operator = LinearOperator(A.shape, matvec=lambda x: A @ x, rmatvec=lambda x: A.T @ x)
+    assert svds(operator, 2)[1] == pytest.approx(true[:2][::-1], rel=1e-12)
+    with pytest.raises(GpuError, match="k=151"):
+        svds(A, 151)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("kind", ["dense", "complex", "sparse", "sigma", "pencil", "odd"])
+def test_device_gives_what_the_host_gives(kind):
+    cupy = pytest.importorskip("cupy", reason="no CuPy: pip install 'skfem-adini[cuda13]'")
+    if not cupy.cuda.is_available():
+        pytest.skip("no CUDA device")
+    A = matrix(10, complex if kind == "complex" else float)
+    A = A[:-1, :-1] if kind == "odd" else A
+    options, moved = {}, {}
+    if kind == "sigma":
+        options = moved = {"sigma": 3.3}
+    if kind == "pencil":
+        M = np.diag(np.linspace(1.0, 2.0, N))
+        options, moved = {"M": M}, {"M": cupy.asarray(M)}
+    device = cupy.asarray(A)
+    if kind == "sparse":
+        from cupyx.scipy.sparse import csr_matrix
+
+        device = csr_matrix(device)
+    w, v = eigs(device, 5, **moved)
+    assert isinstance(w, cupy.ndarray)
+    assert isinstance(v, cupy.ndarray)
+    same(w.get(), eigs(A, 5, **options)[0])
+    right = v if kind != "pencil" else moved["M"] @ v
+    assert float(cupy.abs(device @ v - right * w).max()) < 1e-10
+
+
+@pytest.mark.gpu
+def test_device_singular_values():
+    cupy = pytest.importorskip("cupy", reason="no CuPy: pip install 'skfem-adini[cuda13]'")
+    if not cupy.cuda.is_available():
+        pytest.skip("no CUDA device")
+    A = np.random.default_rng(11).standard_normal((400, 300))
+    u, s, vh = svds(cupy.asarray(A), 4)
+    assert s.get() == pytest.approx(np.linalg.svd(A, compute_uv=False)[:4][::-1], rel=1e-12)
+    assert float(cupy.abs(u * s - cupy.asarray(A) @ vh.T).max()) < 1e-10
