@@ -388,13 +388,7 @@ class LayeredBlock(Solid):
 
     @property
     def basis(self) -> Any:
-        """None is built.
-
-        Raises
-        ------
-        InputError
-            Always.
-        """
+        """None is built: an `InputError` that names the way out."""
         raise InputError(
             "a LayeredBlock has no mesh and no Basis, which this needs; block.elastic() is the "
             "same body with them, and result.sample(points) evaluates the solution anywhere"
