@@ -5,6 +5,7 @@ or on a device; `QPFactor` serves many problems with one matrix,
 every `QPResult` carries residuals recomputed from the problem, and every failure is a `GpuError`.
 """
 
+from gpu.batch import batch_solve_qp
 from gpu.box_qp import Step
 from gpu.eigs import eigs
 from gpu.errors import (
@@ -19,6 +20,7 @@ from gpu.errors import (
 from gpu.kkt import KKT
 from gpu.problem import QPFactor
 from gpu.qp import solve_qp
+from gpu.qpsolvers_backend import register_qpsolvers
 from gpu.result import QPResult, Status
 from gpu.svds import svds
 
@@ -35,7 +37,9 @@ __all__ = [
     "Status",
     "Step",
     "Unbounded",
+    "batch_solve_qp",
     "eigs",
+    "register_qpsolvers",
     "solve_qp",
     "svds",
 ]

@@ -22,7 +22,7 @@ from gpu.program import Array, Matrix, Program, is_sparse
 
 # Rounding in a sum, over its terms; and the margin of a proof over the terms of its sums.
 ROUNDING, MARGIN = 1e-12, 1e-9
-# Multipliers that are small beside the largest are tried without.
+# Entries that are small beside the largest are left out, in the end.
 SMALL = (1e-12, 1e-9, 1e-7, 1e-5)
 CLOSE, PROJECTED = 1e-8, 4_000_000
 Solve = Callable[[Program], Array]
@@ -123,15 +123,15 @@ def ray(p: Program, solve: Solve) -> Array | None:
     largest = float(xp.abs(d).max())
     if not largest or not np.isfinite(largest):
         return None
-    d = d / largest
-    d = xp.where(xp.abs(d) <= ROUNDING, 0.0, d)
-    d = xp.clip(d, cone.lb, cone.ub)
-    length = xp.abs(d)
-    along, terms = rows @ d, abs(rows) @ length
-    outside = xp.maximum(cone.row_low - along, along - cone.row_high)
-    if bool((outside > 1e-10 * terms + 1e-13 * float(terms.max())).any()):
-        return None
-    return d if float(p.q @ d) < -MARGIN * float(xp.abs(p.q) @ length) else None
+    for small in SMALL:
+        v = xp.clip(xp.where(xp.abs(d) <= small * largest, 0.0, d / largest), cone.lb, cone.ub)
+        length = xp.abs(v)
+        along, terms = rows @ v, abs(rows) @ length
+        outside = xp.maximum(cone.row_low - along, along - cone.row_high)
+        straight = bool((outside <= 1e-10 * terms + ROUNDING * float(terms.max())).all())
+        if straight and float(p.q @ v) < -MARGIN * float(xp.abs(p.q) @ length):
+            return v
+    return None
 
 
 def _transposed(C: Matrix) -> Matrix:
