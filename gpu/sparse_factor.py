@@ -49,6 +49,8 @@ class SuperLUFactor:
     def factor(self, diagonal: Vector) -> None:
         """Factor the matrix with this diagonal; raises `LinAlgError`."""
         self._matrix.data[self._place] = diagonal
+        if not np.isfinite(diagonal).all():
+            raise np.linalg.LinAlgError("the matrix has entries that are not finite")
         try:
             self._lu = splu(
                 self._matrix,
@@ -142,6 +144,9 @@ class PardisoFactor:
             root = 1.0 / np.sqrt(size)
             self._data *= root[self._row] * root[self._column]
             self._root *= root
+        if not np.isfinite(self._data).all():
+            # PARDISO writes outside its memory where a matrix has NaN or infinities.
+            raise np.linalg.LinAlgError("the matrix has entries that are not finite")
         self._call(22, self._nothing, self._nothing)
 
     def solve(self, r: Vector) -> Vector:
