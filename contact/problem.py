@@ -101,6 +101,11 @@ class ContactProblem:
         self._condensed: tuple[str, CondensedContact] | None = None
         self.motion = self.boundaries.motion(obstacle)
         self.friction = self.boundaries.friction(friction)
+        if law is None and np.any(self.friction > 0):
+            raise InputError(
+                "friction: law=None is contact without friction; leave friction out, or choose "
+                "law='coulomb' or 'tresca'"
+            )
         self.law = law if np.any(self.friction > 0) else None
         if obstacle is None and self.law != "tresca":
             raise InputError(

@@ -306,6 +306,11 @@ BAD = {
     # problem and method
     "body of another kind": (lambda m: ContactProblem("body", "bottom", 0.0), InputError, "body"),
     "law": (lambda m: problem(m, 0.3, law="newton"), InputError, "law='newton'"),
+    "friction without a law": (
+        lambda m: problem(m, 0.3, law=None),
+        InputError,
+        "law=None is contact without friction",
+    ),
     "functional": (lambda m: problem(m, functional="magic"), InputError, "functional='magic'"),
     "functional of another family": (
         lambda m: ContactProblem(m.block(4, ElementQuad1), "bottom", 0.0, functional="bernstein"),
