@@ -72,7 +72,7 @@ class QPFactor:
         self.L: Any = None
         self.P = _symmetric(matrix, self._scaled)
         if xp is not np and not is_sparse(self.P) and bool((diagonal > 0.0).all()):
-            self.scaled = None
+            self.scaled: Any = None
             if self._factor(scaled_symmetric(self.P, self.scale), n):
                 return
             self.L = None
@@ -97,7 +97,8 @@ class QPFactor:
         except np.linalg.LinAlgError:
             return False
         # Below this the rounding of the entries of P decides about definiteness.
-        self.definite = float(self.L.diagonal().min()) ** 2 > 10 * n * np.finfo(float).eps
+        least = float(self.L.diagonal().min()) ** 2
+        self.definite = bool(least > 10 * n * np.finfo(float).eps)
         return self.definite
 
     def _scaled(self, M: Any) -> Any:
@@ -224,8 +225,9 @@ def check_problem(
 
 def _as_sparse(factor: QPFactor) -> QPFactor:
     """A factor of dense P beside sparse rows: checked already, it only changes its storage."""
-    other = object.__new__(QPFactor)
-    other.P, other.scaled = sparse.csr_array(factor.P), sparse.csr_array(factor.scaled)
+    other: Any = object.__new__(QPFactor)
+    dense: Any = factor
+    other.P, other.scaled = sparse.csr_array(dense.P), sparse.csr_array(dense.scaled)
     other.scale, other.L, other.definite = factor.scale, None, False
     return other
 
