@@ -233,7 +233,8 @@ def main(argv: list[str] | None = None) -> dict[str, Any]:
             record["rows"].append(row)
             host = row.get("host", {})
             print(
-                f"{table:>10} n {n:6d} p {row['p']:5d} l {row['l']:5d}: {row['seconds'] * 1e3:9.2f} "
+                f"{table:>10} n {n:6d} p {row['p']:5d} l {row['l']:5d}: "
+                f"{row['seconds'] * 1e3:9.2f} "
                 f"ms = {row['ratio']:6.2f} Cholesky ({row['cholesky'] * 1e3:.2f} ms), "
                 f"{row['iterations']} its, {row['path']}, kkt {row['kkt']:.1e}"
                 + (f", host x {host['speedup']:.1f}" if host else ""),

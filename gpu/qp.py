@@ -184,8 +184,9 @@ def _first_iterate(
 ) -> ActiveSet:
     """The scaled problem with the active set to begin with."""
     factor, q, A, b, lb, ub, *_ = problem
-    d = factor.scale
-    box = BoxQP(factor.scaled, d * q, rows[:, None] * A * d, rows * b, lb / d, ub / d)
+    d, scaled = factor.scale, factor.scaled
+    assert scaled is not None  # the box path is taken with a factor only
+    box = BoxQP(scaled, d * q, rows[:, None] * A * d, rows * b, lb / d, ub / d)
     x, y = np.clip(np.zeros_like(q), box.lb, box.ub), np.zeros_like(b)
     active = None
     if isinstance(start, QPResult):
