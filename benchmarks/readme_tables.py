@@ -125,7 +125,68 @@ def sparse_solving(record: dict[str, Any]) -> str:
     )
 
 
-TABLES = {"contact_block": contact_block, "elements": elements, "sparse_solving": sparse_solving}
+def assembly(record: dict[str, Any]) -> str:
+    """Assembly against scikit-fem's, one row a matrix."""
+    lines = [
+        "| matrix | `assemble` | scikit-fem: Basis + asm | ratio | times writing the CSR arrays |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    lines += [
+        f"| {row['problem']}, {row['n']} x {row['n']} | {1e3 * row['assemble']:.0f} ms | "
+        f"{row['Basis'] + row['asm']:.2f} s | **{row['ratio']:.0f}** | "
+        f"{row['times the floor']:.1f} |"
+        for row in record["matrices"]
+    ]
+    machine, solver, basis = record["machine"], record["solver"], record["basis"]
+    return "\n".join(
+        [
+            *lines,
+            "",
+            f"A Basis of the closed form is made {basis['ratio']:.0f} x quicker than of the same "
+            f"element through `ElementGlobal` ({basis['n']} x {basis['n']}); `UniformSolver` "
+            f"solves Poisson's equation there {solver['ratio']:.0f} x quicker than "
+            f"{solver['peer'].upper()}, set-up included. Compilation apart. "
+            f"`benchmarks/assembly.py`, median of {record['repeats']}, "
+            f"{machine['cores']} cores ({machine['processor']}).",
+        ]
+    )
+
+
+def eigs(record: dict[str, Any]) -> str:
+    """Ten eigenvalues of dense matrices on a device, one row an order."""
+    lines = [
+        "| n | device | bandwidth floor | ratio | ARPACK, host | Tesla, 2012 | four cores, 2012 |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for n, row in record["table"].items():
+        host, device, then = row.get("host") or {}, row["device"], row.get("dissertation")
+        arpack = [host[name] for name in ("arpack 25", "arpack 40") if host.get(name)]
+        beside = [min(arpack) if arpack else None]
+        beside += [then["Tesla"], then["four cores"]] if then else [None, None]
+        cells = ["-" if seconds is None else f"{1e3 * seconds:.0f} ms" for seconds in beside]
+        lines.append(
+            f"| {int(n):,} | {1e3 * device['seconds']:.1f} ms | {1e3 * device['floor']:.2f} ms | "
+            f"{device['ratio']:.2f} | {' | '.join(cells)} |"
+        )
+    machine = record["machine"]
+    return "\n".join(
+        [
+            *lines,
+            "",
+            f"The {record['k']} eigenvalues of largest modulus; the floor is the time to read the "
+            "matrix once a product at the copy bandwidth measured in the run. "
+            f"`benchmarks/eigs.py`, one NVIDIA H200, {machine['cores']} host cores.",
+        ]
+    )
+
+
+TABLES = {
+    "contact_block": contact_block,
+    "elements": elements,
+    "sparse_solving": sparse_solving,
+    "assembly": assembly,
+    "eigs": eigs,
+}
 
 
 def regenerated(text: str) -> str:

@@ -79,8 +79,8 @@ def plane_newton(
         sets = _Sets.of(problem, now, friction)
         now = _step(problem, arrays, now, sets, friction, sizes[-1] >= NEAR, weak)
         size = residual(problem, now.mu, now.t, now.a, friction.bound(now.mu))
-        counts = (int(kind.sum()) for kind in (sets.active, sets.stick, sets.slip))
-        report(Iteration(step, "newton" if law else "active set", *counts, size))
+        active, stick, slip = (int(kind.sum()) for kind in (sets.active, sets.stick, sets.slip))
+        report(Iteration(step, "newton" if law else "active set", active, stick, slip, size))
         if size <= tol:
             return now
         if size > 0.5 * sizes[-1] and min(sizes) <= ROUND_OFF * tol:

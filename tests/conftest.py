@@ -3,6 +3,7 @@
 import os
 
 import matplotlib
+import pytest
 import pyvista
 from hypothesis import HealthCheck, settings
 
@@ -18,3 +19,20 @@ _shared = {
 settings.register_profile("ci", max_examples=50, **_shared)
 settings.register_profile("slow", max_examples=1000, **_shared)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
+
+
+def pytest_collection_modifyitems(items):
+    """Tests marked `gpu` are skipped where there is no device, and say why."""
+    reason = _no_device()
+    if reason:
+        for item in items:
+            if item.get_closest_marker("gpu"):
+                item.add_marker(pytest.mark.skip(reason=reason))
+
+
+def _no_device():
+    try:
+        import cupy
+    except ImportError:
+        return "no CuPy: pip install 'skfem-adini[cuda13]'"
+    return None if cupy.cuda.is_available() else "no CUDA device"
