@@ -68,6 +68,7 @@ class ContactProblem:
     A unit square pressed by its upper side on a foundation .03 below it:
 
     >>> from skfem import MeshQuad
+    >>> from contact import ElasticBody
     >>> from skfem_adini import ElementQuadAdini
     >>> mesh = MeshQuad().refined(2).with_defaults()
     >>> body = ElasticBody.from_mesh(mesh, ElementQuadAdini(), E=2.0, nu=0.3)
