@@ -4,8 +4,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 # The tests run side by side, one process a core; more BLAS threads would only get in their way.
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
+EXAMPLES := $(addprefix run-,$(notdir $(wildcard examples/*.py)))
 
-.PHONY: help demo test test-slow lint doctest examples readme clean
+.PHONY: help demo test test-slow lint doctest examples readme clean $(EXAMPLES)
 
 help:
 	@echo "make demo       install, solve the frictional contact block, write VTK and a picture to out/"
@@ -44,7 +45,12 @@ doctest: $(VENV)/.test
 	$(ONE_THREAD) $(BIN)/python -m pytest -q -n auto --doctest-modules skfem_adini contact cip gpu
 
 examples: $(VENV)/.test
-	set -e; for script in examples/*.py; do echo "== $$script"; $(BIN)/python $$script; done
+	$(ONE_THREAD) $(MAKE) --no-print-directory --jobs 2 --output-sync=target $(EXAMPLES)
+
+run-contact_part.py: run-bumper_mesh.py  # the part reads the mesh
+
+$(EXAMPLES): run-%:
+	@echo "== examples/$*" && $(BIN)/python examples/$*
 
 readme: $(VENV)/.demo
 	$(BIN)/python benchmarks/readme_tables.py
