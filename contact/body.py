@@ -333,7 +333,7 @@ class ElasticBody(BasisSolid):
     def lengths(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """What turns each dof, and each free unknown, into a displacement; see `dof_lengths`."""
         of_dof = dof_lengths(self)
-        columns = self.constraint[0].tocsc()
+        columns = self.picked.tocsc()
         return of_dof, of_dof[columns.indices[columns.indptr[:-1]]]
 
     @cached_property

@@ -66,8 +66,8 @@ class CondensedContact:
         T, _ = body.constraint
         # Free unknowns are displacements: a derivative is multiplied by its length, so that no
         # unit of length sets values and derivatives apart.
-        columns, per_length = T.tocsc(), 1.0 / body.lengths[1]
-        self._leading = columns.indices[columns.indptr[:-1]]
+        columns, picked, per_length = T.tocsc(), body.picked.tocsc(), 1.0 / body.lengths[1]
+        self._leading = picked.indices[picked.indptr[:-1]]
         self._T = sparse.csr_array(T @ sparse.diags_array(per_length))
         if T.nnz == T.shape[1] and np.all(T.data == 1.0):
             free = columns.indices
@@ -128,13 +128,13 @@ class CondensedContact:
     def _free_modes(self) -> Array:
         """Rigid motions that the supports leave free, in free unknowns, shape (nfree, k)."""
         modes = rigid_modes(self.body)
-        T, _ = self.body.constraint
+        T, picked = self.body.constraint[0], self.body.picked
         of_dof, of_free = (lengths[:, None] for lengths in self.body.lengths)
-        held = of_dof * (modes - T @ (T.T @ modes))
+        held = of_dof * (modes - T @ (picked.T @ modes))
         size = np.linalg.norm(of_dof * modes, axis=0)
         _, singular, V = np.linalg.svd(held / size, full_matrices=False)
         plain = reduced_echelon(V[singular < 1e-9] / size)  # translations stay translations
-        free: Array = T.T @ (modes @ plain.T)
+        free: Array = picked.T @ (modes @ plain.T)
         return free * of_free
 
     def _condense(self, modes: Array) -> None:

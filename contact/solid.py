@@ -161,15 +161,20 @@ class BasisSolid(Solid):
         terms = self.absolute_stiffness @ np.abs(u) + np.abs(load)
         return _largest(T.T @ force / lengths), _largest(abs(T.T @ terms) / lengths)
 
+    @property
+    def picked(self) -> sparse.csr_array:
+        """E with ``E^T T = I``, so that ``z = E^T (u - u0)``: T, whose columns are orthonormal."""
+        return self.constraint[0]
+
     def support_error(self, u: Array) -> float:
         """Largest deviation from a prescribed displacement."""
         T, u0 = self.constraint
-        return _largest(u - u0 - T @ (T.T @ (u - u0)))
+        return _largest(u - u0 - T @ (self.picked.T @ (u - u0)))
 
     def at_supports(self, forces: Array) -> Array:
         """The part of forces on all dofs that acts where a displacement is prescribed."""
         T, _ = self.constraint
-        part: Array = forces - T @ (T.T @ forces)
+        part: Array = forces - self.picked @ (T.T @ forces)
         return part
 
     def total(self, forces: Array) -> Array:
