@@ -115,8 +115,9 @@ class AdiniExtension:
         threshold = positive_number("threshold", threshold, most=1)
         dofs = vertex_dofs(basis)
         self.domain = domain
-        self.threshold, self.good, self.outside, self.roots = _roots(domain, threshold)
         T, x0 = hanging_constraints(basis, essential)
+        ends = _ends(hanging_constraints(basis)[0], dofs)
+        self.threshold, self.good, self.outside, self.roots = _roots(domain, threshold, ends)
         follow = _following(basis, dofs, elem, self.outside, self.roots)
         active = np.unique(dofs[:, :, domain.mesh.t[:, domain.active]])
         self.P, self.x0 = _resolved(sp.csr_array(T), x0, follow, active)
@@ -151,7 +152,26 @@ class AdiniExtension:
         return sp.csr_array((A + A.T) / 2) if abs(A - A.T).max() < 1e-10 * abs(A).max() else A
 
 
-def _roots(domain: CutDomain, threshold: float) -> tuple[float, Indices, Indices, Indices]:
+def _ends(T: Any, dofs: Indices) -> sp.csr_array:
+    """Return which vertices (columns) each hanging vertex (row) lies between."""
+    vertices = dofs.shape[2]
+    of_dof = np.empty(dofs.size, dtype=np.int64)
+    of_dof[dofs] = np.arange(vertices)
+    T = sp.csr_array(T)
+    mixed = np.diff(T.indptr) > 1
+    rows, columns = T.nonzero()
+    # The column of a dof that does not hang is its own: the row with that single entry.
+    owner = np.full(T.shape[1], -1)
+    single = ~mixed[rows]
+    owner[columns[single]] = of_dof[rows[single]]
+    hangs = mixed[rows] & (owner[columns] >= 0)
+    place = of_dof[rows[hangs]], owner[columns[hangs]]
+    return sp.csr_array((np.ones(hangs.sum()), place), shape=(vertices, vertices))
+
+
+def _roots(
+    domain: CutDomain, threshold: float, ends: sp.csr_array
+) -> tuple[float, Indices, Indices, Indices]:
     """Return threshold, good cells, vertices that follow, and the cell that each follows."""
     mesh, active = domain.mesh, domain.active
     corners = mesh.p[:, mesh.t]
@@ -162,20 +182,24 @@ def _roots(domain: CutDomain, threshold: float) -> tuple[float, Indices, Indices
         good = active[domain.fractions[active] >= threshold * (1 - _UNIT)]
         outside = np.setdiff1d(vertices, mesh.t[:, good])
         roots, reach = np.zeros(0, dtype=np.int64), np.zeros(0)
-        if good.size and outside.size:
-            count = min(_CANDIDATES, good.size)
-            _, near = KDTree(centre[:, good].T).query(mesh.p[:, outside].T, k=count)
-            cells = good[np.asarray(near).reshape(len(outside), count)]
+        # A cell with a vertex that hangs on one outside would follow itself.
+        follows = np.zeros(mesh.p.shape[1])
+        follows[outside] = 1
+        sound = good[((ends @ follows) == 0)[mesh.t[:, good]].all(axis=0)]
+        if sound.size and outside.size:
+            count = min(_CANDIDATES, sound.size)
+            _, near = KDTree(centre[:, sound].T).query(mesh.p[:, outside].T, k=count)
+            cells = sound[np.asarray(near).reshape(len(outside), count)]
             steps = np.abs(mesh.p[:, outside, None] - centre[:, cells]) / size[:, cells]
             # Least extrapolation first, in cells; the distance decides between equals.
             rank = steps.max(axis=0) + 1e-3 * np.hypot(*steps)
             best = np.arange(len(outside)), rank.argmin(axis=1)
             roots, reach = cells[best], steps.max(axis=0)[best] - 0.5
-        if good.size and (reach <= _FARTHEST).all():
+        if sound.size and (reach <= _FARTHEST).all():
             return threshold, good, outside, roots
         if threshold <= _LEAST_THRESHOLD:
             where = "anywhere"
-            if good.size:
+            if sound.size:
                 x, y = mesh.p[:, outside[reach.argmax()]]
                 where = f"within {_FARTHEST:.0f} cells of ({x:.6g}, {y:.6g})"
             raise InputError(

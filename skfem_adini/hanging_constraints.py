@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from .hermite_factors import HERMITE, SLOPE, derivatives
 _ON_EDGE = 1e-9
 _SQUARINGS = 60
 _CONVERGED = 1e-13
+_PARALLEL = 1e-12
 
 
 def hanging_constraints(
@@ -161,11 +163,20 @@ class _HangingVertices:
             raise InputError(f"mesh: vertex {twice} lies inside two edges; do the cells overlap?")
         return cls(vertex, BoundaryEdges.of(mesh, single[:, edge]), s[inside])
 
+    @cached_property
+    def tangent(self) -> Array:
+        """Unit tangents of the edges.
+
+        Rounding of coordinates must not mix the two slopes at a vertex on an axis-parallel edge.
+        """
+        tangent = self.edges.tangent
+        return np.where(np.abs(tangent) < _PARALLEL, 0.0, tangent)
+
 
 def _one_step(dofs: Indices, hanging: _HangingVertices) -> sp.csr_array:
     """Return the matrix that sets the dofs at hanging vertices from those at the edges' ends."""
     edges, count = hanging.edges, dofs.shape[1]
-    t, h = edges.tangent, edges.length
+    t, h = hanging.tangent, edges.length
     n = np.array([-t[1], t[0]])
     rows, columns, entries = [], [], []
 
@@ -210,7 +221,7 @@ def _resolved(step: sp.csr_array) -> sp.csr_array:
 
 def _normals(dofs: Indices, hanging: _HangingVertices) -> sp.csc_array:
     """Return unit columns of the normal derivatives at hanging vertices."""
-    t = hanging.edges.tangent
+    t = hanging.tangent
     n = np.array([-t[1], t[0]])
     n = n * np.sign(np.take_along_axis(n, np.abs(n).argmax(axis=0)[None], axis=0))
     rows = dofs[1:3][:, :, hanging.vertex]
