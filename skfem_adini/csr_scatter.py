@@ -45,17 +45,21 @@ def scatter_matrix(local: Array, labels: Integers, rows: DofBlocks, columns: Dof
     A row belongs to one block of dofs, and all rows of a block have the neighbours of the block as
     columns. Two blocks whose cells have the same classes, in the same order, and whose neighbours
     come in the same order, have the same rows but for the numbers of the columns: each thread
-    keeps the rows that it summed lately, in the order of the cells, and copies them. Threads share
-    the blocks, so their number does not change the result. Indices have 32 bits until the matrix
-    holds 2^31 entries.
+    keeps the rows that it summed lately, in the order of the cells, and copies them. Often even the
+    columns are those of the block before plus a constant, which the counting notes for the writing.
+    Threads share the blocks, so their number does not change the result. Indices have 32 bits until
+    the matrix holds 2^31 entries.
     """
     kernel = compiled("sum_rows")
     first, *held = compiled("cells_of_blocks")(rows.of_cells, len(rows.start) - 1)
     masks, full = _masks(local, columns.local)
     counts = np.zeros(rows.size + 1, dtype=np.int64)
+    follows = np.zeros(len(rows.start) - 1, dtype=np.bool_)
+    sizes = np.diff(columns.start)
+    uniform = bool((sizes == sizes[0]).all())
     none = np.empty(0, dtype=np.int32)
     arguments = (first, *held, rows.start, rows.local, columns.of_cells, columns.start)
-    arguments += (columns.local, labels, local, masks, full)
+    arguments += (columns.local, labels, local, masks, full, uniform, follows)
     shares = _shares(first, len(columns.local) - 1)
 
     def count(begin: int, end: int) -> None:
@@ -167,7 +171,7 @@ def _sum_vector(of_cells: Any, start: Any, begins: Any, labels: Any, local: Any,
 def _sum_rows(
     begin: int, end: int, first: Any, holders: Any, places: Any, row_start: Any, row_local: Any,
     of_cells: Any, start: Any, begins: Any, labels: Any, local: Any, masks: Any, full: bool,
-    indptr: Any, indices: Any, data: Any, counting: bool,
+    uniform: bool, follows: Any, indptr: Any, indices: Any, data: Any, counting: bool,
 ) -> Any:  # fmt: skip
     """Count or write the rows of the blocks from `begin` to `end`."""
     rows_wide = row_local.size - 1
@@ -194,7 +198,6 @@ def _sum_rows(
     kept_places = np.empty((ways, highest * longest), dtype=np.int32)
     kept_sums = np.empty((ways, highest * longest), dtype=data.dtype)
     way = np.int64(0)
-    count = 0
     last_size = np.int64(-1)
     one = np.uint64(1)
     none = np.uint64(0)
@@ -202,26 +205,32 @@ def _sum_rows(
         origin = first[row_block]
         held = first[row_block + 1] - origin
         size = held * (wide + 1)
-        # Often all numbers are those of the block before plus a constant: nothing else changes.
-        moved = size == last_size and size > 0
+        top = row_start[row_block]
+        height = row_start[row_block + 1] - top
+        moved = not counting and follows[row_block]
         step = np.int64(0)
         if moved:
-            step = np.int64(of_cells[0, holders[origin]]) - blocks[0]
-        for k in range(held):
-            cell = holders[origin + k]
-            at = k * (wide + 1)
-            kind = labels[cell] * rows_wide + places[origin + k]
-            moved = moved and kind == key[at]
-            key[at] = kind
-            for b in range(wide):
-                block = np.int64(of_cells[b, cell])
-                moved = moved and block - blocks[k * wide + b] == step
-                blocks[k * wide + b] = block
-        last_size = size
-        if moved:
-            for s in range(count):
-                found[s] += step
+            step = of_cells[0, holders[origin]] - blocks[0]
+            blocks[0] += step
         else:
+            # A block follows the one before if all its numbers are that one's plus a constant.
+            moved = counting and uniform and size == last_size and size > 0
+            if moved:
+                step = of_cells[0, holders[origin]] - blocks[0]
+            for k in range(held):
+                cell = holders[origin + k]
+                at = k * (wide + 1)
+                kind = labels[cell] * rows_wide + places[origin + k]
+                moved = moved and kind == key[at]
+                key[at] = kind
+                for b in range(wide):
+                    block = np.int64(of_cells[b, cell])
+                    moved = moved and block - blocks[k * wide + b] == step
+                    blocks[k * wide + b] = block
+            last_size = size
+            if counting:
+                follows[row_block] = moved
+        if not moved:
             count = 0
             for k in range(held * wide):
                 block = blocks[k]
@@ -240,9 +249,7 @@ def _sum_rows(
             for k in range(held):
                 for b in range(wide):
                     key[k * (wide + 1) + 1 + b] = slot[blocks[k * wide + b]]
-        length = offset[count]
-        same = moved
-        if not same:
+            length = offset[count]
             code = np.uint64(14695981039346656037)
             for k in range(size):
                 code = (code ^ np.uint64(key[k])) * np.uint64(1099511628211)
@@ -251,59 +258,58 @@ def _sum_rows(
             if same:
                 for k in range(size):
                     same = same and keys[way, k] == key[k]
-        top = row_start[row_block]
-        height = row_start[row_block + 1] - top
-        if not same:
-            key_sizes[way] = size
-            for k in range(size):
-                keys[way, k] = key[k]
-            entries = 0
-            for a in range(height):
-                for s in range(count):
-                    hits[s] = none
-                for q in range(length):
-                    sums[q] = 0
-                for k in range(held):
-                    at = k * (wide + 1)
-                    label = key[at] // rows_wide
-                    i = row_local[key[at] % rows_wide] + a
-                    for b in range(wide):
-                        s = key[at + 1 + b]
-                        if not full:
-                            hits[s] |= masks[label, i, b]
-                        target = offset[s] - begins[b]
-                        if not counting:
-                            for j in range(begins[b], begins[b + 1]):
-                                sums[target + j] += local[label, i, j]
+            if not same:
+                key_sizes[way] = size
+                for k in range(size):
+                    keys[way, k] = key[k]
+                entries = 0
+                for a in range(height):
+                    for s in range(count):
+                        hits[s] = none
+                    for q in range(length):
+                        sums[q] = 0
+                    for k in range(held):
+                        at = k * (wide + 1)
+                        label = key[at] // rows_wide
+                        i = row_local[key[at] % rows_wide] + a
+                        for b in range(wide):
+                            s = key[at + 1 + b]
+                            if not full:
+                                hits[s] |= masks[label, i, b]
+                            target = offset[s] - begins[b]
+                            if not counting:
+                                for j in range(begins[b], begins[b + 1]):
+                                    sums[target + j] += local[label, i, j]
+                    for s in range(count):
+                        for q in range(offset[s + 1] - offset[s]):
+                            if full or (hits[s] >> np.uint64(q)) & one:
+                                kept_places[way, entries] = offset[s] + q
+                                kept_sums[way, entries] = sums[offset[s] + q]
+                                entries += 1
+                    kept[way, a] = entries
+            if not counting:
                 for s in range(count):
                     for q in range(offset[s + 1] - offset[s]):
-                        if full or (hits[s] >> np.uint64(q)) & one:
-                            kept_places[way, entries] = offset[s] + q
-                            kept_sums[way, entries] = sums[offset[s] + q]
-                            entries += 1
-                kept[way, a] = entries
+                        columns[offset[s] + q] = start[found[s]] + q
         if counting:
             entries = 0
             for a in range(height):
                 indptr[top + a + 1] = kept[way, a] - entries
                 entries = kept[way, a]
             continue
-        for s in range(count):
-            for q in range(offset[s + 1] - offset[s]):
-                columns[offset[s] + q] = start[found[s]] + q
         # Views let the compiler see that no index is negative.
         write_indices = indices[indptr[top] : indptr[top + height]]
         write_data = data[indptr[top] : indptr[top + height]]
-        read_places = kept_places[way]
         read_sums = kept_sums[way]
         for e in range(write_data.size):
             write_data[e] = read_sums[e]
-        if write_indices.size == height * length:
-            for a in range(height):
-                row = write_indices[a * length : (a + 1) * length]
-                for q in range(row.size):
-                    row[q] = columns[q]
+        if moved:
+            before = indices[indptr[top] - write_indices.size : indptr[top]]
+            shift = indices.dtype.type(step * (start[1] - start[0]))
+            for e in range(write_indices.size):
+                write_indices[e] = before[e] + shift
         else:
+            read_places = kept_places[way]
             for e in range(write_indices.size):
                 write_indices[e] = columns[read_places[e]]
 
