@@ -37,6 +37,22 @@ class NotConverged(GpuError):
         self.eigenvalues, self.eigenvectors = eigenvalues, eigenvectors
 
 
+class RiccatiError(GpuError, np.linalg.LinAlgError):
+    """The Riccati equation has no stabilising solution.
+
+    Attributes
+    ----------
+    eigenvalue : complex or None
+        The mode on (or right of) the imaginary axis that no input moves or no cost sees.
+    cause : str
+        "not stabilisable", "not detectable", or "" where neither could be shown.
+    """
+
+    def __init__(self, message: str, *, eigenvalue: complex | None = None, cause: str = "") -> None:
+        super().__init__(message)
+        self.eigenvalue, self.cause = eigenvalue, cause
+
+
 class Infeasible(GpuError):
     """No point satisfies the constraints.
 
