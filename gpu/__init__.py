@@ -17,6 +17,7 @@ from gpu.errors import (
     NotSupported,
     Unbounded,
 )
+from gpu.hamiltonian import hamiltonian_inverse
 from gpu.kkt import KKT
 from gpu.problem import QPFactor
 from gpu.qp import solve_qp
@@ -39,6 +40,7 @@ __all__ = [
     "Unbounded",
     "batch_solve_qp",
     "eigs",
+    "hamiltonian_inverse",
     "register_qpsolvers",
     "solve_qp",
     "svds",

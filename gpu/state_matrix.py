@@ -1,0 +1,291 @@
+"""The matrices A and E of a linear system, however they are stored: products and shifted solves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import linalg, sparse
+from scipy.sparse.linalg import splu
+
+from gpu.arrays import array_module, cupy, to_host
+from gpu.errors import InputError
+
+EPS = float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True)
+class Factors:
+    """Solves with a factored matrix and with its transpose (never the conjugate one)."""
+
+    solve: Callable[[Any], Any]
+    solve_transposed: Callable[[Any], Any]
+
+
+class StateMatrix:
+    r"""A pencil :math:`A - s E`, its A a 1-D diagonal, dense, sparse, or an operator.
+
+    Parameters
+    ----------
+    A : array, shape (n,) or (n, n), sparse matrix, or LinearOperator
+        Real. A LinearOperator needs ``inverse``.
+    E : array, sparse matrix, optional
+        Identity by default; of a diagonal A a diagonal too, shape (n,).
+    inverse : LinearOperator, shape (n, n), optional
+        ``matvec`` applies :math:`A^{-1}`, ``rmatvec`` its transpose.
+    explicit : bool
+        Keep the inverse of a dense matrix instead of its factors: on a device two products take
+        the place of two sequences of small triangular kernels.
+
+    Attributes
+    ----------
+    n : int
+    xp : module
+        numpy or cupy.
+    kind : {"diagonal", "dense", "sparse", "operator"}
+    A, E : arrays as stored; E may be None
+
+    Raises
+    ------
+    InputError
+    """
+
+    def __init__(self, A: Any, E: Any = None, inverse: Any = None, explicit: bool = False) -> None:
+        self.inverse, self.explicit = inverse, explicit
+        if hasattr(A, "matvec") and not hasattr(A, "tocsr"):
+            if inverse is None:
+                raise InputError(
+                    "A is an operator: pass inverse, a LinearOperator of A^-1 with rmatvec"
+                )
+            self.kind, self.A, self.E = "operator", A, None if E is None else stored("E", E)
+            self.n, self.xp = int(A.shape[0]), array_module(A)
+        else:
+            self.A = stored("A", A)
+            self.n = int(self.A.shape[0])
+            self.xp = _module_of(self.A)
+            E = None if E is None else stored("E", E)
+            if self.A.ndim == 1 and E is not None and E.ndim == 2:
+                self.A = _diagonal(self.A, E)
+            if self.A.ndim == 2 and E is not None and E.ndim == 1:
+                E = _diagonal(E, self.A)
+            if E is not None and hasattr(self.A, "tocsr") and not hasattr(E, "tocsr"):
+                self.A = self.A.toarray()
+            if E is not None and hasattr(E, "tocsr") and not hasattr(self.A, "tocsr"):
+                E = E.toarray()
+            self.E = E
+            self.kind = (
+                "diagonal"
+                if self.A.ndim == 1
+                else "sparse"
+                if hasattr(self.A, "tocsr")
+                else "dense"
+            )
+        for name, value in (("A", self.A), ("E", self.E), ("inverse", inverse)):
+            if value is None:
+                continue
+            expected = {(self.n, self.n)} | ({(self.n,)} if self.kind == "diagonal" else set())
+            if tuple(value.shape) not in expected or self.n == 0:
+                raise InputError(f"{name} has shape {tuple(value.shape)}: expected n x n, n > 0")
+
+    def apply(self, x: Any) -> Any:
+        """``A x``, of a vector or of columns."""
+        return _times(self.A, x)
+
+    def apply_transposed(self, x: Any) -> Any:
+        """``A^T x``."""
+        return _times_transposed(self.A, x)
+
+    def mass(self, x: Any) -> Any:
+        """``E x``."""
+        return x if self.E is None else _times(self.E, x)
+
+    def mass_transposed(self, x: Any) -> Any:
+        """``E^T x``."""
+        return x if self.E is None else _times_transposed(self.E, x)
+
+    def size(self) -> float:
+        """Largest modulus of an entry of A; of an operator NaN."""
+        return _largest(self.A) if self.kind != "operator" else np.nan
+
+    def is_symmetric(self) -> bool:
+        """Whether A and E equal their transposes but for rounding; of an operator False."""
+        if self.kind == "operator":
+            return False
+        return symmetric(self.A) and (self.E is None or symmetric(self.E))
+
+    def factor(self, shift: complex = 0.0) -> Factors | None:
+        """Factor ``A - shift E``; None where a pivot is rounding."""
+        if self.kind == "operator":
+            if shift != 0.0:
+                raise InputError(f"A is an operator: it cannot be shifted by {shift}")
+            return Factors(columnwise(self.inverse.matvec), columnwise(self.inverse.rmatvec))
+        return factor(self.shifted(shift), self.explicit)
+
+    def shifted(self, shift: complex) -> Any:
+        """``A - shift E``, stored as A is."""
+        if shift == 0.0:
+            return self.A
+        if self.kind == "diagonal":
+            return self.A - shift * (1.0 if self.E is None else self.E)
+        if self.E is not None:
+            return self.A - shift * self.E
+        if self.kind == "sparse":
+            return self.A - shift * sparse_of(self.xp).identity(self.n, format="csr")
+        moved = self.A.astype(np.result_type(self.A.dtype, type(shift)))
+        places = self.xp.arange(self.n)
+        moved[places, places] -= shift
+        return moved
+
+
+def factor(A: Any, explicit: bool = False) -> Factors | None:
+    """Solves with a diagonal, dense or sparse matrix; None where a pivot is rounding."""
+    xp = _module_of(A)
+    if A.ndim == 1:
+        if _singular(to_host(xp.abs(A))):
+            return None
+        divide = lambda x: x / (A if x.ndim == 1 else A[:, None])  # noqa: E731
+        return Factors(divide, divide)
+    if hasattr(A, "tocsr"):
+        return _factor_sparse(A, xp)
+    if xp is np:
+        lapack: Any = linalg.get_lapack_funcs(("getrf", "getrs"), (A,))
+        getrf, getrs = lapack
+        lu, pivots, _ = getrf(A)
+        if _singular(np.abs(np.diag(lu))):
+            return None
+        return Factors(
+            lambda x: getrs(lu, pivots, x)[0], lambda x: getrs(lu, pivots, x, trans=1)[0]
+        )
+    from cupyx.scipy.linalg import lu_factor, lu_solve  # type: ignore[import-not-found]
+
+    device = lu_factor(A, check_finite=False)
+    if _singular(to_host(xp.abs(xp.diag(device[0])))):
+        return None
+    if explicit:
+        inverse = lu_solve(device, xp.eye(len(A), dtype=A.dtype), check_finite=False)
+        return Factors(lambda x: inverse @ x, lambda x: inverse.T @ x)
+    return Factors(
+        lambda x: lu_solve(device, x, check_finite=False),
+        lambda x: lu_solve(device, x, trans=1, check_finite=False),
+    )
+
+
+def _factor_sparse(A: Any, xp: Any) -> Factors | None:
+    build: Any
+    options: dict[str, Any] = {}
+    if xp is np:
+        A = sparse.csc_array(A)
+        build = splu
+        if symmetric(A):
+            # SuperLU's default order is for unsymmetric patterns and fills in more.
+            options = {"permc_spec": "MMD_AT_PLUS_A"}
+    else:
+        from cupyx.scipy.sparse import csc_matrix  # type: ignore[import-not-found]
+        from cupyx.scipy.sparse.linalg import splu as device_splu  # type: ignore[import-not-found]
+
+        build = device_splu
+        A = csc_matrix(A)
+    try:
+        lu = build(A, **options)
+    except RuntimeError:
+        return None
+    if xp is np and _singular(np.abs(lu.U.diagonal())):
+        return None
+    kind = A.dtype
+
+    def solve(x: Any, trans: str = "N") -> Any:
+        # SuperLU solves in the precision of its factors and wants its columns in their order.
+        if x.dtype.kind == "c" and kind.kind != "c":
+            return solve(x.real.copy(), trans) + 1j * solve(x.imag.copy(), trans)
+        x = xp.asarray(x, dtype=kind)
+        if x.size == 0:
+            return x
+        return lu.solve(x, trans)
+
+    return Factors(solve, lambda x: solve(x, "T"))
+
+
+def stored(name: str, A: Any) -> Any:
+    """Check the entries of a matrix; float64, sparse ones as CSR.
+
+    Raises
+    ------
+    InputError
+    """
+    if hasattr(A, "tocsr"):
+        on_host = sparse.issparse(A)
+        A = sparse.csr_array(A) if on_host else A.tocsr()
+        entries, xp = A.data, np if on_host else cupy()
+    else:
+        xp = array_module(A)
+        A = entries = xp.asarray(A)
+    if entries.dtype.kind not in "buif":
+        raise InputError(f"{name} holds {entries.dtype}: expected real numbers")
+    if not bool(xp.all(xp.isfinite(entries))):
+        raise InputError(f"{name} holds NaN or infinity")
+    return A.astype(float)
+
+
+def _diagonal(d: Any, like: Any) -> Any:
+    """A 1-D diagonal stored as another matrix is."""
+    xp = _module_of(like)
+    if hasattr(like, "tocsr"):
+        return sparse_of(xp).diags(d).tocsr() if xp is not np else sparse.csr_array(sparse.diags(d))
+    return xp.diag(d)
+
+
+def _module_of(A: Any) -> Any:
+    return np if sparse.issparse(A) else array_module(A)
+
+
+def sparse_of(xp: Any) -> Any:
+    """The sparse matrices of a side."""
+    if xp is np:
+        return sparse
+    from cupyx.scipy import sparse as device  # type: ignore[import-not-found]
+
+    return device
+
+
+def _times(A: Any, x: Any) -> Any:
+    if hasattr(A, "matvec") and not hasattr(A, "tocsr"):
+        return columnwise(A.matvec)(x)
+    if A.ndim == 1:
+        return A * x if x.ndim == 1 else A[:, None] * x
+    return A @ x
+
+
+def _times_transposed(A: Any, x: Any) -> Any:
+    if hasattr(A, "matvec") and not hasattr(A, "tocsr"):
+        return columnwise(A.rmatvec)(x)
+    return _times(A, x) if A.ndim == 1 else A.T @ x
+
+
+def columnwise(product: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """A product with vectors, made one with columns too."""
+
+    def apply(x: Any) -> Any:
+        if x.ndim == 1:
+            return product(x)
+        xp = array_module(x)
+        return xp.stack([product(column) for column in x.T], axis=1) if x.shape[1] else x
+
+    return apply
+
+
+def _largest(A: Any) -> float:
+    entries = A.data if hasattr(A, "tocsr") else A
+    return float(abs(entries).max()) if entries.size else 0.0
+
+
+def symmetric(A: Any) -> bool:
+    """Whether a matrix equals its transpose but for rounding."""
+    if A.ndim == 1:
+        return True
+    return _largest(A - A.T) <= 10 * EPS * _largest(A)
+
+
+def _singular(pivots: np.ndarray) -> bool:
+    return not bool(np.all(pivots > 4 * len(pivots) * EPS * pivots.max(initial=0.0)))

@@ -1,0 +1,96 @@
+"""The weights of a linear-quadratic cost: Q as a number, diagonal, matrix or operator; B R^-1/2."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import linalg, sparse
+
+from gpu.arrays import array_module, to_host
+from gpu.errors import InputError
+from gpu.state_matrix import StateMatrix, columnwise, stored, symmetric
+
+
+class Weight:
+    """Q, applied to vectors and columns.
+
+    Parameters
+    ----------
+    state : StateMatrix
+    Q : float, array, shape (n,) or (n, n), sparse matrix, or LinearOperator
+        Symmetric; a number is a multiple of the identity, a 1-D array a diagonal.
+
+    Raises
+    ------
+    InputError
+    """
+
+    def __init__(self, state: StateMatrix, Q: Any) -> None:
+        n, xp = state.n, state.xp
+        self.state = state
+        if hasattr(Q, "matvec") and not hasattr(Q, "tocsr"):
+            self.Q, self.apply = Q, columnwise(Q.matvec)
+            shape = Q.shape
+        else:
+            if isinstance(Q, int | float | np.number) and not isinstance(Q, bool):
+                Q = xp.full(n, float(Q))
+            self.Q = Q = stored("Q", Q)
+            shape = Q.shape
+            if (
+                shape in ((n,), (n, n))
+                and (array_module(Q) if not sparse.issparse(Q) else np) is not xp
+            ):
+                raise InputError("Q and A live on different sides: move one of them")
+            self.apply = (
+                (lambda x: Q @ x)
+                if Q.ndim == 2
+                else lambda x: Q * x if x.ndim == 1 else Q[:, None] * x
+            )
+            if shape == (n, n) and not symmetric(Q):
+                raise InputError("Q is not symmetric: pass (Q + Q.T) / 2")
+        if tuple(shape) not in ((n,), (n, n)):
+            raise InputError(f"Q has shape {tuple(shape)}: expected ({n},) or ({n}, {n})")
+
+    def scale(self) -> float:
+        """An estimate of its norm, from below."""
+        x = self.state.xp.asarray(np.random.default_rng(0).standard_normal(self.state.n))
+        size = 0.0
+        for _ in range(3):
+            size = float(self.state.xp.linalg.norm(x))
+            if size == 0.0:
+                break
+            x = self.apply(x / size)
+        return size
+
+
+def scaled_input(state: StateMatrix, B: Any, R: Any = None) -> Any:
+    """``B R^-1/2`` by Cholesky factors, shape (n, m).
+
+    Raises
+    ------
+    InputError
+    """
+    B = stored("B", B)
+    if hasattr(B, "tocsr"):
+        B = B.toarray()
+    if B.ndim == 1:
+        B = B[:, None]
+    if B.ndim != 2 or B.shape[0] != state.n or B.shape[1] == 0:
+        raise InputError(f"B has shape {B.shape}: expected ({state.n}, m), m > 0")
+    if array_module(B) is not state.xp:
+        raise InputError("B and A live on different sides: move one of them")
+    if R is None:
+        return B
+    m = B.shape[1]
+    root = np.atleast_2d(to_host(stored("R", R)))
+    if root.shape == (1, 1):
+        root = root[0, 0] * np.eye(m)
+    if root.shape != (m, m) or not np.allclose(root, root.T, rtol=1e-12, atol=0.0):
+        raise InputError(f"R has shape {root.shape}: expected symmetric, ({m}, {m})")
+    try:
+        root = np.linalg.cholesky(root)
+    except np.linalg.LinAlgError:
+        raise InputError("R is not positive definite: every input needs a cost") from None
+    inverse = linalg.solve_triangular(root, np.eye(m), lower=True)
+    return B @ state.xp.asarray(inverse.T)

@@ -1,0 +1,182 @@
+"""The inverse Hamiltonian against the Hamiltonian itself, for every way of storing the matrices."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator
+
+from gpu import InputError, eigs, hamiltonian_inverse
+
+
+def heat(N):
+    """Modes of the cube with two controlled patches: diagonal of A with one zero, and B."""
+    k = np.arange(N)
+    norm = np.where(k > 0, np.sqrt(2), 1.0)
+    wave = np.maximum(k, 1) * np.pi
+    c = np.where(k > 0, norm * (np.sin(0.77 * wave) - np.sin(0.3 * wave)) / wave, 0.47)
+    near = c[:, None, None] * c[:, None] * norm
+    A = -(np.pi**2) * (k[:, None, None] ** 2.0 + k[:, None] ** 2 + k**2).ravel()
+    return A, np.stack([near.ravel(), (near * (-1.0) ** k).ravel()], axis=1)
+
+
+def hamiltonian(A, B, Q, R=None, scale=1.0):
+    A = np.diag(A) if A.ndim == 1 else A
+    Q = Q * np.eye(len(A)) if np.ndim(Q) == 0 else np.diag(Q) if np.ndim(Q) == 1 else Q
+    R = np.eye(B.shape[1]) if R is None else R
+    return np.block([[A, -scale * B @ np.linalg.solve(R, B.T)], [-Q / scale, -A.T]])
+
+
+def residual(H, operator, D=None, seed=1):
+    v = np.random.default_rng(seed).standard_normal(len(H))
+    Dv = v if D is None else D @ v
+    return np.linalg.norm(H @ operator.matvec(v) - Dv) / np.linalg.norm(Dv)
+
+
+def transposed(operator, seed=2):
+    """``w . (H^-1 v) = (H^-T w) . v``, relative."""
+    v, w = np.random.default_rng(seed).standard_normal((2, operator.shape[0]))
+    x, y = operator.matvec(v), operator.rmatvec(w)
+    return abs(w @ x - y @ v) / (np.linalg.norm(w) * np.linalg.norm(x))
+
+
+STORED = {"diagonal": lambda a: a, "dense": np.diag, "sparse": lambda a: sparse.diags(a).tocsr()}
+
+
+@pytest.mark.parametrize("stored", STORED.values(), ids=STORED)
+def test_heat_equation_with_its_zero_mode(stored):
+    A, B = heat(8)
+    assert np.count_nonzero(A) == A.size - 1
+    operator = hamiltonian_inverse(stored(A), B, 1.0)
+    assert residual(hamiltonian(A, B, 1.0), operator) < 1e-12
+    assert transposed(operator) < 1e-12
+
+
+@pytest.mark.slow
+def test_heat_equation_dense_of_1331_modes():
+    A, B = heat(11)
+    operator = hamiltonian_inverse(np.diag(A), B, 1.0)
+    assert residual(hamiltonian(A, B, 1.0), operator) < 1e-12
+
+
+JORDAN = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+SINGULAR = {
+    "double integrator": (JORDAN, np.array([[0.0], [1.0], [1.0]])),
+    "two zero modes": (np.diag([0.0, 0.0, -2.0]), np.array([[1.0, 0.5], [0.2, -1.0], [1.0, 1.0]])),
+    "left and right differ": (
+        np.array([[-1.0, 2.0, 0.0], [1.0, -2.0, 0.0], [0.5, 0.0, -1.0]]),
+        np.array([[1.0], [0.5], [0.0]]),
+    ),
+    "nothing but zeros": (np.zeros((2, 2)), np.eye(2)),
+}
+
+
+@pytest.mark.parametrize("name", SINGULAR)
+@pytest.mark.parametrize("stored", [np.array, sparse.csr_array])
+def test_singular_state_matrices(name, stored):
+    A, B = SINGULAR[name]
+    R = np.diag(np.arange(1.0, B.shape[1] + 1))
+    Q = np.diag(np.arange(1.0, len(A) + 1))
+    operator = hamiltonian_inverse(stored(A), B, Q, R)
+    assert residual(hamiltonian(A, B, Q, R), operator) < 1e-12
+    assert transposed(operator) < 1e-12
+
+
+@pytest.mark.parametrize("stored", [np.array, sparse.csr_array])
+@pytest.mark.parametrize("singular", [False, True])
+def test_pencil_with_weights(stored, singular):
+    rng = np.random.default_rng(3)
+    n = 20
+    A = -sparse.diags([np.full(n, 2.0), np.full(n - 1, -1.1), np.full(n - 1, -0.9)], [0, 1, -1])
+    A = A.toarray()
+    if singular:
+        A -= np.diag(A.sum(axis=1))  # the right null vector is constant, the left one is not
+    E = np.diag(rng.uniform(1, 2, n)) + 0.1 * np.eye(n, k=1)
+    B, G = rng.standard_normal((2, n, 3))
+    Q, R = G @ G.T, np.diag([1.0, 2.0, 3.0]) + 0.3
+    operator = hamiltonian_inverse(stored(A), B, Q, R, stored(E), scale=7.0)
+    D = np.block([[E, np.zeros_like(E)], [np.zeros_like(E), E.T]])
+    H = hamiltonian(A, B, Q, R, scale=7.0)
+    v = rng.standard_normal(2 * n)
+    z = operator.matvec(v)
+    # Rounding of what LU solves with: relative to H z, not to its small sum.
+    assert np.linalg.norm(H @ z - D @ v) < 1e-13 * np.linalg.norm(H) * np.linalg.norm(z)
+    assert transposed(operator) < 1e-12
+    # Scaling is a similarity: eigenvalues stay, and come in pairs +-.
+    values = np.linalg.eigvals(np.linalg.solve(D, H))
+    w = 1 / eigs(operator, 4, return_eigenvectors=False)
+    assert np.abs(w[:, None] - values).min(axis=1).max() < 1e-9
+    assert np.abs(w[:, None] + values).min(axis=1).max() < 1e-9
+
+
+def test_operator_with_an_inverse_takes_two_solves():
+    A, B = heat(4)
+    A = A - 1.0
+    count = [0, 0]
+
+    def solve(x, way):
+        count[way] += 1
+        return x / A
+
+    inverse = LinearOperator(
+        (64, 64), matvec=lambda x: solve(x, 0), rmatvec=lambda x: solve(x, 1), dtype=float
+    )
+    A_operator = LinearOperator((64, 64), matvec=lambda x: A * x, rmatvec=lambda x: A * x)
+    operator = hamiltonian_inverse(A_operator, B, 2.0, inverse=inverse)
+    count[:] = [0, 0]
+    assert residual(hamiltonian(A, B, 2.0), operator) < 1e-13
+    assert count == [1, 1]
+    with pytest.raises(InputError, match="inverse"):
+        hamiltonian_inverse(A_operator, B, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("A", "B", "Q"),
+    [
+        (np.array([0.0, -1.0]), np.array([0.0, 1.0]), 1.0),
+        (np.array([0.0, -1.0]), np.array([1.0, 1.0]), np.array([0.0, 1.0])),
+        (np.zeros(2), np.ones(2), 1.0),
+        (np.diag([0.0, -1.0]), np.array([0.0, 1.0]), 1.0),
+    ],
+    ids=["not stabilisable", "not detectable", "two zeros, one input", "dense"],
+)
+def test_singular_hamiltonian_is_an_error(A, B, Q):
+    with pytest.raises(np.linalg.LinAlgError, match="eigenvalue 0 of A"):
+        hamiltonian_inverse(A, B, Q)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("A", {"A": np.array([1.0, np.nan])}),
+        ("A", {"A": np.ones((2, 3))}),
+        ("A", {"A": np.array([1j, 1.0])}),
+        ("B", {"B": np.ones((3, 1))}),
+        ("B", {"B": np.array([[1.0], [np.inf]])}),
+        ("B", {"B": np.ones((2, 0))}),
+        ("Q", {"Q": np.array([[1.0, 2.0], [0.0, 1.0]])}),
+        ("Q", {"Q": np.ones(3)}),
+        ("R", {"R": -1.0}),
+        ("R", {"R": np.eye(2)}),
+        ("E", {"E": np.ones(3)}),
+        ("scale", {"scale": 0.0}),
+    ],
+)
+def test_bad_input_is_named(name, change):
+    arguments = {"A": np.array([-1.0, -2.0]), "B": np.ones((2, 1)), "Q": 1.0} | change
+    with pytest.raises(InputError, match=f"^{name}"):
+        hamiltonian_inverse(**arguments)
+
+
+@given(st.integers(0, 10**6), st.integers(1, 12), st.integers(1, 3), st.booleans())
+def test_random_problems(seed, n, m, singular):
+    rng = np.random.default_rng(seed)
+    A, B = rng.standard_normal((n, n)), rng.standard_normal((n, m))
+    if singular:
+        A[0] = A[-1] if n > 1 else 0.0
+    G = rng.standard_normal((n, n))
+    H = hamiltonian(A, B, G @ G.T + np.eye(n))
+    operator = hamiltonian_inverse(A, B, G @ G.T + np.eye(n))
+    # Whatever the condition of A; a relative residual is rounding times that of H.
+    assert residual(H, operator) < 1e-11 + 1e-14 * np.linalg.cond(H)
