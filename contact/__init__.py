@@ -3,6 +3,7 @@
 from contact.body import ElasticBody
 from contact.condense import CondensedContact
 from contact.cross_check import CrossCheck, cross_check
+from contact.cut_body import CutBody
 from contact.errors import (
     ContactError,
     Infeasible,
@@ -27,6 +28,7 @@ __all__ = [
     "ContactProblem",
     "ContactResult",
     "CrossCheck",
+    "CutBody",
     "Cylinder",
     "ElasticBody",
     "Infeasible",

@@ -185,6 +185,10 @@ class ElasticBody(BasisSolid):
         """Facet numbers of a boundary of this body; see `contact.selection.select_facets`."""
         return select_facets(self.mesh, boundary)
 
+    def whole_facets(self, boundary: str | Sequence[str] | ArrayLike) -> NDArray[np.int64]:
+        """Facets that the body fills: all of them, unless its boundary cuts cells."""
+        return self.facets(boundary)
+
     def fix(
         self,
         boundary: str | Sequence[str] | ArrayLike,
@@ -284,6 +288,9 @@ class ElasticBody(BasisSolid):
         InputError
             Two prescriptions contradict each other.
         """
+        return self._supported()
+
+    def _supported(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
         if not self._supports:
             return sparse.eye_array(self.basis.N, format="csr"), np.zeros(self.basis.N)
         if isinstance(self.element, ElementQuadAdini | ElementHexAdini | ElementQuadBFS):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.body import ElasticBody
+from contact.cut_arc import ArcGap, CutArc
 from contact.errors import InputError, numbers
 from contact.gap import GapRule
 from contact.obstacles import ClosestPoint, Gap
@@ -30,14 +31,14 @@ class ContactBoundaries:
     body : ElasticBody
     rows : ContactRows
         Of all boundaries, one after the other; without a gap.
-    rules : tuple of GapRule
+    rules : tuple of GapRule or ArcGap
     several : bool
         Obstacles and friction come as lists.
     """
 
     body: ElasticBody
     rows: ContactRows
-    rules: tuple[GapRule, ...]
+    rules: tuple[GapRule | ArcGap, ...]
     several: bool
 
     @classmethod
@@ -64,15 +65,12 @@ class ContactBoundaries:
                 "for each, or one obstacle (not a list) for all of them together"
             )
         forms = _each("functional", functional, several, len(boundaries), shared=(str, type(None)))
-        facets = [body.facets(b) for b in boundaries]
-        seen, counts = np.unique(np.concatenate(facets), return_counts=True)
-        if np.any(counts > 1):
-            raise InputError(
-                f"boundary: facet {int(seen[counts > 1][0])} belongs to two contact boundaries"
-            )
+        places = [b if isinstance(b, CutArc) else body.whole_facets(b) for b in boundaries]
+        _refuse_overlap([p for p in places if not isinstance(p, CutArc)], "facet")
+        _refuse_overlap([p.index for p in places if isinstance(p, CutArc)], "point of the curve")
         parts = [
-            contact_boundary(body, f, form, _direction(o))
-            for f, form, o in zip(facets, forms, obstacles, strict=True)
+            _discretised(body, p, form, _direction(o))
+            for p, form, o in zip(places, forms, obstacles, strict=True)
         ]
         rows = parts[0][0] if len(parts) == 1 else _joined([rows for rows, _ in parts])
         return cls(body, rows, tuple(rule for _, rule in parts), several)
@@ -131,6 +129,25 @@ class ContactBoundaries:
         ends = np.cumsum([rule.order.size for rule in self.rules])[:-1]
         places = np.split(self.rows.x, ends, axis=1)
         return np.concatenate([_values(f, x) for f, x in zip(each, places, strict=True)])
+
+
+def _refuse_overlap(places: list[NDArray[np.int64]], name: str) -> None:
+    if places:
+        seen, counts = np.unique(np.concatenate(places), return_counts=True)
+        if np.any(counts > 1):
+            raise InputError(
+                f"boundary: {name} {int(seen[counts > 1][0])} belongs to two contact boundaries"
+            )
+
+
+def _discretised(
+    body: ElasticBody, place: Any, form: str | None, direction: Callable[[Array], Array] | None
+) -> tuple[ContactRows, GapRule | ArcGap]:
+    if not isinstance(place, CutArc):
+        return contact_boundary(body, place, form, direction)
+    if place.body is not body:
+        raise InputError("boundary: the arc belongs to another body; use body.arc() of this one")
+    return place.rows(form, direction)
 
 
 def _direction(obstacle: Any) -> Callable[[Array], Array] | None:

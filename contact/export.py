@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from contact.cut_body import CutBody
 from contact.errors import MissingDependency
 from skfem_adini import to_pyvista, von_mises
 
@@ -23,7 +24,8 @@ def body_grid(result: ContactResult, subdivide: int | None = None) -> Any:
     ----------
     result : ContactResult
     subdivide : int, optional
-        Linear sub-cells along each edge instead of exact high-order cells.
+        Linear sub-cells along each edge instead of exact high-order cells; 4 for a `CutBody`, of
+        which they hold the part inside.
 
     Returns
     -------
@@ -37,13 +39,15 @@ def body_grid(result: ContactResult, subdivide: int | None = None) -> Any:
     dx = body.basis.dx
     cell_data = {"von_mises": np.sum(result.von_mises() * dx, axis=1) / dx.sum(axis=1)}
     cell_data |= {f"stress_{'xyz'[i]}{'xyz'[j]}": cell[i, j] for i, j in pairs}
-    return to_pyvista(
+    cut = isinstance(body, CutBody)
+    grid = to_pyvista(
         body.basis,
         {"displacement": result.u},
-        subdivide=subdivide,
+        subdivide=4 if cut and subdivide is None else subdivide,
         point_data={"nodal_stress": nodal, "nodal_von_mises": von_mises(nodal)},
         cell_data=cell_data,
     )
+    return body.clipped(grid) if cut else grid
 
 
 def boundary_grid(result: ContactResult) -> Any:

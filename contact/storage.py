@@ -18,6 +18,7 @@ import skfem
 from scipy import sparse
 
 from contact.body import ElasticBody
+from contact.cut_body import CutBody
 from contact.errors import InputError
 from contact.newton import Iteration
 from contact.rigid import ObstacleMotion
@@ -38,7 +39,7 @@ def write(result: ContactResult, path: Path) -> Path:
     Raises
     ------
     InputError
-        The element is not one that `read` could build again.
+        The element is not one that `read` could build again, or the body is a `CutBody`.
     """
     path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
     return write_arrays(path, problem_arrays(result.system) | state_arrays(result))
@@ -47,6 +48,11 @@ def write(result: ContactResult, path: Path) -> Path:
 def problem_arrays(system: ContactSystem) -> dict[str, Any]:
     """What all steps of a load history share: body, supports, contact rows."""
     body = system.body
+    if isinstance(body, CutBody):
+        raise InputError(
+            "result: a CutBody holds a level set, a function, and cannot be saved; save u, mu and "
+            "t, and build the body again from its script"
+        )
     _element(type(body.element).__name__)
     arrays: dict[str, Any] = {
         "p": body.mesh.doflocs,

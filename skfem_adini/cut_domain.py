@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from copy import copy
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -226,23 +228,45 @@ class CutDomain:
         fields
             Numbers handed to the form.
         """
-        total: Any = 0.0
+        return sum(form.assemble(basis, **fields) for basis in self.groups(elem, intorder))
+
+    def groups(self, elem: Any, intorder: int | None = None) -> Iterator[CellBasis]:
+        """Yield bases whose integrals add up to those over the domain.
+
+        The full cells are one, as in :meth:`basis`; cut cells with similar numbers of points come
+        together, because padding would fill up the others.
+        """
         if self.full.size:
-            whole = CellBasis(self.mesh, elem, intorder=intorder, elements=self.full)
-            total = total + form.assemble(whole, **fields)
+            yield CellBasis(self.mesh, elem, intorder=intorder, elements=self.full)
         rule = self.quadrature
         count = np.bincount(rule.cells, minlength=self.mesh.t.shape[1])
         bound = int(2 ** np.floor(np.log2(count[count > 0].min()))) if count.any() else 0
         while bound and bound <= count.max():
-            # Cells with similar numbers of points together: padding would fill up the others.
             keep = (count[rule.cells] >= bound) & (count[rule.cells] < 2 * bound)
             bound *= 2
             if keep.any():
                 places = rule.cells[keep], rule.points[:, keep], rule.weights[keep]
                 cells, X, W, _ = self._padded(*places)
-                basis = CellBasis(self.mesh, elem, quadrature=(X, W), elements=cells)
-                total = total + form.assemble(basis, **fields)
-        return total
+                yield CellBasis(self.mesh, elem, quadrature=(X, W), elements=cells)
+
+    def on_active_cells(self) -> CutDomain:
+        """Return the same domain on the mesh of its active cells alone, in their order."""
+        rule, active = self.quadrature, self.active
+        place = np.full(self.mesh.t.shape[1], -1)
+        place[active] = np.arange(active.size)
+        other = copy(self)
+        for derived in ("full", "cut", "active", "ghost_facets", "outer_facets"):
+            other.__dict__.pop(derived, None)
+        other.mesh = self.mesh.restrict(active)
+        other.quadrature = replace(
+            rule,
+            lower=rule.lower[:, active],
+            upper=rule.upper[:, active],
+            full=rule.full[active],
+            cells=place[rule.cells],
+            boundary_cells=place[rule.boundary_cells],
+        )
+        return other
 
     def _padded(
         self, owner: Indices, points: Array, weights: Array
