@@ -45,20 +45,27 @@ class HostKernels(Kernels):
 
     def launch(self, stage: Stage, m: Any, out: Any, feet: Any) -> None:
         """One kernel over all nodes with stored feet; flat arrays."""
-        from cip import conservative_kernels, cpu, line_kernels, plane_kernels
+        from cip import conservative_kernels, cpu, line_kernels, plane_blocks, plane_kernels
 
         loops: Any = cpu
         grid, advect, limiter = self.grid, int(stage.advect), self.limiter
         if stage.axis is None:
-            node: Any = getattr(plane_kernels, self.name(stage))
             plane = (*self.widths, grid.size, *grid.nodes, *map(int, grid.periodic))
-            cpu.share(
-                lambda start, stop: loops.run_plane(
-                    node, start, stop, m, out, feet, *plane, advect, limiter
-                ),
-                grid.nodes[0],
-                grid.size,
-            )
+
+            if limiter == 0:
+                blocks: Any = getattr(plane_blocks, f"run_{stage.profile}")
+
+                def rows(start: int, stop: int) -> None:
+                    near = plane_blocks.corner_room(self.dtype)
+                    blocks(start, stop, m, out, feet, *plane, advect, near)
+
+            else:
+                node: Any = getattr(plane_kernels, self.name(stage))
+
+                def rows(start: int, stop: int) -> None:
+                    loops.run_plane(node, start, stop, m, out, feet, *plane, advect, limiter)
+
+            cpu.share(rows, grid.nodes[0], grid.size)
             return
         inner, line = self._line(stage)
         width = self.widths[stage.axis]

@@ -60,3 +60,30 @@ def pointer() -> Any:
         return types.CPointer(array.dtype)(array), generate
 
     return address
+
+
+def room(count: int) -> Any:
+    """The intrinsic that gives room for so many numbers of an array's type on the stack.
+
+    The compiler knows that nothing else points there, which loops over parts of large arrays need
+    to become vector instructions.
+    """
+    import numba
+    from numba.extending import intrinsic
+
+    types: Any = numba.types
+
+    @intrinsic
+    def stack(_context: Any, array: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            from llvmlite import ir
+
+            kind = context.get_value_type(array.dtype)
+            with builder.goto_entry_block():
+                place = builder.alloca(ir.ArrayType(kind, count))
+                place.align = 64
+            return builder.bitcast(place, kind.as_pointer())
+
+        return types.CPointer(array.dtype)(array), generate
+
+    return stack

@@ -24,8 +24,13 @@ def locate(i: Index, d: Real, n: Index, periodic: Index) -> tuple[Index, Index, 
     s = d - f
     k = i + f
     if periodic == 1:
-        if k < 0 or k >= n:
-            k = k % n
+        # No division of whole numbers, which would keep the loop from vector instructions; in
+        # single precision the quotient may be wrong by one.
+        k = k - n * floor((k + 0.5) * (1.0 / n))
+        if k < 0:
+            k = k + n
+        if k >= n:
+            k = k - n
         r = k + 1
         if r == n:
             r = 0

@@ -48,6 +48,54 @@ def edge(
 
 
 @kernel
+def adini_sum(
+    u00: Real, d0: Real, d1: Real, e0: Real, e1: Real, b0: Real, db0: Real, b1: Real, db1: Real,
+    b2: Real, db2: Real, b3: Real, db3: Real, a: Real, b: Real, s: Real, t: Real,
+) -> tuple[Real, Real, Real]:  # fmt: skip
+    """Value and gradient from the value at a corner, the jumps and bubbles of the edges."""
+    value = u00 + s * d0 + t * (e0 + s * (d1 - d0)) + b0 + t * (b1 - b0) + b2 + s * (b3 - b2)
+    fx = (d0 + t * (d1 - d0) + db0 + t * (db1 - db0) + b3 - b2) / a
+    fy = (e0 + s * (e1 - e0) + db2 + s * (db3 - db2) + b1 - b0) / b
+    return value, fx, fy
+
+
+@kernel
+def adini_profile(
+    u00: Real, u10: Real, u01: Real, u11: Real, p0: Real, p1: Real, p2: Real, p3: Real,
+    q0: Real, q1: Real, q2: Real, q3: Real, a: Real, b: Real, s: Real, t: Real,
+) -> tuple[Real, Real, Real]:  # fmt: skip
+    """Value and gradient from the corners of a cell of widths a, b: u, u_x, u_y."""
+    d0 = u10 - u00
+    d1 = u11 - u01
+    e0 = u01 - u00
+    e1 = u11 - u10
+    b0, db0 = bubble(d0, a * p0, a * p1, s)
+    b1, db1 = bubble(d1, a * p2, a * p3, s)
+    b2, db2 = bubble(e0, b * q0, b * q2, t)
+    b3, db3 = bubble(e1, b * q1, b * q3, t)
+    return adini_sum(u00, d0, d1, e0, e1, b0, db0, b1, db1, b2, db2, b3, db3, a, b, s, t)
+
+
+@kernel
+def move_adini(
+    value: Real, fx: Real, fy: Real, feet: Array, fs: Index, fo: Index, advect: Index,
+    out: Out, size: Index, o: Index,
+) -> None:  # fmt: skip
+    """The new moments by the chain rule."""
+    gx = feet[2 * fs + fo] * fx + feet[4 * fs + fo] * fy
+    gy = feet[3 * fs + fo] * fx + feet[5 * fs + fo] * fy
+    u = value
+    if advect == 1:
+        E = feet[6 * fs + fo]
+        gx = E * gx + feet[7 * fs + fo] * value
+        gy = E * gy + feet[8 * fs + fo] * value
+        u = E * value
+    out[o] = u
+    out[size + o] = gx
+    out[2 * size + o] = gy
+
+
+@kernel
 def adini(
     m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Array, hy: Array,
     size: Index, o: Index,
@@ -68,49 +116,102 @@ def adini(
     u11 = m[c11]
     ux = size
     uy = 2 * size
-    d0 = u10 - u00
-    d1 = u11 - u01
-    e0 = u01 - u00
-    e1 = u11 - u10
-    p0 = a * m[ux + c00]
-    p1 = a * m[ux + c10]
-    p2 = a * m[ux + c01]
-    p3 = a * m[ux + c11]
-    q0 = b * m[uy + c00]
-    q1 = b * m[uy + c10]
-    q2 = b * m[uy + c01]
-    q3 = b * m[uy + c11]
+    p0 = m[ux + c00]
+    p1 = m[ux + c10]
+    p2 = m[ux + c01]
+    p3 = m[ux + c11]
+    q0 = m[uy + c00]
+    q1 = m[uy + c10]
+    q2 = m[uy + c01]
+    q3 = m[uy + c11]
     cut = 0
     if limiter == 2:
         dx = feet[fo]
         dy = feet[fs + fo]
-        b0, db0, r0 = edge(m, hx, l, ny, nx, px, k, kr, u00, u10, p0, p1, s, dx)
-        b1, db1, r1 = edge(m, hx, lr, ny, nx, px, k, kr, u01, u11, p2, p3, s, dx)
-        b2, db2, r2 = edge(m, hy, k * ny, 1, ny, py, l, lr, u00, u01, q0, q2, t, dy)
-        b3, db3, r3 = edge(m, hy, kr * ny, 1, ny, py, l, lr, u10, u11, q1, q3, t, dy)
+        b0, db0, r0 = edge(m, hx, l, ny, nx, px, k, kr, u00, u10, a * p0, a * p1, s, dx)
+        b1, db1, r1 = edge(m, hx, lr, ny, nx, px, k, kr, u01, u11, a * p2, a * p3, s, dx)
+        b2, db2, r2 = edge(m, hy, k * ny, 1, ny, py, l, lr, u00, u01, b * q0, b * q2, t, dy)
+        b3, db3, r3 = edge(m, hy, kr * ny, 1, ny, py, l, lr, u10, u11, b * q1, b * q3, t, dy)
         cut = r0 + r1 + r2 + r3
+        value, fx, fy = adini_sum(
+            u00, u10 - u00, u11 - u01, u01 - u00, u11 - u10,
+            b0, db0, b1, db1, b2, db2, b3, db3, a, b, s, t,
+        )  # fmt: skip
     else:
-        b0, db0 = bubble(d0, p0, p1, s)
-        b1, db1 = bubble(d1, p2, p3, s)
-        b2, db2 = bubble(e0, q0, q2, t)
-        b3, db3 = bubble(e1, q1, q3, t)
-    value = u00 + s * d0 + t * (e0 + s * (d1 - d0)) + b0 + t * (b1 - b0) + b2 + s * (b3 - b2)
-    fx = (d0 + t * (d1 - d0) + db0 + t * (db1 - db0) + b3 - b2) / a
-    fy = (e0 + s * (e1 - e0) + db2 + s * (db3 - db2) + b1 - b0) / b
+        value, fx, fy = adini_profile(
+            u00, u10, u01, u11, p0, p1, p2, p3, q0, q1, q2, q3, a, b, s, t
+        )
     if limiter == 1 or cut > 0:
         low = min(min(u00, u10), min(u01, u11))
         high = max(max(u00, u10), max(u01, u11))
         value = min(max(value, low), high)
-    gx = feet[2 * fs + fo] * fx + feet[4 * fs + fo] * fy
-    gy = feet[3 * fs + fo] * fx + feet[5 * fs + fo] * fy
+    move_adini(value, fx, fy, feet, fs, fo, advect, out, size, o)
+
+
+@kernel
+def bicubic_profile(
+    u00: Real, u10: Real, u01: Real, u11: Real, x0: Real, x1: Real, x2: Real, x3: Real,
+    y0: Real, y1: Real, y2: Real, y3: Real, z0: Real, z1: Real, z2: Real, z3: Real,
+    a: Real, b: Real, s: Real, t: Real,
+) -> tuple[Real, Real, Real, Real, Real, Real]:  # fmt: skip
+    """Value, gradient and second derivatives xx, xy, yy from the corners: u, u_x, u_y, u_xy."""
+    ab = a * b
+    p0 = a * x0
+    p1 = a * x1
+    p2 = a * x2
+    p3 = a * x3
+    q0 = b * y0
+    q1 = b * y1
+    q2 = b * y2
+    q3 = b * y3
+    w0 = ab * z0
+    w1 = ab * z1
+    w2 = ab * z2
+    w3 = ab * z3
+    low, low1 = cubic(u00, u10, p0, p1, s)
+    top, top1 = cubic(u01, u11, p2, p3, s)
+    lowt, lowt1 = cubic(q0, q1, w0, w1, s)
+    topt, topt1 = cubic(q2, q3, w2, w3, s)
+    value, ft = cubic(low, top, lowt, topt, t)
+    ftt = cubic_second(low, top, lowt, topt, t)
+    f1, fst = cubic(low1, top1, lowt1, topt1, t)
+    low2 = cubic_second(u00, u10, p0, p1, s)
+    top2 = cubic_second(u01, u11, p2, p3, s)
+    lowt2 = cubic_second(q0, q1, w0, w1, s)
+    topt2 = cubic_second(q2, q3, w2, w3, s)
+    fss, _slope = cubic(low2, top2, lowt2, topt2, t)
+    return value, f1 / a, ft / b, fss / (a * a), fst / ab, ftt / (b * b)
+
+
+@kernel
+def move_bicubic(
+    value: Real, fx: Real, fy: Real, fxx: Real, fxy: Real, fyy: Real,
+    feet: Array, fs: Index, fo: Index, advect: Index, out: Out, size: Index, o: Index,
+) -> None:  # fmt: skip
+    """The new moments by the chain rule."""
+    g11 = feet[2 * fs + fo]
+    g12 = feet[3 * fs + fo]
+    g21 = feet[4 * fs + fo]
+    g22 = feet[5 * fs + fo]
+    u = value
+    vx = g11 * fx + g21 * fy
+    vy = g12 * fx + g22 * fy
+    vxy = (
+        g11 * g12 * fxx + (g11 * g22 + g21 * g12) * fxy + g21 * g22 * fyy
+        + feet[6 * fs + fo] * fx + feet[7 * fs + fo] * fy
+    )  # fmt: skip
     if advect == 1:
-        E = feet[6 * fs + fo]
-        gx = E * gx + feet[7 * fs + fo] * value
-        gy = E * gy + feet[8 * fs + fo] * value
-        value = E * value
-    out[o] = value
-    out[ux + o] = gx
-    out[uy + o] = gy
+        E = feet[8 * fs + fo]
+        Ex = feet[9 * fs + fo]
+        Ey = feet[10 * fs + fo]
+        vxy = E * vxy + Ex * vy + Ey * vx + feet[11 * fs + fo] * value
+        vx = E * vx + Ex * value
+        vy = E * vy + Ey * value
+        u = E * value
+    out[o] = u
+    out[size + o] = vx
+    out[2 * size + o] = vy
+    out[3 * size + o] = vxy
 
 
 @kernel
@@ -126,9 +227,6 @@ def bicubic(
     c10 = kr * ny + l
     c01 = k * ny + lr
     c11 = kr * ny + lr
-    a = hx[k]
-    b = hy[l]
-    ab = a * b
     ux = size
     uy = 2 * size
     w = 3 * size
@@ -136,61 +234,16 @@ def bicubic(
     u10 = m[c10]
     u01 = m[c01]
     u11 = m[c11]
-    p0 = a * m[ux + c00]
-    p1 = a * m[ux + c10]
-    p2 = a * m[ux + c01]
-    p3 = a * m[ux + c11]
-    q0 = b * m[uy + c00]
-    q1 = b * m[uy + c10]
-    q2 = b * m[uy + c01]
-    q3 = b * m[uy + c11]
-    w0 = ab * m[w + c00]
-    w1 = ab * m[w + c10]
-    w2 = ab * m[w + c01]
-    w3 = ab * m[w + c11]
-    low, low1 = cubic(u00, u10, p0, p1, s)
-    top, top1 = cubic(u01, u11, p2, p3, s)
-    lowt, lowt1 = cubic(q0, q1, w0, w1, s)
-    topt, topt1 = cubic(q2, q3, w2, w3, s)
-    value, ft = cubic(low, top, lowt, topt, t)
-    ftt = cubic_second(low, top, lowt, topt, t)
-    f1, fst = cubic(low1, top1, lowt1, topt1, t)
-    low2 = cubic_second(u00, u10, p0, p1, s)
-    top2 = cubic_second(u01, u11, p2, p3, s)
-    lowt2 = cubic_second(q0, q1, w0, w1, s)
-    topt2 = cubic_second(q2, q3, w2, w3, s)
-    fss, _slope = cubic(low2, top2, lowt2, topt2, t)
+    value, fx, fy, fxx, fxy, fyy = bicubic_profile(
+        u00, u10, u01, u11, m[ux + c00], m[ux + c10], m[ux + c01], m[ux + c11],
+        m[uy + c00], m[uy + c10], m[uy + c01], m[uy + c11],
+        m[w + c00], m[w + c10], m[w + c01], m[w + c11], hx[k], hy[l], s, t,
+    )  # fmt: skip
     if limiter == 1:
         low_end = min(min(u00, u10), min(u01, u11))
         high_end = max(max(u00, u10), max(u01, u11))
         value = min(max(value, low_end), high_end)
-    fx = f1 / a
-    fy = ft / b
-    fxx = fss / (a * a)
-    fxy = fst / ab
-    fyy = ftt / (b * b)
-    g11 = feet[2 * fs + fo]
-    g12 = feet[3 * fs + fo]
-    g21 = feet[4 * fs + fo]
-    g22 = feet[5 * fs + fo]
-    vx = g11 * fx + g21 * fy
-    vy = g12 * fx + g22 * fy
-    vxy = (
-        g11 * g12 * fxx + (g11 * g22 + g21 * g12) * fxy + g21 * g22 * fyy
-        + feet[6 * fs + fo] * fx + feet[7 * fs + fo] * fy
-    )  # fmt: skip
-    if advect == 1:
-        E = feet[8 * fs + fo]
-        Ex = feet[9 * fs + fo]
-        Ey = feet[10 * fs + fo]
-        vxy = E * vxy + Ex * vy + Ey * vx + feet[11 * fs + fo] * value
-        vx = E * vx + Ex * value
-        vy = E * vy + Ey * value
-        value = E * value
-    out[o] = value
-    out[ux + o] = vx
-    out[uy + o] = vy
-    out[w + o] = vxy
+    move_bicubic(value, fx, fy, fxx, fxy, fyy, feet, fs, fo, advect, out, size, o)
 
 
 @kernel
