@@ -15,10 +15,13 @@ from gpu.errors import (
     MissingDependency,
     NotConverged,
     NotSupported,
+    RiccatiError,
     Unbounded,
 )
 from gpu.hamiltonian import hamiltonian_inverse
 from gpu.kkt import KKT
+from gpu.lqr import care, lqe, lqr
+from gpu.lqr_result import LowRankValue, LQRResult
 from gpu.problem import QPFactor
 from gpu.qp import solve_qp
 from gpu.qpsolvers_backend import register_qpsolvers
@@ -30,17 +33,23 @@ __all__ = [
     "GpuError",
     "Infeasible",
     "InputError",
+    "LQRResult",
+    "LowRankValue",
     "MissingDependency",
     "NotConverged",
     "NotSupported",
     "QPFactor",
     "QPResult",
+    "RiccatiError",
     "Status",
     "Step",
     "Unbounded",
     "batch_solve_qp",
+    "care",
     "eigs",
     "hamiltonian_inverse",
+    "lqe",
+    "lqr",
     "register_qpsolvers",
     "solve_qp",
     "svds",

@@ -1,0 +1,332 @@
+"""Linear-quadratic regulators, estimators and Riccati equations: the public entries."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import warnings
+from typing import Any
+
+import numpy as np
+
+from gpu.arrays import to_host
+from gpu.closed_loop import ALL_POLES, closed_loop_of, dense_loop, nearest_poles
+from gpu.errors import GpuError, InputError, NotConverged, RiccatiError
+from gpu.hamiltonian_balance import balance
+from gpu.lqr_problem import LQRProblem, check_lqr, semidefinite
+from gpu.lqr_result import Found, LQRResult
+from gpu.riccati_modes import explain
+from gpu.riccati_residual import riccati_residual
+
+# Modules with a function ``solve(problem, **options) -> Found``.
+METHODS = {
+    "doubling": "gpu.doubling",
+    "newton": "gpu.newton_kleinman",
+    "hamiltonian": "gpu.hamiltonian_lqr",
+    "reduced": "gpu.reduced_lqr",
+}
+# These promise a solution of the equation; the others a gain.
+EXACT = {"doubling", "newton"}
+
+
+def lqr(
+    A: Any,
+    B: Any,
+    Q: Any,
+    R: Any = None,
+    N: Any = None,
+    E: Any = None,
+    method: str = "auto",
+    *,
+    factored: bool = False,
+    inverse: Any = None,
+    unstable: str = "warn",
+    **options: Any,
+) -> LQRResult:
+    r"""Find the feedback :math:`u = -K x` that is optimal for :math:`E x' = A x + B u`.
+
+    It minimises :math:`\int_0^\infty x^T Q x + 2 x^T N u + u^T R u \, dt`:
+
+    .. math::
+        E^T S A + A^T S E - (E^T S B + N) R^{-1} (E^T S B + N)^T + Q = 0, \qquad
+        K = R^{-1} (B^T S E + N^T),
+
+    S the solution for which every eigenvalue of :math:`(A - B K, E)` has a negative real part.
+    Results live where the matrices live, NumPy or CuPy.
+
+    Parameters
+    ----------
+    A : array, shape (n, n), or (n,) for a diagonal, sparse matrix, or LinearOperator
+        An operator needs `inverse`.
+    B : array or sparse matrix, shape (n, m) or (n,)
+    Q : float, array, shape (n, n), or (n,) for a diagonal, sparse matrix, or LinearOperator
+        Symmetric; with ``factored=True`` the factor C of ``Q = C^T C``, shape (p, n).
+    R : float or array, shape (m, m), or (m,) for a diagonal, optional
+        Symmetric positive definite; identity by default.
+    N : array, shape (n, m), optional
+        Cross term.
+    E : array, shape (n, n), or (n,) for a diagonal, or sparse matrix, optional
+        Invertible; identity by default.
+    method : {"auto", "doubling", "newton", "hamiltonian", "reduced"}
+        "doubling": structured doubling of a dense problem, Newton correction, QZ where it fails.
+        "newton": Newton-Kleinman from a stabilising gain. "hamiltonian": the eigenvectors of the
+        inverse Hamiltonian, Algorithm 5 of the dissertation. "reduced": Galerkin on a rational
+        Krylov space. "auto": doubling where A is dense, else reduced.
+    inverse : LinearOperator, optional
+        ``A^-1`` of an operator A, with ``rmatvec``.
+    unstable : {"warn", "raise", "ignore"}
+        What to do where the gain of a reduced method does not stabilise. The result says so in
+        ``stable`` in any case, and its ``refined()`` finds the optimal gain.
+    **options
+        Of the method: see ``gpu.doubling.solve`` and its kind.
+
+    Returns
+    -------
+    LQRResult
+        Unpacks as ``K, S, E``: gain, Riccati solution, closed-loop poles.
+
+    Raises
+    ------
+    InputError
+        An argument is malformed, or the optimal cost is negative because Q is not semidefinite.
+    RiccatiError
+        A `numpy.linalg.LinAlgError`: no stabilising solution; names the mode that no input moves,
+        or that lies on the imaginary axis unseen by Q.
+    NotConverged
+        What was found could not be certified.
+
+    Notes
+    -----
+    Certified means: the closed loop's poles were computed again from A, B and K and lie left of
+    the axis beyond round-off, and for dense methods the residual of the equation, in units that
+    balance the Hamiltonian, is below 1e-9 (usually 1e-15).
+
+    References
+    ----------
+    E. K.-W. Chu, H.-Y. Fan and W.-W. Lin, Linear Algebra Appl. 396 (2005); D. L. Kleinman, IEEE
+    Trans. Automat. Control 13 (1968).
+
+    Examples
+    --------
+    A double integrator:
+
+    >>> import numpy as np
+    >>> from gpu import lqr
+    >>> K, S, E = lqr([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]], np.diag([1.0, 2.0]), 1.0)
+    >>> K.round(12), S.round(12)
+    (array([[1., 2.]]), array([[2., 1.],
+           [1., 2.]]))
+    """
+    if unstable not in ("warn", "raise", "ignore"):
+        raise InputError(f"unstable={unstable!r}: expected 'warn', 'raise' or 'ignore'")
+    problem = check_lqr(A, B, Q, R, N, E, factored=factored, inverse=inverse)
+    return solve_problem(problem, method, unstable, options, paid=False)
+
+
+def care(a: Any, b: Any, q: Any, r: Any, e: Any = None, s: Any = None) -> Any:
+    r"""Solve :math:`A^T X E + E^T X A - (E^T X B + S) R^{-1} (E^T X B + S)^T + Q = 0`.
+
+    The signature is that of `scipy.linalg.solve_continuous_are`. What is returned is the
+    stabilising solution, certified; Q may be indefinite where there is one.
+
+    Parameters
+    ----------
+    a : array, shape (n, n)
+    b : array, shape (n, m)
+    q : array, shape (n, n)
+    r : array, shape (m, m)
+        Positive definite.
+    e : array, shape (n, n), optional
+    s : array, shape (n, m), optional
+
+    Returns
+    -------
+    x : array, shape (n, n)
+
+    Raises
+    ------
+    InputError
+    RiccatiError
+    NotConverged
+
+    Examples
+    --------
+    >>> from gpu import care
+    >>> float(care([[1.0]], [[1.0]], [[3.0]], [[1.0]])[0, 0])
+    3.0
+    """
+    problem = check_lqr(a, b, q, r, s, e)
+    if not problem.dense:
+        problem = check_lqr(*(problem.full()[0], b, q, r, s, problem.full()[1]))
+    return solve_problem(problem, "doubling", "raise", {}, paid=True).S
+
+
+def lqe(
+    A: Any,
+    G: Any,
+    C: Any,
+    W: Any,
+    V: Any,
+    N: Any = None,
+    E: Any = None,
+    method: str = "auto",
+    *,
+    factored: bool = False,
+    **options: Any,
+) -> LQRResult:
+    r"""Find the gain L of the stationary Kalman-Bucy filter, the dual of `lqr`.
+
+    For :math:`E x' = A x + G w`, :math:`y = C x + v` with white noises of intensities W, V and
+    cross intensity N, the estimate :math:`E \hat x' = A \hat x + L (y - C \hat x)` has the least
+    covariance P of errors:
+
+    .. math::
+        A P E^T + E P A^T - L V L^T + G W G^T = 0, \qquad L = (E P C^T + G N) V^{-1}.
+
+    Parameters
+    ----------
+    A : array or sparse matrix, shape (n, n), or (n,) for a diagonal
+    G : array, shape (n, q)
+    C : array, shape (p, n)
+    W : array, shape (q, q)
+        Symmetric positive semidefinite.
+    V : array, shape (p, p)
+        Symmetric positive definite.
+    N : array, shape (q, p), optional
+    E, method, options
+        As in `lqr`.
+    factored : bool
+        W is a factor F, shape (q, l), of the intensity F F^T.
+
+    Returns
+    -------
+    LQRResult
+        Unpacks as ``L, P, E``: the gain, shape (n, p), the covariance, the poles of the filter.
+
+    Raises
+    ------
+    InputError
+    RiccatiError
+    NotConverged
+
+    Examples
+    --------
+    >>> from gpu import lqe
+    >>> L, P, E = lqe([[1.0]], [[1.0]], [[1.0]], 3.0, 1.0)
+    >>> float(L[0, 0]), float(P[0, 0]), float(E[0].real)
+    (3.0, 3.0, -2.0)
+    """
+    from gpu.estimator import dual_problem, transposed
+
+    problem = dual_problem(A, G, C, W, V, N, E, factored)
+    return transposed(solve_problem(problem, method, "raise", options, paid=False))
+
+
+def solve_problem(
+    problem: LQRProblem, method: str, unstable: str, options: dict[str, Any], *, paid: bool
+) -> LQRResult:
+    """Choose the method, solve, certify; ``paid`` allows a negative optimal cost."""
+    if method == "auto":
+        method = "doubling" if problem.dense else "reduced"
+    if method not in METHODS:
+        raise InputError(f"method={method!r}: expected one of auto, {', '.join(METHODS)}")
+    solve = importlib.import_module(METHODS[method]).solve
+    known = list(inspect.signature(solve).parameters)[1:]
+    for name in options:
+        if name not in known:
+            raise InputError(f"{name}: method {method!r} knows {', '.join(known) or 'no options'}")
+    if not paid and not problem.dense:
+        semidefinite(problem, always=True)
+    try:
+        found = solve(problem, **options)
+    except (NotConverged, RiccatiError) as error:
+        raise _explained(problem, error) from None
+    except np.linalg.LinAlgError as error:
+        raise _explained(problem, NotConverged(str(error))) from None
+    result = certified(problem, found, method)
+    if method in EXACT:
+        if not result.converged:
+            raise _explained(
+                problem,
+                NotConverged(
+                    f"the Riccati solution is not certified: residual {result.residual:.1e}, "
+                    f"abscissa {result.abscissa:.1e}"
+                ),
+                result.E,
+            )
+        if not paid:
+            _check_cost(problem, result.S)
+    elif not result.stable and unstable != "ignore":
+        message = (
+            f"the gain of method {method!r} does not stabilise: a pole has the real part "
+            f"{result.abscissa:.3g}; use result.refined(), or method='newton'"
+        )
+        if unstable == "raise":
+            raise NotConverged(message)
+        warnings.warn(message, RuntimeWarning, stacklevel=3)
+    return result
+
+
+def certified(problem: LQRProblem, found: Found, method: str) -> LQRResult:
+    """Compute poles and residual again from the data and put the result together."""
+    info = dict(found.info)
+    residual = float(info.pop("residual", np.nan))
+    xp = problem.xp
+    if problem.dense:
+        standard = problem.standard()
+        unit = balance(standard)
+        S = found.value if isinstance(found.value, xp.ndarray) else None
+        if S is not None:
+            left = riccati_residual(problem, S, unit)
+            residual = left.relative
+            loop = closed_loop_of(problem, standard, unit, S, residual=left.matrix)
+        else:
+            loop = closed_loop_of(problem, standard, unit, K=found.gain)
+        poles, stable = loop.poles, loop.is_stable()
+    elif problem.n <= ALL_POLES and problem.state.kind != "operator":
+        loop = dense_loop(problem, found.gain)
+        poles, stable = loop.poles, loop.is_stable()
+    else:
+        poles, stable = nearest(problem, found.gain)
+    return LQRResult(
+        K=found.gain,
+        S=found.value,
+        E=poles,
+        stable=bool(stable),
+        abscissa=float(poles[0].real) if len(poles) else np.nan,
+        residual=residual,
+        method=method,
+        iterations=int(info.pop("iterations", 0)),
+        solves=int(info.pop("solves", 0)),
+        info=info,
+        problem=problem,
+    )
+
+
+def nearest(problem: LQRProblem, K: Any) -> tuple[np.ndarray, bool]:
+    """The poles nearest to zero, and whether all of them are stable."""
+    try:
+        poles = nearest_poles(problem.state, problem.B, K)
+    except GpuError:
+        return np.zeros(0, dtype=complex), False
+    return poles, bool(poles[0].real < 0.0)
+
+
+def _check_cost(problem: LQRProblem, S: Any) -> None:
+    if semidefinite(problem) or not isinstance(S, problem.xp.ndarray):
+        return
+    values = np.linalg.eigvalsh(to_host(S))
+    if values[0] < -1e-10 * np.abs(values).max():
+        raise InputError(
+            "Q is not positive semidefinite (with N: [[Q, N], [N.T, R]] is not), and the optimal "
+            "cost is negative for some states: states must not be paid for"
+        )
+
+
+def _explained(problem: LQRProblem, error: Exception, poles: np.ndarray | None = None) -> Exception:
+    if isinstance(error, RiccatiError) and error.cause:
+        return error
+    return explain(problem, poles) or error
+
+
+__all__ = ["care", "lqe", "lqr"]

@@ -1,0 +1,161 @@
+"""The answer of a linear-quadratic problem, with what proves it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from gpu.arrays import array_module
+
+
+class Found(NamedTuple):
+    """What a method hands to `gpu.lqr`.
+
+    Attributes
+    ----------
+    gain : array, shape (m, n)
+    value : array, shape (n, n), LowRankValue or None
+    info : dict
+        ``iterations``, ``solves``, ``residual``, ``path``, whatever the method has to tell.
+    """
+
+    gain: Any
+    value: Any
+    info: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class LowRankValue:
+    """``S = Z M Z^T``, never formed unless asked for.
+
+    Attributes
+    ----------
+    Z : array, shape (n, r)
+    M : array, shape (r, r)
+        Symmetric.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from gpu.lqr_result import LowRankValue
+    >>> S = LowRankValue(np.ones((3, 1)), np.array([[2.0]]))
+    >>> S @ np.array([1.0, 0.0, 0.0])
+    array([2., 2., 2.])
+    """
+
+    Z: Any
+    M: Any
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, n)."""
+        return (len(self.Z), len(self.Z))
+
+    @property
+    def rank(self) -> int:
+        """Columns of Z."""
+        return int(self.Z.shape[1])
+
+    @property
+    def T(self) -> LowRankValue:
+        """The same: S is symmetric."""
+        return self
+
+    def __matmul__(self, x: Any) -> Any:
+        return self.Z @ (self.M @ (self.Z.T @ x))
+
+    def diagonal(self) -> Any:
+        """The diagonal of S, shape (n,)."""
+        return ((self.Z @ self.M) * self.Z).sum(axis=1)
+
+    def toarray(self) -> Any:
+        """S with all its entries."""
+        return self.Z @ self.M @ self.Z.T
+
+
+@dataclass(frozen=True)
+class LQRResult:
+    r"""The optimal feedback :math:`u = -K x`; unpacks as ``K, S, E``.
+
+    Attributes
+    ----------
+    K : array, shape (m, n)
+        The gain, where B lives.
+    S : array, shape (n, n), LowRankValue or None
+        The Riccati solution: :math:`x_0^T E^T S E x_0` is the cost from the state :math:`x_0`.
+    E : numpy.ndarray of complex
+        Poles of the closed loop, rightmost first: all of them where the problem is small, else
+        the nearest to zero.
+    stable : bool
+        Whether every pole that was examined lies left of the imaginary axis beyond round-off.
+    abscissa : float
+        The largest real part of a pole, recomputed from A, B and K.
+    residual : float
+        Of the Riccati equation with S, relative to the size of its terms, recomputed from the
+        data; NaN where S is low-rank or unknown, and the method has no measure of its own.
+    method : str
+    iterations : int
+    solves : int
+        With A or a shifted A, and with transposes.
+    info : dict
+        What else the method tells.
+    problem : LQRProblem
+        What was solved.
+    """
+
+    K: Any
+    S: Any
+    E: Any
+    stable: bool
+    abscissa: float
+    residual: float
+    method: str
+    iterations: int = 0
+    solves: int = 0
+    info: dict[str, Any] = field(default_factory=dict)
+    problem: Any = field(default=None, repr=False)
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter((self.K, self.S, self.E))
+
+    def __len__(self) -> int:
+        return 3
+
+    def __getitem__(self, place: int) -> Any:
+        return (self.K, self.S, self.E)[place]
+
+    @property
+    def converged(self) -> bool:
+        """Whether the gain stabilises and the residual, where known, is certified."""
+        return self.stable and not self.residual > 1e-9
+
+    def cost(self, x0: Any) -> float:
+        """The optimal cost from the state ``x0``, shape (n,).
+
+        Raises
+        ------
+        ValueError
+            The method gave a gain without a value.
+        """
+        if self.S is None:
+            raise ValueError("S is unknown: the method gave a gain alone")
+        z = self.problem.state.mass(array_module(self.K).asarray(x0))
+        return float(z @ (self.S @ z))
+
+    def refined(self, *, steps: int = 30, tol: float = 1e-12) -> LQRResult:
+        """The optimal gain by Newton-Kleinman from this one, or from one that stabilises.
+
+        Raises
+        ------
+        gpu.NotSupported
+            A is not dense, and too large to be stored densely.
+        gpu.RiccatiError
+            No gain stabilises.
+        """
+        from gpu.lqr import certified
+        from gpu.newton_kleinman import solve
+
+        start = self.K if self.stable else None
+        found = solve(self.problem, start=start, steps=steps, tol=tol)
+        return certified(self.problem, found, "newton")

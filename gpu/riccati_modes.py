@@ -1,0 +1,92 @@
+"""Which mode stands in the way of a stabilising Riccati solution."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gpu.arrays import to_host
+from gpu.errors import InputError, RiccatiError
+from gpu.hamiltonian_balance import balance
+from gpu.lqr_problem import LQRProblem
+
+EXAMINED = 1500  # up to this order modes are examined
+WORST = 24  # how many modes, beginning with the least stable
+# Smallest singular value in Hautus' test, relative to the matrix, that counts as zero.
+SINGULAR = 1e-9
+# An eigenvalue this near to the imaginary axis, relative to the matrix, may lie on it.
+AXIS = 1e-6
+
+
+def explain(problem: LQRProblem, poles: np.ndarray | None = None) -> RiccatiError | None:
+    r"""The error that names an uncontrollable or unobservable mode; None if there is none.
+
+    Hautus' tests at the eigenvalues of (A, E): a mode with :math:`\mathrm{Re}\,\lambda \ge 0` for
+    which :math:`(A - \lambda E, B)` loses rank is not stabilisable; one on the imaginary axis for
+    which :math:`(A - \lambda E; Q)` does is not detectable, and stays a pole of every candidate.
+
+    Parameters
+    ----------
+    problem : LQRProblem
+    poles : array, optional
+        Of the closed loop that was found, rightmost first.
+
+    References
+    ----------
+    M. L. J. Hautus, Controllability and observability conditions of linear autonomous systems,
+    Indag. Math. 31 (1969).
+    """
+    if problem.n > EXAMINED or problem.state.kind == "operator":
+        return None
+    try:
+        standard = problem.standard()
+    except (InputError, np.linalg.LinAlgError):
+        return None
+    unit = balance(standard)
+    A, B, Q = (to_host(M) for M in standard)
+    unit = to_host(unit)
+    A, B, Q = A * unit / unit[:, None], B / unit[:, None], Q * unit * unit[:, None]
+    size = max(float(np.linalg.norm(A)), np.finfo(float).tiny)
+    values = np.linalg.eigvals(A)
+    values = values[np.argsort(-values.real, kind="stable")]
+    values = values[(values.real >= -AXIS * size) & (values.imag >= 0.0)][:WORST]
+    for value in values:
+        shifted = A - value * np.eye(problem.n)
+        if _loses_rank(shifted, B, size):
+            return RiccatiError(
+                f"the mode {_shown(value)} of A is not stabilisable: no input moves it; give it "
+                "an input, or take it out of the model",
+                eigenvalue=complex(value),
+                cause="not stabilisable",
+            )
+        if abs(value.real) <= AXIS * size and _loses_rank(shifted.T, Q, size):
+            return RiccatiError(
+                f"the mode {_shown(value)} of A lies on the imaginary axis and is not detectable: "
+                "Q does not see it, so no optimal feedback moves it; give it a weight",
+                eigenvalue=complex(value),
+                cause="not detectable",
+            )
+    H = np.block([[A, -B @ B.T], [-Q, -A.T]])
+    values = np.linalg.eigvals(H)
+    nearest = values[np.argmin(np.abs(values.real))]
+    if abs(nearest.real) <= 1e-8 * np.linalg.norm(H):
+        value = complex(0.0, abs(nearest.imag))
+        return RiccatiError(
+            f"the Hamiltonian has the eigenvalue {_shown(value)} on the imaginary axis (to "
+            f"{abs(nearest.real):.1e}): there is no stabilising solution, or none that double "
+            "precision can tell",
+            eigenvalue=value,
+        )
+    return None
+
+
+def _loses_rank(M: np.ndarray, extra: np.ndarray, size: float) -> bool:
+    norm = float(np.linalg.norm(extra))
+    scaled = extra * (size / norm) if norm > 0.0 else extra
+    smallest = np.linalg.svd(np.hstack([M, scaled]), compute_uv=False)[-1]
+    return bool(smallest <= SINGULAR * size)
+
+
+def _shown(value: complex) -> str:
+    if value.imag == 0.0:
+        return f"{value.real:.6g}"
+    return f"{value.real:.6g} +- {abs(value.imag):.6g}i"

@@ -1,0 +1,73 @@
+"""Newton steps on a Riccati solution, as far as round-off allows, and their verdict."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gpu.closed_loop import closed_loop_of
+from gpu.hamiltonian_balance import balance
+from gpu.lqr_problem import LQRProblem
+from gpu.lyapunov import lyapunov_solver
+from gpu.riccati_residual import EXTENDED, riccati_residual
+from gpu.state_matrix import EPS
+
+# Largest relative residual, in balanced units, that is certified.
+RESIDUAL = 1e-9
+
+
+def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
+    r"""Add solutions D of :math:`E^T D A_c + A_c^T D E = -\mathrm{res}(S)` while they shrink.
+
+    With residuals of twice the digits they shrink to the rounding of S itself, also where the
+    equation is ill-conditioned; see N. J. Higham, Accuracy and Stability of Numerical Algorithms,
+    SIAM 2002, chapter 12, for this kind of refinement.
+
+    Returns
+    -------
+    S : array
+    steps : int
+        How many were taken.
+    """
+    xp = problem.xp
+    standard = problem.standard()
+    unit = balance(standard)
+    extended = xp is np and problem.n <= EXTENDED
+    before, taken = np.inf, 0
+    previous = S
+    for _ in range(steps):
+        residual = riccati_residual(problem, S, unit, extended).matrix
+        loop = closed_loop_of(problem, standard, unit, S)
+        try:
+            change = lyapunov_solver(loop.matrix)(residual * unit * unit[:, None])
+        except np.linalg.LinAlgError:
+            return previous, taken
+        change = problem.value_of(change / unit / unit[:, None])
+        size = _balanced_norm(problem, change, unit)
+        if not np.isfinite(size) or size >= 0.5 * before:
+            break
+        previous = S
+        S = S + change
+        S = (S + S.T) / 2
+        before, taken = size, taken + 1
+        if size <= EPS * _balanced_norm(problem, S, unit):
+            break
+    return S, taken
+
+
+def judge(problem: LQRProblem, S: Any) -> float:
+    """How far S is from being certified: below 1 it is a stabilising solution."""
+    standard = problem.standard()
+    unit = balance(standard)
+    residual = riccati_residual(problem, S, unit)
+    if not np.isfinite(residual.relative):
+        return np.inf
+    loop = closed_loop_of(problem, standard, unit, S, residual=residual.matrix)
+    return max(residual.relative / RESIDUAL, 0.0 if loop.is_stable() else 1e30)
+
+
+def _balanced_norm(problem: LQRProblem, S: Any, unit: Any) -> float:
+    E = problem.full()[1]
+    Y = S if E is None else E.T @ S @ E
+    return float(problem.xp.linalg.norm(Y * unit * unit[:, None]))
