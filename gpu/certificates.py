@@ -22,9 +22,11 @@ from gpu.program import Array, Matrix, Program, is_sparse
 
 # Rounding in a sum, over its terms; and the margin of a proof over the terms of its sums.
 ROUNDING, MARGIN = 1e-12, 1e-9
+# What a row whose own terms vanish may keep, over its largest entry.
+FLOOR = 1e-16
 # Entries that are small beside the largest are left out, in the end.
 SMALL = (1e-12, 1e-9, 1e-7, 1e-5)
-CLOSE, PROJECTED = 1e-8, 4_000_000
+CLOSE, NEAR, PROJECTED = 1e-8, 1e-4, 4_000_000
 Solve = Callable[[Program], Array]
 
 
@@ -125,13 +127,38 @@ def ray(p: Program, solve: Solve) -> Array | None:
         return None
     for small in SMALL:
         v = xp.clip(xp.where(xp.abs(d) <= small * largest, 0.0, d / largest), cone.lb, cone.ub)
-        length = xp.abs(v)
-        along, terms = rows @ v, abs(rows) @ length
-        outside = xp.maximum(cone.row_low - along, along - cone.row_high)
-        straight = bool((outside <= 1e-10 * terms + ROUNDING * float(terms.max())).all())
-        if straight and float(p.q @ v) < -MARGIN * float(xp.abs(p.q) @ length):
-            return v
+        for candidate in (_straightened(cone, v), v):
+            if _falls(p, cone, candidate):
+                return candidate
     return None
+
+
+def _falls(p: Program, cone: Program, v: Array) -> bool:
+    xp, length = p.xp, p.xp.abs(v)
+    along, terms = cone.C @ v, abs(cone.C) @ length
+    outside = xp.maximum(cone.row_low - along, along - cone.row_high)
+    # Each row against itself: one that is small beside the others is a row all the same.
+    size = abs(cone.C).max(axis=1)
+    size = size.toarray() if is_sparse(size) else size
+    straight = bool((outside <= 1e-10 * terms + FLOOR * size * float(length.max())).all())
+    inside = bool(((cone.lb <= v) & (v <= cone.ub)).all())
+    return straight and inside and float(p.q @ v) < -MARGIN * float(xp.abs(p.q) @ length)
+
+
+def _straightened(cone: Program, v: Array) -> Array:
+    """The nearest direction, of the same support, along which rows that nearly hold do hold."""
+    xp = cone.xp
+    terms = abs(cone.C) @ xp.abs(v)
+    near = (cone.row_low > -xp.inf) | (cone.row_high < xp.inf)
+    rows = xp.flatnonzero(near & (xp.abs(cone.C @ v) <= NEAR * terms) & (terms > 0.0))
+    columns = xp.flatnonzero(v)
+    if not rows.size or not columns.size or rows.size * columns.size > PROJECTED:
+        return v
+    block = cone.C[rows][:, columns]
+    block = block.toarray() if is_sparse(block) else block
+    v = v.copy()
+    v[columns] -= xp.linalg.lstsq(block, block @ v[columns], rcond=1e-13)[0]
+    return v
 
 
 def _transposed(C: Matrix) -> Matrix:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpu.certificates import farkas, ray
-from gpu.equilibrate import equilibrate
+from gpu.certificates import Solve, farkas, ray
+from gpu.equilibrate import Scaling, equilibrate
 from gpu.errors import NotConverged
 from gpu.interior_point import interior_point
 from gpu.kkt_system import kkt_system
@@ -23,7 +23,7 @@ ATTEMPTS = ((False, 1e3), (True, 1e6), (True, 1.0), (False, 1.0), (False, 1e6))
 SHARP = 1e-14
 # No other choice of multipliers is tried below this.
 CLEAN = 1e-12
-# No proof is sought where the rows, or stationarity, already hold to this.
+# No proof is sought where all residuals are already below this.
 PLAUSIBLE = 1e-7
 
 
@@ -100,11 +100,15 @@ def _minimise(p: Program, tol: float, solver: str, proofs: bool) -> Point:
     def measure(x: Array, y: Array) -> float:
         return whole(x, y).residuals.worst
 
+    def interior(x: Array, y: Array) -> float:
+        return whole(x, y).residuals.means
+
     best, steps = None, 0
     for attempt, (separate, spread) in enumerate(ATTEMPTS if proofs else ATTEMPTS[:2]):
         if attempt == 1 and not scaled.is_sparse:
             system = kkt_system(scaled, solver, safe=True)
-        x, y, sides, count = interior_point(scaled, system, measure, 0.1 * tol, separate, spread)
+        aim = (0.1 if attempt == 0 else 1e-3) * tol
+        x, y, sides, count = interior_point(scaled, system, interior, aim, separate, spread)
         steps += count
         x, y, error = polish(scaled, system, Sides(*sides), x, y, measure, SHARP)
         logger.debug("attempt %d: %d steps, residuals %.1e", attempt, count, error)
@@ -138,6 +142,9 @@ def polished(p: Program, sides: Sides, x: Array, y: Array) -> Point | None:
     def measure(x: Array, y: Array) -> float:
         return whole(x, y).residuals.worst
 
+    def interior(x: Array, y: Array) -> float:
+        return whole(x, y).residuals.means
+
     begin = scaling.scaled_point(x[small.free], y[small.rows])
     part = Sides(sides.bounds[small.free], sides.rows[small.rows])
     try:
@@ -154,15 +161,24 @@ def _prove(p: Program, best: Point, tol: float, solver: str) -> None:
     def solve(program: Program) -> Array:
         return minimise(program, 1e-10, solver, proofs=False).x
 
-    errors = best.residuals
-    if not errors.primal <= PLAUSIBLE:
-        y = farkas(small, solve)
-        if y is not None:
-            raise NoPoint(scaling.rows * y)
-    if not max(errors.dual, errors.gap) <= PLAUSIBLE or not errors.primal <= PLAUSIBLE:
-        direction = ray(small, solve)
-        if direction is not None:
-            raise NoBound(scaling.variables * direction)
+    # Relative to iterates that diverge even the rows of a contradiction hold: both are sought.
+    if best.residuals.worst <= PLAUSIBLE:
+        return
+    likely = (_no_point, _no_bound)
+    for seek in likely if best.residuals.primal > PLAUSIBLE else likely[::-1]:
+        seek(small, scaling, solve)
+
+
+def _no_point(small: Program, scaling: Scaling, solve: Solve) -> None:
+    y = farkas(small, solve)
+    if y is not None:
+        raise NoPoint(scaling.rows * y)
+
+
+def _no_bound(small: Program, scaling: Scaling, solve: Solve) -> None:
+    direction = ray(small, solve)
+    if direction is not None:
+        raise NoBound(scaling.variables * direction)
 
 
 def _nothing_free(p: Program, start: tuple[Array, Array], tol: float) -> Point:

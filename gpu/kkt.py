@@ -64,30 +64,17 @@ def general_residuals(
     p = program or problem.program
     xp, multiplier = p.xp, namespace(x).concatenate([y, z])
     r = known or residuals(p, x, multiplier, z_box)
-    Cx = p.C @ x
     outside = float(xp.maximum(xp.maximum(p.lb - x, x - p.ub), 0.0).max())
-    length = float(xp.abs(x).max())
-    reach = float(xp.abs(Cx).max()) if Cx.size else 0.0
+    wrong = 0.0
+    for value, low, high in ((multiplier, p.row_low, p.row_high), (z_box, p.lb, p.ub)):
+        if value.size:
+            wrong = max(wrong, float(xp.abs(value - one_sided(value, low, high)).max()))
     force = max(float(xp.abs(a).max()) for a in (p.q, p.P @ x, p.C.T @ multiplier, z_box))
-    wrong, product = 0.0, 0.0
-    for value, at, low, high, size in (
-        (multiplier, Cx, p.row_low, p.row_high, max(reach, length)),
-        (z_box, x, p.lb, p.ub, length),
-    ):
-        if not value.size:
-            continue
-        astray = value - one_sided(value, low, high)
-        wrong = max(wrong, float(xp.abs(astray).max()))
-        distance = xp.where(value > 0, high - at, xp.where(value < 0, at - low, 0.0))
-        distance = xp.where(xp.isinf(distance), 0.0, distance)
-        near = xp.abs(distance) / (size or 1.0)
-        weight = xp.abs(value) / (max(force, float(xp.abs(value).max())) or 1.0)
-        product = max(product, float(xp.minimum(weight, near).max()))
     return KKT(
         stationarity=r.dual,
-        primal=max(r.primal, outside / length if outside else 0.0),
+        primal=max(r.primal, outside / float(xp.abs(x).max()) if outside else 0.0),
         sign=wrong / force if wrong else 0.0,
-        complementarity=product,
+        complementarity=r.complementarity,
         gap=r.gap if not wrong else 0.0,
     )
 

@@ -93,15 +93,24 @@ class Residuals:
         Largest entry of :math:`Px + q + C^Ty + z` over the largest of its four terms.
     gap : float
         :math:`|x^TPx + q^Tx + y^Tr + z^Tb|` over the largest of the four terms.
+    complementarity : float
+        Largest of ``min(multiplier, distance to its side)``, the one over the largest term of
+        `dual`, the other over the largest entry of x, or of x and Cx for rows.
     """
 
     primal: float
     dual: float
     gap: float
+    complementarity: float = 0.0
 
     @property
     def worst(self) -> float:
         """The largest; infinite where one is not a number."""
+        return max(self.means, self.complementarity)
+
+    @property
+    def means(self) -> float:
+        """The same without `complementarity`, which an interior point meets last of all."""
         values = (self.primal, self.dual, self.gap)
         return max(values) if all(np.isfinite(values)) else np.inf
 
@@ -140,7 +149,24 @@ def residuals(p: Program, x: Array, y: Array, z: Array) -> Residuals:
             float(xp.abs(z * bound).sum()),
         ),
     )
-    return Residuals(primal, dual, gap)
+    force, length = largest(Px, p.q, Cy, z), largest(x)
+    product = max(
+        _unpaired(y, Cx, p.row_low, p.row_high, force, max(length, largest(Cx))),
+        _unpaired(z, x, p.lb, p.ub, force, length),
+    )
+    return Residuals(primal, dual, gap, product)
+
+
+def _unpaired(
+    multiplier: Array, value: Array, low: Array, high: Array, force: float, length: float
+) -> float:
+    """Largest of ``min(multiplier, distance)``, each over its size."""
+    if not value.size:
+        return 0.0
+    xp = namespace(value)
+    distance = xp.where(multiplier > 0, high - value, xp.where(multiplier < 0, value - low, 0.0))
+    near = xp.abs(xp.where(xp.isinf(distance), 0.0, distance)) / (length or 1.0)
+    return float(xp.minimum(xp.abs(multiplier) / (force or 1.0), near).max())
 
 
 def _over(value: float, size: float, terms: Callable[[], float]) -> float:

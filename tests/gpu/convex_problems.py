@@ -79,19 +79,26 @@ def convex_problem(seed, n_max=200):
         project = np.eye(n) - np.outer(d, d) / 2
         P, A = project @ P @ project, A @ project
         P = (P + P.T) / 2
+        h, h_low = h - G @ x, h_low - G @ x
         G = G @ project
+        # What should cancel does so exactly: a row of rounding errors would be a row.
+        A, G = (np.where(abs(M) < 1e-14, 0.0, M) for M in (A, G))
         b = A @ x
-        h, h_low = h + abs(G @ x) + 1.0, h_low - abs(G @ x) - 1.0
+        h, h_low = h + G @ x, h_low + G @ x
         q = project @ q - d
     if fate == "infeasible":
-        # The rows say c'x <= s, a combination of them says c'x >= s + 1.
-        if not l:
-            G, h, h_low = np.ones((1, n)), np.array([x.sum()]), np.array([-np.inf])
-            l = 1
-        weight = rng.exponential(1.0, l) * (rng.random(l) < 0.5)
-        weight[0] = 1.0
-        c, top = weight @ G, weight @ h
-        G, h, h_low = np.vstack([G, c]), np.append(h, np.inf), np.append(h_low, top + 1.0)
+        # The rows say c'x <= s, a combination of them says c'x >= s + 1; or b is no image of A.
+        if m and rng.random() < 0.3:
+            weight = rng.standard_normal(m)
+            A, b = np.vstack([A, weight @ A]), np.append(b, weight @ b + 1.0)
+        elif not l:
+            G, h = np.ones((2, n)), np.array([x.sum(), np.inf])
+            h_low = np.array([-np.inf, x.sum() + 1.0])
+        else:
+            weight = rng.exponential(1.0, l) * (rng.random(l) < 0.5)
+            weight[0] = 1.0
+            c, top = weight @ G, weight @ h
+            G, h, h_low = np.vstack([G, c]), np.append(h, np.inf), np.append(h_low, top + 1.0)
     if rng.random() < 0.4:
         unit, cost = 10.0 ** rng.uniform(-3, 3, n), 10.0 ** rng.uniform(-6, 6)
         P, q = cost * unit[:, None] * P * unit, cost * unit * q
@@ -154,9 +161,14 @@ def refutes(p, certificate):
 def descends(p, d):
     """Whether the objective falls for ever along a feasible direction."""
     size = abs(d)
+    # In units where columns have entries of size one, rounding is that of a row's own entries.
+    column = abs(np.vstack([p.P, p.A, p.G])).max(axis=0)
+    unit = 1.0 / np.where(column > 0.0, column, 1.0)
+    longest = (size / unit).max()
 
     def small(value, M):
-        return np.all(value <= 1e-9 * (abs(M) @ size) + 1e-12 * (abs(M) @ size).max(initial=0.0))
+        terms, rounding = abs(M) @ size, 1e-15 * (abs(M) * unit).max(axis=1, initial=0.0) * longest
+        return np.all(value <= 1e-9 * terms + rounding)
 
     value = p.G @ d
     return (
