@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 # The tests run side by side, one process a core; more BLAS threads would only get in their way.
+# Each process takes neighbouring tests (worksteal), so that few kernels are compiled twice.
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 EXAMPLES := $(addprefix run-,$(notdir $(wildcard examples/*.py)))
 
@@ -31,10 +32,10 @@ demo: $(VENV)/.demo
 	$(BIN)/python examples/contact_block.py
 
 test: $(VENV)/.test
-	$(ONE_THREAD) $(BIN)/python -m pytest -n auto -m "not slow"
+	$(ONE_THREAD) $(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
 
 test-slow: $(VENV)/.test
-	$(ONE_THREAD) HYPOTHESIS_PROFILE=slow $(BIN)/python -m pytest -n auto
+	$(ONE_THREAD) HYPOTHESIS_PROFILE=slow $(BIN)/python -m pytest -n auto --dist worksteal
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
