@@ -60,7 +60,7 @@ def device_source(
 
     modules: list[Any] = [line_profiles, plane_kernels, line_kernels]
     if stage.conservative:
-        modules = [conservative_profiles, conservative_kernels]
+        modules = [line_profiles, conservative_profiles, conservative_kernels]
     entries = [name]
     if computed:
         modules.append(path_source(stage.grid, stage.system, stage.jets))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import product
 
 import numpy as np
@@ -18,11 +19,11 @@ Indices = NDArray[np.int64]
 def sample(state: State, points: ArrayLike) -> Array:
     r"""The profile of a state at any points of the grid's box.
 
-    One-dimensional profiles are evaluated as they are (without limiter); ``bicubic`` likewise and
-    ``csl2`` as the tensor product of quadratics. Profiles of values and slopes on grids of more
-    dimensions, ``adini`` among them, are the multilinear interpolant plus, for each edge of the
-    cell, the cubic bubble of its end slopes times the weights of the other directions: Adini's
-    profile in two dimensions, its Boolean sum in three.
+    One-dimensional profiles are evaluated as they are (without limiter); ``bicubic`` likewise, and
+    ``csl2`` and ``csl4`` as the tensor product of their quadratics and quartics. Profiles of values
+    and slopes on grids of more dimensions, ``adini`` among them, are the multilinear interpolant
+    plus, for each edge of the cell, the cubic bubble of its end slopes times the weights of the
+    other directions: Adini's profile in two dimensions, its Boolean sum in three.
 
     Parameters
     ----------
@@ -101,10 +102,7 @@ def _line(profile: str, data: dict[str, Array], grid: Grid, cells: list[Cell]) -
         envelope = np.where(va > vb, np.minimum(left, right), np.maximum(left, right))
         return np.where(crossing, envelope, chord)
     if profile == "csl4":
-        m = data["mean"][k]
-        A, B, C = b - a - va, vb - va, m - a - va / 2
-        c = (a, va, -12 * A + 1.5 * B + 30 * C, 28 * A - 4 * B - 60 * C, -15 * A + 2.5 * B + 30 * C)
-        return np.asarray(a + s * (c[1] + s * (c[2] + s * (c[3] + s * c[4]))))
+        return _quartic(a, b, va, vb, data["mean"][k], s)
     wa, wb = h**2 / 2 * data["u_xx"][k], h**2 / 2 * data["u_xx"][r]
     A, B, C = b - a - va - wa, vb - va - 2 * wa, wb - wa
     c3, c4, c5 = 10 * A - 4 * B + C, -15 * A + 7 * B - 2 * C, 6 * A - 3 * B + C
@@ -116,20 +114,64 @@ def _quadratic(a: Array, b: Array, m: Array, s: Array) -> Array:
     return value
 
 
+def _quartic(a: Array, b: Array, va: Array, vb: Array, m: Array, s: Array) -> Array:
+    A, B, C = b - a - va, vb - va, m - a - va / 2
+    c2, c3, c4 = -12 * A + 1.5 * B + 30 * C, 28 * A - 4 * B - 60 * C, -15 * A + 2.5 * B + 30 * C
+    value: Array = a + s * (va + s * (c2 + s * (c3 + s * c4)))
+    return value
+
+
 def _tensor_means(profile: str, data: dict[str, Array], grid: Grid, cells: list[Cell]) -> Array:
-    """Apply the quadratic of value, value and mean in one direction after the other."""
+    """Apply the profile of values and means in one direction after the other."""
     names = list(data)
 
     def reduced(bits: int, axis: int, index: tuple[Indices, ...]) -> Array:
         if axis == grid.dim:
             return data[names[bits]][index]
-        k, r, s, _ = cells[axis]
-        a = reduced(bits, axis + 1, (*index, k))
-        b = reduced(bits, axis + 1, (*index, r))
-        m = reduced(bits | 1 << axis, axis + 1, (*index, k))
-        return _quadratic(a, b, m, s)
+        k, r, s, width = cells[axis]
+
+        def value(node: Indices) -> Array:
+            return reduced(bits, axis + 1, (*index, node))
+
+        def mean(cell: Indices) -> Array:
+            return reduced(bits | 1 << axis, axis + 1, (*index, cell))
+
+        a, b, m = value(k), value(r), mean(k)
+        if profile == "csl2":
+            return _quadratic(a, b, m, s)
+        va = width * _slope(grid, axis, k, value, mean)
+        vb = width * _slope(grid, axis, r, value, mean)
+        return _quartic(a, b, va, vb, m, s)
 
     return reduced(0, 0, ())
+
+
+def _slope(
+    grid: Grid,
+    axis: int,
+    node: Indices,
+    value: Callable[[Indices], Array],
+    mean: Callable[[Indices], Array],
+) -> Array:
+    """Slope at a node from two cells; see `cip.conservative_kernels.slope_of`."""
+    n, cells, widths = grid.nodes[axis], grid.cells[axis], grid.widths[axis]
+    first = node - 1
+    if not grid.periodic[axis]:
+        first = np.clip(first, 0, cells - 2)
+    # Places of the three nodes and the integral up to each, from the left one.
+    h0, h1 = widths[first % n], widths[(first + 1) % n]
+    x = np.stack([np.zeros_like(h0), h0, h0 + h1])
+    M = np.cumsum([0 * h0, h0 * mean(first % n), h1 * mean((first + 1) % n)], axis=0)
+    p = np.stack([value((first + q) % n) for q in range(3)])
+    own = node - first
+    columns = np.arange(node.size)
+    others = np.stack([np.where(own == 0, 1, 0), np.where(own == 2, 1, 2)])
+    y = x[others, columns] - x[own, columns]
+    here = p[own, columns]
+    g = ((M[others, columns] - M[own, columns]) / y - here) / y
+    d = ((p[others, columns] - here) / y - 2 * g) / y
+    width = y[1] - y[0]
+    return 2 * _cubic(g[0], g[1], width * d[0], width * d[1], -y[0] / width)
 
 
 def _bicubic(data: dict[str, Array], grid: Grid, cells: list[Cell]) -> Array:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cip.errors import InputError, NotSupported
+from cip.errors import InputError
 from cip.jets import LOG_DETERMINANT, Jet, Orders, foot
 
 LINE = ("linear", "piecewise_linear", "smoothed", "cubic", "quintic", "csl2", "csl4")
 PLANE = ("adini", "bicubic")
+CONSERVATIVE = ("csl2", "csl4")
 LIMITERS: dict[str, tuple[str, ...]] = {
     "linear": (),
     "piecewise_linear": (),
@@ -50,6 +51,11 @@ def _derivative(*axes: int) -> Moment:
     return Moment(name, (orders[0], orders[1], orders[2], 0))
 
 
+def carries_slopes(profile: str, dim: int) -> bool:
+    """Whether a conservative profile carries slopes beside values and means: csl4 on lines."""
+    return profile == "csl4" and dim == 1
+
+
 def moments(profile: str, dim: int) -> tuple[Moment, ...]:
     """What a profile carries at every node of a grid."""
     u = _derivative()
@@ -60,14 +66,9 @@ def moments(profile: str, dim: int) -> tuple[Moment, ...]:
     if profile == "quintic":
         pairs = [(_derivative(axis), _derivative(axis, axis)) for axis in range(dim)]
         return (u, *(moment for pair in pairs for moment in pair))
-    if profile == "csl4":
-        if dim > 1:
-            raise NotSupported(
-                "profile: 'csl4' works on lines only; in two and three dimensions take 'csl2' with "
-                "splitting='strang'"
-            )
+    if carries_slopes(profile, dim):
         return (u, _derivative(0), Moment("mean", u.orders, (0,)))
-    if profile == "csl2":
+    if profile in CONSERVATIVE:
         found = []
         for bits in range(2**dim):
             axes = tuple(axis for axis in range(dim) if bits >> axis & 1)
@@ -87,8 +88,8 @@ def line_jets(profile: str, dim: int, axis: int, advect: bool) -> tuple[Jet, ...
     along = [foot(axis), foot(axis, axis), foot(axis, axis, axis), foot(axis, axis, axis, axis)]
     if profile == "linear":
         return tuple(along[: 1 + advect])
-    if profile in ("csl2", "csl4"):
-        return tuple(along[: 2 if profile == "csl2" else 3])
+    if profile in CONSERVATIVE:
+        return tuple(along[: 2 + carries_slopes(profile, dim)])
     order = 2 if profile == "quintic" else 1
     found = along[: 1 + order + advect]
     for other in range(dim):

@@ -39,7 +39,7 @@ class Solver:
         One-dimensional: ``linear``, ``piecewise_linear``, ``smoothed`` (its printed form, for
         comparison), ``cubic``, ``quintic``, and for advection ``csl2``, ``csl4``;
         two-dimensional: ``adini``, ``bicubic``. One-dimensional profiles serve two and three
-        dimensions through the splitting (``csl4`` lines only).
+        dimensions through the splitting (``csl4`` then takes its slopes from values and means).
     limiter : {None, "clamp", "eno", "rational", "bounds"}
         See the notes.
     splitting : {None, "strang"}

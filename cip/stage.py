@@ -13,7 +13,7 @@ from cip.characteristics import TOLERANCE, Exits, check_inside, integrate, time_
 from cip.formula import Formula
 from cip.grid import Grid
 from cip.jets import LOG_DETERMINANT, Jet, Orders, System
-from cip.schemes import PLANE, line_jets, moments, plane_jets
+from cip.schemes import CONSERVATIVE, PLANE, carries_slopes, line_jets, moments, plane_jets
 
 Array = NDArray[np.float64]
 
@@ -86,7 +86,8 @@ class Stage:
     ) -> None:
         self.grid, self.velocity, self.profile, self.advect = grid, velocity, profile, advect
         self.walls, self.axis, self.begin, self.end = walls, axis, begin, end
-        self.conservative = profile.startswith("csl")
+        self.conservative = profile in CONSERVATIVE
+        self.carries_slopes = carries_slopes(profile, grid.dim)
         self.moving = (0, 1) if axis is None else (axis,)
         self.jets = (
             plane_jets(profile, advect)
@@ -101,7 +102,7 @@ class Stage:
         """For each block of feet, the moment that it moves (conservative profiles) or 0."""
         if not self.conservative or self.axis is None:
             return [0]
-        if self.profile == "csl4":
+        if self.carries_slopes:
             return [0]
         return [bits for bits in range(2**self.grid.dim) if not bits >> self.axis & 1]
 
@@ -154,7 +155,7 @@ class Stage:
         size = self.grid.size
         wanted = [moment.orders for moment in moments(self.profile, self.grid.dim)]
         if self.conservative:
-            wanted = [(0, 0, 0, 0), (1, 0, 0, 0)][: 2 if self.profile == "csl4" else 1]
+            wanted = [(0, 0, 0, 0), (1, 0, 0, 0)][: 1 + self.carries_slopes]
         wall = self._data(wanted, feet.t_end)
         found = []
         for block, exits in zip(self.blocks, feet.exits, strict=True):
@@ -173,7 +174,7 @@ class Stage:
         """The kernel counts from the wall; add what came in before each path began."""
         assert self.axis is not None
         grid, axis, size = self.grid, self.axis, self.grid.size
-        mean = (2 if self.profile == "csl4" else block + (1 << axis)) * size
+        mean = (2 if self.carries_slopes else block + (1 << axis)) * size
         stride = int(np.prod(grid.nodes[axis + 1 :]))
         missing = wall.flux(exits, feet.t_start, feet.t_end)
         place = (exits.nodes // stride) % grid.nodes[axis]

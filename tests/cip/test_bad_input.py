@@ -131,11 +131,3 @@ def test_splitting_with_unsteady_data_is_refused():
             Grid([(0, 1)] * 2, (8, 8)), Velocity.from_expression("1", "1"), profile="cubic",
             splitting="strang", boundary="sin(t)",
         )  # fmt: skip
-
-
-def test_csl4_in_two_dimensions_is_refused():
-    with pytest.raises(NotSupported, match="csl4"):
-        Solver(
-            Grid([(0, 1)] * 2, (8, 8)), Velocity.from_expression("1", "1"), "advection", "csl4",
-            splitting="strang",
-        )  # fmt: skip
