@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
 from gpu.arrays import array_module, to_host
-from gpu.errors import InputError
+from gpu.errors import InputError, RiccatiError
 from gpu.state_matrix import EPS, Factors, StateMatrix, factor, sparse_of
 from gpu.weights import Weight, scaled_input
 
@@ -64,7 +64,7 @@ def hamiltonian_inverse(
     Raises
     ------
     InputError
-    numpy.linalg.LinAlgError
+    RiccatiError
         The Hamiltonian is singular: a mode at zero cannot be stabilised or is not seen by Q.
 
     References
@@ -90,6 +90,8 @@ class InverseHamiltonian:
 
     Attributes
     ----------
+    factors : Factors
+        Of A, or of ``A - B B^T X0 E`` where A is singular.
     solves : int
         With A and with its transpose, so far.
     """
@@ -124,18 +126,23 @@ class InverseHamiltonian:
         """The rank of the feedback."""
         return 0 if self._feedback is None else int(self._feedback.Z.shape[1])
 
+    @property
+    def moved(self) -> list[Any]:
+        """The Z of the feedback that makes A regular; empty without one."""
+        return [] if self._feedback is None else [self._feedback.Z]
+
     def _feed_back(self) -> None:
         self._feedback = _Feedback.over_zero_modes(self.state, self._B, self._weigh)
         self._prepare(self._feedback.factors)
 
     def _prepare(self, factors: Factors) -> None:
-        self._factors = factors
+        self.factors = factors
         self._C = self._solve(self._B)
         t = to_host(self._C.T @ self._weigh_fed_back(self._C))
         t = np.eye(len(t)) + (t + t.T) / 2
         values = np.abs(np.linalg.eigvalsh(t))
         if not values.min() > 1e3 * EPS * values.max():
-            raise np.linalg.LinAlgError(_SINGULAR)
+            raise RiccatiError(_SINGULAR)
         self._t_inverse = self.state.xp.asarray(np.linalg.inv(t))
 
     def residual(self, x: Any, y: Any, f: Any, g: Any) -> tuple[Any, Any]:
@@ -207,11 +214,11 @@ class InverseHamiltonian:
 
     def _solve(self, f: Any) -> Any:
         self.solves += 1
-        return self._factors.solve(f)
+        return self.factors.solve(f)
 
     def _solve_transposed(self, g: Any) -> Any:
         self.solves += 1
-        return self._factors.solve_transposed(g)
+        return self.factors.solve_transposed(g)
 
 
 class _Feedback:
@@ -234,7 +241,7 @@ class _Feedback:
             reach = to_host(B.T @ Z)
             values, vectors = np.linalg.eigh(reach.T @ reach)
             if not values.size or values[0] <= (1e2 * EPS) ** 2 * float((B * B).sum()):
-                raise np.linalg.LinAlgError(
+                raise RiccatiError(
                     f"{_SINGULAR} ({Z.shape[1]} null vectors of A, of which B^T keeps "
                     f"{int(np.sum(values > EPS))})"
                 )
@@ -243,7 +250,7 @@ class _Feedback:
             candidate = cls(state, B, Z, S)
             if candidate.factors is not None:
                 return candidate
-        raise np.linalg.LinAlgError(_SINGULAR)
+        raise RiccatiError(_SINGULAR)
 
     def right(self, f: Any) -> Any:
         """``E^T X0 f``."""

@@ -56,6 +56,7 @@ def krylov_schur(
     maxiter: int = 1000,
     restart: str = "krylov-schur",
     matrix: Any = None,
+    challenge: bool = True,
 ) -> PartialSchur:
     r"""The k best eigenvalues of A, by rank, with their Schur basis.
 
@@ -91,6 +92,8 @@ def krylov_schur(
         Of restarts.
     restart : {"krylov-schur", "implicit"}
         How the space shrinks until it is challenged; see `implicit_restart.shifted_qr`.
+    challenge : bool
+        Whether to look beyond the invariant subspace that the start vector reaches.
 
     References
     ----------
@@ -126,9 +129,9 @@ def krylov_schur(
         if converged >= k:
             ranks = np.sort(rank(values[:converged]))[::-1][:k]
             slack = 1e-9 * np.abs(ranks) + FLOOR * scale  # what rounding may better them by
-            if champions is None or np.any(ranks > champions + slack):
+            if challenge and (champions is None or np.any(ranks > champions + slack)):
                 champions, fresh = ranks, True
-            elif _unbeaten(rank, T, values, spike, converged, locked, ranks[-1]):
+            elif not challenge or _unbeaten(rank, T, values, spike, converged, locked, ranks[-1]):
                 basis.rotate(Q[:, :converged], size)
                 return PartialSchur(
                     T[:converged, :converged],

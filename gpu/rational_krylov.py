@@ -1,0 +1,84 @@
+"""Orthonormal bases of block rational Krylov spaces, a few factored poles in turn."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gpu.arrays import to_host
+from gpu.state_matrix import EPS, Factors, StateMatrix
+
+DROP = 1e-11  # a new direction whose part outside the space is smaller is rounding
+
+
+class RationalKrylov:
+    r"""The space of :math:`G,\ (A - s_1 E)^{-1} G,\ (A - s_2 E)^{-1} E (A - s_1 E)^{-1} G,\ \dots`
+
+    with the poles in turn, orthonormal, grown a block at a time (Ruhe 1984). The poles are few, so
+    that each is factored once.
+
+    Parameters
+    ----------
+    state : StateMatrix
+    seed : array, shape (n, p)
+        G.
+    poles : sequence of Factors
+    transposed : bool
+        Of :math:`A^T, E^T`.
+
+    Attributes
+    ----------
+    W : array, shape (n, r)
+    solves : int
+    exhausted : bool
+        Nothing new came: the space is invariant.
+    """
+
+    def __init__(
+        self, state: StateMatrix, seed: Any, poles: list[Factors], transposed: bool = False
+    ) -> None:
+        self._state, self._poles, self._transposed = state, poles, transposed
+        self._turn, self.solves, self.exhausted = 0, 0, False
+        self.W = state.xp.zeros((state.n, 0))
+        self._append(seed)
+
+    @property
+    def rank(self) -> int:
+        """Columns of the basis."""
+        return int(self.W.shape[1])
+
+    def grow(self) -> None:
+        """Add a block: the last one, solved with the next pole."""
+        if self.exhausted:
+            return
+        pole = self._poles[self._turn % len(self._poles)]
+        self._turn += 1
+        self.solves += 1
+        if self._transposed:
+            block = pole.solve_transposed(self._state.mass_transposed(self._last))
+        else:
+            block = pole.solve(self._state.mass(self._last))
+        self._append(block)
+
+    def _append(self, block: Any) -> None:
+        xp = self._state.xp
+        size = xp.linalg.norm(block, axis=0)
+        block = block[:, xp.flatnonzero(size > 0.0)]
+        block = block / xp.linalg.norm(block, axis=0)
+        for _ in range(2):
+            block = block - self.W @ (self.W.T @ block)
+        # Columns that are nearly parallel among themselves or to the space are left out.
+        if block.shape[1]:
+            gram = to_host(block.T @ block)
+            values, vectors = np.linalg.eigh((gram + gram.T) / 2)
+            kept = values > DROP**2 + EPS * values.max()
+            block = block @ xp.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+        if block.shape[1]:
+            block = block - self.W @ (self.W.T @ block)
+            block = xp.linalg.qr(block)[0]
+        room = self._state.n - self.rank
+        block = block[:, :room]
+        self.exhausted = block.shape[1] == 0
+        self._last = block
+        self.W = xp.concatenate([self.W, block], axis=1)

@@ -1,0 +1,340 @@
+"""Method "reduced" (Algorithm 7): the Riccati equation on a small basis that grows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+
+from gpu.arrays import array_module, to_host
+from gpu.errors import InputError, NotConverged, NotSupported, RiccatiError
+from gpu.gain_refinement import kleinman
+from gpu.galerkin_riccati import Projected
+from gpu.hamiltonian import InverseHamiltonian
+from gpu.hamiltonian_lqr import low_rank_value
+from gpu.lqr_problem import LQRProblem
+from gpu.lqr_result import Found, LowRankValue
+from gpu.rational_krylov import RationalKrylov
+from gpu.state_matrix import Factors, StateMatrix, factor, stored
+from gpu.weights import Weight
+
+COMPRESSIONS = ("galerkin", "printed")
+START = 8  # blocks before the first Newton step
+STEPS = 30
+STRIDE = 2  # blocks between two looks at the projected equation
+LOW_RANK = 64  # rows of a factor of Q up to which the value is sought as a low-rank matrix
+QUADRATIC = 1e-6  # a Newton step of this size leaves an error of its square
+
+
+def solve(
+    problem: LQRProblem,
+    *,
+    basis: Any = None,
+    compression: str = "galerkin",
+    tol: float = 1e-10,
+    rank: int | None = None,
+    refine: bool | None = None,
+) -> Found:
+    r"""Solve on a basis W: prescribed, or a rational Krylov space grown until the gain is right.
+
+    .. math::
+        K = R^{-1} B^T W P W^T E,\qquad
+        \hat A^T P \hat E + \hat E^T P \hat A - \hat E^T P \hat B \hat B^T P \hat E + \hat Q = 0
+
+    with :math:`\hat A = W^T A W` and so on. The dissertation's Algorithm 7 takes the eigenvectors
+    of :math:`\mathrm{diag}(W, W)^T \mathcal H^{-1} \mathrm{diag}(W, W)` instead
+    (``compression="printed"``), which is far less accurate on the same basis.
+
+    Where Q has low rank, W is the space of :math:`A^T` and the factor of Q, the value has low rank
+    too, and the space grows until the residual of the whole equation, computed exactly, is below
+    ``tol``. Where Q has full rank the value is no low-rank matrix; W is the space of A and B, and
+    grows until the gain stands still. That suffices where A is symmetric and Q a multiple of E;
+    elsewhere Newton steps on the gain follow (see `gain_refinement.kleinman`).
+
+    Parameters
+    ----------
+    basis : array, shape (n, r), optional
+        Prescribed W of full rank.
+    compression : {"galerkin", "printed"}
+        "printed" needs ``basis``.
+    tol : float
+        Relative: of the residual, or of the gain.
+    rank : int, optional
+        Largest number of basis vectors, by default ``min(n, 400)``.
+    refine : bool, optional
+        Newton steps on the gain, by default where Q has full rank and the problem is not symmetric.
+
+    Returns
+    -------
+    Found
+        ``info`` holds ``rank``, ``solves``, and ``residual`` (low rank) or ``change`` (the last
+        relative change of the gain).
+
+    Raises
+    ------
+    InputError
+    NotConverged
+        The largest rank was reached.
+    RiccatiError
+    """
+    if problem.N is not None and not problem.dense:
+        raise NotSupported("N: the cross term needs a dense A; put it into A, Q by hand")
+    if compression not in COMPRESSIONS:
+        raise InputError(f"compression={compression!r}: expected one of {', '.join(COMPRESSIONS)}")
+    if not 0.0 < tol < 1.0:
+        raise InputError(f"tol={tol}: expected a number between 0 and 1")
+    if basis is not None:
+        return _prescribed(problem, basis, compression)
+    if compression == "printed":
+        raise InputError('compression="printed" needs a basis')
+    limit = min(problem.n, 400) if rank is None else rank
+    C = low_rank_factor(problem)
+    return (
+        _low_rank(problem, C, tol, limit) if C is not None else _full(problem, tol, limit, refine)
+    )
+
+
+def low_rank_factor(problem: LQRProblem) -> Any:
+    """C of few rows with ``Q = C^T C``: given, or where few rows of Q are not zero; else None."""
+    if problem.C is not None:
+        return problem.C if len(problem.C) <= min(LOW_RANK, problem.n // 2) else None
+    Q, xp = problem.weight.Q, problem.xp
+    if Q is None or hasattr(Q, "matvec"):
+        return None
+    few = min(LOW_RANK, problem.n // 2)
+    if Q.ndim == 1:
+        places = np.flatnonzero(to_host(Q))
+        core = np.diag(to_host(Q)[places[:few]])
+    else:
+        rows = abs(Q).sum(axis=1)
+        places = np.flatnonzero(np.asarray(to_host(rows)).ravel())
+        if len(places) > few:
+            return None
+        core = Q[places][:, places]
+        core = to_host(core.toarray() if hasattr(core, "toarray") else core)
+    if len(places) > few or not len(places):
+        return None
+    values, vectors = np.linalg.eigh(core)
+    kept = values > 1e-15 * values.max()
+    C = np.zeros((int(kept.sum()), problem.n))
+    C[:, places] = (vectors[:, kept] * np.sqrt(values[kept])).T
+    return xp.asarray(C)
+
+
+def _prescribed(problem: LQRProblem, basis: Any, compression: str) -> Found:
+    xp = problem.xp
+    W = stored("basis", basis)
+    W = W.toarray() if hasattr(W, "toarray") else W
+    if W.ndim != 2 or W.shape[0] != problem.n or not 0 < W.shape[1] <= problem.n:
+        raise InputError(f"basis has shape {W.shape}: expected ({problem.n}, r), r > 0")
+    if array_module(W) is not xp:
+        raise InputError("basis and A live on different sides: move one of them")
+    W, triangle = xp.linalg.qr(W)
+    sizes = np.abs(np.diag(to_host(triangle)))
+    if not sizes.min() > 1e-13 * sizes.max():
+        raise InputError("basis: its columns are linearly dependent")
+    if compression == "printed":
+        return _printed(problem, W)
+    projected = Projected.of(problem, W)
+    P = projected.solve()
+    info = {"rank": W.shape[1], "solves": 0}
+    return Found(problem.gain(projected.gain(P)), LowRankValue(W, xp.asarray(P)), info)
+
+
+def _printed(problem: LQRProblem, W: Any) -> Found:
+    """The stable invariant subspace of the compressed inverse Hamiltonian."""
+    state, xp, r = problem.state, problem.xp, W.shape[1]
+    inverse = InverseHamiltonian(state, problem.input, problem.weight)
+    zero = xp.zeros_like(W)
+    blocks = [inverse.solve(state.mass(W), zero), inverse.solve(zero, state.mass_transposed(W))]
+    small = np.block([[to_host(W.T @ column[i]) for column in blocks] for i in (0, 1)])
+    _, Z, stable = linalg.schur(small, output="real", sort="lhp")
+    if stable != r:
+        raise RiccatiError(f"the compressed Hamiltonian has {stable} stable eigenvalues, not {r}")
+    V, Y = W @ xp.asarray(Z[:r, :r]), W @ xp.asarray(Z[r:, :r])
+    F = low_rank_value(state, V, Y)
+    gain = problem.gain((problem.input.T @ F) @ state.mass_transposed(F).T)
+    info = {"rank": r, "solves": inverse.solves}
+    return Found(gain, LowRankValue(F, xp.eye(F.shape[1])), info)
+
+
+def _low_rank(problem: LQRProblem, C: Any, tol: float, limit: int) -> Found:
+    state, xp = problem.state, problem.xp
+    poles, moved = _poles(problem, C.T)
+    # The value is that of A E^-1 and C E^-1; a feedback that makes A regular must lie in its space.
+    seed = xp.concatenate([_mass(state).solve_transposed(C.T), *moved], axis=1)
+    space = RationalKrylov(state, seed, poles, transposed=True)
+    projected, residual, history = None, np.inf, []
+    while True:
+        for _ in range(STRIDE):
+            space.grow()
+        projected = Projected.of(problem, space.W, projected)
+        try:
+            P = projected.solve()
+            residual = projected.residual(P, C)
+        except RiccatiError:
+            # The smaller problem need not be stabilisable where the whole one is.
+            if space.exhausted or space.rank >= limit:
+                raise
+            continue
+        history.append((space.rank, residual))
+        if residual <= tol:
+            break
+        stalled = len(history) > 8 and residual > 0.5 * min(r for _, r in history[:-6])
+        if space.exhausted or space.rank >= limit or stalled:
+            if residual <= 1e3 * tol and (space.exhausted or stalled):
+                break  # rounding: what is left is reported with the result
+            raise NotConverged(
+                f"the residual is {residual:.1e} with {space.rank} basis vectors: raise rank, "
+                "loosen tol, or use method='doubling' with dense matrices"
+            )
+    info = {
+        "rank": space.rank,
+        "solves": space.solves,
+        "iterations": len(history),
+        "residual": residual,
+        "history": history,
+    }
+    return Found(problem.gain(projected.gain(P)), LowRankValue(space.W, xp.asarray(P)), info)
+
+
+def _full(problem: LQRProblem, tol: float, limit: int, refine: bool | None) -> Found:
+    state = problem.state
+    refine = not _commutes(problem) if refine is None else refine
+    if refine and state.kind == "operator":
+        refine = False
+    B = problem.input
+    space = RationalKrylov(state, _mass(state).solve(B), _poles(problem, B)[0])
+    if refine:
+        return _newton(problem, space, tol, limit)
+    history: list[tuple[int, float]] = []
+    projected, K, change = None, None, np.inf
+    while change > tol and not (space.exhausted and history):
+        if space.rank >= limit and not space.exhausted:
+            raise NotConverged(
+                f"the gain still changes by {change:.1e} with {space.rank} basis vectors: raise "
+                "rank, loosen tol, or set refine=True"
+            )
+        for _ in range(STRIDE):
+            space.grow()
+        projected = Projected.of(problem, space.W, projected)
+        try:
+            following = projected.gain(projected.solve())
+        except RiccatiError:
+            if space.exhausted or space.rank >= limit:
+                raise
+            continue
+        if K is not None:
+            change = _difference(following, K)
+            history.append((space.rank, change))
+        elif space.exhausted:
+            change = 0.0
+        K = following
+    info = {
+        "rank": space.rank,
+        "solves": space.solves,
+        "change": change,
+        "iterations": len(history) + 1,
+        "history": history,
+    }
+    return Found(problem.gain(K), None, info)
+
+
+def _newton(problem: LQRProblem, space: RationalKrylov, tol: float, limit: int) -> Found:
+    """Newton steps on the gain to convergence; then a larger space must tell the same."""
+    xp, factored, history = problem.xp, 0, []
+    K, before, change = None, None, np.inf
+    while True:
+        for _ in range(START if before is None else 2 * STRIDE):
+            space.grow()
+        if K is None:
+            try:
+                projected = Projected.of(problem, space.W)
+                K, U = kleinman(problem, space.W, projected.gain(projected.solve()))
+                # With what the value makes of W the projected equation comes close.
+                both = xp.linalg.qr(xp.concatenate([space.W, U], axis=1)[:, : problem.n])[0]
+                projected = Projected.of(problem, both)
+                K = projected.gain(projected.solve())
+            except RiccatiError:
+                if K is None and (space.exhausted or space.rank >= limit):
+                    raise
+                if K is None:
+                    continue
+            factored += space.rank
+        for _ in range(STEPS):
+            following, _ = kleinman(problem, space.W, K)
+            factored += space.rank
+            step, K = _difference(following, K), following
+            history.append((space.rank, step))
+            if step <= QUADRATIC:
+                break
+        else:
+            raise NotConverged(f"Newton steps on the gain still change it by {step:.1e}")
+        change = np.inf if before is None else _difference(K, before)
+        if change <= tol or space.exhausted:
+            break
+        if space.rank >= limit:
+            raise NotConverged(
+                f"the gain still changes by {change:.1e} with {space.rank} basis vectors: raise "
+                "rank or loosen tol"
+            )
+        before = K
+    info = {
+        "rank": space.rank,
+        "solves": space.solves + factored,
+        "change": min(change, step),
+        "iterations": len(history),
+        "history": history,
+    }
+    return Found(problem.gain(K), None, info)
+
+
+def _mass(state: StateMatrix) -> Factors:
+    """Solves with E."""
+    if state.E is None:
+        return Factors(lambda x: x, lambda x: x)
+    mass = factor(state.E)
+    if mass is None:
+        raise InputError("E is singular: descriptor systems are not solved here")
+    return mass
+
+
+def _difference(new: Any, old: Any) -> float:
+    """Relative, of two gains."""
+    xp = array_module(new)
+    return float(xp.linalg.norm(new - old) / (float(xp.linalg.norm(new)) or 1.0))
+
+
+def _commutes(problem: LQRProblem) -> bool:
+    """Whether A and E are symmetric and Q is a multiple of E: then W of A and B holds it all."""
+    state, Q = problem.state, problem.weight.Q
+    if not state.is_symmetric() or Q is None or hasattr(Q, "matvec"):
+        return state.kind == "operator"
+    n, xp = state.n, state.xp
+    probe = xp.asarray(np.random.default_rng(4).standard_normal((n, 2)))
+    cost, mass = Weight(state, Q).apply(probe), state.mass(probe)
+    ratio = float((cost * mass).sum() / (mass * mass).sum())
+    return float(xp.linalg.norm(cost - ratio * mass)) <= 1e-10 * float(xp.linalg.norm(cost))
+
+
+def _poles(problem: LQRProblem, seed: Any) -> tuple[list[Factors], list[Any]]:
+    """Two poles: at zero, where A may be singular, and between the slowest and fastest modes."""
+    state, xp = problem.state, problem.xp
+    inverse = InverseHamiltonian(state, problem.input, problem.weight)
+    slow_factors = inverse.factors
+    if state.kind == "operator":
+        return [slow_factors], inverse.moved
+    block = xp.linalg.qr(seed)[0][:, :4]
+    fast = float(xp.linalg.norm(state.apply(block)) / xp.linalg.norm(state.mass(block)))
+    x, slow = block, fast
+    for _ in range(4):
+        x = x / xp.linalg.norm(x)
+        y = slow_factors.solve(state.mass(x))
+        slow, x = 1.0 / max(float(xp.linalg.norm(y)), 1e-300), y
+    middle = (slow * fast) ** 0.5
+    for move in (1.0, 1.37, 0.71):
+        factors = state.factor(move * middle)
+        if factors is not None:
+            return [slow_factors, factors], inverse.moved
+    return [slow_factors], inverse.moved
