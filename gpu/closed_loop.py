@@ -12,10 +12,13 @@ from gpu.arrays import array_module, to_host
 from gpu.errors import GpuError
 from gpu.hamiltonian_balance import balance
 from gpu.lqr_problem import DenseProblem, LQRProblem
+from gpu.lyapunov import SCHUR, LyapunovSolver, lyapunov_solver
 from gpu.state_matrix import EPS, StateMatrix
 
 ALL_POLES = 1500  # up to this order all poles are computed
 FEW = 12
+# Left of the axis by so much of the matrix, no meeting of eigenvalues there can be in question.
+FAR = 1e-3
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,10 @@ class DenseLoop:
     @cached_property
     def poles(self) -> np.ndarray:
         """Eigenvalues, rightmost first: all of a small matrix, else the nearest to zero."""
-        if len(self.matrix) <= ALL_POLES:
+        if len(self.matrix) <= SCHUR and isinstance(self.matrix, np.ndarray):
+            values = self.lyapunov.poles
+            assert values is not None
+        elif len(self.matrix) <= ALL_POLES:
             values = np.linalg.eigvals(to_host(self.matrix))
         else:
             from gpu.eigs import eigs
@@ -49,6 +55,11 @@ class DenseLoop:
             values = eigs(self.matrix, FEW, sigma=0.0, return_eigenvectors=False)
             values = to_host(values)
         return values[np.argsort(-values.real, kind="stable")]
+
+    @cached_property
+    def lyapunov(self) -> LyapunovSolver:
+        """Lyapunov equations of this matrix."""
+        return lyapunov_solver(self.matrix)
 
     @property
     def abscissa(self) -> float:
@@ -66,13 +77,13 @@ class DenseLoop:
 
         Where eigenvalues of the Hamiltonian meet there, round-off parts them by its square root.
         """
-        from gpu.lyapunov import SCHUR, lyapunov_solver
-
+        xp = array_module(self.matrix)
         if self.doubt is None or len(self.matrix) > SCHUR:
             return False
-        xp = array_module(self.matrix)
+        if self.abscissa < -FAR * float(xp.linalg.norm(self.matrix)):
+            return False
         B, W = self.doubt
-        D = lyapunov_solver(self.matrix)(W)
+        D = self.lyapunov(W)
         return not float(xp.linalg.norm(B @ (B.T @ D))) < -self.abscissa
 
     def _lyapunov_stable(self) -> bool:
@@ -83,10 +94,8 @@ class DenseLoop:
         return _definite(self.value) and _definite(-(half + half.T))
 
     def _powers_vanish(self) -> bool:
-        from gpu.lyapunov import lyapunov_solver
-
         try:
-            lyapunov_solver(self.matrix)
+            _ = self.lyapunov
         except np.linalg.LinAlgError:
             return False
         return True

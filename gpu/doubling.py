@@ -51,8 +51,9 @@ def solve(problem: LQRProblem, *, newton: int = 8, fallback: bool = True) -> Fou
     standard = problem.standard()
     candidates = [_by_doubling]
     if fallback:
+        candidates.append(_by_moved_doubling)
         candidates += [_by_qz, _by_newton] if problem.n <= QZ else [_by_newton]
-    best: tuple[float, Any, dict[str, Any]] | None = None
+    best: Found | None = None
     for candidate in candidates:
         try:
             # What overflows is not finite in the end, and judged by that.
@@ -63,16 +64,16 @@ def solve(problem: LQRProblem, *, newton: int = 8, fallback: bool = True) -> Fou
         if not bool(problem.xp.isfinite(S).all()):
             continue
         S, steps = refine(problem, S, newton)
-        error = judge(problem, S)
+        verdict = judge(problem, S)
         info["newton_steps"] = steps
-        if best is None or error < best[0]:
-            best = (error, S, info)
-        if error < 1.0:
-            break
+        found = Found(problem.gain_of(S), S, info, verdict)
+        if verdict.certified:
+            return found
+        if best is None or verdict.residual < best.verdict.residual:
+            best = found
     if best is None:
         raise NotConverged("neither doubling nor what stands in for it found a Riccati solution")
-    _, S, info = best
-    return Found(problem.gain_of(S), S, info)
+    return best
 
 
 def _by_doubling(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, Any]]:
@@ -83,6 +84,24 @@ def _by_doubling(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict
         raise np.linalg.LinAlgError("doubling did not converge")
     X = found.X / unit / unit[:, None]
     return problem.value_of(X), {"iterations": found.iterations, "path": "doubling"}
+
+
+def _by_moved_doubling(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, Any]]:
+    """Doubling for ``X - X_0``, where X_0 stabilises.
+
+    Unstable modes that Q hardly sees make G_k grow without end; a feedback moves them first.
+    """
+    unit = balance(standard)
+    A, G, Q = scaled_hamiltonian(standard, unit)
+    B = standard.B / unit[:, None]
+    X0 = newton_kleinman.stabilising_value(DenseProblem(A, B, Q))
+    half = X0 @ A
+    left = half + half.T - X0 @ G @ X0 + Q
+    found = double(A - G @ X0, G, (left + left.T) / 2)
+    if not found.converged:
+        raise np.linalg.LinAlgError("doubling did not converge")
+    X = (X0 + found.X) / unit / unit[:, None]
+    return problem.value_of(X), {"iterations": found.iterations, "path": "moved doubling"}
 
 
 def _by_qz(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, Any]]:

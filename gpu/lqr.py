@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 
 from gpu.arrays import to_host
-from gpu.closed_loop import ALL_POLES, closed_loop_of, dense_loop, nearest_poles
+from gpu.closed_loop import ALL_POLES, dense_loop, nearest_poles
 from gpu.errors import GpuError, InputError, NotConverged, RiccatiError
-from gpu.hamiltonian_balance import balance
 from gpu.lqr_problem import LQRProblem, check_lqr, semidefinite
 from gpu.lqr_result import Found, LQRResult
 from gpu.riccati_modes import explain
-from gpu.riccati_residual import riccati_residual
+from gpu.riccati_refinement import judge
 
 # Modules with a function ``solve(problem, **options) -> Found``.
 METHODS = {
@@ -272,18 +271,11 @@ def certified(problem: LQRProblem, found: Found, method: str) -> LQRResult:
     info = dict(found.info)
     residual = float(info.pop("residual", np.nan))
     xp = problem.xp
-    if problem.dense:
-        standard = problem.standard()
-        unit = balance(standard)
-        S = found.value if isinstance(found.value, xp.ndarray) else None
-        if S is not None:
-            left = riccati_residual(problem, S, unit)
-            residual = left.relative
-            loop = closed_loop_of(problem, standard, unit, S, residual=left.matrix)
-        else:
-            loop = closed_loop_of(problem, standard, unit, K=found.gain)
-        poles, stable = loop.poles, loop.is_stable()
-    elif problem.n <= ALL_POLES and problem.state.kind != "operator":
+    if found.verdict is not None or (problem.dense and isinstance(found.value, xp.ndarray)):
+        verdict = found.verdict or judge(problem, found.value)
+        residual = verdict.residual
+        poles, stable = verdict.loop.poles, verdict.loop.is_stable()
+    elif problem.dense or (problem.n <= ALL_POLES and problem.state.kind != "operator"):
         loop = dense_loop(problem, found.gain)
         poles, stable = loop.poles, loop.is_stable()
     else:

@@ -18,11 +18,14 @@ class Found(NamedTuple):
     value : array, shape (n, n), LowRankValue or None
     info : dict
         ``iterations``, ``solves``, ``residual``, ``path``, whatever the method has to tell.
+    verdict : Verdict or None
+        Of a dense solution: its recomputed residual and closed loop.
     """
 
     gain: Any
     value: Any
     info: dict[str, Any]
+    verdict: Any = None
 
 
 @dataclass(frozen=True)

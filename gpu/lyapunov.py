@@ -3,20 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg
 
 from gpu.arrays import array_module
 from gpu.lqr_problem import solve
+from gpu.ordered_schur import eigenvalues_of
 from gpu.state_matrix import EPS
 
 SCHUR = 600  # up to this order the Schur form on the host is the quicker way
 SQUARINGS = 60
 
 
-def lyapunov_solver(A: Any) -> Callable[[Any], Any]:
+class LyapunovSolver(NamedTuple):
+    """What `lyapunov_solver` returns; called with W.
+
+    Attributes
+    ----------
+    apply : callable W -> X
+    poles : numpy.ndarray or None
+        Eigenvalues of A, where its Schur form was computed.
+    """
+
+    apply: Callable[[Any], Any]
+    poles: np.ndarray | None
+
+    def __call__(self, W: Any) -> Any:
+        """``X`` with ``A^T X + X A + W = 0``."""
+        return self.apply(W)
+
+
+def lyapunov_solver(A: Any) -> LyapunovSolver:
     r"""Solve :math:`A^T X + X A + W = 0` for several symmetric W.
 
     Bartels-Stewart on the host for a small A; otherwise Smith's series
@@ -44,7 +63,7 @@ def lyapunov_solver(A: Any) -> Callable[[Any], Any]:
     return _by_squaring(A)
 
 
-def _by_schur_form(A: np.ndarray) -> Callable[[Any], Any]:
+def _by_schur_form(A: np.ndarray) -> LyapunovSolver:
     T, U = linalg.schur(A, output="real")
     trsyl = linalg.lapack.dtrsyl
 
@@ -53,10 +72,10 @@ def _by_schur_form(A: np.ndarray) -> Callable[[Any], Any]:
         X = U @ (X * scale) @ U.T
         return (X + X.T) / 2
 
-    return apply
+    return LyapunovSolver(apply, eigenvalues_of(T))
 
 
-def _by_squaring(A: Any) -> Callable[[Any], Any]:
+def _by_squaring(A: Any) -> LyapunovSolver:
     xp, n = array_module(A), len(A)
     gamma = cayley_shift(A)
     moved = A.copy()
@@ -79,7 +98,7 @@ def _by_squaring(A: Any) -> Callable[[Any], Any]:
             X = X + C.T @ (X @ C)
         return (X + X.T) / 2
 
-    return apply
+    return LyapunovSolver(apply, None)
 
 
 def cayley_shift(M: Any) -> float:

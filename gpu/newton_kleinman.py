@@ -13,7 +13,7 @@ from gpu.hamiltonian_balance import balance
 from gpu.lqr_problem import DenseProblem, LQRProblem
 from gpu.lqr_result import Found
 from gpu.lyapunov import lyapunov_solver
-from gpu.riccati_refinement import refine
+from gpu.riccati_refinement import judge, refine
 from gpu.state_matrix import EPS
 
 
@@ -73,11 +73,11 @@ def solve(problem: LQRProblem, *, start: Any = None, steps: int = 60, tol: float
     S = problem.value_of(X / unit / unit[:, None])
     S, polished = refine(problem, S, 4)
     info = {"iterations": len(history), "history": tuple(history), "newton_steps": polished}
-    return Found(problem.gain_of(S), S, info)
+    return Found(problem.gain_of(S), S, info, judge(problem, S))
 
 
 def stabilising_gain(problem: DenseProblem) -> Any:
-    r"""A gain that stabilises a dense problem in standard form: zero, or Bass' gain.
+    """A gain that stabilises a dense problem in standard form: zero, or Bass' gain.
 
     Raises
     ------
@@ -85,19 +85,27 @@ def stabilising_gain(problem: DenseProblem) -> Any:
         None was found: as a rule because there is none.
     """
     A, B, _ = problem
+    if DenseLoop(A, 4 * EPS * float(array_module(A).linalg.norm(A))).is_stable():
+        return array_module(A).zeros((B.shape[1], len(A)))
+    return B.T @ stabilising_value(problem)
+
+
+def stabilising_value(problem: DenseProblem) -> Any:
+    r"""The symmetric :math:`X_0 = Y^{-1}` of Bass, for which ``A - B B^T X_0`` is stable.
+
+    Raises
+    ------
+    NotConverged
+    """
+    A, B, _ = problem
     xp, n = array_module(A), len(A)
     size = float(xp.linalg.norm(A)) or 1.0
-    none = xp.zeros((B.shape[1], n))
-    if DenseLoop(A, 4 * EPS * size).is_stable():
-        return none
     values = _spectrum(A)
     right = max(float(values.real.max()), 0.0)
     places = xp.arange(n)
     spread = max(right, float(np.abs(values).max()) * 1e-3, 1e-8 * size)
-    for beta in (
-        *(right + factor * spread for factor in (0.5, 1.0, 0.1, 3.0, 10.0, 0.01)),
-        1.1 * size,
-    ):
+    betas = [right + factor * spread for factor in (0.5, 1.0, 0.1, 3.0, 10.0, 0.01)]
+    for beta in (*betas, 1.1 * size):
         moved = -A.T.copy()
         moved[places, places] -= beta
         try:
@@ -105,13 +113,15 @@ def stabilising_gain(problem: DenseProblem) -> Any:
             Y = to_host(lyapunov_solver(moved)(2.0 * B @ B.T))
         except np.linalg.LinAlgError:
             continue
+        if not np.isfinite(Y).all():
+            continue
         values, vectors = np.linalg.eigh(Y)
         for cut in (1e-14, 1e-11, 1e-8):
             kept = values > cut * values[-1]
-            inverse = xp.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T)
-            K = B.T @ inverse
+            X = xp.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T)
+            K = B.T @ X
             if DenseLoop(A - B @ K, _rounding(A, B, K)).is_stable():
-                return K
+                return X
     raise NotConverged("no stabilising gain was found: pass one as start, if there is one")
 
 

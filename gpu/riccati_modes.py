@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import linalg
 
 from gpu.arrays import to_host
 from gpu.errors import InputError, RiccatiError
 from gpu.hamiltonian_balance import balance
-from gpu.lqr_problem import LQRProblem
+from gpu.lqr_problem import LQRProblem, solve
+from gpu.state_matrix import EPS
 
 EXAMINED = 1500  # up to this order modes are examined
 WORST = 24  # how many modes, beginning with the least stable
@@ -41,34 +43,16 @@ def explain(problem: LQRProblem, poles: np.ndarray | None = None) -> RiccatiErro
         standard = problem.standard()
     except (InputError, np.linalg.LinAlgError):
         return None
-    unit = balance(standard)
     A, B, Q = (to_host(M) for M in standard)
-    unit = to_host(unit)
-    A, B, Q = A * unit / unit[:, None], B / unit[:, None], Q * unit * unit[:, None]
-    size = max(float(np.linalg.norm(A)), np.finfo(float).tiny)
-    values = np.linalg.eigvals(A)
-    values = values[np.argsort(-values.real, kind="stable")]
-    values = values[(values.real >= -AXIS * size) & (values.imag >= 0.0)][:WORST]
-    for value in values:
-        shifted = A - value * np.eye(problem.n)
-        if _loses_rank(shifted, B, size):
-            return RiccatiError(
-                f"the mode {_shown(value)} of A is not stabilisable: no input moves it; give it "
-                "an input, or take it out of the model",
-                eigenvalue=complex(value),
-                cause="not stabilisable",
-            )
-        if abs(value.real) <= AXIS * size and _loses_rank(shifted.T, Q, size):
-            return RiccatiError(
-                f"the mode {_shown(value)} of A lies on the imaginary axis and is not detectable: "
-                "Q does not see it, so no optimal feedback moves it; give it a weight",
-                eigenvalue=complex(value),
-                cause="not detectable",
-            )
+    found = _not_stabilisable(problem, B) or _not_detectable(A, Q)
+    if found is not None:
+        return found
+    whole = to_host(balance(standard))
+    A, B, Q = A * whole / whole[:, None], B / whole[:, None], Q * whole * whole[:, None]
     H = np.block([[A, -B @ B.T], [-Q, -A.T]])
     values = np.linalg.eigvals(H)
     nearest = values[np.argmin(np.abs(values.real))]
-    if abs(nearest.real) <= 1e-8 * np.linalg.norm(H):
+    if abs(nearest.real) <= max(AXIS * abs(nearest), 1e3 * EPS * float(np.linalg.norm(H))):
         value = complex(0.0, abs(nearest.imag))
         return RiccatiError(
             f"the Hamiltonian has the eigenvalue {_shown(value)} on the imaginary axis (to "
@@ -77,6 +61,54 @@ def explain(problem: LQRProblem, poles: np.ndarray | None = None) -> RiccatiErro
             eigenvalue=value,
         )
     return None
+
+
+def _not_stabilisable(problem: LQRProblem, B: np.ndarray) -> RiccatiError | None:
+    # No feedback changes this, so N is left out: taking it out could drown A in round-off.
+    A, E, _, _ = problem.full()
+    A = to_host(A if E is None else solve(E, A))
+    A, own = _balanced(A)
+    B = B / own[:, None]
+    for value, size in _unstable(A):
+        if _loses_rank(A - value * np.eye(len(A)), B, size):
+            return RiccatiError(
+                f"the mode {_shown(value)} of A is not stabilisable: no input moves it; give it "
+                "an input, or take it out of the model",
+                eigenvalue=complex(value),
+                cause="not stabilisable",
+            )
+    return None
+
+
+def _not_detectable(A: np.ndarray, Q: np.ndarray) -> RiccatiError | None:
+    A, own = _balanced(A)
+    Q = Q * own * own[:, None]
+    for value, size in _unstable(A):
+        if abs(value.real) > AXIS * max(abs(value), 0.1 * size):
+            continue
+        if _loses_rank((A - value * np.eye(len(A))).T, Q, size):
+            return RiccatiError(
+                f"the mode {_shown(value)} of A lies on the imaginary axis and is not detectable: "
+                "Q does not see it, so no optimal feedback moves it; give it a weight",
+                eigenvalue=complex(value),
+                cause="not detectable",
+            )
+    return None
+
+
+def _balanced(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A in units of its own: those that even out Q and B B^T would hide one of them."""
+    own = np.diag(linalg.matrix_balance(A, permute=False)[1])
+    return A * own / own[:, None], own
+
+
+def _unstable(A: np.ndarray) -> list[tuple[complex, float]]:
+    """The eigenvalues not clearly left of the axis, rightmost first, and the size of A."""
+    size = max(float(np.linalg.norm(A)), np.finfo(float).tiny)
+    values = np.linalg.eigvals(A)
+    values = values[np.argsort(-values.real, kind="stable")]
+    values = values[(values.real >= -AXIS * size) & (values.imag >= 0.0)][:WORST]
+    return [(complex(value), size) for value in values]
 
 
 def _loses_rank(M: np.ndarray, extra: np.ndarray, size: float) -> bool:

@@ -2,19 +2,37 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from gpu.closed_loop import closed_loop_of
+from gpu.closed_loop import DenseLoop, closed_loop_of
 from gpu.hamiltonian_balance import balance
 from gpu.lqr_problem import LQRProblem
-from gpu.lyapunov import lyapunov_solver
 from gpu.riccati_residual import EXTENDED, riccati_residual
 from gpu.state_matrix import EPS
 
 # Largest relative residual, in balanced units, that is certified.
 RESIDUAL = 1e-9
+
+
+class Verdict(NamedTuple):
+    """How good a Riccati solution is.
+
+    Attributes
+    ----------
+    residual : float
+        Relative, in balanced units.
+    loop : DenseLoop
+    """
+
+    residual: float
+    loop: DenseLoop
+
+    @property
+    def certified(self) -> bool:
+        """Whether it solves the equation and stabilises."""
+        return bool(self.residual <= RESIDUAL) and self.loop.is_stable()
 
 
 def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
@@ -30,17 +48,18 @@ def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
     steps : int
         How many were taken.
     """
-    xp = problem.xp
     standard = problem.standard()
     unit = balance(standard)
-    extended = xp is np and problem.n <= EXTENDED
+    extended = in_extended(problem)
     before, taken = np.inf, 0
     previous = S
     for _ in range(steps):
-        residual = riccati_residual(problem, S, unit, extended).matrix
+        residual = riccati_residual(problem, S, unit, extended)
+        if not extended and residual.relative <= 4 * EPS * np.sqrt(problem.n):
+            break
         loop = closed_loop_of(problem, standard, unit, S)
         try:
-            change = lyapunov_solver(loop.matrix)(residual * unit * unit[:, None])
+            change = loop.lyapunov(residual.matrix * unit * unit[:, None])
         except np.linalg.LinAlgError:
             return previous, taken
         change = problem.value_of(change / unit / unit[:, None])
@@ -56,15 +75,18 @@ def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
     return S, taken
 
 
-def judge(problem: LQRProblem, S: Any) -> float:
-    """How far S is from being certified: below 1 it is a stabilising solution."""
+def judge(problem: LQRProblem, S: Any) -> Verdict:
+    """Recompute the residual of S and the closed loop of its gain."""
     standard = problem.standard()
     unit = balance(standard)
-    residual = riccati_residual(problem, S, unit)
-    if not np.isfinite(residual.relative):
-        return np.inf
+    residual = riccati_residual(problem, S, unit, in_extended(problem))
     loop = closed_loop_of(problem, standard, unit, S, residual=residual.matrix)
-    return max(residual.relative / RESIDUAL, 0.0 if loop.is_stable() else 1e30)
+    return Verdict(residual.relative, loop)
+
+
+def in_extended(problem: LQRProblem) -> bool:
+    """Whether residuals are computed in extended precision."""
+    return problem.xp is np and problem.n <= EXTENDED
 
 
 def _balanced_norm(problem: LQRProblem, S: Any, unit: Any) -> float:
