@@ -45,7 +45,14 @@ class HostKernels(Kernels):
 
     def launch(self, stage: Stage, m: Any, out: Any, feet: Any) -> None:
         """One kernel over all nodes with stored feet; flat arrays."""
-        from cip import conservative_kernels, cpu, line_kernels, plane_blocks, plane_kernels
+        from cip import (
+            conservative_kernels,
+            cpu,
+            line_blocks,
+            line_kernels,
+            plane_blocks,
+            plane_kernels,
+        )
 
         loops: Any = cpu
         grid, advect, limiter = self.grid, int(stage.advect), self.limiter
@@ -56,8 +63,8 @@ class HostKernels(Kernels):
                 blocks: Any = getattr(plane_blocks, f"run_{stage.profile}")
 
                 def rows(start: int, stop: int) -> None:
-                    near = plane_blocks.corner_room(self.dtype)
-                    blocks(start, stop, m, out, feet, *plane, advect, near)
+                    near = plane_blocks.corner_room(m.size // grid.size, self.dtype, *self.widths)
+                    blocks(start, stop, m, out, feet, *plane, advect, int(all(grid.uniform)), near)
 
             else:
                 node: Any = getattr(plane_kernels, self.name(stage))
@@ -75,6 +82,15 @@ class HostKernels(Kernels):
 
             def sweep(start: int, stop: int) -> None:
                 loops.run_conservative(node, start, stop, m, out, feet, width, *line, *limits)
+
+        elif grid.dim == 1 and stage.profile == "cubic" and limiter == 0:
+            lines: Any = line_blocks
+
+            def sweep(start: int, stop: int) -> None:
+                near = lines.end_room(self.dtype, width)
+                lines.run_cubic(
+                    start, stop, m, out, feet, width, *line[-2:], advect, int(grid.uniform[0]), near
+                )
 
         elif grid.dim == 1:
             node = getattr(line_kernels, self.name(stage))

@@ -76,7 +76,7 @@ def room(count: int) -> Any:
     @intrinsic
     def stack(_context: Any, array: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            from llvmlite import ir
+            import llvmlite.ir as ir  # type: ignore[import-untyped]
 
             kind = context.get_value_type(array.dtype)
             with builder.goto_entry_block():

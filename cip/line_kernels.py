@@ -20,7 +20,7 @@ The parentheses repeat for each direction across.
 
 from __future__ import annotations
 
-from cip.jit import Array, Index, Out, kernel
+from cip.jit import Array, Index, Out, Real, kernel
 from cip.line_profiles import (
     cubic,
     lagrange,
@@ -47,6 +47,22 @@ def node_linear(
     if advect == 1:
         value = value * feet[fs + fo]
     out[o] = value
+
+
+@kernel
+def move_cubic(
+    value: Real, slope: Real, feet: Array, fs: Index, fo: Index, advect: Index,
+    out: Out, slopes: Index, o: Index,
+) -> None:  # fmt: skip
+    """The new value and the new slope along the sweep."""
+    J = feet[fs + fo]
+    if advect == 1:
+        K = feet[2 * fs + fo]
+        out[o] = J * value
+        out[slopes + o] = J * J * slope + K * value
+    else:
+        out[o] = value
+        out[slopes + o] = J * slope
 
 
 @kernel
@@ -82,16 +98,9 @@ def hermite(
             high = max(a, b)
             value = min(max(value, low), high)
     slope = slope / width
+    move_cubic(value, slope, feet, fs, fo, advect, out, (1 + axis) * size, o)
     J = feet[fs + fo]
-    component = 2
-    if advect == 1:
-        K = feet[2 * fs + fo]
-        out[o] = J * value
-        out[(1 + axis) * size + o] = J * J * slope + K * value
-        component = 3
-    else:
-        out[o] = value
-        out[(1 + axis) * size + o] = J * slope
+    component = 2 + advect
     for b_axis in range(dim):
         if b_axis != axis:
             q = (1 + b_axis) * size

@@ -30,28 +30,34 @@ def places(
 ) -> None:  # fmt: skip
     """Cells of the feet of `count` nodes of a row and the places in them."""
     for q in range(count):
-        k, kr, s = locate(i, feet[o + q], nx, px)
-        l, lr, t = locate(j + q, feet[size + o + q], ny, py)
+        k, _right, s = locate(i, feet[o + q], nx, px)
+        l, _right, t = locate(j + q, feet[size + o + q], ny, py)
         at[q] = k
         at[_BLOCK + q] = l
-        at[2 * _BLOCK + q] = kr
-        at[3 * _BLOCK + q] = lr
         inside[q] = s
         inside[_BLOCK + q] = t
 
 
 @kernel
 def corners(
-    m: Array, size: Index, moments: Index, ny: Index, hx: Array, hy: Array, count: Index,
-    at: Array, near: Out,
+    m: Array, size: Index, moments: Index, nx: Index, ny: Index, hx: Array, hy: Array,
+    uniform: Index, count: Index, at: Array, near: Out,
 ) -> None:  # fmt: skip
-    """Moment after moment at the four corners of the cells, then their widths."""
+    """Moment after moment at the four corners of the cells, then their widths.
+
+    The widths of a uniform grid are there already.
+    """
     for q in range(count):
         k = at[q]
         l = at[_BLOCK + q]
-        lr = at[3 * _BLOCK + q]
+        kr = k + 1
+        if kr == nx:
+            kr = 0
+        lr = l + 1
+        if lr == ny:
+            lr = 0
         low = k * ny
-        high = at[2 * _BLOCK + q] * ny
+        high = kr * ny
         for moment in range(moments):
             row = 4 * moment * _BLOCK + q
             near[row] = m[low + l]
@@ -60,9 +66,10 @@ def corners(
             near[row + 3 * _BLOCK] = m[high + lr]
             low += size
             high += size
-        row = 4 * moments * _BLOCK + q
-        near[row] = hx[k]
-        near[row + _BLOCK] = hy[l]
+        if uniform == 0:
+            row = 4 * moments * _BLOCK + q
+            near[row] = hx[k]
+            near[row + _BLOCK] = hy[l]
 
 
 @kernel
@@ -108,19 +115,21 @@ def keep(new: Array, moments: Index, size: Index, count: Index, out: Out, o: Ind
             out[moment * size + o + q] = new[moment * _BLOCK + q]
 
 
-def corner_room(dtype: DTypeLike) -> Any:
-    """Room for the corners of a block.
+def corner_room(moments: int, dtype: DTypeLike, *widths: Array) -> Any:
+    """Room for the corners of a block, with the widths of the first cell.
 
     It comes from outside so that the loop over scattered reads, where it might overlap the moments
     for all that the compiler knows, gets no gather instructions.
     """
-    return np.empty(18 * _BLOCK, dtype)
+    corners = np.empty((4 * moments, _BLOCK), dtype)
+    return np.append(corners, [np.full(_BLOCK, width[0], dtype) for width in widths])
 
 
 @loop
 def run_adini(
     start: Index, stop: Index, m: Array, out: Out, feet: Array, hx: Array, hy: Array,
-    size: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, near: Out,
+    size: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, uniform: Index,
+    near: Out,
 ) -> None:  # fmt: skip
     """Rows start..stop of a plane, Adini's profile."""
     at, inside, new = numbers(np.empty(1, np.int64)), numbers(m), numbers(m)
@@ -131,7 +140,7 @@ def run_adini(
             count = min(_BLOCK, ny - j)
             o = i * ny + j
             places(feet, size, o, count, i, j, nx, ny, px, py, at, inside)
-            corners(m, size, 3, ny, hx, hy, count, at, near)
+            corners(m, size, 3, nx, ny, hx, hy, uniform, count, at, near)
             adini_block(near, inside, feet, size, o, count, advect, new)
             keep(new, 3, size, count, out, o)
 
@@ -139,7 +148,8 @@ def run_adini(
 @loop
 def run_bicubic(
     start: Index, stop: Index, m: Array, out: Out, feet: Array, hx: Array, hy: Array,
-    size: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, near: Out,
+    size: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, uniform: Index,
+    near: Out,
 ) -> None:  # fmt: skip
     """Rows start..stop of a plane, bicubic profile."""
     at, inside, new = numbers(np.empty(1, np.int64)), numbers(m), numbers(m)
@@ -150,6 +160,6 @@ def run_bicubic(
             count = min(_BLOCK, ny - j)
             o = i * ny + j
             places(feet, size, o, count, i, j, nx, ny, px, py, at, inside)
-            corners(m, size, 4, ny, hx, hy, count, at, near)
+            corners(m, size, 4, nx, ny, hx, hy, uniform, count, at, near)
             bicubic_block(near, inside, feet, size, o, count, advect, new)
             keep(new, 4, size, count, out, o)

@@ -1,0 +1,81 @@
+"""The cubic profile on one line on the CPU without limiter, a short block of nodes at a time.
+
+As `cip.plane_blocks`, for the same reason: places, ends of the cells, profile in three loops.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from cip.cpu import address
+from cip.jit import Array, Index, Out, kernel, loop, room
+from cip.line_kernels import move_cubic
+from cip.line_profiles import cubic, locate
+
+_BLOCK = 128
+
+numbers = room(_BLOCK)
+
+
+@kernel
+def places(
+    feet: Array, o: Index, count: Index, n: Index, periodic: Index, at: Out, inside: Out
+) -> None:
+    """Cells of the feet of `count` nodes and the places in them."""
+    for q in range(count):
+        k, _right, s = locate(o + q, feet[o + q], n, periodic)
+        at[q] = k
+        inside[q] = s
+
+
+@kernel
+def ends(m: Array, n: Index, h: Array, uniform: Index, count: Index, at: Array, near: Out) -> None:
+    """Values and slopes at both ends of the cells, then their widths."""
+    for q in range(count):
+        k = at[q]
+        r = k + 1
+        if r == n:
+            r = 0
+        near[q] = m[k]
+        near[_BLOCK + q] = m[r]
+        near[2 * _BLOCK + q] = m[n + k]
+        near[3 * _BLOCK + q] = m[n + r]
+        if uniform == 0:
+            near[4 * _BLOCK + q] = h[k]
+
+
+@kernel
+def cubic_block(
+    near: Array, inside: Array, feet: Array, n: Index, o: Index, count: Index, advect: Index,
+    out: Out,
+) -> None:  # fmt: skip
+    """The new values and slopes of a block."""
+    for q in range(count):
+        width = near[4 * _BLOCK + q]
+        va = width * near[2 * _BLOCK + q]
+        vb = width * near[3 * _BLOCK + q]
+        value, slope = cubic(near[q], near[_BLOCK + q], va, vb, inside[q])
+        move_cubic(value, slope / width, feet, n, o + q, advect, out, n, o + q)
+
+
+def end_room(dtype: DTypeLike, h: Array) -> Any:
+    """Room for the ends of a block of cells, with the width of the first cell."""
+    return np.append(np.empty((4, _BLOCK), dtype), np.full(_BLOCK, h[0], dtype))
+
+
+@loop
+def run_cubic(
+    start: Index, stop: Index, m: Array, out: Out, feet: Array, h: Array, n: Index,
+    periodic: Index, advect: Index, uniform: Index, near: Out,
+) -> None:  # fmt: skip
+    """Nodes start..stop of the line."""
+    at, inside = numbers(np.empty(1, np.int64)), numbers(m)
+    m, out, feet, h, near = address(m), address(out), address(feet), address(h), address(near)
+    for o in range(start, stop, _BLOCK):
+        count = min(_BLOCK, stop - o)
+        places(feet, o, count, n, periodic, at, inside)
+        ends(m, n, h, uniform, count, at, near)
+        cubic_block(near, inside, feet, n, o, count, advect, out)

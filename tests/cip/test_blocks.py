@@ -1,0 +1,90 @@
+"""The blocks of nodes on the CPU against the node functions, and the wrap of a foot."""
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from cip import Grid, Solver, Velocity, cpu, line_kernels, line_profiles, plane_kernels
+
+locate: Any = getattr(line_profiles.locate, "py_func", line_profiles.locate)
+
+
+@given(
+    n=st.integers(4, 10**6), i=st.floats(0, 1, exclude_max=True),
+    cells=st.integers(-(10**9), 10**9), s=st.floats(0, 1, exclude_max=True),
+)  # fmt: skip
+@example(n=49, i=0.0, cells=-49, s=0.0)
+@example(n=4, i=0.9, cells=1, s=0.0)
+def test_feet_wrap_into_the_period(n, i, cells, s):
+    """Whole periods, however many, do not change the cell."""
+    node, d = int(i * n), cells + s
+    k, r, place = locate(node, d, n, 1)
+    assert k == (node + int(np.floor(d))) % n
+    assert r == (k + 1) % n
+    assert place == d - np.floor(d)
+
+
+@given(n=st.integers(4, 100), d=st.floats(-300, 300))
+@settings(max_examples=50)
+def test_feet_stay_on_a_line_with_ends(n, d):
+    k, r, place = locate(n // 2, d, n, 0)
+    assert 0 <= k == r - 1 <= n - 2
+    assert k + place == pytest.approx(min(max(n // 2 + d, 0), n - 1), abs=1e-9)
+
+
+def grid_of(lengths, regular):
+    """Grids longer than a block, no whole number of blocks."""
+    rng = np.random.default_rng(3)
+    if regular:
+        return Grid([(0, 1)] * len(lengths), lengths, periodic=True)
+    lines = [np.linspace(0, 1, n) for n in lengths]
+    for line in lines:
+        line[1:-1] += rng.uniform(-0.3, 0.3, line.size - 2) * line[1]
+    return Grid.from_coordinates(*lines)
+
+
+FAST = [("cubic", True, "transport"), ("adini", False, "transport")]
+CASES = [
+    pytest.param(*case, marks=[] if case in FAST else pytest.mark.slow)
+    for case in product(("cubic", "adini", "bicubic"), (True, False), ("transport", "advection"))
+]
+
+
+@pytest.mark.parametrize(("profile", "regular", "form"), CASES)
+def test_blocks_are_the_node_functions(profile, regular, form):
+    """Uniform and periodic grids (`regular`), and such that are neither."""
+    grid = grid_of((301,) if profile == "cubic" else (9, 150), regular)
+    wall = None if regular else 0.0
+    field = ("1.1 - x1", "0.3 - x2")[: grid.dim]
+    solver = Solver(grid, Velocity.from_expression(*field), form, profile, boundary=wall)
+    state = solver.state(0.0)
+    state.data[...] = np.random.default_rng(5).uniform(-1, 1, state.data.shape)
+    stage = solver._stages[0]
+    feet = solver.feet(stage, 0.0, 0.21).data
+    if regular:
+        feet[: grid.dim * grid.size] -= 2 * 301  # whole cells, several periods
+    m = state.data.reshape(-1)
+    new, expected = np.full_like(m, np.nan), np.full_like(m, np.nan)
+    solver._kernels.launch(stage, m, new, feet)
+    widths = grid.widths
+    ends, advect = tuple(map(int, grid.periodic)), int(form == "advection")
+    loops: Any = cpu
+    if profile == "cubic":
+        loops.run_line(
+            line_kernels.node_cubic, 0, 301, m, expected, feet, widths[0], grid.nodes[0], *ends,
+            advect, 0,
+        )  # fmt: skip
+    else:
+        node = getattr(plane_kernels, f"node_{profile}")
+        loops.run_plane(
+            node, 0, grid.nodes[0], m, expected, feet, *widths, grid.size, *grid.nodes, *ends,
+            advect, 0,
+        )  # fmt: skip
+    assert np.isfinite(expected).all()
+    # Multiply-adds may be fused in one and not in the other; second derivatives go with h^-2.
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(new, expected, rtol=0, atol=1e-13 * scale)
