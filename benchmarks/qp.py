@@ -12,8 +12,8 @@ imported. The dissertation states no number for its figure but one: at n = 6400 
 about three times as fast as four cores; the same quotient stands beside it here.
 
 Two crossover points are measured: sizes under which the host is the quicker place, in `crossover`;
-and, in `paths`, the seconds of the active set beside those of the interior point on one problem, for
-more and more rows of G a variable.
+and, in `paths`, the seconds of the active set beside those of the interior point on one problem,
+for more and more rows of G a variable.
 
     python benchmarks/qp.py --sizes 200 400 800 1600 3200 6400 12800 25600 51200
 """
