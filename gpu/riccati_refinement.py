@@ -53,7 +53,7 @@ def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
     extended = in_extended(problem)
     before, taken = np.inf, 0
     previous = S
-    for _ in range(steps):
+    for _ in range(steps if extended else min(steps, 2)):
         residual = riccati_residual(problem, S, unit, extended)
         if not extended and residual.relative <= 4 * EPS * np.sqrt(problem.n):
             break
