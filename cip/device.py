@@ -17,6 +17,8 @@ from cip.state import State
 if TYPE_CHECKING:
     from cip.solver import Solver
 
+# Passed to NVRTC.
+OPTIONS = ("--std=c++14",)
 _COMPONENTS = 16
 _HEAD = "#define DEVICE static __device__ __forceinline__\n"
 
@@ -140,7 +142,7 @@ def _indices(grid: Any) -> list[str]:
 def _compiled(source: str) -> Any:
     import cupy
 
-    return cupy.RawModule(code=source, options=("--std=c++14",)).get_function("run")
+    return cupy.RawModule(code=source, options=OPTIONS).get_function("run")
 
 
 class DeviceKernels(Kernels):

@@ -1,11 +1,17 @@
 """Hypothesis profiles: `ci` is the fast lane, `slow` runs with `make test-slow`."""
 
 import os
+import sys
+from pathlib import Path
 
 import matplotlib
 import pytest
 import pyvista
 from hypothesis import HealthCheck, settings
+
+# The suite imports test modules by path; what packages share lies beside this file.
+sys.path.insert(0, str(Path(__file__).parent))
+from cuda_compiler import compile_cuda  # noqa: F401
 
 matplotlib.use("Agg")
 pyvista.OFF_SCREEN = True

@@ -6,8 +6,8 @@ import subprocess
 
 import numpy as np
 import pytest
+from device_cases import CASES, solver_of
 
-from cip import Grid, Solver, Velocity
 from cip.device import device_source
 from cip.schemes import LIMITER_CODES
 
@@ -52,32 +52,10 @@ def pointer(array):
     return ctypes.c_void_p(array.ctypes.data)
 
 
-def solver_of(profile, limiter=None, dim=1, dtype=np.float64, **more):
-    shape = (24, 20, 16)[:dim]
-    grid = Grid([(0, 1), (0, 1.5), (0, 2)][:dim], shape, periodic=True)
-    field = ["0.4 + 0.2*sin(2*pi*x1)", "0.3*cos(2*pi*x1) + 0.1*sin(pi*x3)", "0.2*sin(2*pi*x1)"]
-    field[1] = field[1] if dim == 3 else "0.3*cos(2*pi*x1)"
-    splitting = "strang" if dim > 1 and profile not in ("adini", "bicubic") else None
-    form = more.pop("form", "advection" if profile.startswith("csl") else "transport")
-    return Solver(
-        grid, Velocity.from_expression(*field[:dim]), form, profile, limiter, splitting,
-        dtype=dtype, bounds=(-0.5, 0.5), **more,
-    )  # fmt: skip
-
-
 def random_state(solver, seed=11):
     state = solver.state(0.0)
     state.data[...] = np.random.default_rng(seed).uniform(-1, 1, state.data.shape)
     return state
-
-
-CASES = [
-    ("linear", None, 1), ("piecewise_linear", None, 1), ("cubic", None, 1), ("cubic", "eno", 1),
-    ("cubic", "clamp", 1), ("cubic", "rational", 1), ("quintic", None, 1), ("csl2", None, 1),
-    ("csl2", "bounds", 1), ("csl2", "rational", 1), ("csl4", "bounds", 1), ("adini", None, 2),
-    ("adini", "eno", 2), ("bicubic", None, 2), ("bicubic", "clamp", 2), ("cubic", None, 3),
-    ("quintic", None, 2), ("csl2", None, 3), ("csl4", "bounds", 2),
-]  # fmt: skip
 
 
 FAST = [("cubic", None, 1, "transport"), ("adini", None, 2, "transport")]

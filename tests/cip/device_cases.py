@@ -1,0 +1,31 @@
+"""Solvers whose kernels the tests of the device's source compile."""
+
+import numpy as np
+
+from cip import Grid, Solver, Velocity
+
+CASES = [
+    ("linear", None, 1), ("piecewise_linear", None, 1), ("cubic", None, 1), ("cubic", "eno", 1),
+    ("cubic", "clamp", 1), ("cubic", "rational", 1), ("quintic", None, 1), ("csl2", None, 1),
+    ("csl2", "bounds", 1), ("csl2", "rational", 1), ("csl4", "bounds", 1), ("adini", None, 2),
+    ("adini", "eno", 2), ("bicubic", None, 2), ("bicubic", "clamp", 2), ("cubic", None, 3),
+    ("quintic", None, 2), ("csl2", None, 3), ("csl4", "bounds", 2),
+]  # fmt: skip
+
+
+def solver_of(profile, limiter=None, dim=1, dtype=np.float64, **more):
+    shape = (24, 20, 16)[:dim]
+    grid = Grid([(0, 1), (0, 1.5), (0, 2)][:dim], shape, periodic=True)
+    field = ["0.4 + 0.2*sin(2*pi*x1)", "0.3*cos(2*pi*x1) + 0.1*sin(pi*x3)", "0.2*sin(2*pi*x1)"]
+    field[1] = field[1] if dim == 3 else "0.3*cos(2*pi*x1)"
+    splitting = "strang" if dim > 1 and profile not in ("adini", "bicubic") else None
+    form = more.pop("form", "advection" if profile.startswith("csl") else "transport")
+    return Solver(
+        grid, Velocity.from_expression(*field[:dim]), form, profile, limiter, splitting,
+        dtype=dtype, bounds=(-0.5, 0.5), **more,
+    )  # fmt: skip
+
+
+def field(*x):
+    """A smooth periodic field with values on both sides of the bounds."""
+    return 0.2 + np.sin(2 * np.pi * x[0]) * np.cos(4 * np.pi * x[-1])

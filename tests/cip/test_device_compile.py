@@ -1,0 +1,55 @@
+"""Every kernel of the device compiles for every architecture: NVRTC needs no GPU."""
+
+import pytest
+from device_cases import CASES, solver_of
+
+from cip.device import OPTIONS, device_source
+from cip.schemes import LIMITER_CODES
+from gpu.kernels import ARCHITECTURES
+
+# The form and the place of the feet are constants in a kernel: advection holds what transport has.
+KERNELS = [
+    (*case, feet)
+    for case in CASES
+    for feet in ("stored", "computed")
+    if not case[0].startswith("csl") or feet == "stored"
+]
+ENDS = (ARCHITECTURES[0], ARCHITECTURES[-1])
+KIND = ("profile", "limiter", "dim", "feet")
+
+
+def check(compile_cuda, architecture, kernel, form="advection", **types):
+    profile, limiter, dim, feet = kernel
+    solver = solver_of(profile, limiter, dim, form=form)
+    stage = solver._stages[-1]
+    source = device_source(
+        stage, solver._kernels.name(stage), LIMITER_CODES[limiter], feet == "computed",
+        types.get("real", "double"), types.get("index", "int"),
+    )  # fmt: skip
+    cubin = compile_cuda(source, architecture, OPTIONS)
+    assert cubin.startswith(b"\x7fELF")
+    assert b".text.run" in cubin
+
+
+@pytest.mark.parametrize(KIND, KERNELS)
+def test_kernel_compiles(compile_cuda, profile, limiter, dim, feet):
+    """Each kernel for the oldest or for the newest architecture, by turns."""
+    kernel = (profile, limiter, dim, feet)
+    check(compile_cuda, ENDS[KERNELS.index(kernel) % 2], kernel)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("architecture", ARCHITECTURES)
+@pytest.mark.parametrize(KIND, KERNELS)
+def test_every_kernel_compiles(compile_cuda, profile, limiter, dim, feet, architecture):
+    """All for all, with the other types too."""
+    kernel = (profile, limiter, dim, feet)
+    forms = ("advection",) if profile.startswith("csl") else ("transport", "advection")
+    for form in forms:
+        check(compile_cuda, architecture, kernel, form)
+    check(compile_cuda, architecture, kernel, real="float", index="long long")
+
+
+def test_wrong_source_is_refused(compile_cuda):
+    with pytest.raises(RuntimeError, match='identifier "y" is undefined'):
+        compile_cuda('extern "C" __global__ void run(double* x) { x[0] = y; }', "sm_90", OPTIONS)
