@@ -79,7 +79,7 @@ def copy_rate(numbers: int, size: int) -> float:
 
 def speeds() -> dict[str, Any]:
     """Rates in million nodes a second."""
-    line, plane = 1 << 14, (256, 256)
+    line, plane = 1 << 16, (256, 256)
     found = {
         "cubic 1-D": kernel_rate("cubic", (line,)),
         "cubic 1-D, copy of its bytes": copy_rate(6, line),
@@ -88,6 +88,7 @@ def speeds() -> dict[str, Any]:
         "adini float32": kernel_rate("adini", plane, np.float32),
         "adini, copy of its bytes": copy_rate(12, plane[0] * plane[1]),
         "bicubic": kernel_rate("bicubic", plane),
+        "bicubic, copy of its bytes": copy_rate(16, plane[0] * plane[1]),
         "spline 2-D": spline_rate(plane),
     }
     rates = {name: rate / 1e6 for name, rate in found.items()}

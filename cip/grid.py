@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -150,7 +151,7 @@ class Grid:
     @property
     def size(self) -> int:
         """Number of nodes."""
-        return int(np.prod(self.nodes))
+        return prod(self.nodes)
 
     @property
     def bounds(self) -> tuple[tuple[float, float], ...]:

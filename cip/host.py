@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -150,6 +151,6 @@ class HostKernels(Kernels):
         """Number of nodes that follow each other across the sweep, and the kernels' numbers."""
         assert stage.axis is not None
         grid, axis = self.grid, stage.axis
-        inner = int(np.prod(grid.nodes[axis + 1 :]))
+        inner = prod(grid.nodes[axis + 1 :])
         n, periodic = grid.nodes[axis], int(grid.periodic[axis])
         return inner, (grid.size, grid.dim, axis, inner, n, periodic)

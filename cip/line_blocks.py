@@ -63,7 +63,9 @@ def cubic_block(
 
 def end_room(dtype: DTypeLike, h: Array) -> Any:
     """Room for the ends of a block of cells, with the width of the first cell."""
-    return np.append(np.empty((4, _BLOCK), dtype), np.full(_BLOCK, h[0], dtype))
+    near = np.empty(5 * _BLOCK, dtype)
+    near[4 * _BLOCK :] = h[0]
+    return near
 
 
 @loop

@@ -121,8 +121,10 @@ def corner_room(moments: int, dtype: DTypeLike, *widths: Array) -> Any:
     It comes from outside so that the loop over scattered reads, where it might overlap the moments
     for all that the compiler knows, gets no gather instructions.
     """
-    corners = np.empty((4 * moments, _BLOCK), dtype)
-    return np.append(corners, [np.full(_BLOCK, width[0], dtype) for width in widths])
+    near = np.empty((4 * moments + len(widths), _BLOCK), dtype)
+    for row, width in zip(near[4 * moments :], widths, strict=True):
+        row[:] = width[0]
+    return near.reshape(-1)
 
 
 @loop
