@@ -32,7 +32,7 @@ class RationalKrylov:
     W : array, shape (n, r)
     solves : int
     exhausted : bool
-        Nothing new came: the space is invariant.
+        Nothing new came: the space is invariant, or everything.
     """
 
     def __init__(
@@ -79,6 +79,6 @@ class RationalKrylov:
             block = xp.linalg.qr(block)[0]
         room = self._state.n - self.rank
         block = block[:, :room]
-        self.exhausted = block.shape[1] == 0
         self._last = block
         self.W = xp.concatenate([self.W, block], axis=1)
+        self.exhausted = block.shape[1] in (0, room)
