@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gpu.arrays import array_module, to_host
-from gpu.errors import GpuError
+from gpu.errors import GpuError, NotConverged
 from gpu.hamiltonian_balance import balance
 from gpu.lqr_problem import DenseProblem, LQRProblem
 from gpu.lyapunov import SCHUR, LyapunovSolver, lyapunov_solver
@@ -17,6 +17,7 @@ from gpu.state_matrix import EPS, StateMatrix
 
 ALL_POLES = 1500  # up to this order all poles are computed
 FEW = 12
+RESTARTS = 30
 # Left of the axis by so much of the matrix, no meeting of eigenvalues there can be in question.
 FAR = 1e-3
 
@@ -50,10 +51,7 @@ class DenseLoop:
         elif len(self.matrix) <= ALL_POLES:
             values = np.linalg.eigvals(to_host(self.matrix))
         else:
-            from gpu.eigs import eigs
-
-            values = eigs(self.matrix, FEW, sigma=0.0, return_eigenvectors=False)
-            values = to_host(values)
+            values = _nearest(self.matrix, sigma=0.0, k=FEW)
         return values[np.argsort(-values.real, kind="stable")]
 
     @cached_property
@@ -150,8 +148,6 @@ def nearest_poles(state: StateMatrix, B: Any, K: Any, count: int = FEW) -> np.nd
     GpuError
         The iteration does not converge.
     """
-    from gpu.eigs import eigs
-
     xp, n, m = state.xp, state.n, B.shape[1]
     shift, factors = 0.0, state.factor()
     for digits in (-8, -6, -4):
@@ -173,9 +169,22 @@ def nearest_poles(state: StateMatrix, B: Any, K: Any, count: int = FEW) -> np.nd
         return y + solved @ (inverse @ (K @ y))
 
     start = xp.asarray(np.random.default_rng(0).standard_normal(n))
-    theta = to_host(eigs(apply, min(count, n), v0=start, return_eigenvectors=False, tol=1e-8))
+    theta = _nearest(apply, k=min(count, n), v0=start)
     poles = shift + 1.0 / theta
     return poles[np.argsort(-poles.real, kind="stable")]
+
+
+def _nearest(matrix: Any, **options: Any) -> np.ndarray:
+    """What converged of the wanted eigenvalues in a few restarts: repeated ones may never all."""
+    from gpu.eigs import eigs
+
+    try:
+        found = eigs(matrix, return_eigenvectors=False, maxiter=RESTARTS, tol=1e-8, **options)
+    except NotConverged as error:
+        found = error.eigenvalues
+        if found is None or not len(found):
+            raise
+    return to_host(found)
 
 
 def _definite(M: Any) -> bool:

@@ -13,6 +13,7 @@ from gpu.hamiltonian_balance import balance
 from gpu.lqr_problem import DenseProblem, LQRProblem
 from gpu.lqr_result import Found
 from gpu.lyapunov import lyapunov_solver
+from gpu.ordered_schur import ordered_schur
 from gpu.riccati_refinement import judge, refine
 from gpu.state_matrix import EPS
 
@@ -32,8 +33,7 @@ def solve(problem: LQRProblem, *, start: Any = None, steps: int = 60, tol: float
     ----------
     start : array, shape (m, n), optional
         A gain that stabilises; by default zero where A is stable, otherwise Bass' gain
-        :math:`B^T Y^{-1}` with :math:`(A + \beta I) Y + Y (A + \beta I)^T = 2 B B^T`, \beta beyond
-        the spectrum.
+        on the modes that are not (see `stabilising_value`).
     steps : int
     tol : float
         Change of the value, relative to it, that ends the iteration.
@@ -91,26 +91,30 @@ def stabilising_gain(problem: DenseProblem) -> Any:
 
 
 def stabilising_value(problem: DenseProblem) -> Any:
-    r"""The symmetric :math:`X_0 = Y^{-1}` of Bass, for which ``A - B B^T X_0`` is stable.
+    r"""A symmetric :math:`X_0` for which ``A - B B^T X_0`` is stable.
+
+    With the left invariant subspace :math:`U^T A = F U^T` of all modes that are not stable and
+    :math:`G = U^T B`, it is :math:`U Y^{-1} U^T` where
+    :math:`(F + \beta I) Y + Y (F + \beta I)^T = 2 G G^T`: Bass' construction on the part that
+    needs it. On a large problem U is the identity.
 
     Raises
     ------
     NotConverged
+        None was found: as a rule because there is none.
     """
     A, B, _ = problem
-    xp, n = array_module(A), len(A)
-    size = float(xp.linalg.norm(A)) or 1.0
-    values = _spectrum(A)
-    right = max(float(values.real.max()), 0.0)
-    places = xp.arange(n)
-    spread = max(right, float(np.abs(values).max()) * 1e-3, 1e-8 * size)
-    betas = [right + factor * spread for factor in (0.5, 1.0, 0.1, 3.0, 10.0, 0.01)]
-    for beta in (*betas, 1.1 * size):
-        moved = -A.T.copy()
-        moved[places, places] -= beta
+    xp = array_module(A)
+    U, F = _not_stable_part(A)
+    size = float(xp.linalg.norm(F)) or float(xp.linalg.norm(A)) or 1.0
+    reach = U.T @ B
+    places = xp.arange(len(F))
+    for factor in (0.3, 1.0, 0.1, 0.03, 3.0) if len(F) < len(A) else (1.0, 1.1, 0.3, 0.1):
+        # Its solver wants -(F + beta)^T, which is stable.
+        moved = -F.T.copy()
+        moved[places, places] -= factor * size
         try:
-            # (A + beta) Y + Y (A + beta)^T = 2 B B^T, the matrix of the solver being -(A + beta)^T.
-            Y = to_host(lyapunov_solver(moved)(2.0 * B @ B.T))
+            Y = to_host(lyapunov_solver(moved)(2.0 * reach @ reach.T))
         except np.linalg.LinAlgError:
             continue
         if not np.isfinite(Y).all():
@@ -118,11 +122,27 @@ def stabilising_value(problem: DenseProblem) -> Any:
         values, vectors = np.linalg.eigh(Y)
         for cut in (1e-14, 1e-11, 1e-8):
             kept = values > cut * values[-1]
-            X = xp.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T)
+            left = U @ xp.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+            X = left @ left.T
             K = B.T @ X
             if DenseLoop(A - B @ K, _rounding(A, B, K)).is_stable():
                 return X
     raise NotConverged("no stabilising gain was found: pass one as start, if there is one")
+
+
+def _not_stable_part(A: Any) -> tuple[Any, Any]:
+    """U and F with ``U^T A = F U^T``, F with every eigenvalue that is not left of the axis."""
+    xp, n = array_module(A), len(A)
+    if n > ALL_POLES:
+        return xp.eye(n), A
+    host = to_host(A).T
+    T, U, values = ordered_schur(host, lambda values: values.real, n)
+    margin = 1e-8 * float(np.linalg.norm(host))
+    count = int(np.sum(values.real >= -margin))
+    if 0 < count < n and T[count, count - 1] != 0.0:
+        count += 1
+    count = max(count, 1 + int(n > 1 and T[1, 0] != 0.0))
+    return xp.asarray(U[:, :count]), xp.asarray(T[:count, :count].T)
 
 
 def _iterate(problem: DenseProblem, K: Any, steps: int, tol: float) -> tuple[Any, list[float]]:
@@ -185,13 +205,3 @@ def _given(problem: LQRProblem, start: Any) -> Any:
 def _rounding(A: Any, B: Any, K: Any) -> float:
     norm = array_module(A).linalg.norm
     return 4 * EPS * float(norm(A) + norm(B) * norm(K))
-
-
-def _spectrum(A: Any) -> np.ndarray:
-    if len(A) <= ALL_POLES:
-        return np.linalg.eigvals(to_host(A))
-    from gpu.eigs import eigs
-
-    rightmost = to_host(eigs(A, 2, which="LR", return_eigenvectors=False, tol=1e-3))
-    largest = to_host(eigs(A, 1, return_eigenvectors=False, tol=1e-3))
-    return np.concatenate([rightmost, largest])
