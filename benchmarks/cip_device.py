@@ -151,6 +151,7 @@ def agreement() -> dict[str, float]:
         ("csl4", 1, "advection"), ("adini", 2, "transport"), ("adini", 2, "advection"),
         ("bicubic", 2, "transport"), ("bicubic", 2, "advection"), ("cubic", 3, "transport"),
         ("quintic", 2, "transport"), ("csl2", 2, "advection"), ("csl2", 3, "advection"),
+        ("csl4", 2, "advection"), ("csl4", 3, "advection"),
     ]  # fmt: skip
     for profile, dim, form in cases:
         grid = Grid([(0, 1)] * dim, (32,) * dim, periodic=True)

@@ -34,14 +34,14 @@ def edge(
     m: Array, h: Array, base: Index, stride: Index, n: Index, periodic: Index, k: Index, r: Index,
     a: Real, b: Real, va: Real, vb: Real, s: Real, d: Real,
 ) -> tuple[Real, Real, Index]:  # fmt: skip
-    """The bubble of an edge, from the tangents where its line is rough; whether to clamp.
+    """The bubble of an edge, from the tangents where its line is rough (2); whether to clamp (1).
 
     A fifth of the roughness of a jump marks the wiggles beside it: there the cubic stays, within
     the values at the corners.
     """
     if rough(m, h, base, stride, n, periodic, k, r, a, b, va, vb, 0.1) == 1:
         value, slope = tangents(a, b, va, vb, s, d)
-        return value - a - s * (b - a), slope - (b - a), 1
+        return value - a - s * (b - a), slope - (b - a), 2
     value, slope = bubble(b - a, va, vb, s)
     clamped = rough(m, h, base, stride, n, periodic, k, r, a, b, va, vb, 0.02)
     return value, slope, clamped
@@ -96,6 +96,49 @@ def move_adini(
 
 
 @kernel
+def adini_eno(
+    m: Array, hx: Array, hy: Array, size: Index, k: Index, kr: Index, l: Index, lr: Index,
+    nx: Index, ny: Index, px: Index, py: Index, s: Real, t: Real, dx: Real, dy: Real,
+) -> tuple[Real, Real, Real, Real, Index]:  # fmt: skip
+    """Value, gradient and cross derivative with the choice at each edge, and the worst edge."""
+    a = hx[k]
+    b = hy[l]
+    c00 = k * ny + l
+    c10 = kr * ny + l
+    c01 = k * ny + lr
+    c11 = kr * ny + lr
+    u00 = m[c00]
+    u10 = m[c10]
+    u01 = m[c01]
+    u11 = m[c11]
+    x = size
+    y = 2 * size
+    b0, db0, r0 = edge(m, hx, l, ny, nx, px, k, kr, u00, u10, a * m[x + c00], a * m[x + c10], s, dx)
+    b1, db1, r1 = edge(
+        m, hx, lr, ny, nx, px, k, kr, u01, u11, a * m[x + c01], a * m[x + c11], s, dx
+    )
+    b2, db2, r2 = edge(
+        m, hy, k * ny, 1, ny, py, l, lr, u00, u01, b * m[y + c00], b * m[y + c01], t, dy
+    )
+    b3, db3, r3 = edge(
+        m, hy, kr * ny, 1, ny, py, l, lr, u10, u11, b * m[y + c10], b * m[y + c11], t, dy
+    )
+    value, fx, fy = adini_sum(
+        u00, u10 - u00, u11 - u01, u01 - u00, u11 - u10,
+        b0, db0, b1, db1, b2, db2, b3, db3, a, b, s, t,
+    )  # fmt: skip
+    fxy = (u11 - u01 - u10 + u00 + db1 - db0 + db3 - db2) / (a * b)
+    worst = r0
+    if r1 > worst:
+        worst = r1
+    if r2 > worst:
+        worst = r2
+    if r3 > worst:
+        worst = r3
+    return value, fx, fy, fxy, worst
+
+
+@kernel
 def adini(
     m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Array, hy: Array,
     size: Index, o: Index,
@@ -124,24 +167,16 @@ def adini(
     q1 = m[uy + c10]
     q2 = m[uy + c01]
     q3 = m[uy + c11]
-    cut = 0
+    cut = limiter
     if limiter == 2:
-        dx = feet[fo]
-        dy = feet[fs + fo]
-        b0, db0, r0 = edge(m, hx, l, ny, nx, px, k, kr, u00, u10, a * p0, a * p1, s, dx)
-        b1, db1, r1 = edge(m, hx, lr, ny, nx, px, k, kr, u01, u11, a * p2, a * p3, s, dx)
-        b2, db2, r2 = edge(m, hy, k * ny, 1, ny, py, l, lr, u00, u01, b * q0, b * q2, t, dy)
-        b3, db3, r3 = edge(m, hy, kr * ny, 1, ny, py, l, lr, u10, u11, b * q1, b * q3, t, dy)
-        cut = r0 + r1 + r2 + r3
-        value, fx, fy = adini_sum(
-            u00, u10 - u00, u11 - u01, u01 - u00, u11 - u10,
-            b0, db0, b1, db1, b2, db2, b3, db3, a, b, s, t,
-        )  # fmt: skip
+        value, fx, fy, _fxy, cut = adini_eno(
+            m, hx, hy, size, k, kr, l, lr, nx, ny, px, py, s, t, feet[fo], feet[fs + fo]
+        )
     else:
         value, fx, fy = adini_profile(
             u00, u10, u01, u11, p0, p1, p2, p3, q0, q1, q2, q3, a, b, s, t
         )
-    if limiter == 1 or cut > 0:
+    if cut > 0:
         low = min(min(u00, u10), min(u01, u11))
         high = max(max(u00, u10), max(u01, u11))
         value = min(max(value, low), high)
@@ -239,7 +274,20 @@ def bicubic(
         m[uy + c00], m[uy + c10], m[uy + c01], m[uy + c11],
         m[w + c00], m[w + c10], m[w + c01], m[w + c11], hx[k], hy[l], s, t,
     )  # fmt: skip
-    if limiter == 1:
+    cut = limiter
+    if limiter == 2:
+        other, other_x, other_y, other_xy, cut = adini_eno(
+            m, hx, hy, size, k, kr, l, lr, nx, ny, px, py, s, t, feet[fo], feet[fs + fo]
+        )
+        if cut == 2:
+            # Beside a jump no cross moment can be trusted: the profile of the tangents alone.
+            value = other
+            fx = other_x
+            fy = other_y
+            fxx = 0.0
+            fxy = other_xy
+            fyy = 0.0
+    if cut > 0:
         low_end = min(min(u00, u10), min(u01, u11))
         high_end = max(max(u00, u10), max(u01, u11))
         value = min(max(value, low_end), high_end)

@@ -19,7 +19,7 @@ LIMITERS: dict[str, tuple[str, ...]] = {
     "csl2": ("bounds", "rational"),
     "csl4": ("bounds",),
     "adini": ("clamp", "eno"),
-    "bicubic": ("clamp",),
+    "bicubic": ("clamp", "eno"),
 }
 LIMITER_CODES = {None: 0, "clamp": 1, "eno": 2, "rational": 3, "bounds": 4}
 _LETTERS = "xyz"

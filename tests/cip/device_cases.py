@@ -8,8 +8,8 @@ CASES = [
     ("linear", None, 1), ("piecewise_linear", None, 1), ("cubic", None, 1), ("cubic", "eno", 1),
     ("cubic", "clamp", 1), ("cubic", "rational", 1), ("quintic", None, 1), ("csl2", None, 1),
     ("csl2", "bounds", 1), ("csl2", "rational", 1), ("csl4", "bounds", 1), ("adini", None, 2),
-    ("adini", "eno", 2), ("bicubic", None, 2), ("bicubic", "clamp", 2), ("cubic", None, 3),
-    ("quintic", None, 2), ("csl2", None, 3), ("csl4", "bounds", 2),
+    ("adini", "eno", 2), ("bicubic", None, 2), ("bicubic", "clamp", 2), ("bicubic", "eno", 2),
+    ("cubic", None, 3), ("quintic", None, 2), ("csl2", None, 3), ("csl4", "bounds", 2),
 ]  # fmt: skip
 
 
