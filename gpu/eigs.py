@@ -17,7 +17,8 @@ from gpu.krylov_schur import FLOOR, RESTARTS, krylov_schur
 from gpu.ordered_schur import Rank
 from gpu.spectrum_order import best_first, rank_of
 
-DENSE = 128  # up to this order all eigenvalues are computed: quick, and nothing can be missed
+DENSE = 256  # up to this order all eigenvalues are computed: quick, and nothing can be missed
+PRODUCTS = 128  # the same for operators, whose entries cost a product a column
 FALLBACK = 4096  # up to this one where the iteration does not converge and entries are stored
 DROWNED = 1e-6  # rounding over the least wanted eigenvalue of the inverse
 
@@ -89,9 +90,12 @@ def eigs(
 
     Notes
     -----
-    Matrices of order up to 128 are decomposed fully, and so are those up to 4096 with stored
-    entries whose iteration does not converge, unless `maxiter` was given; for "SI" these always,
-    since values inside the spectrum can be missed, as by "SM" and "SI" with operators.
+    Matrices of order up to 256 (operators: 128) are decomposed fully, and so are those up to 4096
+    with stored entries whose iteration does not converge, unless `maxiter` was given; for "SI"
+    these always, since values inside the spectrum can be missed, as by "SM" and "SI" with
+    operators. Far from normal, as a convection operator is at large cell Peclet numbers, an
+    eigenvalue is known to residual times condition only; what is returned then are eigenvalues of
+    a matrix within `tol` of A, and newcomers that are better by less do not count as missed.
 
     References
     ----------
@@ -130,7 +134,8 @@ def eigs(
     scale = 0.0  # a lower bound of |A|
     stored = n <= FALLBACK and _stored(matrix, mass)
     # The smallest imaginary parts lie inside the spectrum, where a Krylov space is blind.
-    if n <= max(DENSE, size + 1) or (which == "SI" and sigma is None and stored):
+    small = DENSE if _stored(matrix, mass) else PRODUCTS
+    if n <= max(small, size + 1) or (which == "SI" and sigma is None and stored):
         values, vectors = _decomposed(matrix, mass, sigma, rank, k)
     else:
         problem = _Problem.of(matrix, mass, sigma)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import linalg
 
 from gpu.arnoldi import Arnoldi
 from gpu.implicit_restart import shifted_qr
@@ -107,7 +108,9 @@ def krylov_schur(
     locked = 0  # rows that a challenge began with
     hessenberg = restart == "implicit"
     champions: np.ndarray | None = None  # ranks of the wanted that a challenge has to better
-    count, goal = 1, ncv
+    # The wanted may converge within a sweep: it is stopped where they are expected to.
+    count, goal, early = 1, max(k + 2, 3 * ncv // 4), True
+    past = (0, 1.0)  # products, and residual of the wanted over |A|, at the last look
     while count <= maxiter:
         rows = basis.sweep(kept, goal)
         if not np.all(np.isfinite(rows)):
@@ -121,14 +124,20 @@ def krylov_schur(
                 S[j + 2 :, j] = 0.0
         beta = 0.0 if ended is not None else rows[-1, -1].real
         scale = max(scale, float(np.linalg.norm(S[:size, :size], axis=0).max()))
-        T, Q, values = ordered_schur(S[:size, :size], rank, leading=size)
-        spike = beta * Q[size - 1]
-        converged = _leading(T, values, spike, tol, FLOOR * scale)
-
+        most = min(size, max(ncv // 2, k + k // 2) + 3)
+        for leading in (most, size):
+            T, Q, values = ordered_schur(S[:size, :size], rank, leading)
+            spike = beta * Q[size - 1]
+            converged = _leading(T, values, spike, tol, FLOOR * scale)
+            if converged + 2 < leading:
+                break
+        wanted = float(np.linalg.norm(spike[: whole(T, min(k, size))])) / scale if scale else 0.0
+        need = _products_left(past, (basis.matvecs, wanted), max(tol, FLOOR))
+        past = (basis.matvecs, wanted)
         fresh = ended is not None
         if converged >= k:
             ranks = np.sort(rank(values[:converged]))[::-1][:k]
-            slack = 1e-9 * np.abs(ranks) + FLOOR * scale  # what rounding may better them by
+            slack = _uncertain(T, values, converged, rank, k, tol, FLOOR * scale)
             if challenge and (champions is None or np.any(ranks > champions + slack)):
                 champions, fresh = ranks, True
             elif not challenge or _unbeaten(rank, T, values, spike, converged, locked, ranks[-1]):
@@ -142,10 +151,10 @@ def krylov_schur(
                     basis.matvecs,
                     True,
                 )
-        if champions is not None and not fresh and size < ncv:
-            # A challenge may be settled half way; if not, the space goes on growing.
+        if not fresh and size < ncv:
+            # Not settled half way: the space goes on growing.
             S[size, size - 1] = beta
-            kept, goal = size, ncv
+            kept, goal, early = size, min(size + need, ncv) if early else ncv, False
             continue
         if fresh and champions is not None:
             keep = min(converged, max(whole(T, k), ncv // 2))
@@ -168,7 +177,11 @@ def krylov_schur(
         S[:] = 0.0
         S[:keep, :keep], S[keep, :keep] = projected, spike
         kept, count = keep, count + 1
-        goal = (kept + ncv + 1) // 2 if fresh and champions is not None else ncv
+        if fresh and champions is not None:
+            goal = (kept + ncv + 1) // 2
+        else:
+            goal = min(kept + need, ncv)
+        early = False
     converged = min(converged, kept)
     return PartialSchur(
         T[:converged, :converged],
@@ -191,6 +204,49 @@ def _leading(T: np.ndarray, values: np.ndarray, spike: np.ndarray, tol: float, f
             break
         count = following
     return count
+
+
+def _products_left(past: tuple[int, float], now: tuple[int, float], limit: float) -> int:
+    """How many products the wanted are from convergence if it goes on at the rate of the last."""
+    (before, large), (products, small) = past, now
+    if not limit < small < large:
+        return 1 << 30
+    rate = np.log(large / small) / (products - before)
+    return max(3, int(np.ceil(np.log(small / limit) / rate)))
+
+
+def _uncertain(
+    T: np.ndarray,
+    values: np.ndarray,
+    converged: int,
+    rank: Rank,
+    k: int,
+    tol: float,
+    floor: float,
+) -> np.ndarray:
+    r"""How far the ranks of the k best may be off: residual times condition.
+
+    A pair of residual r belongs to a matrix A + E, |E| = r, and its value is known to
+    :math:`r \kappa`, :math:`\kappa = |x| |y| / |y^* x|`. Newcomers which are better by less are no
+    evidence. The condition is that of the Ritz value in the whole space, y the nearest to x among
+    the left vectors of all copies; where first order means nothing the cube root of the residual
+    is the bound, as for Jordan blocks of three.
+    """
+    theta, left, right = linalg.eig(T, left=True)
+    size = float(np.abs(theta).max())
+    slack = []
+    best = values[:converged][np.argsort(-rank(values[:converged]), kind="stable")[:k]]
+    for value in best:
+        copies = np.abs(theta - value) <= 1e-6 * size
+        copies[np.abs(theta - value).argmin()] = True
+        overlap = np.linalg.norm(
+            np.linalg.qr(left[:, copies])[0].conj().T @ right[:, copies], axis=0
+        ).min()
+        residual = max(tol * abs(value), floor)
+        slack.append(
+            min(residual / max(overlap, 1e-16), np.cbrt(residual * max(size, residual) ** 2))
+        )
+    return 1e-9 * np.abs(rank(best)) + np.array(slack)
 
 
 def _unbeaten(

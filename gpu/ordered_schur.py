@@ -19,7 +19,9 @@ def eigenvalues_of(T: Array) -> Array:
     values = T.diagonal().astype(complex)
     if np.iscomplexobj(T):
         return values
-    pair = np.flatnonzero(T.diagonal(-1))
+    pair = T.diagonal(-1).nonzero()[0]
+    if not pair.size:
+        return values
     # LAPACK's standard block: equal diagonal entries, off-diagonal ones of opposite sign.
     imaginary = np.sqrt(np.abs(T[pair, pair + 1])) * np.sqrt(np.abs(T[pair + 1, pair]))
     values[pair] += 1j * imaginary
@@ -55,14 +57,14 @@ def ordered_schur(S: Array, rank: Rank, leading: int) -> tuple[Array, Array, Arr
     if info:
         raise np.linalg.LinAlgError(f"Schur form: info {info}")
     values = eigenvalues_of(T)
-    place = 0
+    ranks, place = rank(values), 0
     while place < min(leading, len(S)):
-        better = rank(values[place:])
         # The first of the best, unless what is here is as good: rounding must not shuffle.
-        best = place + int(np.argmax(better))
-        if best > place and better[best - place] > better[0]:
+        best = place + int(ranks[place:].argmax())
+        if ranks[best] > ranks[place]:
             T, Q, _ = trexc(T, Q, best + 1, place + 1, overwrite_a=1, overwrite_q=1)
             values = eigenvalues_of(T)
+            ranks = rank(values)
         place += _block(T, place)
     return T, Q, values
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from gpu.arrays import array_module, cupy, to_host
-from gpu.eigs import DENSE, FALLBACK, eigs
+from gpu.eigs import DENSE, FALLBACK, PRODUCTS, eigs
 from gpu.errors import InputError, NotConverged
 
 CERTIFIED = 1e-10  # |A v - s u| and |A^* u - s v| over |A|
@@ -64,8 +64,8 @@ def svds(
     Notes
     -----
     Squares hide singular values below 1e-7 of the largest. Where these are wanted, stored matrices
-    with min(m, n) up to 4096 are decomposed fully, as are all up to 128; operators and larger ones
-    raise `NotConverged`.
+    with min(m, n) up to 4096 are decomposed fully, as are all up to 256 (operators: 128); operators
+    and larger ones raise `NotConverged`.
 
     Examples
     --------
@@ -83,7 +83,9 @@ def svds(
     if not isinstance(tol, int | float | np.floating) or not 0 <= tol < 1:
         raise InputError(f"tol={tol!r}: expected a number from 0, below 1")
     explicit = factors.explicit is not None
-    if small <= DENSE or (explicit and which == "SM" and small <= FALLBACK):
+    if small <= (DENSE if explicit else PRODUCTS) or (
+        explicit and which == "SM" and small <= FALLBACK
+    ):
         triplets = _decomposed(factors, k, which)
         _certify(factors, *triplets)
     else:

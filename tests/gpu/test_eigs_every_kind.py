@@ -5,6 +5,8 @@ eigenvalue, and no other may rank above the worst returned one by more than that
 brought to entries of order one before they are judged, so that squares neither over- nor underflow.
 """
 
+import importlib
+
 import numpy as np
 import pytest
 from scipy import linalg
@@ -21,6 +23,12 @@ RANK = {
     "LI": np.imag,
     "SI": lambda z: -np.imag(z),
 }
+
+
+@pytest.fixture(autouse=True)
+def iterate(monkeypatch):
+    """Matrices from order 129 on go through the iteration, as larger ones do by default."""
+    monkeypatch.setattr(importlib.import_module("gpu.eigs"), "DENSE", 128)
 
 
 def similar(rng, D, condition):

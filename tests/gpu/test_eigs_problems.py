@@ -1,5 +1,7 @@
 """Shift and invert, pencils, operators, restarts, singular values, bad input; on the device too."""
 
+import importlib
+
 import numpy as np
 import pytest
 from scipy import linalg, sparse
@@ -9,6 +11,13 @@ from scipy.sparse.linalg import eigs as arpack
 from gpu import GpuError, InputError, NotConverged, eigs, svds
 
 N = 200
+
+
+@pytest.fixture(autouse=True)
+def iterate(monkeypatch):
+    """Matrices from order 129 on go through the iteration, as larger ones do by default."""
+    for name in ("gpu.eigs", "gpu.svds"):
+        monkeypatch.setattr(importlib.import_module(name), "DENSE", 128)
 
 
 def matrix(seed=0, dtype=float):
