@@ -6,9 +6,13 @@ import numpy as np
 
 from contact.boundary import Array, BoundaryProblem
 from contact.errors import InputError
-from contact.newton import Forces, Iteration, Report
+from contact.newton import ROUND_OFF, Forces, Iteration, Report
 from contact.peers import solve_box_with
-from gpu import QPFactor, solve_qp
+from gpu import NotConverged, QPFactor, QPResult, solve_qp
+
+COMPLIANCE = 1e-9  # added to that of each row, which is about one, where rows are dependent
+STEPS = 30
+PINCHED = 1e-2 / COMPLIANCE  # forces over displacements: only rows that exclude each other get here
 
 
 def signorini(
@@ -55,6 +59,8 @@ def signorini(
     ------
     gpu.Infeasible
         No admissible forces balance the loads on a free rigid motion.
+    gpu.NotConverged
+        Rows depend on each other and ask for displacements that exclude each other.
     """
     g = np.zeros(problem.gap.size) if bound is None else bound
     if bound is not None and problem.tangent.shape[1] > 1 and softness is None:
@@ -87,12 +93,59 @@ def signorini(
         x, y = solve_box_with(peer, P, q, A, b, lb, ub)
     else:
         guess = None if start is None else problem.forces(start.mu, start.t)[used]
-        # A singular compliance means dependent rows, which the caller reports by name.
-        factor = QPFactor(P, semidefinite=False)
-        result = solve_qp(factor, q, A=A, b=b, lb=lb, ub=ub, start=guess, tol=tol)
+        result = _box_qp(P, q, A, b, lb, ub, guess, tol)
         x, y = result.x, result.y
         for step, line in enumerate(result.history, 1):
             report(Iteration(step, phase, used.size - line.active, 0, 0, np.nan))
     mu[can_touch] = x[:count]
     t[live_t] = x[count:]
     return Forces(mu, t, (problem.s - C.T @ x) / springs if springs else -y)
+
+
+def _box_qp(
+    P: Array,
+    q: Array,
+    A: Array | None,
+    b: Array | None,
+    lb: Array,
+    ub: Array,
+    guess: Array | None,
+    tol: float,
+) -> QPResult:
+    r"""Minimise :math:`\tfrac12 x^T P x + q^T x`; P may be singular.
+
+    Rows that depend on each other leave their forces undetermined, not their displacements. Then
+    proximal points (Rockafellar 1976) pick one: each step solves with :math:`P + \delta I` and
+    :math:`q - \delta x_k`, on one factorisation, and violates the problem's own conditions by no
+    more than :math:`\delta |x_{k+1} - x_k|`.
+    """
+    factor = QPFactor(P)
+    if factor.definite:
+        try:
+            return solve_qp(factor, q, A=A, b=b, lb=lb, ub=ub, start=guess, tol=tol)
+        except NotConverged:  # definite by a hair
+            pass
+    factor = QPFactor(P + COMPLIANCE * np.eye(q.size))
+    x = np.zeros(q.size) if guess is None else guess
+    start: Array | QPResult | None = guess
+    least, best = np.inf, None
+    for _ in range(STEPS):
+        result = solve_qp(factor, q - COMPLIANCE * x, A=A, b=b, lb=lb, ub=ub, start=start, tol=tol)
+        x, before, start = result.x, x, result
+        missed = COMPLIANCE * float(np.abs(x - before).max())
+        largest, driving = float(np.abs(x).max()), float(np.abs(q).max())
+        if largest > PINCHED * driving:
+            least = np.inf
+            break
+        size = max(largest, 1e-12 * driving, np.finfo(float).tiny)
+        if missed / size < least:
+            least, best = missed / size, result
+        if least <= tol:
+            break
+    if best is None or least > ROUND_OFF * tol:
+        raise NotConverged(
+            f"dependent contact rows: residual {least:.1e} at best, tolerance {tol:.1e}; they may "
+            "ask for displacements that exclude each other: open the gap, choose another "
+            "functional, or refine"
+        )
+    return best

@@ -265,8 +265,8 @@ class ContactProblem:
             raise condensed.not_held(error.certificate) from error
         except QPInputError as error:
             raise InputError(
-                f"functional {self.rows.functional!r}: its rows depend on each other where the "
-                "supports hold the contact boundary; choose another functional, or refine"
+                f"functional {self.rows.functional!r}: the compliance of its rows is not positive "
+                f"semidefinite ({error}); choose another functional, or refine"
             ) from error
         except (QPNotConverged, NotConverged) as error:
             raise NotConverged(str(error), tuple(history)) from error

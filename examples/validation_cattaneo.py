@@ -17,6 +17,12 @@ Equal bodies: the tangential problem is antisymmetric, so its slip is independen
 and friction has the given bound F p. It is solved on one body, a quarter of the pair, without an
 obstacle (`obstacle=None`, `law="tresca"`), step by step in Q.
 
+What the error is made of: nothing comes from the steps (one or four up to a turn give the same
+shear to 3e-14), and at a / h = 24 all points but those within .75 h of the stick edge have an rms
+of .005 F p0 at most. At the edge the shear has a vertical tangent, so that the value which the
+method finds there, a mean over a cell, is no point value: with that point the rms is .0026 at the
+turns, where c = 16.97 h, and .023 at worst in between.
+
 Where the theory stops: an elastic cylinder on a *rigid* plane. For nu < 1/2 the pressure drags the
 surface inwards and Q changes the pressure (Dundurs' constant (1 - 2 nu) / (2 (1 - nu)) is not 0).
 `--coupled` solves that problem with Coulomb's law and prints how far the formula is off at
@@ -125,17 +131,19 @@ def coupled(cells: int, nu: float, lubricated: bool, steps: int = 4) -> float:
 
 
 def errors(history: LoadHistory, h: float) -> dict[str, Array]:
-    """Of every step: rms of the shear over F p0, and of the stick edge in cells."""
-    rms, edge = [], []
+    """Of every step: rms of the shear over F p0, also off the stick edge; that edge in cells."""
+    rms, off, edge = [], [], []
     for t, result in zip(history.times, history.results, strict=True):
         x = result.x[0]
         touched = np.abs(x) < A
         shear, stick = exact(x[touched], t)
         # The shear on the body opposes the force that is applied at the far side.
-        rms.append(np.sqrt(np.mean((result.shear[touched, 0] / (F * P0) - shear) ** 2)))
+        squares = (result.shear[touched, 0] / (F * P0) - shear) ** 2
+        rms.append(np.sqrt(np.mean(squares)))
+        off.append(np.sqrt(np.mean(squares[np.abs(x[touched] - stick) > 0.75 * h])))
         sticks = touched & (result.status == Status.STICK)
         edge.append((np.abs(result.x_nominal[0, sticks]).max() - stick) / h)
-    return {"rms": np.array(rms), "edge": np.array(edge)}
+    return {"rms": np.array(rms), "off_edge": np.array(off), "edge": np.array(edge)}
 
 
 def main(argv: list[str] | None = None) -> SimpleNamespace:
@@ -149,8 +157,12 @@ def main(argv: list[str] | None = None) -> SimpleNamespace:
     options = parser.parse_args(argv)
     found = uncoupled(options.cells, options.steps, options.functional)
     print(f"a / h = {options.cells}, errors of shear (rms, over F p0) and stick edge (in cells)")
-    for t, rms, edge in zip(found.history.times, found.rms, found.edge, strict=True):
-        print(f"t = {t:5.2f}   Q / F P = {tangential(t):6.3f}   rms {rms:.4f}   edge {edge:+.2f}")
+    rows = zip(found.history.times, found.rms, found.off_edge, found.edge, strict=True)
+    for t, rms, off, edge in rows:
+        print(
+            f"t = {t:5.2f}   Q / F P = {tangential(t):6.3f}   rms {rms:.4f}, off the stick edge "
+            f"{off:.4f}   edge {edge:+.2f}"
+        )
     if options.coupled:
         print("\nelastic on rigid, Coulomb's law: deviation of the shear from the formula")
         for nu in (0.0, 0.3, 0.45, 0.49):

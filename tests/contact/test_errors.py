@@ -317,13 +317,6 @@ BAD = {
         InputError,
         "ElementQuad1 offers",
     ),
-    "functional that supports overdetermine": (
-        lambda m: ContactProblem(
-            m.block(4, ElementTriP2), "bottom", m.foundation[2], functional="gauss"
-        ).solve(),
-        InputError,
-        "depend on each other",
-    ),
     "solver": (lambda m: problem(m, solver="abacus").solve(), InputError, "solver='abacus'"),
     "method": (lambda m: problem(m).solve("bicycle"), InputError, "method='bicycle'"),
     "method None": (lambda m: problem(m).solve(None), InputError, "method=None"),

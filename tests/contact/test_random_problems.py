@@ -9,42 +9,75 @@ from contact.errors import ContactError
 from contact.methods import Options, solve_boundary
 from gpu import GpuError
 
+# What `solve` promises by default: the solvers aim a hundred times lower.
+TOLERANCE = 1e-10
+
 
 def random_problem(seed):
     """A dense problem such as condensation leaves it, with rough data, and a friction law.
 
-    W couples all components through a decaying kernel and a random part and has a unit diagonal;
-    some points are out of reach, some tangents prescribed, some bodies float.
+    1 to 400 points, friction 0 to 3, loads of 1e-9 to 1e12. W couples all components through a
+    decaying or the logarithmic kernel of the half plane, or at random, and has a unit diagonal. In
+    a fifth of the problems rows repeat others, exactly or nearly. Some points are out of reach,
+    some friction bounds are zero, some bodies float.
     """
-    rng = np.random.default_rng(seed)
-    m, dim_t = int(rng.integers(1, 61)), int(rng.choice([1, 1, 2]))
+    rng = np.random.default_rng([seed, 11])
+    m = int(400 ** rng.uniform(0, 1) ** 2)
+    dim_t = int(rng.choice([1, 1, 2]))
     n = m * (1 + dim_t)
-    place = np.sort(rng.uniform(0, 1, m))
-    distance = np.abs(place[:, None] - place)
-    kernel = np.exp(-rng.uniform(1.0, 30.0) * distance)
-    mixing = rng.standard_normal((1 + dim_t, 1 + dim_t))
-    mixing = mixing @ mixing.T / 3 + np.eye(1 + dim_t)
-    noise = rng.standard_normal((n, n))
-    W = np.kron(mixing, kernel) + 0.05 * rng.random() * noise @ noise.T / n + 1e-3 * np.eye(n)
-    root = np.sqrt(np.diag(W))
-    W = W / np.outer(root, root)
-
+    W = compliance(rng, m, dim_t)
     normal = np.arange(m)
     tangent = m + np.arange(m * dim_t).reshape(dim_t, m).T
     gap = rng.uniform(-0.2, 1.0) + rng.choice([0.05, 0.5]) * rng.standard_normal(m)
     gap[rng.random(m) < 0.1] = np.inf
-    held = np.zeros((m, dim_t))
+    gap[0] = min(gap[0], 1.0)
     v0 = rng.choice([0.3, 1.0, 3.0]) * rng.standard_normal(n)
     v0[:m] += 0.5
+    if rng.random() < 0.2:
+        apart = rng.choice([0.0, 1e-12, 1e-9, 1e-6])
+        rows = np.eye(n)
+        for i in range(1, m):
+            if rng.random() < 0.2:
+                j = int(rng.integers(0, i))
+                for first in range(0, n, m):
+                    rows[first + i] = rows[first + j]
+                    rows[first + i, first + i] += apart * rng.standard_normal()
+                if rng.random() < 0.7:
+                    gap[i] = gap[j]
+        W, v0 = rows @ W @ rows.T, rows @ v0
+    root = np.sqrt(np.diag(W))
+    W = W / np.outer(root, root)
     C, s = np.zeros((n, 0)), np.zeros(0)
     if rng.random() < 0.3:  # one free motion along the normals, pressed on
         C = np.concatenate((np.ones(m), np.zeros(n - m)))[:, None]
         s = np.array([rng.uniform(0.1, 2.0)])
-    problem = BoundaryProblem(W, v0, C, s, gap, normal, tangent, held)
+    scale = 10.0 ** rng.uniform(-9, 12)
+    held = np.zeros((m, dim_t))
+    problem = BoundaryProblem(W, v0 * scale, C, s * scale, gap * scale, normal, tangent, held)
     coulomb = bool(rng.random() < 0.7)
     value = rng.uniform(0.0, 3.0) * np.where(rng.random(m) < 0.9, 1.0, 0.0)
-    law = None if rng.random() < 0.15 else Friction(value, coulomb)
-    return problem, law
+    value = value if coulomb else value * scale
+    return problem, None if rng.random() < 0.15 else Friction(value, coulomb)
+
+
+def compliance(rng, m, dim_t):
+    """Symmetric, positive definite, of order m (1 + dim_t)."""
+    place = np.sort(rng.uniform(0, 1, m)) if rng.random() < 0.5 else (np.arange(m) + 0.5) / m
+    distance = np.abs(place[:, None] - place)
+    kind = rng.choice(["decaying", "decaying", "half plane", "random"])
+    if kind == "decaying":
+        kernel = np.exp(-rng.uniform(1.0, 30.0) * distance)
+    elif kind == "half plane":
+        kernel = -np.log(np.maximum(distance, 0.3 / m) / 2.0)
+        kernel += max(0.0, -np.linalg.eigvalsh(kernel)[0]) * np.eye(m)
+    else:
+        kernel = rng.standard_normal((m, m))
+        kernel = kernel @ kernel.T / m
+    mixing = rng.standard_normal((1 + dim_t, 1 + dim_t))
+    W = np.kron(mixing @ mixing.T / 3 + np.eye(1 + dim_t), kernel)
+    noise = rng.standard_normal(W.shape)
+    mean = np.trace(W) / len(W)
+    return W + mean * (0.05 * rng.random() * noise @ noise.T / len(W) + 1e-3 * np.eye(len(W)))
 
 
 def error(problem, law, forces):
@@ -80,53 +113,51 @@ def solve(problem, law, method):
     return solve_boundary(problem, law, options, None, scale, lambda line: None)[0]
 
 
-def tally(seeds, method):
-    """Seeds of problems not solved, convex ones apart; fails on an answer that is wrong."""
-    unsolved = {True: [], False: []}
-    wrong = []
+def unsolved(seeds, method):
+    """Seeds of the problems that are given up; fails on an answer that is wrong."""
+    given_up, wrong = [], []
     for seed in seeds:
         problem, law = random_problem(seed)
         try:
             size = error(problem, law, solve(problem, law, method))
         except (ContactError, GpuError, LinAlgError):
-            unsolved[law is None or not law.coulomb].append(seed)
+            given_up.append(seed)
             continue
-        if not size <= 1e-9:  # a thousand times the tolerance of the boundary problem
+        if not size <= TOLERANCE:
             wrong.append((seed, size))
     assert not wrong
-    return unsolved[True], unsolved[False]
+    print(f"{method}: of {len(seeds)} problems given up: {given_up}")
+    return given_up
 
 
-# Shares that may stay unsolved, without or with given friction, and of Coulomb's law with
-# coefficients up to 3: about twice what is seen. Rough gaps; the damped form alone stalls at times.
-UNSOLVED = {"newton": (0.0, 0.01), "pdas": (0.01, 0.08)}
-
-
-def check(seeds, method):
-    convex, coulomb = tally(seeds, method)
-    print(f"{method}: of {len(seeds)} problems unsolved: convex {convex}, Coulomb {coulomb}")
-    assert len(convex) <= UNSOLVED[method][0] * len(seeds)
-    assert len(coulomb) <= UNSOLVED[method][1] * len(seeds)
-
-
-@pytest.mark.parametrize(("method", "count"), [("newton", 200), ("pdas", 100)])
-def test_no_wrong_answer(method, count):
-    check(range(count), method)
+def test_no_wrong_answer():
+    assert len(unsolved(range(500), "newton")) <= 0.001 * 500
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["newton", "pdas"])
-def test_no_wrong_answer_among_many(method):
-    check(range(1000, 3000), method)
+@pytest.mark.parametrize("part", range(10))
+def test_no_wrong_answer_among_ten_thousand(part):
+    """1000 seeds each; .1 % may be given up."""
+    assert len(unsolved(range(1000 * part, 1000 * (part + 1)), "newton")) <= 1
+
+
+@pytest.mark.parametrize(
+    "count", [40, pytest.param(1000, marks=pytest.mark.slow)], ids=["few", "many"]
+)
+def test_damped_form_alone(count):
+    """It stalls at times, on Coulomb's law with coefficients up to 3 and rough gaps."""
+    assert len(unsolved(range(count), "pdas")) <= 0.1 * count
 
 
 def test_error_sees_a_wrong_answer():
     """The measure above is zero at a solution and is not after a small change."""
     problem, law = next(
-        pair for pair in map(random_problem, range(20)) if pair[1] is not None and pair[1].coulomb
+        pair
+        for pair in map(random_problem, range(20))
+        if pair[1] is not None and pair[1].coulomb and pair[0].gap.size > 5
     )
     forces = solve(problem, law, "newton")
-    assert error(problem, law, forces) < 1e-9
+    assert error(problem, law, forces) < TOLERANCE
     for field in ("mu", "t"):
         spoiled = type(forces)(**{**vars(forces), field: 1.001 * getattr(forces, field)})
         assert error(problem, law, spoiled) > 1e-5
