@@ -34,8 +34,9 @@ class KKT:
         Largest of ``min(multiplier, distance to its bound)``, each over its size as above.
     gap : float
         :math:`|x^TPx + q^Tx + y^Tr + z^Tb|`, the difference of primal and dual objective, over
-        the largest of its four terms; with inequality rows, a semidefinite or a sparse P only,
-        where `stationarity` and `primal` are those of `gpu.program.Residuals`.
+        the terms :math:`|x|^T(|P||x| + |q| + |A|^T|y|) + |y|^T|r| + |z|^T|b|`; with inequality
+        rows, a semidefinite or a sparse P over the largest of the four terms, and there
+        `stationarity` and `primal` are those of `gpu.program.Residuals`.
     """
 
     stationarity: float
@@ -87,7 +88,8 @@ def kkt_residuals(problem: Problem, x: np.ndarray, y: np.ndarray, z_box: np.ndar
     used = np.flatnonzero(x)
     terms = np.abs(x[used]) @ np.abs(P[used]) + np.abs(q) + np.abs(A.T) @ np.abs(y)
     phi = np.max(terms / root)
-    gradient = symmetric_product(P, x) + q + A.T @ y
+    Px = symmetric_product(P, x)
+    gradient = Px + q + A.T @ y
 
     rounding = 64 * np.finfo(float).eps * (np.abs(A) @ (1.0 / root)) * phi
     residual = np.maximum(np.abs(A @ x - b) - rounding, 0.0)
@@ -99,12 +101,17 @@ def kkt_residuals(problem: Problem, x: np.ndarray, y: np.ndarray, z_box: np.ndar
     distance = root[pushed] * np.maximum(np.where(z_box < 0.0, x - lb, ub - x)[pushed], 0.0)
     force = _relative((np.abs(z_box) / root)[pushed], phi)
     held = np.isfinite(distance)
+    at = pushed[held]
+    side = np.where(z_box < 0.0, lb, ub)[at]
+    parts = np.concatenate([x * (Px + q), y * b, z_box[at] * side])
+    size = np.abs(x) @ terms + np.abs(parts[x.size :]).sum()
     distance = _relative(distance[held], max(length.max(), distance[held].max(initial=0.0)))
     return KKT(
         stationarity=float(_relative(np.abs(gradient + z_box) / root, phi).max()),
         primal=float(max(rows.max(initial=0.0), bounds.max())),
         sign=float(force[~held].max(initial=0.0)),
         complementarity=float(np.minimum(force[held], distance).max(initial=0.0)),
+        gap=float(_relative(np.abs(parts.sum(keepdims=True)), size)[0]),
     )
 
 

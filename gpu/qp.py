@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,10 +14,14 @@ from gpu.box_qp import ActiveSet, BoxQP
 from gpu.dense import symmetric_product
 from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
 from gpu.general_rows import solve_general
-from gpu.kkt import kkt_residuals
+from gpu.kkt import general_residuals, kkt_residuals
 from gpu.problem import Problem, QPFactor, check_problem, power_of_two
 from gpu.program import namespace
 from gpu.result import QPResult, Status, boxes_only
+
+logger = logging.getLogger(__name__)
+# Of the diagonal of P, and how many centres: where there is a solution, few are the rule.
+PROXIMITY, PROXIMAL_STEPS = 1e-6, 60
 
 
 def solve_qp(
@@ -129,7 +135,42 @@ def solve_qp(
                 return solve_general(problem, None, tol)
             except NotConverged:
                 raise error from None
-    return solve_general(problem, start, tol)
+    try:
+        return solve_general(problem, start, tol)
+    except NotConverged as error:
+        result = _proximal(problem, tol)
+        if result is None:
+            raise
+        logger.debug("proximal points where %s", error)
+        return result
+
+
+def _proximal(problem: Problem, tol: float) -> QPResult | None:
+    r"""A box problem whose P is singular, by proximal points (Rockafellar 1976).
+
+    Each minimises :math:`\tfrac12 x^TPx + q^Tx + \tfrac12 |x - x_k|_M^2`, M a small diagonal, by
+    the active-set method, which is exact where an interior point ends in the rounding.
+    """
+    if problem.low.size or not isinstance(problem.factor.P, np.ndarray):
+        return None
+    if problem.b.size > problem.q.size:
+        return None
+    weight = PROXIMITY / problem.factor.scale**2
+    factor = QPFactor(problem.factor.P + np.diag(weight))
+    if not factor.definite:
+        return None
+    x, last = np.clip(np.zeros_like(problem.q), problem.lb, problem.ub), None
+    for _ in range(PROXIMAL_STEPS):
+        near = problem._replace(factor=factor, q=problem.q - weight * x)
+        try:
+            last = _boxes(near, last, tol)
+        except (NotConverged, Infeasible):
+            return None
+        x = last.x
+        kkt = general_residuals(problem, x, last.y, last.z, last.z_box)
+        if kkt.worst <= tol:
+            return replace(last, kkt=kkt)
+    return None
 
 
 def _empty_proof(problem: Problem, row: int | None) -> Any:

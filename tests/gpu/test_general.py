@@ -15,6 +15,8 @@ from gpu import (
     register_qpsolvers,
     solve_qp,
 )
+from gpu.problem import check_problem
+from gpu.qp import _proximal
 
 
 def random(seed, n=30, l=20, m=4):
@@ -64,6 +66,31 @@ def test_linear_programs_against_highs(seed):
     assert q @ result.x == pytest.approx(other.fun, rel=1e-10)
     assert result.path == "interior point"
     assert result.kkt.gap < 1e-9
+
+
+def test_the_gap_of_a_box_problem_is_recomputed():
+    P, q = np.eye(2), [-2.0, 1.0]
+    result = solve_qp(P, q, lb=0.0)
+    assert result.kkt.gap == 0.0
+    # With other bounds x = (2, 0) and z = (0, -1) leave x'Px + q'x + z'lb = 4 - 4 + 1.
+    assert result.residuals(P, q, lb=-1.0).gap == pytest.approx(1.0 / 9.0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_proximal_points_reach_singular_boxes_at_1e_12(seed):
+    rng = np.random.default_rng(seed)
+    B = rng.standard_normal((8, 12))[rng.integers(0, 8, 14)]  # rows that return
+    P, q = B @ B.T, -B @ rng.standard_normal(12)
+    ub = rng.exponential(1.0, 14)
+    found = _proximal(check_problem(P, q, None, None, None, None, -ub, ub, None), 1e-12)
+    assert not QPFactor(P).definite
+    # The definition, not the solver's residuals: a projected gradient step leads nowhere.
+    step = np.clip(found.x - (P @ found.x + q), -ub, ub)
+    np.testing.assert_allclose(step, found.x, rtol=0, atol=1e-10)
+    # Forces of rows that return are not unique, what they do together is.
+    np.testing.assert_allclose(
+        B.T @ solve_qp(P, q, lb=-ub, ub=ub, tol=1e-12).x, B.T @ found.x, atol=1e-9
+    )
 
 
 def test_numbers_from_1e20_are_infinite():
