@@ -68,6 +68,12 @@ class Projected:
             moved = np.linalg.solve(self.E, np.hstack([self.A, self.B * np.sqrt(rho)]))
             A, B = moved[:, : len(self.A)], moved[:, len(self.A) :]
             P = linalg.solve_continuous_are(A, B, self.Q / rho, unit)
+            # One Newton step takes the residual of QZ down to rounding.
+            half = P @ A - P @ B @ (B.T @ P) / 2
+            step = linalg.solve_continuous_lyapunov(
+                (A - B @ (B.T @ P)).T, -(half + half.T + self.Q / rho)
+            )
+            P = P + (step + step.T) / 2
             P = np.linalg.solve(self.E.T, np.linalg.solve(self.E.T, P).T)
         except (np.linalg.LinAlgError, ValueError) as error:
             raise RiccatiError(

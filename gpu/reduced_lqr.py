@@ -23,6 +23,7 @@ COMPRESSIONS = ("galerkin", "printed")
 START = 8  # blocks before the first Newton step
 STEPS = 30
 STRIDE = 2  # blocks between two looks at the projected equation
+POLES = 6  # for values of low rank; each is factored once
 LOW_RANK = 64  # rows of a factor of Q up to which the value is sought as a low-rank matrix
 QUADRATIC = 1e-6  # a Newton step of this size leaves an error of its square
 
@@ -161,13 +162,13 @@ def _printed(problem: LQRProblem, W: Any) -> Found:
 
 def _low_rank(problem: LQRProblem, C: Any, tol: float, limit: int) -> Found:
     state, xp = problem.state, problem.xp
-    poles, moved = _poles(problem, C.T)
+    poles, moved = _poles(problem, C.T, POLES)
     # The value is that of A E^-1 and C E^-1; a feedback that makes A regular must lie in its space.
     seed = xp.concatenate([_mass(state).solve_transposed(C.T), *moved], axis=1)
     space = RationalKrylov(state, seed, poles, transposed=True)
     projected, residual, history = None, np.inf, []
     while True:
-        for _ in range(STRIDE):
+        for _ in range(2 * STRIDE):
             space.grow()
         projected = Projected.of(problem, space.W, projected)
         try:
@@ -205,7 +206,7 @@ def _full(problem: LQRProblem, tol: float, limit: int, refine: bool | None) -> F
     if refine and state.kind == "operator":
         refine = False
     B = problem.input
-    space = RationalKrylov(state, _mass(state).solve(B), _poles(problem, B)[0])
+    space = RationalKrylov(state, _mass(state).solve(B), _poles(problem, B, 2)[0])
     if refine:
         return _newton(problem, space, tol, limit)
     history: list[tuple[int, float]] = []
@@ -318,8 +319,8 @@ def _commutes(problem: LQRProblem) -> bool:
     return float(xp.linalg.norm(cost - ratio * mass)) <= 1e-10 * float(xp.linalg.norm(cost))
 
 
-def _poles(problem: LQRProblem, seed: Any) -> tuple[list[Factors], list[Any]]:
-    """Two poles: at zero, where A may be singular, and between the slowest and fastest modes."""
+def _poles(problem: LQRProblem, seed: Any, count: int) -> tuple[list[Factors], list[Any]]:
+    """Poles at zero, where A may be singular, and on the way to the fastest modes, log-spaced."""
     state, xp = problem.state, problem.xp
     inverse = InverseHamiltonian(state, problem.input, problem.weight)
     slow_factors = inverse.factors
@@ -332,9 +333,16 @@ def _poles(problem: LQRProblem, seed: Any) -> tuple[list[Factors], list[Any]]:
         x = x / xp.linalg.norm(x)
         y = slow_factors.solve(state.mass(x))
         slow, x = 1.0 / max(float(xp.linalg.norm(y)), 1e-300), y
-    middle = (slow * fast) ** 0.5
-    for move in (1.0, 1.37, 0.71):
-        factors = state.factor(move * middle)
-        if factors is not None:
-            return [slow_factors, factors], inverse.moved
-    return [slow_factors], inverse.moved
+    # Discontinuous seeds excite modes faster than they are on the average.
+    top = 10.0 * fast
+    ladder = slow * (top / slow) ** (np.arange(1, count) / (count - 1))
+    if count == 2:
+        ladder = np.array([(slow * fast) ** 0.5])
+    poles = [slow_factors]
+    for shift in ladder:
+        for move in (1.0, 1.37, 0.71):
+            factors = state.factor(float(move * shift))
+            if factors is not None:
+                poles.append(factors)
+                break
+    return poles, inverse.moved

@@ -271,3 +271,23 @@ def test_failures_are_errors(heat_modes):
             by_eigenvectors(problem, **options)
     with pytest.raises(InputError, match=r"^inner"):
         by_eigenvectors(problem, inner=np.eye(512))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_same_gain_as_radi_of_pymor():
+    """On a pencil with a mass matrix; warnings of that package are its own."""
+    pytest.importorskip("pymor")
+    from pymor.core.logger import set_log_levels
+    from pymor.solvers.matrix_equations.equations import RiccatiEquation
+    from pymor.solvers.matrix_equations.radi import RADIRiccatiSolver
+
+    set_log_levels({"pymor": "ERROR"})
+    A, B, C = convection(20)
+    n = len(B)
+    E = sparse.diags([np.full(n, 4.0), np.ones(n - 1), np.ones(n - 1)], [0, 1, -1]) / 6
+    matrices = [sparse.csc_matrix(M) for M in (A, E)]
+    equation = RiccatiEquation.from_matrices(*matrices, B, C, trans=True)
+    Z = RADIRiccatiSolver(radi_tol=1e-12).solve(equation).to_numpy()
+    Z = Z if len(Z) == n else Z.T
+    best = (B.T @ Z) @ (E.T @ Z).T
+    assert apart(reduced(check_lqr(A, B, C, np.eye(2), E=E, factored=True)).gain, best) < 1e-8

@@ -1,0 +1,74 @@
+"""One row of `lqr.py`: a sparse generalised problem with a low-rank weight, beside pyMOR's RADI.
+
+The heated plate of `examples/heat_skfem.py`. Both gains are compared with one of a
+hundredth of the tolerance.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gpu.lqr_problem import check_lqr
+from gpu.reduced_lqr import solve
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+def model(refine: int) -> tuple[Any, ...]:
+    """E, A, B, C of the example."""
+    sys.path.insert(0, str(EXAMPLES))
+    import heat_skfem  # type: ignore[import-not-found]
+
+    return heat_skfem.heat_model(refine)[1:]
+
+
+def by_pymor(E: Any, A: Any, B: Any, C: Any, tol: float) -> tuple[np.ndarray, int]:
+    """The gain by the low-rank ADI method for Riccati equations, and its rank."""
+    from pymor.core.logger import set_log_levels
+    from pymor.solvers.matrix_equations.equations import RiccatiEquation
+    from pymor.solvers.matrix_equations.radi import RADIRiccatiSolver
+    from scipy import sparse
+
+    set_log_levels({"pymor": "ERROR"})
+    A, E = sparse.csc_matrix(A), sparse.csc_matrix(E)
+    equation = RiccatiEquation.from_matrices(A, E, B, C, trans=True)
+    Z = RADIRiccatiSolver(radi_tol=tol).solve(equation).to_numpy()
+    Z = Z if Z.shape[0] == A.shape[0] else Z.T
+    return (B.T @ Z) @ (E.T @ Z).T, Z.shape[1]
+
+
+def sparse_row(refine: int, tol: float = 1e-8) -> dict[str, Any]:
+    """Seconds, rank, and residual of both."""
+    E, A, B, C = model(refine)
+    C = 10.0 * C
+    problem = check_lqr(A, B, C, np.eye(B.shape[1]), E=E, factored=True)
+    begin = time.perf_counter()
+    found = solve(problem, tol=tol)
+    spent = time.perf_counter() - begin
+    row = {
+        "states": A.shape[0],
+        "seconds": spent,
+        "rank": found.info["rank"],
+        "residual": found.info["residual"],
+    }
+    tight = solve(problem, tol=1e-10).gain
+    size = np.linalg.norm(tight)
+    row["gain error"] = np.linalg.norm(found.gain - tight) / size
+    if importlib.util.find_spec("pymor"):
+        begin = time.perf_counter()
+        gain, rank = by_pymor(E, A, B, C, tol)
+        row["pymor"] = {
+            "version": importlib.metadata.version("pymor"),
+            "seconds": time.perf_counter() - begin,
+            "rank": rank,
+            "gain error": np.linalg.norm(gain - tight) / size,
+        }
+        row["ratio"] = row["seconds"] / row["pymor"]["seconds"]
+    return row
