@@ -58,6 +58,11 @@ def test_random_problems(seeds):
     assert run(seeds, n_max=30) == []
 
 
+@pytest.mark.parametrize("seed", [382, 2748, 3679, 4128, 4536, 8042])
+def test_larger_problems_that_were_given_up_once(seed):
+    assert run([seed], n_max=200) == []
+
+
 def test_random_sparse_problems():
     # Rounding of the factoriser decides about one: a certificate that just misses its margin.
     assert len(run(range(400, 460), 30, sparse.csr_array)) <= 1
