@@ -1,6 +1,6 @@
 """Subdivision of boxes until every zero line in them is a graph over one side.
 
-Plain Python; `compiled_kernels` hands the functions to numba.
+Plain Python; `compiled_kernels` hands the functions to numba, with those of `cut_kernels`.
 """
 
 from __future__ import annotations

@@ -17,8 +17,8 @@ State = NDArray[np.int64]
 Table = NDArray[np.uint8]
 
 KERNELS = (
-    "relevant", "index_of", "good_direction", "height", "crossing", "emit_surface",
-    "sorted_breaks",  "face_rule", "height_rule",
+    "relevant", "index_of", "good_direction", "height", "clamped_height", "crossing",
+    "emit_surface", "sorted_breaks",  "face_rule", "height_rule",
 )  # fmt: skip
 
 _ROOT_WIDTH = 1e-14
@@ -98,24 +98,33 @@ def height(c: Array, d: int, tol: float, s: float) -> tuple[float, bool, bool]:
     return poly.bracketed_root(along, 0.0, 1.0), starts, ends
 
 
+def clamped_height(c: Array, d: int, s: float) -> float:
+    """Return the root along d at s of a polynomial whose graph is there; at an end if rounded off.
+
+    Beside the place where a graph leaves the box its root may lie beyond the side by rounding.
+    """
+    along = poly.line(c, d, s)
+    first, last = along[0], along[along.size - 1]
+    if (first < 0) == (last < 0):
+        return 0.0 if abs(first) < abs(last) else 1.0
+    return poly.bracketed_root(along, 0.0, 1.0)
+
+
 def crossing(f: Array, g: Array, d: int, tol_f: float, tol_g: float, a: float, b: float) -> float:
     """Return where two graphs cross between a and b, or -1; their difference is monotone."""
+    middle = 0.5 * (a + b)
+    y_f, _, _ = height(f, d, tol_f, middle)
+    y_g, _, _ = height(g, d, tol_g, middle)
+    if max(y_f, y_g) > 1:  # graphs come and go at a and b only
+        return -1.0
     # At a and b themselves rounding may hide a root that lies on a side of the box.
     a, b = a + _NEAR_END * (b - a), b - _NEAR_END * (b - a)
-    y_f, _, _ = height(f, d, tol_f, a)
-    y_g, _, _ = height(g, d, tol_g, a)
-    z_f, _, _ = height(f, d, tol_f, b)
-    z_g, _, _ = height(g, d, tol_g, b)
-    if max(max(y_f, y_g), max(z_f, z_g)) > 1:
-        return -1.0
-    rising = z_f > z_g
-    if (y_f > y_g) == rising:
+    rising = clamped_height(f, d, b) > clamped_height(g, d, b)
+    if (clamped_height(f, d, a) > clamped_height(g, d, a)) == rising:
         return -1.0
     for _ in range(60):
         middle = 0.5 * (a + b)
-        y_f, _, _ = height(f, d, tol_f, middle)
-        y_g, _, _ = height(g, d, tol_g, middle)
-        if (y_f > y_g) == rising:
+        if (clamped_height(f, d, middle) > clamped_height(g, d, middle)) == rising:
             b = middle
         else:
             a = middle
