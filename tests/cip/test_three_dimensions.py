@@ -46,13 +46,16 @@ def test_constants(profile):
 
 @pytest.mark.slow
 def test_deformation_flow_beside_splines():
-    """N = 64, back at its start at T = 3 after 60 steps; errors are sum |e| / sum |u|."""
+    """N = 64, back at its start at T = 3 after 60 steps: half the error in L1, 2/3 in L2.
+
+    In the maximum norm the splines are better: .53 against .67.
+    """
     n, steps = 64, 60
-    solver = solver_of(n, "csl2", "advection")
+    solver = solver_of(n, "csl4", "advection")
     start = solver.state(ball)
     final = solver.run(start, 3.0, dt=3 / steps).final
     assert abs(final.mass / start.mass - 1) <= 1e-13
-    error = np.abs(final["u"] - start["u"]).sum() / start["u"].sum()
+    error = np.abs(final["u"] - start["u"])
 
     c = [f.derivative((0, 0, 0, 0), (1.0,) * 4) for f in solver._formulas]
 
@@ -69,4 +72,6 @@ def test_deformation_flow_beside_splines():
             e = rate(foot + dt / 2 * d, t - dt / 2)
             foot, t = foot + dt / 12 * (a + 2 * b + 2 * d + e), t - dt / 2
         u = ndimage.map_coordinates(u, foot * n, order=3, mode="grid-wrap")
-    assert error <= np.abs(u - start["u"]).sum() / start["u"].sum()
+    other = np.abs(u - start["u"])
+    assert error.sum() <= 0.55 * other.sum()
+    assert np.linalg.norm(error) <= 0.72 * np.linalg.norm(other)
