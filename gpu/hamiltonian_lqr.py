@@ -32,7 +32,7 @@ def solve(
     pi: str = "symmetric",
     start: str | None = None,
     inner: Any = None,
-    tol: float = 1e-10,
+    tol: float = 1e-8,
 ) -> Found:
     r"""Return the gain, and of the value :math:`\Pi_L` a factor.
 
