@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from contact.rows import ContactRows
 
 Array = NDArray[np.float64]
+CHUNK = 100  # points for which scikit-fem's finder is asked at once
 
 
 class Solid(ABC):
@@ -215,7 +216,10 @@ class BasisSolid(Solid):
 
     def _cells(self, points: Array) -> NDArray[np.int64]:
         try:
-            return np.asarray(self.mesh.element_finder()(*points))
+            finder = self.mesh.element_finder()
+            # It compares every point with the neighbours of all points: cost grows like a square.
+            some = np.array_split(points, max(points.shape[1] // CHUNK, 1), axis=1)
+            return np.concatenate([finder(*part) for part in some])
         except Exception as error:  # scikit-fem raises ValueError, or Exception from its Newton
             raise InputError(
                 f"points: scikit-fem's finder places at least one outside the body ({error})"

@@ -91,3 +91,15 @@ def test_export(element, make):
     expected = np.sqrt(0.79) if last == 1 else 1.0
     np.testing.assert_allclose(grid.point_data["nodal_von_mises"], expected, rtol=1e-9)
     assert f"stress_{'xyz'[last]}{'xyz'[last]}" in grid.cell_data
+
+
+def test_many_points_at_once(make):
+    """Points are located in parts: each value is that of the point alone, wherever it lies."""
+    _, result = make.solved()
+    points = np.random.default_rng(8).uniform(0.01, 0.99, (2, 250))
+    together, displaced = result.stress(points), result.sample(points)
+    for i in (0, 99, 100, 125, 249):
+        alone = points[:, i : i + 1]
+        # Rounding alone.
+        np.testing.assert_allclose(together[..., i : i + 1], result.stress(alone), atol=1e-13)
+        np.testing.assert_allclose(displaced[:, i : i + 1], result.sample(alone), atol=1e-13)
