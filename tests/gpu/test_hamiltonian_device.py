@@ -50,8 +50,10 @@ def test_inverse(stored):
 def test_algorithm5(pi, stored):
     A, B = heat(7)
     A = stored(A)
-    here = algorithm5(check_lqr(A, B, 1.0, np.eye(2)), modes=30, pi=pi)
-    there = algorithm5(check_lqr(on_device(A), on_device(B), 1.0, np.eye(2)), modes=30, pi=pi)
+    # Rounding decides which copies of repeated eigenvalues a start from the inputs meets.
+    options = {"modes": 30, "pi": pi, "start": "random"}
+    here = algorithm5(check_lqr(A, B, 1.0, np.eye(2)), **options)
+    there = algorithm5(check_lqr(on_device(A), on_device(B), 1.0, np.eye(2)), **options)
     K = there.gain.get()
     assert np.linalg.norm(here.gain - K) < 1e-7 * np.linalg.norm(K)
 
