@@ -108,8 +108,8 @@ def krylov_schur(
     locked = 0  # rows that a challenge began with
     hessenberg = restart == "implicit"
     champions: np.ndarray | None = None  # ranks of the wanted that a challenge has to better
-    # The wanted may converge within a sweep: it is stopped where they are expected to.
-    count, goal, early = 1, max(k + 2, 3 * ncv // 4), True
+    # Sweeps are stopped where the wanted are expected to converge.
+    count, goal = 1, ncv
     past = (0, 1.0)  # products, and residual of the wanted over |A|, at the last look
     while count <= maxiter:
         rows = basis.sweep(kept, goal)
@@ -137,8 +137,10 @@ def krylov_schur(
         fresh = ended is not None
         if converged >= k:
             ranks = np.sort(rank(values[:converged]))[::-1][:k]
-            slack = _uncertain(T, values, converged, rank, k, tol, FLOOR * scale)
-            if challenge and (champions is None or np.any(ranks > champions + slack)):
+            if challenge and (
+                champions is None
+                or _better(ranks, champions, T, values[:converged], rank, tol, FLOOR * scale)
+            ):
                 champions, fresh = ranks, True
             elif not challenge or _unbeaten(rank, T, values, spike, converged, locked, ranks[-1]):
                 basis.rotate(Q[:, :converged], size)
@@ -154,7 +156,7 @@ def krylov_schur(
         if not fresh and size < ncv:
             # Not settled half way: the space goes on growing.
             S[size, size - 1] = beta
-            kept, goal, early = size, min(size + need, ncv) if early else ncv, False
+            kept, goal = size, ncv
             continue
         if fresh and champions is not None:
             keep = min(converged, max(whole(T, k), ncv // 2))
@@ -181,7 +183,6 @@ def krylov_schur(
             goal = (kept + ncv + 1) // 2
         else:
             goal = min(kept + need, ncv)
-        early = False
     converged = min(converged, kept)
     return PartialSchur(
         T[:converged, :converged],
@@ -215,16 +216,16 @@ def _products_left(past: tuple[int, float], now: tuple[int, float], limit: float
     return max(3, int(np.ceil(np.log(small / limit) / rate)))
 
 
-def _uncertain(
+def _better(
+    ranks: np.ndarray,
+    champions: np.ndarray,
     T: np.ndarray,
-    values: np.ndarray,
-    converged: int,
+    found: np.ndarray,
     rank: Rank,
-    k: int,
     tol: float,
     floor: float,
-) -> np.ndarray:
-    r"""How far the ranks of the k best may be off: residual times condition.
+) -> bool:
+    r"""Whether ranks have risen by more than they may be off: residual times condition.
 
     A pair of residual r belongs to a matrix A + E, |E| = r, and its value is known to
     :math:`r \kappa`, :math:`\kappa = |x| |y| / |y^* x|`. Newcomers which are better by less are no
@@ -232,21 +233,23 @@ def _uncertain(
     the left vectors of all copies; where first order means nothing the cube root of the residual
     is the bound, as for Jordan blocks of three.
     """
+    slack = 1e-9 * np.abs(ranks)
+    if not np.any(ranks > champions + slack + floor):
+        return False
     theta, left, right = linalg.eig(T, left=True)
     size = float(np.abs(theta).max())
-    slack = []
-    best = values[:converged][np.argsort(-rank(values[:converged]), kind="stable")[:k]]
-    for value in best:
+    best = found[np.argsort(-rank(found), kind="stable")[: len(ranks)]]
+    for place, value in enumerate(best):
         copies = np.abs(theta - value) <= 1e-6 * size
         copies[np.abs(theta - value).argmin()] = True
         overlap = np.linalg.norm(
             np.linalg.qr(left[:, copies])[0].conj().T @ right[:, copies], axis=0
         ).min()
         residual = max(tol * abs(value), floor)
-        slack.append(
-            min(residual / max(overlap, 1e-16), np.cbrt(residual * max(size, residual) ** 2))
+        slack[place] += min(
+            residual / max(overlap, 1e-16), np.cbrt(residual * max(size, residual) ** 2)
         )
-    return 1e-9 * np.abs(rank(best)) + np.array(slack)
+    return bool(np.any(ranks > champions + slack))
 
 
 def _unbeaten(
