@@ -39,20 +39,30 @@ energy = Functional(lambda w: ((w.x_h.grad - gradient(w.x)) ** 2).sum(axis=0))
 def errors(domain, x):
     found = []
     for norm in (square, energy):
-        bases = domain.basis(ELEMENT, intorder=10)
+        bases = domain.groups(ELEMENT, intorder=10)
         found.append(np.sqrt(sum(norm.assemble(b, x_h=b.interpolate(x)) for b in bases)))
     return found
 
 
 def check_orders(convergence_order, cells, found):
+    """Cubics give h^4 in L2 and h^3 in H1.
+
+    Their factors depend on how far vertices outside lie from the cells they follow, which changes
+    from mesh to mesh: between neighbouring meshes the orders scatter by 0.7, so only a fit over a
+    factor of four in h shows them.
+    """
+    assert max(cells) >= 4 * min(cells)
     l2, h1 = (convergence_order(cells, error) for error in np.transpose(found))
-    assert 3.8 <= l2 <= 4.6
-    assert 2.85 <= h1 <= 3.6
+    assert 3.9 <= l2 <= 4.3
+    assert 2.9 <= h1 <= 3.3
 
 
-@pytest.mark.parametrize("name", ["disk", "ellipse", "mild flower", "flower"])
+SLOW_NAMES = [pytest.param(name, marks=pytest.mark.slow) for name in ("mild flower", "flower")]
+
+
+@pytest.mark.parametrize("name", ["disk", "ellipse", *SLOW_NAMES])
 def test_dirichlet_orders(cut_problems, name, convergence_order):
-    cells, found = [16, 24, 32], []
+    cells, found = [16, 24, 32, 48, 64], []
     for n in cells:
         mesh = cut_problems.unit_square(n)
         domain = CutDomain(mesh, cut_problems.LEVEL_SETS[name], q=5)
@@ -70,7 +80,7 @@ def disk_and_boundary(cut_problems, n):
 
 
 def test_robin_orders(cut_problems, convergence_order):
-    cells, found = [8, 16, 32], []
+    cells, found = [12, 16, 24, 32, 48], []
     for n in cells:
         mesh, domain, boundary = disk_and_boundary(cut_problems, n)
         robin = BilinearForm(lambda u, v, w: 3 * u * v)
@@ -86,7 +96,7 @@ def test_neumann_and_dirichlet_on_the_parts_of_a_composition(cut_problems, conve
     """Half a disk: Dirichlet on the arc, Neumann on the chord, which ends in the arc's corners."""
     disk = LevelSet(cut_problems.LEVEL_SETS["disk"])
     half = disk & LevelSet(lambda x: 0.8 * (x[0] - 0.51) + 0.6 * (x[1] - 0.49))
-    cells, found = [8, 16, 32], []
+    cells, found = [16, 24, 32, 48, 64], []
     for n in cells:
         mesh = cut_problems.unit_square(n)
         domain = CutDomain(mesh, half)
@@ -101,7 +111,7 @@ def test_neumann_and_dirichlet_on_the_parts_of_a_composition(cut_problems, conve
 
 def test_strong_conditions_on_grid_lines_and_nitsche_on_an_arc(cut_problems, convergence_order):
     """The quarter of a disk at the corner of the mesh: the axes are grid lines."""
-    cells, found = [8, 16, 32], []
+    cells, found = [12, 16, 24, 32, 48], []
     for n in cells:
         mesh = cut_problems.unit_square(n).with_defaults()
         domain = CutDomain(mesh, lambda x: x[0] ** 2 + x[1] ** 2 - 0.83**2)
@@ -165,7 +175,7 @@ def test_nearly_incompressible_elasticity_keeps_its_order(cut_problems, lame, co
         A = domain.assemble(linear_elasticity(Lambda=lame, Mu=1.0), element) + B
         extension = AdiniExtension(Basis(mesh, element, intorder=1), domain)
         x = extension.solve(A, b + domain.assemble(load, element, 10))
-        bases = domain.basis(element, intorder=10)
+        bases = domain.groups(element, intorder=10)
         found.append(np.sqrt(sum(error.assemble(b, x_h=b.interpolate(x)) for b in bases)))
     order = convergence_order(cells, found)
     assert order >= (3.8 if lame < 10 else 2.7)
