@@ -239,9 +239,9 @@ def solve_problem(
     try:
         found = solve(problem, **options)
     except (NotConverged, RiccatiError) as error:
-        raise _explained(problem, error) from None
+        raise _explained(problem, error, paid) from None
     except np.linalg.LinAlgError as error:
-        raise _explained(problem, NotConverged(str(error))) from None
+        raise _explained(problem, NotConverged(str(error)), paid) from None
     result = certified(problem, found, method)
     if method in EXACT:
         if not result.converged:
@@ -251,7 +251,7 @@ def solve_problem(
                     f"the Riccati solution is not certified: residual {result.residual:.1e}, "
                     f"abscissa {result.abscissa:.1e}"
                 ),
-                result.E,
+                paid,
             )
         if not paid:
             _check_cost(problem, result.S)
@@ -309,16 +309,20 @@ def _check_cost(problem: LQRProblem, S: Any) -> None:
         return
     values = np.linalg.eigvalsh(to_host(S))
     if values[0] < -1e-10 * np.abs(values).max():
-        raise InputError(
-            "Q is not positive semidefinite (with N: [[Q, N], [N.T, R]] is not), and the optimal "
-            "cost is negative for some states: states must not be paid for"
-        )
+        raise InputError(f"{_PAID}, and the optimal cost is negative for some states")
 
 
-def _explained(problem: LQRProblem, error: Exception, poles: np.ndarray | None = None) -> Exception:
+def _explained(problem: LQRProblem, error: Exception, paid: bool) -> Exception:
     if isinstance(error, RiccatiError) and error.cause:
         return error
-    return explain(problem, poles) or error
+    if not paid and not semidefinite(problem):
+        return InputError(f"{_PAID}, and no stabilising feedback was found that is optimal")
+    return explain(problem) or error
 
+
+_PAID = (
+    "Q is not positive semidefinite (with N: [[Q, N], [N.T, R]] is not): states must not be paid "
+    "for"
+)
 
 __all__ = ["care", "lqe", "lqr"]

@@ -347,5 +347,6 @@ def _regular(E: Any, xp: Any) -> bool:
     if xp is not np:
         return True
     full = E.toarray() if hasattr(E, "toarray") else E
-    pivots = np.abs(np.diag(linalg.lu_factor(full, check_finite=False)[0]))
+    lapack: Any = linalg.lapack
+    pivots = np.abs(np.diag(lapack.dgetrf(full)[0]))
     return bool(pivots.min() > 0.0)

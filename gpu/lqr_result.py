@@ -146,7 +146,7 @@ class LQRResult:
         z = self.problem.state.mass(array_module(self.K).asarray(x0))
         return float(z @ (self.S @ z))
 
-    def refined(self, *, steps: int = 30, tol: float = 1e-12) -> LQRResult:
+    def refined(self, *, steps: int = 200, tol: float = 1e-12) -> LQRResult:
         """The optimal gain by Newton-Kleinman from this one, or from one that stabilises.
 
         Raises

@@ -18,7 +18,7 @@ from gpu.riccati_refinement import judge, refine
 from gpu.state_matrix import EPS
 
 
-def solve(problem: LQRProblem, *, start: Any = None, steps: int = 60, tol: float = 1e-12) -> Found:
+def solve(problem: LQRProblem, *, start: Any = None, steps: int = 200, tol: float = 1e-12) -> Found:
     r"""Improve a stabilising gain until it is optimal.
 
     With the loop :math:`A_k = A - B K_k`,
@@ -106,7 +106,8 @@ def stabilising_value(problem: DenseProblem) -> Any:
     A, B, _ = problem
     xp = array_module(A)
     U, F = _not_stable_part(A)
-    size = float(xp.linalg.norm(F)) or float(xp.linalg.norm(A)) or 1.0
+    # A mode at zero has no size of its own.
+    size = max(float(xp.linalg.norm(F)), 1e-2 * float(xp.linalg.norm(A))) or 1.0
     reach = U.T @ B
     places = xp.arange(len(F))
     for factor in (0.3, 1.0, 0.1, 0.03, 3.0) if len(F) < len(A) else (1.0, 1.1, 0.3, 0.1):

@@ -19,18 +19,12 @@ SINGULAR = 1e-9
 AXIS = 1e-6
 
 
-def explain(problem: LQRProblem, poles: np.ndarray | None = None) -> RiccatiError | None:
+def explain(problem: LQRProblem) -> RiccatiError | None:
     r"""The error that names an uncontrollable or unobservable mode; None if there is none.
 
     Hautus' tests at the eigenvalues of (A, E): a mode with :math:`\mathrm{Re}\,\lambda \ge 0` for
     which :math:`(A - \lambda E, B)` loses rank is not stabilisable; one on the imaginary axis for
     which :math:`(A - \lambda E; Q)` does is not detectable, and stays a pole of every candidate.
-
-    Parameters
-    ----------
-    problem : LQRProblem
-    poles : array, optional
-        Of the closed loop that was found, rightmost first.
 
     References
     ----------

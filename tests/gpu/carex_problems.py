@@ -127,7 +127,7 @@ def example_4_2(n, a=0.05, b=1.0, c=1.0, support=(0.2, 0.3)):
     return Example(A, b * load, c * c * load @ load.T, np.eye(1)), E
 
 
-def example_4_3(masses, mu=4.0, delta=4.0, kappa=1.0):
+def example_4_3(masses, mu=1.0, delta=4.0, kappa=1.0):
     """Masses coupled by springs, forces at both ends; the chain is free to move as a whole."""
     n = masses
     K = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)

@@ -1,0 +1,299 @@
+"""Regulators and filters: every argument, certificates, gains that do not stabilise, bad input."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.integrate import simpson
+from scipy.linalg import block_diag, expm, solve_continuous_are
+
+from gpu import InputError, LowRankValue, NotConverged, RiccatiError, care, lqe, lqr
+
+_path = Path(__file__).parent / "carex_problems.py"
+_spec = importlib.util.spec_from_file_location("carex_problems", _path)
+carex = importlib.util.module_from_spec(_spec)
+sys.modules["carex_problems"] = carex
+_spec.loader.exec_module(carex)
+
+
+def system(seed=0, n=8, m=2, p=3):
+    """A, B, Q, R, N, E with a definite cost, A unstable."""
+    rng = np.random.default_rng(seed)
+    A, B = rng.standard_normal((n, n)), rng.standard_normal((n, m))
+    M, C = rng.standard_normal((m, m)), rng.standard_normal((p, n))
+    R = M @ M.T + np.eye(m)
+    D = rng.standard_normal((p, m))
+    D *= 0.9 / np.linalg.norm(D, 2)
+    N = C.T @ D @ np.linalg.cholesky(R).T
+    E = 2 * np.eye(n) + 0.3 * rng.standard_normal((n, n))
+    return A, B, C.T @ C, R, N, E
+
+
+def check(result, A, B, Q, R, N=None, E=None):
+    """The equation, the gain and the poles, from the data alone."""
+    K, S, poles = result
+    N = np.zeros_like(B) if N is None else N
+    E = np.eye(len(A)) if E is None else E
+    cross = E.T @ S @ B + N
+    residual = E.T @ S @ A + A.T @ S @ E + Q - cross @ np.linalg.solve(R, cross.T)
+    size = np.linalg.norm(E.T @ S @ A) + np.linalg.norm(Q)
+    assert np.linalg.norm(residual) <= 1e-12 * size
+    np.testing.assert_allclose(K, np.linalg.solve(R, cross.T), atol=1e-11 * np.abs(K).max())
+    found = np.linalg.eigvals(np.linalg.solve(E, A - B @ K))
+    assert found.real.max() < 0.0
+    np.testing.assert_allclose(np.sort(poles.real), np.sort(found.real), atol=1e-8)
+    assert result.converged
+
+
+@pytest.mark.parametrize("method", ["doubling", "newton"])
+@pytest.mark.parametrize("mass", [False, True], ids=["", "E"])
+@pytest.mark.parametrize("crossed", [False, True], ids=["", "N"])
+def test_every_argument(method, mass, crossed):
+    A, B, Q, R, N, E = system(1)
+    N, E = N if crossed else None, E if mass else None
+    result = lqr(A, B, Q, R, N, E, method=method)
+    check(result, A, B, Q, R, N, E)
+    X = solve_continuous_are(A, B, Q, R, e=E, s=N)
+    np.testing.assert_allclose(result.S, X, atol=1e-10 * np.abs(X).max())
+
+
+def test_arguments_of_every_kind():
+    A, B, Q, R, _, E = system(2)
+    want = lqr(A, B, Q, R, E=E).K
+    for given in (
+        lqr(A.tolist(), B.tolist(), Q.tolist(), R.tolist(), E=E.tolist()),
+        lqr(
+            A, sparse.csr_array(B), sparse.csr_array(Q), sparse.coo_array(R), E=sparse.csc_array(E)
+        ),
+    ):
+        np.testing.assert_allclose(given.K, want, rtol=1e-10)
+    values = np.array([0.5, -1.0, -2.0])
+    b = np.ones(3)
+    full = lqr(np.diag(values), b[:, None], np.diag([1.0, 2.0, 3.0]), 2.0).K
+    np.testing.assert_allclose(
+        lqr(np.diag(values), b, np.array([1.0, 2.0, 3.0]), [[2.0]]).K, full, rtol=1e-12
+    )
+    scalar = lqr([[1.0]], [[1.0]], 3.0)
+    np.testing.assert_allclose([scalar.K[0, 0], scalar.S[0, 0], scalar.E[0].real], [3, 3, -2])
+
+
+def test_factored_weight():
+    A, B, _, R, _, E = system(3)
+    C = np.random.default_rng(3).standard_normal((2, 8))
+    want = lqr(A, B, C.T @ C, R, E=E)
+    given = lqr(A, B, C, R, E=E, factored=True)
+    np.testing.assert_allclose(given.S, want.S, atol=1e-12 * np.abs(want.S).max())
+
+
+def test_cost_of_a_simulated_loop():
+    A, B, Q, R, N, E = system(4, n=4)
+    result = lqr(A, B, Q, R, N, E)
+    loop = np.linalg.solve(E, A - B @ result.K)
+    weight = Q + result.K.T @ R @ result.K - N @ result.K - result.K.T @ N.T
+    x = np.arange(1.0, 5.0)
+    # Simpson's rule along the exact flow, fourth order in the step.
+    step, density = 2e-3, []
+    flow = expm(step * loop)
+    for _ in range(20001):
+        density.append(x @ weight @ x)
+        x = flow @ x
+    spent = simpson(density, dx=step)
+    assert result.cost(np.arange(1.0, 5.0)) == pytest.approx(spent, rel=1e-7)
+
+
+def test_filter_is_the_dual():
+    A, B, _, V, _, E = system(5, m=2)
+    rng = np.random.default_rng(5)
+    G, C, F = rng.standard_normal((8, 3)), B.T, rng.standard_normal((3, 3))
+    W = F @ F.T
+    N = 0.1 * F @ rng.standard_normal((3, 2))
+    L, P, poles = lqe(A, G, C, W, V, N, E)
+    gain = (E @ P @ C.T + G @ N) @ np.linalg.inv(V)
+    np.testing.assert_allclose(L, gain, atol=1e-10 * np.abs(L).max())
+    balance = A @ P @ E.T + E @ P @ A.T - L @ V @ L.T + G @ W @ G.T
+    assert np.linalg.norm(balance) <= 1e-11 * np.linalg.norm(A @ P @ E.T)
+    assert np.linalg.eigvals(np.linalg.solve(E, A - L @ C)).real.max() == pytest.approx(
+        poles[0].real
+    )
+    same = lqe(A, G, C, F, V, N, E, factored=True)
+    np.testing.assert_allclose(same.K, L, atol=1e-10 * np.abs(L).max())
+    assert np.linalg.eigvalsh(P)[0] > 0.0
+
+
+def test_agrees_with_python_control():
+    control = pytest.importorskip("control")
+    A, B, Q, R, N, _ = system(6)
+    K, S, poles = control.lqr(A, B, Q, R, N)
+    ours = lqr(A, B, Q, R, N)
+    np.testing.assert_allclose(ours.K, K, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(ours.S, S, rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(np.sort(ours.E.real), np.sort(poles.real), rtol=1e-7)
+    G = np.eye(8)
+    L, P, _ = control.lqe(A, G, B.T, Q + np.eye(8), R)
+    filtered = lqe(A, G, B.T, Q + np.eye(8), R)
+    np.testing.assert_allclose(filtered.K, L, rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(filtered.S, P, rtol=1e-8, atol=1e-9)
+
+
+# Modes in the way
+
+
+def rotated(A, B, Q, seed=0):
+    T = np.linalg.qr(np.random.default_rng(seed).standard_normal(A.shape))[0]
+    Q = T @ Q @ T.T
+    return T @ A @ T.T, T @ B, (Q + Q.T) / 2
+
+
+CASES = {
+    "unstable, no input": (np.diag([1.0, -1]), [0, 1], np.eye(2), 1.0, "not stabilisable"),
+    "at zero, no input": (np.diag([0.0, -1]), [0, 1], np.eye(2), 0.0, "not stabilisable"),
+    "at zero, no weight": (np.diag([0.0, -1]), [1, 1], np.diag([0.0, 1]), 0.0, "not detectable"),
+    "swings, no weight": (
+        block_diag([[0.0, 2], [-2, 0]], -1), [1, 1, 1], np.diag([0.0, 0, 1]), 2j, "not detectable",
+    ),
+    "swings, no input": (
+        block_diag([[0.1, 2], [-2, 0.1]], -1), [0, 0, 1], np.eye(3), 0.1 + 2j, "not stabilisable",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("turned", [False, True], ids=["", "rotated"])
+@pytest.mark.parametrize("method", ["doubling", "newton"])
+@pytest.mark.parametrize("name", CASES)
+def test_the_mode_in_the_way_is_named(name, method, turned):
+    A, b, Q, mode, cause = CASES[name]
+    A, B, Q = A, np.array(b, dtype=float)[:, None], Q
+    if turned:
+        A, B, Q = rotated(A, B, Q)
+    with pytest.raises(RiccatiError, match=cause) as caught:
+        lqr(A, B, Q, 1.0, method=method)
+    assert isinstance(caught.value, np.linalg.LinAlgError)
+    assert caught.value.cause == cause
+    assert caught.value.eigenvalue == pytest.approx(mode, abs=1e-6)
+
+
+def test_an_unstable_mode_without_weight_is_stabilised():
+    result = lqr(np.diag([1.0, -1.0]), np.ones((2, 1)), np.diag([0.0, 1.0]), 1.0)
+    check(result, np.diag([1.0, -1]), np.ones((2, 1)), np.diag([0.0, 1]), np.eye(1))
+    # No weight at all: unstable poles are mirrored.
+    poles = lqr(np.diag([2.0, -1.0]), np.ones((2, 1)), np.zeros((2, 2)), 1.0).E
+    np.testing.assert_allclose(np.sort(poles.real), [-2.0, -1.0], rtol=1e-10)
+
+
+# Gains that do not stabilise
+
+
+@pytest.fixture(scope="module")
+def springs():
+    """A lightly damped chain of masses, free to move as a whole, and its energy."""
+    (A, B, Q, R, _), K = carex.example_4_3(100, delta=0.05, mu=1.0)
+    ones = np.ones((100, 100)) / 100
+    return A, B, Q, R, block_diag(K + ones, np.eye(100))
+
+
+@pytest.mark.parametrize("modes", [20, 100])
+def test_springs_are_flagged_and_refined(springs, modes):
+    A, B, Q, R, _ = springs
+    with pytest.warns(RuntimeWarning, match="does not stabilise"):
+        result = lqr(A, B, Q, R, method="hamiltonian", pi="printed", modes=modes)
+    assert not result.stable
+    assert not result.converged
+    assert np.linalg.eigvals(A - B @ result.K).real.max() > 1e-3
+    if modes == 20:
+        best = result.refined()
+        check(best, A, B, Q, R)
+        np.testing.assert_allclose(best.K, lqr(A, B, Q, R).K, rtol=1e-6, atol=1e-8)
+
+
+def test_springs_in_the_product_of_energy(springs):
+    A, B, Q, R, energy = springs
+    result = lqr(A, B, Q, R, method="hamiltonian", pi="printed", modes=20, inner=energy)
+    assert result.stable
+    assert result.abscissa == pytest.approx(np.linalg.eigvals(A - B @ result.K).real.max())
+    refined = result.refined()
+    assert refined.converged
+    with pytest.raises(NotConverged, match="does not stabilise"):
+        lqr(A, B, Q, R, method="hamiltonian", pi="printed", modes=20, unstable="raise")
+    quiet = lqr(A, B, Q, R, method="hamiltonian", pi="printed", modes=20, unstable="ignore")
+    assert not quiet.stable
+
+
+def test_newton_from_a_given_gain():
+    A, B, Q, R, _, _ = system(7)
+    best = lqr(A, B, Q, R)
+    check(lqr(A, B, Q, R, method="newton", start=1.01 * best.K), A, B, Q, R)
+    with pytest.raises(InputError, match="start does not stabilise"):
+        lqr(A, B, Q, R, method="newton", start=0 * best.K)
+    with pytest.raises(InputError, match="start has shape"):
+        lqr(A, B, Q, R, method="newton", start=best.K.T)
+
+
+def test_low_rank_value():
+    Z, M = np.random.default_rng(0).standard_normal((5, 2)), np.array([[2.0, 1], [1, 3]])
+    S = LowRankValue(Z, M)
+    np.testing.assert_allclose(S @ np.eye(5), S.toarray(), atol=1e-14)
+    np.testing.assert_allclose(S.diagonal(), np.diag(Z @ M @ Z.T), atol=1e-14)
+    assert (S.shape, S.rank) == ((5, 5), 2)
+
+
+# Bad input
+
+GOOD = {"A": -np.eye(3), "B": np.ones((3, 1)), "Q": np.eye(3), "R": np.eye(1)}
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("A", np.full((3, 3), np.nan), "A holds NaN"),
+        ("A", np.eye(3) * 1j, "A holds complex"),
+        ("A", np.ones((3, 2)), r"A has shape \(3, 2\)"),
+        ("A", np.zeros((0, 0)), "A has shape"),
+        ("A", [["a"]], "A holds"),
+        ("A", [[1.0], [1.0, 2.0]], "A is not an array"),
+        ("A", lambda x: x, "A is a function"),
+        ("B", np.ones((2, 1)), r"B has shape \(2, 1\)"),
+        ("B", np.array([[np.inf], [0], [0]]), "B holds NaN or inf"),
+        ("Q", np.triu(np.ones((3, 3))), "Q is not symmetric"),
+        ("Q", np.eye(2), "Q has shape"),
+        ("Q", -np.eye(3), "Q is not positive semidefinite"),
+        ("Q", np.nan, "Q is nan"),
+        ("R", -np.eye(1), "R is not positive definite"),
+        ("R", np.zeros((1, 1)), "R is not positive definite"),
+        ("R", np.eye(2), "R has shape"),
+        ("N", np.ones((3, 2)), "N has shape"),
+        ("N", 5 * np.ones((3, 1)), "is not"),
+        ("E", np.zeros((3, 3)), "E is singular"),
+        ("E", np.eye(2), "E has shape"),
+        ("method", "magic", "method='magic'"),
+        ("steps", 3, "steps: method 'doubling' knows"),
+        ("unstable", "ignored", "unstable='ignored'"),
+    ],
+)
+def test_bad_input_is_named(name, value, message):
+    with pytest.raises((InputError, RiccatiError), match=message):
+        lqr(**{**GOOD, name: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("G", np.ones((2, 1)), "G has shape"),
+        ("C", np.ones((1, 2)), "C has shape"),
+        ("W", -np.eye(1), "W is not positive semidefinite"),
+        ("W", np.eye(2), "W has shape"),
+        ("V", np.zeros((1, 1)), "R is not positive definite|V is not"),
+        ("N", np.ones((2, 2)), "N has shape"),
+    ],
+)
+def test_bad_input_of_filters_is_named(name, value, message):
+    good = {"A": -np.eye(3), "G": np.ones((3, 1)), "C": np.ones((1, 3)), "W": 1.0, "V": 1.0}
+    with pytest.raises(InputError, match=message):
+        lqe(**{**good, name: value})
+
+
+def test_bad_input_of_riccati_equations():
+    with pytest.raises(InputError, match="R is not positive definite"):
+        care(np.eye(2), np.ones((2, 1)), np.eye(2), -np.eye(1))
