@@ -9,7 +9,7 @@ from functools import cache
 from itertools import pairwise
 from typing import Any
 
-from cip.jit import Array, Index, Out, Real, loop, pointer
+from cip.jit import Array, Index, Out, Real, loop_of_functions, pointer
 
 # Fewer nodes than this a thread are not worth waking it.
 _NODES_A_THREAD = 40_000
@@ -17,7 +17,7 @@ _NODES_A_THREAD = 40_000
 address = pointer()
 
 
-@loop
+@loop_of_functions
 def run_line(
     node: Any, start: Index, stop: Index, m: Array, out: Out, feet: Array, h: Array, n: Index,
     periodic: Index, advect: Index, limiter: Index,
@@ -28,7 +28,7 @@ def run_line(
         node(m, out, feet, n, i, h, n, 1, 0, i, 0, 1, n, periodic, i, advect, limiter)
 
 
-@loop
+@loop_of_functions
 def run_lines(
     node: Any, start: Index, stop: Index, m: Array, out: Out, feet: Array, h: Array, size: Index,
     dim: Index, axis: Index, inner: Index, n: Index, periodic: Index, advect: Index, limiter: Index,
@@ -51,7 +51,7 @@ def run_lines(
             block += 1
 
 
-@loop
+@loop_of_functions
 def run_conservative(
     node: Any, start: Index, stop: Index, m: Array, out: Out, feet: Array, h: Array, size: Index,
     dim: Index, axis: Index, inner: Index, n: Index, periodic: Index,
@@ -74,7 +74,7 @@ def run_conservative(
             block += 1
 
 
-@loop
+@loop_of_functions
 def run_plane(
     node: Any, start: Index, stop: Index, m: Array, out: Out, feet: Array, hx: Array, hy: Array,
     size: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,

@@ -41,6 +41,18 @@ def loop(function: Function) -> Function:
     return compiled
 
 
+def loop_of_functions(function: Function) -> Function:
+    """As `loop`, for loops whose first arguments are compiled functions; never kept on disk.
+
+    Functions are other types in every process, so what is kept is never found again; the index
+    grows with each run, and reading it fails once a function in it has been forgotten.
+    """
+    from numba import njit
+
+    compiled: Function = njit(nogil=True, error_model="numpy", fastmath=_MATH)(function)
+    return compiled
+
+
 def pointer() -> Any:
     """The intrinsic that takes the address of an array.
 

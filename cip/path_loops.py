@@ -10,12 +10,15 @@ import numpy as np
 from cip.cpu import address
 from cip.expression import RULES
 from cip.grid import Grid
-from cip.jit import Array, Index, Out, Real, loop
+from cip.jit import Array, Index, Out, Real, loop_of_functions, room
 from cip.path_source import path_source
 from cip.stage import Stage
 
 # No stage reads more components of the feet.
 _COMPONENTS = 16
+
+# On the stack: an array would be freed after its last use, which is where its address is taken.
+foot_room = room(_COMPONENTS)
 
 
 def compiled(grid: Grid, stage: Stage) -> Any:
@@ -31,16 +34,15 @@ def compiled(grid: Grid, stage: Stage) -> Any:
     return njit(error_model="numpy", fastmath={"contract"})(namespace["path"])
 
 
-@loop
+@loop_of_functions
 def run_plane_path(
     node: Any, path: Any, start: Index, stop: Index, m: Array, out: Out, left: Out,
     x: Array, y: Array, t: Real, dt: Real, count: Index, hx: Array, hy: Array, size: Index,
     nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
     """Rows start..stop of a plane; left[row] counts paths that leave the box."""
-    feet = np.empty(_COMPONENTS)
     m, out, left, hx, hy = address(m), address(out), address(left), address(hx), address(hy)
-    foot = address(feet)
+    foot = foot_room(np.empty(1))
     for i in range(start, stop):
         gone = 0
         for j in range(ny):
@@ -51,7 +53,7 @@ def run_plane_path(
         left[i] = gone
 
 
-@loop
+@loop_of_functions
 def run_lines_path(
     node: Any, path: Any, start: Index, stop: Index, m: Array, out: Out, left: Out,
     x: Array, y: Array, z: Array, ny: Index, nz: Index, t: Real, dt: Real, count: Index, h: Array,
@@ -59,9 +61,8 @@ def run_lines_path(
     advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
     """Rows start..stop of a sweep."""
-    feet = np.empty(_COMPONENTS)
     m, out, left, h = address(m), address(out), address(left), address(h)
-    foot = address(feet)
+    foot = foot_room(np.empty(1))
     block = start // n
     i = start - block * n
     for row in range(start, stop):
@@ -81,14 +82,14 @@ def run_lines_path(
             block += 1
 
 
-@loop
+@loop_of_functions
 def run_feet(
     path: Any, start: Index, stop: Index, feet: Out, left: Out, x: Array, y: Array, z: Array,
     size: Index, components: Index, t: Real, dt: Real, count: Index,
 ) -> None:  # fmt: skip
     """Feet of the points start..stop, component after component."""
-    one = np.empty(_COMPONENTS)
-    feet, left, foot = address(feet), address(left), address(one)
+    foot = foot_room(np.empty(1))
+    feet, left = address(feet), address(left)
     for o in range(start, stop):
         left[o] = path(foot, x[o], y[o], z[o], t, dt, count)
         for f in range(components):
