@@ -53,7 +53,7 @@ def lower_solve(L: Array, r: Array, transposed: bool = False) -> Array:
 def _device_cholesky(M: Array) -> Array:
     import cupy
     from cupy.cuda import device
-    from cupy_backends.cuda.libs import cublas, cusolver  # type: ignore[import-not-found]
+    from cupy_backends.cuda.libs import cublas, cusolver
 
     M = cupy.ascontiguousarray(M)
     n, handle = len(M), device.get_cusolver_handle()

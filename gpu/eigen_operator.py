@@ -148,14 +148,14 @@ def factorized(A: Any, xp: Any) -> Callable[[Any], Any] | None:
             return None
         return lambda x: getrs(lu, pivots, x)[0]
     if hasattr(A, "tocsr"):
-        from cupyx.scipy.sparse import csc_matrix  # type: ignore[import-not-found]
-        from cupyx.scipy.sparse.linalg import splu  # type: ignore[import-not-found]
+        from cupyx.scipy.sparse import csc_matrix
+        from cupyx.scipy.sparse.linalg import splu
 
         try:
             return splu(csc_matrix(A)).solve
         except RuntimeError:
             return None
-    from cupyx.scipy.linalg import lu_factor, lu_solve  # type: ignore[import-not-found]
+    from cupyx.scipy.linalg import lu_factor, lu_solve
 
     device = lu_factor(A, check_finite=False)
     if _singular(to_host(xp.abs(xp.diag(device[0])))):

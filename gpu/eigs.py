@@ -265,7 +265,7 @@ def _shifted(matrix: Matrix, mass: Matrix | None, sigma: Any, unit: float) -> An
         if xp is np:
             from scipy import sparse
         else:
-            from cupyx.scipy import sparse  # type: ignore[import-not-found,no-redef]
+            from cupyx.scipy import sparse  # type: ignore[no-redef]
         B = sparse.identity(matrix.n, format="csr") if mass is None else mass.explicit
         if not hasattr(B, "tocsr"):
             return A.toarray() - sigma * B

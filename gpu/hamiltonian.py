@@ -200,7 +200,7 @@ class InverseHamiltonian:
                 matmat=self.apply,
                 dtype=float,
             )
-        from cupyx.scipy.sparse.linalg import (  # type: ignore[import-not-found]
+        from cupyx.scipy.sparse.linalg import (
             LinearOperator as Device,
         )
 

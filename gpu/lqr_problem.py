@@ -189,7 +189,7 @@ def solve(M: Any, right: Any) -> Any:
         if info > 0:
             raise np.linalg.LinAlgError("singular matrix")
         return lapack.dgetrs(lu, pivots, right)[0]
-    from cupyx.scipy.linalg import lu_factor, lu_solve  # type: ignore[import-not-found]
+    from cupyx.scipy.linalg import lu_factor, lu_solve
 
     return lu_solve(lu_factor(M, check_finite=False), right, check_finite=False)
 

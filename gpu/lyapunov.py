@@ -139,7 +139,7 @@ def _inverse(M: Any) -> Callable[[Any], Any]:
         if info > 0:
             raise np.linalg.LinAlgError("singular matrix")
         return lambda x: linalg.lapack.dgetrs(lu, pivots, x)[0]
-    from cupyx.scipy.linalg import lu_factor, lu_solve  # type: ignore[import-not-found]
+    from cupyx.scipy.linalg import lu_factor, lu_solve
 
     device = lu_factor(M, check_finite=False)
     return lambda x: lu_solve(device, x, check_finite=False)

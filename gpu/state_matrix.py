@@ -159,7 +159,7 @@ def factor(A: Any, explicit: bool = False) -> Factors | None:
         return Factors(
             lambda x: getrs(lu, pivots, x)[0], lambda x: getrs(lu, pivots, x, trans=1)[0]
         )
-    from cupyx.scipy.linalg import lu_factor, lu_solve  # type: ignore[import-not-found]
+    from cupyx.scipy.linalg import lu_factor, lu_solve
 
     with warnings.catch_warnings():
         # An exact zero on the diagonal is what is looked for below.
@@ -186,8 +186,8 @@ def _factor_sparse(A: Any, xp: Any) -> Factors | None:
             # SuperLU's default order is for unsymmetric patterns and fills in more.
             options = {"permc_spec": "MMD_AT_PLUS_A"}
     else:
-        from cupyx.scipy.sparse import csc_matrix  # type: ignore[import-not-found]
-        from cupyx.scipy.sparse.linalg import splu as device_splu  # type: ignore[import-not-found]
+        from cupyx.scipy.sparse import csc_matrix
+        from cupyx.scipy.sparse.linalg import splu as device_splu
 
         build = device_splu
         A = csc_matrix(A)
@@ -248,7 +248,7 @@ def sparse_of(xp: Any) -> Any:
     """The sparse matrices of a side."""
     if xp is np:
         return sparse
-    from cupyx.scipy import sparse as device  # type: ignore[import-not-found]
+    from cupyx.scipy import sparse as device
 
     return device
 
