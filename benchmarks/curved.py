@@ -4,7 +4,9 @@ The lowest ten eigenvalues of -lap u = lambda u in the disk of radius 0.411, u =
 
 * Adini with Nitsche's method, stabilised by extension or by a ghost penalty;
 * Adini times a weight function;
-* P2 and P3 on curved (isoparametric quadratic) triangles of scikit-fem that fit the disk.
+* P2 and P3 on curved (isoparametric quadratic) triangles of scikit-fem that fit the disk;
+* cubic triangles of NGSolve that fit the disk, and ngsxfem's cubic elements on squares that the
+  circle cuts, where both are installed (``pip install ngsolve xfem``).
 
 Errors are those of the first and the worst of ten eigenvalues. Seconds are those of the quadrature
 (with the search for cut cells), the assembly of stiffness, mass and Nitsche's matrix, the
@@ -23,6 +25,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import ngsolve_disk
 import numpy as np
 from machine import describe
 from scipy.special import jn_zeros
@@ -137,6 +140,9 @@ METHODS: dict[str, tuple[Callable[[int, Clock], tuple[Any, Any]], list[int]]] = 
     "P2, fitted": (triangles(ElementTriP2()), TRIANGLES),
     "P3, fitted": (triangles(ElementTriP3()), TRIANGLES),
 }
+if ngsolve_disk.INSTALLED:
+    METHODS["NGSolve P3, fitted"] = (ngsolve_disk.fitted(3, RADIUS), [1, 2, 3, 4, 5])
+    METHODS["ngsxfem Q3, cut"] = (ngsolve_disk.unfitted(3, RADIUS), CELLS[:4])
 
 
 def measure(name: str, size: int, repeats: int) -> dict[str, Any]:
@@ -188,6 +194,8 @@ def picture(runs: dict[str, list[dict[str, Any]]]) -> Any:
 
 def main(argv: list[str] | None = None) -> dict[str, Any]:
     """Run, print, write benchmarks/results/curved.json and the picture."""
+    if not ngsolve_disk.INSTALLED:
+        print("without NGSolve and ngsxfem: pip install ngsolve xfem")
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
     parser.add_argument("--most", type=int, default=5, help="meshes of each method")

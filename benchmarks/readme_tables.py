@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -180,7 +181,32 @@ def eigs(record: dict[str, Any]) -> str:
     )
 
 
+def curved(record: dict[str, Any]) -> str:
+    """Eigenvalues of the disk, the mesh of each method that is nearest to 7,000 unknowns."""
+    lines = [
+        "| method | unknowns | first eigenvalue | worst of ten | mesh to matrices | eigenvalues |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    for name, rows in record["runs"].items():
+        row = min(rows, key=lambda row: abs(math.log(row["dofs"] / 7000)))
+        eigenvalues = row["seconds"]["eigenvalues"]
+        lines.append(
+            f"| {name} | {row['dofs']:,} | {row['first']:.1e} | {row['worst']:.1e} | "
+            f"{row['total'] - eigenvalues:.2f} s | {eigenvalues:.2f} s |"
+        )
+    machine = record["machine"]
+    return "\n".join(
+        [
+            *lines,
+            "",
+            f"`benchmarks/curved.py`, median of {record['repeats']}, {machine['cores']} cores "
+            f"({machine['processor']}).",
+        ]
+    )
+
+
 TABLES = {
+    "curved": curved,
     "contact_block": contact_block,
     "elements": elements,
     "sparse_solving": sparse_solving,
