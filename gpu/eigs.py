@@ -62,7 +62,8 @@ def eigs(
     v0 : array, shape (n,), optional
         Start vector; a fixed random one by default.
     ncv : int, optional
-        Dimension of the space, at least k + 3; default ``max(2 k + 20, 40)``.
+        Dimension of the space, at least k + 3; default ``max(2 k + 20, 40)``. The search for
+        missed eigenvalues needs about half as many vectors, or k, on top.
     maxiter : int, optional
         Restarts; default about 40 n products.
     tol : float

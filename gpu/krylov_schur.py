@@ -15,6 +15,8 @@ from gpu.ordered_schur import Rank, ordered_schur, whole
 
 RESTARTS = ("krylov-schur", "implicit")
 FLOOR = 100 * np.finfo(float).eps  # residuals below this times |A| are round-off
+INSIDE = 0.03  # residual of the best newcomer over its distance to the wanted that ends a challenge
+THICK = 0.6  # of a challenger's space that outlives a restart
 
 
 @dataclass(frozen=True)
@@ -73,8 +75,10 @@ def krylov_schur(
     A Krylov space of one vector holds one eigenvector of a repeated eigenvalue only, and may be
     blind to others. So the converged part is challenged: it is kept, and the iteration goes on from
     a random vector orthogonal to it, until the best of the newcomers has converged or its residual
-    shows it to be worse than all that is wanted. Whatever is better comes in, and is challenged
-    again.
+    is a small part of its distance to the wanted. Whatever is better comes in, and is challenged
+    again. The challenger has `ncv` vectors beside those kept: near the edge of a disc full of
+    eigenvalues a space of the few that would be left settles on a few of many moduli, blind to
+    larger ones.
 
     Parameters
     ----------
@@ -86,7 +90,7 @@ def krylov_schur(
     dtype, xp, matrix
         See `Arnoldi`.
     ncv : int
-        Dimension m of the space, k + 3 <= ncv <= n - 1.
+        Dimension m of the space, k + 3 <= ncv <= n - 1; a challenge adds what it keeps.
     start : array, optional
     tol : float
     maxiter : int
@@ -101,9 +105,12 @@ def krylov_schur(
     G. W. Stewart, A Krylov-Schur algorithm for large eigenproblems, SIAM J. Matrix Anal. Appl. 23
     (2001).
     """
-    basis = Arnoldi(apply, n, ncv, dtype, xp, matrix=matrix)
+    room = most_room = ncv
+    if challenge:
+        most_room = min(n - 1, ncv + max(k + 1, ncv // 2) + 1)
+    basis = Arnoldi(apply, n, most_room, dtype, xp, matrix=matrix)
     basis.start(0, start)
-    S = np.zeros((ncv, ncv), dtype=dtype)
+    S = np.zeros((most_room, most_room), dtype=dtype)
     kept, scale = 0, 0.0
     locked = 0  # rows that a challenge began with
     hessenberg = restart == "implicit"
@@ -153,25 +160,27 @@ def krylov_schur(
                     basis.matvecs,
                     True,
                 )
-        if not fresh and size < ncv:
+        if not fresh and size < room:
             # Not settled half way: the space goes on growing.
             S[size, size - 1] = beta
-            kept, goal = size, ncv
+            kept, goal = size, room
             continue
         if fresh and champions is not None:
             keep = min(converged, max(whole(T, k), ncv // 2))
         elif fresh:
-            keep = min(size, ncv - 1)
+            keep = min(size, room - 1)
         else:
             keep = max(k + converged // 2, ncv // 2)
-        keep = whole(T, min(keep, ncv - 2, size))
+            if champions is not None:
+                keep = max(keep, locked + int(THICK * (room - locked)))
+        keep = whole(T, min(keep, room - 2, size))
         projected, spike = T[:keep, :keep], spike[:keep]
         if fresh:
             basis.rotate(Q[:, :keep], size)
             basis.start(keep)
             hessenberg, spike, locked = False, np.zeros(keep), keep
         elif hessenberg:
-            Q, projected, spike = shifted_qr(S, beta, values, keep)
+            Q, projected, spike = shifted_qr(S[:size, :size], beta, values, keep)
             basis.rotate(Q, size)
         else:
             basis.rotate(Q[:, :keep], size)
@@ -180,9 +189,10 @@ def krylov_schur(
         S[:keep, :keep], S[keep, :keep] = projected, spike
         kept, count = keep, count + 1
         if fresh and champions is not None:
-            goal = (kept + ncv + 1) // 2
+            room = min(kept + ncv, most_room)
+            goal = min((kept + ncv + 1) // 2, room)
         else:
-            goal = min(kept + need, ncv)
+            goal = min(kept + need, room)
     converged = min(converged, kept)
     return PartialSchur(
         T[:converged, :converged],
@@ -261,9 +271,9 @@ def _unbeaten(
     locked: int,
     worst: float,
 ) -> bool:
-    """Whether the best newcomer has converged or cannot outrank the worst of the wanted."""
+    """Whether the best newcomer has converged or lies inside by far more than its residual."""
     if converged > locked or converged == len(values):
         return True
     following = whole(T, converged + 1)
     moved = float(np.linalg.norm(spike[converged:following]))
-    return bool(rank(values[converged : converged + 1])[0] + moved < worst)
+    return bool(moved < INSIDE * (worst - rank(values[converged : converged + 1])[0]))
