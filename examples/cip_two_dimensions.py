@@ -66,7 +66,8 @@ def main(argv: list[str] | None = None) -> dict[str, Any]:
     for profile, splitting in SCHEMES:
         scheme = solver(("x2", "x1"), profile, splitting)
         run = scheme.run(scheme.state(bell), 1.2, dt=0.04, snapshots=[0.3, 0.6, 0.9])
-        e = run.final["u"] - blade(*scheme.grid.mesh(), 1.2)
+        final = scheme.run(scheme.state(bell), 1.2, dt=0.04).final  # no landing between the steps
+        e = final["u"] - blade(*scheme.grid.mesh(), 1.2)
         results["1", profile] = run, 0.04 * float(np.sqrt(np.sum(e**2)))
         print(f"  {profile:8s} {splitting or 'direct':8s} {results['1', profile][1]:.2e}")
     half = options.revolutions // 2
