@@ -44,14 +44,17 @@ class DenseLoop:
 
     @cached_property
     def poles(self) -> np.ndarray:
-        """Eigenvalues, rightmost first: all of a small matrix, else the nearest to zero."""
+        """Eigenvalues, rightmost first: all of a small matrix, else those nearest to zero."""
         if len(self.matrix) <= SCHUR and isinstance(self.matrix, np.ndarray):
             values = self.lyapunov.poles
             assert values is not None
         elif len(self.matrix) <= ALL_POLES:
             values = np.linalg.eigvals(to_host(self.matrix))
         else:
-            values = _nearest(self.matrix, sigma=0.0, k=FEW)
+            try:
+                values = _nearest(self.matrix, sigma=0.0, k=FEW)
+            except NotConverged:  # a cluster: slow, but all of them
+                values = np.linalg.eigvals(to_host(self.matrix))
         return values[np.argsort(-values.real, kind="stable")]
 
     @cached_property
