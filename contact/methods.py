@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -13,11 +13,13 @@ from scipy.linalg import LinAlgError
 
 from contact.active_set import signorini
 from contact.boundary import BoundaryProblem, Friction
-from contact.errors import InputError, NotConverged, numbers
+from contact.coarse_start import CoarseProblem
+from contact.errors import ContactError, InputError, NotConverged, numbers
 from contact.held import check_held
 from contact.loops import fixed_point, progress, tresca_loop
-from contact.newton import Forces, Report, semismooth_newton
+from contact.newton import Forces, Iteration, Report, semismooth_newton
 from contact.proximal_point import proximal_point
+from gpu import GpuError
 
 Array = NDArray[np.float64]
 
@@ -112,6 +114,12 @@ def solve_boundary(
     tol = options.tol * _INNER
     method = options.method
     peer = method[3:] if method.startswith("qp:") else None
+    if start is None and method == "newton":
+        start = _from_coarse(problem, law, options, report)
+        if start is not None and law is not None and law.coulomb:
+            with suppress(NotConverged, LinAlgError):
+                return semismooth_newton(problem, start, law, tol=tol, report=report), 0.0
+            start = None
     if law is None:
         return signorini(problem, start=start, tol=tol, peer=peer, report=report), 0.0
 
@@ -155,6 +163,26 @@ def solve_boundary(
         report=report,
     )
     return forces, 0.0
+
+
+def _from_coarse(
+    problem: BoundaryProblem, law: Friction | None, options: Options, report: Report
+) -> Forces | None:
+    """Solve with fewer points first, in turn from fewer still; None where that does not help."""
+    coarse = CoarseProblem.of(problem, law)
+    if coarse is None:
+        return None
+
+    def note(line: Iteration) -> None:
+        phase = line.phase if line.phase.startswith("coarse") else f"coarse {line.phase}"
+        report(replace(line, phase=phase))
+
+    ones = np.ones(coarse.problem.gap.size)
+    with suppress(ContactError, GpuError, LinAlgError):
+        return coarse.refined(
+            solve_boundary(coarse.problem, coarse.law, options, None, ones, note)[0]
+        )
+    return None
 
 
 def _largest_displacement(problem: BoundaryProblem, forces: Forces, scale: Array) -> float:

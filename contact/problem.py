@@ -15,6 +15,7 @@ from contact.boundaries import ContactBoundaries
 from contact.condense import CondensedContact
 from contact.errors import InputError, NotConverged
 from contact.methods import Options
+from contact.nested_start import start_forces
 from contact.newton import Iteration
 from contact.obstacles import Gap
 from contact.result import ContactResult, certify
@@ -184,7 +185,8 @@ class ContactProblem:
         max_iterations : int, optional
             Default 2000 for ``fixed_point``, else 100.
         start : ContactResult, optional
-            A neighbouring solution to start from.
+            A neighbouring solution to start from: of other loads, another obstacle or friction, or
+            of a coarser mesh (nested iteration), whose tractions are interpolated.
         after : ContactResult, optional
             The last step of a load history: friction opposes the slip since then, and the solver
             starts from there. See `LoadStepper`.
@@ -251,7 +253,7 @@ class ContactProblem:
                 load, system.rows.gap, system.slip_from, system.motion
             )
             if isinstance(warm, ContactResult):
-                warm = warm.forces(boundary, scale)
+                warm = start_forces(warm, system, boundary, scale)
             with one_blas_thread(condensed.size):
                 forces, slack = condensed.solve(boundary, law, options, warm, line)
             return forces, slack, condensed.recover(load, boundary, forces)

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact.boundary import BoundaryProblem
 from contact.elasticity import stress
 from contact.errors import InputError, NotConverged, numbers
-from contact.newton import Forces, Iteration
+from contact.newton import Iteration
 from contact.system import ContactSystem
 
 Array = NDArray[np.float64]
@@ -277,15 +276,6 @@ class ContactResult:
         if where.ndim != 2 or where.shape[0] != dim or not np.all(np.isfinite(where)):
             raise InputError(f"points: expected finite numbers of shape ({dim}, n)")
         return where
-
-    def forces(self, problem: BoundaryProblem, scale: Array) -> Forces:
-        """Contact forces in the scale of a boundary problem, to start another solve."""
-        if self.mu.shape != problem.gap.shape:
-            raise InputError(
-                f"start: a result with {self.mu.size} contact points for a problem with "
-                f"{problem.gap.size}"
-            )
-        return Forces(self.mu * scale, self.t * scale[:, None], np.zeros(problem.s.size))
 
     def save(self, path: str | Path) -> Path:
         """Write the result, problem included, to one compressed file; see `load`."""

@@ -68,7 +68,8 @@ def schur_factor(
     # S may be singular (a floating body). A shift of the boundary block makes it definite; the
     # Schur complement carries it along unchanged and gives it back.
     shift = np.abs(stiffness.diagonal()[boundary])
-    if solver == "superlu" or not has_pardiso():
+    nothing_inside = boundary.size == stiffness.shape[0]  # PARDISO then reports lack of memory
+    if solver == "superlu" or nothing_inside or not has_pardiso():
         return SuperLUSchur(stiffness, boundary, order(), shift)
     return PardisoSchur(stiffness, boundary, shift)
 
@@ -80,18 +81,41 @@ def _singular() -> InputError:
     )
 
 
+KEPT = 6  # loads whose elimination is remembered
+ROUND_OFF = 1e-14  # part of a load that may be missing in a combination of those
+
+
 class _Forward:
-    """Remembers the forward elimination of the last load: `reduce` and `expand` both need it."""
+    """Remembers what forward elimination made of the last loads.
+
+    `reduce` and `expand` both need it, and it is linear: the loads of a history are combinations of
+    a few, which are kept orthonormal, and after the first steps none is eliminated any more.
+    """
 
     _last: tuple[Vector, Vector] | None = None
+    _known: tuple[tuple[Vector, Vector], ...] = ()
 
     def _eliminate(self, load: Vector) -> Vector:
         raise NotImplementedError
 
     def _forward(self, load: Vector) -> Vector:
         if self._last is None or not np.array_equal(self._last[0], load):
-            self._last = load.copy(), self._eliminate(load)
+            self._last = load.copy(), self._combined(load)
         return self._last[1]
+
+    def _combined(self, load: Vector) -> Vector:
+        size, rest, found = float(np.linalg.norm(load)), load, np.zeros(0)
+        for unit, eliminated in self._known:
+            share = float(unit @ rest)
+            rest = rest - share * unit
+            found = share * eliminated + (found if found.size else 0.0)
+        left = float(np.linalg.norm(rest))
+        if found.size and left <= ROUND_OFF * size:
+            return found
+        new = self._eliminate(rest)
+        if 0.0 < left < np.inf:
+            self._known = (*self._known[1 - KEPT :], (rest / left, new / left))
+        return found + new if found.size else new
 
 
 class SuperLUSchur(_Forward):

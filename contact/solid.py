@@ -96,6 +96,7 @@ class BasisSolid(Solid):
     lam: Array
     mu: Array
     nu: Array
+    _live: tuple[sparse.csr_array, sparse.csr_array, NDArray[np.bool_]] | None = None
 
     if TYPE_CHECKING:
 
@@ -152,7 +153,10 @@ class BasisSolid(Solid):
         """Rows that the supports leave something of; see `contact.rows.live_rows`."""
         from contact.rows import live_rows
 
-        return live_rows(rows, self._itself)
+        T = self.constraint[0]
+        if self._live is None or self._live[0] is not rows or self._live[1] is not T:
+            self._live = rows, T, live_rows(rows, self._itself)
+        return self._live[2]
 
     def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
         """Largest force at a free dof that nothing balances, and largest of those that cancel."""

@@ -354,8 +354,8 @@ BAD = {
         NotConverged,
         "after 2 steps",
     ),
-    "start of another problem": (
-        lambda m: ContactProblem(m.block(5), "bottom", 0.0).solve(start=result(m)),
+    "start of another dimension": (
+        lambda m: m.dome(ElementHex1, 2).solve(start=result(m)),
         InputError,
         "start",
     ),

@@ -72,6 +72,35 @@ def test_against_dense(element, floating, solver, make):
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
+def test_nothing_inside(solver, make):
+    """A strip of one layer of cells, in contact above and below."""
+    _, S, _ = matrix(make, ElementQuad1)
+    factor = schur_factor(S, np.arange(S.shape[0]), random_order(S.shape[0]), solver)
+    full, load = S.toarray(), np.random.default_rng(4).standard_normal(S.shape[0])
+    assert np.abs(factor.schur - full).max() < 1e-12 * np.abs(full).max()
+    assert np.array_equal(factor.reduce(load), load)
+    assert np.array_equal(factor.expand(load, 2 * load), 2 * load)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_combined_loads_are_eliminated_once(solver, make, monkeypatch):
+    """Twenty loads that combine three, of sizes 1e-9 to 1e9, take three eliminations."""
+    _, S, boundary = matrix(make, ElementQuadAdini)
+    _, inner, solve, _ = dense(S, boundary)
+    factor = schur_factor(S, boundary, random_order(S.shape[0]), solver)
+    count, eliminate = [], type(factor)._eliminate
+    monkeypatch.setattr(factor, "_eliminate", lambda f: count.append(1) or eliminate(factor, f))
+    rng = np.random.default_rng(2)
+    loads = rng.standard_normal((3, S.shape[0])) * np.array([[1.0], [1e-3], [1e3]])
+    for size in 10.0 ** rng.uniform(-9, 9, 20):
+        load = size * rng.standard_normal(3) @ loads
+        carried = load[boundary] - solve.T @ load[inner]
+        np.testing.assert_allclose(factor.reduce(load), carried, atol=1e-11 * np.abs(carried).max())
+    assert np.array_equal(factor.reduce(np.zeros(S.shape[0])), np.zeros(boundary.size))
+    assert len(count) <= 4  # the zero load is one
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("element", ELEMENTS, ids=lambda e: e.__name__)
 def test_floating_body_keeps_its_rigid_motions(element, solver, make):
     body, S, boundary = matrix(make, element, floating=True)
