@@ -24,18 +24,31 @@ def test_pressure_is_that_of_hertz(script, run):
 
 
 def test_shear_at_the_turns(run):
-    """Q = F P / 2 for the first time (t = 1), and reversed (t = 3)."""
+    """Q = F P / 2 for the first time (t = 1), and reversed (t = 3): rms within .01 F p0."""
     times = run[0].history.times
     assert times[[1, 5]].tolist() == [1.0, 3.0]
-    # .0026 both; the requirement is .01 F p0.
-    assert run[0].rms[[1, 5]].max() < 0.005
+    # .0046 both, every point of the contact included.
+    assert run[0].rms[[1, 5]].max() < 0.006
 
 
-def test_shear_and_stick_edge_all_along(run):
-    # .0046: all points but one, next to the vertical tangent at the stick edge.
-    assert run[0].off_edge.max() < 0.01
-    assert run[0].rms.max() < 0.03
+def test_shear_and_stick_edge_all_along(script, run):
+    """Of first order in h, where the stick edge has a vertical tangent; that edge to one cell."""
+    # .0107 at t = 2.5, .0081 and less at the other times.
+    assert np.sort(run[0].rms)[-2] < 0.01
+    assert run[0].rms.max() < 0.012
     assert np.abs(run[0].edge).max() < 1.0
+    worst = [script.uncoupled(cells, 2, "bernstein").rms.max() for cells in (8, 16)]
+    order = -np.polyfit(np.log([8, 16, 24]), np.log([*worst, run[0].rms.max()]), 1)[0]
+    assert 0.8 < order < 1.3
+
+
+def test_reference_is_a_mean_with_the_right_moments(script, run):
+    """Constants are means of themselves; a linear traction's is its value at the mean's place."""
+    result = run[0].history.results[0]
+    np.testing.assert_allclose(script.averaged(result, lambda x: 0 * x + 1), 1.0, rtol=1e-10)
+    # Graded cells far away are 1e4 times larger than those below the contact.
+    near = result.x[0] < 1
+    np.testing.assert_allclose(script.averaged(result, lambda x: x)[near], result.x[0, near])
 
 
 def test_steps_make_no_difference(script):
