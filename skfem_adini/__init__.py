@@ -16,6 +16,7 @@ from .errors import (
     MissingDependency,
     NotConverged,
     ReducedOrderWarning,
+    UnresolvedWarning,
 )
 from .essential_constraints import essential_constraints
 from .essential_dofs import essential_dofs
@@ -55,6 +56,7 @@ __all__ = [
     "RefinedEigenpair",
     "UniformSolver",
     "UnisolvenceWarning",
+    "UnresolvedWarning",
     "assemble",
     "cut_quadrature",
     "essential_constraints",

@@ -18,6 +18,7 @@ from .hanging_constraints import hanging_constraints
 from .positive_number import positive_number
 from .reference_points import reference_points
 from .sparse_solve import Solver, factorize
+from .unresolved_features import components, warn_of_unresolved_features
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
@@ -34,9 +35,10 @@ class AdiniExtension:
 
     A cell is good when its share inside is at least the threshold. Vertices of good cells keep
     their dofs; every other vertex of an active cell takes u, u_x and u_y of the polynomial of the
-    nearest good cell, evaluated there. The functions that remain are continuous, contain the cubics
-    and the local space, and their energy is controlled by that on good cells, so stiffness and
-    mass matrices :math:`P^T A P` are conditioned like those of a mesh that fits, for any cut.
+    nearest good cell of the same component, evaluated there. The functions that remain are
+    continuous, contain the cubics and the local space, and their energy is controlled by that on
+    good cells, so stiffness and mass matrices :math:`P^T A P` are conditioned like those of a mesh
+    that fits, for any cut.
 
     Parameters
     ----------
@@ -45,8 +47,8 @@ class AdiniExtension:
     domain
         The cut domain.
     threshold
-        Least share of a good cell, above 0, at most 1. Where a vertex has no good cell within two
-        cells the threshold is halved, down to 0.05.
+        Least share of a good cell, above 0, at most 1. In a component of the domain in which a
+        vertex has no good cell within two cells it is halved, down to 0.05.
     essential
         (T, x0) of `essential_constraints` on axis-parallel mesh lines, for the part of the boundary
         that does not cut cells. Its conditions come before the extension.
@@ -58,7 +60,7 @@ class AdiniExtension:
     x0
         Vector (dofs,), zero unless `essential` holds data.
     threshold
-        The threshold that was used.
+        The least threshold that was used.
     good
         Good cells.
     outside
@@ -71,6 +73,12 @@ class AdiniExtension:
     InputError
         Another element, a threshold out of range, slanted essential conditions, or a part of the
         domain too thin for the mesh.
+
+    Warns
+    -----
+    UnresolvedWarning
+        The domain has a gap, a hole or a strip narrower than the cells: both sides of a gap are
+        coupled, and the solution is not to be trusted there.
 
     Notes
     -----
@@ -117,6 +125,7 @@ class AdiniExtension:
         self.domain = domain
         T, x0 = hanging_constraints(basis, essential)
         ends = _ends(hanging_constraints(basis)[0], dofs)
+        warn_of_unresolved_features(domain)
         self.threshold, self.good, self.outside, self.roots = _roots(domain, threshold, ends)
         follow = _following(basis, dofs, elem, self.outside, self.roots)
         active = np.unique(dofs[:, :, domain.mesh.t[:, domain.active]])
@@ -173,7 +182,21 @@ def _roots(
     domain: CutDomain, threshold: float, ends: sp.csr_array
 ) -> tuple[float, Indices, Indices, Indices]:
     """Return threshold, good cells, vertices that follow, and the cell that each follows."""
-    mesh, active = domain.mesh, domain.active
+    part = components(domain)
+    of_cell = part[domain.mesh.t[0, domain.active]]
+    found = [
+        _roots_of_component(domain, domain.active[of_cell == number], threshold, ends)
+        for number in np.unique(of_cell)
+    ]
+    least, *arrays = zip(*found, strict=True)
+    good, outside, roots = (np.concatenate(pieces) for pieces in arrays)
+    return min(least), np.sort(good), outside, roots
+
+
+def _roots_of_component(
+    domain: CutDomain, active: Indices, threshold: float, ends: sp.csr_array
+) -> tuple[float, Indices, Indices, Indices]:
+    mesh = domain.mesh
     corners = mesh.p[:, mesh.t]
     centre = corners.mean(axis=1)
     size = np.ptp(corners, axis=1)
@@ -181,7 +204,7 @@ def _roots(
     while True:
         good = active[domain.fractions[active] >= threshold * (1 - _UNIT)]
         outside = np.setdiff1d(vertices, mesh.t[:, good])
-        roots, reach = np.zeros(0, dtype=np.int64), np.zeros(0)
+        roots, reach = np.zeros(0, dtype=np.int64), np.full(min(1, outside.size), np.inf)
         # A cell with a vertex that hangs on one outside would follow itself.
         follows = np.zeros(mesh.p.shape[1])
         follows[outside] = 1
@@ -195,16 +218,14 @@ def _roots(
             rank = steps.max(axis=0) + 1e-3 * np.hypot(*steps)
             best = np.arange(len(outside)), rank.argmin(axis=1)
             roots, reach = cells[best], steps.max(axis=0)[best] - 0.5
-        if sound.size and (reach <= _FARTHEST).all():
+        if (reach <= _FARTHEST).all():
             return threshold, good, outside, roots
         if threshold <= _LEAST_THRESHOLD:
-            where = "anywhere"
-            if sound.size:
-                x, y = mesh.p[:, outside[reach.argmax()]]
-                where = f"within {_FARTHEST:.0f} cells of ({x:.6g}, {y:.6g})"
+            x, y = mesh.p[:, outside[reach.argmax()]]
             raise InputError(
-                f"domain: no cell lies inside by a share of {threshold:.2g} {where}; the domain is "
-                "too thin for this mesh, refine it there"
+                f"domain: no cell lies inside by a share of {threshold:.2g} within "
+                f"{_FARTHEST:.0f} cells of ({x:.6g}, {y:.6g}); the domain is too thin for this "
+                "mesh, refine it there"
             )
         threshold = max(threshold / 2, _LEAST_THRESHOLD)
 

@@ -19,3 +19,7 @@ class NotConverged(AdiniError):
 
 class ReducedOrderWarning(UserWarning):
     """The cells are not parallelograms: the order of convergence may be lower than stated."""
+
+
+class UnresolvedWarning(UserWarning):
+    """A cut domain has gaps, holes or strips narrower than the cells: refine the mesh there."""

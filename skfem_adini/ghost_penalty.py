@@ -15,6 +15,7 @@ from .cut_domain import CutDomain
 from .element_quad_adini import ElementQuadAdini
 from .errors import InputError
 from .positive_number import positive_number
+from .unresolved_features import warn_of_unresolved_features
 
 _MASS = 1e-3
 _NORMAL_DEGREE = 3
@@ -61,6 +62,11 @@ def ghost_penalty(
         Another element, a weight that is not positive, an unknown matrix, or a hanging vertex on
         a facet of a cut cell.
 
+    Warns
+    -----
+    UnresolvedWarning
+        As in `AdiniExtension`.
+
     References
     ----------
     E. Burman, Ghost penalty, Comptes Rendus Mathematique 348 (2010), 1217-1220.
@@ -87,6 +93,7 @@ def ghost_penalty(
     if matrix not in ("stiffness", "mass"):
         raise InputError(f"matrix: expected 'stiffness' or 'mass', got {matrix!r}")
     _refuse_hanging(domain)
+    warn_of_unresolved_features(domain)
     facets = domain.ghost_facets
     if facets.size == 0:
         raise InputError("domain: no facet lies between two active cells one of which is cut")

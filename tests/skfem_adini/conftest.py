@@ -152,8 +152,18 @@ def convergence_order():
 @pytest.fixture(scope="session")
 def cut_problems():
     """Return the module of domains with known eigenvalues."""
-    path = Path(__file__).with_name("cut_problems.py")
-    spec = importlib.util.spec_from_file_location("cut_problems", path)
+    return _module("cut_problems")
+
+
+@pytest.fixture(scope="session")
+def boundary_integrals():
+    """Return the module of eigenvalues by boundary integrals."""
+    return _module("boundary_integrals")
+
+
+def _module(name):
+    path = Path(__file__).with_name(f"{name}.py")
+    spec = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

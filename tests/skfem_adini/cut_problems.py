@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 from scipy.special import jn_zeros, jnp_zeros, jv, jvp, y0
-from skfem import Basis, MeshQuad
+from skfem import Basis, BilinearForm, MeshQuad
 from skfem.models.poisson import laplace, mass
 
 from skfem_adini import AdiniExtension, CutDomain, ElementQuadAdini, nitsche
@@ -105,6 +105,12 @@ def matrices(mesh, level_set, q=8):
     domain, element = CutDomain(mesh, level_set, q=q), ElementQuadAdini()
     K, M = (domain.assemble(form, element) for form in (laplace, mass))
     return domain, K, M, nitsche(domain.boundary(element))[0]
+
+
+def robin(domain, weight):
+    """Matrix of the boundary integral of weight u v."""
+    form = BilinearForm(lambda u, v, w: weight * u * v)
+    return form.assemble(domain.boundary(ElementQuadAdini()))
 
 
 def extended(mesh, level_set, threshold=0.5):
