@@ -54,6 +54,14 @@ class CutBody(ElasticBody):
         A mesh or a level set that `CutDomain` refuses, a domain too thin for the mesh, or a
         material constant outside its range.
 
+    Notes
+    -----
+    A level set is a function, which no file holds, so `ContactResult.save` refuses a cut body.
+    Keep ``result.u``, ``result.mu`` and ``result.t`` in an archive of NumPy instead; with the
+    problem built again by the script that made it, ``ContactResult(problem.system_of(body), u, mu,
+    t, method, ())`` is the same result, and its `kkt` is recomputed. Pictures and values for
+    other programs come from `ContactResult.to_pyvista`.
+
     Examples
     --------
     A half disk pressed by its flat side on a plane .02 below it:

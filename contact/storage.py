@@ -51,7 +51,8 @@ def problem_arrays(system: ContactSystem) -> dict[str, Any]:
     if isinstance(body, CutBody):
         raise InputError(
             "result: a CutBody holds a level set, a function, and cannot be saved; save u, mu and "
-            "t, and build the body again from its script"
+            "t with numpy.savez, build the problem again from its script, and make "
+            "ContactResult(problem.system_of(body), u, mu, t, method, ()); its kkt is computed anew"
         )
     _element(type(body.element).__name__)
     arrays: dict[str, Any] = {
