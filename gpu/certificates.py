@@ -18,10 +18,13 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from gpu.equilibrate import largest_side
 from gpu.program import Array, Matrix, Program, is_sparse
 
 # Rounding in a sum, over its terms; and the margin of a proof over the terms of its sums.
 ROUNDING, MARGIN = 1e-12, 1e-9
+# How many times the largest side a point that a proof does not exclude must be away.
+FAR = 1e4
 # What a row whose own terms vanish may keep, over its largest entry.
 FLOOR = 1e-16
 # Entries that are small beside the largest are left out, in the end.
@@ -99,12 +102,19 @@ def _verified(p: Program, y: Array) -> Array | None:
     y = xp.where((y > 0) & xp.isinf(p.row_low), 0.0, y)
     y = xp.where((y < 0) & xp.isinf(p.row_high), 0.0, y)
     c = p.C.T @ y
-    c = xp.where(xp.abs(c) <= ROUNDING * (abs(p.C).T @ xp.abs(y)), 0.0, c)
     corner = xp.where(c > 0, p.ub, xp.where(c < 0, p.lb, 0.0))
+    rounded = xp.isinf(corner) & (xp.abs(c) <= ROUNDING * (abs(p.C).T @ xp.abs(y)))
+    rest = float(xp.abs(c[rounded]).sum())
+    c, corner = xp.where(rounded, 0.0, c), xp.where(rounded, 0.0, corner)
     row = xp.where(y > 0, p.row_low, xp.where(y < 0, p.row_high, 0.0))
     most, least = float(c @ corner), float(y @ row)
     terms = float(xp.abs(c) @ xp.abs(corner)) + float(xp.abs(y) @ xp.abs(row))
-    return y if least - most > MARGIN * terms else None
+    margin = least - most
+    if not margin > MARGIN * terms:
+        return None
+    # What was rounded off leaves points far away: they must be farther than any of the data.
+    size = largest_side(p.row_low, p.row_high, p.lb, p.ub)
+    return y if margin > FAR * max(size, 1.0) * rest else None
 
 
 def ray(p: Program, solve: Solve) -> Array | None:

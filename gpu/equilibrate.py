@@ -1,4 +1,4 @@
-r"""Scaling of a program to entries of size one, after Ruiz [1]_.
+r"""Scaling of a program to entries of size one, after Ruiz [1]_, and to sides of moderate size.
 
 The variables become :math:`x = D\hat x`, the rows are multiplied by E and the objective by c,
 all of them powers of two, so that nothing is rounded.
@@ -49,7 +49,9 @@ def equilibrate(p: Program) -> tuple[Program, Scaling]:
         row = sizes[1].rows(E, D)
         D = D / xp.sqrt(xp.where(column > 0, column, 1.0))
         E = E / xp.sqrt(xp.where(row > 0, row, 1.0))
-    D, E = xp.exp2(xp.round(xp.log2(D))), xp.exp2(xp.round(xp.log2(E)))
+    # Entries keep their size when variables and sides change theirs.
+    length = xp.sqrt(max(largest_side(E * p.row_low, E * p.row_high, p.lb / D, p.ub / D), 1.0))
+    D, E = xp.exp2(xp.round(xp.log2(D * length))), xp.exp2(xp.round(xp.log2(E / length)))
     P, q = _scale(p.P, D, D, xp), D * p.q
     curvature = float(sizes[0].columns(D, D).mean()) if D.size else 0.0
     size = max(curvature, float(xp.abs(q).max()) if q.size else 0.0)
@@ -58,6 +60,17 @@ def equilibrate(p: Program) -> tuple[Program, Scaling]:
         P * c, q * c, _scale(p.C, E, D, xp), E * p.row_low, E * p.row_high, p.lb / D, p.ub / D
     )
     return scaled, Scaling(D, E, c)
+
+
+def largest_side(*sides: Array) -> float:
+    """The largest finite side."""
+    largest = 0.0
+    for side in sides:
+        if side.size:
+            size = abs(side)
+            size[~(size < float("inf"))] = 0.0
+            largest = max(largest, float(size.max()))
+    return largest
 
 
 class _Sizes:

@@ -17,8 +17,9 @@ from gpu.presolve import presolve
 from gpu.program import Array, Program, Residuals, one_sided, residuals
 
 logger = logging.getLogger(__name__)
-# Separate steps for x and for the multipliers or not, and the size of the first multipliers.
-ATTEMPTS = ((False, 1e3), (True, 1e6), (True, 1.0), (False, 1.0), (False, 1e6))
+# Separate steps for x and for the multipliers or not, and the size of the first multipliers;
+# zero lets them follow from the data.
+ATTEMPTS = ((True, 0.0), (True, 1.0), (False, 1e3), (True, 1e6), (False, 1.0))
 # What the polish aims at: the accuracy of the arithmetic.
 SHARP = 1e-14
 # No other choice of multipliers is tried below this.
@@ -63,7 +64,7 @@ def certified(p: Program, x: Array, y: Array) -> Point:
     at_side = ((force > 0) & (x == p.ub)) | ((force < 0) & (x == p.lb))
     held = xp.where(at_side, force, 0.0)
     clean = Point(x, y, held, residuals(p, x, y, held), 0)
-    if clean.residuals.worst <= CLEAN:
+    if clean.residuals.sharp <= CLEAN:
         return clean
     full = Point(x, y, force, residuals(p, x, y, force), 0)
     return clean if clean.residuals.worst <= 2.0 * full.residuals.worst else full
@@ -90,31 +91,42 @@ def minimise(p: Program, tol: float, solver: str = "auto", proofs: bool = True) 
 def _minimise(p: Program, tol: float, solver: str, proofs: bool) -> Point:
     small = presolve(p)
     if not small.free.size:
-        return _nothing_free(p, small.point(p.xp.zeros(0), p.xp.zeros(small.rows.size)), tol)
+        point = certified(p, *small.point(p.xp.zeros(0), p.xp.zeros(small.rows.size)))
+        if point.residuals.worst <= tol:
+            return point
+        small = presolve(p, search=False)
+        if not small.free.size:
+            raise NoPoint(_violated(p, point.x))
     scaled, scaling = equilibrate(small.program)
     system = kkt_system(scaled, solver)
 
     def whole(x: Array, y: Array) -> Point:
         return certified(p, *small.point(*scaling.point(x, y)))
 
-    def measure(x: Array, y: Array) -> float:
+    def sharp(x: Array, y: Array) -> float:
+        return whole(x, y).residuals.sharp
+
+    def worst(x: Array, y: Array) -> float:
         return whole(x, y).residuals.worst
 
-    def interior(x: Array, y: Array) -> float:
-        return whole(x, y).residuals.means
+    def rank(point: Point) -> tuple[bool, float]:
+        return point.residuals.worst > tol, point.residuals.sharp
 
     best, steps = None, 0
     for attempt, (separate, spread) in enumerate(ATTEMPTS if proofs else ATTEMPTS[:2]):
         if attempt == 1 and not scaled.is_sparse:
             system = kkt_system(scaled, solver, safe=True)
         aim = (0.1 if attempt == 0 else 1e-3) * tol
-        x, y, sides, count = interior_point(scaled, system, interior, aim, separate, spread)
+        x, y, sides, count = interior_point(scaled, system, worst, aim, separate, spread)
         steps += count
-        x, y, error = polish(scaled, system, Sides(*sides), x, y, measure, SHARP)
-        logger.debug("attempt %d: %d steps, residuals %.1e", attempt, count, error)
-        point = whole(x, y)
-        if best is None or error < best.residuals.worst:
-            best = point
+        found = [whole(x, y)]
+        x, y, _ = polish(scaled, system, Sides(*sides), x, y, sharp, SHARP)
+        found.append(whole(x, y))
+        logger.debug(
+            "attempt %d: %d steps, %s, polished %s", attempt, count, *(f.residuals for f in found)
+        )
+        # Where the active set is not unique, the polish may lose what the interior point had.
+        best = min(found if best is None else [best, *found], key=rank)
         if best.residuals.worst <= tol:
             break
         if attempt == 0 and proofs:
@@ -139,16 +151,15 @@ def polished(p: Program, sides: Sides, x: Array, y: Array) -> Point | None:
     def whole(x: Array, y: Array) -> Point:
         return certified(p, *small.point(*scaling.point(x, y)))
 
-    def measure(x: Array, y: Array) -> float:
-        return whole(x, y).residuals.worst
-
-    def interior(x: Array, y: Array) -> float:
-        return whole(x, y).residuals.means
+    def sharp(x: Array, y: Array) -> float:
+        return whole(x, y).residuals.sharp
 
     begin = scaling.scaled_point(x[small.free], y[small.rows])
-    part = Sides(sides.bounds[small.free], sides.rows[small.rows])
+    at = (x == small.tight.ub).astype(np.int8) - (x == small.tight.lb).astype(np.int8)
+    bounds = p.xp.where(sides.bounds == 0, at, sides.bounds)
+    part = Sides(bounds[small.free], sides.rows[small.rows])
     try:
-        x, y, _ = polish(scaled, kkt_system(scaled), part, *begin, measure, SHARP)
+        x, y, _ = polish(scaled, kkt_system(scaled), part, *begin, sharp, SHARP)
     except np.linalg.LinAlgError:
         return None
     return whole(x, y)
@@ -181,15 +192,12 @@ def _no_bound(small: Program, scaling: Scaling, solve: Solve) -> None:
         raise NoBound(scaling.variables * direction)
 
 
-def _nothing_free(p: Program, start: tuple[Array, Array], tol: float) -> Point:
-    """Every variable is fixed: the rows hold, or one of them is the proof."""
+def _violated(p: Program, x: Array) -> Array:
+    """The proof where every variable is fixed: the row that is violated most."""
     xp = p.xp
-    point = certified(p, *start)
-    if point.residuals.worst <= tol:
-        return point
-    Cx = p.C @ point.x
+    Cx = p.C @ x
     outside = xp.maximum(p.row_low - Cx, Cx - p.row_high)
     i = int(xp.argmax(outside))
     y = xp.zeros_like(Cx)
     y[i] = 1.0 if float(Cx[i]) < float(p.row_low[i]) else -1.0
-    raise NoPoint(y)
+    return y

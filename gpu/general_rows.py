@@ -122,13 +122,17 @@ def _result(
     active = xp.where(x == p.lb, -1, xp.where(x == p.ub, 1, 0))
     active = xp.where(p.lb == p.ub, xp.where(z_box < 0.0, -1, 1), active).astype(np.int8)
     rows = xp.sign(z).astype(np.int8)
-    degenerate = bool(((active != 0) & (z_box == 0.0) & (p.lb < p.ub)).any())
+    status = Status.OPTIMAL
+    if bool(((active != 0) & (z_box == 0.0) & (p.lb < p.ub)).any()):
+        status = Status.DEGENERATE
+    if problem.factor.nearly_convex:
+        status = Status.NEARLY
     return QPResult(
         x=x,
         y=y,
         z=z,
         z_box=z_box,
-        status=Status.DEGENERATE if degenerate else Status.OPTIMAL,
+        status=status,
         active=active,
         kkt=kkt,
         iterations=point.iterations or len(history),

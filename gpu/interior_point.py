@@ -29,6 +29,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gpu.interior_start import LEAST_REGULARISATION, balanced, inside
 from gpu.kkt_system import System
 from gpu.program import Array, Program
 
@@ -36,30 +37,13 @@ logger = logging.getLogger(__name__)
 
 MAX_STEPS = 200
 PATIENCE = 40
-REGULARISATION, LEAST_REGULARISATION = 1e-6, 1e-10
+# Below its target a point is still improved while steps help, down to what rounding leaves.
+LAST, SHARP = 2, 1e-13
+REGULARISATION = 1e-6
 CORRECTIONS = 2
-START_Z = 1e3
 CENTRAL = 1e-4
 LEAST, MOST = 1e-14, 1e-3
 ACCURACY, MOST_BOOST = 1e-8, 1e8
-
-
-@dataclass
-class Sides:
-    """Distances to the sides that exist, and multipliers; 1 and 0 where there is none."""
-
-    low: Array
-    high: Array
-    has_low: Array
-    has_high: Array
-    t_low: Array
-    t_high: Array
-    z_low: Array
-    z_high: Array
-
-    def curvature(self) -> Array:
-        """Diagonal that the sides add to the Hessian."""
-        return self.z_low / self.t_low + self.z_high / self.t_high
 
 
 @dataclass
@@ -92,37 +76,8 @@ class InteriorPoint:
         high = xp.concatenate([program.ub, program.row_high[self.rows]])
         self.count = int(xp.isfinite(low).sum() + xp.isfinite(high).sum())
         self.reg, self.boost, self.last = REGULARISATION, 1.0, 1.0
-        self._start(low, high, spread)
-
-    def _start(self, low: Array, high: Array, spread: float) -> None:
-        xp, p = self.xp, self.p
-        has_low, has_high = xp.isfinite(low), xp.isfinite(high)
-        E = xp.full(p.row_low.size, LEAST_REGULARISATION)
-        E[self.rows] = 1.0
-        self.system.factor(xp.ones(self.n), E)
-        target = xp.clip(xp.zeros_like(p.row_low), p.row_low, p.row_high)
-        goal = xp.clip(xp.zeros_like(p.q), p.lb, p.ub)
-        x, y = self.system.solve(goal - p.q, target)
-        v = xp.concatenate([x, (p.C @ x)[self.rows]])
-        outside = xp.maximum(low - v, v - high)
-        push = max(1.0, 1.5 * float(outside.max())) if outside.size else 1.0
-        push = xp.minimum(push, 0.25 * (high - low))
-        v = xp.where(has_low, xp.maximum(v, low + push), v)
-        v = xp.where(has_high, xp.minimum(v, high - push), v)
-        t_low = xp.maximum(xp.where(has_low, v - xp.where(has_low, low, 0.0), 1.0), push)
-        t_high = xp.maximum(xp.where(has_high, xp.where(has_high, high, 0.0) - v, 1.0), push)
-        t_low, t_high = xp.where(has_low, t_low, 1.0), xp.where(has_high, t_high, 1.0)
-        x = v[: self.n]
-        g = self._dual(x, y)
-        up, down = xp.maximum(g, 0.0), xp.maximum(-g, 0.0)
-        wrong = xp.where(has_low, 0.0, up) + xp.where(has_high, 0.0, down)
-        wrong = xp.where(has_low | has_high, wrong, 0.0)
-        dual_push = max(spread, float(wrong.max()) if wrong.size else 1.0)
-        product = dual_push * (float(push.max()) if push.size else 1.0)
-        z_low = xp.where(has_low, up + xp.minimum(product / t_low, START_Z * dual_push), 0.0)
-        z_high = xp.where(has_high, down + xp.minimum(product / t_high, START_Z * dual_push), 0.0)
-        self.v, self.y = v, y
-        self.s = Sides(low, high, has_low, has_high, t_low, t_high, z_low, z_high)
+        begin = (program, system, self.rows, low, high)
+        self.v, self.y, self.s = inside(*begin, spread) if spread else balanced(*begin)
 
     def _dual(self, x: Array, y: Array) -> Array:
         """Gradient of the Lagrangian in (x, w) without the bounds."""
@@ -309,7 +264,7 @@ def interior_point(
     separate: bool = False,
     spread: float = 1.0,
 ) -> tuple[Array, Array, tuple[Array, Array], int]:
-    """Iterate until `measure` falls below `target` or nothing improves any more.
+    """Iterate until `measure` is below `target` and nothing improves any more.
 
     Returns
     -------
@@ -322,7 +277,7 @@ def interior_point(
     iterate = InteriorPoint(program, system, separate, spread)
     best, least, stalled, steps = np.inf, np.inf, 0, 0
     x, y, sides = iterate.v[: iterate.n], iterate.y, iterate.sides()
-    while steps < MAX_STEPS and stalled < PATIENCE and best > target:
+    while steps < MAX_STEPS and best > SHARP and stalled < (PATIENCE if best > target else LAST):
         try:
             iterate.step()
         except np.linalg.LinAlgError:
@@ -335,7 +290,8 @@ def interior_point(
         )  # fmt: skip
         if not np.isfinite(merit):
             break
-        stalled = 0 if value < 0.9 * best or merit < 0.9 * least else stalled + 1
+        better = value < 0.9 * best or (best > target and merit < 0.9 * least)
+        stalled = 0 if better else stalled + 1
         least = min(least, merit)
         if value < best:
             best, x, y = value, iterate.v[: iterate.n], iterate.y

@@ -31,12 +31,13 @@ class KKT:
     sign : float
         Largest multiplier that points to an infinite bound, over :math:`\phi`.
     complementarity : float
-        Largest of ``min(multiplier, distance to its bound)``, each over its size as above.
+        Largest of ``min(multiplier, distance to its bound)``, each over its size as above; with
+        inequality rows, a semidefinite or a sparse P their product, see `gpu.program.Residuals`.
     gap : float
         :math:`|x^TPx + q^Tx + y^Tr + z^Tb|`, the difference of primal and dual objective, over
         the terms :math:`|x|^T(|P||x| + |q| + |A|^T|y|) + |y|^T|r| + |z|^T|b|`; with inequality
-        rows, a semidefinite or a sparse P over the largest of the four terms, and there
-        `stationarity` and `primal` are those of `gpu.program.Residuals`.
+        rows, a semidefinite or a sparse P it is that of `gpu.program.Residuals`, and so are
+        `stationarity` and `primal`.
     """
 
     stationarity: float

@@ -18,6 +18,8 @@ from gpu.sparse_factor import is_positive_definite
 ASYMMETRY = 1e-10
 # Largest shift of the scaled P, for a thousand unknowns, that is taken for rounding of its entries.
 CONVEXITY = 1e-10
+# The same for entries that were written with some five digits: measured covariances, say.
+NEARLY = 3e-5
 INFINITE = 1e20
 
 
@@ -38,6 +40,8 @@ class QPFactor:
     ----------
     definite : bool
         Whether a Cholesky factor exists and is kept; never for a sparse matrix.
+    nearly_convex : bool
+        Whether eigenvalues are negative, by less than 3e-5 of the diagonal.
 
     Raises
     ------
@@ -70,6 +74,7 @@ class QPFactor:
             )
         self.scale = 1.0 / power_of_two(xp.sqrt(xp.where(diagonal > 0.0, diagonal, 1.0)))
         self.L: Any = None
+        self.nearly_convex = False
         self.P = _symmetric(matrix, self._scaled)
         if xp is not np and not is_sparse(self.P) and bool((diagonal > 0.0).all()):
             self.scaled: Any = None
@@ -78,7 +83,7 @@ class QPFactor:
             self.L = None
         self.scaled = self._scaled(self.P)
         if is_sparse(self.P):
-            _check_convex(self.scaled, 1)
+            self.nearly_convex = _nearly_convex(self.scaled, 1)
             self.definite = False
             return
         self.definite = bool((diagonal > 0.0).all()) and self._factor(self.scaled.copy(), n)
@@ -87,7 +92,7 @@ class QPFactor:
         self.L = None
         if not semidefinite:
             raise InputError("P is not positive definite to working precision")
-        _check_convex(self.scaled, n)
+        self.nearly_convex = _nearly_convex(self.scaled, n)
 
     def _factor(self, M: Any, n: int) -> bool:
         """Factor M, overwritten; whether it is definite beyond rounding."""
@@ -136,26 +141,30 @@ def _symmetric(matrix: Any, scaled: Any) -> Any:
     return half
 
 
-def _check_convex(scaled: Any, n: int) -> None:
-    """`InputError` unless a shift by rounding makes the scaled matrix positive definite."""
-    shift = CONVEXITY * max(1.0, 1e-3 * n)
+def _nearly_convex(scaled: Any, n: int) -> bool:
+    """Whether a scaled matrix is semidefinite but for a few digits; `InputError` if not even so."""
+    if _definite_when_shifted(scaled, CONVEXITY * max(1.0, 1e-3 * n)):
+        return False
+    if _definite_when_shifted(scaled, NEARLY):
+        return True
+    raise InputError(
+        "P is not positive semidefinite: the objective is not convex, and a minimum found "
+        "near one point would prove nothing about the others"
+    )
+
+
+def _definite_when_shifted(scaled: Any, shift: float) -> bool:
     if is_sparse(scaled):
         K = sparse.csc_array(scaled + shift * sparse.eye_array(scaled.shape[0]))
-        convex = is_positive_definite(K)
-    else:
-        M = scaled.copy()
-        i = namespace(M).arange(len(M))
-        M[i, i] += shift
-        try:
-            cholesky(M)
-            convex = True
-        except np.linalg.LinAlgError:
-            convex = False
-    if not convex:
-        raise InputError(
-            "P is not positive semidefinite: the objective is not convex, and a minimum found "
-            "near one point would prove nothing about the others"
-        )
+        return is_positive_definite(K)
+    M = scaled.copy()
+    i = namespace(M).arange(len(M))
+    M[i, i] += shift
+    try:
+        cholesky(M)
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 class Problem(NamedTuple):
@@ -229,6 +238,7 @@ def _as_sparse(factor: QPFactor) -> QPFactor:
     dense: Any = factor
     other.P, other.scaled = sparse.csr_array(dense.P), sparse.csr_array(dense.scaled)
     other.scale, other.L, other.definite = factor.scale, None, False
+    other.nearly_convex = factor.nearly_convex
     return other
 
 

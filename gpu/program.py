@@ -92,27 +92,32 @@ class Residuals:
     dual : float
         Largest entry of :math:`Px + q + C^Ty + z` over the largest of its four terms.
     gap : float
-        :math:`|x^TPx + q^Tx + y^Tr + z^Tb|` over the largest of the four terms.
+        :math:`|x^TPx + q^Tx + y^Tr + z^Tb|` over the larger of the first two terms: large
+        multipliers that cancel excuse no error in the objective.
     complementarity : float
-        Largest of ``min(multiplier, distance to its side)``, the one over the largest term of
-        `dual`, the other over the largest entry of x, or of x and Cx for rows.
+        Largest product of a multiplier and the distance to its side, the one over the largest
+        term of `dual`, the other over the largest entry of x, or of x and Cx for rows.
+    pairing : float
+        Largest of the lesser of the two. No residual of its own, for the gap bounds the products:
+        where both vanish at the solution it falls like their root only.
     """
 
     primal: float
     dual: float
     gap: float
     complementarity: float = 0.0
+    pairing: float = 0.0
 
     @property
     def worst(self) -> float:
-        """The largest; infinite where one is not a number."""
-        return max(self.means, self.complementarity)
+        """The largest residual; infinite where one is not a number."""
+        values = (self.primal, self.dual, self.gap, self.complementarity)
+        return max(values) if all(np.isfinite(values)) else np.inf
 
     @property
-    def means(self) -> float:
-        """The same without `complementarity`, which an interior point meets last of all."""
-        values = (self.primal, self.dual, self.gap)
-        return max(values) if all(np.isfinite(values)) else np.inf
+    def sharp(self) -> float:
+        """The same with `pairing`: small only where the active set is the right one."""
+        return max(self.worst, self.pairing)
 
 
 def residuals(p: Program, x: Array, y: Array, z: Array) -> Residuals:
@@ -141,7 +146,7 @@ def residuals(p: Program, x: Array, y: Array, z: Array) -> Residuals:
     parts = [float(x @ Px), float(p.q @ x), float(y @ row), float(z @ bound)]
     gap = _over(
         abs(sum(parts)),
-        max(abs(part) for part in parts),
+        max(abs(part) for part in parts[:2]),
         lambda: max(
             float(size[0] @ xp.abs(Px)),
             float(xp.abs(p.q) @ size[0]),
@@ -150,23 +155,25 @@ def residuals(p: Program, x: Array, y: Array, z: Array) -> Residuals:
         ),
     )
     force, length = largest(Px, p.q, Cy, z), largest(x)
-    product = max(
-        _unpaired(y, Cx, p.row_low, p.row_high, force, max(length, largest(Cx))),
-        _unpaired(z, x, p.lb, p.ub, force, length),
+    pairs = (
+        _pairs(y, Cx, p.row_low, p.row_high, force, max(length, largest(Cx))),
+        _pairs(z, x, p.lb, p.ub, force, length),
     )
-    return Residuals(primal, dual, gap, product)
+    product, lesser = (max(pair[i] for pair in pairs) for i in (0, 1))
+    return Residuals(primal, dual, gap, product, lesser)
 
 
-def _unpaired(
+def _pairs(
     multiplier: Array, value: Array, low: Array, high: Array, force: float, length: float
-) -> float:
-    """Largest of ``min(multiplier, distance)``, each over its size."""
+) -> tuple[float, float]:
+    """Largest product and largest lesser one of multipliers and distances over their sizes."""
     if not value.size:
-        return 0.0
+        return 0.0, 0.0
     xp = namespace(value)
     distance = xp.where(multiplier > 0, high - value, xp.where(multiplier < 0, value - low, 0.0))
     near = xp.abs(xp.where(xp.isinf(distance), 0.0, distance)) / (length or 1.0)
-    return float(xp.minimum(xp.abs(multiplier) / (force or 1.0), near).max())
+    push = xp.abs(multiplier) / (force or 1.0)
+    return float((push * near).max()), float(xp.minimum(push, near).max())
 
 
 def _over(value: float, size: float, terms: Callable[[], float]) -> float:

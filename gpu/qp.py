@@ -53,7 +53,8 @@ def solve_qp(
     Parameters
     ----------
     P : (n, n) array_like, SciPy sparse array, CuPy array or QPFactor
-        Symmetric positive semidefinite matrix; an asymmetry of rounding is accepted.
+        Symmetric positive semidefinite matrix; an asymmetry of rounding is accepted, and so are,
+        with `Status.NEARLY`, eigenvalues that are negative by less than 3e-5 of the diagonal.
     q : (n,) array_like
         Linear term.
     G : (l, n) array_like or sparse array, optional

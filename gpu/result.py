@@ -16,13 +16,16 @@ from gpu.problem import Problem, QPFactor, check_problem
 
 
 class Status(Enum):
-    """What is known about an answer, and what to do about it.
+    r"""What is known about an answer, and what to do about it.
 
     Failures are raised; a result exists only with one of these.
 
     =============  =====================================================================
     `OPTIMAL`      every recomputed residual is below `tol`
     `DEGENERATE`   the same, but the active set is not the only one that leads to x
+    `NEARLY`       the same, but P has negative eigenvalues, by less than 3e-5 of its
+                   diagonal: x is stationary, and no other point at a distance d lies
+                   lower by more than :math:`|\lambda_{min}| d^2 / 2`
     =============  =====================================================================
     """
 
@@ -30,6 +33,10 @@ class Status(Enum):
     DEGENERATE = (
         "optimal, but some held variables carry no multiplier: compare x and the multipliers of "
         "two runs, not their active sets"
+    )
+    NEARLY = (
+        "every recomputed residual is below tol, but P is convex to a few digits only: round its "
+        "negative eigenvalues up to zero, or compare the objective from several starts"
     )
 
 
