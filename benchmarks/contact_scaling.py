@@ -7,12 +7,14 @@ Four tables, each in a process of its own a row, so that the largest memory is t
 
 stages: basis, assembly of S, contact rows, condensation (one sparse factorisation), solution of the
 boundary problem with recovery and certificate; beside them one plain factorisation and solve of the
-same S by the same factoriser, and the growth exponents of all, fitted over the sizes;
+same S by the same factoriser, and the growth exponents of all, fitted over the sizes; and the steps
+of Newton's and of the active-set method that a cold start and a nested one (from the solution at
+n / 2) take with all contact points, for several friction coefficients;
 
 * history: 100 load steps (press, then drag to and fro) in units of a cold solve from assembled S;
 * incompressible: Hertz' line contact for nu up to .4999, error of the pressure.
 
-    python benchmarks/contact_scaling.py --planar 32 64 128 256 --solid 8 12 16 24
+    python benchmarks/contact_scaling.py --planar 32 64 128 256 512 --solid 8 12 16 20 24 32
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from typing import Any
 import numpy as np
 from machine import describe
 
+FRICTIONS = {"planar": (0.3, 0.9, 1.5, 3.0), "solid": (0.1, 0.3, 0.6, 1.0)}
 STAGES = ("basis", "assembly", "rows", "condense", "solve", "base")
 
 
@@ -40,6 +43,7 @@ def planar(n: int) -> dict[str, Any]:
     stages(block(8)[0], OBSTACLE, FRICTION)
     body, seconds = block(n)
     seconds |= stages(body, OBSTACLE, FRICTION)
+    seconds["steps"] = steps([block(n // 2)[0], body], OBSTACLE, FRICTIONS["planar"])
     return {**seconds, "base": base(body, "pardiso")}
 
 
@@ -51,6 +55,7 @@ def solid(n: int) -> dict[str, Any]:
     stages(cube(3)[0], dish, 0.3)
     body, seconds = cube(n)
     seconds |= stages(body, dish, 0.3)
+    seconds["steps"] = steps([cube(n // 2)[0], body], dish, FRICTIONS["solid"])
     return {**seconds, "base": base(body, "pardiso")}
 
 
@@ -101,6 +106,32 @@ def stages(body: Any, obstacle: Any, friction: float) -> dict[str, Any]:
     }
 
 
+def steps(bodies: list[Any], obstacle: Any, frictions: tuple[float, ...]) -> dict[str, Any]:
+    """Steps with all contact points of the second body: cold, and nested from the first one."""
+    from contact import ContactProblem
+
+    boundary = "foot" if "foot" in bodies[0].mesh.boundaries else "bottom"
+    first = [ContactProblem(body, boundary, obstacle, frictions[0]) for body in bodies]
+    found: dict[str, Any] = {}
+    for friction in frictions:
+        coarse, fine = (ContactProblem(p.body, boundary, obstacle, friction) for p in first)
+        for problem, condensed in zip((coarse, fine), first, strict=True):
+            condensed.condense()
+            problem._condensed = condensed._condensed  # friction plays no part in it
+        cold, nested = fine.solve(), fine.solve(start=coarse.solve())
+        apart = float(np.abs(cold.u - nested.u).max() / np.abs(cold.u).max())
+        found[str(friction)] = {
+            "cold": sum(not line.phase.startswith("coarse") for line in cold.history),
+            "cold_newton": sum(line.phase == "newton" for line in cold.history),
+            "coarse": sum(line.phase.startswith("coarse") for line in cold.history),
+            "nested": len(nested.history),
+            "apart": apart,
+        }
+    for body in bodies:
+        body.__dict__.pop("entities", None)
+    return found
+
+
 def history(n: int, steps: int = 100) -> dict[str, Any]:
     """Load steps on one factorisation against cold solves, both from assembled S."""
     from contact_block import FRICTION, OBSTACLE, block
@@ -141,11 +172,17 @@ def incompressible(cells: int) -> dict[str, Any]:
     from skfem_adini import ElementQuadAdini
 
     table: dict[str, Any] = {}
-    kinds = ((ElementQuadAdini, "bernstein"), (ElementQuadAdini, "gauss"),
-             (ElementQuad2, "bernstein"), (ElementQuad1, "nodal"))  # fmt: skip
-    for element, functional in kinds:
+    kinds = (
+        (ElementQuadAdini, "bernstein", "pointwise"),
+        (ElementQuadAdini, "gauss", "pointwise"),
+        (ElementQuad2, "bernstein", "pointwise"),
+        (ElementQuad1, "nodal", "pointwise"),
+        (ElementQuad1, "nodal", "mean"),
+    )
+    for element, functional, dilatation in kinds:
         for nu in (0.3, 0.45, 0.49, 0.499, 0.4999):
-            body = ElasticBody.from_mesh(quarter(1 / cells, 1.25, 100.0), element(), E=1.0, nu=nu)
+            mesh = quarter(1 / cells, 1.25, 100.0)
+            body = ElasticBody.from_mesh(mesh, element(), E=1.0, nu=nu, dilatation=dilatation)
             force = np.pi / (1 - nu**2) / 80
             load_far_field(body.fix("left", "x"), (0.0, force), "right top")
             obstacle = Parabola((0.0, 0.0), 20.0)
@@ -154,6 +191,7 @@ def incompressible(cells: int) -> dict[str, Any]:
             inside = x < 0.8
             error = result.pressure[inside] * np.pi / (2 * force) - np.sqrt(1 - x[inside] ** 2)
             name = f"{element.__name__}, {functional}"
+            name += ", mean dilatation" if dilatation == "mean" else ""
             table.setdefault(name, {})[str(nu)] = float(np.sqrt(np.mean(error**2)))
     return table
 
@@ -186,8 +224,8 @@ def exponents(rows: list[dict[str, Any]]) -> dict[str, float]:
 def main(argv: list[str] | None = None) -> dict[str, Any]:
     """Run, print, write benchmarks/results/contact_scaling.json."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--planar", type=int, nargs="*", default=[32, 64, 128, 256])
-    parser.add_argument("--solid", type=int, nargs="*", default=[8, 12, 16, 24])
+    parser.add_argument("--planar", type=int, nargs="*", default=[32, 64, 128, 256, 512])
+    parser.add_argument("--solid", type=int, nargs="*", default=[8, 12, 16, 20, 24, 32])
     parser.add_argument("--history", type=int, nargs="*", default=[128])
     parser.add_argument("--incompressible", type=int, nargs="*", default=[8, 16])
     parser.add_argument("--row", nargs=2, help=argparse.SUPPRESS)
@@ -222,6 +260,13 @@ def main(argv: list[str] | None = None) -> dict[str, Any]:
                 f"{total / line['base']:.2f} x base",
                 flush=True,
             )
+            for friction, taken in line["steps"].items():
+                print(
+                    f"{'':>10}friction {friction}: cold {taken['cold']} steps ({taken['coarse']} "
+                    f"with fewer points before), nested {taken['nested']}, same to "
+                    f"{taken['apart']:.0e}",
+                    flush=True,
+                )
         record[kind] = {"rows": rows, "exponents": exponents(rows)}
         fitted = ", ".join(f"{k} {v:.2f}" for k, v in record[kind]["exponents"].items())
         print(f"growth with the unknowns: {fitted}\n")

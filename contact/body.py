@@ -22,12 +22,13 @@ from skfem import (
     Mesh,
 )
 
-from contact.elasticity import lame, stiffness_matrix
+from contact.elasticity import checked_dilatation, lame, stiffness_matrix
 from contact.errors import InputError, numbers
 from contact.mesh_file import read_mesh
 from contact.rigid_modes import dof_lengths
 from contact.selection import select_components, select_facets
 from contact.solid import BasisSolid
+from contact.sound_cells import check_cells
 from skfem_adini import (
     ElementHexAdini,
     ElementQuadAdini,
@@ -59,9 +60,12 @@ class ElasticBody(BasisSolid):
     E : float or ndarray, shape (ncells,)
         Young's modulus, positive.
     nu : float or ndarray, shape (ncells,)
-        Poisson's ratio, in (-1, 1/2).
+        Poisson's ratio, in (-1, 1/2); how near to 1/2: see `contact.elasticity`.
     plane : {"strain", "stress"}
         Two dimensions only.
+    dilatation : {"pointwise", "mean"}
+        "mean" takes the change of volume of each Q1 cell by its mean: these then stand nearly
+        incompressible materials, see `stiffness_matrix`. Other elements are "pointwise".
 
     Raises
     ------
@@ -81,7 +85,12 @@ class ElasticBody(BasisSolid):
     """
 
     def __init__(
-        self, basis: Basis, E: ArrayLike, nu: ArrayLike, plane: str | None = "strain"
+        self,
+        basis: Basis,
+        E: ArrayLike,
+        nu: ArrayLike,
+        plane: str | None = "strain",
+        dilatation: str = "pointwise",
     ) -> None:
         if not isinstance(basis, Basis) or not isinstance(basis.elem, ElementVector):
             raise InputError(
@@ -93,11 +102,12 @@ class ElasticBody(BasisSolid):
                 f"basis: {basis.elem.dim} displacement components on a mesh of dimension "
                 f"{basis.mesh.dim()}; both must be 2 or both 3"
             )
-        _check_cells(basis.mesh)
+        check_cells(basis.mesh)
         self.basis = basis
         self.dim: int = basis.elem.dim
         self.element = basis.elem.elem
         self.plane = plane if self.dim == 2 else None
+        self.dilatation = checked_dilatation(dilatation, self.element)
         self.E, self.nu = numbers("E", E), numbers("nu", nu)
         for name, value in (("E", self.E), ("nu", self.nu)):
             if value.shape not in ((), (basis.mesh.nelements,)):
@@ -118,6 +128,7 @@ class ElasticBody(BasisSolid):
         E: ArrayLike,
         nu: ArrayLike,
         plane: str | None = "strain",
+        dilatation: str = "pointwise",
     ) -> Self:
         """Build a body from a mesh or from a mesh file with named boundaries.
 
@@ -129,7 +140,7 @@ class ElasticBody(BasisSolid):
         element : Element, optional
             Scalar or vector element. Default: P2 triangles, Q2 quadrilaterals, P1 tetrahedra,
             Q1 hexahedra.
-        E, nu, plane
+        E, nu, plane, dilatation
             As for the class.
 
         Raises
@@ -151,12 +162,12 @@ class ElasticBody(BasisSolid):
             raise InputError(
                 f"element: {type(element.elem).__name__} does not live on {type(mesh).__name__}"
             )
-        _check_cells(mesh)
+        check_cells(mesh)
         try:
             basis = Basis(mesh, element)
         except AdiniInputError as error:
             raise InputError(str(error)) from error
-        return cls(basis, E, nu, plane)
+        return cls(basis, E, nu, plane, dilatation)
 
     @property
     def mesh(self) -> Mesh:
@@ -166,7 +177,8 @@ class ElasticBody(BasisSolid):
     @cached_property
     def stiffness(self) -> sparse.csr_array:
         """S of ``a(u, v) = int sigma(u) : eps(v)``, all dofs, shape (ndofs, ndofs)."""
-        return stiffness_matrix(self.basis, self.lam, self.mu)
+        mean = self.dilatation == "mean"
+        return stiffness_matrix(self.basis, self.lam, self.mu, mean)
 
     @cached_property
     def absolute_stiffness(self) -> sparse.csr_array:
@@ -373,23 +385,6 @@ class ElasticBody(BasisSolid):
         cells = entity[self.basis.element_dofs[:: self.dim]]
         first = np.flatnonzero(np.r_[True, np.any(cells[1:] != cells[:-1], axis=1)])
         return entity, np.hstack(points), cells[first]
-
-
-def _check_cells(mesh: Mesh) -> None:
-    """Raise unless every cell is mapped one to one: no corner folds over or is flat."""
-    if not np.all(np.isfinite(mesh.doflocs)):
-        raise InputError("mesh: has coordinates that are not finite")
-    with np.errstate(all="ignore"):
-        det = np.atleast_2d(mesh.mapping().detDF(mesh.elem.refdom.p))
-    size = np.ptp(mesh.p[:, mesh.t], axis=1).max(axis=0) ** mesh.dim()
-    sound = np.all(det > 1e-12 * size[:, None], axis=1) | np.all(
-        det < -1e-12 * size[:, None], axis=1
-    )
-    if not np.all(sound):
-        raise InputError(
-            f"mesh: {np.sum(~sound)} cells are flat, not convex or folded (first: "
-            f"{int(np.argmin(sound))}); order their vertices cyclically and untangle them"
-        )
 
 
 def _constant(value: Any) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:

@@ -54,7 +54,8 @@ def _stress_at(body: ElasticBody, u: Array, X: Array) -> Array:
         field = body.basis.elem.gbasis(body.basis.mapping, X, i, tind=everywhere)[0]
         gradient += np.asarray(field.grad) * u[dofs][:, None]
     lam, mu = (value[:, None] if value.ndim else value for value in (body.lam, body.mu))
-    return stress(gradient, lam, mu)
+    mean = body.mean_dilatation(u)
+    return stress(gradient, lam, mu, None if mean is None else mean[:, None])
 
 
 def _full(body: ElasticBody, sigma: Array, nu: Array) -> Array:

@@ -214,12 +214,15 @@ class ContactResult:
         ndarray, shape (dim, dim, ncells, nquadrature) or (dim, dim, npoints)
         """
         body = self.system.body
+        mean = body.mean_dilatation(self.u)
         if points is None:
             gradient = np.asarray(body.basis.interpolate(self.u).grad)
-            return stress(gradient, _per_cell(body.lam), _per_cell(body.mu))
+            volume = None if mean is None else mean[:, None]
+            return stress(gradient, _per_cell(body.lam), _per_cell(body.mu), volume)
         where = self._points(points)
         lam, mu, _ = body.material(where)
-        return stress(body.gradient(self.u, where), lam, mu)
+        volume = None if mean is None else mean[body.cells_of(where)]
+        return stress(body.gradient(self.u, where), lam, mu, volume)
 
     def nodal_stress(self) -> Array:
         """Cauchy stress at the vertices of the mesh, shape (3, 3, nvertices)."""

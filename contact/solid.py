@@ -88,6 +88,10 @@ class Solid(ABC):
     def material(self, points: Array) -> tuple[Array, Array, Array]:
         """Lame parameters lambda and mu, and Poisson's ratio, at points."""
 
+    def mean_dilatation(self, u: Array) -> Array | None:
+        """Mean div u of each cell where that makes the stress, shape (ncells,); else None."""
+        return None
+
 
 class BasisSolid(Solid):
     """A `Solid` with a scikit-fem Basis: sparse matrices, scikit-fem's element finder."""
@@ -96,6 +100,7 @@ class BasisSolid(Solid):
     lam: Array
     mu: Array
     nu: Array
+    dilatation: str
     _live: tuple[sparse.csr_array, sparse.csr_array, NDArray[np.bool_]] | None = None
 
     if TYPE_CHECKING:
@@ -188,9 +193,16 @@ class BasisSolid(Solid):
         sums = (rigid_modes(self._itself).T @ forces).reshape(-1, per_piece)
         return np.asarray(sums[:, : self.dim].sum(axis=0))
 
+    def mean_dilatation(self, u: Array) -> Array | None:
+        """Mean div u of each cell where that makes the stress, shape (ncells,); else None."""
+        if self.dilatation != "mean":
+            return None
+        divergence = np.trace(np.asarray(self.basis.interpolate(u).grad))
+        return np.asarray(np.average(divergence, axis=1, weights=self.basis.dx))
+
     def displacement(self, u: Array, points: Array) -> Array:
         """Displacement at points, by the element's own interpolation, shape (dim, npoints)."""
-        cells = self._cells(points)
+        cells = self.cells_of(points)
         return sum(
             (np.asarray(field)[..., 0] * u[dofs] for field, dofs in self._local(points, cells)),
             start=np.zeros((self.dim, points.shape[1])),
@@ -198,7 +210,7 @@ class BasisSolid(Solid):
 
     def gradient(self, u: Array, points: Array) -> Array:
         """Its gradient d u_i / d x_j at points, shape (dim, dim, npoints)."""
-        cells = self._cells(points)
+        cells = self.cells_of(points)
         return sum(
             (field.grad[..., 0] * u[dofs] for field, dofs in self._local(points, cells)),
             start=np.zeros((self.dim, self.dim, points.shape[1])),
@@ -206,7 +218,7 @@ class BasisSolid(Solid):
 
     def material(self, points: Array) -> tuple[Array, Array, Array]:
         """Lame parameters lambda and mu, and Poisson's ratio, at points."""
-        cells, count = self._cells(points), self.mesh.nelements
+        cells, count = self.cells_of(points), self.mesh.nelements
         lam, mu, nu = (np.broadcast_to(v, count)[cells] for v in (self.lam, self.mu, self.nu))
         return lam, mu, nu
 
@@ -218,7 +230,8 @@ class BasisSolid(Solid):
             field = basis.elem.gbasis(basis.mapping, X, i, tind=cells)[0]
             yield field, basis.element_dofs[i, cells]
 
-    def _cells(self, points: Array) -> NDArray[np.int64]:
+    def cells_of(self, points: Array) -> NDArray[np.int64]:
+        """Number of the cell that each point lies in, shape (npoints,)."""
         try:
             finder = self.mesh.element_finder()
             # It compares every point with the neighbours of all points: cost grows like a square.

@@ -75,6 +75,7 @@ def problem_arrays(system: ContactSystem) -> dict[str, Any]:
         "mesh": type(body.mesh).__name__,
         "element": type(body.element).__name__,
         "plane": body.plane,
+        "dilatation": body.dilatation,
         "functional": system.rows.functional,
     }
     return arrays | {"about": np.array(json.dumps(about))}
@@ -216,7 +217,12 @@ def _rebuild_problem(
     if boundaries:
         mesh = mesh.with_boundaries(boundaries)
     body = ElasticBody.from_mesh(
-        mesh, _element(about["element"]), E=arrays["E"], nu=arrays["nu"], plane=about["plane"]
+        mesh,
+        _element(about["element"]),
+        E=arrays["E"],
+        nu=arrays["nu"],
+        plane=about["plane"],
+        dilatation=about.get("dilatation", "pointwise"),
     )
     body.constraint = _unpack(arrays, "constraint"), arrays["u0"]
     parts: dict[str, Any] = {
