@@ -1,4 +1,7 @@
-"""The kernels over all nodes on the CPU: rows of nodes, shared among threads."""
+"""The kernels over all nodes on the CPU: rows of nodes, shared among threads.
+
+The loops are plain Python: `cip.jit.loop_over` compiles one for each kernel `node`.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +12,18 @@ from functools import cache
 from itertools import pairwise
 from typing import Any
 
-from cip.jit import Array, Index, Out, Real, loop_of_functions, pointer
+from cip.jit import Array, Index, Out, Real, pointer
 
 # Fewer nodes than this a thread are not worth waking it.
 _NODES_A_THREAD = 40_000
 
 address = pointer()
+# In its place `loop_over` puts a kernel.
+node: Any = None
 
 
-@loop_of_functions
 def run_line(
-    node: Any, start: Index, stop: Index, m: Array, out: Out, feet: Array, h: Array, n: Index,
+    start: Index, stop: Index, m: Array, out: Out, feet: Array, h: Array, n: Index,
     periodic: Index, advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
     """Nodes start..stop of the one line of a grid in one dimension."""
@@ -28,9 +32,8 @@ def run_line(
         node(m, out, feet, n, i, h, n, 1, 0, i, 0, 1, n, periodic, i, advect, limiter)
 
 
-@loop_of_functions
 def run_lines(
-    node: Any, start: Index, stop: Index, m: Array, out: Out, feet: Array, h: Array, size: Index,
+    start: Index, stop: Index, m: Array, out: Out, feet: Array, h: Array, size: Index,
     dim: Index, axis: Index, inner: Index, n: Index, periodic: Index, advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
     """Rows start..stop of a sweep: row number (block, i) holds the `inner` nodes i of its lines."""
@@ -51,9 +54,8 @@ def run_lines(
             block += 1
 
 
-@loop_of_functions
 def run_conservative(
-    node: Any, start: Index, stop: Index, m: Array, out: Out, feet: Array, h: Array, size: Index,
+    start: Index, stop: Index, m: Array, out: Out, feet: Array, h: Array, size: Index,
     dim: Index, axis: Index, inner: Index, n: Index, periodic: Index,
     limiter: Index, low: Real, high: Real, slack: Real,
 ) -> None:  # fmt: skip
@@ -74,9 +76,8 @@ def run_conservative(
             block += 1
 
 
-@loop_of_functions
 def run_plane(
-    node: Any, start: Index, stop: Index, m: Array, out: Out, feet: Array, hx: Array, hy: Array,
+    start: Index, stop: Index, m: Array, out: Out, feet: Array, hx: Array, hy: Array,
     size: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
     """Rows start..stop of a plane."""

@@ -54,8 +54,8 @@ class HostKernels(Kernels):
             plane_blocks,
             plane_kernels,
         )
+        from cip.jit import loop_over
 
-        loops: Any = cpu
         grid, advect, limiter = self.grid, int(stage.advect), self.limiter
         if stage.axis is None:
             plane = (*self.widths, grid.size, *grid.nodes, *map(int, grid.periodic))
@@ -68,10 +68,10 @@ class HostKernels(Kernels):
                     blocks(start, stop, m, out, feet, *plane, advect, int(all(grid.uniform)), near)
 
             else:
-                node: Any = getattr(plane_kernels, self.name(stage))
+                run_plane = loop_over(cpu.run_plane, node=getattr(plane_kernels, self.name(stage)))
 
                 def rows(start: int, stop: int) -> None:
-                    loops.run_plane(node, start, stop, m, out, feet, *plane, advect, limiter)
+                    run_plane(start, stop, m, out, feet, *plane, advect, limiter)
 
             cpu.share(rows, grid.nodes[0], grid.size)
             return
@@ -79,10 +79,11 @@ class HostKernels(Kernels):
         width = self.widths[stage.axis]
         if stage.conservative:
             node = getattr(conservative_kernels, self.name(stage))
+            run_conservative = loop_over(cpu.run_conservative, node=node)
             limits = (limiter, *self.solver.bounds, self.solver.bounds_tolerance)
 
             def sweep(start: int, stop: int) -> None:
-                loops.run_conservative(node, start, stop, m, out, feet, width, *line, *limits)
+                run_conservative(start, stop, m, out, feet, width, *line, *limits)
 
         elif grid.dim == 1 and stage.profile == "cubic" and limiter == 0:
             lines: Any = line_blocks
@@ -94,16 +95,16 @@ class HostKernels(Kernels):
                 )
 
         elif grid.dim == 1:
-            node = getattr(line_kernels, self.name(stage))
+            run_line = loop_over(cpu.run_line, node=getattr(line_kernels, self.name(stage)))
 
             def sweep(start: int, stop: int) -> None:
-                loops.run_line(node, start, stop, m, out, feet, width, *line[-2:], advect, limiter)
+                run_line(start, stop, m, out, feet, width, *line[-2:], advect, limiter)
 
         else:
-            node = getattr(line_kernels, self.name(stage))
+            run_lines = loop_over(cpu.run_lines, node=getattr(line_kernels, self.name(stage)))
 
             def sweep(start: int, stop: int) -> None:
-                loops.run_lines(node, start, stop, m, out, feet, width, *line, advect, limiter)
+                run_lines(start, stop, m, out, feet, width, *line, advect, limiter)
 
         cpu.share(sweep, grid.size // inner, grid.size)
 
@@ -112,23 +113,19 @@ class HostKernels(Kernels):
     ) -> bool:
         """One kernel that computes the feet too; whether any path left the box."""
         from cip import cpu, line_kernels, path_loops, plane_kernels
+        from cip.jit import loop_over
 
-        loops: Any = path_loops
-
-        key = (stage.axis, stage.blocks[0])
-        if key not in self._paths:
-            self._paths[key] = path_loops.compiled(self.grid, stage)
-        path = self._paths[key]
+        path, box = self._path(stage)
         grid, advect, limiter = self.grid, int(stage.advect), self.limiter
         left = np.zeros(max(grid.nodes[0], grid.size // grid.nodes[-1]) + grid.size, np.int64)
         clock = (t_end, dt, count)
         if stage.axis is None:
             node: Any = getattr(plane_kernels, self.name(stage))
+            run_plane = loop_over(path_loops.run_plane_path, node=node, path=path)
             plane = (*self.widths, grid.size, *grid.nodes, *map(int, grid.periodic))
             cpu.share(
-                lambda start, stop: loops.run_plane_path(
-                    node, path, start, stop, m, out, left, *self.lines[:2], *clock, *plane,
-                    advect, limiter,
+                lambda start, stop: run_plane(
+                    start, stop, m, out, left, *self.lines[:2], box, *clock, *plane, advect, limiter
                 ),
                 grid.nodes[0],
                 grid.size,
@@ -136,10 +133,11 @@ class HostKernels(Kernels):
             return bool(left.any())
         inner, line = self._line(stage)
         node = getattr(line_kernels, self.name(stage))
+        run_lines = loop_over(path_loops.run_lines_path, node=node, path=path)
         shape = (*grid.nodes, 1, 1)[:3]
         cpu.share(
-            lambda start, stop: loops.run_lines_path(
-                node, path, start, stop, m, out, left, *self.lines, *shape[1:], *clock,
+            lambda start, stop: run_lines(
+                start, stop, m, out, left, *self.lines, box, *shape[1:], *clock,
                 self.widths[stage.axis or 0], *line, advect, limiter,
             ),
             grid.size // inner,

@@ -82,12 +82,10 @@ class Kernels:
 
     def _compiled_feet(self, stage: Stage, t: float, dt: float) -> StageFeet | None:
         from cip import cpu, path_loops
+        from cip.jit import loop_over
 
-        loops: Any = path_loops
-        key = (stage.axis, stage.blocks[0])
-        if key not in self._paths:
-            self._paths[key] = path_loops.compiled(self.grid, stage)
-        path, size = self._paths[key], self.grid.size
+        path, box = self._path(stage)
+        run_feet, size = loop_over(path_loops.run_feet, path=path), self.grid.size
         t_end, length = t + stage.end * dt, (stage.end - stage.begin) * dt
         count = self._count(stage, t, dt)
         feet = np.empty((len(stage.blocks), len(stage.jets) * size))
@@ -96,11 +94,10 @@ class Kernels:
             points = [np.ascontiguousarray(x.ravel()) for x in stage.points(block)]
             points += [np.zeros(size)] * (3 - self.grid.dim)
 
-            def work(start: int, stop: int, row: Any = row, points: Any = points) -> None:
-                loops.run_feet(
-                    path, start, stop, row, left, *points, size, len(stage.jets), t_end, length,
-                    count,
-                )  # fmt: skip
+            arguments = (row, left, *points, box, size, len(stage.jets), t_end, length, count)
+
+            def work(start: int, stop: int, arguments: Any = arguments) -> None:
+                run_feet(start, stop, *arguments)
 
             cpu.share(work, size, size)
             if left.any():
@@ -109,6 +106,14 @@ class Kernels:
         if not np.isfinite(feet.sum()):
             return None  # NumPy names the node
         return StageFeet(feet.reshape(-1), [None] * len(feet), t + stage.begin * dt, t_end)
+
+    def _path(self, stage: Stage) -> Any:
+        from cip import path_loops
+
+        key = (stage.axis, stage.blocks[0])
+        if key not in self._paths:
+            self._paths[key] = path_loops.compiled(self.grid, stage)
+        return self._paths[key]
 
     def name(self, stage: Stage) -> str:
         """Name of the node function; those that have a limiter have a fast form without."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,8 @@ import numpy as np
 from cip.cpu import address
 from cip.expression import RULES
 from cip.grid import Grid
-from cip.jit import Array, Index, Out, Real, loop_of_functions, room
-from cip.path_source import path_source
+from cip.jit import Array, Index, Out, Real, generated, room
+from cip.path_source import box_of, path_source
 from cip.stage import Stage
 
 # No stage reads more components of the feet.
@@ -19,50 +20,52 @@ _COMPONENTS = 16
 
 # On the stack: an array would be freed after its last use, which is where its address is taken.
 foot_room = room(_COMPONENTS)
+# In their place `loop_over` puts kernels.
+node: Any = None
+path: Any = None
 
 
-def compiled(grid: Grid, stage: Stage) -> Any:
-    """The kernel `path` of a stage."""
-    from numba import njit
+def compiled(grid: Grid, stage: Stage) -> tuple[Any, Any]:
+    """The kernel `path` of a stage, and its last argument."""
+    source = path_source(grid, stage.system, stage.jets, constant=False)
+    return _path(source), np.array(box_of(grid, stage.system))
 
-    source = path_source(grid, stage.system, stage.jets)
+
+@cache
+def _path(source: str) -> Any:
     namespace: dict[str, Any] = {name: getattr(np, name) for name in RULES}
-    namespace.update(Real=float, Index=int, Out=Any, nan=math.nan, inf=math.inf, abs=abs)
-    exec(source, namespace)
-    inline = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
-    namespace["rates"] = inline(namespace["rates"])
-    return njit(error_model="numpy", fastmath={"contract"})(namespace["path"])
+    namespace.update(Real=Real, Index=Index, Array=Array, Out=Out)
+    namespace.update(nan=math.nan, inf=math.inf, abs=abs)
+    return generated(source, ["rates", "path"], namespace, __file__)
 
 
-@loop_of_functions
 def run_plane_path(
-    node: Any, path: Any, start: Index, stop: Index, m: Array, out: Out, left: Out,
-    x: Array, y: Array, t: Real, dt: Real, count: Index, hx: Array, hy: Array, size: Index,
-    nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
+    start: Index, stop: Index, m: Array, out: Out, left: Out,
+    x: Array, y: Array, box: Array, t: Real, dt: Real, count: Index, hx: Array, hy: Array,
+    size: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
     """Rows start..stop of a plane; left[row] counts paths that leave the box."""
     m, out, left, hx, hy = address(m), address(out), address(left), address(hx), address(hy)
-    foot = foot_room(np.empty(1))
+    foot, box = foot_room(np.empty(1)), address(box)
     for i in range(start, stop):
         gone = 0
         for j in range(ny):
-            gone += path(foot, x[i], y[j], 0.0, t, dt, count)
+            gone += path(foot, x[i], y[j], 0.0, t, dt, count, box)
             node(
                 m, out, foot, 1, 0, hx, hy, size, i * ny + j, i, j, nx, ny, px, py, advect, limiter
             )
         left[i] = gone
 
 
-@loop_of_functions
 def run_lines_path(
-    node: Any, path: Any, start: Index, stop: Index, m: Array, out: Out, left: Out,
-    x: Array, y: Array, z: Array, ny: Index, nz: Index, t: Real, dt: Real, count: Index, h: Array,
-    size: Index, dim: Index, axis: Index, inner: Index, n: Index, periodic: Index,
+    start: Index, stop: Index, m: Array, out: Out, left: Out,
+    x: Array, y: Array, z: Array, box: Array, ny: Index, nz: Index, t: Real, dt: Real, count: Index,
+    h: Array, size: Index, dim: Index, axis: Index, inner: Index, n: Index, periodic: Index,
     advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
     """Rows start..stop of a sweep."""
     m, out, left, h = address(m), address(out), address(left), address(h)
-    foot = foot_room(np.empty(1))
+    foot, box = foot_room(np.empty(1)), address(box)
     block = start // n
     i = start - block * n
     for row in range(start, stop):
@@ -70,7 +73,7 @@ def run_lines_path(
         base = block * n * inner
         for q in range(inner):
             o = base + i * inner + q
-            gone += path(foot, x[o // (ny * nz)], y[o // nz % ny], z[o % nz], t, dt, count)
+            gone += path(foot, x[o // (ny * nz)], y[o // nz % ny], z[o % nz], t, dt, count, box)
             node(
                 m, out, foot, 1, 0, h, size, dim, axis, o, base + q, inner, n, periodic, i,
                 advect, limiter,
@@ -82,15 +85,14 @@ def run_lines_path(
             block += 1
 
 
-@loop_of_functions
 def run_feet(
-    path: Any, start: Index, stop: Index, feet: Out, left: Out, x: Array, y: Array, z: Array,
-    size: Index, components: Index, t: Real, dt: Real, count: Index,
+    start: Index, stop: Index, feet: Out, left: Out, x: Array, y: Array, z: Array,
+    box: Array, size: Index, components: Index, t: Real, dt: Real, count: Index,
 ) -> None:  # fmt: skip
     """Feet of the points start..stop, component after component."""
-    foot = foot_room(np.empty(1))
+    foot, box = foot_room(np.empty(1)), address(box)
     feet, left = address(feet), address(left)
     for o in range(start, stop):
-        left[o] = path(foot, x[o], y[o], z[o], t, dt, count)
+        left[o] = path(foot, x[o], y[o], z[o], t, dt, count, box)
         for f in range(components):
             feet[f * size + o] = foot[f]

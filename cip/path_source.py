@@ -17,25 +17,37 @@ from cip.jets import LOG_DETERMINANT, Jet, System
 _STAGES = ((0.5, "0.5"), (0.5, "0.5"), (1.0, "1.0"))
 
 
-def path_source(grid: Grid, system: System, wanted: Sequence[Jet]) -> str:
+def box_of(grid: Grid, system: System) -> list[float]:
+    """For each direction of motion: cells a length, and the ends of the box with their margin."""
+    found = []
+    for axis in system.moving:
+        low, high = grid.bounds[axis]
+        margin = 1e-9 * grid.spacing[axis]
+        found += [1.0 / float(grid.widths[axis][0]), low - margin, high + margin]
+    return found
+
+
+def path_source(grid: Grid, system: System, wanted: Sequence[Jet], constant: bool = True) -> str:
     """Python of the kernels `rates` and `path`.
 
-    ``path(feet, x1, x2, x3, t, dt, count, lengths)`` writes the jets in the order of `wanted`, the
+    ``path(feet, x1, x2, x3, t, dt, count)`` writes the jets in the order of `wanted`, the
     displacements in cells (uniform directions only), and returns 1 where the path leaves the box
-    through a wall, else 0. `t` is the end of the step.
+    through a wall, else 0. `t` is the end of the step. The numbers of `box_of` are constants in the
+    code, or a last argument, which makes one kernel of a velocity on all grids.
     """
     jets = system.jets
     names = [jet.name for jet in jets]
     reals = ", ".join(f"{name}: Real" for name in (*COORDINATES, *names))
     kinds = f"tuple[{', '.join(['Real'] * len(jets))}]" if len(jets) > 1 else "Real"
     rates = {f"r{q}": rate for q, rate in enumerate(system.rates)}
+    box = [repr(x) if constant else f"box[{q}]" for q, x in enumerate(box_of(grid, system))]
     lines = [
         f"def rates({reals}) -> {kinds}:",
         *statements(rates),
         f"    return {', '.join(rates)}",
         "",
-        "def path(feet: Out, x1: Real, x2: Real, x3: Real,"
-        " t: Real, dt: Real, count: Index) -> Index:",
+        "def path(feet: Out, x1: Real, x2: Real, x3: Real, t: Real, dt: Real,"
+        f" count: Index{'' if constant else ', box: Array'}) -> Index:",
         "    outside = 0",
         "    step = dt / count",
     ]
@@ -50,18 +62,14 @@ def path_source(grid: Grid, system: System, wanted: Sequence[Jet]) -> str:
         lines.append(f"        y{q} = y{q} + step / 6.0 * ({total})")
     for q, axis in enumerate(system.moving):
         if not grid.periodic[axis]:
-            low, high = grid.bounds[axis]
-            margin = 1e-9 * grid.spacing[axis]
             x = f"x{axis + 1} + y{q}"
-            lines.append(
-                f"        if {x} < {float(low - margin)!r} or {x} > {float(high + margin)!r}:"
-            )
+            lines.append(f"        if {x} < {box[3 * q + 1]} or {x} > {box[3 * q + 2]}:")
             lines.append("            outside = 1")
     place = {jet: q for q, jet in enumerate(jets)}
     if LOG_DETERMINANT in wanted:
         lines.append(f"    E = exp(y{place[LOG_DETERMINANT]})")
     for f, jet in enumerate(wanted):
-        lines.append(f"    feet[{f}] = {_component(grid, jet, place)}")
+        lines.append(f"    feet[{f}] = {_component(jet, place, box)}")
     lines.append("    return outside")
     return "\n".join(lines) + "\n"
 
@@ -84,7 +92,7 @@ def _stage(system: System, stage: int) -> list[str]:
     return [*lines, f"{results} = rates({inner})"]
 
 
-def _component(grid: Grid, jet: Jet, place: dict[Jet, int]) -> str:
+def _component(jet: Jet, place: dict[Jet, int], box: Sequence[str]) -> str:
     if jet.component == 3:
         axes = [axis for axis in range(3) for _ in range(jet.orders[axis])]
         slopes = [f"y{place[LOG_DETERMINANT.along(axis)]}" for axis in axes]
@@ -95,4 +103,4 @@ def _component(grid: Grid, jet: Jet, place: dict[Jet, int]) -> str:
         return f"E * (y{place[jet]} + {slopes[0]} * {slopes[1]})"
     if any(jet.orders):
         return f"y{place[jet]}"
-    return f"y{place[jet]} * {float(1.0 / grid.widths[jet.component][0])!r}"
+    return f"y{place[jet]} * {box[3 * place[jet]]}"

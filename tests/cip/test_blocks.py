@@ -9,6 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cip import Grid, Solver, Velocity, cpu, line_kernels, line_profiles, plane_kernels
+from cip.jit import loop_over
 
 locate: Any = getattr(line_profiles.locate, "py_func", line_profiles.locate)
 
@@ -72,16 +73,15 @@ def test_blocks_are_the_node_functions(profile, regular, form):
     solver._kernels.launch(stage, m, new, feet)
     widths = grid.widths
     ends, advect = tuple(map(int, grid.periodic)), int(form == "advection")
-    loops: Any = cpu
     if profile == "cubic":
-        loops.run_line(
-            line_kernels.node_cubic, 0, 301, m, expected, feet, widths[0], grid.nodes[0], *ends,
+        loop_over(cpu.run_line, node=line_kernels.node_cubic)(
+            0, 301, m, expected, feet, widths[0], grid.nodes[0], *ends,
             advect, 0,
         )  # fmt: skip
     else:
         node = getattr(plane_kernels, f"node_{profile}")
-        loops.run_plane(
-            node, 0, grid.nodes[0], m, expected, feet, *widths, grid.size, *grid.nodes, *ends,
+        loop_over(cpu.run_plane, node=node)(
+            0, grid.nodes[0], m, expected, feet, *widths, grid.size, *grid.nodes, *ends,
             advect, 0,
         )  # fmt: skip
     assert np.isfinite(expected).all()

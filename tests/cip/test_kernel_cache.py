@@ -1,21 +1,107 @@
-"""What numba keeps on disk: loops that take functions as arguments would only pile up there."""
+"""What numba keeps on disk: every loop and every formula, found again by the next process."""
 
-from cip import cpu, line_blocks, path_loops, plane_blocks
+import os
+import subprocess
+import sys
+
+from cip import (
+    Grid,
+    Solver,
+    Velocity,
+    cpu,
+    jit,
+    line_blocks,
+    line_kernels,
+    path_loops,
+    plane_blocks,
+)
+
+SCRIPT = """
+import numba
+from numba.core import event
+from cip import Grid, Solver, Velocity
+
+compiled = []
+
+class Listener(event.Listener):
+    def on_start(self, found):
+        compiled.append(found.data["dispatcher"].py_func.__name__)
+    def on_end(self, found):
+        pass
+
+event.register("numba:compile", Listener())
+grid, velocity = Grid((0, 1), 8, periodic=True), Velocity.from_expression("cos(t)")
+solver = Solver(grid, velocity, profile="linear")
+solver.step(solver.state("x1"), 0.1)
+print(len(compiled))
+"""
 
 
-def loops(module):
-    return [
-        value for name, value in vars(module).items() if name.startswith("run_") and callable(value)
+def test_the_next_process_compiles_nothing(tmp_path):
+    (tmp_path / "kept").mkdir()
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+    counts = [
+        int(
+            subprocess.run(
+                [sys.executable, "-c", SCRIPT], env=environment, check=True, capture_output=True
+            ).stdout
+        )
+        for _ in range(2)
     ]
+    assert counts[0] >= 3  # the path, its node, their loop
+    assert counts[1] == 0
 
 
-def test_loops_over_functions_stay_in_memory():
-    found = [*loops(cpu), *loops(path_loops)]
-    assert len(found) >= 7
-    assert not any(loop._cache.cache_path for loop in found)
-
-
-def test_other_loops_are_kept():
-    found = [*loops(plane_blocks), *loops(line_blocks)]
+def test_loops_without_kernels_of_others_are_kept():
+    found = [
+        value
+        for module in (plane_blocks, line_blocks)
+        for name, value in vars(module).items()
+        if name.startswith("run_")
+    ]
     assert len(found) >= 3
     assert all(loop._cache.cache_path for loop in found)
+
+
+def test_one_path_serves_all_grids_and_solvers():
+    paths = []
+    for n in (8, 9):
+        grid = Grid((0, 1 + n), n)
+        solver = Solver(grid, Velocity.from_expression("cos(3*t)"), boundary=0.0)
+        paths.append(path_loops.compiled(grid, solver._stages[0])[0])
+    assert paths[0] is paths[1]
+
+
+def test_names_say_which_code_they_are():
+    loops = [
+        jit.loop_over(cpu.run_line, node=getattr(line_kernels, f"node_{profile}"))
+        for profile in ("linear", "cubic")
+    ]
+    names = [loop.py_func.__qualname__ for loop in loops]
+    assert names[0].startswith("run_line_node_linear_")
+    assert names[1].startswith("run_line_node_cubic_")
+    assert all(name.endswith(jit._state_of_the_package()) for name in names)
+    assert jit.loop_over(cpu.run_line, node=line_kernels.node_cubic) is loops[1]
+
+
+def test_no_folder_to_write_to(monkeypatch):
+    """Kernels then live as long as the process."""
+    from numba.core.caching import CacheImpl
+
+    monkeypatch.setattr(CacheImpl, "_locator_classes", [])
+    twice = jit.loop(lambda x: 2 * x)
+    assert twice(21) == 42
+    assert not twice._cache.cache_path
+
+
+def test_files_of_formulas_do_not_pile_up(tmp_path, monkeypatch):
+    monkeypatch.setattr(jit, "_KEPT", 3)
+    for age in range(5):
+        file = tmp_path / f"path_loops.path{jit._GENERATED}{age}.py311.1.nbc"
+        file.touch()
+        os.utime(file, (1000 - age, 1000 - age))
+    (tmp_path / "cpu.run_line_node_linear.py311.nbi").touch()
+    jit._forget_old(tmp_path)
+    left = sorted(file.name for file in tmp_path.iterdir())
+    assert len(left) == 4
+    assert not any(f"{jit._GENERATED}{age}" in name for name in left for age in (3, 4))
