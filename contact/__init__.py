@@ -13,8 +13,8 @@ from contact.errors import (
     Unbounded,
 )
 from contact.layered_block import LayeredBlock
-from contact.load_history import LoadHistory
-from contact.load_stepper import LoadStep, LoadStepper
+from contact.load_history import LoadHistory, LoadStep
+from contact.load_stepper import LoadStepper
 from contact.newton import Iteration
 from contact.obstacles import ClosestPoint, Cylinder, Parabola, Plane, SignedDistance, Sphere
 from contact.problem import ContactProblem

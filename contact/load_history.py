@@ -28,6 +28,34 @@ _FORMAT = 1
 logger = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True)
+class LoadStep:
+    """What a progress callback is told of a finished step.
+
+    Attributes
+    ----------
+    number, count : int
+        This step, from one, and how many the run has.
+    time : float
+    result : ContactResult
+    seconds : float
+    """
+
+    number: int
+    count: int
+    time: float
+    result: ContactResult
+    seconds: float
+
+    def __str__(self) -> str:
+        free, stick, slip = np.bincount(self.result.status, minlength=3)[:3]
+        return (
+            f"step {self.number:4d}/{self.count}   t = {self.time:<9.4g} contact force "
+            f"{self.result.contact_force:.4e}   open {free:4d}, stick {stick:4d}, slip {slip:4d}   "
+            f"{len(self.result.history):2d} iterations, {self.seconds:.2f} s"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class LoadHistory:
     """The finished steps of a load history.
