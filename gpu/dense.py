@@ -8,13 +8,19 @@ factorisation.
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
 from scipy.linalg.blas import dsymv
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
 
+from gpu.symmetric_source import SOURCE as SYMMETRIC
+
 Array = Any  # numpy.ndarray or cupy.ndarray
+# Rows of a block, and columns up to which a triangular solve on a device takes blocks.
+BLOCK, FEW = 2048, 16
+TILE = 32  # of `gpu.symmetric_source`
 
 
 def symmetric_product(P: Array, x: Array) -> Array:
@@ -76,38 +82,76 @@ def _device_lower_solve(L: Array, r: Array, transposed: bool) -> Array:
     u = r.copy(order="F") if r.ndim == 2 else r.copy()
     n, columns = len(L), 1 if r.ndim == 1 else r.shape[1]
     operation = cublas.CUBLAS_OP_T if transposed else cublas.CUBLAS_OP_N
-    one = np.ones(1)
+    one, minus = np.ones(1), -np.ones(1)
     assert L.flags.f_contiguous
+    handle = device.get_cublas_handle()
+    # Few columns are a matter of memory: products with all that is below a block wait for less
+    # than the triangles of the library do.
+    block = BLOCK if 1 < columns <= FEW and not transposed else n
+    mode = cublas.getPointerMode(handle)
+    cublas.setPointerMode(handle, cublas.CUBLAS_POINTER_MODE_HOST)
+    try:
+        for i in range(0, n, block):
+            size = min(block, n - i)
+            corner, top, rest = L.data.ptr + 8 * i * (n + 1), u.data.ptr + 8 * i, n - i - size
+            cublas.dtrsm(
+                handle, cublas.CUBLAS_SIDE_LEFT, cublas.CUBLAS_FILL_MODE_LOWER, operation,
+                cublas.CUBLAS_DIAG_NON_UNIT, size, columns, one.ctypes.data, corner, n, top, n,
+            )  # fmt: skip
+            if rest:
+                cublas.dgemm(
+                    handle, cublas.CUBLAS_OP_N, cublas.CUBLAS_OP_N, rest, columns, size,
+                    minus.ctypes.data, corner + 8 * size, n, top, n, one.ctypes.data,
+                    top + 8 * size, n,
+                )  # fmt: skip
+    finally:
+        cublas.setPointerMode(handle, mode)
+    return cupy.asarray(u)
+
+
+def gram(Y: Array) -> Array:
+    """``Y Y'`` for Y in row-major order; on a device by half of a product."""
+    if isinstance(Y, np.ndarray):
+        return Y @ Y.T
+    import cupy
+    from cupy.cuda import device
+    from cupy_backends.cuda.libs import cublas
+
+    Y = cupy.ascontiguousarray(Y)
+    rows, n = Y.shape
+    M = cupy.empty((rows, rows))
+    one, zero = np.ones(1), np.zeros(1)
     handle = device.get_cublas_handle()
     mode = cublas.getPointerMode(handle)
     cublas.setPointerMode(handle, cublas.CUBLAS_POINTER_MODE_HOST)
     try:
-        cublas.dtrsm(
-            handle, cublas.CUBLAS_SIDE_LEFT, cublas.CUBLAS_FILL_MODE_LOWER, operation,
-            cublas.CUBLAS_DIAG_NON_UNIT, n, columns, one.ctypes.data, L.data.ptr, n,
-            u.data.ptr, n,
+        cublas.dsyrk(
+            handle, cublas.CUBLAS_FILL_MODE_LOWER, cublas.CUBLAS_OP_T, rows, n, one.ctypes.data,
+            Y.data.ptr, n, zero.ctypes.data, M.data.ptr, rows,
         )  # fmt: skip
     finally:
         cublas.setPointerMode(handle, mode)
-    return cupy.asarray(u)
+    # The lower triangle of columns is the upper one of rows.
+    return cupy.triu(M) + cupy.triu(M, 1).T
 
 
 def symmetric_and_finite(M: Array) -> bool:
     """Whether a device matrix is its own transpose and has no NaN or infinity, in one pass."""
     import cupy
 
-    # A flag that hardly any thread writes is quicker than CuPy's reductions to one number; a row
-    # and the column that mirrors it are read while both are in the cache.
-    compare = cupy.ElementwiseKernel(
-        "float64 a, float64 b", "raw int32 wrong",
-        "if (!(a == b && isfinite(a))) { wrong[0] = 1; }",
-        "gpu_asymmetric",
-    )  # fmt: skip
+    M = cupy.ascontiguousarray(M)
     wrong = cupy.zeros(1, dtype=cupy.int32)
-    tile = 4096
-    for i in range(0, len(M), tile):
-        compare(M[i : i + tile], M[:, i : i + tile].T, wrong)
+    blocks = -(-len(M) // TILE)
+    check = _symmetric_check()
+    check((blocks, blocks), (TILE, 8), (M, np.int64(len(M)), wrong))
     return not int(wrong[0])
+
+
+@functools.cache
+def _symmetric_check() -> Any:
+    import cupy
+
+    return cupy.RawKernel(SYMMETRIC, "symmetric_check", options=("--std=c++17",))
 
 
 def scaled_symmetric(M: Array, scale: Array) -> Array:

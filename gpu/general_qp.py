@@ -60,13 +60,14 @@ def certified(p: Program, x: Array, y: Array) -> Point:
     xp = p.xp
     x = xp.clip(x, p.lb, p.ub)
     y = one_sided(y, p.row_low, p.row_high)
-    force = one_sided(-p.gradient(x, y), p.lb, p.ub)
+    products = p.P @ x, p.C.T @ y
+    force = one_sided(-(products[0] + p.q + products[1]), p.lb, p.ub)
     at_side = ((force > 0) & (x == p.ub)) | ((force < 0) & (x == p.lb))
     held = xp.where(at_side, force, 0.0)
-    clean = Point(x, y, held, residuals(p, x, y, held), 0)
+    clean = Point(x, y, held, residuals(p, x, y, held, products), 0)
     if clean.residuals.sharp <= CLEAN:
         return clean
-    full = Point(x, y, force, residuals(p, x, y, force), 0)
+    full = Point(x, y, force, residuals(p, x, y, force, products), 0)
     return clean if clean.residuals.worst <= 2.0 * full.residuals.worst else full
 
 

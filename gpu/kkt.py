@@ -71,11 +71,12 @@ def general_residuals(
     for value, low, high in ((multiplier, p.row_low, p.row_high), (z_box, p.lb, p.ub)):
         if value.size:
             wrong = max(wrong, float(xp.abs(value - one_sided(value, low, high)).max()))
-    force = max(float(xp.abs(a).max()) for a in (p.q, p.P @ x, p.C.T @ multiplier, z_box))
+    if wrong:
+        wrong /= max(float(xp.abs(a).max()) for a in (p.q, p.P @ x, p.C.T @ multiplier, z_box))
     return KKT(
         stationarity=r.dual,
         primal=max(r.primal, outside / float(xp.abs(x).max()) if outside else 0.0),
-        sign=wrong / force if wrong else 0.0,
+        sign=wrong,
         complementarity=r.complementarity,
         gap=r.gap if not wrong else 0.0,
     )

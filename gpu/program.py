@@ -120,14 +120,20 @@ class Residuals:
         return max(self.worst, self.pairing)
 
 
-def residuals(p: Program, x: Array, y: Array, z: Array) -> Residuals:
-    """Residuals of `x` within its bounds and of multipliers with the right signs."""
+def residuals(
+    p: Program, x: Array, y: Array, z: Array, products: tuple[Array, Array] | None = None
+) -> Residuals:
+    """Residuals of `x` within its bounds and of multipliers with the right signs.
+
+    `products` are P x and C'y, where they are known already.
+    """
     xp = p.xp
 
     def largest(*arrays: Array) -> float:
         return max((float(xp.abs(a).max()) if a.size else 0.0 for a in arrays), default=0.0)
 
-    Px, Cx, Cy = p.P @ x, p.C @ x, p.C.T @ y
+    Px, Cy = products or (p.P @ x, p.C.T @ y)
+    Cx = p.C @ x
     size = xp.abs(x), xp.abs(y)
     outside = xp.maximum(p.row_low - Cx, Cx - p.row_high)
     near = xp.clip(Cx, p.row_low, p.row_high)

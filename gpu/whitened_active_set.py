@@ -28,7 +28,7 @@ from collections.abc import Callable
 import numpy as np
 
 from gpu.box_qp import Step
-from gpu.dense import cholesky, cholesky_solve, lower_solve
+from gpu.dense import cholesky, cholesky_solve, gram, lower_solve
 from gpu.program import Array, Program
 
 PATIENCE, MAX_STEPS = 3, 60
@@ -85,9 +85,10 @@ class WhitenedActiveSet:
             grown[:k], square[:k, :k] = self.Y[:k], self.W[:k, :k]
             self.Y, self.W = grown, square
         self.Y[k : k + more] = Y
-        block = self.Y[: k + more] @ Y.T
-        self.W[: k + more, k : k + more] = block
-        self.W[k : k + more, : k + more] = block.T
+        if k:
+            cross = self.Y[:k] @ Y.T
+            self.W[:k, k : k + more], self.W[k : k + more, :k] = cross, cross.T
+        self.W[k : k + more, k : k + more] = gram(Y)
         self.place[new] = xp.arange(k, k + more)
         self.count = k + more
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gpu import Infeasible, InputError, QPFactor, Unbounded, solve_qp
+from gpu.dense import gram, lower_solve
 
 pytestmark = pytest.mark.gpu
 if importlib.util.find_spec("cupy") is None:
@@ -88,3 +89,29 @@ def test_certificates_on_the_device():
 def test_mixed_arrays_are_refused():
     with pytest.raises(InputError, match="mixed"):
         solve_qp(cupy.eye(2), np.ones(2))
+
+
+@pytest.mark.parametrize("place", [(0, 0), (1, 0), (998, 33), (32, 999), (999, 999)])
+@pytest.mark.parametrize("value", [0.5, np.nan, np.inf])
+def test_one_wrong_entry_of_a_device_matrix_is_found(place, value):
+    P = cupy.eye(1000)
+    QPFactor(P)
+    P[place] += value
+    if place[0] == place[1] and value == 0.5:
+        QPFactor(P)
+        return
+    with pytest.raises(InputError, match="symmetric|finite"):
+        QPFactor(P)
+
+
+@pytest.mark.parametrize("columns", [1, 2, 16, 17, 300])
+def test_triangular_solves_and_gram_matrices(columns):
+    rng = np.random.default_rng(columns)
+    L = np.tril(rng.standard_normal((5000, 5000))) / 500.0 + np.eye(5000)
+    r = rng.standard_normal((5000, columns))
+    u = lower_solve(cupy.asarray(L.T).T, cupy.asarray(r))
+    np.testing.assert_allclose(L @ u.get(), r, atol=1e-10)
+    Y = cupy.ascontiguousarray(u.T)
+    M = gram(Y)
+    assert bool((M == M.T).all())
+    np.testing.assert_allclose(M.get(), u.get().T @ u.get(), rtol=1e-11, atol=1e-10)
