@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from .cut_polygon import Polygon
 from .errors import InputError
 from .reference_points import reference_points
 
@@ -23,7 +24,8 @@ class LevelSet:
 
     ``a & b`` is the intersection, max(a, b); ``a | b`` the union, min(a, b); ``~a`` the complement,
     -a; ``a - b`` is ``a & ~b``. The smooth functions are kept apart, so corners where their zero
-    lines cross are met exactly, and :math:`\min` and :math:`\max` cost no accuracy.
+    lines cross are met exactly, and :math:`\min` and :math:`\max` cost no accuracy. Plain functions
+    may stand beside a level set; a `Polygon` may not.
 
     Parameters
     ----------
@@ -37,7 +39,7 @@ class LevelSet:
     Raises
     ------
     InputError
-        The function or the gradient is not callable.
+        The function or the gradient is not callable; a `Polygon` in a composition.
 
     Examples
     --------
@@ -93,6 +95,15 @@ class LevelSet:
 
     def __and__(self, other: LevelSet) -> LevelSet:
         return _Composition("and", (self, as_level_set(other)))
+
+    def __rand__(self, other: Any) -> LevelSet:
+        return as_level_set(other) & self
+
+    def __ror__(self, other: Any) -> LevelSet:
+        return as_level_set(other) | self
+
+    def __rsub__(self, other: Any) -> LevelSet:
+        return as_level_set(other) - self
 
     def __or__(self, other: LevelSet) -> LevelSet:
         return _Composition("or", (self, as_level_set(other)))
@@ -220,6 +231,11 @@ def as_level_set(level_set: Any, gradient: Callable[[Array], Any] | None = None)
         if gradient is not None:
             raise InputError("gradient: give it to LevelSet(function, gradient) instead")
         return level_set
+    if isinstance(level_set, Polygon):
+        raise InputError(
+            "level_set: a Polygon is not composed with level sets; compose its sides, half planes "
+            "as LevelSet(lambda x: ...), instead"
+        )
     return LevelSet(level_set, gradient)
 
 

@@ -66,9 +66,31 @@ def nitsche(
 
     Notes
     -----
-    Measured on the disk of radius 0.411 with n = 12 to 48 cells a side: a conductivity
-    exp(5 (x + y)), which varies by a factor of about 300, keeps the orders, 4.0 in L2 and 3.1 in
-    H1. Elasticity with lambda / mu = 1e6 may lose up to one order; the tests hold 2.7 in L2.
+    Measured on the disk of radius 0.411, relative errors at n = 32 (``benchmarks/curved.py
+    --parts materials``, table `materials` of ``results/curved.json``).
+
+    *Nearly incompressible*, plane strain, the pressure neither zero nor growing:
+
+    ======== ======= ======= =======================
+    nu       L2      H1      eigenvalue of torsion
+    ======== ======= ======= =======================
+    .3       2.1e-7  1.4e-5  6.3e-8
+    .49      2.9e-7  1.6e-5  5.5e-7
+    .499     1.1e-6  4.6e-5  4.5e-6
+    .4999    5.8e-6  1.6e-4  2.7e-5
+    .49999   2.9e-5  4.1e-4  1.7e-4
+    ======== ======= ======= =======================
+
+    The orders 4 and 3 stay. To nu = .49 nothing is lost and at .499 a factor of 5; beyond that
+    the element locks, not the boundary: a square that the mesh fits, with strong conditions,
+    loses alike (a factor of 16 in L2 at .4999, where the cut disk loses 28), and a ghost penalty
+    of weight 2 mu + lambda gives the same figures as the extension within a quarter.
+
+    *Conductivities* that vary smoothly, by factors of 1e3 and 1e6 over the disk, keep orders and
+    errors. One that *jumps* does not: the gradient of the solution jumps with it, and that of
+    Adini's functions is shared at the vertices, so the orders are 1 in L2 and 1/2 in H1, along a
+    grid line as inside of cells. Smooth the transition over a few cells, or solve on the two sides
+    as domains of their own.
 
     Raises
     ------

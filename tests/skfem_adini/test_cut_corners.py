@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from skfem import MeshQuad
 
-from skfem_adini import CutDomain, LevelSet
+from skfem_adini import CutDomain, InputError, LevelSet, Polygon
 
 CASES = 40
 
@@ -63,3 +63,19 @@ def test_areas_and_perimeters():
         domain = CutDomain(mesh, level_set, q=5)
         assert domain.area == pytest.approx(area, abs=1e-10)
         assert domain.perimeter == pytest.approx(perimeter, abs=1e-9)
+
+
+def test_functions_compose_with_level_sets_and_polygons_are_refused():
+    mesh = MeshQuad.init_tensor(*[np.linspace(0, 1, 5)] * 2)
+    ring = (lambda x: (x[0] - 0.5) ** 2 + (x[1] - 0.5) ** 2 - 0.16) - disk(0.5, 0.5, 0.2)
+    assert CutDomain(mesh, ring).area == pytest.approx(np.pi * (0.16 - 0.04), abs=1e-11)
+    triangle = Polygon([[0.1, 0.9, 0.5], [0.1, 0.2, 0.9]])
+    for compose in (
+        lambda: triangle & disk(0.5, 0.5, 0.2),
+        lambda: disk(0.5, 0.5, 0.2) & triangle,
+        lambda: disk(0.5, 0.5, 0.2) - triangle,
+        lambda: triangle - disk(0.5, 0.5, 0.2),
+        lambda: triangle | disk(0.5, 0.5, 0.2),
+    ):
+        with pytest.raises(InputError, match="a Polygon is not composed"):
+            compose()

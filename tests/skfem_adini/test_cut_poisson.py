@@ -178,5 +178,6 @@ def test_nearly_incompressible_elasticity_keeps_its_order(cut_problems, lame, co
         bases = domain.groups(element, intorder=10)
         found.append(np.sqrt(sum(error.assemble(b, x_h=b.interpolate(x)) for b in bases)))
     order = convergence_order(cells, found)
+    # The element itself locks at first, on fitted meshes too: over n = 12 to 48 it is 4.4.
     assert order >= (3.8 if lame < 10 else 2.7)
     assert order <= 4.8
