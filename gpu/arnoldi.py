@@ -9,7 +9,7 @@ import numpy as np
 
 from gpu.arrays import to_host
 
-ONE_LAUNCH = 2048  # up to this order launches cost more than a library product gains
+ONE_LAUNCH = 3500  # up to this order launches cost more than a library product gains
 BREAKDOWN = 20 * np.finfo(float).eps  # beta below this times |A v| is round-off: invariant
 
 
@@ -67,6 +67,10 @@ class Arnoldi:
     def start(self, place: int, vector: Any = None) -> None:
         """Make row `place` a unit vector orthogonal to those before it; random by default."""
         xp, V = self.xp, self.V
+        if vector is None and self._steps is not None and V.shape[1] >= 4 * len(V):
+            # So much of a random vector is orthogonal to so few that nothing need be looked at.
+            self._steps.random_start(place, int(self._rng.integers(2**62)))
+            return
         for _ in range(3):
             if vector is None:
                 drawn = self._rng.standard_normal(V.shape[1])
@@ -130,13 +134,13 @@ class Arnoldi:
         ended = np.flatnonzero(beta <= BREAKDOWN * size)
         return int(ended[0]) if ended.size else None
 
-    def rotate(self, Q: np.ndarray, residual: int) -> None:
-        """Replace the first rows by the columns of Q, and the next one by row `residual`."""
-        xp, (count, kept) = self.xp, Q.shape
-        rotated = xp.asarray(np.ascontiguousarray(Q.T)) @ self.V[:count]
-        last = self.V[residual].copy()
-        self.V[:kept] = rotated
-        self.V[kept] = last
+    def rotate(self, Q: np.ndarray, residual: int, first: int = 0) -> None:
+        """Replace the rows from `first` on by the columns of Q, the next by the `residual`-th."""
+        xp, (count, kept), V = self.xp, Q.shape, self.V[first:]
+        rotated = xp.asarray(np.ascontiguousarray(Q.T)) @ V[:count]
+        last = V[residual].copy()
+        V[:kept] = rotated
+        V[kept] = last
 
     def combine(self, Y: np.ndarray) -> Any:
         """Columns ``V^T Y`` of the space, shape (n, k), for Y of shape (count, k)."""

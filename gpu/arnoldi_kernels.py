@@ -42,10 +42,10 @@ class FusedSteps:
 
         self._V, self._rows = V, coefficients
         self.size, self.n = len(coefficients), V.shape[1]
-        attributes = cupy.cuda.Device().attributes
-        self._blocks = min(int(attributes["MultiProcessorCount"]), -(-self.n // ROWS))
+        processors, most_shared = _limits(cupy.cuda.Device().id)
+        self._blocks = min(processors, -(-self.n // ROWS))
         self._shared = 8 * (2048 + 2 * (self.size + 1))
-        if self._shared > attributes["MaxSharedMemoryPerBlockOptin"]:
+        if self._shared > most_shared:
             raise InputError(f"ncv={self.size} is too large for the shared memory of this device")
         self._u = cupy.empty((2, (self.n + 1) // 2 * 2))
         self._parts = cupy.empty((3, self.size + 1, self._blocks))
@@ -72,6 +72,19 @@ class FusedSteps:
                 np.int32(j),
             ),
         )
+
+    def random_start(self, place: int, seed: int) -> None:
+        """Row `place`: a random unit vector orthogonal to those before it.
+
+        The coefficients of row `place` - 1 are overwritten.
+        """
+        import cupy
+
+        w = cupy.empty(self.n)
+        _kernel("normal", False)(
+            (min(-(-self.n // 256), 4096),), (256,), (w, np.int64(self.n), np.uint64(seed))
+        )
+        self(w, place - 1)
 
     @staticmethod
     def multiplies(A: Any) -> bool:
@@ -118,7 +131,16 @@ class FusedSteps:
 
 
 @functools.cache
-def _kernel(name: str) -> Any:
+def _limits(device: int) -> tuple[int, int]:
+    """Multiprocessors, and bytes of shared memory that a block may ask for."""
+    import cupy
+
+    attributes = cupy.cuda.Device(device).attributes
+    return int(attributes["MultiProcessorCount"]), int(attributes["MaxSharedMemoryPerBlockOptin"])
+
+
+@functools.cache
+def _kernel(name: str, meeting: bool = True) -> Any:
     """The compiled kernel; CuPy compiles it anew for each device.
 
     A cooperative launch is refused unless all blocks run at once, without which they could not
@@ -126,4 +148,4 @@ def _kernel(name: str) -> Any:
     """
     import cupy
 
-    return cupy.RawKernel(SOURCE, name, options=("--std=c++17",), enable_cooperative_groups=True)
+    return cupy.RawKernel(SOURCE, name, options=("--std=c++17",), enable_cooperative_groups=meeting)

@@ -251,6 +251,13 @@ __device__ void product(const double* __restrict__ A, const double* x, double sc
     index pieces = (n + 1023) / 1024;
     if (n < 1024)
         pieces = rows < 32 ? (n + 127) / 128 : 1;
+    // Shorter ones where the last round of tasks would leave many warps idle.
+    for (index more = pieces + 1; n >= 1024 && more <= 2 * pieces; ++more)
+        if ((more * rows + WARPS - 1) / WARPS * pieces * 10
+            < (pieces * rows + WARPS - 1) / WARPS * more * 9) {
+            pieces = more;
+            break;
+        }
     if (pieces * rows > SUMS)
         pieces = SUMS / rows;
     const index width = (n + 2 * pieces - 1) / (2 * pieces) * 2;
@@ -286,6 +293,24 @@ __device__ void product(const double* __restrict__ A, const double* x, double sc
     __syncthreads();
 }
 
+// Splitmix64 (Steele, Lea and Flood 2014): the same numbers on every device.
+__device__ double uniform(unsigned long long seed, unsigned long long place)
+{
+    unsigned long long z = seed + (place + 1) * 0x9e3779b97f4a7c15ull;
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebull;
+    return ((z ^ (z >> 31)) >> 11) * 0x1p-53 + 0x1p-54;
+}
+
+// Normally distributed numbers by Box and Muller.
+extern "C" __global__ void normal(double* w, index n, unsigned long long seed)
+{
+    for (index i = blockIdx.x * (index)blockDim.x + threadIdx.x; i < n;
+         i += gridDim.x * (index)blockDim.x)
+        w[i] = sqrt(-2.0 * log(uniform(seed, 2 * i))) * cospi(2.0 * uniform(seed, 2 * i + 1));
+}
+
+// Without vectors before it, j = -1, w is only made a unit vector.
 extern "C" __global__ void __launch_bounds__(1024, 1)
 arnoldi_step(double* V, double* rows, const double* w, double* u, double* parts,
              unsigned int* gate, unsigned int goal, index n, int size, int j)
@@ -294,8 +319,8 @@ arnoldi_step(double* V, double* rows, const double* w, double* u, double* parts,
     const index chunk = (n + gridDim.x - 1) / gridDim.x;
     const index begin = blockIdx.x * chunk < n ? blockIdx.x * chunk : n;
     const index end = begin + chunk < n ? begin + chunk : n;
-    orthogonalise(V, rows + (index)j * (size + 2), w, u, parts, gate, &goal, n, size, j, begin,
-                  end, false, shared);
+    orthogonalise(V, rows + (index)(j < 0 ? 0 : j) * (size + 2), w, u, parts, gate, &goal, n, size,
+                  j, begin, end, false, shared);
 }
 
 extern "C" __global__ void __launch_bounds__(1024, 1)

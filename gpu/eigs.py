@@ -15,7 +15,7 @@ from gpu.eigen_operator import Matrix, as_matrix, factorized, norm_of, unit_of
 from gpu.errors import InputError, NotConverged
 from gpu.krylov_schur import FLOOR, RESTARTS, krylov_schur
 from gpu.ordered_schur import Rank
-from gpu.spectrum_order import best_first, rank_of
+from gpu.spectrum_order import best_first, edge_of, rank_of
 
 DENSE = 256  # up to this order all eigenvalues are computed: quick, and nothing can be missed
 PRODUCTS = 128  # the same for operators, whose entries cost a product a column
@@ -130,7 +130,8 @@ def eigs(
     if sigma is None and which == "SM" and _stored(matrix, mass):
         sigma, which = 0.0, "LM"
     sigma = float(np.real(sigma)) if sigma is not None and np.imag(sigma) == 0 else sigma
-    rank = rank_of(which, matrix.real and (mass is None or mass.real) and np.isrealobj(sigma))
+    real = matrix.real and (mass is None or mass.real) and np.isrealobj(sigma)
+    rank = rank_of(which, real)
 
     scale = 0.0  # a lower bound of |A|
     stored = n <= FALLBACK and _stored(matrix, mass)
@@ -141,7 +142,7 @@ def eigs(
     else:
         problem = _Problem.of(matrix, mass, sigma)
         fallback = maxiter is None and stored
-        limit = maxiter or max(20, n // 10 if fallback else 40 * n // (size - k))
+        limit = maxiter or max(20, n // 10 if fallback else 40 * n // max(4, (size - k) // 2))
         found = None
         try:
             found = krylov_schur(
@@ -157,6 +158,7 @@ def eigs(
                 maxiter=limit,
                 restart=restart,
                 matrix=problem.matrix,
+                edge=edge_of(which, real),
             )
         except FloatingPointError as error:
             # Powers of an inverse may overflow although A is fine.
@@ -174,7 +176,8 @@ def eigs(
         else:
             if mass is None and sigma is None:
                 scale = found.scale / unit_of(matrix)
-            theta, Y = linalg.eig(found.T) if len(found.T) else (np.zeros(0), np.zeros((0, 0)))
+            theta, Y = np.linalg.eig(found.T)
+            theta = theta.astype(complex)
             order = best_first(theta, rank, k, problem.dtype.kind == "f")
             values, vectors = (
                 problem.values(theta[order]),

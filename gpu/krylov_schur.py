@@ -10,13 +10,16 @@ import numpy as np
 from scipy import linalg
 
 from gpu.arnoldi import Arnoldi
+from gpu.challenge import INSIDE, Edge, unbeaten
 from gpu.implicit_restart import shifted_qr
 from gpu.ordered_schur import Rank, ordered_schur, whole
 
 RESTARTS = ("krylov-schur", "implicit")
 FLOOR = 100 * np.finfo(float).eps  # residuals below this times |A| are round-off
-INSIDE = 0.03  # residual of the best newcomer over its distance to the wanted that ends a challenge
-THICK = 0.6  # of a challenger's space that outlives a restart
+CLOSE = (
+    1e-3  # residual of what a challenge leaves aside over the distance of the rest to the wanted
+)
+THICK = (0.7, 0.6)  # of the space that outlives a restart: before and after a lost challenge
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,7 @@ def krylov_schur(
     restart: str = "krylov-schur",
     matrix: Any = None,
     challenge: bool = True,
+    edge: Edge | None = None,
 ) -> PartialSchur:
     r"""The k best eigenvalues of A, by rank, with their Schur basis.
 
@@ -73,12 +77,12 @@ def krylov_schur(
     :math:`|b_{1..c}| \le \max(tol\,|\theta_c|,\ 100\,\epsilon\,|A|)`.
 
     A Krylov space of one vector holds one eigenvector of a repeated eigenvalue only, and may be
-    blind to others. So the converged part is challenged: it is kept, and the iteration goes on from
-    a random vector orthogonal to it, until the best of the newcomers has converged or its residual
-    is a small part of its distance to the wanted. Whatever is better comes in, and is challenged
-    again. The challenger has `ncv` vectors beside those kept: near the edge of a disc full of
-    eigenvalues a space of the few that would be left settles on a few of many moduli, blind to
-    larger ones.
+    blind to others. So the outcome is challenged from random vectors: see `challenge.unbeaten`.
+    Aside are left, beside what has converged, the next Schur vectors as far as they are nearly
+    invariant; then the challenger has less to compete with. Where it finds something better, the
+    iteration goes on from that beside what has converged, with `ncv` vectors: near the edge of a
+    disc full of eigenvalues a space of the few that would be left settles on a few of many moduli,
+    blind to larger ones. Whatever is better comes in, and is challenged again.
 
     Parameters
     ----------
@@ -99,6 +103,8 @@ def krylov_schur(
         How the space shrinks until it is challenged; see `implicit_restart.shifted_qr`.
     challenge : bool
         Whether to look beyond the invariant subspace that the start vector reaches.
+    edge : callable, optional
+        Of `rank`, see `spectrum_order.edge_of`: lets challenges end as soon as probability allows.
 
     References
     ----------
@@ -141,16 +147,43 @@ def krylov_schur(
         wanted = float(np.linalg.norm(spike[: whole(T, min(k, size))])) / scale if scale else 0.0
         need = _products_left(past, (basis.matvecs, wanted), max(tol, FLOOR))
         past = (basis.matvecs, wanted)
-        fresh = ended is not None
+        lost, vector = False, None
         if converged >= k:
             ranks = np.sort(rank(values[:converged]))[::-1][:k]
-            if challenge and (
-                champions is None
-                or _better(ranks, champions, T, values[:converged], rank, tol, FLOOR * scale)
+            if champions is None or _better(
+                ranks, champions, T, values[:converged], rank, tol, FLOOR * scale
             ):
-                champions, fresh = ranks, True
-            elif not challenge or _unbeaten(rank, T, values, spike, converged, locked, ranks[-1]):
-                basis.rotate(Q[:, :converged], size)
+                champions, aside = ranks, converged
+                if challenge:
+                    aside = _aside(
+                        rank,
+                        ranks[-1],
+                        T,
+                        values,
+                        spike,
+                        converged,
+                        min(most, most_room - ncv // 2),
+                    )
+                basis.rotate(Q[:, :aside], size)
+                if challenge:
+                    won, more = unbeaten(
+                        basis,
+                        aside,
+                        ranks[-1],
+                        rank,
+                        edge,
+                        tol=tol,
+                        floor=FLOOR * scale,
+                        restarts=maxiter - count,
+                        patience=basis.matvecs,
+                    )
+                    count, lost = count + more, not won
+                done = not lost
+            else:
+                done = _unbeaten(rank, T, values, spike, converged, locked, ranks[-1])
+                if done:
+                    basis.rotate(Q[:, :converged], size)
+            if done:
                 return PartialSchur(
                     T[:converged, :converged],
                     values[:converged],
@@ -160,24 +193,29 @@ def krylov_schur(
                     basis.matvecs,
                     True,
                 )
+        fresh = lost or ended is not None
         if not fresh and size < room:
             # Not settled half way: the space goes on growing.
             S[size, size - 1] = beta
             kept, goal = size, room
             continue
-        if fresh and champions is not None:
+        if lost:
             keep = min(converged, max(whole(T, k), ncv // 2))
         elif fresh:
             keep = min(size, room - 1)
+        elif champions is None:
+            keep = min(max(k, int(THICK[0] * ncv)) + converged // 3, max(k, room - 4))
         else:
-            keep = max(k + converged // 2, ncv // 2)
-            if champions is not None:
-                keep = max(keep, locked + int(THICK * (room - locked)))
+            keep = max(k + converged // 2, locked + int(THICK[1] * (room - locked)))
         keep = whole(T, min(keep, room - 2, size))
         projected, spike = T[:keep, :keep], spike[:keep]
         if fresh:
-            basis.rotate(Q[:, :keep], size)
-            basis.start(keep)
+            if lost:
+                # What beat them is among these, and what was aside has come far.
+                vector = basis.V[keep : aside + 2].sum(axis=0)
+            else:
+                basis.rotate(Q[:, :keep], size)
+            basis.start(keep, vector)
             hessenberg, spike, locked = False, np.zeros(keep), keep
         elif hessenberg:
             Q, projected, spike = shifted_qr(S[:size, :size], beta, values, keep)
@@ -188,7 +226,7 @@ def krylov_schur(
         S[:] = 0.0
         S[:keep, :keep], S[keep, :keep] = projected, spike
         kept, count = keep, count + 1
-        if fresh and champions is not None:
+        if lost:
             room = min(kept + ncv, most_room)
             goal = min((kept + ncv + 1) // 2, room)
         else:
@@ -207,13 +245,34 @@ def krylov_schur(
 
 def _leading(T: np.ndarray, values: np.ndarray, spike: np.ndarray, tol: float, floor: float) -> int:
     """How many leading Schur vectors have converged; conjugate pairs together."""
+    moved = np.sqrt(np.cumsum(np.abs(spike) ** 2)).tolist()
+    limits = np.maximum(tol * np.abs(values), floor).tolist()
     count = 0
     while count < len(values):
         following = whole(T, count + 1)
-        limit = max(tol * float(np.abs(values[count])), floor)
-        if np.linalg.norm(spike[:following]) > limit:
+        if moved[following - 1] > limits[count]:
             break
         count = following
+    return count
+
+
+def _aside(
+    rank: Rank,
+    worst: float,
+    T: np.ndarray,
+    values: np.ndarray,
+    spike: np.ndarray,
+    converged: int,
+    most: int,
+) -> int:
+    """How many leading Schur vectors a challenge leaves aside: those nearly invariant too."""
+    ranks, count = rank(values), converged
+    for following in range(converged + 1, min(most, len(values) - 1)):
+        following = whole(T, following)
+        if following < len(values) and float(np.linalg.norm(spike[:following])) <= CLOSE * (
+            worst - float(ranks[following:].max())
+        ):
+            count = following
     return count
 
 

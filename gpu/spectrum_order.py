@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from gpu.challenge import Edge
 from gpu.errors import InputError
 from gpu.ordered_schur import Rank
 
+EVENLY = 32  # points on the edge that do not depend on the values
 ORDERS = ("LM", "SM", "LR", "SR", "LI", "SI")
 
 
@@ -30,6 +32,38 @@ def rank_of(which: str, real: bool) -> Rank:
     if real:
         return lambda values: sign * np.abs(values.imag)
     return lambda values: sign * values.imag
+
+
+def edge_of(which: str, real: bool) -> Edge:
+    """Points of the curve where the rank is that of the least wanted eigenvalue.
+
+    Parameters
+    ----------
+    which, real
+        As for `rank_of`.
+
+    Returns
+    -------
+    callable (worst, values) -> ndarray
+        Of the rank on the curve, and of values beyond it: the points that are nearest to them, and
+        some all along. Curves without end go as far as the largest of the values.
+    """
+    sign = 1.0 if which[0] == "L" else -1.0
+    circle = np.exp(2j * np.pi * np.arange(EVENLY) / EVENLY)
+    line = np.linspace(-1.0, 1.0, EVENLY + 1)
+
+    def edge(worst: float, values: np.ndarray) -> np.ndarray:
+        size = np.abs(values)
+        if which[1] == "M":
+            return abs(worst) * np.concatenate((values[size > 0] / size[size > 0], circle))
+        along = line * size.max(initial=0.0)
+        if which[1] == "R":
+            return sign * worst + 1j * np.concatenate((values.imag, along))
+        along = np.concatenate((values.real, along))
+        upper = along + 1j * sign * worst
+        return np.concatenate((upper, upper.conj())) if real else upper
+
+    return edge
 
 
 def best_first(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 pytestmark = pytest.mark.gpu
 
@@ -71,6 +72,22 @@ def test_invariant_space_leaves_a_beta_of_round_off(cupy):
     fused.sweep(A, 0, 10)
     assert float(rows[1, -1]) > 0.1
     assert float(rows[2, -1]) < 1e-14
+
+
+@pytest.mark.parametrize("n", [300, 70001])
+def test_random_start(cupy, n):
+    """Unit vectors orthogonal to those before them; normal entries, another seed another vector."""
+    from gpu.arnoldi_kernels import FusedSteps
+
+    V, rows = cupy.full((6, n), np.nan), cupy.full((5, 7), np.nan)
+    fused = FusedSteps(V, rows)
+    for place in range(6):
+        fused.random_start(place, place)
+    basis = V.get()
+    assert np.abs(basis @ basis.T - np.eye(6)).max() < 1e-14
+    first = np.sort(basis[0]) * np.sqrt(n)
+    # Kolmogorov-Smirnov at a chance of 1e-6.
+    assert np.abs(stats.norm.cdf(first) - np.arange(n) / n).max() < 2.7 / np.sqrt(n)
 
 
 def test_zero_matrix(cupy):
