@@ -10,11 +10,12 @@
   the block of `contact_block.py` without friction, triangles of order 3. The penalty is a
   choice: the larger, the less penetration and the worse the condition.
 
+Everything on one thread (OMP_NUM_THREADS=1, NGSolve without its task manager).
 Ours is timed from the mesh to the certified result, the others from the mesh (or the surface) to
 the solution. The block's reference is ours on 192 x 192 cells; its displacement is compared at 99
 points of the bottom.
 
-    pip install tamaas ngsolve && python benchmarks/contact_peers.py
+    pip install tamaas ngsolve && OMP_NUM_THREADS=1 python benchmarks/contact_peers.py
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import json
+import os
 import statistics
 import sys
 import time
@@ -181,10 +183,9 @@ def ngsolve_block(n: int, penalty: float, order: int = 3) -> dict[str, Any]:
     field = ngs.GridFunction(fes)
     field.vec[:] = 0.0
     contact.Update(field, a, intorder=2 * order, maxdist=0.2)
-    with ngs.TaskManager():
-        _, steps = ngs.solvers.NewtonMinimization(
-            a, field, maxit=100, maxerr=1e-10, inverse="sparsecholesky", printing=False
-        )
+    _, steps = ngs.solvers.NewtonMinimization(
+        a, field, maxit=100, maxerr=1e-10, inverse="sparsecholesky", printing=False
+    )
     below = ngs.IfPos(-field[1] - 0.03, -field[1] - 0.03, 0.0)
     bottom = mesh.Boundaries("bottom")
     force = penalty * ngs.Integrate(below, mesh, definedon=bottom, order=2 * order)
@@ -212,6 +213,7 @@ def main(argv: list[str] | None = None) -> dict[str, Any]:
     sys.path.append(str(Path(__file__).parents[1] / "examples"))
     installed = {name: bool(importlib.util.find_spec(name)) for name in ("tamaas", "ngsolve")}
     record: dict[str, Any] = {"benchmark": "contact_peers", "machine": describe()}
+    record["threads"] = os.environ.get("OMP_NUM_THREADS", "all")
     record["peers"] = {name: version(name) for name, here in installed.items() if here}
 
     def row(case: str, name: str, call: Callable[[], dict[str, Any]], **extra: Any) -> None:
