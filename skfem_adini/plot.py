@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from skfem import CellBasis
 from skfem.element import ElementVector
 from skfem.refdom import RefQuad
 
@@ -13,6 +14,7 @@ from .cut_domain import CutDomain
 from .errors import InputError, MissingDependency
 
 _POINTS = 25
+_LATTICE = 6
 _MOST_ROWS = 2000
 _LABELS = {"u": "$u$", **{f"u_{k}": f"$u_{{{k}}}$" for k in ("x", "y", "z", "xy")}}
 
@@ -206,7 +208,7 @@ def plot_cut_domain(
 def plot_cut_field(
     domain: CutDomain, element: Any, x: Any, exact: Any = None, ax: Any = None
 ) -> Any:
-    """Draw a scalar field, or its error, at the quadrature points of a cut domain.
+    """Draw a scalar field, or its error: full cells as surfaces, cut ones by quadrature points.
 
     Parameters
     ----------
@@ -232,17 +234,31 @@ def plot_cut_field(
     """
     if ax is None:
         _, ax = _pyplot().subplots(figsize=(6, 5))
-    places, values = [], []
-    for basis in domain.basis(element):
+    lattice = np.indices((_LATTICE, _LATTICE)).reshape(2, -1) / (_LATTICE - 1)
+    bases = list(domain.basis(element))
+    if domain.full.size:
+        whole = {"quadrature": (lattice, np.ones(lattice.shape[1])), "elements": domain.full}
+        bases[0] = CellBasis(domain.mesh, element, **whole)
+    found = []
+    for basis in bases:
         where = np.asarray(basis.global_coordinates())
         field = np.asarray(basis.interpolate(x))
         if exact is not None:
             field = np.log10(np.maximum(np.abs(field - exact(where)), 1e-17))
-        keep = basis.dx > 0
-        places.append(where[:, keep])
-        values.append(field[keep])
-    where, field = np.concatenate(places, axis=1), np.concatenate(values)
-    drawn = ax.scatter(*where, c=field, s=3, cmap="viridis")
+        found.append((where, field))
+    low, high = (pick([pick(field) for _, field in found]) for pick in (np.min, np.max))
+    style = {"cmap": "viridis", "vmin": low, "vmax": high}
+    corner = (np.arange(_LATTICE - 1)[:, None] * _LATTICE + np.arange(_LATTICE - 1)).ravel()
+    halves = corner[:, None, None] + [[0, 1, _LATTICE], [1, _LATTICE, _LATTICE + 1]]
+    for (where, field), basis in zip(found, bases, strict=True):
+        if basis is bases[0] and domain.full.size:
+            first = np.arange(len(field))[:, None, None] * _LATTICE**2
+            triangles = (first + halves.reshape(-1, 3)).reshape(-1, 3)
+            x_y = where.reshape(2, -1)
+            drawn = ax.tripcolor(*x_y, triangles, field.ravel(), shading="gouraud", **style)
+        else:
+            keep = basis.dx > 0
+            drawn = ax.scatter(*where[:, keep], c=field[keep], s=4, **style)
     label = "$u$" if exact is None else r"$\log_{10} |u_h - u|$"
     ax.figure.colorbar(drawn, ax=ax, shrink=0.8, label=label)
     ax.set_aspect("equal")

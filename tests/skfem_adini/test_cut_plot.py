@@ -31,10 +31,14 @@ def test_cells(domain):
 def test_field_and_error(domain):
     element = ElementQuadAdini()
     x = Basis(domain.mesh, element).project(lambda x: x[0] ** 3)
-    (dots,) = plot_cut_field(domain, element, x).collections
+    whole, dots = plot_cut_field(domain, element, x).collections
     assert 0 < dots.get_array().min() < dots.get_array().max() < 1
-    (dots,) = plot_cut_field(domain, element, x, exact=lambda x: x[0] ** 3).collections
-    assert dots.get_array().max() < -10
+    assert whole.get_clim() == dots.get_clim()
+    # The surfaces are x^3 at the corners of the full cells and between.
+    assert 0 < whole.get_array().min() < whole.get_array().max() < 1
+    assert whole.get_array().size == 36 * domain.full.size
+    whole, dots = plot_cut_field(domain, element, x, exact=lambda x: x[0] ** 3).collections
+    assert max(whole.get_array().max(), dots.get_array().max()) < -10
     (inside,) = [np.hypot(*(dots.get_offsets() - 0.5).T)]
     assert inside.max() < 0.411
     plt.close("all")
