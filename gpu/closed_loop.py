@@ -10,16 +10,18 @@ import numpy as np
 
 from gpu.arrays import array_module, to_host
 from gpu.errors import GpuError, NotConverged
-from gpu.hamiltonian_balance import balance
 from gpu.lqr_problem import DenseProblem, LQRProblem
-from gpu.lyapunov import SCHUR, LyapunovSolver, lyapunov_solver
+from gpu.lyapunov import SCHUR, LyapunovSolver, cayley_shift, lyapunov_solver
+from gpu.lyapunov_certificate import proven_bound
 from gpu.state_matrix import EPS, StateMatrix
 
 ALL_POLES = 1500  # up to this order all poles are computed
 FEW = 12
 RESTARTS = 30
+TOLERANCES = (1e-8, 1e-4)
 # Left of the axis by so much of the matrix, no meeting of eigenvalues there can be in question.
 FAR = 1e-3
+SQUARES = 0.05  # the second order of a Newton step over the first where it converges
 
 
 @dataclass(frozen=True)
@@ -33,29 +35,62 @@ class DenseLoop:
         What round-off of A and of the feedback may move an entry of it by.
     value : array, shape (n, n), or None
         The Riccati solution in the same units, where it is known.
-    doubt : tuple (B, W) or None
-        The inputs, and what round-off leaves of the Riccati equation, entry by entry.
+    doubt : tuple (B, W, T) or None
+        The inputs, what the value leaves of the Riccati equation, and the size of its terms.
+    parts : tuple (A, B, K) or None
+        What the matrix was made of.
     """
 
     matrix: Any
     rounding: float
     value: Any = None
     doubt: Any = None
+    parts: Any = None
 
     @cached_property
     def poles(self) -> np.ndarray:
-        """Eigenvalues, rightmost first: all of a small matrix, else those nearest to zero."""
-        if len(self.matrix) <= SCHUR and isinstance(self.matrix, np.ndarray):
+        """Eigenvalues, rightmost first: all of a small or symmetric matrix, else some near zero.
+
+        Of the few nearest to zero those that converge; in a cluster to fewer digits, or none.
+        """
+        return self._poles_and_tolerance[0]
+
+    @property
+    def tolerance(self) -> float:
+        """What the poles are known to, relative, as eigenvalues of a matrix so close."""
+        return self._poles_and_tolerance[1]
+
+    @cached_property
+    def _poles_and_tolerance(self) -> tuple[np.ndarray, float]:
+        n, tolerance = len(self.matrix), EPS
+        if n <= SCHUR and isinstance(self.matrix, np.ndarray):
             values = self.lyapunov.poles
             assert values is not None
-        elif len(self.matrix) <= ALL_POLES:
+        elif n <= ALL_POLES:
             values = np.linalg.eigvals(to_host(self.matrix))
+        elif self._symmetric:
+            values = to_host(array_module(self.matrix).linalg.eigvalsh(self.matrix)) + 0j
         else:
-            try:
-                values = _nearest(self.matrix, sigma=0.0, k=FEW)
-            except NotConverged:  # a cluster: slow, but all of them
-                values = np.linalg.eigvals(to_host(self.matrix))
-        return values[np.argsort(-values.real, kind="stable")]
+            values = np.zeros(0, dtype=complex)
+            for tolerance in TOLERANCES:
+                try:
+                    values = _nearest(self.matrix, sigma=0.0, k=FEW, tol=tolerance)
+                except GpuError:
+                    continue
+                break
+        return values[np.argsort(-values.real, kind="stable")], tolerance
+
+    @property
+    def whole(self) -> bool:
+        """Whether all poles are known."""
+        return len(self.poles) == len(self.matrix)
+
+    @cached_property
+    def _symmetric(self) -> bool:
+        xp = array_module(self.matrix)
+        return float(xp.linalg.norm(self.matrix - self.matrix.T)) <= EPS * float(
+            xp.linalg.norm(self.matrix)
+        )
 
     @cached_property
     def lyapunov(self) -> LyapunovSolver:
@@ -64,42 +99,77 @@ class DenseLoop:
 
     @property
     def abscissa(self) -> float:
-        """The largest real part."""
-        return float(self.poles[0].real)
+        """The largest real part of a pole; of a large matrix without a known one the bound."""
+        return float(self.poles[0].real) if len(self.poles) else self.bound
+
+    @cached_property
+    def bound(self) -> float:
+        """No pole lies right of it: proved where not all are known; infinity where nothing is."""
+        if self.whole:
+            return self.abscissa
+        likely = float(self.poles[0].real) if len(self.poles) else -np.inf
+        if not likely < 0.0:
+            return np.inf
+        magnitude = self._magnitude()
+        bound = np.inf
+        if self.value is not None:
+            bound = proven_bound(self.matrix, self.value, magnitude, likely)
+        if not bound < 0.0:
+            # Fast and slow modes weigh alike in the function of Lyapunov that has this derivative.
+            A, xp = self.matrix, array_module(self.matrix)
+            W, places = A.T @ A, xp.arange(len(A))
+            W[places, places] += cayley_shift(A) ** 2
+            try:
+                bound = proven_bound(A, self.lyapunov(W), magnitude, likely)
+            except np.linalg.LinAlgError:
+                return np.inf
+        return bound
+
+    def _magnitude(self) -> Any:
+        """Products with a matrix whose entries are no smaller than those of |A| + |B| |K|."""
+        if self.parts is None:
+            M = abs(self.matrix)
+            return (lambda v: M @ v), (lambda v: M.T @ v)
+        A, B, K = (abs(M) for M in self.parts)
+        return (lambda v: A @ v + B @ (K @ v)), (lambda v: A.T @ v + K.T @ (B.T @ v))
 
     def is_stable(self) -> bool:
         """Whether every pole lies left of the imaginary axis, beyond round-off."""
-        if len(self.matrix) <= ALL_POLES:
+        if self.whole:
             return self.abscissa < -self.rounding and not self._on_the_axis()
-        return self._lyapunov_stable() or self._powers_vanish()
+        return self.bound < 0.0
+
+    @cached_property
+    def newton(self) -> tuple[float, float]:
+        """The size of Newton's next step relative to the value, and of the one after to that."""
+        if self.doubt is None or len(self.matrix) > SCHUR:
+            return np.nan, 0.0
+        return self._step(self.doubt[1])
+
+    def _step(self, W: Any) -> tuple[float, float]:
+        norm, B = array_module(self.matrix).linalg.norm, self.doubt[0]
+        first = self.lyapunov(W)
+        reach = first @ B
+        second = self.lyapunov(reach @ reach.T)
+        size = float(norm(first))
+        return size / (float(norm(self.value)) or 1.0), float(norm(second)) / (size or 1.0)
 
     def _on_the_axis(self) -> bool:
         """Whether a Riccati solution as good as this one may have a pole on the axis.
 
-        Where eigenvalues of the Hamiltonian meet there, round-off parts them by its square root.
+        Where eigenvalues of the Hamiltonian meet there, Newton's steps become halves of one
+        another instead of squares, and the second order of a step is a quarter of it.
         """
-        xp = array_module(self.matrix)
+        return self._near() and not self.newton[1] <= SQUARES
+
+    def is_sensitive(self) -> bool:
+        """Whether rounding of the data may put a pole on the axis, whatever the value solves."""
+        return self._near() and not self._step(EPS * self.doubt[2])[1] <= SQUARES
+
+    def _near(self) -> bool:
         if self.doubt is None or len(self.matrix) > SCHUR:
             return False
-        if self.abscissa < -FAR * float(xp.linalg.norm(self.matrix)):
-            return False
-        B, W = self.doubt
-        D = self.lyapunov(W)
-        return not float(xp.linalg.norm(B @ (B.T @ D))) < -self.abscissa
-
-    def _lyapunov_stable(self) -> bool:
-        """Lyapunov: X > 0 and ``A^T X + X A < 0`` by two Cholesky factorisations."""
-        if self.value is None:
-            return False
-        half = self.value @ self.matrix
-        return _definite(self.value) and _definite(-(half + half.T))
-
-    def _powers_vanish(self) -> bool:
-        try:
-            _ = self.lyapunov
-        except np.linalg.LinAlgError:
-            return False
-        return True
+        return self.abscissa >= -FAR * float(array_module(self.matrix).linalg.norm(self.matrix))
 
 
 def closed_loop_of(
@@ -109,10 +179,12 @@ def closed_loop_of(
     S: Any = None,
     K: Any = None,
     residual: Any = None,
+    extended: bool = False,
 ) -> DenseLoop:
     """The closed loop of a dense problem with S, or with the gain K, in the units given.
 
-    ``residual``, shape (n, n), is what S leaves of its equation.
+    ``residual``, shape (n, n), is what S leaves of its equation; ``extended`` says that its own
+    rounding does not matter.
     """
     xp = problem.xp
     A, B, _ = standard
@@ -129,18 +201,23 @@ def closed_loop_of(
             gain = gain - xp.asarray(np.linalg.inv(problem.root)) @ problem.N.T
     A, B, gain = A * unit / unit[:, None], B / unit[:, None], gain * unit
     if value is not None and len(A) <= ALL_POLES:
+        W: Any = np.zeros((1, 1)) if residual is None else residual * unit * unit[:, None]
         half = abs(value @ A)
-        W = half + half.T + abs(gain.T @ gain) + abs(standard.Q * unit * unit[:, None])
-        left = 0.0 if residual is None else abs(residual * unit * unit[:, None])
-        doubt = (B, EPS * W + left)
+        terms = half + half.T + abs(gain.T @ gain) + abs(standard.Q * unit * unit[:, None])
+        doubt = (B, W if extended else EPS * terms + abs(W), terms)
+    loop = A - B @ gain
+    if loop.dtype != np.float64:
+        loop, gain = loop.astype(float), gain.astype(float)
+        value = None if value is None else value.astype(float)
+        doubt = None if doubt is None else tuple(M.astype(float) for M in doubt)
     rounding = 4 * EPS * float(xp.linalg.norm(A) + xp.linalg.norm(B) * xp.linalg.norm(gain))
-    return DenseLoop(A - B @ gain, rounding, value, doubt)
+    return DenseLoop(loop, rounding, value, doubt, (A, B, gain))
 
 
 def dense_loop(problem: LQRProblem, K: Any) -> DenseLoop:
     """The closed loop of any problem whose entries can be stored, with the gain K."""
     standard = problem.standard()
-    return closed_loop_of(problem, standard, balance(standard), K=K)
+    return closed_loop_of(problem, standard, problem.unit, K=K)
 
 
 def nearest_poles(state: StateMatrix, B: Any, K: Any, count: int = FEW) -> np.ndarray:
@@ -177,32 +254,14 @@ def nearest_poles(state: StateMatrix, B: Any, K: Any, count: int = FEW) -> np.nd
     return poles[np.argsort(-poles.real, kind="stable")]
 
 
-def _nearest(matrix: Any, **options: Any) -> np.ndarray:
+def _nearest(matrix: Any, tol: float = TOLERANCES[0], **options: Any) -> np.ndarray:
     """What converged of the wanted eigenvalues in a few restarts: repeated ones may never all."""
     from gpu.eigs import eigs
 
     try:
-        found = eigs(matrix, return_eigenvectors=False, maxiter=RESTARTS, tol=1e-8, **options)
+        found = eigs(matrix, return_eigenvectors=False, maxiter=RESTARTS, tol=tol, **options)
     except NotConverged as error:
         found = error.eigenvalues
         if found is None or not len(found):
             raise
     return to_host(found)
-
-
-def _definite(M: Any) -> bool:
-    from gpu.dense import cholesky
-
-    xp = array_module(M)
-    diagonal = M.diagonal()
-    if not bool((diagonal > 0.0).all()):
-        return False
-    unit = xp.sqrt(diagonal)
-    scaled = M / unit / unit[:, None]
-    places = xp.arange(len(M))
-    scaled[places, places] -= 4 * len(M) * EPS
-    try:
-        cholesky(xp.ascontiguousarray(scaled))
-    except np.linalg.LinAlgError:
-        return False
-    return True

@@ -10,13 +10,14 @@ from scipy import linalg
 
 from gpu import newton_kleinman
 from gpu.arrays import array_module, to_host
+from gpu.denormals import filled
 from gpu.errors import NotConverged
-from gpu.hamiltonian_balance import balance, scaled_hamiltonian
+from gpu.hamiltonian_balance import scaled_hamiltonian
 from gpu.lqr_problem import DenseProblem, LQRProblem
 from gpu.lqr_problem import solve as solve_linear
 from gpu.lqr_result import Found
 from gpu.lyapunov import cayley_shift
-from gpu.riccati_refinement import judge, refine
+from gpu.riccati_refinement import finished, refine
 from gpu.state_matrix import EPS
 
 ITERATIONS = 60
@@ -32,7 +33,7 @@ class Doubled(NamedTuple):
     converged: bool
 
 
-def solve(problem: LQRProblem, *, newton: int = 8, fallback: bool = True) -> Found:
+def solve(problem: LQRProblem, *, newton: int = 12, fallback: bool = True) -> Found:
     r"""Solve a dense problem by doubling, then by Newton steps on what is left.
 
     Parameters
@@ -63,13 +64,11 @@ def solve(problem: LQRProblem, *, newton: int = 8, fallback: bool = True) -> Fou
             continue
         if not bool(problem.xp.isfinite(S).all()):
             continue
-        S, steps = refine(problem, S, newton)
-        verdict = judge(problem, S)
-        info["newton_steps"] = steps
-        found = Found(problem.gain_of(S), S, info, verdict)
-        if verdict.certified:
+        S, info["newton_steps"] = refine(problem, S, newton)
+        found = finished(problem, S, info)
+        if found.verdict.certified:
             return found
-        if best is None or verdict.residual < best.verdict.residual:
+        if best is None or found.verdict.residual < best.verdict.residual:
             best = found
     if best is None:
         raise NotConverged("neither doubling nor what stands in for it found a Riccati solution")
@@ -77,7 +76,7 @@ def solve(problem: LQRProblem, *, newton: int = 8, fallback: bool = True) -> Fou
 
 
 def _by_doubling(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, Any]]:
-    unit = balance(standard)
+    unit = problem.unit
     A, G, Q = scaled_hamiltonian(standard, unit)
     found = double(A, G, Q)
     if not found.converged:
@@ -91,7 +90,7 @@ def _by_moved_doubling(problem: LQRProblem, standard: DenseProblem) -> tuple[Any
 
     Unstable modes that Q hardly sees make G_k grow without end; a feedback moves them first.
     """
-    unit = balance(standard)
+    unit = problem.unit
     A, G, Q = scaled_hamiltonian(standard, unit)
     B = standard.B / unit[:, None]
     X0 = newton_kleinman.stabilising_value(DenseProblem(A, B, Q))
@@ -141,22 +140,22 @@ def double(A: Any, G: Any, Q: Any, gamma: float | None = None) -> Doubled:
     continuous-time algebraic Riccati equations, Linear Algebra Appl. 396 (2005), Algorithm 2.1.
     """
     xp, n = array_module(A), len(A)
+    A, G, Q = (filled(M) for M in (A, G, Q))
     if gamma is None:
         gamma = _shift(A, G, Q)
     eye, places = xp.eye(n), xp.arange(n)
     moved = A.copy()
     moved[places, places] -= gamma
     inverse = solve_linear(moved, eye)
-    W = moved.T + Q @ (inverse @ G)
-    inverse_w = solve_linear(W, eye)
-    half = 2.0 * gamma * inverse_w
+    reach = inverse @ G
+    half = 2.0 * gamma * solve_linear(moved.T + Q @ reach, eye)
     H = half @ (Q @ inverse)
-    G = inverse @ (G @ half)
-    # V = W^T, as G and Q are symmetric.
+    G = reach @ half
+    # Of the transposed matrix, as G and Q are symmetric.
     A = half.T.copy()
     A[places, places] += 1.0
     G, H = (G + G.T) / 2, (H + H.T) / 2
-    del moved, inverse, W, inverse_w, half
+    del moved, inverse, reach, half
     converged, iteration = False, 0
     while iteration < ITERATIONS and not converged:
         iteration += 1
@@ -172,9 +171,10 @@ def double(A: Any, G: Any, Q: Any, gamma: float | None = None) -> Doubled:
         size = float(xp.linalg.norm(H))
         if not np.isfinite(size) or not np.isfinite(float(xp.linalg.norm(G))):
             break
-        converged = float(xp.linalg.norm(step)) <= 4 * EPS * size and (
-            float(xp.linalg.norm(A)) < 1e-3
-        )
+        left = float(xp.linalg.norm(A))
+        converged = float(xp.linalg.norm(step)) <= 4 * EPS * size and left < 1e-3
+        # The next step is smaller than H by |A|^2, where G and H are semidefinite.
+        converged |= n > SMALL and left * left <= EPS
     return Doubled(H, iteration, converged)
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gpu.arrays import array_module
-from gpu.lqr_problem import DenseProblem
+
+if TYPE_CHECKING:
+    from gpu.lqr_problem import DenseProblem
 
 
 def balance(standard: DenseProblem, sweeps: int = 12) -> Any:

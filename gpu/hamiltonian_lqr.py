@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from gpu.arrays import to_host
+from gpu.arrays import array_module, to_host
 from gpu.errors import InputError, NotConverged, RiccatiError
 from gpu.hamiltonian import InverseHamiltonian
 from gpu.krylov_schur import krylov_schur
@@ -19,9 +19,11 @@ from gpu.weights import Weight
 
 PI = ("printed", "symmetric")
 STARTS = ("random", "inputs")
+COPIES = 100  # so many that no input reaches are computed beside those asked for
 EXTRA = 6  # beyond those asked for, so that neither +- nor conjugate pairs are cut
 DENSE = 128  # up to this order of the Hamiltonian all of its eigenvalues are computed
 RESTARTS = 300
+UNREACHED = 1e-8  # B^T y over |B| |y| of an eigenvector without a part in the gain
 CLOSE = 1e-6  # moduli that differ by less belong together
 
 
@@ -53,7 +55,8 @@ def solve(
     Parameters
     ----------
     modes : int
-        L, from 2 to 2 n; about half of them are stable.
+        L, from 2 to 2 n; about half of them are stable. From "inputs" only those count that an
+        input reaches: rounding brings up to 100 others into a dense A, and fewer into a diagonal.
     pi : {"symmetric", "printed"}
     start : {"random", "inputs"}, optional
         The seed of the Krylov space. "random", as in the dissertation and the default of
@@ -123,10 +126,20 @@ def stable_subspace(
     state = StateMatrix(state.A, state.E, state.inverse, explicit=True)
     inverse = InverseHamiltonian(state, B, weight, scale=rho)
     n, xp = state.n, state.xp
-    w, z = _largest(inverse, B, modes, tol, start)
+    wanted, limit = modes, min(modes + COPIES, 2 * n)
+    while True:
+        w, z = _largest(inverse, B, wanted, tol, start)
+        reached = _reached(B, z[n:]) if start == "inputs" else np.ones(len(w), dtype=bool)
+        counted = int(reached.sum())
+        if counted >= modes or wanted >= limit or len(w) >= 2 * n:
+            break
+        # Rounding brings copies that no input reaches: they are kept, but not counted.
+        more = wanted * (modes / max(counted, 1)) ** 1.5
+        wanted = min(limit, int(max(more, wanted)) + EXTRA)
     size = np.abs(w)
-    last = size[min(modes, len(w)) - 1]
-    taken = size >= last * (1.0 - CLOSE) if len(w) > modes else np.ones(len(w), dtype=bool)
+    taken = np.ones(len(w), dtype=bool)
+    if counted > modes:
+        taken = size >= size[np.flatnonzero(reached)[modes - 1]] * (1.0 - CLOSE)
     axis = np.abs(w.real) <= 1e-9 * size
     if np.any(axis & taken):
         raise RiccatiError(
@@ -146,6 +159,13 @@ def stable_subspace(
         raise NotConverged(f"none of {modes} eigenvalues is stable: raise modes")
     basis = xp.linalg.qr(basis)[0]
     return basis[:n], rho * basis[n:], inverse.solves
+
+
+def _reached(B: Any, Y: Any) -> np.ndarray:
+    """Which eigenvectors have a part in the gain ``B^T Y``."""
+    norm = array_module(B).linalg.norm
+    seen, size = norm(B.T @ Y, axis=0), float(norm(B)) * norm(Y, axis=0)
+    return np.asarray(to_host(seen > UNREACHED * size))
 
 
 def _largest(

@@ -97,8 +97,10 @@ def lqr(
     Notes
     -----
     Certified means: the closed loop's poles were computed again from A, B and K and lie left of
-    the axis beyond round-off, and for dense methods the residual of the equation, in units that
-    balance the Hamiltonian, is below 1e-9 (usually 1e-15).
+    the axis beyond round-off, or, of more than 1500 states, Lyapunov's inequality proves that
+    they do; and for dense methods the residual of the equation, in units that balance the
+    Hamiltonian, is below 1e-9 (usually 1e-15), or S is the solution to 1e-12. The stability of
+    large sparse loops is not proved: the poles nearest to zero are examined.
 
     References
     ----------
@@ -253,6 +255,10 @@ def solve_problem(
                 ),
                 paid,
             )
+        if found.verdict is not None and found.verdict.loop.is_sensitive():
+            inherent = explain(problem)
+            if inherent is not None:
+                raise inherent
         if not paid:
             _check_cost(problem, result.S)
     elif not result.stable and unstable != "ignore":
@@ -270,23 +276,30 @@ def certified(problem: LQRProblem, found: Found, method: str) -> LQRResult:
     """Compute poles and residual again from the data and put the result together."""
     info = dict(found.info)
     residual = float(info.pop("residual", np.nan))
-    xp = problem.xp
+    xp, error = problem.xp, np.nan
     if found.verdict is not None or (problem.dense and isinstance(found.value, xp.ndarray)):
         verdict = found.verdict or judge(problem, found.value)
-        residual = verdict.residual
-        poles, stable = verdict.loop.poles, verdict.loop.is_stable()
+        residual, error = verdict.residual, verdict.error
+        loop = verdict.loop
     elif problem.dense or (problem.n <= ALL_POLES and problem.state.kind != "operator"):
         loop = dense_loop(problem, found.gain)
-        poles, stable = loop.poles, loop.is_stable()
     else:
+        loop = None
+    if loop is None:
         poles, stable = nearest(problem, found.gain)
+        abscissa, bound = float(poles[0].real) if len(poles) else np.nan, np.nan
+    else:
+        poles, stable, abscissa, bound = loop.poles, loop.is_stable(), loop.abscissa, loop.bound
+        info["pole_tolerance"] = loop.tolerance
     return LQRResult(
         K=found.gain,
         S=found.value,
         E=poles,
         stable=bool(stable),
-        abscissa=float(poles[0].real) if len(poles) else np.nan,
+        abscissa=abscissa,
+        bound=bound,
         residual=residual,
+        error=error,
         method=method,
         iterations=int(info.pop("iterations", 0)),
         solves=int(info.pop("solves", 0)),

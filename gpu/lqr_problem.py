@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy import linalg, sparse
 
 from gpu.arrays import array_module, to_host
 from gpu.errors import InputError
+from gpu.hamiltonian_balance import balance
 from gpu.state_matrix import EPS, StateMatrix, stored, symmetric
 from gpu.weights import Weight
 
@@ -80,6 +82,11 @@ class LQRProblem:
     def dense(self) -> bool:
         """Whether A is stored as a full matrix."""
         return self.state.kind == "dense"
+
+    @cached_property
+    def unit(self) -> Any:
+        """Units of the states, shape (n,), that balance the Hamiltonian of a dense problem."""
+        return balance(self.standard())
 
     def gain(self, scaled: Any) -> Any:
         """``K = L^-T (K~ + L^-1 N^T)`` of the gain K~ in the inputs of unit cost, shape (m, n)."""

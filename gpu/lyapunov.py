@@ -9,6 +9,7 @@ import numpy as np
 from scipy import linalg
 
 from gpu.arrays import array_module
+from gpu.denormals import filled
 from gpu.lqr_problem import solve
 from gpu.ordered_schur import eigenvalues_of
 from gpu.state_matrix import EPS
@@ -77,6 +78,7 @@ def _by_schur_form(A: np.ndarray) -> LyapunovSolver:
 
 def _by_squaring(A: Any) -> LyapunovSolver:
     xp, n = array_module(A), len(A)
+    A = filled(A)
     gamma = cayley_shift(A)
     moved = A.copy()
     places = xp.arange(n)

@@ -9,12 +9,11 @@ import numpy as np
 from gpu.arrays import array_module, to_host
 from gpu.closed_loop import ALL_POLES, DenseLoop
 from gpu.errors import InputError, NotConverged, NotSupported
-from gpu.hamiltonian_balance import balance
 from gpu.lqr_problem import DenseProblem, LQRProblem
 from gpu.lqr_result import Found
 from gpu.lyapunov import lyapunov_solver
 from gpu.ordered_schur import ordered_schur
-from gpu.riccati_refinement import judge, refine
+from gpu.riccati_refinement import finished, refine
 from gpu.state_matrix import EPS
 
 
@@ -59,7 +58,7 @@ def solve(problem: LQRProblem, *, start: Any = None, steps: int = 200, tol: floa
             f"Newton-Kleinman needs a dense A, or at most {ALL_POLES} states: here {problem.n}"
         )
     standard = problem.standard()
-    unit = balance(standard)
+    unit = problem.unit
     A, B, Q = standard
     A, B, Q = A * unit / unit[:, None], B / unit[:, None], Q * unit * unit[:, None]
     balanced = DenseProblem(A, B, Q)
@@ -73,7 +72,7 @@ def solve(problem: LQRProblem, *, start: Any = None, steps: int = 200, tol: floa
     S = problem.value_of(X / unit / unit[:, None])
     S, polished = refine(problem, S, 4)
     info = {"iterations": len(history), "history": tuple(history), "newton_steps": polished}
-    return Found(problem.gain_of(S), S, info, judge(problem, S))
+    return finished(problem, S, info)
 
 
 def stabilising_gain(problem: DenseProblem) -> Any:

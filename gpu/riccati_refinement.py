@@ -7,13 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gpu.closed_loop import DenseLoop, closed_loop_of
-from gpu.hamiltonian_balance import balance
 from gpu.lqr_problem import LQRProblem
-from gpu.riccati_residual import EXTENDED, riccati_residual
+from gpu.lqr_result import Found
+from gpu.riccati_residual import EXTENDED, gain_in_extended, riccati_residual
 from gpu.state_matrix import EPS
 
 # Largest relative residual, in balanced units, that is certified.
 RESIDUAL = 1e-9
+# Or else the largest distance to the solution, relative, in the same units.
+ERROR = 1e-12
 
 
 class Verdict(NamedTuple):
@@ -24,15 +26,28 @@ class Verdict(NamedTuple):
     residual : float
         Relative, in balanced units.
     loop : DenseLoop
+    rounded : float
+        What rounding to double precision has changed the solution by, relative.
     """
 
     residual: float
     loop: DenseLoop
+    rounded: float = 0.0
 
     @property
     def certified(self) -> bool:
         """Whether it solves the equation and stabilises."""
-        return bool(self.residual <= RESIDUAL) and self.loop.is_stable()
+        solved = bool(self.residual <= RESIDUAL) or self.error <= ERROR
+        return solved and self.loop.is_stable()
+
+    @property
+    def error(self) -> float:
+        """The distance to the solution, where the residual is too large; NaN elsewhere.
+
+        Where ``S A`` is much smaller than its terms, no matrix of double precision has a small
+        residual, the solution rounded included.
+        """
+        return np.nan if self.residual <= RESIDUAL else self.rounded + self.loop.newton[0]
 
 
 def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
@@ -40,7 +55,9 @@ def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
 
     With residuals of twice the digits they shrink to the rounding of S itself, also where the
     equation is ill-conditioned; see N. J. Higham, Accuracy and Stability of Numerical Algorithms,
-    SIAM 2002, chapter 12, for this kind of refinement.
+    SIAM 2002, chapter 12, for this kind of refinement. Where slow poles stand beside a fast
+    loop, its gain needs more digits of S than double precision has: S is kept in extended
+    precision where residuals are.
 
     Returns
     -------
@@ -49,9 +66,11 @@ def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
         How many were taken.
     """
     standard = problem.standard()
-    unit = balance(standard)
+    unit = problem.unit
     extended = in_extended(problem)
     before, taken = np.inf, 0
+    if extended:
+        S = S.astype(np.longdouble)
     previous = S
     for _ in range(steps if extended else min(steps, 2)):
         residual = riccati_residual(problem, S, unit, extended)
@@ -69,19 +88,33 @@ def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
         previous = S
         S = S + change
         S = (S + S.T) / 2
-        before, taken = size, taken + 1
-        if size <= EPS * _balanced_norm(problem, S, unit):
+        left = size / _balanced_norm(problem, S, unit) if size > 0.0 else 0.0
+        slowly, before, taken = size > 1e-3 * before, size, taken + 1
+        if left <= (1e-3 * EPS if slowly else EPS):
             break
     return S, taken
 
 
+def finished(problem: LQRProblem, S: Any, info: dict[str, Any]) -> Found:
+    """Judge a refined solution; its gain is computed before S is rounded to double precision."""
+    verdict = judge(problem, S)
+    gain = gain_in_extended(problem, S) if in_extended(problem) else problem.gain_of(S)
+    return Found(gain, S.astype(float), info, verdict)
+
+
 def judge(problem: LQRProblem, S: Any) -> Verdict:
-    """Recompute the residual of S and the closed loop of its gain."""
-    standard = problem.standard()
-    unit = balance(standard)
-    residual = riccati_residual(problem, S, unit, in_extended(problem))
-    loop = closed_loop_of(problem, standard, unit, S, residual=residual.matrix)
-    return Verdict(residual.relative, loop)
+    """Recompute the residual of S, as rounded to double precision, and the closed loop."""
+    standard, unit = problem.standard(), problem.unit
+    extended = in_extended(problem)
+    residual = riccati_residual(problem, S, unit, extended)
+    loop = closed_loop_of(problem, standard, unit, S, residual=residual.matrix, extended=extended)
+    rounded = 0.0
+    if S.dtype != np.float64:
+        double = S.astype(float)
+        change = _balanced_norm(problem, S - double, unit)
+        rounded = change / (_balanced_norm(problem, double, unit) or 1.0)
+        residual = riccati_residual(problem, double, unit, extended)
+    return Verdict(residual.relative, loop, rounded)
 
 
 def in_extended(problem: LQRProblem) -> bool:
@@ -92,4 +125,4 @@ def in_extended(problem: LQRProblem) -> bool:
 def _balanced_norm(problem: LQRProblem, S: Any, unit: Any) -> float:
     E = problem.full()[1]
     Y = S if E is None else E.T @ S @ E
-    return float(problem.xp.linalg.norm(Y * unit * unit[:, None]))
+    return float(problem.xp.linalg.norm((Y * unit * unit[:, None]).astype(float)))

@@ -76,6 +76,16 @@ def riccati_residual(
     return Residual(R, error / size if size > 0.0 else error)
 
 
+def gain_in_extended(problem: LQRProblem, S: Any) -> np.ndarray:
+    """``R^-1 (B^T S E + N^T)``, shape (m, n), rounded in the end."""
+    E, N = (_long(M) for M in (problem.full()[1], problem.N))
+    S = np.asarray(S, dtype=np.longdouble)
+    cross = (S if E is None else E.T @ S) @ problem.B.astype(np.longdouble)
+    L = _cholesky(problem.R)
+    inputs = _lower_solve(L, (cross if N is None else cross + N).T)
+    return np.asarray(_lower_solve(L[::-1, ::-1].T, inputs[::-1])[::-1], dtype=float)
+
+
 def _long(M: Any) -> Any:
     return None if M is None else np.asarray(M, dtype=np.longdouble)
 

@@ -104,7 +104,10 @@ def test_circulant():
 @pytest.mark.slow
 def test_large_circulant():
     A, B, Q, R, X = carex.example_3_2(4096)
-    assert distance(lqr(A, B, Q, R, fallback=False, newton=0).S, X) <= 1e-12
+    result = lqr(A, B, Q, R)
+    assert distance(result.S, X) <= 1e-12
+    assert result.converged
+    assert result.abscissa == pytest.approx(-1.0, rel=1e-12)
 
 
 def test_mass_matrix_of_the_heat_equation():

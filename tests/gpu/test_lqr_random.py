@@ -75,3 +75,15 @@ def test_most_of_them_are_solved():
             continue
     # The others have weights so far apart that double precision cannot tell their poles.
     assert solved >= 50
+
+
+def test_slow_poles_beside_fast_ones():
+    """Loops as fast as 1e9 with poles near one: their gain needs more digits than S has."""
+    rng = np.random.default_rng(20)
+    for n in (10, 20, 34):
+        A, B = rng.standard_normal((n, n)), rng.standard_normal((n, 2))
+        C = 1e3 * rng.standard_normal((n // 2, n))
+        problem = A, B, C.T @ C, 1e-2 * np.eye(2), None, None
+        result = lqr(*problem)
+        assert wrong(*problem, result) == []
+        assert result.converged

@@ -1,0 +1,82 @@
+"""What is said of the stability of large dense loops is proved, and nothing unstable passes."""
+
+import numpy as np
+import pytest
+
+from gpu import closed_loop
+from gpu.closed_loop import DenseLoop
+from gpu.lyapunov import lyapunov_solver
+from gpu.lyapunov_certificate import proven_bound
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    """Matrices of 60 rows are treated as if they were large."""
+    monkeypatch.setattr(closed_loop, "ALL_POLES", 20)
+    monkeypatch.setattr(closed_loop, "SCHUR", 20)
+
+
+def with_abscissa(a, seed=0, n=60, normal=False):
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((n, n))
+    if normal:
+        A = A - A.T
+    return A - (np.linalg.eigvals(A).real.max() - a) * np.eye(n)
+
+
+def rounding(A):
+    return 4 * np.finfo(float).eps * np.linalg.norm(A)
+
+
+@pytest.mark.parametrize("normal", [False, True])
+@pytest.mark.parametrize("abscissa", [-1e-3, -0.1, -2.0])
+def test_stable_loops_are_proved_stable(abscissa, normal):
+    for seed in range(5):
+        A = with_abscissa(abscissa, seed, normal=normal)
+        loop = DenseLoop(A, rounding(A))
+        assert loop.is_stable()
+        assert abscissa * (1 + 1e-9) <= loop.bound < 0.0
+
+
+@pytest.mark.parametrize("normal", [False, True])
+@pytest.mark.parametrize("abscissa", [1e-3, 1e-9, 1e-15, 0.0])
+def test_loops_that_are_not_stable_never_pass(abscissa, normal):
+    for seed in range(5):
+        A = with_abscissa(abscissa, seed, normal=normal)
+        assert not DenseLoop(A, rounding(A)).is_stable()
+
+
+@pytest.mark.parametrize("frequency", [0.0, 0.3, 40.0])
+def test_a_pole_on_the_axis_far_from_the_others_never_passes(frequency):
+    """The poles nearest to zero look stable: only the proof can tell."""
+    A = -np.diag(np.linspace(0.1, 2.0, 60))
+    A[-2:, -2:] = [[0.0, frequency], [-frequency, 0.0]]
+    T = np.linalg.qr(np.random.default_rng(1).standard_normal((60, 60)))[0]
+    for move in (0.0, 1e-14, 1e-3):
+        M = A.copy()
+        M[-2:, -2:] += move * np.eye(2)
+        M = T @ M @ T.T
+        assert not DenseLoop(M, rounding(M)).is_stable()
+
+
+def test_symmetric_loops_give_all_poles():
+    rng = np.random.default_rng(2)
+    A = rng.standard_normal((60, 60))
+    A = -A @ A.T - np.eye(60)
+    loop = DenseLoop(A, rounding(A))
+    assert loop.whole
+    np.testing.assert_allclose(loop.poles.real, np.sort(np.linalg.eigvalsh(A))[::-1])
+    assert loop.is_stable()
+
+
+def test_a_bound_never_lies_left_of_a_pole():
+    for seed in range(10):
+        A = with_abscissa(-0.5, seed)
+        P = lyapunov_solver(A)(np.eye(60))
+        M = abs(A)
+        bound = proven_bound(A, P, (lambda v, M=M: M @ v, lambda v, M=M: M.T @ v), -0.5)
+        assert -0.5 * (1 + 1e-12) <= bound < 0.0
+        # No positive definite function proves what is false, however hopeful the estimate.
+        hopeful = proven_bound(A, P, (lambda v, M=M: M @ v, lambda v, M=M: M.T @ v), -50.0)
+        assert hopeful >= -0.5 * (1 + 1e-12)
+        assert proven_bound(A, -P, (M.__matmul__, M.T.__matmul__), -0.5) == np.inf
