@@ -306,7 +306,7 @@ def main() -> None:
         print(f"{name}, copy {rate / 1e12:.2f} TB/s")
     for n in arguments.sizes:
         row: dict[str, Any] = {}
-        # The device first: the host is slow to launch kernels for a while after its cores were all busy.
+        # The device first: after its cores were all busy the host is slow to launch kernels.
         if cp:
             row["device"] = on_device(n, cp, rate)
             cp.get_default_memory_pool().free_all_blocks()

@@ -41,8 +41,8 @@ def eigs(
 
     The signature is that of `scipy.sparse.linalg.eigs`; results live where A lives. Krylov-Schur
     iteration with thick restarts; what has converged is challenged from random vectors before it
-    is returned, so that copies of repeated eigenvalues are found too, and every returned pair has
-    had its residual recomputed.
+    is returned, so that copies of repeated eigenvalues are found too (see `challenge.unbeaten` for
+    the probability that one is missed), and every returned pair has had its residual recomputed.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def eigs(
         Dimension of the space, at least k + 3; default ``max(2 k + 20, 40)``. The search for
         missed eigenvalues needs about half as many vectors, or k, on top.
     maxiter : int, optional
-        Restarts; default about 40 n products.
+        Restarts, of two products at least; by default enough for about 40 n products.
     tol : float
         Residual relative to \|lambda\|. The default, 0, asks for 100 rounding units of \|A\|,
         which is also the most that can be had.

@@ -16,9 +16,7 @@ from gpu.ordered_schur import Rank, ordered_schur, whole
 
 RESTARTS = ("krylov-schur", "implicit")
 FLOOR = 100 * np.finfo(float).eps  # residuals below this times |A| are round-off
-CLOSE = (
-    1e-3  # residual of what a challenge leaves aside over the distance of the rest to the wanted
-)
+CLOSE = 1e-2  # residual of what a challenge leaves aside over the distance of the rest
 THICK = (0.7, 0.6)  # of the space that outlives a restart: before and after a lost challenge
 
 
