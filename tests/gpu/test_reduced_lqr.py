@@ -301,3 +301,22 @@ def test_same_gain_as_radi_of_pymor():
     Z = Z if len(Z) == n else Z.T
     best = (B.T @ Z) @ (E.T @ Z).T
     assert apart(reduced(check_lqr(A, B, C, np.eye(2), E=E, factored=True)).gain, best) < 1e-8
+
+
+@pytest.mark.parametrize("mass", [False, True], ids=["", "E"])
+def test_public_entry_with_sparse_matrices_and_a_factored_weight(mass):
+    """Gain, value and poles of `lqr` itself against the equation of the stored matrices."""
+    A, B, C = convection(12)
+    n = len(B)
+    E = sparse.csr_array(sparse.eye(n) + 0.1 * sparse.eye(n, k=1)) if mass else None
+    R = np.array([[2.0, 0.5], [0.5, 1.0]]) * 1e-2
+    K, S, poles = lqr(A, B, sparse.csr_array(C), R, E=E, factored=True)
+    dense, M, X = A.toarray(), np.eye(n) if E is None else E.toarray(), S.toarray()
+    left = dense.T @ X @ M + M.T @ X @ dense - K.T @ R @ K + C.T @ C
+    assert np.linalg.norm(left) <= 1e-9 * np.linalg.norm(C.T @ C)
+    np.testing.assert_allclose(K, np.linalg.solve(R, B.T @ X @ M), atol=1e-9 * np.abs(K).max())
+    values = np.linalg.eigvals(np.linalg.solve(M, dense - B @ K))
+    assert values.real.max() < 0.0
+    assert poles[0].real == pytest.approx(values.real.max(), rel=1e-6)
+    with pytest.raises(NotSupported, match=r"^N"):
+        lqr(A, B, C, R, 1e-3 * B, E=E, factored=True)
