@@ -61,6 +61,8 @@ def batch_solve_qp(
     [[0.5], [1.0]]
     """
     factor = P if isinstance(P, QPFactor) else QPFactor(P)
+    if not hasattr(q, "__len__"):
+        raise InputError(f"q is {q!r}: it must hold one linear term a row")
     count = len(q)
     for name, value in {"h": h, "b": b, "h_low": h_low}.items():
         if value is not None and len(value) != count:

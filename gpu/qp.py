@@ -113,8 +113,8 @@ def solve_qp(
     (array([ 0,  0, -1], dtype=int8), True)
     """
     problem = check_problem(P, q, G, h, A, b, lb, ub, h_low)
-    if not 0.0 < tol < 1.0:
-        raise InputError(f"tol is {tol}: it must lie between 0 and 1")
+    if not isinstance(tol, int | float | np.number) or not 0.0 < tol < 1.0:
+        raise InputError(f"tol is {tol!r}: it must be a number between 0 and 1")
     for low, high, names in (
         (problem.lb, problem.ub, ("the box is empty: lb", "ub")),
         (problem.low, problem.high, ("a row is empty: h_low", "h")),

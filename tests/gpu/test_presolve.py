@@ -5,7 +5,7 @@ import pytest
 from scipy import sparse
 from scipy.optimize import linprog
 
-from gpu import Infeasible, InputError, NotConverged, QPFactor, solve_qp
+from gpu import Infeasible, InputError, NotConverged, QPFactor, batch_solve_qp, solve_qp
 from gpu.general_qp import minimise
 from gpu.presolve import presolve
 from gpu.program import Program
@@ -140,3 +140,11 @@ def test_a_covariance_of_five_digits_is_nearly_convex():
         np.testing.assert_allclose(np.clip(step, 0.0, 0.2), result.x, atol=1e-9)
     with pytest.raises(InputError, match="not positive semidefinite"):
         solve_qp(P - 1e-3 * np.eye(40), np.zeros(40), lb=0.0, ub=1.0)
+
+
+def test_an_accuracy_and_linear_terms_of_other_types_are_named():
+    for tol in ("x", None, np.nan, 1.0):
+        with pytest.raises(InputError, match="tol is"):
+            solve_qp(np.eye(2), [0.0, 0.0], tol=tol)
+    with pytest.raises(InputError, match="q is 3"):
+        batch_solve_qp(np.eye(2), 3.0)
