@@ -18,6 +18,7 @@ from contact.obstacles import Gap
 from contact.weights import mean_shares, weights_and_places
 
 Array = NDArray[np.float64]
+NEARLY = 0.2  # sine of the angle up to which a normal counts as lying in a plane of symmetry
 
 
 @dataclass(frozen=True)
@@ -124,6 +125,8 @@ def contact_boundary(
     normals = _mean_normals(normals_at, form, number, length, count)
     if direction is not None:
         normals = direction(x_nominal)
+    else:
+        normals = _within_supports(B, normals, body.constraint[0])
     tangents = tangent_frame(normals)
     if body.dim == 3:
         tangents = _along_supports(B, tangents, body.constraint[0])
@@ -297,6 +300,22 @@ def live_rows(rows: sparse.csr_array, body: ElasticBody) -> NDArray[np.bool_]:
 
 def _norms(rows: sparse.csr_array) -> Array:
     return np.sqrt(np.asarray(rows.multiply(rows).sum(axis=1), dtype=float).ravel())
+
+
+def _within_supports(B: sparse.csr_array, normals: Array, T: sparse.csr_array) -> Array:
+    """Turn normals that all but lie in a plane of symmetry into it.
+
+    Where a curved boundary ends at a support along an axis, the mean normal is that of one side
+    only, off by half the turn of a facet; friction would act on what is left of the tangent.
+    """
+    dim = normals.shape[0]
+    turned = normals.copy()
+    for c in range(dim):
+        axis = np.zeros_like(normals)
+        axis[c] = 1.0
+        held = _norms(_directed(B, axis) @ T) <= 1e-9 * _norms(B)
+        turned[c, held & (np.abs(normals[c]) < NEARLY)] = 0.0
+    return turned / np.linalg.norm(turned, axis=0)
 
 
 def _along_supports(B: sparse.csr_array, tangents: Array, T: sparse.csr_array) -> Array:
