@@ -201,7 +201,7 @@ def closed_loop_of(
             gain = gain - xp.asarray(np.linalg.inv(problem.root)) @ problem.N.T
     A, B, gain = A * unit / unit[:, None], B / unit[:, None], gain * unit
     if value is not None and len(A) <= ALL_POLES:
-        W: Any = np.zeros((1, 1)) if residual is None else residual * unit * unit[:, None]
+        W: Any = xp.zeros((1, 1)) if residual is None else residual * unit * unit[:, None]
         half = abs(value @ A)
         terms = half + half.T + abs(gain.T @ gain) + abs(standard.Q * unit * unit[:, None])
         doubt = (B, W if extended else EPS * terms + abs(W), terms)
