@@ -29,7 +29,7 @@ def unbeaten(
     tol: float,
     floor: float,
     restarts: int,
-    patience: int,
+    patience: float,
 ) -> tuple[bool, int]:
     r"""Whether no eigenvalue beside the locked space ranks above the wanted.
 
@@ -65,7 +65,7 @@ def unbeaten(
         A newcomer of less residual than tol times its modulus, or than floor, has converged.
     restarts : int
         The most there may be.
-    patience : int
+    patience : float
         Products after which a newcomer inside is enough, whatever the probability: far from
         normal, and beside copies of the last wanted, p does not grow in practice.
 

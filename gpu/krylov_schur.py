@@ -62,6 +62,7 @@ def krylov_schur(
     matrix: Any = None,
     challenge: bool = True,
     edge: Edge | None = None,
+    inner: bool = False,
 ) -> PartialSchur:
     r"""The k best eigenvalues of A, by rank, with their Schur basis.
 
@@ -103,6 +104,9 @@ def krylov_schur(
         Whether to look beyond the invariant subspace that the start vector reaches.
     edge : callable, optional
         Of `rank`, see `spectrum_order.edge_of`: lets challenges end as soon as probability allows.
+    inner : bool
+        The wanted may lie inside the spectrum, where newcomers are slow to show: then nothing but
+        probability ends a challenge.
 
     References
     ----------
@@ -148,8 +152,10 @@ def krylov_schur(
         lost, vector = False, None
         if converged >= k:
             ranks = np.sort(rank(values[:converged]))[::-1][:k]
-            if champions is None or _better(
-                ranks, champions, T, values[:converged], rank, tol, FLOOR * scale
+            if (
+                champions is None
+                or (inner and converged > locked)
+                or _better(ranks, champions, T, values[:converged], rank, tol, FLOOR * scale)
             ):
                 champions, aside = ranks, converged
                 if challenge:
@@ -173,12 +179,12 @@ def krylov_schur(
                         tol=tol,
                         floor=FLOOR * scale,
                         restarts=maxiter - count,
-                        patience=basis.matvecs,
+                        patience=np.inf if inner else basis.matvecs,
                     )
                     count, lost = count + more, not won
                 done = not lost
             else:
-                done = _unbeaten(rank, T, values, spike, converged, locked, ranks[-1])
+                done = not inner and _unbeaten(rank, T, values, spike, converged, locked, ranks[-1])
                 if done:
                     basis.rotate(Q[:, :converged], size)
             if done:

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.sparse.linalg import LinearOperator
 
+from gpu import NotConverged, eigs
 from gpu.arnoldi import Arnoldi
 from gpu.challenge import unbeaten
 from gpu.spectrum_order import ORDERS, edge_of, rank_of
@@ -82,3 +84,20 @@ def test_the_edge_has_the_rank_of_the_worst(which, real, worst, seed):
 def test_the_edge_of_the_smallest(which):
     points = edge_of(which, True)(-0.5, np.array([1.0 + 2.0j, -3.0]))
     assert rank_of(which, True)(points) == pytest.approx(np.full(len(points), -0.5))
+
+
+@pytest.mark.parametrize("seed", [0, 2, 29])
+def test_values_inside_the_spectrum_are_not_missed_in_silence(seed):
+    """Seed 29 gave an imaginary part of 0.0156 where four real eigenvalues are."""
+    rng = np.random.default_rng(seed)
+    n, which = int(rng.integers(130, 300)), ["SM", "SI"][seed % 2]
+    A = rng.standard_normal((n, n)) / np.sqrt(n) + (0, 1.2, 2)[seed % 3] * np.eye(n)
+    operator = LinearOperator(A.shape, matvec=lambda x: A @ x, dtype=float)
+    rank = rank_of(which, True)
+    true = np.sort(rank(np.linalg.eigvals(A)))[::-1][:4]
+    try:
+        w = eigs(operator, 4, which=which, return_eigenvectors=False, maxiter=100)
+    except NotConverged as error:
+        assert len(error.eigenvalues) < n
+        return
+    assert np.sort(rank(w))[::-1] == pytest.approx(true, abs=1e-8)
