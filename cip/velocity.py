@@ -87,7 +87,9 @@ class Velocity:
         self = cls([0.0] * len(components))
         formulas = []
         for q, text in enumerate(components):
-            expression = parse(text if isinstance(text, str) else repr(text), f"component {q + 1}")
+            if isinstance(text, int | float | np.integer | np.floating):
+                text = repr(float(text))
+            expression = parse(text, f"component {q + 1}")
             formulas.append(Formula(expression, len(components)))
             if expression.variables() - {*COORDINATES[: len(components)], "t"}:
                 raise InputError(

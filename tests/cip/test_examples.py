@@ -36,6 +36,8 @@ def test_two_dimensions(tmp_path, capsys):
     assert found["1", "bicubic"][1] <= 6e-4
     assert found["2", "adini"][1][0] <= 0.008
     assert found["2", "bicubic"][1][1] <= 0.0086
+    # A single step interpolates once.
+    assert found["1", "one step"] <= 0.02 * found["1", "bicubic"][1]
     assert "printed" in capsys.readouterr().out
     assert {path.name for path in tmp_path.iterdir()} == {
         "cip_figure_3_2.png",
@@ -60,10 +62,13 @@ def test_zalesak(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_deformation(tmp_path):
+def test_deformation(tmp_path, capsys):
     found = load("cip_deformation").main(
-        ["--cells", "8", "--steps", "6", "--output", str(tmp_path)]
+        ["--cells", "12", "--steps", "8", "--output", str(tmp_path)]
     )
-    assert abs(found["mass"]) < 1e-13
-    assert found["least"] >= -1e-13
+    assert abs(found["csl2 bounds"]["mass"]) < 1e-13
+    assert found["csl2 bounds"]["least"] >= -1e-13
+    assert abs(found["csl4"]["mass"]) < 1e-13
+    assert abs(found["splines"]["mass"]) > 1e-6
+    assert "nodes" in capsys.readouterr().out
     assert (tmp_path / "cip_deformation.pvd").exists()
