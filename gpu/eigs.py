@@ -94,9 +94,10 @@ def eigs(
     Matrices of order up to 256 (operators: 128) are decomposed fully, and so are those up to 4096
     with stored entries whose iteration does not converge, unless `maxiter` was given; for "SI"
     these always, since a Krylov space is slow to see values inside the spectrum; "SM" and "SI"
-    with operators may raise NotConverged for that reason. Far from normal, as a convection operator is at large cell Peclet numbers, an
-    eigenvalue is known to residual times condition only; what is returned then are eigenvalues of
-    a matrix within `tol` of A, and newcomers that are better by less do not count as missed.
+    with operators may raise NotConverged for that reason. Far from normal, as a convection
+    operator is at large cell Peclet numbers, an eigenvalue is known to residual times condition
+    only; what is returned then are eigenvalues of a matrix within `tol` of A, and newcomers that
+    are better by less do not count as missed.
 
     References
     ----------
