@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from copy import copy
 from typing import TYPE_CHECKING, Any
 
@@ -291,6 +292,14 @@ class CondensedContact:
     ) -> tuple[Forces, float]:
         """Solve the dense problem where its matrix lies; see `contact.methods.solve_boundary`."""
         return solve_boundary(problem, law, options, start, self.point_scale, report)
+
+    def blas_threads(self) -> AbstractContextManager[None]:
+        """Threads of BLAS while a problem is solved, recovered and certified.
+
+        Its vectors are long and its matrices small: a second thread gains nothing there, and would
+        contend with PARDISO's for the cores.
+        """
+        return one_blas_thread(self.size)
 
     def _flexed(self, r: Array) -> Array:
         """Displacement of the boundary's unknowns under forces r on them."""

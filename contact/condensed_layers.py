@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -113,20 +113,25 @@ class CondensedLayers(CondensedContact):
         report: Report,
     ) -> tuple[Forces, float]:
         """Newton's method on the device; should it stall, or for other methods, on the host."""
-        if options.method == "newton" and self._arrays.xp is not np:
-            check_held(problem, law)
-            with suppress(NotConverged, np.linalg.LinAlgError):
-                forces = plane_newton(
-                    problem,
-                    self._arrays,
-                    law,
-                    start,
-                    tol=INNER * options.tol,
-                    max_iterations=options.max_iterations,
-                    report=report,
-                )
-                return forces, 0.0
-        return super().solve(problem, law, options, start, report)
+        with one_blas_thread(self.size):
+            if options.method == "newton" and self._arrays.xp is not np:
+                check_held(problem, law)
+                with suppress(NotConverged, np.linalg.LinAlgError):
+                    forces = plane_newton(
+                        problem,
+                        self._arrays,
+                        law,
+                        start,
+                        tol=INNER * options.tol,
+                        max_iterations=options.max_iterations,
+                        report=report,
+                    )
+                    return forces, 0.0
+            return super().solve(problem, law, options, start, report)
+
+    def blas_threads(self) -> AbstractContextManager[None]:
+        """All of them but for the boundary problem: recovery multiplies large matrices."""
+        return nullcontext()
 
     def restrict(self, rows: Any) -> Array:
         """Rows of all dofs in the contact boundary's unknowns, shape (nrows, nb)."""

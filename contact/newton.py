@@ -193,9 +193,10 @@ def _step(
     rows = np.concatenate((rows_n, rows_t))
     n_n, n = rows_n.size, rows.size
 
-    # Displacement rows: W l - C a = v0 - d (contact) and = v0 (stick).
-    A = np.zeros((n + k, n + k))
-    A[:n, :n] = problem.W[np.ix_(rows, rows)] + PROXIMAL * np.eye(n)
+    # Displacement rows: W l - C a = v0 - d (contact) and = v0 (stick). LAPACK reads columns.
+    A = np.zeros((n + k, n + k), order="F")
+    A[:n, :n] = problem.W.take(rows, axis=0).take(rows, axis=1)
+    A[np.arange(n), np.arange(n)] += PROXIMAL
     A[:n, n:] = -problem.C[rows]
     rhs = np.concatenate((problem.v0[rows], np.zeros(k)))
     rhs[:n_n] -= problem.gap[sets.active]
@@ -279,7 +280,7 @@ def _impose_slip(
 def _solve(A: Array, rhs: Array) -> Array:
     if rhs.size == 0:
         return rhs
-    _, _, x, info = lapack.dgesv(A, rhs)
+    _, _, x, info = lapack.dgesv(A, rhs, overwrite_a=True, overwrite_b=True)
     if info != 0 or not np.all(np.isfinite(x)):
         raise LinAlgError("singular Newton system")
     return x

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact.blas_threads import one_blas_thread
 from contact.boundaries import ContactBoundaries
 from contact.condense import CondensedContact
 from contact.errors import InputError, NotConverged
@@ -245,6 +244,18 @@ class ContactProblem:
             history.append(line)
             report(line)
 
+        with condensed.blas_threads():
+            return self._solved(system, condensed, options, start, keep, history)
+
+    def _solved(
+        self,
+        system: ContactSystem,
+        condensed: CondensedContact,
+        options: Options,
+        start: ContactResult | None,
+        report: Callable[[Iteration], None],
+        history: list[Iteration],
+    ) -> ContactResult:
         scale = condensed.point_scale
         law = system.scaled_friction(scale)
 
@@ -254,12 +265,11 @@ class ContactProblem:
             )
             if isinstance(warm, ContactResult):
                 warm = start_forces(warm, system, boundary, scale)
-            with one_blas_thread(condensed.size):
-                forces, slack = condensed.solve(boundary, law, options, warm, line)
+            forces, slack = condensed.solve(boundary, law, options, warm, line)
             return forces, slack, condensed.recover(load, boundary, forces)
 
         try:
-            forces, slack, state = solved(system.load, start, keep)
+            forces, slack, state = solved(system.load, start, report)
             rest = condensed.unbalanced(system.load, *state)
             if rest is not None:  # one step of iterative refinement
                 forces, slack, state = solved(system.load + rest, forces, lambda line: None)
