@@ -20,17 +20,13 @@ class Projected:
     Attributes
     ----------
     problem : LQRProblem
-    W, AW, EW, QW : arrays, shape (n, r)
-        Products of the whole matrices with the basis.
+    W : array, shape (n, r)
     E, A, Q : (r, r) numpy.ndarray
     B : (r, m) numpy.ndarray
     """
 
     problem: LQRProblem
     W: Any
-    AW: Any
-    EW: Any
-    QW: Any
     E: np.ndarray
     A: np.ndarray
     B: np.ndarray
@@ -38,17 +34,28 @@ class Projected:
 
     @classmethod
     def of(cls, problem: LQRProblem, W: Any, before: Projected | None = None) -> Projected:
-        """Project; products with the first columns are taken from an earlier, smaller basis."""
-        state, xp = problem.state, problem.xp
+        """Project; of a basis that has grown only what is new is multiplied."""
+        state = problem.state
         known = 0 if before is None else before.W.shape[1]
-        new = W[:, known:]
-        fresh = [state.apply(new), state.mass(new), problem.weight.apply(new)]
-        if before is not None:
-            kept = (before.AW, before.EW, before.QW)
-            fresh = [xp.concatenate(pair, axis=1) for pair in zip(kept, fresh, strict=True)]
-        AW, EW, QW = fresh
-        A, E, Q = (to_host(W.T @ product) for product in fresh)
-        return cls(problem, W, AW, EW, QW, E, A, to_host(W.T @ problem.input), (Q + Q.T) / 2)
+        old, new = W[:, :known], W[:, known:]
+
+        def grown(small: Any, right: Any, left: Any = None) -> np.ndarray:
+            right = to_host(W.T @ right)
+            if small is None:
+                return right
+            left = right[:known].T if left is None else to_host(left.T @ old)
+            return np.block([[small, right[:known]], [left, right[known:]]])
+
+        A, E, Q, B = (None,) * 4 if before is None else (before.A, before.E, before.Q, before.B)
+        A = grown(A, state.apply(new), state.apply_transposed(new) if known else None)
+        if state.E is None:
+            E = np.eye(W.shape[1])
+        else:
+            E = grown(E, state.mass(new), state.mass_transposed(new) if known else None)
+        Q = grown(Q, problem.weight.apply(new))
+        fresh = to_host(new.T @ problem.input)
+        B = fresh if B is None else np.concatenate([B, fresh])
+        return cls(problem, W, E, A, B, (Q + Q.T) / 2)
 
     def solve(self) -> np.ndarray:
         """P of the projected equation, shape (r, r): the value is ``W P W^T``.
@@ -84,6 +91,19 @@ class Projected:
     def gain(self, P: np.ndarray) -> Any:
         """``B^T W P W^T E`` in the inputs of unit cost, shape (m, n)."""
         return self.problem.xp.asarray(self.B.T @ P) @ self._EtW().T
+
+    def change(self, P: np.ndarray, before: np.ndarray) -> float:
+        """Relative change of the gain from the P of the first columns of W to this one."""
+        new = self.B.T @ P
+        moved = new.copy()
+        moved[:, : len(before)] -= self.B[: len(before)].T @ before
+        norm = np.linalg.norm
+        if self.problem.state.E is not None:
+            # Lengths of rows on the columns of E^T W, which are not orthonormal.
+            xp, EtW = self.problem.xp, self._EtW()
+            new, moved = (EtW @ xp.asarray(D.T) for D in (new, moved))
+            norm = xp.linalg.norm
+        return float(norm(moved)) / (float(norm(new)) or 1.0)
 
     def _EtW(self) -> Any:
         return self.problem.state.mass_transposed(self.W)

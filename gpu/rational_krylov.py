@@ -29,7 +29,8 @@ class RationalKrylov:
 
     Attributes
     ----------
-    W : array, shape (n, r)
+    rank : int
+        Columns of the basis.
     solves : int
     exhausted : bool
         Nothing new came: the space is invariant, or everything.
@@ -40,13 +41,14 @@ class RationalKrylov:
     ) -> None:
         self._state, self._poles, self._transposed = state, poles, transposed
         self._turn, self.solves, self.exhausted = 0, 0, False
-        self.W = state.xp.zeros((state.n, 0))
+        self._kept = state.xp.empty((state.n, 4 * seed.shape[1]), order="F")
+        self.rank = 0
         self._append(seed)
 
     @property
-    def rank(self) -> int:
-        """Columns of the basis."""
-        return int(self.W.shape[1])
+    def W(self) -> Any:
+        """The basis."""
+        return self._kept[:, : self.rank]
 
     def grow(self) -> None:
         """Add a block: the last one, solved with the next pole."""
@@ -80,5 +82,12 @@ class RationalKrylov:
         room = self._state.n - self.rank
         block = block[:, :room]
         self._last = block
-        self.W = xp.concatenate([self.W, block], axis=1)
+        rank = self.rank + block.shape[1]
+        if rank > self._kept.shape[1]:
+            # Room for as many again: a basis that is copied for each block costs more than it.
+            kept = xp.empty((self._state.n, min(2 * rank, self._state.n)), order="F")
+            kept[:, : self.rank] = self.W
+            self._kept = kept
+        self._kept[:, self.rank : rank] = block
+        self.rank = rank
         self.exhausted = block.shape[1] in (0, room)

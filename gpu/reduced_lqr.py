@@ -210,7 +210,7 @@ def _full(problem: LQRProblem, tol: float, limit: int, refine: bool | None) -> F
     if refine:
         return _newton(problem, space, tol, limit)
     history: list[tuple[int, float]] = []
-    projected, K, change = None, None, np.inf
+    projected, P, change = None, None, np.inf
     while change > tol and not (space.exhausted and history):
         if space.rank >= limit and not space.exhausted:
             raise NotConverged(
@@ -221,17 +221,17 @@ def _full(problem: LQRProblem, tol: float, limit: int, refine: bool | None) -> F
             space.grow()
         projected = Projected.of(problem, space.W, projected)
         try:
-            following = projected.gain(projected.solve())
+            following = projected.solve()
         except RiccatiError:
             if space.exhausted or space.rank >= limit:
                 raise
             continue
-        if K is not None:
-            change = _difference(following, K)
+        if P is not None:
+            change = projected.change(following, P)
             history.append((space.rank, change))
         elif space.exhausted:
             change = 0.0
-        K = following
+        P = following
     info = {
         "rank": space.rank,
         "solves": space.solves,
@@ -239,7 +239,9 @@ def _full(problem: LQRProblem, tol: float, limit: int, refine: bool | None) -> F
         "iterations": len(history) + 1,
         "history": history,
     }
-    return Found(problem.gain(K), None, info)
+    assert projected is not None
+    assert P is not None
+    return Found(problem.gain(projected.gain(P)), None, info)
 
 
 def _newton(problem: LQRProblem, space: RationalKrylov, tol: float, limit: int) -> Found:
