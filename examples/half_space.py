@@ -35,10 +35,15 @@ def graded(step: float, fine: float, far: float, ratio: float = 1.25) -> Array:
     return np.array(ticks)
 
 
-def quarter(h: float, fine: float, far: float) -> MeshQuad:
-    """0 < x < far, 0 < y < far, with cells of size h up to `fine` from the origin."""
+def quarter(h: float, fine: float, far: float, flat: float = 1.0) -> MeshQuad:
+    """0 < x < far, 0 < y < far, with cells of size h up to `fine` from the origin.
+
+    With flat < 1 cells have the height ``flat * h`` at the surface and grow from there on.
+    """
     ticks = graded(h, fine, far)
-    return MeshQuad.init_tensor(ticks, ticks).with_defaults()
+    return MeshQuad.init_tensor(
+        ticks, ticks if flat == 1.0 else graded(flat * h, flat * h, far)
+    ).with_defaults()
 
 
 def half(h: float, fine: float, far: float) -> MeshQuad:
