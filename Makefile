@@ -18,15 +18,17 @@ help:
 	@echo "make examples   every script in examples/, as a user would run it"
 	@echo "make readme     regenerate the README's tables from benchmarks/results"
 
-$(VENV)/.demo: pyproject.toml
+$(VENV)/pyvenv.cfg:
 	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed; try make PYTHON=python3.12" if sys.version_info < (3, 11) else 0)'
 	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.demo: pyproject.toml | $(VENV)/pyvenv.cfg
 	$(BIN)/python -m pip install --quiet --editable .
 	@touch $@
 
-$(VENV)/.test: $(VENV)/.demo
+$(VENV)/.test: pyproject.toml | $(VENV)/pyvenv.cfg
 	$(BIN)/python -m pip install --quiet --editable '.[test]'
-	@touch $@
+	@touch $(VENV)/.demo $@
 
 demo: $(VENV)/.demo
 	$(BIN)/python examples/contact_block.py
