@@ -22,7 +22,7 @@ _shared = {
     "suppress_health_check": [HealthCheck.too_slow],
     "database": None,
 }
-settings.register_profile("ci", max_examples=50, **_shared)
+settings.register_profile("ci", max_examples=30, **_shared)
 settings.register_profile("slow", max_examples=1000, **_shared)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 

@@ -61,7 +61,7 @@ def check(errors, conditions):
 
 
 def test_some_shifts_and_slivers(cut_problems):
-    check(*run(cut_problems, 4, 3))
+    check(*run(cut_problems, 3, 2))
 
 
 @pytest.mark.slow
