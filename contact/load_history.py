@@ -5,8 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import os
-import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from contact.complete_file import complete_file
 from contact.errors import InputError
 from contact.export import body_grid, boundary_grid, write_series
 from contact.storage import problem_arrays, read_arrays, read_step, state_arrays, write_arrays
@@ -155,14 +154,8 @@ class HistoryFolder:
         if any(path.iterdir()):
             raise InputError(f"path: {path} is not empty; resume it, or choose a new folder")
         about = {"format": _FORMAT, "times": times.tolist(), "fingerprint": fingerprint}
-        handle, temporary = tempfile.mkstemp(dir=path, text=True)
-        try:
-            with os.fdopen(handle, "w") as file:
-                json.dump(about, file)
-            os.replace(temporary, path / "history.json")
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+        with complete_file(path / "history.json") as file:
+            file.write(json.dumps(about).encode())
         return cls(path, times, fingerprint)
 
     @classmethod

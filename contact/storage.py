@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -18,6 +16,7 @@ import skfem
 from scipy import sparse
 
 from contact.body import ElasticBody
+from contact.complete_file import complete_file
 from contact.cut_body import CutBody
 from contact.errors import InputError
 from contact.newton import Iteration
@@ -109,16 +108,8 @@ def state_arrays(result: ContactResult) -> dict[str, Any]:
 
 def write_arrays(path: Path, arrays: dict[str, Any], compress: bool = True) -> Path:
     """Write an archive beside its place and move it there, complete or not at all."""
-    handle, temporary = tempfile.mkstemp(suffix=".npz", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            (np.savez_compressed if compress else np.savez)(file, **arrays)
-            file.flush()
-            os.fsync(file.fileno())  # a full disk may show only here
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with complete_file(path) as file:
+        (np.savez_compressed if compress else np.savez)(file, **arrays)
     return path
 
 
