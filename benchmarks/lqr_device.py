@@ -78,7 +78,7 @@ def measure(A: Any, B: Any, xp: Any) -> tuple[dict[str, Any], Any]:
     whole, result = timed(lambda: lqr(A, B, 1.0, None, fallback=False), xp)
     n = len(A)
     product, _ = timed(lambda: A @ A, xp)
-    flop = (14 + 2 / 3) * n**3 * iterations
+    flop = (16 + 2 / 3) * n**3 * iterations
     return {
         "states": n,
         "iterations": iterations,

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
-from gpu.arrays import array_module, to_host
+from gpu.arrays import to_host
 from gpu.errors import InputError, RiccatiError
-from gpu.state_matrix import EPS, Factors, StateMatrix, factor, sparse_of
+from gpu.state_matrix import EPS, Factors, StateMatrix, vanishing
 from gpu.weights import Weight, scaled_input
 
 ROUNDING = 4e-13  # a larger relative residual of an application is refined, by two more solves
@@ -133,6 +133,7 @@ class InverseHamiltonian:
 
     def _feed_back(self) -> None:
         self._feedback = _Feedback.over_zero_modes(self.state, self._B, self._weigh)
+        assert self._feedback.factors is not None
         self._prepare(self._feedback.factors)
 
     def _prepare(self, factors: Factors) -> None:
@@ -230,7 +231,7 @@ class _Feedback:
         self._AZ, self.EZ = state.apply_transposed(Z), state.mass_transposed(Z)
         BZ = B.T @ Z
         self._middle = self.S @ (BZ.T @ BZ) @ self.S
-        self.factors = _factor_updated(state, B @ (BZ @ self.S), self.EZ)
+        self.factors = state.factor_updated(B @ (BZ @ self.S), self.EZ)
 
     @classmethod
     def over_zero_modes(cls, state: StateMatrix, B: Any, weigh: Any) -> _Feedback:
@@ -267,59 +268,18 @@ class _Feedback:
         return Qx + self._AZ @ (self.S @ seen) + self.EZ @ along
 
 
-def _factor_updated(state: StateMatrix, U: Any, V: Any) -> Any:
-    """Solves with ``A - U V^T``, A singular; None where the sum is singular too."""
-    xp, n, d = state.xp, state.n, U.shape[1]
-    if state.kind == "dense":
-        return factor(state.A - U @ V.T, state.explicit)
-    if state.kind == "sparse":
-        block = sparse_of(xp)
-        bordered = block.bmat(
-            [[state.A, block.csr_matrix(-U)], [block.csr_matrix(V.T), -block.identity(d)]]
-        )
-        whole = factor(bordered.tocsr())
-        if whole is None:
-            return None
-
-        def embed(x: Any) -> Any:
-            return xp.concatenate([x, xp.zeros((d, *x.shape[1:]))])
-
-        return Factors(
-            lambda x: whole.solve(embed(x))[:n], lambda x: whole.solve_transposed(embed(x))[:n]
-        )
-    # A diagonal with zeros: put numbers there and take them out again by Sherman-Morrison-Woodbury.
-    unit = state.size() or 1.0
-    places = xp.flatnonzero(_vanishing(state.A))
-    D = state.A.copy()
-    D[places] = -unit
-    picked = xp.zeros((n, len(places)))
-    picked[places, xp.arange(len(places))] = 1.0
-    U, V = xp.concatenate([U, -unit * picked], axis=1), xp.concatenate([V, picked], axis=1)
-    DU, DV = U / D[:, None], V / D[:, None]
-    small = to_host(xp.eye(U.shape[1]) - V.T @ DU)
-    if np.linalg.cond(small) > 1e12:
-        return None
-    core = xp.asarray(np.linalg.inv(small))
-
-    def solve(x: Any, U: Any, V: Any, core: Any) -> Any:
-        y = x / (D if x.ndim == 1 else D[:, None])
-        return y + U @ (core @ (V.T @ x))
-
-    return Factors(lambda x: solve(x, DU, DV, core), lambda x: solve(x, DV, DU, core.T))
-
-
 def null_vectors(state: StateMatrix, limit: int) -> tuple[Any, Any]:
     """Orthonormal left and right null vectors of A, shapes (n, d), at most ``limit``."""
     xp, n = state.xp, state.n
     if state.kind == "diagonal":
-        places = xp.flatnonzero(_vanishing(state.A))[:limit]
+        places = xp.flatnonzero(vanishing(state.A))[:limit]
         unit = xp.zeros((n, len(places)))
         unit[places, xp.arange(len(places))] = 1.0
         return unit, unit
     size = state.size() or 1.0
     moved = None
     for digits in (-11, -10, -9):
-        moved = factor(state.shifted(1.3 * 10.0**digits * size / _unit(state)), False)
+        moved = state.factor(1.3 * 10.0**digits * size / _unit(state), explicit=False)
         if moved is not None:
             break
     if moved is None:
@@ -356,11 +316,6 @@ def _unit(state: StateMatrix) -> float:
     if state.E is None:
         return 1.0
     return float(abs(state.E.data if hasattr(state.E, "tocsr") else state.E).max())
-
-
-def _vanishing(d: Any) -> Any:
-    xp = array_module(d)
-    return xp.abs(d) <= 4 * len(d) * EPS * float(xp.abs(d).max())
 
 
 _SINGULAR = (

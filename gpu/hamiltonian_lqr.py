@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any
 
 import numpy as np
 from scipy import linalg
 
 from gpu.arrays import array_module, to_host
+from gpu.cross_term import without_cross_term
 from gpu.errors import InputError, NotConverged, RiccatiError
 from gpu.hamiltonian import InverseHamiltonian
 from gpu.krylov_schur import krylov_schur
@@ -80,11 +82,6 @@ def solve(
     RiccatiError
     """
     state, B, weight = problem.state, problem.input, problem.weight
-    if problem.N is not None:
-        if not problem.dense:
-            raise InputError("N: the cross term needs a dense A with this method")
-        state = StateMatrix(problem.standard().A)
-        B, weight = problem.standard().B, Weight(state, problem.standard().Q)
     if pi not in PI:
         raise InputError(f"pi={pi!r}: expected one of {', '.join(PI)}")
     start = start or ("random" if pi == "printed" else "inputs")
@@ -94,6 +91,10 @@ def solve(
         raise InputError(f"modes={modes!r}: expected a whole number from 2")
     if inner is not None and pi != "printed":
         raise InputError('inner: only pi="printed" has an inner product')
+    if problem.N is not None:
+        plain = without_cross_term(problem)
+        found = solve(plain, modes=modes, pi=pi, start=start, inner=inner, tol=tol)
+        return found._replace(gain=problem.gain(found.gain))
     V, Y, solves = stable_subspace(state, B, weight, min(int(modes), 2 * state.n), tol, start)
     xp = state.xp
     info = {"rank": int(V.shape[1]), "solves": solves}
@@ -123,7 +124,8 @@ def stable_subspace(
     cost = weight.scale()
     reach = float((B * B).sum()) ** 0.5
     rho = cost**0.5 / reach if cost > 0.0 and reach > 0.0 else 1.0
-    state = StateMatrix(state.A, state.E, state.inverse, explicit=True)
+    state = copy(state)
+    state.explicit = True
     inverse = InverseHamiltonian(state, B, weight, scale=rho)
     n, xp = state.n, state.xp
     wanted, limit = modes, min(modes + COPIES, 2 * n)
@@ -146,8 +148,8 @@ def stable_subspace(
             f"the Hamiltonian has an eigenvalue {1 / w[axis & taken][0]:.6g} on the imaginary "
             "axis: that mode cannot be stabilised or is not seen by Q"
         )
-    upper = taken & (w.real < 0.0) & (w.imag >= -1e-12 * size)
-    real = np.abs(w.imag) <= 1e-12 * size
+    # Of a real matrix: pairs are conjugate to the last bit, however small their imaginary parts.
+    upper, real = taken & (w.real < 0.0) & (w.imag >= 0.0), w.imag == 0.0
     basis = xp.concatenate(
         [
             z[:, xp.asarray(np.flatnonzero(upper))].real,

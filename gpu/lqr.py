@@ -12,7 +12,7 @@ import numpy as np
 from gpu.arrays import to_host
 from gpu.closed_loop import ALL_POLES, dense_loop, nearest_poles
 from gpu.errors import GpuError, InputError, NotConverged, RiccatiError
-from gpu.lqr_problem import LQRProblem, check_lqr, semidefinite
+from gpu.lqr_problem import PAID, LQRProblem, check_lqr, semidefinite
 from gpu.lqr_result import Found, LQRResult
 from gpu.riccati_modes import explain
 from gpu.riccati_refinement import judge
@@ -63,7 +63,7 @@ def lqr(
     R : float or array, shape (m, m), or (m,) for a diagonal, optional
         Symmetric positive definite; identity by default.
     N : array, shape (n, m), optional
-        Cross term.
+        Cross term; ``[[Q, N], [N.T, R]]`` semidefinite. A sparse A stays sparse.
     E : array, shape (n, n), or (n,) for a diagonal, or sparse matrix, optional
         Invertible; identity by default.
     method : {"auto", "doubling", "newton", "hamiltonian", "reduced"}
@@ -327,20 +327,18 @@ def _check_cost(problem: LQRProblem, S: Any) -> None:
                 "the Riccati solution is not certified: round-off makes the cost of some states "
                 f"negative ({values[0]:.1e} of {values[-1]:.1e}); the weights are too far apart"
             )
-        raise InputError(f"{_PAID}, and the optimal cost is negative for some states")
+        raise InputError(
+            f"{PAID}, and the optimal cost is negative for some states; gpu.care finds the "
+            "stabilising solution of its equation"
+        )
 
 
 def _explained(problem: LQRProblem, error: Exception, paid: bool) -> Exception:
     if isinstance(error, RiccatiError) and error.cause:
         return error
     if not paid and not semidefinite(problem):
-        return InputError(f"{_PAID}, and no stabilising feedback was found that is optimal")
+        return InputError(f"{PAID}, and no stabilising feedback was found that is optimal")
     return explain(problem) or error
 
-
-_PAID = (
-    "Q is not positive semidefinite (with N: [[Q, N], [N.T, R]] is not): states must not be paid "
-    "for"
-)
 
 __all__ = ["care", "lqe", "lqr"]

@@ -21,6 +21,12 @@ ASYMMETRY = 1e-12
 DEFINITENESS = 1e-12
 
 
+PAID = (
+    "Q is not positive semidefinite (with N: [[Q, N], [N.T, R]] is not): states must not be paid "
+    "for"
+)
+
+
 class FactoredWeight(Weight):
     """``Q = C^T C``, applied by its factor C of shape (p, n)."""
 

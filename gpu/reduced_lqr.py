@@ -8,7 +8,8 @@ import numpy as np
 from scipy import linalg
 
 from gpu.arrays import array_module, to_host
-from gpu.errors import InputError, NotConverged, NotSupported, RiccatiError
+from gpu.cross_term import without_cross_term
+from gpu.errors import InputError, NotConverged, RiccatiError
 from gpu.gain_refinement import kleinman
 from gpu.galerkin_riccati import Projected
 from gpu.hamiltonian import InverseHamiltonian
@@ -17,14 +18,13 @@ from gpu.lqr_problem import LQRProblem
 from gpu.lqr_result import Found, LowRankValue
 from gpu.rational_krylov import RationalKrylov
 from gpu.state_matrix import Factors, StateMatrix, factor, stored
-from gpu.weights import Weight
+from gpu.weights import Weight, low_rank_factor
 
 COMPRESSIONS = ("galerkin", "printed")
 START = 8  # blocks before the first Newton step
 STEPS = 30
 STRIDE = 2  # blocks between two looks at the projected equation
 POLES = 6  # for values of low rank; each is factored once
-LOW_RANK = 64  # rows of a factor of Q up to which the value is sought as a low-rank matrix
 QUADRATIC = 1e-6  # a Newton step of this size leaves an error of its square
 
 
@@ -79,48 +79,25 @@ def solve(
         The largest rank was reached.
     RiccatiError
     """
-    if problem.N is not None and not problem.dense:
-        raise NotSupported("N: the cross term needs a dense A; put it into A, Q by hand")
     if compression not in COMPRESSIONS:
         raise InputError(f"compression={compression!r}: expected one of {', '.join(COMPRESSIONS)}")
     if not 0.0 < tol < 1.0:
         raise InputError(f"tol={tol}: expected a number between 0 and 1")
+    if compression == "printed" and basis is None:
+        raise InputError('compression="printed" needs a basis')
+    if problem.N is not None:
+        plain = without_cross_term(problem)
+        found = solve(
+            plain, basis=basis, compression=compression, tol=tol, rank=rank, refine=refine
+        )
+        return found._replace(gain=problem.gain(found.gain))
     if basis is not None:
         return _prescribed(problem, basis, compression)
-    if compression == "printed":
-        raise InputError('compression="printed" needs a basis')
     limit = min(problem.n, 400) if rank is None else rank
-    C = low_rank_factor(problem)
+    C = low_rank_factor(problem.weight)
     return (
         _low_rank(problem, C, tol, limit) if C is not None else _full(problem, tol, limit, refine)
     )
-
-
-def low_rank_factor(problem: LQRProblem) -> Any:
-    """C of few rows with ``Q = C^T C``: given, or where few rows of Q are not zero; else None."""
-    if problem.C is not None:
-        return problem.C if len(problem.C) <= min(LOW_RANK, problem.n // 2) else None
-    Q, xp = problem.weight.Q, problem.xp
-    if Q is None or hasattr(Q, "matvec"):
-        return None
-    few = min(LOW_RANK, problem.n // 2)
-    if Q.ndim == 1:
-        places = np.flatnonzero(to_host(Q))
-        core = np.diag(to_host(Q)[places[:few]])
-    else:
-        rows = abs(Q).sum(axis=1)
-        places = np.flatnonzero(np.asarray(to_host(rows)).ravel())
-        if len(places) > few:
-            return None
-        core = Q[places][:, places]
-        core = to_host(core.toarray() if hasattr(core, "toarray") else core)
-    if len(places) > few or not len(places):
-        return None
-    values, vectors = np.linalg.eigh(core)
-    kept = values > 1e-15 * values.max()
-    C = np.zeros((int(kept.sum()), problem.n))
-    C[:, places] = (vectors[:, kept] * np.sqrt(values[kept])).T
-    return xp.asarray(C)
 
 
 def _prescribed(problem: LQRProblem, basis: Any, compression: str) -> Found:

@@ -116,13 +116,30 @@ class StateMatrix:
             return False
         return symmetric(self.A) and (self.E is None or symmetric(self.E))
 
-    def factor(self, shift: complex = 0.0) -> Factors | None:
+    def factor(self, shift: complex = 0.0, explicit: bool | None = None) -> Factors | None:
         """Factor ``A - shift E``; None where a pivot is rounding."""
         if self.kind == "operator":
             if shift != 0.0:
                 raise InputError(f"A is an operator: it cannot be shifted by {shift}")
             return Factors(columnwise(self.inverse.matvec), columnwise(self.inverse.rmatvec))
-        return factor(self.shifted(shift), self.explicit)
+        return factor(self.shifted(shift), self.explicit if explicit is None else explicit)
+
+    def factor_updated(self, U: Any, V: Any) -> Factors | None:
+        """Solves with ``A - U V^T``, A singular; None where the sum is singular too."""
+        xp, n = self.xp, self.n
+        if self.kind == "dense":
+            return factor(self.A - U @ V.T, self.explicit)
+        if self.kind == "sparse":
+            return factor_bordered(self.A, U, V)
+        # Numbers take the place of zeros of a diagonal: Sherman-Morrison-Woodbury takes them out.
+        unit = self.size() or 1.0
+        places = xp.flatnonzero(vanishing(self.A))
+        D = self.A.copy()
+        D[places] = -unit
+        picked = xp.zeros((n, len(places)))
+        picked[places, xp.arange(len(places))] = 1.0
+        U, V = xp.concatenate([U, -unit * picked], axis=1), xp.concatenate([V, picked], axis=1)
+        return woodbury(Factors(*(lambda x: x / (D if x.ndim == 1 else D[:, None]),) * 2), U, V)
 
     def shifted(self, shift: complex) -> Any:
         """``A - shift E``, stored as A is."""
@@ -156,8 +173,8 @@ def factor(A: Any, explicit: bool = False) -> Factors | None:
         lu, pivots, _ = getrf(A)
         if _singular(np.abs(np.diag(lu))):
             return None
-        return Factors(
-            lambda x: getrs(lu, pivots, x)[0], lambda x: getrs(lu, pivots, x, trans=1)[0]
+        return _by_parts(
+            A, lambda x: getrs(lu, pivots, x)[0], lambda x: getrs(lu, pivots, x, trans=1)[0]
         )
     from cupyx.scipy.linalg import lu_factor, lu_solve
 
@@ -170,10 +187,22 @@ def factor(A: Any, explicit: bool = False) -> Factors | None:
     if explicit:
         inverse = lu_solve(device, xp.eye(len(A), dtype=A.dtype), check_finite=False)
         return Factors(lambda x: inverse @ x, lambda x: inverse.T @ x)
-    return Factors(
+    return _by_parts(
+        A,
         lambda x: lu_solve(device, x, check_finite=False),
         lambda x: lu_solve(device, x, trans=1, check_finite=False),
     )
+
+
+def _by_parts(A: Any, *solves: Callable[[Any], Any]) -> Factors:
+    """Solves that take complex right sides too where A is real: LAPACK casts them."""
+    if A.dtype.kind == "c":
+        return Factors(*solves)
+
+    def split(solve: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        return lambda x: solve(x.real) + 1j * solve(x.imag) if x.dtype.kind == "c" else solve(x)
+
+    return Factors(*(split(solve) for solve in solves))
 
 
 def _factor_sparse(A: Any, xp: Any) -> Factors | None:
@@ -211,6 +240,43 @@ def _factor_sparse(A: Any, xp: Any) -> Factors | None:
     return Factors(solve, lambda x: solve(x, "T"))
 
 
+def factor_bordered(A: Any, U: Any, V: Any) -> Factors | None:
+    """Solves with ``A - U V^T``, A sparse, by factors of A bordered by U and V."""
+    xp, n, d = _module_of(A), A.shape[0], U.shape[1]
+    block = sparse_of(xp)
+    rows = [[A, block.csr_matrix(-U)], [block.csr_matrix(V.T), -block.identity(d)]]
+    whole = factor(block.bmat(rows).tocsr())
+    if whole is None:
+        return None
+
+    def embed(x: Any) -> Any:
+        return xp.concatenate([x, xp.zeros((d, *x.shape[1:]))])
+
+    return Factors(
+        lambda x: whole.solve(embed(x))[:n], lambda x: whole.solve_transposed(embed(x))[:n]
+    )
+
+
+def woodbury(factors: Factors, U: Any, V: Any) -> Factors | None:
+    """Solves with ``M - U V^T`` by those with M; None where it is nearly singular."""
+    xp = array_module(U)
+    MU, MV = factors.solve(U), factors.solve_transposed(V)
+    small = to_host(xp.eye(U.shape[1]) - V.T @ MU)
+    if not np.isfinite(small).all() or np.linalg.cond(small) > 1e12:
+        return None
+    core = xp.asarray(np.linalg.inv(small))
+    return Factors(
+        lambda x: factors.solve(x) + MU @ (core @ (MV.T @ x)),
+        lambda x: factors.solve_transposed(x) + MV @ (core.T @ (MU.T @ x)),
+    )
+
+
+def vanishing(d: Any) -> Any:
+    """Where the entries of a diagonal are rounding beside the largest."""
+    xp = array_module(d)
+    return xp.abs(d) <= 4 * len(d) * EPS * float(xp.abs(d).max())
+
+
 def stored(name: str, A: Any) -> Any:
     """Check the entries of a matrix; float64, sparse ones as CSR.
 
@@ -235,9 +301,14 @@ def stored(name: str, A: Any) -> Any:
 def _diagonal(d: Any, like: Any) -> Any:
     """A 1-D diagonal stored as another matrix is."""
     xp = _module_of(like)
-    if hasattr(like, "tocsr"):
-        return sparse_of(xp).diags(d).tocsr() if xp is not np else sparse.csr_array(sparse.diags(d))
-    return xp.diag(d)
+    return as_sparse(d, xp) if hasattr(like, "tocsr") else xp.diag(d)
+
+
+def as_sparse(M: Any, xp: Any) -> Any:
+    """A 1-D diagonal as a sparse matrix; a sparse matrix, or None, as it is."""
+    if M is None or M.ndim == 2:
+        return M
+    return sparse_of(xp).diags(M).tocsr() if xp is not np else sparse.csr_array(sparse.diags(M))
 
 
 def _module_of(A: Any) -> Any:

@@ -11,6 +11,8 @@ from gpu.arrays import array_module, to_host
 from gpu.errors import InputError
 from gpu.state_matrix import StateMatrix, columnwise, stored, symmetric
 
+LOW_RANK = 64  # rows of a factor of Q up to which the value is sought as a low-rank matrix
+
 
 class Weight:
     """Q, applied to vectors and columns.
@@ -25,6 +27,8 @@ class Weight:
     ------
     InputError
     """
+
+    C: Any = None  # where Q is given by its factor
 
     def __init__(self, state: StateMatrix, Q: Any) -> None:
         n, xp = state.n, state.xp
@@ -62,6 +66,33 @@ class Weight:
                 break
             x = self.apply(x / size)
         return size
+
+
+def low_rank_factor(weight: Weight) -> Any:
+    """C of few rows with ``Q = C^T C``: given, or where few rows of Q are not zero; else None."""
+    n, xp, Q = weight.state.n, weight.state.xp, weight.Q
+    few = min(LOW_RANK, n // 2)
+    if weight.C is not None:
+        return weight.C if len(weight.C) <= few else None
+    if Q is None or hasattr(Q, "matvec"):
+        return None
+    if Q.ndim == 1:
+        places = np.flatnonzero(to_host(Q))
+        core = np.diag(to_host(Q)[places[:few]])
+    else:
+        rows = abs(Q).sum(axis=1)
+        places = np.flatnonzero(np.asarray(to_host(rows)).ravel())
+        if len(places) > few:
+            return None
+        core = Q[places][:, places]
+        core = to_host(core.toarray() if hasattr(core, "toarray") else core)
+    if len(places) > few or not len(places):
+        return None
+    values, vectors = np.linalg.eigh(core)
+    kept = values > 1e-15 * values.max()
+    C = np.zeros((int(kept.sum()), n))
+    C[:, places] = (vectors[:, kept] * np.sqrt(values[kept])).T
+    return xp.asarray(C)
 
 
 def scaled_input(state: StateMatrix, B: Any, R: Any = None) -> Any:

@@ -61,3 +61,24 @@ def test_a_large_circulant():
     X = column[(np.arange(n)[:, None] - np.arange(n)) % n]
     S = lqr(cupy.asarray(A), cupy.eye(n), 1.0).S.get()
     assert np.linalg.norm(S - X) <= 1e-12 * np.linalg.norm(X)
+
+
+@pytest.mark.parametrize("crossed", [False, True], ids=["", "N"])
+@pytest.mark.parametrize("weight", ["factor", "diagonal"])
+def test_sparse_matrices(weight, crossed):
+    from cupyx.scipy import sparse as device
+    from scipy import sparse
+
+    n = 60
+    lines = [np.full(n - 1, 40.0), np.full(n, -70.0), np.full(n - 1, 30.0)]
+    A = sparse.csr_matrix(sparse.diags(lines, [-1, 0, 1]))
+    B, C = np.zeros((n, 1)), np.zeros((1, n))
+    B[20:25], C[0, 30:50] = 1.0, 3.0
+    Q, factored = (C, True) if weight == "factor" else (np.linspace(1, 2, n), False)
+    N = None if not crossed else 0.8 * C.T if factored else 0.3 * B
+    host = lqr(A, B, Q, None, N, factored=factored)
+    moved = [None if M is None else cupy.asarray(M) for M in (B, Q, N)]
+    found = lqr(device.csr_matrix(A), *moved[:2], None, moved[2], factored=factored)
+    assert isinstance(found.K, cupy.ndarray)
+    assert found.stable
+    np.testing.assert_allclose(found.K.get(), host.K, atol=1e-8 * np.abs(host.K).max())

@@ -11,7 +11,7 @@ from scipy import linalg, sparse
 from scipy.sparse.linalg import LinearOperator
 
 from gpu import InputError, lqr
-from gpu.errors import NotConverged, NotSupported, RiccatiError
+from gpu.errors import NotConverged, RiccatiError
 from gpu.hamiltonian_lqr import solve as by_eigenvectors
 from gpu.lqr_problem import check_lqr
 from gpu.reduced_lqr import solve as reduced
@@ -267,8 +267,6 @@ def test_failures_are_errors(heat_modes):
         reduced(problem, rank=6)
     with pytest.raises(RiccatiError, match="eigenvalue 0 of A"):
         reduced(check_lqr(np.array([0.0, -1.0, -2.0]), np.array([0.0, 1.0, 1.0]), 1.0, 1.0))
-    with pytest.raises(NotSupported, match=r"^N"):
-        reduced(check_lqr(A, B, 1.0, np.eye(2), N=0.01 * B))
     with pytest.raises(InputError, match=r"^basis"):
         reduced(problem, basis=np.ones((512, 2)))
     with pytest.raises(InputError, match=r"^basis"):
@@ -318,5 +316,3 @@ def test_public_entry_with_sparse_matrices_and_a_factored_weight(mass):
     values = np.linalg.eigvals(np.linalg.solve(M, dense - B @ K))
     assert values.real.max() < 0.0
     assert poles[0].real == pytest.approx(values.real.max(), rel=1e-6)
-    with pytest.raises(NotSupported, match=r"^N"):
-        lqr(A, B, C, R, 1e-3 * B, E=E, factored=True)
