@@ -19,7 +19,7 @@ from __future__ import annotations
 from math import floor
 
 from cip.conservative_profiles import csl2, csl4
-from cip.jit import Array, Index, Out, Real, kernel
+from cip.jit import Array, Index, Out, Real, Widths, kernel
 from cip.line_profiles import cubic
 
 
@@ -41,7 +41,7 @@ def cell_of(i: Index, d: Real, n: Index, periodic: Index) -> tuple[Index, Real]:
 
 @kernel
 def slope_of(
-    m: Array, h: Array, value: Index, mean: Index, stride: Index, n: Index, periodic: Index,
+    m: Array, h: Widths, value: Index, mean: Index, stride: Index, n: Index, periodic: Index,
     i: Index,
 ) -> Real:  # fmt: skip
     r"""Slope at node i of the quartic with the values and means of two cells: beside it, if it can.
@@ -96,7 +96,7 @@ def slope_of(
 
 @kernel
 def profile(
-    m: Array, h: Array, value: Index, slope: Index, mean: Index, stride: Index, n: Index,
+    m: Array, h: Widths, value: Index, slope: Index, mean: Index, stride: Index, n: Index,
     periodic: Index, cell: Index, s: Real, order: Index, carried: Index,
     limiter: Index, low: Real, high: Real, slack: Real,
 ) -> tuple[Real, Real, Real]:  # fmt: skip
@@ -124,7 +124,7 @@ def profile(
 
 
 @kernel
-def mass_of(m: Array, h: Array, mean: Index, stride: Index, n: Index, cell: Index) -> Real:
+def mass_of(m: Array, h: Widths, mean: Index, stride: Index, n: Index, cell: Index) -> Real:
     """Integral over a whole cell."""
     k = cell
     if k < 0 or k >= n:
@@ -134,7 +134,7 @@ def mass_of(m: Array, h: Array, mean: Index, stride: Index, n: Index, cell: Inde
 
 @kernel
 def node_csl(
-    m: Array, out: Out, feet: Array, h: Array, size: Index, dim: Index, axis: Index,
+    m: Array, out: Out, feet: Array, h: Widths, size: Index, dim: Index, axis: Index,
     o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
     limiter: Index, low: Real, high: Real, slack: Real, order: Index,
 ) -> None:  # fmt: skip
@@ -189,7 +189,7 @@ def node_csl(
 
 @kernel
 def node_csl2(
-    m: Array, out: Out, feet: Array, h: Array, size: Index, dim: Index, axis: Index,
+    m: Array, out: Out, feet: Array, h: Widths, size: Index, dim: Index, axis: Index,
     o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
     limiter: Index, low: Real, high: Real, slack: Real,
 ) -> None:  # fmt: skip
@@ -202,7 +202,7 @@ def node_csl2(
 
 @kernel
 def node_csl4(
-    m: Array, out: Out, feet: Array, h: Array, size: Index, dim: Index, axis: Index,
+    m: Array, out: Out, feet: Array, h: Widths, size: Index, dim: Index, axis: Index,
     o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
     limiter: Index, low: Real, high: Real, slack: Real,
 ) -> None:  # fmt: skip

@@ -67,24 +67,28 @@ def device_source(
     if computed:
         modules.append(path_source(stage.grid, stage.system, stage.jets))
         entries.append("path")
-    grid = stage.grid
+    grid, uniform = stage.grid, all(stage.grid.uniform)
     parameters = ["const real* __restrict__ m", "real* __restrict__ out"]
     if computed:
         parameters += [f"const real* __restrict__ line{axis}" for axis in range(grid.dim)]
-        parameters += ["const real t", "const real dt", "const index count", "int* left"]
+        parameters += ["const real t", "const real step", "const index count", "int* left"]
     else:
         parameters.append("const real* __restrict__ feet")
-    parameters += [f"const real* __restrict__ h{axis}" for axis in range(grid.dim)]
     constants, place, call = _plane(grid) if stage.axis is None else _line(stage)
-    foot, stride, base = ("feet", "size", "o")
     body = [place]
+    if uniform:
+        widths = enumerate(float(width[0]) for width in grid.widths)
+        body += [f"    const real h{axis} = (real){width!r};" for axis, width in widths]
+    else:
+        parameters += [f"const real* __restrict__ h{axis}" for axis in range(grid.dim)]
+    foot, stride, base = ("feet", "size", "o")
     if computed:
         foot, stride, base = ("foot", "1", "0")
         x = ["(real)0"] * 3
         for axis, index_of in enumerate(_indices(grid)):
             x[axis] = f"line{axis}[{index_of}]"
         body.append(f"    real foot[{_COMPONENTS}];")
-        body.append(f"    if (path(foot, {', '.join(x)}, t, dt, count)) *left = 1;")
+        body.append(f"    if (path(foot, {', '.join(x)}, t, step, count)) *left = 1;")
     tail = f"{int(stage.advect)}, {limiter}"
     if stage.conservative:
         parameters += ["const real low", "const real high", "const real slack"]
@@ -95,7 +99,7 @@ def device_source(
     head = f'extern "C" __global__ void run({", ".join(parameters)}) {{'
     return "\n".join(
         [
-            _HEAD + prelude(real, index),
+            _HEAD + prelude(real, index, uniform),
             *constants,
             translate(modules, *entries),
             head,
@@ -160,7 +164,8 @@ class DeviceKernels(Kernels):
         self._cupy = cupy
         self._compiled: dict[Any, Any] = {}
         grid = solver.grid
-        self._widths = [cupy.asarray(width.astype(self.dtype)) for width in grid.widths]
+        widths = [] if all(grid.uniform) else grid.widths  # else constants in the kernels
+        self._widths = [cupy.asarray(width.astype(self.dtype)) for width in widths]
         self._lines = [cupy.asarray(line.astype(self.dtype)) for line in grid.coordinates]
         self._real = "double" if self.dtype == np.float64 else "float"
         self._index = "int" if 16 * grid.size < 2**31 else "long long"
@@ -203,7 +208,7 @@ class DeviceKernels(Kernels):
         """One kernel that computes the feet too; whether any path left the box."""
         left = self._cupy.zeros(1, np.int32)
         real = self.dtype.type
-        clock = [real(t_end), real(dt), self._whole(count), left]
+        clock = [real(t_end), real(dt / count), self._whole(count), left]
         self._start(stage, True, [m, out, *self._lines, *clock, *self._widths])
         moving = [self.grid.periodic[axis] for axis in stage.moving]
         return not all(moving) and bool(left[0])

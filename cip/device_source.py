@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from types import ModuleType
 
 _TYPES = {"Index": "index", "Real": "real", "Array": "const real* __restrict__"}
-_TYPES["Out"] = "real* __restrict__"
+_TYPES.update(Out="real* __restrict__", Widths="widths")
 _OPERATORS: dict[type, str] = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Lt: "<", ast.LtE: "<=",
     ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=", ast.And: "&&", ast.Or: "||",
@@ -36,11 +36,14 @@ DEVICE real c_min(real a, real b) { return b < a ? b : a; }
 DEVICE real c_max(real a, real b) { return b > a ? b : a; }
 DEVICE real sign(real a) { return (real)((a > 0) - (a < 0)); }
 """
+_UNEVEN = "typedef const real* __restrict__ widths;\n#define WIDTH(h, k) h[k]\n"
+_UNIFORM = "typedef real widths;\n#define WIDTH(h, k) (h)\n"
 
 
-def prelude(real: str = "double", index: str = "int") -> str:
-    """Types of a translation unit and the functions that C lacks."""
-    return f"typedef {real} real;\ntypedef {index} index;\n{PRELUDE}"
+def prelude(real: str = "double", index: str = "int", uniform: bool = False) -> str:
+    """Types, where all cells have one width or not, and the functions that C lacks."""
+    types = f"typedef {real} real;\ntypedef {index} index;\n"
+    return types + (_UNIFORM if uniform else _UNEVEN) + PRELUDE
 
 
 def translate(modules: Sequence[ModuleType | str], *entries: str) -> str:
@@ -204,7 +207,8 @@ class _Function:
         if isinstance(node, ast.Name):
             return node.id
         if isinstance(node, ast.Subscript):
-            return f"{self.expression(node.value)}[{self.expression(node.slice)}]"
+            name, place = self.expression(node.value), self.expression(node.slice)
+            return f"WIDTH({name}, {place})" if self.types[name] == "widths" else f"{name}[{place}]"
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
             return f"(-{self.expression(node.operand)})"
         if isinstance(node, ast.BinOp):

@@ -118,7 +118,7 @@ class HostKernels(Kernels):
         path, box = self._path(stage)
         grid, advect, limiter = self.grid, int(stage.advect), self.limiter
         left = np.zeros(max(grid.nodes[0], grid.size // grid.nodes[-1]) + grid.size, np.int64)
-        clock = (t_end, dt, count)
+        clock = (t_end, dt / count, count)
         if stage.axis is None:
             node: Any = getattr(plane_kernels, self.name(stage))
             run_plane = loop_over(path_loops.run_plane_path, node=node, path=path)

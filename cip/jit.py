@@ -18,11 +18,13 @@ from typing import Any, TypeVar
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 # Types of the kernel language: whole numbers, numbers of the working precision, flat arrays of
-# these. An `Out` is written, an `Array` only read.
+# these. An `Out` is written, an `Array` only read; `Widths` of cells are an array that may become a
+# constant on the device.
 Index = int
 Real = float
 Array = Any
 Out = Any
+Widths = Any
 
 # Multiply-add in one rounding, as on the device; nothing else is reordered.
 _MATH = {"contract"}

@@ -94,7 +94,8 @@ class Kernels:
             points = [np.ascontiguousarray(x.ravel()) for x in stage.points(block)]
             points += [np.zeros(size)] * (3 - self.grid.dim)
 
-            arguments = (row, left, *points, box, size, len(stage.jets), t_end, length, count)
+            clock = (t_end, length / count, count)
+            arguments = (row, left, *points, box, size, len(stage.jets), *clock)
 
             def work(start: int, stop: int, arguments: Any = arguments) -> None:
                 run_feet(start, stop, *arguments)

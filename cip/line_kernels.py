@@ -20,7 +20,7 @@ The parentheses repeat for each direction across.
 
 from __future__ import annotations
 
-from cip.jit import Array, Index, Out, Real, kernel
+from cip.jit import Array, Index, Out, Real, Widths, kernel
 from cip.line_profiles import (
     cubic,
     lagrange,
@@ -35,7 +35,7 @@ from cip.line_profiles import (
 
 @kernel
 def node_linear(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Array, size: Index,
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Widths, size: Index,
     dim: Index, axis: Index,
     o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
     advect: Index, limiter: Index,
@@ -67,7 +67,7 @@ def move_cubic(
 
 @kernel
 def hermite(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Array, size: Index,
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Widths, size: Index,
     dim: Index, axis: Index,
     o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
     advect: Index, limiter: Index, piecewise: Index,
@@ -119,7 +119,7 @@ def hermite(
 
 @kernel
 def node_piecewise_linear(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Array, size: Index,
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Widths, size: Index,
     dim: Index, axis: Index,
     o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
     advect: Index, limiter: Index,
@@ -130,7 +130,7 @@ def node_piecewise_linear(
 
 @kernel
 def node_smoothed(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Array, size: Index,
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Widths, size: Index,
     dim: Index, axis: Index,
     o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
     advect: Index, limiter: Index,
@@ -141,7 +141,7 @@ def node_smoothed(
 
 @kernel
 def node_cubic(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Array, size: Index,
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Widths, size: Index,
     dim: Index, axis: Index,
     o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
     advect: Index, limiter: Index,
@@ -152,7 +152,7 @@ def node_cubic(
 
 @kernel
 def node_cubic_limited(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Array, size: Index,
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Widths, size: Index,
     dim: Index, axis: Index,
     o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
     advect: Index, limiter: Index,
@@ -182,7 +182,7 @@ def node_cubic_limited(
 
 @kernel
 def node_quintic(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Array, size: Index,
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Widths, size: Index,
     dim: Index, axis: Index,
     o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
     advect: Index, limiter: Index,

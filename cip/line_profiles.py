@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from math import exp, floor
 
-from cip.jit import Array, Index, Real, kernel
+from cip.jit import Array, Index, Real, Widths, kernel
 
 
 @kernel
@@ -24,13 +24,14 @@ def locate(i: Index, d: Real, n: Index, periodic: Index) -> tuple[Index, Index, 
     s = d - f
     k = i + f
     if periodic == 1:
-        # No division of whole numbers, which would keep the loop from vector instructions; in
-        # single precision the quotient may be wrong by one.
-        k = k - n * floor((k + 0.5) * (1.0 / n))
-        if k < 0:
-            k = k + n
-        if k >= n:
-            k = k - n
+        if k < 0 or k >= n:
+            # No division of whole numbers, which would keep the loop from vector instructions; in
+            # single precision the quotient may be wrong by one.
+            k = k - n * floor((k + 0.5) * (1.0 / n))
+            if k < 0:
+                k = k + n
+            if k >= n:
+                k = k - n
         r = k + 1
         if r == n:
             r = 0
@@ -138,7 +139,7 @@ def quintic(
 
 @kernel
 def rough(
-    m: Array, h: Array, base: Index, stride: Index, n: Index, periodic: Index,
+    m: Array, h: Widths, base: Index, stride: Index, n: Index, periodic: Index,
     k: Index, r: Index, a: Real, b: Real, va: Real, vb: Real, factor: Real,
 ) -> Index:  # fmt: skip
     r"""Whether the data of a cell is no smooth function: the essentially non-oscillatory choice.
@@ -167,7 +168,7 @@ def rough(
 
 @kernel
 def lagrange(
-    m: Array, h: Array, base: Index, stride: Index, n: Index, periodic: Index, k: Index, s: Real
+    m: Array, h: Widths, base: Index, stride: Index, n: Index, periodic: Index, k: Index, s: Real
 ) -> tuple[Real, Real]:
     """Value and slope (per length) of the cubic through the four nodes around a cell."""
     first = k - 1

@@ -41,7 +41,7 @@ def _path(source: str) -> Any:
 
 def run_plane_path(
     start: Index, stop: Index, m: Array, out: Out, left: Out,
-    x: Array, y: Array, box: Array, t: Real, dt: Real, count: Index, hx: Array, hy: Array,
+    x: Array, y: Array, box: Array, t: Real, step: Real, count: Index, hx: Array, hy: Array,
     size: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
     """Rows start..stop of a plane; left[row] counts paths that leave the box."""
@@ -50,7 +50,7 @@ def run_plane_path(
     for i in range(start, stop):
         gone = 0
         for j in range(ny):
-            gone += path(foot, x[i], y[j], 0.0, t, dt, count, box)
+            gone += path(foot, x[i], y[j], 0.0, t, step, count, box)
             node(
                 m, out, foot, 1, 0, hx, hy, size, i * ny + j, i, j, nx, ny, px, py, advect, limiter
             )
@@ -59,9 +59,9 @@ def run_plane_path(
 
 def run_lines_path(
     start: Index, stop: Index, m: Array, out: Out, left: Out,
-    x: Array, y: Array, z: Array, box: Array, ny: Index, nz: Index, t: Real, dt: Real, count: Index,
-    h: Array, size: Index, dim: Index, axis: Index, inner: Index, n: Index, periodic: Index,
-    advect: Index, limiter: Index,
+    x: Array, y: Array, z: Array, box: Array, ny: Index, nz: Index, t: Real, step: Real,
+    count: Index, h: Array, size: Index, dim: Index, axis: Index, inner: Index, n: Index,
+    periodic: Index, advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
     """Rows start..stop of a sweep."""
     m, out, left, h = address(m), address(out), address(left), address(h)
@@ -73,7 +73,7 @@ def run_lines_path(
         base = block * n * inner
         for q in range(inner):
             o = base + i * inner + q
-            gone += path(foot, x[o // (ny * nz)], y[o // nz % ny], z[o % nz], t, dt, count, box)
+            gone += path(foot, x[o // (ny * nz)], y[o // nz % ny], z[o % nz], t, step, count, box)
             node(
                 m, out, foot, 1, 0, h, size, dim, axis, o, base + q, inner, n, periodic, i,
                 advect, limiter,
@@ -87,12 +87,12 @@ def run_lines_path(
 
 def run_feet(
     start: Index, stop: Index, feet: Out, left: Out, x: Array, y: Array, z: Array,
-    box: Array, size: Index, components: Index, t: Real, dt: Real, count: Index,
+    box: Array, size: Index, components: Index, t: Real, step: Real, count: Index,
 ) -> None:  # fmt: skip
     """Feet of the points start..stop, component after component."""
     foot, box = foot_room(np.empty(1)), address(box)
     feet, left = address(feet), address(left)
     for o in range(start, stop):
-        left[o] = path(foot, x[o], y[o], z[o], t, dt, count, box)
+        left[o] = path(foot, x[o], y[o], z[o], t, step, count, box)
         for f in range(components):
             feet[f * size + o] = foot[f]

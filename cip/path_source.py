@@ -30,10 +30,11 @@ def box_of(grid: Grid, system: System) -> list[float]:
 def path_source(grid: Grid, system: System, wanted: Sequence[Jet], constant: bool = True) -> str:
     """Python of the kernels `rates` and `path`.
 
-    ``path(feet, x1, x2, x3, t, dt, count)`` writes the jets in the order of `wanted`, the
+    ``path(feet, x1, x2, x3, t, step, count)`` writes the jets in the order of `wanted`, the
     displacements in cells (uniform directions only), and returns 1 where the path leaves the box
-    through a wall, else 0. `t` is the end of the step. The numbers of `box_of` are constants in the
-    code, or a last argument, which makes one kernel of a velocity on all grids.
+    through a wall, else 0. `t` is the end of the last of `count` steps of length `step`. The
+    numbers of `box_of` are constants in the code, or a last argument, which makes one kernel of a
+    velocity on all grids.
     """
     jets = system.jets
     names = [jet.name for jet in jets]
@@ -46,10 +47,9 @@ def path_source(grid: Grid, system: System, wanted: Sequence[Jet], constant: boo
         *statements(rates),
         f"    return {', '.join(rates)}",
         "",
-        "def path(feet: Out, x1: Real, x2: Real, x3: Real, t: Real, dt: Real,"
+        "def path(feet: Out, x1: Real, x2: Real, x3: Real, t: Real, step: Real,"
         f" count: Index{'' if constant else ', box: Array'}) -> Index:",
         "    outside = 0",
-        "    step = dt / count",
     ]
     lines += [f"    y{q} = {system.start(jet)!r}" for q, jet in enumerate(jets)]
     lines.append("    for n in range(count):")
@@ -59,7 +59,7 @@ def path_source(grid: Grid, system: System, wanted: Sequence[Jet], constant: boo
         lines += [f"        {line}" for line in args]
     for q in range(len(jets)):
         total = f"a{q} + 2.0 * b{q} + 2.0 * c{q} + d{q}"
-        lines.append(f"        y{q} = y{q} + step / 6.0 * ({total})")
+        lines.append(f"        y{q} = y{q} + step * (1.0 / 6.0) * ({total})")
     for q, axis in enumerate(system.moving):
         if not grid.periodic[axis]:
             x = f"x{axis + 1} + y{q}"

@@ -15,7 +15,7 @@ E, E_x, E_y (bicubic: E_xy).
 
 from __future__ import annotations
 
-from cip.jit import Array, Index, Out, Real, kernel
+from cip.jit import Array, Index, Out, Real, Widths, kernel
 from cip.line_profiles import cubic, cubic_second, locate, rough, tangents
 
 
@@ -31,7 +31,7 @@ def bubble(d: Real, va: Real, vb: Real, s: Real) -> tuple[Real, Real]:
 
 @kernel
 def edge(
-    m: Array, h: Array, base: Index, stride: Index, n: Index, periodic: Index, k: Index, r: Index,
+    m: Array, h: Widths, base: Index, stride: Index, n: Index, periodic: Index, k: Index, r: Index,
     a: Real, b: Real, va: Real, vb: Real, s: Real, d: Real,
 ) -> tuple[Real, Real, Index]:  # fmt: skip
     """The bubble of an edge, from the tangents where its line is rough (2); whether to clamp (1).
@@ -54,8 +54,8 @@ def adini_sum(
 ) -> tuple[Real, Real, Real]:  # fmt: skip
     """Value and gradient from the value at a corner, the jumps and bubbles of the edges."""
     value = u00 + s * d0 + t * (e0 + s * (d1 - d0)) + b0 + t * (b1 - b0) + b2 + s * (b3 - b2)
-    fx = (d0 + t * (d1 - d0) + db0 + t * (db1 - db0) + b3 - b2) / a
-    fy = (e0 + s * (e1 - e0) + db2 + s * (db3 - db2) + b1 - b0) / b
+    fx = (1.0 / a) * (d0 + t * (d1 - d0) + db0 + t * (db1 - db0) + b3 - b2)
+    fy = (1.0 / b) * (e0 + s * (e1 - e0) + db2 + s * (db3 - db2) + b1 - b0)
     return value, fx, fy
 
 
@@ -97,7 +97,7 @@ def move_adini(
 
 @kernel
 def adini_eno(
-    m: Array, hx: Array, hy: Array, size: Index, k: Index, kr: Index, l: Index, lr: Index,
+    m: Array, hx: Widths, hy: Widths, size: Index, k: Index, kr: Index, l: Index, lr: Index,
     nx: Index, ny: Index, px: Index, py: Index, s: Real, t: Real, dx: Real, dy: Real,
 ) -> tuple[Real, Real, Real, Real, Index]:  # fmt: skip
     """Value, gradient and cross derivative with the choice at each edge, and the worst edge."""
@@ -140,7 +140,7 @@ def adini_eno(
 
 @kernel
 def adini(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Array, hy: Array,
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Widths, hy: Widths,
     size: Index, o: Index,
     i: Index, j: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
@@ -215,7 +215,10 @@ def bicubic_profile(
     lowt2 = cubic_second(q0, q1, w0, w1, s)
     topt2 = cubic_second(q2, q3, w2, w3, s)
     fss, _slope = cubic(low2, top2, lowt2, topt2, t)
-    return value, f1 / a, ft / b, fss / (a * a), fst / ab, ftt / (b * b)
+    # Quotients of numbers that do not change from cell to cell are constants on the device.
+    x = 1.0 / a
+    y = 1.0 / b
+    return value, x * f1, y * ft, x * x * fss, x * y * fst, y * y * ftt
 
 
 @kernel
@@ -251,7 +254,7 @@ def move_bicubic(
 
 @kernel
 def bicubic(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Array, hy: Array,
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Widths, hy: Widths,
     size: Index, o: Index,
     i: Index, j: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
@@ -296,7 +299,7 @@ def bicubic(
 
 @kernel
 def node_adini(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Array, hy: Array,
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Widths, hy: Widths,
     size: Index, o: Index,
     i: Index, j: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
@@ -306,7 +309,7 @@ def node_adini(
 
 @kernel
 def node_adini_limited(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Array, hy: Array,
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Widths, hy: Widths,
     size: Index, o: Index,
     i: Index, j: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
@@ -316,7 +319,7 @@ def node_adini_limited(
 
 @kernel
 def node_bicubic(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Array, hy: Array,
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Widths, hy: Widths,
     size: Index, o: Index,
     i: Index, j: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
 ) -> None:  # fmt: skip
@@ -326,7 +329,7 @@ def node_bicubic(
 
 @kernel
 def node_bicubic_limited(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Array, hy: Array,
+    m: Array, out: Out, feet: Array, fs: Index, fo: Index, hx: Widths, hy: Widths,
     size: Index, o: Index,
     i: Index, j: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
 ) -> None:  # fmt: skip

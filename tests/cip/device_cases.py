@@ -16,6 +16,10 @@ CASES = [
 def solver_of(profile, limiter=None, dim=1, dtype=np.float64, **more):
     shape = (24, 20, 16)[:dim]
     grid = Grid([(0, 1), (0, 1.5), (0, 2)][:dim], shape, periodic=True)
+    if more.pop("uneven", False):
+        lines = [np.append(line, end) for line, (_, end) in zip(grid.coordinates, grid.bounds)]  # noqa: B905
+        lines = [line + 0.02 * np.sin(2 * np.pi * line / line[-1]) for line in lines]
+        grid = Grid.from_coordinates(*lines, periodic=True)
     field = ["0.4 + 0.2*sin(2*pi*x1)", "0.3*cos(2*pi*x1) + 0.1*sin(pi*x3)", "0.2*sin(2*pi*x1)"]
     field[1] = field[1] if dim == 3 else "0.3*cos(2*pi*x1)"
     splitting = "strang" if dim > 1 and profile not in ("adini", "bicubic") else None

@@ -73,7 +73,32 @@ EVERY = [
 
 @pytest.mark.parametrize(("profile", "limiter", "dim", "form", "dtype"), EVERY)
 def test_stored_feet(profile, limiter, dim, form, dtype, tmp_path):
-    solver = solver_of(profile, limiter, dim, dtype, form=form)
+    check(solver_of(profile, limiter, dim, dtype, form=form), tmp_path)
+
+
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    ("profile", "limiter", "dim"),
+    [
+        ("cubic", None, 1),
+        pytest.param("cubic", "eno", 1, marks=SLOW),
+        pytest.param("bicubic", "eno", 2, marks=SLOW),
+        pytest.param("quintic", None, 2, marks=SLOW),
+        pytest.param("csl4", "bounds", 2, marks=SLOW),
+    ],
+)
+def test_cells_of_many_widths(profile, limiter, dim, tmp_path):
+    """Widths are an array then, where they are a constant else."""
+    solver = solver_of(profile, limiter, dim, form="advection", uneven=True)
+    assert not any(solver.grid.uniform)
+    check(solver, tmp_path)
+
+
+def check(solver, folder):
+    """One launch of both with stored feet and random moments."""
+    limiter, dtype = solver.limiter, solver.dtype
     state = random_state(solver)
     stage = solver._stages[0]
     feet = solver.feet(stage, 0.0, 0.21)
@@ -84,9 +109,10 @@ def test_stored_feet(profile, limiter, dim, form, dtype, tmp_path):
     source = device_source(
         stage, solver._kernels.name(stage), LIMITER_CODES[limiter], False, real, "int"
     )
-    run = compiled(source, tmp_path)
+    run = compiled(source, folder)
     arguments = [pointer(m), pointer(out), pointer(feet.data)]
-    widths = [width.astype(dtype) for width in solver.grid.widths]
+    widths = [] if all(solver.grid.uniform) else solver.grid.widths
+    widths = [width.astype(dtype) for width in widths]
     arguments += [pointer(width) for width in widths]
     kind = ctypes.c_double if dtype == np.float64 else ctypes.c_float
     if stage.conservative:
@@ -124,11 +150,10 @@ def test_feet_computed_in_the_kernel(profile, dim, form, tmp_path):
     source = device_source(stage, solver._kernels.name(stage), 0, True, "double", "int")
     run = compiled(source, tmp_path)
     grid, left = solver.grid, np.zeros(1, np.int32)
-    clock = [ctypes.c_double(0.3), ctypes.c_double(0.2), ctypes.c_int(3), pointer(left)]
+    clock = [ctypes.c_double(0.3), ctypes.c_double(0.2 / 3), ctypes.c_int(3), pointer(left)]
     lines = [pointer(line) for line in grid.coordinates]
-    widths = [pointer(width) for width in grid.widths]
     blocks = (grid.nodes[1], grid.nodes[0]) if stage.axis is None else (grid.size, 1)
-    run(pointer(m), pointer(out), *lines, *clock, *widths, *blocks)
+    run(pointer(m), pointer(out), *lines, *clock, *blocks)
     scale = np.abs(expected.reshape(len(state.data), -1)).max(axis=1, keepdims=True) + 1
     error = np.abs(out - expected).reshape(len(state.data), -1) / scale
     assert error.max() < 1e-12
