@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 EXAMPLES := $(addprefix run-,$(notdir $(wildcard examples/*.py)))
 
-.PHONY: help demo test test-slow lint doctest examples readme clean $(EXAMPLES)
+.PHONY: help demo test test-slow lint doctest examples docs readme clean $(EXAMPLES)
 
 help:
 	@echo "make demo       install, solve the frictional contact block, write VTK and a picture to out/"
@@ -16,6 +16,7 @@ help:
 	@echo "make lint       ruff and mypy"
 	@echo "make doctest    the examples in docstrings"
 	@echo "make examples   every script in examples/, as a user would run it"
+	@echo "make docs       out/docs/index.html: guide, gallery (with the pictures of make examples), reference"
 	@echo "make readme     regenerate the README's tables from benchmarks/results"
 
 $(VENV)/pyvenv.cfg:
@@ -28,6 +29,10 @@ $(VENV)/.demo: pyproject.toml | $(VENV)/pyvenv.cfg
 
 $(VENV)/.test: pyproject.toml | $(VENV)/pyvenv.cfg
 	$(BIN)/python -m pip install --quiet --editable '.[test]'
+	@touch $(VENV)/.demo $@
+
+$(VENV)/.docs: pyproject.toml | $(VENV)/pyvenv.cfg
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
 	@touch $(VENV)/.demo $@
 
 demo: $(VENV)/.demo
@@ -54,6 +59,10 @@ run-contact_part.py: run-bumper_mesh.py  # the part reads the mesh
 
 $(EXAMPLES): run-%:
 	@echo "== examples/$*" && $(BIN)/python examples/$*
+
+docs: $(VENV)/.docs
+	$(BIN)/sphinx-build --quiet --jobs 2 --fail-on-warning --keep-going docs out/docs
+	@echo "written to out/docs/index.html"
 
 readme: $(VENV)/.demo
 	$(BIN)/python benchmarks/readme_tables.py

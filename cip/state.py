@@ -30,7 +30,7 @@ class State:
     grid : Grid
     profile : str
     data : ndarray
-        All moments, shape (number of moments, *grid.nodes); on the device for the CuPy backend.
+        All moments, shape ``(number of moments, *grid.nodes)``; on the device for the CuPy backend.
         A mean belongs to the cell that begins at the node; in a direction that is not periodic the
         last entry stands for no cell.
     t : float

@@ -28,8 +28,8 @@ class Diagnostics:
     Attributes
     ----------
     t, mass, total_variation, minimum, maximum, l1, l2 : ndarray
-        `mass` is that of `State.mass`; `l1` is sum w |u|, `l2` is sqrt(sum w u^2); the total
-        variation is the sum over all lines of |u_{i+1} - u_i|, times the widths across the line.
+        `mass` is that of `State.mass`; `l1` is ``sum w |u|``, `l2` is sqrt(sum w u^2); the total
+        variation is the sum over all lines of ``|u_{i+1} - u_i|``, times the widths across the line.
     """
 
     t: Array

@@ -14,8 +14,10 @@ from scipy import sparse
 from skfem import (
     Basis,
     ElementHex1,
+    ElementHex2,
     ElementQuad2,
     ElementTetP1,
+    ElementTetP2,
     ElementTriP2,
     ElementVector,
     FacetBasis,
@@ -43,8 +45,11 @@ _DEFAULT_ELEMENT = {
     "MeshTri1": ElementTriP2,
     "MeshTri2": ElementTriP2,
     "MeshQuad1": ElementQuad2,
+    "MeshQuad2": ElementQuad2,
     "MeshTet1": ElementTetP1,
+    "MeshTet2": ElementTetP2,
     "MeshHex1": ElementHex1,
+    "MeshHex2": ElementHex2,
 }
 
 
@@ -139,7 +144,7 @@ class ElasticBody(BasisSolid):
             groups become the names of boundaries.
         element : Element, optional
             Scalar or vector element. Default: P2 triangles, Q2 quadrilaterals, P1 tetrahedra,
-            Q1 hexahedra.
+            Q1 hexahedra; on meshes of second order P2 and Q2.
         E, nu, plane, dilatation
             As for the class.
 
@@ -182,7 +187,7 @@ class ElasticBody(BasisSolid):
 
     @cached_property
     def absolute_stiffness(self) -> sparse.csr_array:
-        """|S| entry by entry, against which residuals are judged; shares its pattern with S."""
+        """``|S|`` entry by entry, against which residuals are judged; shares its pattern with S."""
         S = self.stiffness
         return sparse.csr_array((np.abs(S.data), S.indices, S.indptr), shape=S.shape)
 
