@@ -15,6 +15,7 @@ from contact.errors import InputError
 # Boundary cells of second order; scikit-fem names facets by their corners.
 _FIRST_ORDER = {"line3": ("line", 2), "triangle6": ("triangle", 3), "quad9": ("quad", 4)}
 _DIMENSION = {"triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3}
+_CORNERS = {"triangle6": 3, "quad9": 4, "tetra10": 4, "hexahedron27": 8}
 
 
 def read_mesh(path: str | Path) -> Mesh:
@@ -46,7 +47,7 @@ def read_mesh(path: str | Path) -> Mesh:
         quiet = io.StringIO()  # its Gmsh reader prints empty lines, and errors besides raising
         with contextlib.redirect_stdout(quiet), contextlib.redirect_stderr(quiet):
             file = meshio.read(path)
-        mesh = from_meshio(_named(file))
+        mesh = from_meshio(_named(file), ignore_orientation=True)
     except (Exception, SystemExit) as error:  # meshio raises whatever its readers meet
         raise InputError(f"mesh file {path} cannot be read: {error or 'bad format'}") from error
     if mesh.dim() not in (2, 3):
@@ -60,7 +61,11 @@ def read_mesh(path: str | Path) -> Mesh:
 
 
 def _named(file: Any) -> Any:
-    """The same mesh with boundary cells of second order replaced by their corners."""
+    """The same mesh as scikit-fem wants it: boundary cells by their corners, corners first.
+
+    scikit-fem numbers the vertices of a mesh of second order anew, and looks boundary cells up by
+    the new numbers: they must be the old ones.
+    """
     import meshio
 
     kinds = [block.type for block in file.cells]
@@ -73,8 +78,16 @@ def _named(file: Any) -> Any:
             cells.append((kind, block.data[:, :corners]))
         else:
             cells.append((block.type, block.data))
+    corners_of = [data[:, : _CORNERS[kind]].ravel() for kind, data in cells if kind in _CORNERS]
+    points = file.points
+    if corners_of:
+        vertices = np.unique(np.concatenate(corners_of))
+        order = np.concatenate((vertices, np.setdiff1d(np.arange(len(points)), vertices)))
+        place = np.empty_like(order)
+        place[order] = np.arange(order.size)
+        points, cells = points[order], [(kind, place[data]) for kind, data in cells]
     return meshio.Mesh(
-        file.points,
+        points,
         cells,
         cell_data=file.cell_data,
         field_data=file.field_data,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.cell_finder import find_cells, places_in
 from contact.errors import InputError
 from contact.rigid_modes import rigid_modes
 
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from contact.rows import ContactRows
 
 Array = NDArray[np.float64]
-CHUNK = 100  # points for which scikit-fem's finder is asked at once
 
 
 class Solid(ABC):
@@ -225,22 +225,14 @@ class BasisSolid(Solid):
     def _local(self, points: Array, cells: NDArray[np.int64]) -> Any:
         """Each local basis function at the points, and its dof in the cell of each point."""
         basis = self.basis
-        X = basis.mapping.invF(points[:, :, None], tind=cells)
+        X = places_in(self.mesh, basis.mapping, points, cells)[:, :, None]
         for i in range(basis.Nbfun):
             field = basis.elem.gbasis(basis.mapping, X, i, tind=cells)[0]
             yield field, basis.element_dofs[i, cells]
 
     def cells_of(self, points: Array) -> NDArray[np.int64]:
         """Number of the cell that each point lies in, shape (npoints,)."""
-        try:
-            finder = self.mesh.element_finder()
-            # It compares every point with the neighbours of all points: cost grows like a square.
-            some = np.array_split(points, max(points.shape[1] // CHUNK, 1), axis=1)
-            return np.concatenate([finder(*part) for part in some])
-        except Exception as error:  # scikit-fem raises ValueError, or Exception from its Newton
-            raise InputError(
-                f"points: scikit-fem's finder places at least one outside the body ({error})"
-            ) from error
+        return find_cells(self.mesh, points)
 
 
 def _largest(x: Any) -> float:
