@@ -37,6 +37,28 @@ def test_csl4_with_bounds():
     np.testing.assert_allclose(found.mass, found.mass[0], atol=1e-13)
 
 
+@pytest.mark.parametrize("profile", ["csl2", "csl4"])
+def test_bounds_leave_fine_profiles_alone(profile):
+    """Bit for bit: where no bound is near, and where one is passed by less than the tolerance."""
+    ends = {}
+    for name, lift, limiter, tolerance in (
+        ("away", 0.1, "bounds", 1e-14), ("away", 0.1, None, 1e-14),
+        ("touching", 0.0, "bounds", 1e-2), ("touching", 0.0, None, 1e-14),
+        ("strict", 0.0, "bounds", 1e-14),
+    ):  # fmt: skip
+        solver = Solver(
+            Grid((0, 1), 20, periodic=True), lambda x: 1 + 0.2 * np.sin(2 * np.pi * x),
+            "advection", profile, limiter, bounds=(0.0, np.inf), bounds_tolerance=tolerance,
+        )  # fmt: skip
+        start = solver.state(lambda x, lift=lift: lift + np.sin(np.pi * x) ** 20)
+        ends.setdefault(name, []).append(solver.run(start, 0.5, dt=0.03).final.data)
+    assert ends["touching"][1][0].min() < -1e-9  # it does pass the bound
+    np.testing.assert_array_equal(*ends["away"])
+    np.testing.assert_array_equal(*ends["touching"])
+    assert np.any(ends["strict"][0] != ends["touching"][1])
+    assert ends["strict"][0][0].min() >= -1e-14
+
+
 def test_eno_choice():
     l1, u, found = jiang_shu("cubic", "eno")
     assert l1 <= 0.027

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from problems import order
 from scipy.integrate import solve_ivp
 
 from cip import Grid, Solver, Velocity
@@ -79,3 +80,57 @@ def test_constants_and_reversal_on_uneven_grids(seed, dt, single):
     back = turn.step(state, dt)
     # Rounding of the feet, times slopes over the narrowest cell.
     np.testing.assert_allclose(back["u"], state["u"], rtol=0, atol=1e3 * np.finfo(kind).eps * 300)
+
+
+FLOWS = {
+    "swirl": (
+        ("-2*sin(pi*x1)**2*sin(pi*x2)*cos(pi*x2)*cos(t)", "sin(pi*x2)**2*sin(2*pi*x1)*cos(t)"),
+        lambda x, y, t: (
+            -2 * np.sin(PI * x) ** 2 * np.sin(PI * y) * np.cos(PI * y) * np.cos(t),
+            np.sin(PI * y) ** 2 * np.sin(2 * PI * x) * np.cos(t),
+        ),
+        lambda x, y, t: 0 * x,
+    ),
+    "compression": (
+        ("0.4 + 0.2*sin(2*pi*x1)*cos(2*pi*x2)*cos(3*t)", "0.1*sin(2*pi*(x1 + x2))"),
+        lambda x, y, t: (
+            0.4 + 0.2 * np.sin(2 * PI * x) * np.cos(2 * PI * y) * np.cos(3 * t),
+            0.1 * np.sin(2 * PI * (x + y)),
+        ),
+        lambda x, y, t: (
+            0.4 * PI * np.cos(2 * PI * x) * np.cos(2 * PI * y) * np.cos(3 * t)
+            + 0.2 * PI * np.cos(2 * PI * (x + y))
+        ),
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize(
+    ("profile", "splitting", "low"),
+    [
+        ("bicubic", None, 2.7),
+        ("adini", None, 2.7),
+        ("cubic", "strang", 1.9),
+        ("csl4", "strang", 1.9),
+    ],
+)
+def test_order_in_unsteady_flows(flow, profile, splitting, low):
+    """p_t + div(c p) = 0 to t = .5 at two cells a step; the splitting's own order is two."""
+    texts, c, divergence = FLOWS[flow]
+
+    def start(x, y):
+        return 1.5 + np.sin(2 * PI * x) * np.cos(2 * PI * y)
+
+    errors, sizes = [], (32, 64, 128)
+    for n in sizes:
+        grid = Grid((0, 1), (n, n), periodic=True)
+        solver = Solver(
+            grid, Velocity.from_expression(*texts), "advection", profile, splitting=splitting
+        )
+        final = solver.run(solver.state(start), 0.5, dt=2 / n).final["u"]
+        coarse = (slice(None, None, n // 8),) * 2
+        x, y, log = traced_back(c, divergence, [m[coarse].ravel() for m in grid.mesh()], 0.5, 0.5)
+        errors.append(np.sqrt(np.mean((final[coarse].ravel() - np.exp(log) * start(x, y)) ** 2)))
+    assert low <= order(sizes, errors) <= 4.3

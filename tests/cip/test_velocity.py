@@ -128,12 +128,42 @@ def test_partial_steps_have_their_own_feet():
     np.testing.assert_allclose(run.final["u"], exact, atol=1e-8)
 
 
-def test_single_precision_follows_double():
-    grid = Grid([(0, 1)] * 2, (32, 32), periodic=True)
+@pytest.mark.parametrize("steepness", [0.1, 3.0, 10.0])
+def test_substeps_follow_the_steepness(steepness):
+    """dx/dt = k sin(2 pi x) has tan(pi x(t)) = tan(pi x) exp(2 pi k t); |c'| dt is `steepness`."""
+    grid, dt = Grid((0.01, 1.01), 40, periodic=True), 0.5  # no node where c = 0
+    k = steepness / (2 * np.pi * dt)
+    formulas = Velocity.from_expression(f"{k!r}*sin(2*pi*x1)").on(grid)
+    system = System([f.expression for f in formulas], [0], [foot(0, 0)])
+    x = grid.coordinates[0]
+    found = integrate(grid, formulas, system, [x], 0.0, dt)
+    shrink = np.exp(-steepness)
+    exact = np.arctan2(shrink * np.sin(np.pi * x), np.cos(np.pi * x)) / np.pi
+    miss = x + found.jets[foot(0)] - exact
+    np.testing.assert_allclose(miss - np.round(miss), 0, atol=3e-11)
+    slope = shrink / (np.cos(np.pi * x) ** 2 + (shrink * np.sin(np.pi * x)) ** 2)
+    np.testing.assert_allclose(found.jets[foot(0, 0)], slope, rtol=3e-9)
+    assert steepness / 2 <= found.substeps <= 512 * (1 + steepness)
+
+
+@pytest.mark.parametrize(
+    ("profile", "dim", "splitting"),
+    [
+        ("adini", 2, None),
+        pytest.param("bicubic", 2, None, marks=SLOW),
+        pytest.param("quintic", 1, None, marks=SLOW),
+        pytest.param("csl4", 1, None, marks=SLOW),
+        pytest.param("cubic", 3, "strang", marks=SLOW),
+    ],
+)
+def test_single_precision_follows_double(profile, dim, splitting):
+    grid = Grid([(0, 1)] * dim, (32,) * dim, periodic=True)
+    field = ("0.3 + 0.1*sin(2*pi*x1)",) if dim == 1 else ("sin(2*pi*x2)", "cos(2*pi*x1)", "0.4")
     ends = []
     for dtype in (np.float64, np.float32):
+        form = "advection" if profile == "csl4" else "transport"
         solver = Solver(
-            grid, Velocity.from_expression("sin(2*pi*x2)", "cos(2*pi*x1)"), profile="adini",
+            grid, Velocity.from_expression(*field[:dim]), form, profile, splitting=splitting,
             dtype=dtype,
         )  # fmt: skip
         final = solver.run(solver.state("sin(2*pi*x1)"), 0.3, dt=0.05).final
