@@ -139,7 +139,8 @@ class InverseHamiltonian:
     def _prepare(self, factors: Factors) -> None:
         self.factors = factors
         self._C = self._solve(self._B)
-        t = to_host(self._C.T @ self._weigh_fed_back(self._C))
+        self._QC = self._weigh_fed_back(self._C)
+        t = to_host(self._C.T @ self._QC)
         t = np.eye(len(t)) + (t + t.T) / 2
         values = np.abs(np.linalg.eigvalsh(t))
         if not values.min() > 1e3 * EPS * values.max():
@@ -173,9 +174,10 @@ class InverseHamiltonian:
         if fed is not None:
             g = g - fed.right(f)
         s = self._solve(f)
-        u = -(self._t_inverse @ (self._C.T @ (g + self._weigh_fed_back(s))))
-        x = s + self._C @ u
-        y = -self._solve_transposed(g + self._weigh_fed_back(x))
+        right = g + self._weigh_fed_back(s)
+        u = self._t_inverse @ (self._C.T @ right)
+        x = s - self._C @ u
+        y = -self._solve_transposed(right - self._QC @ u)
         return x, y if fed is None else y + fed.left(x)
 
     def apply(self, v: Any) -> Any:
@@ -226,11 +228,15 @@ class _Feedback:
     """The similarity by ``X0 = Z S Z^T``: solves with ``A - B B^T X0 E``, and its weight."""
 
     def __init__(self, state: StateMatrix, B: Any, Z: Any, S: Any) -> None:
-        xp = state.xp
+        xp, d = state.xp, Z.shape[1]
         self.Z, self.S = Z, xp.asarray(S)
-        self._AZ, self.EZ = state.apply_transposed(Z), state.mass_transposed(Z)
+        self.EZ = state.mass_transposed(Z)
         BZ = B.T @ Z
-        self._middle = self.S @ (BZ.T @ BZ) @ self.S
+        # What comes to Q is symmetric, on the columns of A^T Z and E^T Z.
+        self._sides = xp.concatenate([state.apply_transposed(Z), self.EZ], axis=1)
+        self._core = xp.zeros((2 * d, 2 * d))
+        self._core[:d, d:] = self._core[d:, :d] = self.S
+        self._core[d:, d:] = -self.S @ (BZ.T @ BZ) @ self.S
         self.factors = state.factor_updated(B @ (BZ @ self.S), self.EZ)
 
     @classmethod
@@ -263,9 +269,7 @@ class _Feedback:
 
     def weigh(self, x: Any, Qx: Any) -> Any:
         """The weight that takes the place of Q."""
-        seen = self.EZ.T @ x
-        along = self.S @ (self._AZ.T @ x) - self._middle @ seen
-        return Qx + self._AZ @ (self.S @ seen) + self.EZ @ along
+        return Qx + self._sides @ (self._core @ (self._sides.T @ x))
 
 
 def null_vectors(state: StateMatrix, limit: int) -> tuple[Any, Any]:

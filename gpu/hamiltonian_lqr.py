@@ -129,6 +129,8 @@ def stable_subspace(
     inverse = InverseHamiltonian(state, B, weight, scale=rho)
     n, xp = state.n, state.xp
     wanted, limit = modes, min(modes + COPIES, 2 * n)
+    if start == "inputs" and state.kind == "dense":
+        wanted = min(2 * modes, limit)
     while True:
         w, z = _largest(inverse, B, wanted, tol, start)
         reached = _reached(B, z[n:]) if start == "inputs" else np.ones(len(w), dtype=bool)
