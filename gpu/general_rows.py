@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gpu.arrays import to_host
 from gpu.box_qp import Step
 from gpu.dense import symmetric_product
 from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
+from gpu.extended_precision import Triple
 from gpu.general_qp import NoBound, NoPoint, Point, certified, minimise, polished
 from gpu.kkt import general_residuals, kkt_residuals
+from gpu.last_digits import last_digits
 from gpu.polish import Sides
 from gpu.problem import Problem, power_of_two
-from gpu.program import Program
+from gpu.program import Program, residuals
 from gpu.result import QPResult, Status, boxes_only
 from gpu.whitened_active_set import GaveUp, WhitenedActiveSet
+
+# Entries other than zero of P and C, stored sparsely and not, up to which the last digits of
+# absolute residuals are worth their time.
+LARGEST_SPARSE, LARGEST_DENSE = 300_000, 30_000
 
 
 def solve_general(problem: Problem, start: QPResult | ArrayLike | None, tol: float) -> QPResult:
@@ -26,13 +34,14 @@ def solve_general(problem: Problem, start: QPResult | ArrayLike | None, tol: flo
     if problem.factor.definite and 3 * p.q.size >= p.row_low.size:
         found = _whitened(problem, p, state)
         if found is not None:
-            result = _result(problem, p, *found, "active set")
+            result = _result(problem, p.on_host(), *found, "active set")
             if result.kkt.worst <= tol:
-                return result
+                return result if p.xp is np else result.moved(p.xp.asarray)
     elif isinstance(start, QPResult):
         sides = Sides(state[p.row_low.size :], state[: p.row_low.size])
         point = polished(p, sides, start.x, p.xp.concatenate([start.y, start.z]))
         if point is not None:
+            point = _sharpened(problem, p, point, tol)
             result = _result(problem, p, point, (), "active set")
             if result.kkt.worst <= tol:
                 return result
@@ -44,7 +53,7 @@ def solve_general(problem: Problem, start: QPResult | ArrayLike | None, tol: flo
         raise Unbounded(
             "the objective falls for ever along a feasible direction, see `ray`", error.direction
         ) from None
-    result = _result(problem, p, point, (), "interior point")
+    result = _result(problem, p, _sharpened(problem, p, point, tol), (), "interior point")
     if not result.kkt.worst <= tol:
         raise NotConverged(
             f"the residuals {result.kkt} stay above tol = {tol}: rescale the problem, drop rows "
@@ -102,11 +111,26 @@ def _whitened(problem: Problem, p: Program, state: Any) -> tuple[Point, tuple[St
         scaled, problem.factor.L, lambda x: d * symmetric_product(problem.factor.P, d * x)
     )
     try:
-        x, multipliers, _ = method.run(state)
+        x, multipliers = method.run(state)
     except GaveUp:
         return None
-    point = certified(p, d * x, e * multipliers[: e.size])
-    return point, tuple(method.history)
+    x, y = d * x, e * multipliers[: e.size]
+    if xp is not np:
+        p, x, y = p.on_host(), to_host(x), to_host(y)
+    return certified(p, x, y), tuple(method.history)
+
+
+def _sharpened(problem: Problem, p: Program, point: Point, tol: float) -> Point:
+    """The point with absolute residuals below `tol` too, if that can be had on the host."""
+    if p.xp is not np or not point.residuals.worst <= tol:
+        return point
+    entries = p.P.nnz + p.C.nnz if p.is_sparse else np.count_nonzero(p.P) + np.count_nonzero(p.C)
+    if entries > (LARGEST_SPARSE if p.is_sparse else LARGEST_DENSE):
+        return point
+    best = last_digits(problem, p, Triple(point.x, point.y, point.z), tol)
+    return replace(
+        point, x=best.x, y=best.y, z=best.z, residuals=residuals(p, best.x, best.y, best.z)
+    )
 
 
 def _result(

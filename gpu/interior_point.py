@@ -37,6 +37,8 @@ logger = logging.getLogger(__name__)
 
 MAX_STEPS = 200
 PATIENCE = 40
+# Once products are as small as they are to become, Newton's steps are a matter of rounding.
+PATIENCE_AT_FLOOR, NEAR = 10, 1e-4
 # Below its target a point is still improved while steps help, down to what rounding leaves.
 LAST, SHARP = 2, 1e-13
 REGULARISATION = 1e-6
@@ -75,7 +77,7 @@ class InteriorPoint:
         low = xp.concatenate([program.lb, program.row_low[self.rows]])
         high = xp.concatenate([program.ub, program.row_high[self.rows]])
         self.count = int(xp.isfinite(low).sum() + xp.isfinite(high).sum())
-        self.reg, self.boost, self.last = REGULARISATION, 1.0, 1.0
+        self.reg, self.boost, self.last, self.floor = REGULARISATION, 1.0, 1.0, 0.0
         begin = (program, system, self.rows, low, high)
         self.v, self.y, self.s = inside(*begin, spread) if spread else balanced(*begin)
 
@@ -215,7 +217,8 @@ class InteriorPoint:
                 # Products far off centre stop both steps: bring them back before going on.
                 sigma, second = max(sigma, 0.8), 0.0
             size = abs(float(self.p.q @ x)) + abs(float(x @ (self.p.P @ x)))
-            target = max(sigma * mu, 1e-12 * size / self.count)
+            self.floor = 1e-12 * size / self.count
+            target = max(sigma * mu, self.floor)
             c_low = s.has_low * (target - products[0] - second * dt_low * d.z_low)
             c_high = s.has_high * (target - products[1] - second * dt_high * d.z_high)
             d = self.direction(rd, rp, c_low, c_high)
@@ -277,7 +280,13 @@ def interior_point(
     iterate = InteriorPoint(program, system, separate, spread)
     best, least, stalled, steps = np.inf, np.inf, 0, 0
     x, y, sides = iterate.v[: iterate.n], iterate.y, iterate.sides()
-    while steps < MAX_STEPS and best > SHARP and stalled < (PATIENCE if best > target else LAST):
+
+    def patience() -> int:
+        if best <= target:
+            return LAST
+        return PATIENCE_AT_FLOOR if best <= NEAR and iterate.mu <= 2.0 * iterate.floor else PATIENCE
+
+    while steps < MAX_STEPS and best > SHARP and stalled < patience():
         try:
             iterate.step()
         except np.linalg.LinAlgError:

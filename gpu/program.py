@@ -11,11 +11,13 @@ where an upper side holds and negative where a lower side does, the solution has
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy import sparse
+
+from gpu.arrays import to_host
 
 Array = Any  # numpy.ndarray or cupy.ndarray
 Matrix = Any  # the same, or a SciPy sparse array
@@ -33,6 +35,24 @@ def namespace(array: Any) -> Any:
 def is_sparse(matrix: Any) -> bool:
     """Whether a matrix is stored sparsely."""
     return bool(sparse.issparse(matrix))
+
+
+class Remote:
+    """A device matrix that multiplies vectors of the host."""
+
+    def __init__(self, matrix: Array) -> None:
+        self.matrix = matrix
+
+    def __matmul__(self, x: np.ndarray) -> np.ndarray:
+        return to_host(self.matrix @ namespace(self.matrix).asarray(x))
+
+    def __abs__(self) -> Remote:
+        return Remote(abs(self.matrix))
+
+    @property
+    def T(self) -> Remote:
+        """Its transpose."""
+        return Remote(self.matrix.T)
 
 
 @dataclass(frozen=True)
@@ -56,6 +76,23 @@ class Program:
     def is_sparse(self) -> bool:
         """Whether P and C are."""
         return is_sparse(self.P)
+
+    def stored_sparsely(self) -> Program:
+        """The same program of the host with P and C sparse."""
+        if self.is_sparse:
+            return self
+        return replace(self, P=sparse.csr_array(self.P), C=sparse.csr_array(self.C))
+
+    def on_host(self) -> Program:
+        """The same program with its vectors on the host; matrices of a device stay there.
+
+        What is many short vectors and few products takes less time so.
+        """
+        if self.xp is np:
+            return self
+        vectors = (self.row_low, self.row_high, self.lb, self.ub)
+        C = Remote(self.C)
+        return Program(Remote(self.P), to_host(self.q), C, *(to_host(v) for v in vectors))
 
     @property
     def equality(self) -> Array:

@@ -23,12 +23,15 @@ References
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 
 import numpy as np
 
+from gpu.arrays import to_host
 from gpu.box_qp import Step
 from gpu.dense import cholesky, cholesky_solve, gram, lower_solve
+from gpu.device_triangle import DeviceTriangle
 from gpu.program import Array, Program
 
 PATIENCE, MAX_STEPS = 3, 60
@@ -47,38 +50,47 @@ class WhitenedActiveSet:
     """Rows ``C x`` of a program, then the variables themselves, in one numbering.
 
     `L` is the factor of P and `product` multiplies by it; the P of the program is not touched.
+    Matrices stay where they are; sides, states and what decides about them are on the host, where
+    a step through a short vector takes less than its launch on a device.
     """
 
     def __init__(self, p: Program, L: Array, product: Callable[[Array], Array]) -> None:
-        self.p, self.L, self.product, self.xp = p, L, product, p.xp
-        xp = self.xp
+        self.p, self.product, self.xp = p, product, p.xp
+        on_host = self.xp is np
+        self.to_host: Callable[[Array], np.ndarray] = np.asarray if on_host else to_host
+        self.solve: Callable[..., Array] = (
+            functools.partial(lower_solve, L) if on_host else DeviceTriangle(L).solve
+        )
         self.m, self.n = p.row_low.size, p.q.size
-        self.low = xp.concatenate([p.row_low, p.lb])
-        self.high = xp.concatenate([p.row_high, p.ub])
+        self.low = np.concatenate([self.to_host(p.row_low), self.to_host(p.lb)])
+        self.high = np.concatenate([self.to_host(p.row_high), self.to_host(p.ub)])
         self.equal = self.low == self.high
-        self.place = xp.full(self.m + self.n, -1, dtype=xp.int64)
+        self.place = np.full(self.m + self.n, -1)
+        xp = self.xp
         self.Y, self.W, self.count = xp.empty((0, self.n)), xp.empty((0, 0)), 0
-        self.t0 = -lower_solve(L, p.q)
+        self.t0 = -self.solve(p.q)
         self.history: list[Step] = []
 
     def values(self, x: Array) -> Array:
         """Rows and variables at x."""
         return self.xp.concatenate([self.p.C @ x, x])
 
-    def _rows(self, i: Array) -> Array:
-        xp, split = self.xp, int((i < self.m).sum())
-        rows = xp.zeros((i.size, self.n))
-        rows[:split] = self.p.C[i[:split]]
-        rows[xp.arange(split, i.size), i[split:] - self.m] = 1.0
-        return rows
+    def _rows(self, i: np.ndarray) -> Array:
+        xp, split = self.xp, int(np.searchsorted(i, self.m))
+        rows = self.p.C[xp.asarray(i[:split])]
+        if split == i.size:
+            return rows
+        units = xp.zeros((i.size - split, self.n))
+        units[xp.arange(i.size - split), xp.asarray(i[split:] - self.m)] = 1.0
+        return xp.concatenate([rows, units])
 
-    def whiten(self, i: Array) -> None:
+    def whiten(self, i: np.ndarray) -> None:
         """Whiten the rows i, given in order, that were never active before."""
         new = i[self.place[i] < 0]
         if not new.size:
             return
-        xp, k, more = self.xp, self.count, int(new.size)
-        Y = lower_solve(self.L, self._rows(new).T).T
+        xp, k, more = self.xp, self.count, new.size
+        Y = self.solve(self._rows(new).T).T
         if k + more > len(self.Y):
             room = k + more if not k else min(k + 2 * more, self.m + self.n)
             grown, square = xp.empty((room, self.n)), xp.empty((room, room))
@@ -89,24 +101,25 @@ class WhitenedActiveSet:
             cross = self.Y[:k] @ Y.T
             self.W[:k, k : k + more], self.W[k : k + more, :k] = cross, cross.T
         self.W[k : k + more, k : k + more] = gram(Y)
-        self.place[new] = xp.arange(k, k + more)
+        self.place[new] = np.arange(k, k + more)
         self.count = k + more
 
-    def factor(self, state: Array) -> None:
+    def factor(self, state: np.ndarray) -> None:
         """Factor W of the active rows of a state."""
         xp = self.xp
-        self.active = xp.flatnonzero((state != 0) | self.equal)
+        self.active = np.flatnonzero((state != 0) | self.equal)
         if self.active.size >= self.n:
             raise GaveUp("as many rows as unknowns")
         self.whiten(self.active)
-        self.at = self.place[self.active]
+        self.at = xp.asarray(self.place[self.active])
         self.WA = self.W[self.at[:, None], self.at] if self.at.size else self.W[:0, :0]
         soft = self.WA.copy()
         diagonal = xp.arange(len(soft))
         if self.at.size:
-            soft[diagonal, diagonal] += SOFTNESS * float(soft.diagonal().max())
+            soft[diagonal, diagonal] += SOFTNESS * soft.diagonal().max()
         self.S = cholesky(soft)
-        self.goal = xp.where(state[self.active] > 0, self.high[self.active], self.low[self.active])
+        at_high = state[self.active] > 0
+        self.goal = np.where(at_high, self.high[self.active], self.low[self.active])
 
     def _multipliers(self, right: Array) -> Array:
         mu = cholesky_solve(self.S, right)
@@ -121,27 +134,28 @@ class WhitenedActiveSet:
     def point(self) -> tuple[Array, Array]:
         """x and the active multipliers of the factored state."""
         if not self.at.size:
-            return lower_solve(self.L, self.t0, transposed=True), self.t0[:0]
+            return self.solve(self.t0, transposed=True), self.t0[:0]
         t = self.Y[: self.count] @ self.t0
-        mu = self._multipliers(t[self.at] - self.goal)
-        return lower_solve(self.L, self.t0 - self._spread(mu), transposed=True), mu
+        mu = self._multipliers(t[self.at] - self.xp.asarray(self.goal))
+        return self.solve(self.t0 - self._spread(mu), transposed=True), mu
 
     def refine(self, x: Array, mu: Array) -> tuple[Array, Array]:
         """One step of refinement against P itself."""
         p, xp = self.p, self.xp
+        active = xp.asarray(self.active)
         whole = xp.zeros(self.m + self.n)
-        whole[self.active] = mu
+        whole[active] = mu
         r = -(self.product(x) + p.q + p.C.T @ whole[: self.m] + whole[self.m :])
-        u = lower_solve(self.L, r)
+        u = self.solve(r)
         if self.at.size:
-            s = self.goal - self.values(x)[self.active]
+            s = xp.asarray(self.goal) - self.values(x)[active]
             d = self._multipliers((self.Y[: self.count] @ u)[self.at] - s)
             mu, u = mu + d, u - self._spread(d)
-        return x + lower_solve(self.L, u, transposed=True), mu
+        return x + self.solve(u, transposed=True), mu
 
-    def run(self, state: Array) -> tuple[Array, Array, Array]:
-        """Exchange until nothing is violated; x, multipliers of all rows and variables, state."""
-        xp = self.xp
+    def run(self, state: Array) -> tuple[Array, Array]:
+        """Exchange until nothing is violated; x and the multipliers of all rows and variables."""
+        xp, state = self.xp, self.to_host(state)
         fewest, stalled = self.m + self.n + 1, 0
         while True:
             try:
@@ -149,16 +163,16 @@ class WhitenedActiveSet:
             except np.linalg.LinAlgError:
                 raise GaveUp("rows depend on each other") from None
             x, mu = self.point()
-            value = self.values(x)
-            whole = xp.zeros(self.m + self.n)
-            whole[self.active] = mu
-            size = ROUNDING * (1.0 + xp.abs(value) + float(xp.abs(x).max()))
+            value = self.to_host(self.values(x))
+            multiplier = np.zeros(self.m + self.n)
+            multiplier[self.active] = self.to_host(mu)
+            size = ROUNDING * (1.0 + np.abs(value) + np.abs(value[self.m :]).max())
             below, above = self.low - value, value - self.high
             off = (state == 0) & ~self.equal
             add = off & ((below > size) | (above > size))
-            drop = ~off & ~self.equal & (state * whole < 0.0)
-            wrong = int(add.sum()) + int(drop.sum())
-            self.history.append(Step(int(self.active.size), wrong))
+            drop = ~off & ~self.equal & (state * multiplier < 0.0)
+            wrong = int(np.count_nonzero(add)) + int(np.count_nonzero(drop))
+            self.history.append(Step(self.active.size, wrong))
             if not wrong:
                 break
             stalled = 0 if wrong < fewest else stalled + 1
@@ -168,19 +182,26 @@ class WhitenedActiveSet:
             state = self._next(state, add, drop, below, above)
         x, mu = self.refine(x, mu)
         whole = xp.zeros(self.m + self.n)
-        whole[self.active] = mu
-        held = self.active[self.active >= self.m] - self.m
-        x[held] = self.goal[self.active >= self.m]
-        return x, whole, state
+        whole[xp.asarray(self.active)] = mu
+        held = self.active >= self.m
+        if held.any():
+            x[xp.asarray(self.active[held] - self.m)] = xp.asarray(self.goal[held])
+        return x, whole
 
-    def _next(self, state: Array, add: Array, drop: Array, below: Array, above: Array) -> Array:
-        xp = self.xp
-        room = int(ROOM * self.n) - int(self.active.size) + int(drop.sum())
+    def _next(
+        self,
+        state: np.ndarray,
+        add: np.ndarray,
+        drop: np.ndarray,
+        below: np.ndarray,
+        above: np.ndarray,
+    ) -> np.ndarray:
+        room = int(ROOM * self.n) - self.active.size + np.count_nonzero(drop)
         if room <= 0:
             raise GaveUp("too many rows are active")
-        if int(add.sum()) > room:
-            violation = xp.where(add, xp.maximum(below, above), -xp.inf)
-            least = xp.sort(violation)[-max(room // 2, 1)]
+        if np.count_nonzero(add) > room:
+            violation = np.where(add, np.maximum(below, above), -np.inf)
+            least = np.sort(violation)[-max(int(room) // 2, 1)]
             add = add & (violation >= least)
-        state = xp.where(drop, 0, state)
-        return xp.where(add, xp.where(above > below, 1, -1), state).astype(xp.int8)
+        state = np.where(drop, 0, state)
+        return np.where(add, np.where(above > below, 1, -1), state).astype(np.int8)

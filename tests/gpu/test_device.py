@@ -7,6 +7,7 @@ import pytest
 
 from gpu import Infeasible, InputError, QPFactor, Unbounded, solve_qp
 from gpu.dense import gram, lower_solve
+from gpu.device_triangle import DeviceTriangle
 
 pytestmark = pytest.mark.gpu
 if importlib.util.find_spec("cupy") is None:
@@ -115,3 +116,18 @@ def test_triangular_solves_and_gram_matrices(columns):
     M = gram(Y)
     assert bool((M == M.T).all())
     np.testing.assert_allclose(M.get(), u.get().T @ u.get(), rtol=1e-11, atol=1e-10)
+
+
+@pytest.mark.parametrize("n", [1, 31, 200, 1024, 1500, 2500])
+@pytest.mark.parametrize("columns", [None, 1, 70])
+@pytest.mark.parametrize("transposed", [False, True])
+def test_triangular_systems_by_products(n, columns, transposed):
+    rng = np.random.default_rng(n)
+    L = np.tril(rng.standard_normal((n, n)) / np.sqrt(n)) + 2.0 * np.eye(n)
+    u = rng.standard_normal(n if columns is None else (n, columns))
+    # What is above the diagonal is not read.
+    stored = cupy.asarray(np.asfortranarray(L + np.triu(np.full((n, n), np.nan), 1)))
+    stored = cupy.asfortranarray(stored)
+    right = (L.T if transposed else L) @ u
+    found = DeviceTriangle(stored).solve(cupy.asarray(right), transposed=transposed)
+    np.testing.assert_allclose(found.get(), u, atol=1e-11)
