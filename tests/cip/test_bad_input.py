@@ -116,10 +116,8 @@ def test_velocity_that_overflows_names_node_and_time():
 
 
 def test_field_that_overflows_keeps_what_was_computed():
-    """Compression by e a unit of time: float32 overflows before t = 100."""
-    solver = Solver(
-        Grid((-1, 1), 8), Velocity(lambda x: -x), "advection", boundary=1.0, dtype=np.float32
-    )
+    """Compression by exp(10) a unit of time: float64 overflows before t = 100."""
+    solver = Solver(Grid((-1, 1), 8), Velocity(lambda x: -10 * x), "advection", boundary=1.0)
     with pytest.raises(NotFinite, match="moment") as caught:
         solver.run(solver.state(1.0), 100.0, dt=1.0, snapshots=100)
     assert len(caught.value.trajectory) > 10

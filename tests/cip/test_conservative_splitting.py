@@ -28,7 +28,7 @@ def test_order_of_uniform_flow(profile, low, high):
 @pytest.mark.parametrize("profile", ["csl2", "csl4"])
 def test_order_of_the_splitting(profile):
     """Rotation of a smooth bell by half a turn: the sweeps add an error of order two."""
-    sizes, errors = (24, 36, 54), []
+    sizes, errors = (20, 30, 45), []
     for n in sizes:
         grid = Grid((-1, 1), (n, n))
         field = Velocity.from_expression("-x2", "x1")

@@ -123,7 +123,7 @@ def test_pictures(tmp_path):
     lines = run_of(snapshots=2).plot().get_lines()
     assert len(lines) == 3
     assert plane().plot().get_title() == "t = 0.3"
-    run_of(snapshots=2).animate(tmp_path / "run.gif")
+    run_of(snapshots=1).animate(tmp_path / "run.gif")
     assert (tmp_path / "run.gif").stat().st_size > 1000
     plane().animate(tmp_path / "plane.gif")
     with pytest.raises(InputError, match=r"\.gif"):

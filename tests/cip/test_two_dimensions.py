@@ -104,15 +104,16 @@ def test_chain_rule_of_the_determinant():
 
 
 def test_determinant_of_the_flow_map():
-    """E and E_x against central differences of the displacements, an O(h^2) oracle."""
-    n, h = 128, 1 / 128
+    """E and E_x against central differences of the displacements, an O(h^4) oracle."""
+    n, h = 48, 1 / 48
     grid = Grid([(0, 1)] * 2, (n, n), periodic=True)
     velocity = Velocity.from_expression("0.3 + 0.2*sin(2*pi*x1)*cos(2*pi*x2)", "0.1*sin(2*pi*x1)")
     solver = Solver(grid, velocity, "advection", "adini")
     feet = solver.feet(solver._stages[0], 0.0, 0.4).data.reshape(9, n, n)
 
     def slope(f, axis):
-        return (np.roll(f, -1, axis) - np.roll(f, 1, axis)) / 2
+        near, far = (np.roll(f, -q, axis) - np.roll(f, q, axis) for q in (1, 2))
+        return 2 / 3 * near - far / 12
 
     # Displacements count cells, so their differences are derivatives.
     Xx, Xy = 1 + slope(feet[0], 0), slope(feet[0], 1)
