@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from gpu.arrays import to_host
 
-ONE_LAUNCH = 3500  # up to this order launches cost more than a library product gains
+ONE_LAUNCH = 5000  # up to this order a sweep gains more than a library product does
 BREAKDOWN = 20 * np.finfo(float).eps  # beta below this times |A v| is round-off: invariant
 
 
@@ -51,9 +52,9 @@ class Arnoldi:
         matrix: Any = None,
     ) -> None:
         self.xp, self.size, self.matvecs = xp, size, 0
-        self.V = xp.zeros((size + 1, n), dtype=dtype)
+        self.V = xp.empty((size + 1, n), dtype=dtype)
         self._apply = apply
-        self._rng = np.random.default_rng(seed)
+        self._seed, self._drawn = seed, 0
         # Row j: the coefficients of A v_j, then |v| of what is left of it.
         self._coefficients = xp.zeros((size, size + 2), dtype=dtype)
         self._steps = self._matrix = None
@@ -69,13 +70,15 @@ class Arnoldi:
         xp, V = self.xp, self.V
         if vector is None and self._steps is not None and V.shape[1] >= 4 * len(V):
             # So much of a random vector is orthogonal to so few that nothing need be looked at.
-            self._steps.random_start(place, int(self._rng.integers(2**62)))
+            self._steps.random_start(place, (self._seed << 32) + self._drawn)
+            self._drawn += 1
             return
         for _ in range(3):
             if vector is None:
-                drawn = self._rng.standard_normal(V.shape[1])
+                rng = self._rng
+                drawn = rng.standard_normal(V.shape[1])
                 if V.dtype.kind == "c":
-                    drawn = drawn + 1j * self._rng.standard_normal(V.shape[1])
+                    drawn = drawn + 1j * rng.standard_normal(V.shape[1])
                 w = xp.asarray(drawn)
             else:
                 w = xp.array(vector, dtype=V.dtype)
@@ -89,6 +92,10 @@ class Arnoldi:
                 return
             vector = None
         raise np.linalg.LinAlgError("the basis spans the whole space")
+
+    @functools.cached_property
+    def _rng(self) -> np.random.Generator:
+        return np.random.default_rng(self._seed)
 
     def _products(self, w: Any, count: int) -> Any:
         """V^* w of the first rows; conjugating w spares a conjugated copy of V."""
@@ -129,14 +136,19 @@ class Arnoldi:
 
     def broken(self, rows: np.ndarray) -> int | None:
         """The first of the rows of a sweep that ended in an invariant subspace."""
-        beta = rows[:, -1].real
-        size = np.linalg.norm(rows[:, :-1], axis=1)
-        ended = np.flatnonzero(beta <= BREAKDOWN * size)
+        size = np.sqrt((np.abs(rows[:, :-1]) ** 2).sum(axis=1))
+        ended = np.flatnonzero(rows[:, -1].real <= BREAKDOWN * size)
         return int(ended[0]) if ended.size else None
 
     def rotate(self, Q: np.ndarray, residual: int, first: int = 0) -> None:
         """Replace the rows from `first` on by the columns of Q, the next by the `residual`-th."""
         xp, (count, kept), V = self.xp, Q.shape, self.V[first:]
+        if self._steps is not None:
+            from gpu.ritz_pairs import rotate, turns
+
+            if turns(count):
+                rotate(V, Q, residual)
+                return
         rotated = xp.asarray(np.ascontiguousarray(Q.T)) @ V[:count]
         last = V[residual].copy()
         V[:kept] = rotated
@@ -145,3 +157,14 @@ class Arnoldi:
     def combine(self, Y: np.ndarray) -> Any:
         """Columns ``V^T Y`` of the space, shape (n, k), for Y of shape (count, k)."""
         return (self.xp.asarray(np.ascontiguousarray(Y.T)) @ self.V[: len(Y)]).T
+
+
+def fill(S: np.ndarray, rows: np.ndarray, first: int, last: int) -> None:
+    """Columns `first` to `last` of the projected matrix from the rows of a sweep.
+
+    Beyond its own entries a row is zero.
+    """
+    S[:, first:last] = 0.0
+    S[:last, first:last] = rows[: last - first, :last].T
+    below = np.arange(first + 1, last)
+    S[below, below - 1] = rows[: last - first - 1, -1].real

@@ -2,8 +2,8 @@
 
 A step is a product, two projections, two updates and a norm. As separate library calls these cost
 some twenty launches; for matrices of a few thousand rows the launches take longer than the work.
-Here all blocks of one launch, one a multiprocessor, own a range of rows each and meet twice or
-three times a step. Sums are taken in a fixed order, so that a run repeats bit by bit on one device.
+Here all blocks of one launch, one a multiprocessor, own a range of rows each and meet three times a
+step. Sums are taken in a fixed order, so that a run repeats bit by bit on one device.
 """
 
 from __future__ import annotations
@@ -19,6 +19,9 @@ from gpu.errors import InputError
 THREADS = 1024
 ROWS = 16  # a block owns at least; more blocks than that wait for each other longer
 SHARED = 48 * 1024  # bytes a block may have on every device without asking
+SUMS = 2048  # numbers of `gram_schmidt_source` in shared memory
+OWN = SUMS // 2 - THREADS // 32  # rows of a block whose sums fit there
+AHEAD = 0.6  # of the common cache that the next columns of a sweep may fill
 
 
 class FusedSteps:
@@ -31,6 +34,11 @@ class FusedSteps:
     coefficients : cupy.ndarray of float64, shape (size, size + 2)
         Row j gets the coefficients of step j, and its beta in the last entry.
 
+    Attributes
+    ----------
+    near, ahead : int
+        Columns of A that a sweep keeps in shared memory, and that it fetches ahead of each step.
+
     Raises
     ------
     InputError
@@ -42,13 +50,22 @@ class FusedSteps:
 
         self._V, self._rows = V, coefficients
         self.size, self.n = len(coefficients), V.shape[1]
-        processors, most_shared = _limits(cupy.cuda.Device().id)
+        processors, most_shared, cache = _limits(cupy.cuda.Device().id)
         self._blocks = min(processors, -(-self.n // ROWS))
-        self._shared = 8 * (2048 + 2 * (self.size + 1))
+        numbers = SUMS + 2 * (self.size + 2)
+        self._shared = 8 * numbers
         if self._shared > most_shared:
             raise InputError(f"ncv={self.size} is too large for the shared memory of this device")
-        self._u = cupy.empty((2, (self.n + 1) // 2 * 2))
-        self._parts = cupy.empty((3, self.size + 1, self._blocks))
+        # What a sweep has beside: its share of the basis, the vector, and columns of A.
+        own = -(-self.n // self._blocks)
+        numbers += (self.size + 2) * own + self.n
+        room = most_shared // 8 - numbers
+        self._sweeps = room >= 0 and own <= OWN
+        self.near = max(0, min(self.n, room // own))
+        self._shared_by_sweep = 8 * (numbers + self.near * own)
+        self.ahead = min(self.n - self.near, int(AHEAD * cache) // (8 * self.n))
+        self._u = cupy.empty((2, self.n))
+        self._parts = cupy.empty(3 * self._blocks * (self.size + 2))
         self._gate = cupy.zeros(1, dtype=cupy.uint32)
         self._arrived = 0
 
@@ -56,13 +73,25 @@ class FusedSteps:
         """Orthogonalise w, which is ``A V[j]``, into row j + 1."""
         import cupy
 
+        self._step(cupy.ascontiguousarray(w, dtype=float), 0, j)
+
+    def random_start(self, place: int, seed: int) -> None:
+        """Row `place`: a random unit vector orthogonal to those before it.
+
+        The coefficients of row `place` - 1 are overwritten.
+        """
+        self._step(np.uint64(0), seed, place - 1)
+
+    def _step(self, w: Any, seed: int, j: int) -> None:
         self._launch(
             "arnoldi_step",
             1,
+            self._shared,
             lambda goal: (
                 self._V,
                 self._rows,
-                cupy.ascontiguousarray(w, dtype=float),
+                w,
+                np.uint64(seed),
                 self._u,
                 self._parts,
                 self._gate,
@@ -73,24 +102,10 @@ class FusedSteps:
             ),
         )
 
-    def random_start(self, place: int, seed: int) -> None:
-        """Row `place`: a random unit vector orthogonal to those before it.
-
-        The coefficients of row `place` - 1 are overwritten.
-        """
-        import cupy
-
-        w = cupy.empty(self.n)
-        _kernel("normal", False)(
-            (min(-(-self.n // 256), 4096),), (256,), (w, np.int64(self.n), np.uint64(seed))
-        )
-        self(w, place - 1)
-
-    @staticmethod
-    def multiplies(A: Any) -> bool:
-        """Whether `sweep` can read this matrix: real, dense, rows together, entries in pairs."""
+    def multiplies(self, A: Any) -> bool:
+        """Whether `sweep` can read this matrix: real, dense, rows together, not too wide."""
         dense = hasattr(A, "flags") and A.dtype == np.float64 and A.flags.c_contiguous
-        return bool(dense and A.data.ptr % 16 == 0)
+        return bool(dense and self._sweeps)
 
     def sweep(self, A: Any, first: int, last: int) -> None:
         """All steps from row `first` up to row `last` with a dense matrix, in one launch.
@@ -106,6 +121,7 @@ class FusedSteps:
         self._launch(
             "arnoldi_sweep",
             last - first,
+            self._shared_by_sweep,
             lambda goal: (
                 A,
                 self._V,
@@ -118,29 +134,33 @@ class FusedSteps:
                 np.int32(self.size),
                 np.int32(first),
                 np.int32(last),
+                np.int32(self.near),
+                np.int32(self.ahead),
             ),
         )
 
-    def _launch(self, name: str, steps: int, arguments: Any) -> None:
+    def _launch(self, name: str, steps: int, shared: int, arguments: Any) -> None:
         kernel = _kernel(name)
-        if self._shared > SHARED:
-            kernel.max_dynamic_shared_size_bytes = self._shared
+        if shared > SHARED:
+            kernel.max_dynamic_shared_size_bytes = shared
         goal = np.uint32(self._arrived % 2**32)
-        kernel((self._blocks,), (THREADS,), arguments(goal), shared_mem=self._shared)
+        kernel((self._blocks,), (THREADS,), arguments(goal), shared_mem=shared)
         self._arrived += 3 * steps * self._blocks
 
 
 @functools.cache
-def _limits(device: int) -> tuple[int, int]:
-    """Multiprocessors, and bytes of shared memory that a block may ask for."""
+def _limits(device: int) -> tuple[int, int, int]:
+    """Multiprocessors, bytes of shared memory that a block may ask for, bytes of the cache."""
     import cupy
 
     attributes = cupy.cuda.Device(device).attributes
-    return int(attributes["MultiProcessorCount"]), int(attributes["MaxSharedMemoryPerBlockOptin"])
+    names = "MultiProcessorCount", "MaxSharedMemoryPerBlockOptin", "L2CacheSize"
+    processors, shared, cache = (int(attributes[name]) for name in names)
+    return processors, shared, cache
 
 
 @functools.cache
-def _kernel(name: str, meeting: bool = True) -> Any:
+def _kernel(name: str) -> Any:
     """The compiled kernel; CuPy compiles it anew for each device.
 
     A cooperative launch is refused unless all blocks run at once, without which they could not
@@ -148,4 +168,4 @@ def _kernel(name: str, meeting: bool = True) -> Any:
     """
     import cupy
 
-    return cupy.RawKernel(SOURCE, name, options=("--std=c++17",), enable_cooperative_groups=meeting)
+    return cupy.RawKernel(SOURCE, name, options=("--std=c++17",), enable_cooperative_groups=True)

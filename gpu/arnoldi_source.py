@@ -1,296 +1,89 @@
-"""CUDA source of the Arnoldi steps.
+"""CUDA source of the Arnoldi steps: a product with A or with numbers drawn, then Gram-Schmidt.
 
-Every block owns a range of rows of the vectors. Where sums over all rows are due the blocks write
-theirs, meet, and add up what the others wrote, all in the same order: a run repeats bit by bit on
-one device. A block that has met the others sees what they wrote before (release and acquire of
-the PTX memory model), but never reads it through the path for constant data.
+A sweep keeps what it can on the multiprocessors: each block its share of the basis and the first
+columns of its rows of A. The blocks meet three times a step; meanwhile the next columns come
+from memory to the cache that all share.
 """
 
-SOURCE = r"""
-#define WARPS 32   // of a block
-#define TILE 256   // entries of a vector that are updated and projected together
-#define GROUPS 4   // threads that share an entry
-#define SUMS 2048  // shared partial sums of the product
+from gpu.gram_schmidt_source import SOURCE as GRAM_SCHMIDT
 
-typedef long long index;
+SOURCE = (
+    GRAM_SCHMIDT
+    + r"""
+#define UNIT 64  // entries of a row of A that a warp takes at once
+#define BATCH 4  // units whose loads are under way together
 
-__device__ double over_warp(double s)
-{
-    for (int apart = 16; apart; apart >>= 1)
-        s += __shfl_xor_sync(0xffffffffu, s, apart);
-    return s;
-}
+// How the warps of a block share the rows of a matrix: units in the order of memory, the same
+// number to each.
+struct Shares {
+    int units, most;  // of a row, of a warp
 
-// All blocks meet when the gate has counted `goal` arrivals; the count may wrap around.
-__device__ void arrive(unsigned int* gate)
-{
-    asm volatile("red.release.gpu.global.add.u32 [%0], 1;" :: "l"(gate) : "memory");
-}
-
-__device__ void meet(unsigned int* gate, unsigned int goal)
-{
-    __syncthreads();
-    if (threadIdx.x == 0) {
-        unsigned int seen;
-        arrive(gate);
-        do
-            asm volatile("ld.acquire.gpu.global.u32 %0, [%1];" : "=r"(seen) : "l"(gate) : "memory");
-        while ((int)(seen - goal) < 0);
+    __device__ Shares(int rows, int width)
+        : units((width + UNIT - 1) / UNIT), most((rows * units + WARPS - 1) / WARPS)
+    {
     }
-    __syncthreads();
-}
 
-// dots <- V w on the rows of this block.
-__device__ void project(const double* V, index n, int count, const double* w, index begin,
-                        index end, double* dots)
-{
-    const int lane = threadIdx.x & 31;
-    for (int j = threadIdx.x >> 5; j < count; j += WARPS) {
+    // Sum of a row of what `multiply` wrote; from one place to the next warp or row grow.
+    __device__ double sum(const double* sums, int row) const
+    {
         double s = 0.0;
-        #pragma unroll 8
-        for (index i = begin + lane; i < end; i += 32)
-            s += V[j * n + i] * w[i];
-        s = over_warp(s);
-        if (lane == 0)
-            dots[j] = s;
+        if (units)
+            for (int w = row * units / most; w <= ((row + 1) * units - 1) / most; ++w)
+                s += sums[row + w];
+        return s;
     }
-    __syncthreads();
-}
+};
 
-// Thread (group, column) takes its share of (V' h)[i]; shared[column], ... hold the shares.
-__device__ double remove(const double* V, index n, int count, const double* source, index i,
-                         index end, const double* h, double* share)
-{
-    const int column = threadIdx.x % TILE, group = threadIdx.x / TILE;
-    double taken = 0.0, value = 0.0;
-    if (i < end) {
-        if (group == 0)
-            value = source[i];
-        #pragma unroll 8
-        for (int j = group; j < count; j += GROUPS)
-            taken += h[j] * V[j * n + i];
-    }
-    share[threadIdx.x] = taken;
-    __syncthreads();
-    if (group == 0)
-        value -= (share[column] + share[column + TILE])
-            + (share[column + 2 * TILE] + share[column + 3 * TILE]);
-    return value;  // of group 0; zero past the end
-}
-
-__device__ double over_block(double s, double* share)
-{
-    __syncthreads();
-    s = over_warp(s);
-    if ((threadIdx.x & 31) == 0)
-        share[threadIdx.x >> 5] = s;
-    __syncthreads();
-    s = 0.0;
-    for (int w = 0; w < WARPS; ++w)
-        s += share[w];
-    __syncthreads();
-    return s;
-}
-
-// u <- source - V' h, dots <- V u, tile by tile, so that V is read from memory once; |u|^2.
-__device__ double update_and_project(const double* V, index n, int count, const double* source,
-                                     double* u, index begin, index end, const double* h,
-                                     double* dots, double* shared)
-{
-    double* tile = shared;
-    double* share = shared + TILE;
-    const int lane = threadIdx.x & 31;
-    double square = 0.0;
-    for (int j = threadIdx.x; j < count; j += blockDim.x)
-        dots[j] = 0.0;
-    for (index base = begin; base < end; base += TILE) {
-        const index i = base + threadIdx.x % TILE;
-        const double value = remove(V, n, count, source, i, end, h, share);
-        if (threadIdx.x < TILE) {
-            if (i < end)
-                u[i] = value;
-            tile[threadIdx.x] = value;
-            square += value * value;
-        }
-        __syncthreads();
-        const int width = (int)(end - base < TILE ? end - base : TILE);
-        for (int j = threadIdx.x >> 5; j < count; j += WARPS) {
-            double s = 0.0;
-            #pragma unroll 8
-            for (int c = lane; c < width; c += 32)
-                s += V[j * n + base + c] * tile[c];
-            s = over_warp(s);
-            if (lane == 0)
-                dots[j] += s;
-        }
-    }
-    return over_block(square, share);
-}
-
-// u <- u - V' h, v <- scale u; |u|^2.
-__device__ double update(const double* V, index n, int count, double* u, double* v, double scale,
-                         index begin, index end, const double* h, double* share)
-{
-    double square = 0.0;
-    if (end - begin > 2 * TILE) {
-        for (index i = begin + threadIdx.x; i < end; i += blockDim.x) {
-            double taken = 0.0;
-            #pragma unroll 8
-            for (int j = 0; j < count; ++j)
-                taken += h[j] * V[j * n + i];
-            const double value = u[i] - taken;
-            u[i] = value;
-            v[i] = value * scale;
-            square += value * value;
-        }
-    } else {
-        for (index base = begin; base < end; base += TILE) {
-            const index i = base + threadIdx.x % TILE;
-            const double value = remove(V, n, count, u, i, end, h, share);
-            if (threadIdx.x < TILE && i < end) {
-                u[i] = value;
-                v[i] = value * scale;
-                square += value * value;
-            }
-            __syncthreads();
-        }
-    }
-    return over_block(square, share);
-}
-
-// Sum over the blocks; every block does it for itself, in the same order.
-__device__ double over_blocks(const double* part)
-{
-    double s = 0.0;
-    #pragma unroll 4
-    for (int b = threadIdx.x & 31; b < gridDim.x; b += 32)
-        s += __ldcg(part + b);
-    return over_warp(s);
-}
-
-__device__ void gather(const double* part, int count, double* h)
-{
-    for (int j = threadIdx.x >> 5; j < count; j += WARPS) {
-        const double s = over_blocks(part + (index)j * gridDim.x);
-        if ((threadIdx.x & 31) == 0)
-            h[j] = s;
-    }
-    __syncthreads();
-}
-
-// Gram-Schmidt twice of w against the first j + 1 rows of V, into row j + 1 of V; u = beta times
-// that row. Returns 1 / beta, or 1 where beta is zero. With `stay` all of u is there on return.
-__device__ double orthogonalise(double* V, double* row, const double* w, double* u, double* parts,
-                                unsigned int* gate, unsigned int* goal, index n, int size, int j,
-                                index begin, index end, bool stay, double* shared)
-{
-    double* h = shared + SUMS;
-    double* dots = h + size + 1;
-    const int count = j + 1, block = blockIdx.x;
-    // One buffer a meeting: who is ahead must not overwrite what others still read.
-    double* part[3];
-    for (int k = 0; k < 3; ++k)
-        part[k] = parts + (index)k * (size + 1) * gridDim.x;
-
-    project(V, n, count, w, begin, end, dots);
-    for (int i = threadIdx.x; i < count; i += blockDim.x)
-        part[0][(index)i * gridDim.x + block] = dots[i];
-    meet(gate, *goal += gridDim.x);
-    gather(part[0], count, h);
-    if (block == 0)
-        for (int i = threadIdx.x; i < count; i += blockDim.x)
-            row[i] = h[i];
-
-    double square = update_and_project(V, n, count, w, u, begin, end, h, dots, shared);
-    if (threadIdx.x == 0)
-        dots[count] = square;
-    __syncthreads();
-    for (int i = threadIdx.x; i < count + 1; i += blockDim.x)
-        part[1][(index)i * gridDim.x + block] = dots[i];
-    meet(gate, *goal += gridDim.x);
-    gather(part[1], count + 1, h);
-    if (block == 0)
-        for (int i = threadIdx.x; i < count; i += blockDim.x)
-            row[i] += h[i];
-
-    // What the second projection takes away is round-off, unless w was nearly in the space:
-    // only then is the norm not known without another meeting.
-    double taken = 0.0;
-    for (int i = threadIdx.x & 31; i < count; i += 32)
-        taken += h[i] * h[i];
-    const double rest = h[count] - over_warp(taken);
-    const bool known = rest > 0.5 * h[count];
-    double* v = V + count * n;
-    double beta = known ? sqrt(rest) : 1.0;
-    square = update(V, n, count, u, v, 1.0 / beta, begin, end, h, shared);
-    *goal += gridDim.x;
-    if (!known) {
-        if (threadIdx.x == 0)
-            part[2][block] = square;
-        meet(gate, *goal);
-        beta = sqrt(over_blocks(part[2]));
-        for (index i = begin + threadIdx.x; i < end; i += blockDim.x)
-            v[i] = beta > 0.0 ? u[i] / beta : u[i];
-    } else if (stay) {
-        meet(gate, *goal);
-    } else if (threadIdx.x == 0) {
-        arrive(gate);  // the host counts on three arrivals
-    }
-    if (block == 0 && threadIdx.x == 0)
-        row[size + 1] = beta;
-    return beta > 0.0 ? 1.0 / beta : 1.0;
-}
-
-// u <- A (scale x) on the rows of this block.
-__device__ void product(const double* __restrict__ A, const double* x, double scale, double* u,
-                        index n, index begin, index end, double* sums)
+// sums <- shares of the warps in a x, for `rows` rows of which `width` entries count.
+template <bool NEAR>  // a is in shared memory
+__device__ void multiply(const double* a, index stride, int rows, int width, const double* x,
+                         double* sums)
 {
     const int lane = threadIdx.x & 31, warp = threadIdx.x >> 5;
-    const int rows = (int)(end - begin);
-    // Short tasks even out the load; neighbouring warps read the same piece of x.
-    index pieces = (n + 1023) / 1024;
-    if (n < 1024)
-        pieces = rows < 32 ? (n + 127) / 128 : 1;
-    // Shorter ones where the last round of tasks would leave many warps idle.
-    for (index more = pieces + 1; n >= 1024 && more <= 2 * pieces; ++more)
-        if ((more * rows + WARPS - 1) / WARPS * pieces * 10
-            < (pieces * rows + WARPS - 1) / WARPS * more * 9) {
-            pieces = more;
-            break;
-        }
-    if (pieces * rows > SUMS)
-        pieces = SUMS / rows;
-    const index width = (n + 2 * pieces - 1) / (2 * pieces) * 2;
-    for (int task = warp; task < pieces * rows; task += WARPS) {
-        const index low = task / rows * width;
-        const index high = low + width < n ? low + width : n;
-        const double* a = A + (begin + task % rows) * n;
-        double s = 0.0, t = 0.0;
-        if (n % 2 == 0) {
-            #pragma unroll 4
-            for (index i = low + 2 * lane; i < high; i += 64) {
-                const double2 entry = __ldg((const double2*)(a + i));
-                const double2 value = *(const double2*)(x + i);
-                s += entry.x * (value.x * scale);
-                t += entry.y * (value.y * scale);
+    const Shares shares(rows, width);
+    int unit = warp * shares.most, row = shares.units ? unit / shares.units : 0;
+    const int stop = unit + shares.most < rows * shares.units ? unit + shares.most
+                                                              : rows * shares.units;
+    int place = unit - row * shares.units;
+    double s = 0.0;
+    for (; unit < stop; unit += BATCH) {
+        double entry[2 * BATCH];
+        int ahead_row = row, ahead = place;
+        #pragma unroll
+        for (int q = 0; q < BATCH; ++q) {
+            const int column = ahead * UNIT + lane;
+            const double* line = a + ahead_row * stride + column;
+            #pragma unroll
+            for (int half = 0; half < 2; ++half, line += 32)
+                entry[2 * q + half] = unit + q >= stop || column + 32 * half >= width ? 0.0
+                    : NEAR ? *line : __ldcs(line);
+            if (++ahead == shares.units) {
+                ahead = 0;
+                ++ahead_row;
             }
-        } else {
-            #pragma unroll 8
-            for (index i = low + lane; i < high; i += 32)
-                s += __ldg(a + i) * (x[i] * scale);
         }
-        s = over_warp(s + t);
-        if (lane == 0)
-            sums[task] = s;
+        #pragma unroll
+        for (int q = 0; q < BATCH; ++q) {
+            if (unit + q >= stop)
+                break;
+            const int column = place * UNIT + lane;
+            if (column < width)
+                s += entry[2 * q] * x[column];
+            if (column + 32 < width)
+                s += entry[2 * q + 1] * x[column + 32];
+            if (++place == shares.units) {
+                s = over_warp(s);
+                if (lane == 0)
+                    sums[row + warp] = s;
+                s = 0.0;
+                place = 0;
+                ++row;
+            }
+        }
     }
-    __syncthreads();
-    for (int r = threadIdx.x; r < rows; r += blockDim.x) {
-        double s = 0.0;
-        for (int p = 0; p < pieces; ++p)
-            s += sums[p * rows + r];
-        u[begin + r] = s;
-    }
-    __syncthreads();
+    s = over_warp(s);
+    if (place && lane == 0)
+        sums[row + warp] = s;
 }
 
 // Splitmix64 (Steele, Lea and Flood 2014): the same numbers on every device.
@@ -302,46 +95,87 @@ __device__ double uniform(unsigned long long seed, unsigned long long place)
     return ((z ^ (z >> 31)) >> 11) * 0x1p-53 + 0x1p-54;
 }
 
-// Normally distributed numbers by Box and Muller.
-extern "C" __global__ void normal(double* w, index n, unsigned long long seed)
-{
-    for (index i = blockIdx.x * (index)blockDim.x + threadIdx.x; i < n;
-         i += gridDim.x * (index)blockDim.x)
-        w[i] = sqrt(-2.0 * log(uniform(seed, 2 * i))) * cospi(2.0 * uniform(seed, 2 * i + 1));
-}
-
+// One step from a product w; without one, from normally distributed numbers by Box and Muller.
 // Without vectors before it, j = -1, w is only made a unit vector.
 extern "C" __global__ void __launch_bounds__(1024, 1)
-arnoldi_step(double* V, double* rows, const double* w, double* u, double* parts,
-             unsigned int* gate, unsigned int goal, index n, int size, int j)
+arnoldi_step(double* V, double* rows, const double* w, unsigned long long seed, double* u,
+             double* parts, unsigned int* gate, unsigned int goal, index n, int size, int j)
 {
     extern __shared__ double shared[];
     const index chunk = (n + gridDim.x - 1) / gridDim.x;
     const index begin = blockIdx.x * chunk < n ? blockIdx.x * chunk : n;
-    const index end = begin + chunk < n ? begin + chunk : n;
-    orthogonalise(V, rows + (index)(j < 0 ? 0 : j) * (size + 2), w, u, parts, gate, &goal, n, size,
-                  j, begin, end, false, shared);
+    const index own = begin + chunk < n ? chunk : n - begin;
+    u += begin;
+    if (w) {
+        w += begin;
+    } else {
+        for (index i = threadIdx.x; i < own; i += blockDim.x)
+            u[i] = sqrt(-2.0 * log(uniform(seed, 2 * (begin + i))))
+                * cospi(2.0 * uniform(seed, 2 * (begin + i) + 1));
+        __syncthreads();
+        w = u;
+    }
+    orthogonalise(V + begin, n, rows + (index)(j < 0 ? 0 : j) * (size + 2), w, u,
+                  V + (j + 1) * n + begin, nullptr, parts, gate, &goal, size, j, own, shared);
 }
 
+// Steps with a dense matrix. Shared memory holds what this block owns of the basis, the vector
+// that is multiplied, and the first `near` columns of the block's rows of A. While the blocks
+// orthogonalise, the next `ahead` columns are brought close: memory need not rest.
 extern "C" __global__ void __launch_bounds__(1024, 1)
 arnoldi_sweep(const double* __restrict__ A, double* V, double* rows, double* u, double* parts,
-              unsigned int* gate, unsigned int goal, index n, int size, int first, int last)
+              unsigned int* gate, unsigned int goal, index n, int size, int first, int last,
+              int near, int ahead)
 {
     extern __shared__ double shared[];
-    const index chunk = (n + gridDim.x - 1) / gridDim.x;
-    const index begin = blockIdx.x * chunk < n ? blockIdx.x * chunk : n;
-    const index end = begin + chunk < n ? begin + chunk : n;
-    const index stride = (n + 1) / 2 * 2;
+    const int chunk = (int)((n + gridDim.x - 1) / gridDim.x);
+    const index begin = (index)blockIdx.x * chunk < n ? (index)blockIdx.x * chunk : n;
+    const int own = (int)(begin + chunk < n ? chunk : n - begin);
+    double* slice = shared + SUMS + 2 * (size + 2);
+    double* mine = slice + (size + 1) * chunk;
+    double* x = mine + chunk;
+    double* kept = x + n;
+    A += begin * n;
+    for (int j = threadIdx.x >> 5; j <= first; j += WARPS)
+        for (int i = threadIdx.x & 31; i < own; i += 32)
+            slice[j * chunk + i] = V[j * n + begin + i];
+    for (int r = threadIdx.x >> 5; r < own; r += WARPS)
+        #pragma unroll 4
+        for (int i = threadIdx.x & 31; i < near; i += 32)
+            kept[r * near + i] = __ldcs(A + r * n + i);
+    const int rest = (int)n - near, warp = threadIdx.x >> 5;
+    const Shares inner(own, near), outer(own, rest);
+    double* far = shared + SUMS / 2;
     double scale = 1.0;
-    const double* x = V + first * n;
+    const double* source = V + first * n;
     for (int j = first; j < last; ++j) {
-        // Other blocks still read what the last step left, so the two vectors take turns.
-        double* next = u + (j & 1) * stride;
-        for (index at = begin; at < end; at += SUMS / 2)
-            product(A, x, scale, next, n, at, at + SUMS / 2 < end ? at + SUMS / 2 : end, shared);
-        scale = orthogonalise(V, rows + (index)j * (size + 2), next, next, parts, gate, &goal, n,
-                              size, j, begin, end, true, shared);
-        x = next;
+        for (index i = threadIdx.x; i < n; i += blockDim.x)
+            x[i] = __ldcg(source + i) * scale;
+        __syncthreads();
+        // Half of the warps begin with what is here, while the others keep memory busy.
+        for (int turn = warp; turn < warp + 2; ++turn) {
+            if (turn & 1)
+                multiply<true>(kept, near, own, near, x, shared);
+            else
+                multiply<false>(A + near, n, own, rest, x + near, far);
+        }
+        __syncthreads();
+        if (j + 1 < last)
+            for (int r = warp; r < own; r += WARPS)
+                for (int i = 4 * (threadIdx.x & 31); i < ahead; i += 128)
+                    asm volatile("prefetch.global.L2 [%0];" :: "l"(A + r * n + near + i));
+        for (int r = threadIdx.x; r < own; r += blockDim.x)
+            mine[r] = inner.sum(shared, r) + outer.sum(far, r);
+        __syncthreads();
+        // Other blocks still read what the last step left, so two vectors take turns.
+        double* open = u + (j & 1) * n;
+        double* v = slice + (j + 1) * chunk;
+        scale = orthogonalise(slice, chunk, rows + (index)j * (size + 2), mine, mine, v,
+                              open + begin, parts, gate, &goal, size, j, own, shared);
+        for (int i = threadIdx.x; i < own; i += blockDim.x)
+            V[(j + 1) * n + begin + i] = v[i];
+        source = open;
     }
 }
 """
+)

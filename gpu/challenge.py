@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gpu.arnoldi import Arnoldi
+from gpu.arnoldi import Arnoldi, fill
 from gpu.ordered_schur import Rank, ordered_schur, whole
 
 Edge = Callable[[float, np.ndarray], np.ndarray]
@@ -51,6 +51,9 @@ def unbeaten(
     probability is :math:`\sqrt{2 / \pi}\,t`, however far from normal A is. The modulus of
     p grows outwards from its roots, so that the edge of the wanted part of the plane is enough.
 
+    A small space may settle on an eigenvalue inside and see nothing else. Then that is left aside
+    too, and the search begins again from another vector.
+
     Parameters
     ----------
     basis : Arnoldi
@@ -77,10 +80,11 @@ def unbeaten(
     restarts : int
         That were made.
     """
-    room, n = basis.size - locked, basis.V.shape[1]
+    first, room, n = locked, basis.size - locked, basis.V.shape[1]
     basis.start(locked)
     S = np.zeros((room, room), dtype=basis.V.dtype)
-    kept, goal, made, begun = 0, min(FIRST, room), 0, basis.matvecs
+    kept, goal, made = 0, min(FIRST, room), 0
+    begun = searched = basis.matvecs  # at all, and from this vector
     betas = 0.0  # logarithm of their product
     dropped = np.zeros(0, dtype=complex)
     past = (0, 1.0)  # products, and residual of the best newcomer, at the last look
@@ -90,14 +94,11 @@ def unbeaten(
             raise FloatingPointError(f"A v is not finite after {basis.matvecs} products")
         ended = basis.broken(rows)
         size = goal if ended is None else kept + ended + 1
-        for j in range(kept, size):
-            S[: j + 1, j] = rows[j - kept, locked : locked + j + 1]
-            if j + 1 < size:
-                S[j + 1, j] = rows[j - kept, -1].real
+        fill(S, rows[:, locked:], kept, size)
         beta = 0.0 if ended is not None else float(rows[-1, -1].real)
         keep = int(THICK * room)
         T, Q, values = ordered_schur(S[:size, :size], rank, keep + 1 if size == room else 1)
-        best, products = whole(T, 1), basis.matvecs - begun
+        best, products = whole(T, 1), basis.matvecs - searched
         residual = beta * float(np.linalg.norm(Q[size - 1, :best]))
         distance = worst - float(rank(values[:1])[0])
         evidence = np.inf if distance >= -(1e-9 * abs(worst) + floor) else 0.0
@@ -114,7 +115,7 @@ def unbeaten(
             inside
             and (
                 evidence >= 0.5 * np.log(n) - np.log(LIKELY)
-                or products >= patience
+                or basis.matvecs - begun >= patience
                 or (converged and distance <= 1e-6 * abs(worst))
             )
         ):
@@ -122,7 +123,17 @@ def unbeaten(
         beaten = not inside and (converged or residual < -INSIDE * distance)
         if beaten or made >= restarts:
             basis.rotate(Q[:, :best], size, locked)
+            basis.V[first : first + best] = basis.V[locked : locked + best]
             return False, made
+        if inside and converged and evidence <= 0.0 and 2 * (room - best) > basis.size - first:
+            # It has settled inside and sees nothing else: beside that, from another vector.
+            basis.rotate(Q[:, :best], size, locked)
+            locked, room = locked + best, room - best
+            basis.start(locked)
+            S[:] = 0.0
+            kept, goal, made, searched = 0, min(FIRST, room), made + 1, basis.matvecs
+            betas, dropped, past = 0.0, np.zeros(0, dtype=complex), (0, 1.0)
+            continue
         need = _products_left(products, evidence, enough, past, residual, INSIDE * distance)
         past = (products, residual)
         if size < room:

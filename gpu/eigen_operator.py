@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +13,7 @@ from scipy.sparse import linalg as sparse_linalg
 
 from gpu.arrays import array_module, cupy, to_host
 from gpu.errors import InputError
+from gpu.modulus_source import SOURCE as MODULUS
 
 
 @dataclass(frozen=True)
@@ -110,17 +112,16 @@ def _largest(entries: Any, xp: Any) -> float:
         return float(xp.abs(entries).max())
     if xp is np:
         return float(max(abs(float(entries.max())), abs(float(entries.min()))))
-    # On the device one pass over A instead of two: it costs as much as a product.
-    greatest = xp.ReductionKernel(
-        "T x",
-        "T y",
-        "abs(x)",
-        "(a >= b || a != a) ? a : b",
-        "y = a",
-        "0",
-        "largest_modulus",
-    )
-    return float(greatest(entries))
+    # One pass over A, which costs as much as a product.
+    bits = xp.zeros(1, dtype=xp.uint64)
+    blocks = min(-(-entries.size // 1024), 1024)
+    _largest_kernel()((blocks,), (1024,), (entries, np.int64(entries.size), bits))
+    return float(bits.get().view(float)[0])
+
+
+@functools.cache
+def _largest_kernel() -> Any:
+    return cupy().RawKernel(MODULUS, "modulus_largest", options=("--std=c++17",))
 
 
 def _real_result(name: str, A: Callable[[Any], Any], x: Any) -> bool:

@@ -134,7 +134,7 @@ def eigs(
     real = matrix.real and (mass is None or mass.real) and np.isrealobj(sigma)
     rank = rank_of(which, real)
 
-    scale = 0.0  # a lower bound of |A|
+    scale, norms = 0.0, None  # a lower bound of |A|; residuals, where the vectors come with them
     stored = n <= FALLBACK and _stored(matrix, mass)
     # The smallest imaginary parts lie inside the spectrum, where a Krylov space is blind.
     small = DENSE if _stored(matrix, mass) else PRODUCTS
@@ -181,10 +181,15 @@ def eigs(
             theta, Y = np.linalg.eig(found.T)
             theta = theta.astype(complex)
             order = best_first(theta, rank, k, problem.dtype.kind == "f")
-            values, vectors = (
-                problem.values(theta[order]),
-                found.basis.combine(Y[:, order]),
-            )
+            values, Y = problem.values(theta[order]), Y[:, order] / np.linalg.norm(Y, axis=0)[order]
+            if found.complete and _fused(matrix, mass, problem):
+                from gpu.ritz_pairs import pairs_with_residuals
+
+                vectors, norms = pairs_with_residuals(
+                    found.basis.V[: len(Y)], Y, values, matrix.explicit, mass and mass.explicit
+                )
+            else:
+                vectors = found.basis.combine(Y)
             if drowned:
                 raise NotConverged(
                     f"sigma={sigma} lies too close to an eigenvalue to tell the next {k} apart: "
@@ -198,20 +203,21 @@ def eigs(
                     eigenvalues=xp.asarray(values),
                     eigenvectors=vectors,
                 )
-    vectors = xp.asarray(vectors)
-    vectors = vectors / xp.linalg.norm(vectors, axis=0)
-    values = xp.asarray(values)
+    if norms is None:
+        vectors = xp.asarray(vectors)
+        vectors = vectors / xp.linalg.norm(vectors, axis=0)
     try:
-        certify(matrix, mass, values, vectors, tol, scale)
+        certify(matrix, mass, values, vectors, tol, scale, norms)
     except NotConverged:
         # Shift and invert loses digits where sigma lies much closer to one eigenvalue than to
         # the others.
         if maxiter is not None or not stored:
             raise
         values, vectors = _decomposed(matrix, mass, sigma, rank, k)
-        values, vectors = xp.asarray(values), xp.asarray(vectors)
+        vectors = xp.asarray(vectors)
         vectors = vectors / xp.linalg.norm(vectors, axis=0)
         certify(matrix, mass, values, vectors, tol, scale)
+    values = xp.asarray(values)
     return (values, vectors) if return_eigenvectors else values
 
 
@@ -321,6 +327,16 @@ def _decomposed(
 
 def _stored(matrix: Matrix, mass: Matrix | None) -> bool:
     return matrix.explicit is not None and (mass is None or mass.explicit is not None)
+
+
+def _fused(matrix: Matrix, mass: Matrix | None, problem: _Problem) -> bool:
+    """Whether vectors and residuals come from real products on the device."""
+    return (
+        matrix.xp is not np
+        and problem.dtype.kind == "f"
+        and _stored(matrix, mass)
+        and unit_of(matrix) == 1.0
+    )
 
 
 def _matching(matrix: Matrix, mass: Matrix) -> None:

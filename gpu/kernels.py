@@ -6,8 +6,14 @@ machine that needs neither a GPU nor a driver.
 
 from __future__ import annotations
 
-from gpu import arnoldi_source, symmetric_source
+from gpu import arnoldi_source, modulus_source, ritz_source, symmetric_source, triangle_source
 
 OPTIONS = ("--std=c++17",)
 ARCHITECTURES = ("sm_75", "sm_80", "sm_86", "sm_89", "sm_90", "sm_100", "sm_120")
-SOURCES = {"arnoldi": arnoldi_source.SOURCE, "symmetric": symmetric_source.SOURCE}
+SOURCES = {
+    "arnoldi": arnoldi_source.SOURCE,
+    "modulus": modulus_source.SOURCE,
+    "ritz": ritz_source.SOURCE,
+    "symmetric": symmetric_source.SOURCE,
+    "triangle": triangle_source.SOURCE,
+}

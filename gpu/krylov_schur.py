@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from gpu.arnoldi import Arnoldi
+from gpu.arnoldi import Arnoldi, fill
 from gpu.challenge import INSIDE, Edge, unbeaten
 from gpu.implicit_restart import shifted_qr
 from gpu.ordered_schur import Rank, ordered_schur, whole
@@ -132,11 +132,7 @@ def krylov_schur(
             raise FloatingPointError(f"A v is not finite after {basis.matvecs} products")
         ended = basis.broken(rows)
         size = goal if ended is None else kept + ended + 1
-        for j in range(kept, size):
-            S[: j + 1, j] = rows[j - kept, : j + 1]
-            if j + 1 < size:
-                S[j + 1, j] = rows[j - kept, -1].real
-                S[j + 2 :, j] = 0.0
+        fill(S, rows, kept, size)
         beta = 0.0 if ended is not None else rows[-1, -1].real
         scale = max(scale, float(np.linalg.norm(S[:size, :size], axis=0).max()))
         most = min(size, max(ncv // 2, k + k // 2) + 3)

@@ -57,16 +57,30 @@ def ordered_schur(S: Array, rank: Rank, leading: int) -> tuple[Array, Array, Arr
     if info:
         raise np.linalg.LinAlgError(f"Schur form: info {info}")
     values = eigenvalues_of(T)
-    ranks, place = rank(values), 0
+    ranks, widths = rank(values).tolist(), _widths(T)
+    moved, place = False, 0
     while place < min(leading, len(S)):
         # The first of the best, unless what is here is as good: rounding must not shuffle.
-        best = place + int(ranks[place:].argmax())
+        best = place + ranks[place:].index(max(ranks[place:]))
+        width = widths[best]
         if ranks[best] > ranks[place]:
-            T, Q, _ = trexc(T, Q, best + 1, place + 1, overwrite_a=1, overwrite_q=1)
-            values = eigenvalues_of(T)
-            ranks = rank(values)
-        place += _block(T, place)
-    return T, Q, values
+            T, Q, failed = trexc(T, Q, best + 1, place + 1, overwrite_a=1, overwrite_q=1)
+            moved = True
+            for row in (ranks, widths):
+                row[place:place] = row[best : best + width]
+                del row[best + width : best + 2 * width]
+            if failed or (width == 2 and not T[place + 1, place]):
+                # Blocks too close to be swapped, or rounding that parted a pair.
+                values = eigenvalues_of(T)
+                ranks, widths = rank(values).tolist(), _widths(T)
+                width = widths[place]
+        place += width
+    return T, Q, eigenvalues_of(T) if moved else values
+
+
+def _widths(T: Array) -> list[int]:
+    """Rows of the block that begins at each row: one, or two."""
+    return (1 + np.append(T.diagonal(-1) != 0, False)).tolist()
 
 
 def whole(T: Array, count: int) -> int:

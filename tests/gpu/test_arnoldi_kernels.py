@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from gpu import InputError
+
 pytestmark = pytest.mark.gpu
 
 
@@ -103,16 +105,85 @@ def test_large_space_needs_more_shared_memory(cupy):
     n, size = 3000, 2500
     A = cupy.asarray(np.random.default_rng(3).standard_normal((n, n)) / np.sqrt(n))
     V, _, fused = start(cupy, A, size)
-    fused.sweep(A, 0, 60)
+    assert not fused.multiplies(A)
+    for j in range(60):
+        fused(A @ V[j], j)
     basis = V[:61].get()
     assert np.abs(basis @ basis.T - np.eye(61)).max() < 1e-12
 
 
-def test_views_that_the_kernel_cannot_read(cupy):
-    from gpu.arnoldi_kernels import FusedSteps
+@pytest.mark.parametrize("near", [0, 100, 2000])
+def test_what_a_block_keeps_changes_rounding_only(cupy, near):
+    n, size = 2000, 12
+    A = cupy.asarray(np.random.default_rng(4).standard_normal((n, n)) / np.sqrt(n))
+    V, rows, fused = start(cupy, A, size)
+    fused.sweep(A, 0, size)
+    expected = V.get()
+    W, again, other = start(cupy, A, size)
+    other.near, other.ahead = min(near, other.near), 300
+    other.sweep(A, 0, size)
+    assert np.abs(W.get() - expected).max() < 1e-12
+    assert np.abs(again[:, -1].get() - rows[:, -1].get()).max() < 1e-12
 
+
+def test_views_that_the_kernel_cannot_read(cupy):
     A = cupy.zeros((40, 40))
-    assert FusedSteps.multiplies(A)
-    assert not FusedSteps.multiplies(A.T[:, ::2])
-    assert not FusedSteps.multiplies(A.astype(np.float32))
-    assert not FusedSteps.multiplies(cupy.zeros(1601)[1:].reshape(40, 40))
+    _, _, fused = start(cupy, A, 5)
+    assert fused.multiplies(A)
+    assert fused.multiplies(cupy.zeros(1601)[1:].reshape(40, 40))
+    assert not fused.multiplies(A.T[:, ::2])
+    assert not fused.multiplies(A.astype(np.float32))
+
+
+@pytest.mark.parametrize(("n", "count", "kept"), [(1000, 40, 28), (33, 7, 1), (4001, 192, 190)])
+def test_rotation_in_place(cupy, n, count, kept):
+    from gpu.ritz_pairs import rotate, turns
+
+    rng = np.random.default_rng(n)
+    V = rng.standard_normal((count + 1, n))
+    Q = np.linalg.qr(rng.standard_normal((count, count)))[0][:, :kept]
+    device = cupy.asarray(V)
+    assert turns(count)
+    rotate(device, Q, count)
+    assert np.abs(device[:kept].get() - Q.T @ V[:count]).max() < 1e-12
+    assert np.array_equal(device[kept].get(), V[count])
+
+
+def test_vectors_and_residuals_of_pairs(cupy):
+    """Real values, both members of a pair, a single member, and a mass matrix."""
+    from gpu.ritz_pairs import pairs_with_residuals
+
+    rng = np.random.default_rng(5)
+    n, c = 700, 6
+    A, M = rng.standard_normal((2, n, n))
+    V = np.ascontiguousarray(np.linalg.qr(rng.standard_normal((n, c)))[0].T)
+    Y = rng.standard_normal((c, 4)) + 1j * rng.standard_normal((c, 4))
+    Y[:, 0] = Y[:, 0].real
+    Y[:, 2] = Y[:, 1].conj()
+    values = np.array([1.5, 0.3 + 2j, 0.3 - 2j, -1 + 0.5j])
+    for mass in (None, M):
+        X, norms = pairs_with_residuals(
+            cupy.asarray(V),
+            Y,
+            values,
+            cupy.asarray(A),
+            None if mass is None else cupy.asarray(mass),
+        )
+        expected = V.T @ Y
+        assert np.abs(X.get() - expected).max() < 1e-13
+        right = expected if mass is None else mass @ expected
+        error = np.linalg.norm(A @ expected - right * values, axis=0)
+        assert norms[0] == pytest.approx(error, rel=1e-12)
+        assert norms[1] == pytest.approx(np.linalg.norm(A @ expected, axis=0), rel=1e-12)
+
+
+def test_largest_modulus(cupy):
+    from gpu.eigen_operator import as_matrix
+
+    A = np.random.default_rng(6).standard_normal((333, 333))
+    A[17, 300] = -40.0
+    assert as_matrix("A", cupy.asarray(A)).largest == 40.0
+    for wrong in (np.nan, np.inf, -np.inf):
+        A[332, 332] = wrong
+        with pytest.raises(InputError, match="NaN or infinity"):
+            as_matrix("A", cupy.asarray(A))

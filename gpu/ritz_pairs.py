@@ -1,0 +1,130 @@
+"""Ritz vectors on the device in few launches, for real arrays of CuPy."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+
+from gpu.ritz_source import SOURCE
+
+THREADS, WIDTH = 256, 32  # of a block that turns, and the columns it turns
+MOST = 192  # vectors whose columns fit into the 48 KiB that every block may have
+
+
+def turns(count: int) -> bool:
+    """Whether `rotate` can turn so many vectors."""
+    return count <= MOST
+
+
+def rotate(V: Any, Q: np.ndarray, residual: int) -> None:
+    """Replace the first rows of V by the columns of Q, the next by the `residual`-th, in place."""
+    n, (count, kept) = V.shape[1], Q.shape
+    turned = _moved(np.ascontiguousarray(Q.T))
+    blocks = -(-n // WIDTH)
+    sizes = np.int64(n), np.int32(count), np.int32(kept), np.int32(residual)
+    _kernel("ritz_rotate")((blocks,), (THREADS,), (V, turned, *sizes), shared_mem=8 * WIDTH * count)
+
+
+def pairs_with_residuals(
+    V: Any, Y: np.ndarray, values: np.ndarray, A: Any, M: Any
+) -> tuple[Any, Any]:
+    r"""Vectors ``V^T Y`` and the norms of ``A x - lambda M x`` and of ``A x``.
+
+    A real eigenvector and either member of a conjugate pair come from one or two real columns, so
+    that A is multiplied by real vectors only and by no more than k or k + 1.
+
+    Parameters
+    ----------
+    V : cupy.ndarray of float64, shape (c, n)
+        Rows.
+    Y : ndarray, shape (c, k)
+        Of unit columns; for conjugate values conjugate ones.
+    values : ndarray, shape (k,)
+    A, M : cupy.ndarray or sparse matrix
+        M may be None.
+
+    Returns
+    -------
+    vectors : cupy.ndarray of complex128, shape (n, k)
+    norms : ndarray, shape (2, k)
+    """
+    import cupy
+
+    k, (c, n) = len(values), V.shape
+    two = [bool(y.any()) for y in Y.imag.T]
+    conjugate = [False, *(bool(same) for same in np.all(Y[:, 1:] == Y[:, :-1].conj(), axis=0))]
+    columns: list[np.ndarray] = []
+    pairs = np.empty((5, k))
+    pairs[0], pairs[1] = values.real, values.imag
+    taken = False  # as the conjugate of the one before
+    for j in range(k):
+        taken = two[j] and conjugate[j] and not taken
+        if taken:
+            pairs[2:, j] = pairs[2, j - 1], pairs[3, j - 1], -1.0
+            continue
+        pairs[2:, j] = len(columns), len(columns) + 1 if two[j] else -1.0, 1.0
+        columns += [Y[:, j].real, Y[:, j].imag] if two[j] else [Y[:, j].real]
+    moved = _moved(np.concatenate([*columns, pairs.ravel()]))
+    X = _multiplied(V, moved, len(columns), c, False)
+    left = _rows(A, X)
+    right = X if M is None else _rows(M, X)
+    vectors, squares = cupy.empty((k, n), dtype=complex), cupy.empty((2, k))
+    _kernel("ritz_residual")(
+        (k,),
+        (1024,),
+        (left, right, X, moved[len(columns) * c :], np.int64(n), np.int32(k), vectors, squares),
+    )
+    return vectors.T, np.sqrt(squares.get())
+
+
+def _rows(A: Any, X: Any) -> Any:
+    """``X A^T`` by rows."""
+    import cupy
+
+    if hasattr(A, "tocsr"):
+        return cupy.ascontiguousarray((A @ X.T).T)
+    return _multiplied(A, X, len(X), len(A), True)
+
+
+def _multiplied(B: Any, X: Any, rows: int, inner: int, transposed: bool) -> Any:
+    """``X B`` or ``X B^T``, without what a general product has to ask before it begins."""
+    import cupy
+    from cupy.cuda import device
+    from cupy_backends.cuda.libs import cublas
+
+    n = B.shape[1]
+    product = cupy.empty((rows, n))
+    one, zero = np.ones(1), np.zeros(1)
+    handle = device.get_cublas_handle()
+    mode = cublas.getPointerMode(handle)
+    cublas.setPointerMode(handle, cublas.CUBLAS_POINTER_MODE_HOST)
+    try:
+        # The library stores by columns: to it all three are their transposes.
+        operation = cublas.CUBLAS_OP_T if transposed else cublas.CUBLAS_OP_N
+        cublas.dgemm(
+            handle, operation, cublas.CUBLAS_OP_N, n, rows, inner, one.ctypes.data, B.data.ptr, n,
+            X.data.ptr, inner, zero.ctypes.data, product.data.ptr, n,
+        )  # fmt: skip
+    finally:
+        cublas.setPointerMode(handle, mode)
+    return product
+
+
+def _moved(values: np.ndarray) -> Any:
+    """A copy on the device, for which nobody waits; the driver has read the host's on return."""
+    import cupy
+
+    moved = cupy.empty(values.shape)
+    moved.data.copy_from_host_async(
+        values.ctypes.data, values.nbytes, cupy.cuda.get_current_stream()
+    )
+    return moved
+
+
+@functools.cache
+def _kernel(name: str) -> Any:
+    import cupy
+
+    return cupy.RawKernel(SOURCE, name, options=("--std=c++17",))
