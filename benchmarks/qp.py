@@ -205,7 +205,7 @@ def measure(n: int, p: int, l: int, xp: Any, repeats: int, rivals: bool) -> dict
         row["device_peers"] = device_peers(data, wait, min(repeats, 2))
     if on_device and n <= HOST_LIMIT:
         host = tuple(v.get() for v in data)
-        few = repeats if n <= 3200 else 1
+        few = repeats if n <= 3200 else 2
         seconds, same = timed(lambda host=host: solve_qp(*host), lambda: None, few)
         row["host"] = {
             "seconds": seconds,
