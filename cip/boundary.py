@@ -57,7 +57,7 @@ def walls(boundary: Any, grid: Grid) -> dict[Wall, Formula]:
             raise InputError(f"boundary: data for {name!r}, but the grid is periodic there")
         if value is None or (isinstance(value, str) and value == "outflow"):
             continue
-        found[axis, side] = Formula.of(value, grid.dim, f"boundary_{axis}{side}", time=True)
+        found[axis, side] = Formula.of(value, grid.dim, f"boundary {name!r}", time=True)
     return found
 
 
@@ -119,10 +119,11 @@ class WallMoments:
                 continue
             point = [x[on] for x in exits.points]
             point += [np.zeros(())] * (3 - len(point))
-            fields = self._wall(axis, side)(*point, t_end - exits.ages[on])
             jets = [exits.jets[Jet.named(name)][on] for name in self._jets]
-            for row, value in zip(result, self._combine(*fields, *jets), strict=True):
-                row[on] = value
+            with np.errstate(all="ignore"):  # `State.require_finite` names what is not
+                fields = self._wall(axis, side)(*point, t_end - exits.ages[on])
+                for row, value in zip(result, self._combine(*fields, *jets), strict=True):
+                    row[on] = value
         return result
 
     def flux(self, exits: Exits, t_start: float, t_end: float) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -56,8 +57,9 @@ class Formula:
             try:
                 expression = parse(repr(float(value)), name)
             except (TypeError, ValueError) as error:
+                found = value if np.ndim(value) == 0 else type(value).__name__
                 raise InputError(
-                    f"{name}: expected a number, a text or a callable, got {value!r}"
+                    f"{name}: expected a number, a text or a callable, got {found!r}"
                 ) from error
         unknown = expression.variables() - {*COORDINATES[:dim], "t"}
         if unknown:
@@ -72,18 +74,40 @@ class Formula:
         name: str,
         time: bool = False,
         derivatives: dict[Orders, Callable[..., Any]] | None = None,
+        hint: str = "",
     ) -> Formula:
         """From a callable that is known by its values (and by some of its derivatives)."""
+        arguments = ", ".join([*COORDINATES[:dim], *(["t"] if time else [])])
 
-        def timed(original: Callable[..., Any]) -> Callable[..., Any]:
-            def values(*point: Any) -> Any:
-                return original(*point[:dim], *(point[3:] if time else ()))
+        def checked(original: Callable[..., Any]) -> Callable[..., Any]:
+            def values(*point: Any) -> Array:
+                point = (*point[:dim], *(point[3:] if time else ()))
+                try:
+                    with np.errstate(all="ignore"):
+                        result = np.asarray(original(*point))
+                except InputError:
+                    raise
+                except (TypeError, ValueError) as error:
+                    raise InputError(
+                        f"{name}: called with the arrays {arguments} it raised "
+                        f"{type(error).__name__}: {error}{hint}"
+                    ) from error
+                shape = np.broadcast_shapes(*(np.shape(x) for x in point))
+                fits = result.ndim <= len(shape) and all(
+                    n in (1, m) for n, m in zip(result.shape[::-1], shape[::-1], strict=False)
+                )
+                if result.dtype.kind not in "fiub" or not fits:
+                    raise InputError(
+                        f"{name}: called with the arrays {arguments} it must return real values "
+                        f"of shape {shape}, got {result.dtype} of shape {result.shape}"
+                    )
+                return result.astype(float, copy=False)
 
             return values
 
-        known = {(0, 0, 0, 0): timed(function)}
-        known.update({orders: timed(given) for orders, given in (derivatives or {}).items()})
-        return cls(opaque(f"{name}_{id(known)}", (0, 0, 0, 0)), dim, known)
+        known = {(0, 0, 0, 0): checked(function)}
+        known.update({orders: checked(given) for orders, given in (derivatives or {}).items()})
+        return cls(opaque(_label(name, known), (0, 0, 0, 0)), dim, known)
 
     @property
     def exact(self) -> bool:
@@ -204,4 +228,9 @@ def spline(values: Any, grid: Grid, name: str) -> Formula:
         if i + j + k <= 3
     ]
     known = {orders: derivative(orders) for orders in every}
-    return Formula(opaque(f"{name}_{id(known)}", (0, 0, 0, 0)), grid.dim, known)
+    return Formula(opaque(_label(name, known), (0, 0, 0, 0)), grid.dim, known)
+
+
+def _label(name: str, known: dict[Orders, Callable[..., Any]]) -> str:
+    """What generated code calls a function."""
+    return f"{re.sub(r'[^A-Za-z0-9]', '_', name)}_{id(known)}"

@@ -12,7 +12,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from cip.errors import InputError, NotFinite
 from cip.expression import COORDINATES
-from cip.formula import Formula
+from cip.formula import Formula, spline
 from cip.grid import Grid, node_name
 from cip.schemes import Moment, moments
 
@@ -52,7 +52,7 @@ class State:
     @classmethod
     def from_function(
         cls,
-        f: Callable[..., Any] | str | float,
+        f: Callable[..., Any] | str | float | Array,
         grid: Grid,
         profile: str | None = None,
         derivatives: Mapping[str, Callable[..., Any]] | None = None,
@@ -63,10 +63,12 @@ class State:
 
         Parameters
         ----------
-        f : callable, str or float
+        f : callable, str, float or array
             ``f(x1, x2, ...)`` of coordinate arrays, or a formula. A callable that is plain
             arithmetic of NumPy functions is differentiated exactly, another one by sixth-order
-            differences over a quarter of the spacing: for a function with jumps pass `derivatives`.
+            differences over a quarter of the spacing. An array holds the values at the nodes:
+            derivatives and means are those of the interpolating quintic spline. For data with jumps
+            pass `derivatives`.
         grid : Grid
         profile : str, optional
             As for `Solver`; default ``"cubic"`` (``"bicubic"`` in two dimensions).
@@ -88,7 +90,8 @@ class State:
             raise InputError(
                 f"derivatives: {sorted(unknown)} are no derivatives that {profile!r} carries"
             )
-        formula = Formula.of(f, grid.dim, "f")
+        array = isinstance(f, np.ndarray) and f.ndim > 0
+        formula = spline(f, grid, "f") if array else Formula.of(f, grid.dim, "f")
         steps = (*grid.spacing, *([1.0] * (4 - grid.dim)))
         data = np.zeros((len(wanted), *grid.nodes), dtype=_real(dtype))
         for row, moment in zip(data, wanted, strict=True):
@@ -101,6 +104,10 @@ class State:
         state = cls(grid, profile, data, float(t))
         state.check("f")
         return state
+
+    def __repr__(self) -> str:
+        moments = ", ".join(self.names)
+        return f"State({self.profile!r}: {moments} on {self.grid} at t = {self.t:.6g})"
 
     @property
     def names(self) -> tuple[str, ...]:

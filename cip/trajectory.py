@@ -29,7 +29,8 @@ class Diagnostics:
     ----------
     t, mass, total_variation, minimum, maximum, l1, l2 : ndarray
         `mass` is that of `State.mass`; `l1` is ``sum w |u|``, `l2` is sqrt(sum w u^2); the total
-        variation is the sum over all lines of ``|u_{i+1} - u_i|``, times the widths across the line.
+        variation is the sum over all lines of ``|u_{i+1} - u_i|``, times the widths across the
+        line.
     """
 
     t: Array
@@ -60,6 +61,14 @@ class Trajectory:
     solver: Solver
     dt: float
     interrupted: bool = False
+
+    def __repr__(self) -> str:
+        first, last = self.states[0], self.states[-1]
+        left = ", interrupted" if self.interrupted else ""
+        return (
+            f"Trajectory({len(self)} snapshots of {self.solver.profile!r} on {first.grid} from t = "
+            f"{first.t:.6g} to {last.t:.6g}, dt = {self.dt:.6g}{left})"
+        )
 
     def __len__(self) -> int:
         return len(self.states)

@@ -153,6 +153,7 @@ class Velocity:
 
             return values
 
+        hint = "; a velocity that depends on t is Velocity(c, steady=False)" if self.steady else ""
         formulas = []
         for q in range(dim):
             known: dict[Orders, Callable[..., Any]] = {}
@@ -162,7 +163,9 @@ class Velocity:
                 for l in range(k, dim):
                     if self._hessian is not None:
                         known[raised(_ORDERS[k], l)] = entry(self._hessian, q, k, l)
-            formulas.append(Formula.by_values(part(q), dim, f"c{q + 1}", not self.steady, known))
+            formulas.append(
+                Formula.by_values(part(q), dim, f"c{q + 1}", not self.steady, known, hint)
+            )
         return tuple(formulas)
 
 

@@ -1,5 +1,7 @@
 """Malformed input gets a typed error that names the argument, the node and the time."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -24,6 +26,11 @@ def with_nan():
 def stepped(dt):
     solver = line()
     return solver.step(solver.state(wave), dt)
+
+
+def moved(velocity, grid=None, boundary=None):
+    solver = Solver(grid or Grid((0, 1), 8, periodic=True), velocity, boundary=boundary)
+    return solver.step(solver.state(wave), 0.1)
 
 
 def ran(**more):
@@ -69,6 +76,24 @@ CASES = {
     "wall": (lambda: Solver(Grid((0, 1), 8), 1.0, boundary={"left": 0}), "'left' is no wall"),
     "wall of a periodic direction": (lambda: line(boundary={"x-": 0}), "periodic there"),
     "grid": (lambda: Solver(np.linspace(0, 1), 1.0), "grid: expected a Grid"),
+    "velocity of t that is not said to be": (
+        lambda: moved(lambda x, t: np.cos(t) + 0 * x),
+        r"c1: called with the arrays x1 it raised TypeError.*steady=False",
+    ),
+    "complex velocity": (lambda: moved(lambda x: 1j * x), "c1: .*real values .*complex128"),
+    "velocity of numbers only": (lambda: moved(math.sin), "c1: .*TypeError"),
+    "components of a callable": (lambda: moved(lambda x: (x, x)), "returned 2 components"),
+    "wall data without a place": (
+        lambda: moved(1.0, Grid((0, 1), 8), {"x-": lambda t: t}),
+        "boundary 'x-': called with the arrays x1, t",
+    ),
+    "complex function": (lambda: line().state(lambda x: 1j * x), "f: .*real values"),
+    "function of wrong shape": (
+        lambda: line().state(lambda x: np.ones(7)),
+        r"f: .*of shape \(8,\), got float64 of shape \(7,\)",
+    ),
+    "values of wrong shape": (lambda: line().state(np.ones(7)), r"f: .*shape \(8,\)"),
+    "values with NaN": (lambda: line().state(np.full(8, np.nan)), r"f: NaN .*node \(0,\)"),
     "NaN in the state": (with_nan, r"moment 'u_x' is nan at node \(3,\) at \(0.375\) at t = 0"),
     "function with NaN": (lambda: line().state(lambda x: np.sqrt(x - 0.5)), "f: moment 'u' is nan"),
     "unknown derivative": (lambda: line().state(wave, {"u_y": wave}), "u_y"),
@@ -107,6 +132,11 @@ def test_feet_that_leave_name_node_time_and_wall():
     state = solver.state(wave, t=2.0)
     with pytest.raises(LeftDomain, match=r"node \(0,\) at \(0\) at t = 2.05 .*'x-' at \(0\)"):
         solver.step(state, 0.05)
+
+
+def test_wall_data_that_are_not_finite():
+    with pytest.raises(NotFinite, match="boundary data"):
+        moved(1.0, Grid((0, 1), 8), {"x-": lambda x, t: np.sqrt(t - 1)})
 
 
 def test_velocity_that_overflows_names_node_and_time():

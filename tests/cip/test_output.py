@@ -33,6 +33,31 @@ def test_lands_on_the_output_times():
     assert len(run_of(snapshots=4)) == 5
 
 
+def test_starts_from_values_at_the_nodes():
+    """Their derivatives and means are those of the quintic spline through them."""
+
+    def field(x, y):
+        return np.sin(2 * x) * np.cos(y)
+
+    for profile, form, splitting in (
+        ("bicubic", "transport", None), ("csl4", "advection", "strang"),
+    ):  # fmt: skip
+        grid = Grid((0, 1), (24, 20))
+        solver = Solver(grid, [1.0, 0.5], form, profile, splitting=splitting, boundary=0.0)
+        found, expected = solver.state(field(*grid.mesh())), solver.state(field)
+        np.testing.assert_allclose(found.data, expected.data, rtol=0, atol=5e-6)
+        np.testing.assert_allclose(found["u"], expected["u"], rtol=0, atol=1e-14)
+
+
+def test_says_what_it_is_in_one_line():
+    run = run_of()
+    assert repr(run.final) == (
+        "State('cubic': u, u_x on Grid([0, 1], cells=(20,), periodic=(True,)) at t = 0.5)"
+    )
+    assert repr(run).startswith("Trajectory(2 snapshots of 'cubic' on Grid(")
+    assert "interrupted" not in repr(run)
+
+
 def test_diagnostics():
     found = run_of(snapshots=3).diagnostics
     np.testing.assert_allclose(found.mass, 2.0, rtol=1e-12)
