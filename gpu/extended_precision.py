@@ -26,7 +26,8 @@ from gpu.program import Array, Matrix, Program, one_sided
 # 64 bits of mantissa on x86, 113 on other Linux machines, and 53 where there is nothing longer.
 Long = np.longdouble
 REGULARISATIONS = (1e-9, 1e-12, 1e-14)
-REFINEMENTS = 16
+# Steps that may pass without the correction becoming half as large.
+PATIENCE = 4
 # Of the largest entry: corrections below this are lost in rounding.
 NOTHING = np.finfo(float).eps / 16
 
@@ -91,20 +92,23 @@ def _refined(
     system.factor(np.where(held, HUGE, regularisation), np.where(used, regularisation, HUGE))
     P, C, Ct = _long(scaled.P), _long(scaled.C), _long(scaled.C.T)
     x, y = np.where(held, bound, x).astype(Long), np.where(used, y, 0.0).astype(Long)
-    settled = False
-    for _ in range(REFINEMENTS):
+    settled, last, stalled = False, np.inf, 0
+    while not settled and stalled < PATIENCE:
         rd = np.where(held, 0.0, P @ x + scaled.q + Ct @ y)
         rp = np.where(used, goal - C @ x, 0.0)
         dx, dy = system.solve(-rd.astype(float), rp.astype(float), thorough=True)
         dx, dy = np.where(held, 0.0, dx), np.where(used, dy, 0.0)
         x, y = x + dx, y + dy
-        settled = all(
-            np.abs(step).max(initial=0.0) <= NOTHING * np.abs(whole).max(initial=0.0)
-            for step, whole in ((dx, x), (dy, y))
-        )
-        if settled:
-            break
+        steps = ((dx, x), (dy, y))
+        change = max(_largest(step) / (_largest(whole) or 1.0) for step, whole in steps)
+        settled = bool(change <= NOTHING)
+        stalled = 0 if change < 0.5 * last else stalled + 1
+        last = min(last, change)
     return _rounded(p, *scaling.point(x, y)), settled
+
+
+def _largest(a: Array) -> float:
+    return float(np.abs(a).max(initial=0.0))
 
 
 def _rounded(p: Program, x: Array, y: Array) -> Triple:

@@ -69,7 +69,7 @@ def certified(p: Program, x: Array, y: Array) -> Point:
     at_side = ((force > 0) & (x == p.ub)) | ((force < 0) & (x == p.lb))
     held = xp.where(at_side, force, 0.0)
     clean = Point(x, y, held, residuals(p, x, y, held, products), 0)
-    if clean.residuals.sharp <= CLEAN:
+    if clean.residuals.sharp <= CLEAN or bool((held == force).all()):
         return clean
     full = Point(x, y, force, residuals(p, x, y, force, products), 0)
     return clean if clean.residuals.worst <= 2.0 * full.residuals.worst else full

@@ -200,8 +200,8 @@ class PardisoFactor:
 @functools.cache
 def _pardiso() -> Any:
     """MKL's ``pardiso``; pypardiso searches the installation for it, which takes a while."""
-    from pypardiso.pardiso_wrapper import PyPardisoSolver
+    from pypardiso.scipy_aliases import pypardiso_solver
 
-    function = PyPardisoSolver().libmkl.pardiso
+    function = pypardiso_solver.libmkl.pardiso
     function.argtypes, function.restype = None, None
     return function
