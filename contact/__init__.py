@@ -20,6 +20,7 @@ from contact.obstacles import ClosestPoint, Cylinder, Parabola, Plane, SignedDis
 from contact.problem import ContactProblem
 from contact.result import ContactResult, Status
 from contact.rigid import Rigid
+from contact.uniqueness import Uniqueness, uniqueness
 
 __all__ = [
     "ClosestPoint",
@@ -47,5 +48,7 @@ __all__ = [
     "Sphere",
     "Status",
     "Unbounded",
+    "Uniqueness",
     "cross_check",
+    "uniqueness",
 ]

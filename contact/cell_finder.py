@@ -57,14 +57,14 @@ def _find_curved(mesh: Mesh, points: Array) -> NDArray[np.int64]:
     where = points[:, :, None]
     boxed = np.all((where >= (low - bulge)[:, near]) & (where <= (high + bulge)[:, near]), axis=0)
     turn = np.where(boxed, np.cumsum(boxed, axis=1), 0)
-    for k in range(1, int(turn.max(initial=0)) + 1):
-        i, j = np.nonzero((turn == k) & (found < 0)[:, None])
+    for attempt in range(1, int(turn.max(initial=0)) + 1):
+        i, j = np.nonzero((turn == attempt) & (found < 0)[:, None])
         X = _newton(mesh.mapping(), points[:, i], near[i, j])
         hit = ~np.isnan(X).any(axis=0) & _inside(mesh, X)
         found[i[hit]] = near[i[hit], j[hit]]
     if np.any(found < 0):
-        i = int(np.flatnonzero(found < 0)[0])
-        raise InputError(f"points: point {i} at {points[:, i]} lies outside the body")
+        lost = int(np.flatnonzero(found < 0)[0])
+        raise InputError(f"points: point {lost} at {points[:, lost]} lies outside the body")
     return found
 
 

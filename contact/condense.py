@@ -15,6 +15,7 @@ from contact.boundary import BoundaryProblem, Friction
 from contact.dense_arrays import HostArrays
 from contact.dissection import cell_graph, nested_dissection
 from contact.errors import Infeasible, InputError, Unbounded
+from contact.held import by_friction_alone
 from contact.methods import Options, solve_boundary
 from contact.newton import Forces, Report
 from contact.rigid_modes import describe_motion, rigid_modes
@@ -348,6 +349,18 @@ class CondensedContact:
                 np.zeros_like(self.body.f),
             )
         return self._not_held(self._modes @ a[:k])
+
+    def doubt(self, problem: BoundaryProblem) -> str:
+        """What may be the matter where no solution was found, to end the message with."""
+        a = by_friction_alone(problem)
+        k = self._modes.shape[1]
+        if a is None or np.abs(a[k:]).max(initial=0.0) > np.abs(a[:k]).max(initial=0.0):
+            return ""
+        name, _ = self._motion_of(self._modes @ a[:k])
+        return (
+            f"; or there is no equilibrium: {name}, which the loads drive, meets the resistance of "
+            "friction alone, and the pressure may be too small for that"
+        )
 
     def _not_held(self, motion: Array) -> Unbounded:
         name, u = self._motion_of(motion)

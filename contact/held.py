@@ -74,6 +74,26 @@ def check_held(problem: BoundaryProblem, law: Friction | None) -> None:
         raise Infeasible("no admissible contact forces balance the loads", motion)
 
 
+def by_friction_alone(problem: BoundaryProblem) -> Array | None:
+    """A rigid motion that the loads drive and that presses no contact point, or None.
+
+    Only friction resists it. Whether it suffices depends on the pressure, which the forces of
+    `check_held` may choose and the gap may not allow: there may be no equilibrium.
+    """
+    k, size = problem.s.size, float(np.abs(problem.C).max(initial=0.0))
+    if k == 0 or size == 0.0 or not np.any(problem.s):
+        return None
+    normal = problem.C[problem.normal[problem.can_touch]] / size
+    A = np.vstack((np.hstack((normal, -normal)), np.ones((1, 2 * k))))
+    # A curve through the contact points is nearly a circle where it is one.
+    b = np.r_[np.full(len(normal), 1e-6), 1.0]
+    found = linprog(-np.r_[problem.s, -problem.s], A_ub=A, b_ub=b, method="highs")
+    if found.x is None:
+        return None
+    motion: Array = found.x[:k] - found.x[k:]
+    return motion if problem.s @ motion > 1e-4 * float(np.abs(problem.s).max()) else None
+
+
 def _directions(count: int) -> list[Array]:
     """Unit directions, scaled so that the largest product with v is at least its length."""
     if count == 1:

@@ -281,7 +281,10 @@ class ContactProblem:
                 f"semidefinite ({error}); choose another functional, or refine"
             ) from error
         except (QPNotConverged, NotConverged) as error:
-            raise NotConverged(str(error), tuple(history)) from error
+            boundary = condensed.boundary_problem(
+                system.load, system.rows.gap, system.slip_from, system.motion
+            )
+            raise NotConverged(f"{error}{condensed.doubt(boundary)}", tuple(history)) from error
         u, mu, t = state
         result = ContactResult(
             system,

@@ -249,9 +249,14 @@ def _mean_normals(
 
 
 def tangent_frame(normals: Array) -> Array:
-    """Orthonormal tangents of unit normals, continuous wherever n_z > -1.
+    """Orthonormal tangents of the unit normals of one contact boundary.
 
-    In two dimensions the tangent is the normal turned by +90 degrees: (1, 0) on a bottom edge.
+    In two dimensions the tangent is the normal turned by +90 degrees: (1, 0) on a bottom edge. In
+    three the frame is a smooth function of the normal on all of the sphere but one point, the pole
+    (0, 0, 1) for a boundary whose mean normal has n_z <= 0, (0, 0, -1) for others: about that pole
+    frames turn twice, as they must somewhere on a closed surface. The first tangent lies in the
+    plane of x and z where n_y = 0, so (1, 0, 0) on horizontal faces. Friction knows no directions:
+    a turn of the frame changes the components of the shear, not the vector.
 
     Parameters
     ----------
@@ -273,8 +278,12 @@ def tangent_frame(normals: Array) -> Array:
     if normals.shape[0] == 2:
         return np.array([[-normals[1]], [normals[0]]])
     x, y, z = normals
-    sign = np.where(z < 0, -1.0, 1.0)
-    a = -1.0 / (sign + z)
+    sign = np.full(z.size, 1.0 if z.sum() > 1e-9 * z.size else -1.0)
+    square = x * x + y * y
+    sign[(square < 1e-290) & (sign * z < 0)] *= -1.0  # the pole itself
+    # -1 / (sign + z), which would cancel near that pole.
+    near = sign * z < 0
+    a = -sign * np.where(near, (1.0 + np.abs(z)) / np.where(near, square, 1.0), 1 / (1 + np.abs(z)))
     b = x * y * a
     first = np.array([1.0 + sign * x * x * a, sign * b, -sign * x])
     second = np.array([b, sign + y * y * a, -y])

@@ -92,6 +92,10 @@ class Solid(ABC):
         """Mean div u of each cell where that makes the stress, shape (ncells,); else None."""
         return None
 
+    def give(self, forces: Array) -> float:
+        """Largest displacement that one of the forces alone would cause; 0 where it is unknown."""
+        return 0.0
+
 
 class BasisSolid(Solid):
     """A `Solid` with a scikit-fem Basis: sparse matrices, scikit-fem's element finder."""
@@ -102,6 +106,7 @@ class BasisSolid(Solid):
     nu: Array
     dilatation: str
     _live: tuple[sparse.csr_array, sparse.csr_array, NDArray[np.bool_]] | None = None
+    _give: tuple[sparse.csr_array, Array] | None = None
 
     if TYPE_CHECKING:
 
@@ -170,6 +175,12 @@ class BasisSolid(Solid):
         force = self.stiffness @ u + contact - load
         terms = self.absolute_stiffness @ np.abs(u) + np.abs(load)
         return _largest(T.T @ force / lengths), _largest(abs(T.T @ terms) / lengths)
+
+    def give(self, forces: Array) -> float:
+        """Largest displacement that one of the forces would cause, all other dofs held."""
+        if self._give is None or self._give[0] is not self.stiffness:
+            self._give = self.stiffness, self.lengths[0] / self.stiffness.diagonal()
+        return _largest(forces * self._give[1])
 
     @property
     def picked(self) -> sparse.csr_array:

@@ -92,14 +92,15 @@ class ContactSystem:
             cancels there; ``support``: violation of the prescribed displacements;
             ``penetration``, ``sign``, ``complementarity``: the contact law; ``cone``, ``slip``:
             |t| <= g, and t = P_g(t + c u_t) with the slip increment u_t. Lengths are relative to
-            the largest displacement, forces to the largest contact force. For obstacles driven by
+            the largest displacement (or what a contact force alone would cause, should that be
+            more), forces to the largest contact force. For obstacles driven by
             forces besides ``obstacle``: what is left of those over what cancels there.
         """
         rows = self.rows
-        unbalanced, cancelling = self.body.equilibrium(
-            u, rows.G.T @ mu + rows.T.T @ t.ravel(), self.load
-        )
-        length = float(np.abs(u).max(initial=0.0)) or 1.0
+        contact = rows.G.T @ mu + rows.T.T @ t.ravel()
+        unbalanced, cancelling = self.body.equilibrium(u, contact, self.load)
+        # Where forces cancel and nothing moves, displacements are the rounding of what they cause.
+        length = max(float(np.abs(u).max(initial=0.0)), self.body.give(contact)) or 1.0
         size = max(float(np.abs(mu).max(initial=0.0)), float(np.abs(t).max(initial=0.0))) or 1.0
         reachable = np.isfinite(rows.gap)
         u_n, u_t = self.relative(u, w)

@@ -5,7 +5,16 @@ import pytest
 from scipy.linalg import eigh
 from skfem import MeshQuad
 
-from contact import ContactProblem, ContactResult, CutBody, InputError, Plane, Unbounded
+from contact import (
+    ContactProblem,
+    ContactResult,
+    CutBody,
+    InputError,
+    NotConverged,
+    Plane,
+    SignedDistance,
+    Unbounded,
+)
 from skfem_adini import LevelSet, Polygon, refined_at_boundary
 
 R = 0.83
@@ -227,3 +236,12 @@ def test_bad_bodies_are_named(plain):
     other = CutBody(grid(6), circle(0, 0, R), 1.0, 0.3, q=3)
     with pytest.raises(InputError, match="another body"):
         ContactProblem(plain, other.arc(), 0.1)
+
+
+def test_a_torque_that_friction_may_not_hold():
+    """A disk between plates .002 nearer than its diameter: the error says what turns it."""
+    body = CutBody(grid(12), circle(0.0, 0.0, 0.71), E=1.0, nu=0.3)
+    body.body_force(lambda x: np.array([-x[1], x[0]]))
+    plates = SignedDistance(lambda x: np.minimum(x[1] + 0.708, 0.708 - x[1]))
+    with pytest.raises(NotConverged, match=r"rotation about \(0, 0\).*friction alone"):
+        ContactProblem(body, body.arc(), plates, 0.3).solve("tresca_loop", max_iterations=3)

@@ -310,6 +310,35 @@ def test_tangent_on_a_bottom_edge_points_along_x():
     assert tangent_frame(np.array([[0.0], [-1.0]]))[:, 0, 0].tolist() == [1.0, 0.0]
 
 
+@pytest.mark.parametrize("up", [1.0, -1.0])
+def test_tangent_frames_are_smooth_but_at_one_pole(up):
+    """Across the equator, too, where rounding alone decides on the sign of n_z."""
+    latitude = np.linspace(-1.4, 1.4, 141) * up
+    for longitude in np.linspace(0, 6, 7):
+        x = np.array([np.cos(longitude), np.sin(longitude), 0.0])[:, None]
+        path = np.cos(latitude) * x + np.array([[0.0], [0.0], [1.0]]) * np.sin(latitude)
+        # The boundary's mean normal decides: most of it lies on one side.
+        pole = np.repeat([[0.0], [0.0], [up]], 500, axis=1)
+        frames = tangent_frame(np.hstack((path, pole)))[:, :, :-500]
+        # Steps of .02 radians; near the other pole, here .17 away, frames turn twice about it.
+        assert np.linalg.norm(np.diff(frames, axis=2), axis=0).max() < 0.05
+    wall = np.repeat([[1.0], [0.0], [0.0]], 8, axis=1)
+    wall[2] = 1e-17 * (-1.0) ** np.arange(8)
+    assert np.ptp(tangent_frame(wall), axis=2).max() < 1e-15
+
+
+@pytest.mark.parametrize("distance", [0.0, 1e-300, 1e-150, 1e-12, 1e-8, 1e-4])
+def test_tangent_frames_at_the_pole(distance):
+    normals = np.array(
+        [[0.0, 0.6 * distance], [0.0, 0.8 * distance], [-1.0, np.sqrt(1 - distance**2)]]
+    )
+    normals = np.hstack((normals, np.repeat(normals[:, :1], 3, axis=1)))
+    frame = np.concatenate([normals[:, None], tangent_frame(normals)], axis=1)
+    products = np.einsum("dim,djm->mij", frame, frame)
+    # Rounding.
+    assert np.abs(products - np.eye(3)).max() < 1e-14
+
+
 @pytest.mark.parametrize(("element", "functional"), [*FULL_RANK, *THESIS], ids=ids)
 def test_affine_gap_is_met_exactly(element, functional, body_of):
     """A tilted plane: the gap is what the functional reads off the displacement that closes it."""
