@@ -11,6 +11,7 @@ from gpu.arrays import to_host
 from gpu.errors import InputError
 from gpu.lqr_problem import LQRProblem, check_lqr, columns, numbers
 from gpu.lqr_result import LQRResult
+from gpu.state_matrix import stored
 
 
 def dual_problem(
@@ -57,7 +58,7 @@ def transposed(result: LQRResult) -> LQRResult:
 
 def _noise_factor(W: Any, G: Any, factored: bool) -> Any:
     q = G.shape[1]
-    W = numbers("W", W)
+    W = stored("W", numbers("W", W))
     if factored:
         W = W[:, None] if W.ndim == 1 else W
         if W.shape[0] != q:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,9 @@ from scipy import linalg
 from gpu.arrays import to_host
 from gpu.errors import RiccatiError
 from gpu.lqr_problem import LQRProblem
+from gpu.state_matrix import StateMatrix
+
+NEARLY_SINGULAR = 1e8  # condition from which on too many digits are lost
 
 
 def kleinman(problem: LQRProblem, W: Any, K: Any) -> tuple[Any, Any]:
@@ -59,16 +63,29 @@ def kleinman(problem: LQRProblem, W: Any, K: Any) -> tuple[Any, Any]:
     for j in range(len(T)):
         h = T[j, j]
         shift = -h if abs(h.imag) > 1e-13 * abs(h) else float(-h.real)
-        factors = state.factor(shift)
-        if factors is None:
-            raise RiccatiError(f"A - s E is singular at s = {shift}, the mirror of a pole")
         right = -F[:, j]
         if j:
             right = right - state.mass_transposed(V[:, :j] @ xp.asarray(T[:j, j]))
-        solved = factors.solve_transposed(xp.concatenate([right[:, None], Kt], axis=1))
-        u, G = solved[:, 0], solved[:, 1:]
-        # (A^T + h E^T - K^T B^T)^-1 by Sherman, Morrison and Woodbury.
-        small = np.eye(B.shape[1]) - to_host(B.T @ G)
-        V[:, j] = u + G @ xp.asarray(np.linalg.solve(small, to_host(B.T @ u)))
+        V[:, j] = _solve(state, shift, B, Kt, right)
     U = (V @ xp.asarray(Z.conj().T)).real
     return state.mass_transposed(U @ xp.asarray(b)).T, U
+
+
+def _solve(state: StateMatrix, shift: complex, B: Any, Kt: Any, right: Any) -> Any:
+    """``(A - shift E - B K)^-T right``."""
+    xp = state.xp
+    factors = state.factor(shift)
+    if factors is not None:
+        solved = factors.solve_transposed(xp.concatenate([right[:, None], Kt], axis=1))
+        u, G = solved[:, 0], solved[:, 1:]
+        # By Sherman, Morrison and Woodbury.
+        small = np.eye(B.shape[1]) - to_host(B.T @ G)
+        if np.isfinite(small).all() and np.linalg.cond(small) < NEARLY_SINGULAR:
+            return u + G @ xp.asarray(np.linalg.solve(small, to_host(B.T @ u)))
+    # A mode of A that the cost does not see is mirrored, and its mirror is the shift.
+    moved = copy(state)
+    moved.A = state.shifted(shift)
+    factors = None if state.kind == "operator" else moved.factor_updated(B, Kt.real)
+    if factors is None:
+        raise RiccatiError(f"A - B K - s E is singular at s = {shift}, the mirror of a pole")
+    return factors.solve_transposed(right)

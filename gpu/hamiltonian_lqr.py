@@ -13,10 +13,10 @@ from gpu.cross_term import without_cross_term
 from gpu.errors import InputError, NotConverged, RiccatiError
 from gpu.hamiltonian import InverseHamiltonian
 from gpu.krylov_schur import krylov_schur
-from gpu.lqr_problem import LQRProblem
+from gpu.lqr_problem import SINGULAR_MASS, LQRProblem
 from gpu.lqr_result import Found, LowRankValue
 from gpu.spectrum_order import best_first
-from gpu.state_matrix import StateMatrix
+from gpu.state_matrix import EPS, StateMatrix, factor
 from gpu.weights import Weight
 
 PI = ("printed", "symmetric")
@@ -91,6 +91,8 @@ def solve(
         raise InputError(f"modes={modes!r}: expected a whole number from 2")
     if inner is not None and pi != "printed":
         raise InputError('inner: only pi="printed" has an inner product')
+    if state.E is not None and factor(state.E) is None:
+        raise InputError(SINGULAR_MASS)
     if problem.N is not None:
         plain = without_cross_term(problem)
         found = solve(plain, modes=modes, pi=pi, start=start, inner=inner, tol=tol)
@@ -145,6 +147,11 @@ def stable_subspace(
     if counted > modes:
         taken = size >= size[np.flatnonzero(reached)[modes - 1]] * (1.0 - CLOSE)
     axis = np.abs(w.real) <= 1e-9 * size
+    # Zero but for rounding, which makes a pair of roots of it where it is double; an operator has
+    # no size to compare with.
+    scale = EPS * state.size() / (1.0 if state.E is None else StateMatrix(state.E).size())
+    axis |= size * 10.0 * scale >= 1.0
+    axis |= (size**2 * 10.0 * scale >= size.min()) & (np.abs(w.real) <= 1e-6 * size)
     if np.any(axis & taken):
         raise RiccatiError(
             f"the Hamiltonian has an eigenvalue {1 / w[axis & taken][0]:.6g} on the imaginary "

@@ -14,7 +14,7 @@ from gpu.closed_loop import ALL_POLES, dense_loop, nearest_poles
 from gpu.errors import GpuError, InputError, NotConverged, RiccatiError
 from gpu.lqr_problem import PAID, LQRProblem, check_lqr, semidefinite
 from gpu.lqr_result import Found, LQRResult
-from gpu.riccati_modes import explain
+from gpu.riccati_modes import AXIS, explain
 from gpu.riccati_refinement import judge
 
 # Modules with a function ``solve(problem, **options) -> Found``.
@@ -24,6 +24,7 @@ METHODS = {
     "hamiltonian": "gpu.hamiltonian_lqr",
     "reduced": "gpu.reduced_lqr",
 }
+PROVED = 600  # up to this order all poles are computed although stability is proved without
 # These promise a solution of the equation; the others a gain.
 EXACT = {"doubling", "newton"}
 
@@ -99,8 +100,10 @@ def lqr(
     Certified means: the closed loop's poles were computed again from A, B and K and lie left of
     the axis beyond round-off, or, of more than 1500 states, Lyapunov's inequality proves that
     they do; and for dense methods the residual of the equation, in units that balance the
-    Hamiltonian, is below 1e-9 (usually 1e-15), or S is the solution to 1e-12. The stability of
-    large sparse loops is not proved: the poles nearest to zero are examined.
+    Hamiltonian, is below 1e-9 (usually 1e-15), or S is the solution to 1e-12. Of large sparse or
+    diagonal problems with symmetric A and E and Q a multiple of E the stability is proved by
+    Lyapunov's inequality too (see `gpu.reduced_certificate.proves_stable`); of others that are as
+    large the poles nearest to zero are examined, and nothing is proved: ``bound`` says which.
 
     References
     ----------
@@ -227,6 +230,7 @@ def solve_problem(
     problem: LQRProblem, method: str, unstable: str, options: dict[str, Any], *, paid: bool
 ) -> LQRResult:
     """Choose the method, solve, certify; ``paid`` allows a negative optimal cost."""
+    chosen = method == "auto" and problem.state.kind != "operator"
     if method == "auto":
         method = "doubling" if problem.dense else "reduced"
     if method not in METHODS:
@@ -261,7 +265,16 @@ def solve_problem(
                 raise inherent
         if not paid:
             _check_cost(problem, result.S)
-    elif not result.stable and unstable != "ignore":
+        return result
+    if not result.abscissa < -AXIS * problem.state.size():
+        # No other method finds a better gain than one that leaves a pole no feedback moves.
+        inherent = explain(problem)
+        if inherent is not None and inherent.cause:
+            raise inherent
+    if not result.stable and chosen and problem.n <= ALL_POLES:
+        # Modes that neither Q sees nor a projection, and that have to be moved all the same.
+        return solve_problem(problem, "newton", unstable, {}, paid=paid)
+    if not result.stable and unstable != "ignore":
         message = (
             f"the gain of method {method!r} does not stabilise: a pole has the real part "
             f"{result.abscissa:.3g}; use result.refined(), or method='newton'"
@@ -281,13 +294,19 @@ def certified(problem: LQRProblem, found: Found, method: str) -> LQRResult:
         verdict = found.verdict or judge(problem, found.value)
         residual, error = verdict.residual, verdict.error
         loop = verdict.loop
-    elif problem.dense or (problem.n <= ALL_POLES and problem.state.kind != "operator"):
+    elif problem.dense or (
+        problem.n <= (PROVED if found.proved else ALL_POLES) and problem.state.kind != "operator"
+    ):
         loop = dense_loop(problem, found.gain)
     else:
         loop = None
     if loop is None:
         poles, stable = nearest(problem, found.gain)
+        if found.proved:
+            stable = not len(poles) or stable
         abscissa, bound = float(poles[0].real) if len(poles) else np.nan, np.nan
+        if found.proved and stable:
+            bound = 0.0
     else:
         poles, stable, abscissa, bound = loop.poles, loop.is_stable(), loop.abscissa, loop.bound
         info["pole_tolerance"] = loop.tolerance

@@ -12,6 +12,7 @@ from scipy import linalg, sparse
 from gpu.arrays import array_module, to_host
 from gpu.errors import InputError
 from gpu.hamiltonian_balance import balance
+from gpu.sparse_factor import is_positive_definite
 from gpu.state_matrix import EPS, StateMatrix, stored, symmetric
 from gpu.weights import Weight
 
@@ -25,6 +26,8 @@ PAID = (
     "Q is not positive semidefinite (with N: [[Q, N], [N.T, R]] is not): states must not be paid "
     "for"
 )
+
+SINGULAR_MASS = "E is singular: descriptor systems are not solved here"
 
 
 class FactoredWeight(Weight):
@@ -134,7 +137,10 @@ class LQRProblem:
             A = A - B @ crossed.T
             Q = Q - crossed @ crossed.T
         if E is not None:
-            moved = solve(E, self.xp.concatenate([A, B], axis=1))
+            try:
+                moved = solve(E, self.xp.concatenate([A, B], axis=1))
+            except np.linalg.LinAlgError:
+                raise InputError(SINGULAR_MASS) from None
             A, B = moved[:, : self.n], moved[:, self.n :]
         return DenseProblem(A, B, (Q + Q.T) / 2)
 
@@ -170,6 +176,8 @@ def check_lqr(
     n, xp = state.n, state.xp
     B = columns("B", B, n, xp)
     m = B.shape[1]
+    if float(abs(B).max()) > 1e150:
+        raise InputError("B is too large, its squares overflow: measure inputs in other units")
     R_host = _input_cost(R, m)
     try:
         root = np.linalg.cholesky(R_host)
@@ -189,8 +197,8 @@ def check_lqr(
     else:
         C, weight = None, Weight(state, _weight_argument(Q, n))
     problem = LQRProblem(state, B, B @ xp.asarray(unit.T), root, weight, C, N, R_host)
-    if problem.dense and state.E is not None and not _regular(state.E, xp):
-        raise InputError("E is singular: descriptor systems are not solved here")
+    if state.E is not None and (problem.dense or state.E.ndim == 1) and not _regular(state.E, xp):
+        raise InputError(SINGULAR_MASS)
     return problem
 
 
@@ -218,6 +226,8 @@ def _full(M: Any) -> Any:
 def numbers(name: str, value: Any) -> Any:
     """Lists and numbers as real arrays; whatever knows its shape as it is."""
     if value is None:
+        if name not in ("E", "R"):
+            raise InputError(f"{name} is None: expected an array of numbers")
         return None
     if callable(value) and not hasattr(value, "shape"):
         raise InputError(f"{name} is a function: wrap it in a LinearOperator, which has a shape")
@@ -226,6 +236,8 @@ def numbers(name: str, value: Any) -> Any:
             value = np.asarray(value)
         except ValueError as error:
             raise InputError(f"{name} is not an array of numbers: {error}") from None
+        if value.dtype == object and value.ndim == 0:
+            raise InputError(f"{name} is {value}: expected an array of numbers")
     if value.ndim == 0 and not hasattr(value, "matvec"):
         value = value.reshape(1, 1)
     if not hasattr(value, "matvec"):
@@ -328,8 +340,8 @@ def semidefinite(problem: LQRProblem, always: bool = False) -> bool:
     if Q is not None and not hasattr(Q, "matvec"):
         diagonal = Q if Q.ndim == 1 else Q.diagonal()
         good = bool((diagonal >= 0.0).all())
-        if good and Q.ndim == 2 and not hasattr(Q, "tocsr"):
-            good = _semidefinite(Q, xp)
+        if good and Q.ndim == 2:
+            good = _sparse_semidefinite(Q) if hasattr(Q, "tocsr") else _semidefinite(Q, xp)
     if good and problem.N is not None and problem.dense:
         whole, R = problem.full()[2], xp.asarray(problem.R)
         rows = [[whole, problem.N], [problem.N.T, R]]
@@ -352,6 +364,15 @@ def _semidefinite(M: Any, xp: Any) -> bool:
     except np.linalg.LinAlgError:
         return False
     return bool(xp.isfinite(L.diagonal()).all())
+
+
+def _sparse_semidefinite(Q: Any) -> bool:
+    Q = Q if sparse.issparse(Q) else Q.get()
+    diagonal = Q.diagonal()
+    unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    scaled = sparse.csc_array(Q.multiply(unit).multiply(unit[:, None]))
+    shift = DEFINITENESS * max(1.0, Q.shape[0])
+    return is_positive_definite(scaled + shift * sparse.eye_array(Q.shape[0], format="csc"))
 
 
 def _regular(E: Any, xp: Any) -> bool:

@@ -20,12 +20,15 @@ class Found(NamedTuple):
         ``iterations``, ``solves``, ``residual``, ``path``, whatever the method has to tell.
     verdict : Verdict or None
         Of a dense solution: its recomputed residual and closed loop.
+    proved : bool
+        Whether the closed loop has been proved stable without its poles.
     """
 
     gain: Any
     value: Any
     info: dict[str, Any]
     verdict: Any = None
+    proved: bool = False
 
 
 @dataclass(frozen=True)
@@ -88,18 +91,20 @@ class LQRResult:
     S : array, shape (n, n), LowRankValue or None
         The Riccati solution: :math:`x_0^T E^T S E x_0` is the cost from the state :math:`x_0`.
     E : numpy.ndarray of complex
-        Poles of the closed loop, rightmost first: all of them up to 1500 states, or where it is
-        dense and symmetric; else those that converged of the 12 nearest to zero, and none where
-        they stand too close for that.
+        Poles of the closed loop, rightmost first: all of them up to 1500 states (600 where a
+        proof of stability needs none), or where it is dense and symmetric; else those that
+        converged of the 12 nearest to zero (6 from 100,000 states on), and none where they stand
+        too close for that.
     stable : bool
         Whether every pole lies left of the imaginary axis beyond round-off: all poles were
-        computed, or `bound` proves it. Of large sparse problems only the poles of E are known to.
+        computed, or `bound` proves it. Where that is NaN only the poles of E are known to.
     abscissa : float
         The largest real part of a pole in E, recomputed from A, B and K; `bound` where E is empty.
     bound : float
         No pole lies right of it: the abscissa where all poles are known, else proved by
-        Lyapunov's inequality with bounds of all round-off. NaN for large sparse problems, for
-        which nothing is proved.
+        Lyapunov's inequality with bounds of all round-off; 0 where stability is proved without a
+        rate. NaN where nothing is: of large sparse problems that are not symmetric, or whose
+        weight is no multiple of E.
     residual : float
         Of the Riccati equation with S, relative to the size of its terms, recomputed from the
         data; NaN where S is low-rank or unknown, and the method has no measure of its own.

@@ -68,8 +68,7 @@ class RationalKrylov:
         size = xp.linalg.norm(block, axis=0)
         block = block[:, xp.flatnonzero(size > 0.0)]
         block = block / xp.linalg.norm(block, axis=0)
-        for _ in range(2):
-            block = block - self.W @ (self.W.T @ block)
+        block = block - self.W @ (self.W.T @ block)
         # Columns that are nearly parallel among themselves or to the space are left out.
         if block.shape[1]:
             gram = to_host(block.T @ block)

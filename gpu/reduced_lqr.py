@@ -14,9 +14,10 @@ from gpu.gain_refinement import kleinman
 from gpu.galerkin_riccati import Projected
 from gpu.hamiltonian import InverseHamiltonian
 from gpu.hamiltonian_lqr import low_rank_value
-from gpu.lqr_problem import LQRProblem
+from gpu.lqr_problem import SINGULAR_MASS, LQRProblem
 from gpu.lqr_result import Found, LowRankValue
 from gpu.rational_krylov import RationalKrylov
+from gpu.reduced_certificate import proves_stable
 from gpu.state_matrix import Factors, StateMatrix, factor, stored
 from gpu.weights import Weight, low_rank_factor
 
@@ -178,8 +179,8 @@ def _low_rank(problem: LQRProblem, C: Any, tol: float, limit: int) -> Found:
 
 
 def _full(problem: LQRProblem, tol: float, limit: int, refine: bool | None) -> Found:
-    state = problem.state
-    refine = not _commutes(problem) if refine is None else refine
+    state, ratio = problem.state, _multiple(problem)
+    refine = ratio is None if refine is None else refine
     if refine and state.kind == "operator":
         refine = False
     B = problem.input
@@ -218,7 +219,8 @@ def _full(problem: LQRProblem, tol: float, limit: int, refine: bool | None) -> F
     }
     assert projected is not None
     assert P is not None
-    return Found(problem.gain(projected.gain(P)), None, info)
+    proved = ratio is not None and ratio > 0.0 and proves_stable(problem, projected, P, ratio)
+    return Found(problem.gain(projected.gain(P)), None, info, proved=proved)
 
 
 def _newton(problem: LQRProblem, space: RationalKrylov, tol: float, limit: int) -> Found:
@@ -276,7 +278,7 @@ def _mass(state: StateMatrix) -> Factors:
         return Factors(lambda x: x, lambda x: x)
     mass = factor(state.E)
     if mass is None:
-        raise InputError("E is singular: descriptor systems are not solved here")
+        raise InputError(SINGULAR_MASS)
     return mass
 
 
@@ -286,16 +288,17 @@ def _difference(new: Any, old: Any) -> float:
     return float(xp.linalg.norm(new - old) / (float(xp.linalg.norm(new)) or 1.0))
 
 
-def _commutes(problem: LQRProblem) -> bool:
-    """Whether A and E are symmetric and Q is a multiple of E: then W of A and B holds it all."""
+def _multiple(problem: LQRProblem) -> float | None:
+    """q where A and E are symmetric and ``Q = q E``: then W of A and B holds it all; else None."""
     state, Q = problem.state, problem.weight.Q
     if not state.is_symmetric() or Q is None or hasattr(Q, "matvec"):
-        return state.kind == "operator"
+        return None
     n, xp = state.n, state.xp
     probe = xp.asarray(np.random.default_rng(4).standard_normal((n, 2)))
     cost, mass = Weight(state, Q).apply(probe), state.mass(probe)
     ratio = float((cost * mass).sum() / (mass * mass).sum())
-    return float(xp.linalg.norm(cost - ratio * mass)) <= 1e-10 * float(xp.linalg.norm(cost))
+    apart = float(xp.linalg.norm(cost - ratio * mass))
+    return ratio if apart <= 1e-10 * float(xp.linalg.norm(cost)) else None
 
 
 def _poles(problem: LQRProblem, seed: Any, count: int) -> tuple[list[Factors], list[Any]]:

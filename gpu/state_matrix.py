@@ -62,6 +62,7 @@ class StateMatrix:
                 )
             self.kind, self.A, self.E = "operator", A, None if E is None else stored("E", E)
             self.n, self.xp = int(A.shape[0]), array_module(A)
+            _check_transposes(A, inverse)
         else:
             self.A = stored("A", A)
             self.n = int(self.A.shape[0])
@@ -132,8 +133,9 @@ class StateMatrix:
         if self.kind == "sparse":
             return factor_bordered(self.A, U, V)
         # Numbers take the place of zeros of a diagonal: Sherman-Morrison-Woodbury takes them out.
-        unit = self.size() or 1.0
-        places = xp.flatnonzero(vanishing(self.A))
+        zero = vanishing(self.A)
+        places, others = xp.flatnonzero(zero), xp.abs(self.A[~zero])
+        unit = float(others.min()) if others.size else 1.0
         D = self.A.copy()
         D[places] = -unit
         picked = xp.zeros((n, len(places)))
@@ -296,6 +298,14 @@ def stored(name: str, A: Any) -> Any:
     if not bool(xp.all(xp.isfinite(entries))):
         raise InputError(f"{name} holds NaN or infinity")
     return A.astype(float)
+
+
+def _check_transposes(A: Any, inverse: Any) -> None:
+    for name, operator in (("A", A), ("inverse", inverse)):
+        try:
+            operator.rmatvec(array_module(A).zeros(operator.shape[0]))
+        except NotImplementedError:
+            raise InputError(f"{name} has no rmatvec: pass one, of its transpose") from None
 
 
 def _diagonal(d: Any, like: Any) -> Any:

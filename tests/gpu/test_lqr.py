@@ -9,6 +9,7 @@ import pytest
 from scipy import sparse
 from scipy.integrate import simpson
 from scipy.linalg import block_diag, expm, solve_continuous_are
+from scipy.sparse.linalg import LinearOperator
 
 from gpu import InputError, LowRankValue, NotConverged, RiccatiError, care, lqe, lqr
 
@@ -175,6 +176,58 @@ def test_the_mode_in_the_way_is_named(name, method, turned):
     assert caught.value.eigenvalue == pytest.approx(mode, abs=1e-6)
 
 
+STORED = {"diagonal": lambda a: a, "sparse": lambda a: sparse.csr_array(np.diag(a))}
+MODES = {
+    "unstable, no input": (1.0, 0.0, 1.0, "not stabilisable"),
+    "at zero, no input": (0.0, 0.0, 1.0, "not stabilisable|eigenvalue 0 of A"),
+    "at zero, no weight": (0.0, 1.0, 0.0, "not detectable|eigenvalue"),
+}
+
+
+@pytest.mark.parametrize("stored", STORED)
+@pytest.mark.parametrize("method", ["auto", "hamiltonian"])
+@pytest.mark.parametrize("name", MODES)
+def test_the_mode_in_the_way_is_named_of_sparse_problems(name, method, stored):
+    first, b, q, message = MODES[name]
+    A, B, Q = -np.arange(30.0), np.ones(30), np.ones(30)
+    A[0], B[0], Q[0] = first, b, q
+    for weight, factored in ((Q, False), (Q[None, :], True)):
+        with pytest.raises(RiccatiError, match=message):
+            lqr(STORED[stored](A), B, weight, factored=factored, method=method)
+
+
+@pytest.mark.parametrize("stored", STORED)
+def test_sparse_problems_with_an_unstable_mode_without_weight(stored):
+    A, B, Q = -np.arange(30.0), np.ones(30), np.ones(30)
+    A[0], Q[0] = 1.0, 0.0
+    for weight, factored in ((Q, False), (Q[None, :], True)):
+        full = np.outer(Q, Q) if factored else np.diag(Q)
+        X = solve_continuous_are(np.diag(A), B[:, None], full, np.eye(1))
+        result = lqr(STORED[stored](A), B, weight, factored=factored)
+        np.testing.assert_allclose(result.K, B[None, :] @ X, atol=1e-8 * np.abs(X).max())
+        assert result.abscissa < -0.9
+
+
+@pytest.mark.parametrize("method", ["auto", "hamiltonian", "newton"])
+def test_singular_mass_of_sparse_problems(method):
+    E = np.r_[0.0, np.ones(29)]
+    for A, M in ((-np.ones(30), E), (sparse.eye_array(30) * -2.0, sparse.diags_array(E))):
+        with pytest.raises(InputError, match="E is singular"):
+            lqr(A, np.ones(30), 1.0, E=M, method=method)
+
+
+def test_indefinite_weight_of_a_sparse_problem():
+    Q = sparse.csr_array(np.kron(np.eye(20), [[1.0, 2.0], [2.0, 1.0]]))
+    with pytest.raises(InputError, match="Q is not positive semidefinite"):
+        lqr(sparse.eye_array(40) * -5.0, np.ones(40), Q)
+
+
+def test_operators_need_their_transposes():
+    A = LinearOperator((9, 9), matvec=lambda x: -x, dtype=float)
+    with pytest.raises(InputError, match="A has no rmatvec"):
+        lqr(A, np.ones(9), 1.0, inverse=A)
+
+
 def test_an_unstable_mode_without_weight_is_stabilised():
     result = lqr(np.diag([1.0, -1.0]), np.ones((2, 1)), np.diag([0.0, 1.0]), 1.0)
     check(result, np.diag([1.0, -1]), np.ones((2, 1)), np.diag([0.0, 1]), np.eye(1))
@@ -260,6 +313,10 @@ GOOD = {"A": -np.eye(3), "B": np.ones((3, 1)), "Q": np.eye(3), "R": np.eye(1)}
         ("Q", np.eye(2), "Q has shape"),
         ("Q", -np.eye(3), "Q is not positive semidefinite"),
         ("Q", np.nan, "Q is nan"),
+        ("A", None, "A is None"),
+        ("B", None, "B is None"),
+        ("Q", None, "Q is None"),
+        ("B", np.full((3, 1), 1e200), "B is too large"),
         ("R", -np.eye(1), "R is not positive definite"),
         ("R", np.zeros((1, 1)), "R is not positive definite"),
         ("R", np.eye(2), "R has shape"),
@@ -286,6 +343,8 @@ def test_bad_input_is_named(name, value, message):
         ("W", np.eye(2), "W has shape"),
         ("V", np.zeros((1, 1)), "R is not positive definite|V is not"),
         ("N", np.ones((2, 2)), "N has shape"),
+        ("C", None, "C is None"),
+        ("W", np.nan, "W holds NaN"),
     ],
 )
 def test_bad_input_of_filters_is_named(name, value, message):

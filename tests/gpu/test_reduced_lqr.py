@@ -12,8 +12,10 @@ from scipy.sparse.linalg import LinearOperator
 
 from gpu import InputError, lqr
 from gpu.errors import NotConverged, RiccatiError
+from gpu.galerkin_riccati import Projected
 from gpu.hamiltonian_lqr import solve as by_eigenvectors
 from gpu.lqr_problem import check_lqr
+from gpu.reduced_certificate import proves_stable
 from gpu.reduced_lqr import solve as reduced
 
 
@@ -299,6 +301,73 @@ def test_same_gain_as_radi_of_pymor():
     Z = Z if len(Z) == n else Z.T
     best = (B.T @ Z) @ (E.T @ Z).T
     assert apart(reduced(check_lqr(A, B, C, np.eye(2), E=E, factored=True)).gain, best) < 1e-8
+
+
+def neumann(k):
+    """Bilinear elements on the insulated square: stiffness, two heated edges, mass."""
+    h, n = 1 / k, k + 1
+    ends = np.r_[1.0, np.full(n - 2, 2.0), 1.0]
+    one = np.ones(n - 1)
+    K = sparse.diags([ends, -one, -one], [0, 1, -1]) / h
+    M = sparse.diags([2 * ends, one, one], [0, 1, -1]) * h / 6
+    A, E = -(sparse.kron(K, M) + sparse.kron(M, K)), sparse.kron(M, M)
+    B = np.zeros((n, n, 2))
+    B[0, : n // 2, 0] = B[-1, n // 3 :, 1] = h
+    return sparse.csr_array(A), B.reshape(-1, 2), sparse.csr_array(E)
+
+
+@pytest.mark.parametrize("moved", [-1.0, 0.0, 0.5], ids=["stable", "zero mode", "unstable"])
+@pytest.mark.parametrize("kind", ["sparse", "diagonal"])
+def test_stability_of_symmetric_problems_is_proved(kind, moved, heat_modes):
+    """Without poles, for loops that are stable by their poles; the mean value moves freely."""
+    if kind == "sparse":
+        A, B, E = neumann(9)
+        found = reduced(check_lqr(A + moved * E, B, 3.0 * E, np.eye(2), E=E))
+        M, A = E.toarray(), (A + moved * E).toarray()
+    else:
+        A, B = heat_modes(5)
+        d = np.random.default_rng(0).uniform(1.0, 2.0, A.size)
+        A = d * (A + moved)
+        found = reduced(check_lqr(A, B, 3.0 * d, np.eye(2), E=d))
+        A, M = np.diag(A), np.diag(d)
+    assert np.linalg.eigvals(np.linalg.solve(M, A - B @ found.gain)).real.max() < 0.0
+    # Of sparse matrices only the constant mode may be free, and none unstable.
+    assert found.proved == (kind == "diagonal" or moved <= 0.0)
+
+
+def test_no_loop_is_proved_stable_that_is_not():
+    """Projections on poor bases, gains far from optimal, unstable modes seen or not."""
+    proofs = 0
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        n, m = int(rng.integers(2, 12)), int(rng.integers(1, 3))
+        d = -(10.0 ** rng.uniform(-2, 2, n))
+        d[: rng.integers(0, 3)] *= -rng.uniform(0.0, 2.0)
+        B = rng.standard_normal((n, m)) * 10.0 ** rng.uniform(-3, 1, (n, 1))
+        problem = check_lqr(d, B, 1.0, np.eye(m))
+        W = np.linalg.qr(rng.standard_normal((n, int(rng.integers(1, n + 1)))))[0]
+        projected = Projected.of(problem, W)
+        try:
+            P = projected.solve()
+        except RiccatiError:
+            continue
+        stable = np.linalg.eigvals(np.diag(d) - B @ projected.gain(P)).real.max() < 0.0
+        proved = proves_stable(problem, projected, P, 1.0)
+        assert stable or not proved
+        proofs += proved
+    assert proofs >= 20
+
+
+def test_public_entry_proves_what_it_says(heat_modes):
+    A, B = heat_modes(9)
+    result = lqr(A, B, 1.0, np.eye(2))
+    assert result.stable
+    assert result.bound == 0.0
+    assert len(result.E) == 12
+    # A weight that is no multiple of the mass leaves a loop without a proof, with all its poles.
+    other = lqr(A[:300], B[:300], np.linspace(1, 2, 300), np.eye(2))
+    assert other.bound == other.abscissa < 0.0
+    assert len(other.E) == 300
 
 
 @pytest.mark.parametrize("mass", [False, True], ids=["", "E"])
