@@ -20,6 +20,7 @@ from gpu.spectrum_order import best_first, edge_of, rank_of
 DENSE = 256  # up to this order all eigenvalues are computed: quick, and nothing can be missed
 PRODUCTS = 128  # the same for operators, whose entries cost a product a column
 FALLBACK = 4096  # up to this one where the iteration does not converge and entries are stored
+FUSED = 16384  # dense matrices of larger order are read faster by products with columns
 DROWNED = 1e-6  # rounding over the least wanted eigenvalue of the inverse
 
 
@@ -333,6 +334,7 @@ def _fused(matrix: Matrix, mass: Matrix | None, problem: _Problem) -> bool:
     """Whether vectors and residuals come from real products on the device."""
     return (
         matrix.xp is not np
+        and (matrix.n <= FUSED or hasattr(matrix.explicit, "tocsr"))
         and problem.dtype.kind == "f"
         and _stored(matrix, mass)
         and unit_of(matrix) == 1.0

@@ -55,6 +55,17 @@ def test_uniform_operator_of_order_400():
     assert found == pytest.approx(true, rel=1e-8)
 
 
+@pytest.mark.slow
+def test_uniform_operator_of_order_440():
+    """A search of 1,675 products settled on modulus 5.95 and never saw the pair of 6.00197."""
+    rng = np.random.default_rng(31553)
+    rng.random(), rng.integers(260, 500)
+    A = rng.random((440, 440))
+    v0 = np.random.default_rng(31554).standard_normal(440)
+    found, true = ranks_found_and_true(A, 11, "LM", ncv=25, v0=v0)
+    assert found == pytest.approx(true, rel=1e-8)
+
+
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(
     st.sampled_from(["uniform", "gaussian", "complex"]),

@@ -1,16 +1,38 @@
-"""Every raw kernel compiles for every architecture: NVRTC needs neither a GPU nor a driver."""
+"""Every raw kernel compiles for every architecture: NVRTC needs neither a GPU nor a driver.
+
+Machine code comes for each of them; optimised as users get it for the newest one, and for the
+others in the slow lane, since that takes five times as long.
+"""
 
 import pytest
 
 from gpu.kernels import ARCHITECTURES, OPTIONS, SOURCES
 
+QUICK = ("--Ofast-compile=max",)
+
+
+def check(compile_cuda, name, architecture, *options):
+    cubin = compile_cuda(SOURCES[name], architecture, OPTIONS + options)
+    assert cubin.startswith(b"\x7fELF")
+    assert f"{name}_".encode() in cubin
+
 
 @pytest.mark.parametrize("architecture", ARCHITECTURES)
 @pytest.mark.parametrize("name", SOURCES)
 def test_source_compiles(compile_cuda, name, architecture):
-    cubin = compile_cuda(SOURCES[name], architecture, OPTIONS)
-    assert cubin.startswith(b"\x7fELF")
-    assert f"{name}_".encode() in cubin
+    check(compile_cuda, name, architecture, *QUICK)
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_source_compiles_optimised(compile_cuda, name):
+    check(compile_cuda, name, ARCHITECTURES[-1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("architecture", ARCHITECTURES[:-1])
+@pytest.mark.parametrize("name", SOURCES)
+def test_source_compiles_optimised_for_older_ones(compile_cuda, name, architecture):
+    check(compile_cuda, name, architecture)
 
 
 def test_wrong_source_is_refused(compile_cuda):
