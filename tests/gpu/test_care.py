@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
 
-from gpu import RiccatiError, care, lqr
+from gpu import InputError, RiccatiError, care, lqr
 
 _path = Path(__file__).parent / "carex_problems.py"
 _spec = importlib.util.spec_from_file_location("carex_problems", _path)
@@ -42,6 +42,8 @@ HARD = {
     "2.6 e=1e6": carex.example_2_6(1e6),
 }
 UNKNOWN = {
+    "1.3": carex.example_1_3(),
+    "1.5": carex.example_1_5(),
     "2.2 e=1": carex.example_2_2(1.0),
     "2.2 e=1e-8": carex.example_2_2(1e-8),
     "2.7 e=1": carex.example_2_7(1.0),
@@ -52,6 +54,10 @@ UNKNOWN = {
     "4.1 n=21": carex.example_4_1(21),
     "4.3 l=30": carex.example_4_3(30)[0],
 }
+
+
+# The published weight of 1.4 is indefinite: an equation, no regulator.
+EQUATIONS = UNKNOWN | {"1.4": carex.example_1_4()}
 
 
 def distance(X, wanted):
@@ -81,14 +87,28 @@ def test_certified_where_no_solution_is_known(name):
     np.testing.assert_array_equal(result.S, result.S.T)
 
 
-@pytest.mark.parametrize("name", ["2.2 e=1", "2.7 e=1", "2.8 e=1", "3.1 l=20", "4.3 l=30"])
+@pytest.mark.parametrize(
+    "name", ["1.3", "1.4", "1.5", "2.2 e=1", "2.7 e=1", "2.8 e=1", "3.1 l=20", "4.3 l=30"]
+)
 def test_agrees_with_scipy_and_slycot(name):
-    A, B, Q, R, _ = UNKNOWN[name]
+    A, B, Q, R, _ = EQUATIONS[name]
     X = care(A, B, Q, R)
     assert distance(X, solve_continuous_are(A, B, Q, R)) <= 1e-10
     slycot = pytest.importorskip("slycot")
     theirs = slycot.sb02md(len(A), A, B @ np.linalg.solve(R, B.T), Q, "C")[0]
     assert distance(X, theirs) <= 1e-9
+
+
+def test_an_equation_without_a_regulator():
+    """Some states of example 1.4 are paid for: the equation has its solution, the cost none."""
+    A, B, Q, R, _ = EQUATIONS["1.4"]
+    X = care(A, B, Q, R)
+    assert np.linalg.eigvalsh(Q)[0] < 0.0
+    assert np.linalg.eigvals(A - B @ B.T @ X).real.max() < 0.0
+    residual = A.T @ X + X @ A - X @ B @ B.T @ X + Q
+    assert np.linalg.norm(residual) <= 1e-14 * np.linalg.norm(Q)
+    with pytest.raises(InputError, match=r"gpu\.care"):
+        lqr(A, B, Q, R)
 
 
 def test_extreme_entry_of_a_chain_of_integrators():
