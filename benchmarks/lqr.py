@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from machine import describe
 
+from gpu import lqr
 from gpu.hamiltonian_lqr import solve as algorithm5
 from gpu.lqr_problem import check_lqr
 from gpu.reduced_lqr import solve as reduced
@@ -118,11 +119,15 @@ def default(N: int) -> dict[str, Any]:
     seconds, found = timed(lambda: reduced(check_lqr(A, B, 1.0, np.eye(2))))
     tighter = reduced(check_lqr(A, B, 1.0, np.eye(2)), tol=1e-13 if N < 40 else 1e-12)
     size = np.linalg.norm(tighter.gain)
+    certified, result = timed(lambda: lqr(A, B, 1.0, np.eye(2)))
     info = {key: value for key, value in found.info.items() if key != "history"}
     row = {
         "states": N**3,
         "seconds": seconds,
         **info,
+        "seconds with certificate and poles": certified,
+        "proved stable": result.stable and result.bound <= 0.0,
+        "slowest pole": result.abscissa,
         "self-consistency": float(np.linalg.norm(found.gain - tighter.gain) / size),
     }
     if N <= 21:
