@@ -239,12 +239,12 @@ def test_an_unstable_mode_without_weight_is_stabilised():
 # Gains that do not stabilise
 
 
-@pytest.fixture(scope="module")
-def springs():
+@pytest.fixture(scope="module", params=[60, pytest.param(100, marks=pytest.mark.slow)])
+def springs(request):
     """A lightly damped chain of masses, free to move as a whole, and its energy."""
-    (A, B, Q, R, _), K = carex.example_4_3(100, delta=0.05, mu=1.0)
-    ones = np.ones((100, 100)) / 100
-    return A, B, Q, R, block_diag(K + ones, np.eye(100))
+    n = request.param
+    (A, B, Q, R, _), K = carex.example_4_3(n, delta=0.05, mu=1.0)
+    return A, B, Q, R, block_diag(K + np.ones((n, n)) / n, np.eye(n))
 
 
 @pytest.mark.parametrize("modes", [20, 100])

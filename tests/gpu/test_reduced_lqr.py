@@ -64,16 +64,16 @@ def test_invariants_of_the_heat_model(heat_modes):
     assert result.stable
 
 
-@pytest.mark.parametrize("stored", [np.array, lambda a: sparse.diags(a).tocsr()])
 @pytest.mark.parametrize("dim", [2, 3])
-def test_default_method_on_the_heat_equation(heat_modes, stored, dim):
-    A, B = heat_modes(6 if dim == 3 else 14, dim)
+def test_default_method_on_the_heat_equation(heat_modes, dim):
+    A, B = heat_modes(5 if dim == 3 else 11, dim)
     R = np.array([[2.0, 0.3], [0.3, 1.0]])
     best = dense_gain(np.diag(A), B, 3.0 * np.eye(len(A)), R)
-    found = reduced(check_lqr(stored(A), B, 3.0, R))
-    assert apart(found.gain, best) < 1e-10
-    assert found.info["rank"] <= 30
-    assert found.value is None  # Q has full rank: the value is no low-rank matrix
+    for stored in (A, sparse.diags(A).tocsr()):
+        found = reduced(check_lqr(stored, B, 3.0, R))
+        assert apart(found.gain, best) < 1e-10
+        assert found.info["rank"] <= 30
+        assert found.value is None  # Q has full rank: the value is no low-rank matrix
 
 
 def test_projection_and_newton_agree_on_1331_modes(heat_modes):
@@ -99,7 +99,7 @@ def test_larger_heat_equations(heat_modes, N, rank):
 @pytest.mark.parametrize("mass", [False, True])
 @pytest.mark.parametrize("weight", ["number", "diagonal", "matrix", "factor"])
 def test_nonsymmetric_problems(weight, mass):
-    A, B, C = convection(12)
+    A, B, C = convection(9)
     n = len(B)
     rng = np.random.default_rng(0)
     E = sparse.diags(1 + rng.random(n)) + 0.1 * sparse.eye(n, k=1) if mass else None
@@ -124,7 +124,7 @@ def test_nonsymmetric_problems(weight, mass):
 
 
 def test_low_rank_weight_is_recognised():
-    A, B, _ = convection(12)
+    A, B, _ = convection(9)
     Q = np.zeros(len(B))
     Q[5:8] = 100.0
     R = 0.01 * np.eye(2)
@@ -141,22 +141,22 @@ def test_unstable_problem_is_stabilised(heat_modes):
 
 
 def test_operator_with_an_inverse(heat_modes):
-    A, B = heat_modes(6)
+    A, B = heat_modes(5)
     A = A - 1.0
     operator = LinearOperator(
-        (216, 216), matvec=lambda x: A * x, rmatvec=lambda x: A * x, dtype=float
+        (125, 125), matvec=lambda x: A * x, rmatvec=lambda x: A * x, dtype=float
     )
     inverse = LinearOperator(
-        (216, 216), matvec=lambda x: x / A, rmatvec=lambda x: x / A, dtype=float
+        (125, 125), matvec=lambda x: x / A, rmatvec=lambda x: x / A, dtype=float
     )
     found = reduced(check_lqr(operator, B, 1.0, np.eye(2), inverse=inverse))
-    assert apart(found.gain, dense_gain(np.diag(A), B, np.eye(216), np.eye(2))) < 1e-9
+    assert apart(found.gain, dense_gain(np.diag(A), B, np.eye(125), np.eye(2))) < 1e-9
 
 
 ERRORS = {50: (1.0e-2, 5e-3), 100: (8.4e-3, 4e-3)}
 
 
-@pytest.mark.parametrize("modes", ERRORS)
+@pytest.mark.parametrize("modes", [50, pytest.param(100, marks=pytest.mark.slow)])
 def test_algorithm_5_on_1331_modes(heat_modes, modes):
     """The first measured accuracy of the dissertation's gain, and that of its symmetric form."""
     A, B = heat_modes(11)
@@ -206,11 +206,11 @@ def test_all_eigenvectors_give_the_optimal_gain(pi):
 
 def test_closed_loop_keeps_the_captured_eigenvalues(heat_modes):
     """Beside them the compression of A to the complement of V, in exact arithmetic."""
-    A, B = heat_modes(6)
+    A, B = heat_modes(5)
+    best = dense_gain(np.diag(A), B, np.eye(125), np.eye(2))
+    optimal = np.linalg.eigvals(np.diag(A) - B @ best)
     for pi in ("printed", "symmetric"):
         result = lqr(A, B, 1.0, np.eye(2), method="hamiltonian", modes=20, pi=pi)
-        best = dense_gain(np.diag(A), B, np.eye(216), np.eye(2))
-        optimal = np.linalg.eigvals(np.diag(A) - B @ best)
         assert result.abscissa == pytest.approx(optimal.real.max(), rel=1e-8)
         assert result.stable
 
@@ -240,7 +240,7 @@ def test_whole_space_as_a_basis():
         assert apart(found.gain, best) < 1e-9
 
 
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(st.integers(0, 10**6), st.integers(8, 30), st.integers(1, 3), st.booleans(), st.booleans())
 def test_random_stable_sparse_problems(seed, n, m, low_rank, with_mass):
     """Dissipative matrices, with E or without, weights of every rank, against the dense solver."""
@@ -338,7 +338,7 @@ def test_stability_of_symmetric_problems_is_proved(kind, moved, heat_modes):
 def test_no_loop_is_proved_stable_that_is_not():
     """Projections on poor bases, gains far from optimal, unstable modes seen or not."""
     proofs = 0
-    for seed in range(300):
+    for seed in range(120):
         rng = np.random.default_rng(seed)
         n, m = int(rng.integers(2, 12)), int(rng.integers(1, 3))
         d = -(10.0 ** rng.uniform(-2, 2, n))
@@ -355,7 +355,7 @@ def test_no_loop_is_proved_stable_that_is_not():
         proved = proves_stable(problem, projected, P, 1.0)
         assert stable or not proved
         proofs += proved
-    assert proofs >= 20
+    assert proofs >= 10
 
 
 def test_public_entry_proves_what_it_says(heat_modes):
