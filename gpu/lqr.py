@@ -14,8 +14,9 @@ from gpu.closed_loop import ALL_POLES, dense_loop, nearest_poles
 from gpu.errors import GpuError, InputError, NotConverged, RiccatiError
 from gpu.lqr_problem import PAID, LQRProblem, check_lqr, semidefinite
 from gpu.lqr_result import Found, LQRResult
-from gpu.riccati_modes import AXIS, explain
+from gpu.riccati_modes import explain
 from gpu.riccati_refinement import judge
+from gpu.state_matrix import EPS
 
 # Modules with a function ``solve(problem, **options) -> Found``.
 METHODS = {
@@ -266,7 +267,8 @@ def solve_problem(
         if not paid:
             _check_cost(problem, result.S)
         return result
-    if not result.abscissa < -AXIS * problem.state.size():
+    # As far as a double root on the axis is split by rounding.
+    if not found.proved and not result.abscissa < -(EPS**0.5) * problem.state.size():
         # No other method finds a better gain than one that leaves a pole no feedback moves.
         inherent = explain(problem)
         if inherent is not None and inherent.cause:
