@@ -134,6 +134,8 @@ def eigs(
     sigma = float(np.real(sigma)) if sigma is not None and np.imag(sigma) == 0 else sigma
     real = matrix.real and (mass is None or mass.real) and np.isrealobj(sigma)
     rank = rank_of(which, real)
+    if start is not None and start.dtype.kind == "c" and real:
+        raise InputError("v0 is complex, but A, M and sigma are real: pass its real part")
 
     scale, norms = 0.0, None  # a lower bound of |A|; residuals, where the vectors come with them
     stored = n <= FALLBACK and _stored(matrix, mass)
@@ -142,27 +144,28 @@ def eigs(
     if n <= max(small, size + 1) or (which == "SI" and sigma is None and stored):
         values, vectors = _decomposed(matrix, mass, sigma, rank, k)
     else:
-        problem = _Problem.of(matrix, mass, sigma)
         fallback = maxiter is None and stored
+        problem = _Problem.of(matrix, mass, sigma, fallback)
         limit = maxiter or max(20, n // 10 if fallback else 40 * n // max(4, (size - k) // 2))
         found = None
         try:
-            found = krylov_schur(
-                problem.apply,
-                n,
-                k,
-                rank,
-                dtype=problem.dtype,
-                xp=xp,
-                ncv=size,
-                start=start,
-                tol=tol,
-                maxiter=limit,
-                restart=restart,
-                matrix=problem.matrix,
-                edge=edge_of(which, real),
-                inner=which in ("SM", "SI"),
-            )
+            if problem.apply is not None:
+                found = krylov_schur(
+                    problem.apply,
+                    n,
+                    k,
+                    rank,
+                    dtype=problem.dtype,
+                    xp=xp,
+                    ncv=size,
+                    start=start,
+                    tol=tol,
+                    maxiter=limit,
+                    restart=restart,
+                    matrix=problem.matrix,
+                    edge=edge_of(which, real),
+                    inner=which in ("SM", "SI"),
+                )
         except FloatingPointError as error:
             # Powers of an inverse may overflow although A is fine.
             if not fallback:
@@ -226,13 +229,14 @@ def eigs(
 class _Problem:
     """The operator of the iteration and the way back from its eigenvalues."""
 
-    apply: Callable[[Any], Any]
+    apply: Callable[[Any], Any] | None
     dtype: Any
     values: Callable[[np.ndarray], np.ndarray]
     matrix: Any = None
 
     @classmethod
-    def of(cls, matrix: Matrix, mass: Matrix | None, sigma: Any) -> _Problem:
+    def of(cls, matrix: Matrix, mass: Matrix | None, sigma: Any, fallback: bool) -> _Problem:
+        """Without `apply` where no shift can be factored and there is a fallback."""
         real = matrix.real and (mass is None or mass.real) and np.isrealobj(sigma)
         dtype = np.dtype(float if real else complex)
         unit = unit_of(matrix)
@@ -263,8 +267,13 @@ class _Problem:
                 break
             step = 1e-9 * 10**attempt * (norm_of(matrix) or 1.0)
             shift = sigma + step / (1.0 if mass is None else norm_of(mass) or 1.0)
+        if solve is None and fallback:
+            return cls(None, dtype, lambda theta: theta)
         if solve is None:
-            raise InputError("A - sigma M is singular for every sigma that was tried")
+            raise InputError(
+                f"A - sigma M cannot be factored for sigma={sigma} and three values beside it: "
+                "take another sigma"
+            )
         if mass is None:
             return cls(solve, dtype, lambda theta: shift + 1.0 / (theta * unit))
         weigh, inverse = mass.apply, solve

@@ -66,7 +66,7 @@ def test_uniform_operator_of_order_440():
     assert found == pytest.approx(true, rel=1e-8)
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=10, deadline=None, derandomize=True)
 @given(
     st.sampled_from(["uniform", "gaussian", "complex"]),
     st.integers(60, 140),

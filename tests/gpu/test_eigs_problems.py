@@ -156,6 +156,26 @@ def test_smallest_singular_values_and_operators():
         svds(A, 151)
 
 
+def test_no_shift_of_a_singular_sparse_matrix_can_be_factored():
+    """Empty rows, and entries over ten decades: all that is left is to decompose it."""
+    scale = np.random.default_rng(3)
+    A = sparse.random_array(
+        (479, 479),
+        density=0.008,
+        rng=2,
+        data_sampler=lambda size: 10.0 ** scale.uniform(-5, 5, size),
+    ).tocsr()
+    w, v = eigs(A, 4, which="SM")
+    size = np.linalg.norm(A.toarray(), 2)
+    assert np.abs(w).max() < 1e-12 * size
+    assert np.linalg.norm(A @ v - v * w, axis=0).max() < 1e-10 * size
+
+
+def test_complex_start_of_a_real_problem_is_refused():
+    with pytest.raises(InputError, match="v0 is complex"):
+        eigs(np.diag(np.arange(300.0)), 3, v0=np.full(300, 1.0 + 1.0j))
+
+
 @pytest.mark.gpu
 @pytest.mark.parametrize("kind", ["dense", "complex", "sparse", "sigma", "pencil", "odd"])
 def test_device_gives_what_the_host_gives(kind):
