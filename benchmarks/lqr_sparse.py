@@ -49,12 +49,13 @@ def sparse_row(refine: int, tol: float = 1e-8) -> dict[str, Any]:
     E, A, B, C = model(refine)
     C = 10.0 * C
     problem = check_lqr(A, B, C, np.eye(B.shape[1]), E=E, factored=True)
-    begin = time.perf_counter()
+    begin, used = time.perf_counter(), time.process_time()
     found = solve(problem, tol=tol)
-    spent = time.perf_counter() - begin
+    spent, used = time.perf_counter() - begin, time.process_time() - used
     row = {
         "states": A.shape[0],
         "seconds": spent,
+        "processor seconds": used,
         "rank": found.info["rank"],
         "residual": found.info["residual"],
     }
@@ -62,13 +63,15 @@ def sparse_row(refine: int, tol: float = 1e-8) -> dict[str, Any]:
     size = np.linalg.norm(tight)
     row["gain error"] = np.linalg.norm(found.gain - tight) / size
     if importlib.util.find_spec("pymor"):
-        begin = time.perf_counter()
+        begin, theirs = time.perf_counter(), time.process_time()
         gain, rank = by_pymor(E, A, B, C, tol)
+        theirs = time.process_time() - theirs
         row["pymor"] = {
             "version": importlib.metadata.version("pymor"),
             "seconds": time.perf_counter() - begin,
+            "processor seconds": theirs,
             "rank": rank,
             "gain error": np.linalg.norm(gain - tight) / size,
         }
-        row["ratio"] = row["seconds"] / row["pymor"]["seconds"]
+        row["ratio of processor seconds"] = used / theirs
     return row
