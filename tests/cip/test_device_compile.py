@@ -18,9 +18,9 @@ ENDS = (ARCHITECTURES[0], ARCHITECTURES[-1])
 KIND = ("profile", "limiter", "dim", "feet")
 
 
-def check(compile_cuda, architecture, kernel, form="advection", **types):
+def check(compile_cuda, architecture, kernel, form="advection", uneven=False, **types):
     profile, limiter, dim, feet = kernel
-    solver = solver_of(profile, limiter, dim, form=form)
+    solver = solver_of(profile, limiter, dim, form=form, uneven=uneven)
     stage = solver._stages[-1]
     source = device_source(
         stage, solver._kernels.name(stage), LIMITER_CODES[limiter], feet == "computed",
@@ -54,6 +54,8 @@ def test_every_kernel_compiles(compile_cuda, profile, limiter, dim, feet, archit
     for form in forms:
         check(compile_cuda, architecture, kernel, form)
     check(compile_cuda, architecture, kernel, real="float", index="long long")
+    if feet == "stored":
+        check(compile_cuda, architecture, kernel, uneven=True)
 
 
 def test_wrong_source_is_refused(compile_cuda):
