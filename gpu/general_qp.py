@@ -133,7 +133,10 @@ def _minimise(p: Program, tol: float, solver: str, proofs: bool) -> Point:
         # Where the active set is not unique, the polish may lose what the interior point had.
         best = min(found if best is None else [best, *found], key=rank)
         if proofs and p.xp is np and p.is_sparse and tol < best.residuals.worst <= NEAR:
-            best = min([best, *_extended(p, best)], key=rank)
+            for sharper in _extended(p, best):
+                best = min([best, sharper], key=rank)
+                if best.residuals.worst <= tol:
+                    break
         if best.residuals.worst <= tol:
             break
         if attempt == 0 and proofs:
