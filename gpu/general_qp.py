@@ -30,6 +30,8 @@ CLEAN = 1e-12
 PLAUSIBLE = 1e-7
 # Where residuals are below this already, more digits may help.
 NEAR = 1e-4
+# Unknowns and rows up to which they take less time than another attempt.
+LARGEST_EXTENDED = 30_000
 
 
 @dataclass(frozen=True)
@@ -117,12 +119,16 @@ def _minimise(p: Program, tol: float, solver: str, proofs: bool) -> Point:
     def rank(point: Point) -> tuple[bool, float]:
         return point.residuals.worst > tol, point.residuals.sharp
 
+    small_enough = p.q.size + p.row_low.size <= LARGEST_EXTENDED
+    sharpen = proofs and p.xp is np and p.is_sparse and small_enough
     best, steps = None, 0
     for attempt, (separate, spread) in enumerate(ATTEMPTS if proofs else ATTEMPTS[:2]):
         if attempt == 1 and not scaled.is_sparse:
             system = kkt_system(scaled, solver, safe=True)
         aim = (0.1 if attempt == 0 else 1e-3) * tol
-        x, y, sides, count = interior_point(scaled, system, worst, aim, separate, spread)
+        x, y, sides, count = interior_point(
+            scaled, system, worst, aim, separate, spread, hurried=sharpen
+        )
         steps += count
         found = [whole(x, y)]
         x, y, _ = polish(scaled, system, Sides(*sides), x, y, sharp, SHARP)
@@ -132,7 +138,7 @@ def _minimise(p: Program, tol: float, solver: str, proofs: bool) -> Point:
         )
         # Where the active set is not unique, the polish may lose what the interior point had.
         best = min(found if best is None else [best, *found], key=rank)
-        if proofs and p.xp is np and p.is_sparse and tol < best.residuals.worst <= NEAR:
+        if sharpen and tol < best.residuals.worst <= NEAR:
             for sharper in _extended(p, best):
                 best = min([best, sharper], key=rank)
                 if best.residuals.worst <= tol:

@@ -266,8 +266,11 @@ def interior_point(
     target: float,
     separate: bool = False,
     spread: float = 1.0,
+    hurried: bool = False,
 ) -> tuple[Array, Array, tuple[Array, Array], int]:
     """Iterate until `measure` is below `target` and nothing improves any more.
+
+    If `hurried`, less is waited for where only rounding is left: more digits come from elsewhere.
 
     Returns
     -------
@@ -284,7 +287,8 @@ def interior_point(
     def patience() -> int:
         if best <= target:
             return LAST
-        return PATIENCE_AT_FLOOR if best <= NEAR and iterate.mu <= 2.0 * iterate.floor else PATIENCE
+        at_floor = best <= NEAR and iterate.mu <= 2.0 * iterate.floor
+        return PATIENCE_AT_FLOOR if hurried and at_floor else PATIENCE
 
     while steps < MAX_STEPS and best > SHARP and stalled < patience():
         try:
