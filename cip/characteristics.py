@@ -277,12 +277,15 @@ class _Run:
         f_low = np.minimum(self._outside(y, base), 0.0)
         f_high = self._outside(self._advance(y, base, tau, high), base)
         age = np.where(f_low == 0.0, 0.0, high)
+        # No closer than the coordinates at the walls can say, in cells.
+        far = [max(map(abs, self.grid.bounds[a])) / self.grid.spacing[a] for a in self.walls]
+        close = max(1e-13, 8.0 * np.finfo(float).eps * max(far))
         for _ in range(60):
             width = f_high - f_low
             age = np.where(width > 0, low - f_low * (high - low) / np.where(width > 0, width, 1), 0)
             at = self._advance(y, base, tau, age)
             beyond = self._beyond(at, base)
-            if np.all((np.abs(beyond) <= 1e-13) | (high - low <= 1e-15 * step)):
+            if np.all((np.abs(beyond) <= close) | (high - low <= 1e-15 * step)):
                 break
             right = beyond > 0.0
             f_low = np.where(right, 0.5 * f_low, beyond)
