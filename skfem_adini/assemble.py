@@ -111,10 +111,10 @@ def assemble(
     on to, instead of getting it as a parameter, does not fit then and leads to the slow path. What
     cannot be seen is a form that gives something else at each call, or mixes cells.
 
-    The Jacobians of scikit-fem's isoparametric mapping have relative errors of about ``eps |x| / h``,
-    other ones in each cell. All cells of a class get those of the first. That is the only
-    difference to `skfem.asm` beyond the order of summation: below 1e-14 of the largest entry until
-    the coordinates exceed about 30 times the width of a cell.
+    The Jacobians of scikit-fem's isoparametric mapping have relative errors of about
+    ``eps |x| / h``, other ones in each cell. All cells of a class get those of the first. That is
+    the only difference to `skfem.asm` beyond the order of summation: below 1e-14 of the largest
+    entry until the coordinates exceed about 30 times the width of a cell.
 
     Every cell is a class of its own if no two of them are bitwise equal, for instance after a
     rotation. Nothing is gained then but the sorting and the memory of the basis.
