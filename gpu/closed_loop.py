@@ -17,7 +17,7 @@ from gpu.state_matrix import EPS, Factors, StateMatrix
 
 ALL_POLES = 1500  # up to this order all poles are computed
 FEW = 12
-LARGE = 100_000  # from this order on half as many, in half the space
+LARGE = 100_000  # from this order on products with the basis cost more than applications
 RESTARTS = 30
 TOLERANCES = (1e-8, 1e-4)
 # Left of the axis by so much of the matrix, no meeting of eigenvalues there can be in question.
@@ -265,7 +265,8 @@ def _pencil_inverse(closed: Factors, state: StateMatrix) -> Any:
 def _poles_by(inverse: Any, shift: float, n: int, xp: Any, count: int) -> np.ndarray:
     """The poles of what ``inverse`` is the inverse of, moved by a shift."""
     start = xp.asarray(np.random.default_rng(0).standard_normal(n))
-    options = {"k": count // 2, "ncv": 2 * count} if n >= LARGE else {"k": min(count, n)}
+    few = max(count // 3, 1)
+    options = {"k": few, "ncv": 4 * few} if n >= LARGE else {"k": min(count, n)}
     theta = _nearest(inverse, v0=start, **options)
     poles = shift + 1.0 / theta
     return poles[np.argsort(-poles.real, kind="stable")]

