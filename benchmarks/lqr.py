@@ -5,7 +5,7 @@ with dense matrices of N^3 modes. New beside the seconds: the error of the gain 
 1e-11, the loss of cost, and the slowest pole of the closed loop. Then the default method on the
 same problems and with 64^3 modes, and sparse problems of a scikit-fem model beside pyMOR's RADI.
 
-    python benchmarks/lqr.py --dense 11 --modal 11 16 21 64 --sparse 32 64 128
+    python benchmarks/lqr.py --dense 11 --modal 11 16 21 64 --sparse 2 3 4
     python benchmarks/lqr.py --device --dense 11 16 21        (CuPy, on one GPU)
 """
 
@@ -157,7 +157,7 @@ def main() -> None:
     parser.add_argument("--diagonal", type=int, nargs="*", default=[], help="N, diagonal A")
     parser.add_argument("--modes", type=int, nargs="+", default=[50, 100, 200])
     parser.add_argument("--modal", type=int, nargs="*", default=[], help="N, default method")
-    parser.add_argument("--sparse", type=int, nargs="*", default=[], help="cells a side")
+    parser.add_argument("--sparse", type=int, nargs="*", default=[], help="refinements")
     parser.add_argument("--device", action="store_true")
     parser.add_argument(
         "--output", type=Path, default=Path(__file__).parent / "results" / "lqr.json"
@@ -188,10 +188,10 @@ def main() -> None:
                     cp.get_default_memory_pool().free_all_blocks()
     for N in options.modal:
         write("default", f"N={N}", default(N))
-    for cells in options.sparse:
+    for refine in options.sparse:
         from lqr_sparse import sparse_row  # needs scikit-fem, which a device machine may lack
 
-        write("sparse", f"cells={cells}", sparse_row(cells))
+        write("sparse", f"refine={refine}", sparse_row(refine))
 
 
 if __name__ == "__main__":
