@@ -1,7 +1,7 @@
 """Writes one page for each script in `examples/`: its docstring, the pictures it drew, its code.
 
 Pictures are those in `out/` whose names stand in the script, so `make examples` comes first;
-without them the pages have no pictures, and the build says so.
+without them the pages have no pictures.
 """
 
 import ast

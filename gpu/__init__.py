@@ -1,8 +1,10 @@
-"""Convex quadratic programs by primal-dual active sets and interior points.
+"""Quadratic programs, partial eigenvalues and regulators on NumPy and CuPy.
 
-`solve_qp` minimises over a box with equality and inequality rows, dense or sparse, on the host
-or on a device; `QPFactor` serves many problems with one matrix,
-every `QPResult` carries residuals recomputed from the problem, and every failure is a `GpuError`.
+`solve_qp` minimises a convex quadratic over a box with equality and inequality rows, dense or
+sparse, by primal-dual active sets and interior points; `QPFactor` serves many problems with one
+matrix. `eigs` and `svds` find a few eigenvalues or singular values of a large matrix, `lqr`, `care`
+and `lqe` the gains of regulators. Each runs on the host or on a device, where its arrays lie, every
+result carries residuals recomputed from the problem, and every failure is a `GpuError`.
 """
 
 from gpu.batch import batch_solve_qp

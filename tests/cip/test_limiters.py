@@ -1,23 +1,12 @@
 """Bounds, oscillation and conservation: the Jiang-Shu profile and Zalesak's disk."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
+from example_scripts import load
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cip import Grid, Solver, Velocity
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
-
-
-def load(name):
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def jiang_shu(profile, limiter, cfl=0.4, n=200):

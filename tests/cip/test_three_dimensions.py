@@ -1,10 +1,8 @@
 """Sweeps in three dimensions: conservation, constants, the deformation flow of LeVeque (1996)."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
+from example_scripts import load
 from scipy import ndimage
 
 from cip import Grid, Solver, Velocity
@@ -14,16 +12,6 @@ DEFORMATION = (
     "-sin(2*pi*x1)*sin(pi*x2)**2*sin(2*pi*x3)*cos(pi*t/3)",
     "-sin(2*pi*x1)*sin(2*pi*x2)*sin(pi*x3)**2*cos(pi*t/3)",
 )
-
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
-
-
-def load(name):
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def solver_of(n, profile, form):

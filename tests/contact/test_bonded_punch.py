@@ -10,11 +10,9 @@ Muskhelishvili; K. L. Johnson, Contact Mechanics, Cambridge 1985, section 2.8):
 Pressure and shear are coupled: for nu = 0 the centre bears 15 % more than without friction.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from example_scripts import load
 
 from contact import ContactProblem, Status
 
@@ -22,13 +20,7 @@ from contact import ContactProblem, Status
 @pytest.fixture(scope="module")
 def half_space():
     """The helpers of the validation examples."""
-    folder = str(Path(__file__).parents[2] / "examples")
-    sys.path.insert(0, folder)
-    try:
-        import half_space
-    finally:
-        sys.path.remove(folder)
-    return half_space
+    return load("half_space")
 
 
 def errors(half_space, nu, cells, functional):

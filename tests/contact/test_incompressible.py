@@ -3,11 +3,9 @@
 The oracles are Hertz' closed form, the mixed method with one pressure a cell, and uniform strain.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from example_scripts import load
 from scipy import sparse
 from skfem import (
     Basis,
@@ -28,13 +26,7 @@ from skfem_adini import ElementQuadAdini
 @pytest.fixture(scope="module")
 def half_space():
     """The helpers of the validation examples."""
-    folder = str(Path(__file__).parents[2] / "examples")
-    sys.path.insert(0, folder)
-    try:
-        import half_space
-    finally:
-        sys.path.remove(folder)
-    return half_space
+    return load("half_space")
 
 
 @pytest.fixture(scope="module")

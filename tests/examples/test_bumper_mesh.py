@@ -1,28 +1,18 @@
 """The bumper's curved mesh: outline, quality, names, and the Gmsh file read back."""
 
-import importlib.util
-from pathlib import Path
-
 import meshio
 import numpy as np
 import pytest
+from example_scripts import load
 from skfem import Basis, ElementTriP2, FacetBasis, MeshTri2
 
 from contact import ElasticBody
 from contact.mesh_file import read_mesh
 
-SCRIPT = Path(__file__).resolve().parents[2] / "examples" / "bumper_mesh.py"
 NAMES = {"mount", "flank", "contact", "bore"}
 
 
-def _load():
-    spec = importlib.util.spec_from_file_location("bumper_mesh", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-script = _load()
+script = load("bumper_mesh")
 
 
 @pytest.fixture(scope="module")

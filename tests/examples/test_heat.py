@@ -3,8 +3,8 @@
 import pytest
 
 
-def test_heat_control(validation, tmp_path):
-    script = validation("heat_control")
+def test_heat_control(example, tmp_path):
+    script = example("heat_control")
     numbers = script.main(["--modes", "5", "--subspaces", "20", "40", "--output", str(tmp_path)])
     assert numbers["default"][1] < 1e-10
     for pi in ("printed", "symmetric"):

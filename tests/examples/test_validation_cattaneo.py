@@ -6,8 +6,8 @@ import pyvista
 
 
 @pytest.fixture(scope="module")
-def script(validation):
-    return validation("validation_cattaneo")
+def script(example):
+    return example("validation_cattaneo")
 
 
 @pytest.fixture(scope="module")

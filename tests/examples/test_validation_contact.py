@@ -9,8 +9,8 @@ def fitted(cells, errors):
 
 
 @pytest.fixture(scope="module")
-def line(validation):
-    return validation("validation_hertz_line").main([])
+def line(example):
+    return example("validation_hertz_line").main([])
 
 
 def test_hertz_line(line):
@@ -30,32 +30,32 @@ def test_nafems_cgs1(line):
     assert p == pytest.approx(3585, rel=0.01)
 
 
-def test_flat_punch(validation):
+def test_flat_punch(example):
     """Centre pressure at h / a = 1 / 16 within .5 % (gauss) and 3 % (bernstein), first order."""
-    found = validation("validation_flat_punch").main([])
+    found = example("validation_flat_punch").main([])
     assert abs(found["gauss"][-1] - 1) < 0.005
     assert abs(found["bernstein"][-1] - 1) < 0.03
     assert 0.8 < fitted([4, 8, 16], np.array(found["bernstein"]) - 1) < 1.3
 
 
-def test_hertz_sphere_coarse(validation):
-    found = validation("validation_hertz_sphere").sphere(2)
+def test_hertz_sphere_coarse(example):
+    found = example("validation_hertz_sphere").sphere(2)
     assert found.force == pytest.approx(1.0, abs=1e-8)
     assert found.p0 == pytest.approx(1.0, abs=0.05)
     assert found.a == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.slow
-def test_hertz_sphere(validation):
+def test_hertz_sphere(example):
     """p0 within 2 % at h / a = 1 / 8."""
-    found = validation("validation_hertz_sphere").sphere(8)
+    found = example("validation_hertz_sphere").sphere(8)
     assert found.p0 == pytest.approx(1.0, abs=0.02)
     assert found.a == pytest.approx(1.0, abs=0.02)
 
 
-def test_boussinesq_is_in_equilibrium(validation):
+def test_boussinesq_is_in_equilibrium(example):
     """The stress that loads the far sides: free of divergence, and its resultant is the force."""
-    script = validation("validation_hertz_sphere")
+    script = example("validation_hertz_sphere")
     x, h = np.random.default_rng(3).uniform(0.5, 2.0, (3, 20)), 1e-4
     divergence = np.zeros((3, 20))
     for j in range(3):
@@ -73,17 +73,17 @@ def test_boussinesq_is_in_equilibrium(validation):
     np.testing.assert_allclose(total, [0, 0, -script.P], atol=1e-4 * script.P)
 
 
-def test_membrane(validation):
+def test_membrane(example):
     """Contact force, energy and contact set against quadratic triangles and another solver: 1 %."""
-    ours, reference = validation("validation_membrane").main([])
+    ours, reference = example("validation_membrane").main([])
     assert ours.force == pytest.approx(reference.force, rel=0.01)
     assert ours.energy == pytest.approx(reference.energy, rel=0.01)
     assert np.sum(ours.close != reference.close) < 0.01 * np.sum(reference.close)
 
 
-def test_stress_below_a_line_contact(validation):
+def test_stress_below_a_line_contact(example):
     """Hertz' own stress at any depth, and a point force's far away."""
-    found = validation("validation_far_field").line([0.5, 2.0, 5.0, 15.0, 40.0])
+    found = example("validation_far_field").line([0.5, 2.0, 5.0, 15.0, 40.0])
     own = {r: errors[0] for r, errors in found.items()}
     far = {r: errors[1] for r, errors in found.items()}
     pair = {r: errors[2] for r, errors in found.items()}
@@ -95,9 +95,9 @@ def test_stress_below_a_line_contact(validation):
     assert max(pair[r] for r in (5.0, 15.0, 40.0)) < 0.01
 
 
-def test_pair_of_forces_is_the_far_field_of_hertz(validation):
+def test_pair_of_forces_is_the_far_field_of_hertz(example):
     """Closed forms alone: a point force is off like (a / r)^2, the pair like (a / r)^4."""
-    script = validation("validation_far_field")
+    script = example("validation_far_field")
     angle = np.linspace(0.1, 1.5, 20)
     where = np.array([np.cos(angle), np.sin(angle)])
     radii = [5, 10, 20]
@@ -110,18 +110,18 @@ def test_pair_of_forces_is_the_far_field_of_hertz(validation):
 
 
 @pytest.mark.slow
-def test_stress_far_below_a_point_contact(validation):
+def test_stress_far_below_a_point_contact(example):
     """1 % at five radii, of four forces with the second moment of the pressure."""
-    found = validation("validation_far_field").point([5.0, 7.5], cells=3, growth=1.15)
+    found = example("validation_far_field").point([5.0, 7.5], cells=3, growth=1.15)
     # .0075 and .0063; a single force misses by that moment.
     assert max(four for _, four in found.values()) < 0.01
     assert found[5.0][0] < 0.05
 
 
 @pytest.mark.slow
-def test_order(validation):
+def test_order(example):
     """An end of contact inside the boundary costs an order; contact everywhere does not."""
-    found = validation("validation_order").main([])
+    found = example("validation_order").main([])
     # 3/2 in theory; where in a cell contact ends scatters the fit upwards (1.5 to 1.95 measured).
     assert 1.3 < found["part"] < 2.1
     assert 2.7 < found["all"] < 3.3

@@ -1,10 +1,8 @@
 """Gains by projection and by eigenvectors of the inverse Hamiltonian, against dense solvers."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
+from example_scripts import load
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import linalg, sparse
@@ -21,11 +19,7 @@ from gpu.reduced_lqr import solve as reduced
 
 @pytest.fixture(scope="module")
 def heat_modes():
-    path = Path(__file__).parents[2] / "examples" / "heat_model.py"
-    spec = importlib.util.spec_from_file_location("heat_model", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.heat_modes
+    return load("heat_model").heat_modes
 
 
 def dense_gain(A, B, Q, R, E=None):

@@ -1,15 +1,11 @@
 """The 2012 element interpolates what it says, refuses straight cuts, and stalls."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
+from example_scripts import load
 from skfem import Basis, MeshQuad
 
 from skfem_adini import ElementQuadAdiniCut, InputError, UnisolvenceWarning
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def disk(x, r=0.411):
@@ -130,10 +126,7 @@ def test_opposite_vertices_and_other_meshes_are_refused(cut_problems):
 
 
 def test_example_shows_order_one_beside_order_six(tmp_path, capsys):
-    spec = importlib.util.spec_from_file_location("curved_2012", EXAMPLES / "curved_2012.py")
-    example = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(example)
-    found = example.main(["--cells", "8", "16", "32", "--output", str(tmp_path)])
+    found = load("curved_2012").main(["--cells", "8", "16", "32", "--output", str(tmp_path)])
     errors = {name: np.abs(values) for name, values in found.items()}
     assert errors["exact"][-1] > 1e-4
     assert errors["chords"][-1] > 1e-4
