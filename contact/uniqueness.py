@@ -30,7 +30,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,10 +37,8 @@ from numpy.typing import NDArray
 from contact.boundary import BoundaryProblem
 from contact.errors import InputError, NotConverged, Unbounded
 from contact.methods import Options
-
-if TYPE_CHECKING:
-    from contact.problem import ContactProblem
-    from contact.result import ContactResult
+from contact.problem import ContactProblem
+from contact.result import ContactResult
 
 Array = NDArray[np.float64]
 DISTINCT = 1e-6  # relative distance from which two certified solutions count as two
@@ -68,6 +65,8 @@ class Uniqueness:
     others: tuple[ContactResult, ...]
 
     def __str__(self) -> str:
+        if self.proven and np.isinf(self.coefficient):
+            return "unique: no friction depends on the pressure"
         if self.proven:
             return f"unique: proven for friction below {self.coefficient:.3g}"
         found = f"{len(self.others)} other solutions found" if self.others else "no other one found"
@@ -95,7 +94,7 @@ def uniqueness(
     Raises
     ------
     InputError
-        The result has other contact points than the problem; `starts` is not a whole number.
+        Not a problem and a result of it; `starts` or `seed` is not a whole number.
 
     Examples
     --------
@@ -107,12 +106,17 @@ def uniqueness(
     >>> uniqueness(problem, problem.solve()).proven
     True
     """
+    if not isinstance(problem, ContactProblem):
+        raise InputError(f"problem: expected a ContactProblem, got {type(problem).__name__}")
+    if not isinstance(result, ContactResult):
+        raise InputError(f"result: expected a ContactResult, got {type(result).__name__}")
     if result.mu.shape != problem.rows.gap.shape:
         raise InputError(
             f"result: has {result.mu.size} contact points, the problem {problem.rows.gap.size}"
         )
-    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 0:
-        raise InputError(f"starts={starts!r}: expected a whole number from 0")
+    for name, count in (("starts", starts), ("seed", seed)):
+        if isinstance(count, bool) or not isinstance(count, int) or count < 0:
+            raise InputError(f"{name}={count!r}: expected a whole number from 0")
     system = result.system
     condensed = problem.condense().under(system.body)
     boundary = condensed.boundary_problem(

@@ -114,6 +114,7 @@ def test_without_coulomb_the_solution_is_unique(make):
         report = uniqueness(problem, problem.solve())
         assert report.proven
         assert report.coefficient == np.inf
+        assert str(report) == "unique: no friction depends on the pressure"
 
 
 def test_in_space_and_in_a_history(make):
@@ -137,3 +138,9 @@ def test_malformed(make):
     for starts in (-1, 2.0, True, None):
         with pytest.raises(InputError, match="starts"):
             uniqueness(problem, result, starts=starts)
+    with pytest.raises(InputError, match="seed"):
+        uniqueness(problem, result, seed="0")
+    with pytest.raises(InputError, match="result: expected a ContactResult, got dict"):
+        uniqueness(problem, {})
+    with pytest.raises(InputError, match="problem: expected a ContactProblem, got ContactResult"):
+        uniqueness(result, problem)
