@@ -11,6 +11,7 @@ import numpy as np
 from gpu.arrays import to_host
 
 ONE_LAUNCH = 5000  # up to this order a sweep gains more than a library product does
+TINY = np.finfo(float).tiny
 BREAKDOWN = 20 * np.finfo(float).eps  # beta below this times |A v| is round-off: invariant
 
 
@@ -102,8 +103,16 @@ class Arnoldi:
         V = self.V[:count]
         return V @ w if V.dtype.kind == "f" else (V @ w.conj()).conj()
 
-    def sweep(self, first: int, last: int) -> np.ndarray:
+    def sweep(
+        self, first: int, last: int, meanwhile: Callable[[], Any] | None = None
+    ) -> np.ndarray:
         """Arnoldi steps from row `first` up to row `last`.
+
+        Parameters
+        ----------
+        first, last : int
+        meanwhile : callable, optional
+            Called once the steps are under way, before their coefficients are waited for.
 
         Returns
         -------
@@ -114,30 +123,34 @@ class Arnoldi:
         xp, V = self.xp, self.V
         if self._matrix is not None and self._steps is not None:
             self._steps.sweep(self._matrix, first, last)
-            self.matvecs += last - first
-            return to_host(self._coefficients[first:last])
-        for j in range(first, last):
-            w = self._apply(V[j])
-            row = self._coefficients[j]
-            if self._steps is not None:
-                self._steps(w, j)
-                continue
-            w = xp.array(w, dtype=V.dtype)
-            h = self._products(w, j + 1)
-            w -= h @ V[: j + 1]
-            again = self._products(w, j + 1)
-            w -= again @ V[: j + 1]
-            beta = xp.linalg.norm(w)
-            row[: j + 1] = h + again
-            row[-1] = beta
-            V[j + 1] = w / xp.where(beta > 0, beta, 1.0)
+        else:
+            for j in range(first, last):
+                w = self._apply(V[j])
+                if self._steps is not None:
+                    self._steps(w, j)
+                else:
+                    self._step(xp.array(w, dtype=V.dtype), j)
         self.matvecs += last - first
+        if meanwhile is not None:
+            meanwhile()
         return to_host(self._coefficients[first:last])
+
+    def _step(self, w: Any, j: int) -> None:
+        """Orthogonalise w, which is ``A V[j]``, into row j + 1."""
+        xp, V, row = self.xp, self.V, self._coefficients[j]
+        h = self._products(w, j + 1)
+        w -= h @ V[: j + 1]
+        again = self._products(w, j + 1)
+        w -= again @ V[: j + 1]
+        beta = xp.sqrt(xp.vdot(w, w).real)
+        row[: j + 1] = h + again
+        row[-1] = beta
+        V[j + 1] = w / xp.maximum(beta, TINY)
 
     def broken(self, rows: np.ndarray) -> int | None:
         """The first of the rows of a sweep that ended in an invariant subspace."""
-        size = np.sqrt((np.abs(rows[:, :-1]) ** 2).sum(axis=1))
-        ended = np.flatnonzero(rows[:, -1].real <= BREAKDOWN * size)
+        size = np.sqrt(np.vecdot(rows[:, :-1], rows[:, :-1]).real)
+        ended = (rows[:, -1].real <= BREAKDOWN * size).nonzero()[0]
         return int(ended[0]) if ended.size else None
 
     def rotate(self, Q: np.ndarray, residual: int, first: int = 0) -> None:

@@ -30,6 +30,7 @@ def unbeaten(
     floor: float,
     restarts: int,
     patience: float,
+    meanwhile: Callable[[], Any] | None = None,
 ) -> tuple[bool, int]:
     r"""Whether no eigenvalue beside the locked space ranks above the wanted.
 
@@ -71,6 +72,8 @@ def unbeaten(
     patience : float
         Products after which a newcomer inside is enough, whatever the probability: far from
         normal, and beside copies of the last wanted, p does not grow in practice.
+    meanwhile : callable, optional
+        See `Arnoldi.sweep`, for the first.
 
     Returns
     -------
@@ -89,8 +92,9 @@ def unbeaten(
     dropped = np.zeros(0, dtype=complex)
     past = (0, 1.0)  # products, and residual of the best newcomer, at the last look
     while True:
-        rows = basis.sweep(locked + kept, locked + goal)
-        if not np.all(np.isfinite(rows)):
+        rows = basis.sweep(locked + kept, locked + goal, meanwhile)
+        meanwhile = None
+        if not np.isfinite(rows).all():
             raise FloatingPointError(f"A v is not finite after {basis.matvecs} products")
         ended = basis.broken(rows)
         size = goal if ended is None else kept + ended + 1

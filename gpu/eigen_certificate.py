@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gpu.arrays import to_host
-from gpu.eigen_operator import Matrix, norm_of, unit_of
+from gpu.eigen_operator import Matrix
 from gpu.errors import NotConverged
 
 CERTIFIED = 1e-11  # |A x - lambda M x| over |A| + |lambda| |M|
@@ -20,7 +20,7 @@ def certify(
     vectors: Any,
     tol: float,
     scale: float,
-    norms: Any = None,
+    squares: Any = None,
 ) -> None:
     """Raise unless every returned pair satisfies its equation.
 
@@ -32,23 +32,23 @@ def certify(
     vectors : array, shape (n, k)
     scale : float
         A lower bound of |A|, zero where none is known.
-    norms : array, shape (2, k), optional
-        Of ``A x - lambda M x`` and of ``A x``, where they have been computed with the vectors.
+    squares : array, shape (2, k), optional
+        Of the norms of ``A x - lambda M x`` and of ``A x``, where the vectors came with them.
     """
-    unit = unit_of(matrix)
-    scale = (scale or norm_of(matrix)) * unit
-    if norms is None:
+    unit = matrix.unit
+    scale = (scale or matrix.norm) * unit
+    # To the host at once: every look at a number on the device waits for it.
+    if squares is None:
         xp = matrix.xp
         left = _product(matrix, vectors * unit)
         right = vectors if mass is None else _product(mass, vectors)
         error = xp.linalg.norm(left - right * (xp.asarray(values) * unit), axis=0)
-        norms = xp.stack([error, xp.linalg.norm(left, axis=0)])
-    # To the host at once: every look at a number on the device waits for it.
-    error, size = to_host(norms)
+        error, size = to_host(xp.stack([error, xp.linalg.norm(left, axis=0)]))
+    else:
+        error, size = np.sqrt(to_host(squares))
     modulus = np.abs(to_host(values)) * unit
     allowed = (
-        CERTIFIED
-        * (max(float(size.max()), scale) + modulus * (1.0 if mass is None else norm_of(mass)))
+        CERTIFIED * (max(float(size.max()), scale) + modulus * (1.0 if mass is None else mass.norm))
         + 10 * tol * modulus
     )
     good = error <= allowed
@@ -64,16 +64,18 @@ def certify(
 
 
 def _product(matrix: Matrix, X: Any) -> Any:
+    """``A X``; a real matrix meets the parts of complex vectors, as far as they are not zero."""
+    xp = matrix.xp
+    if not matrix.real or X.dtype.kind != "c":
+        return _multiplied(matrix, X)
+    imaginary = to_host(xp.any(X.imag != 0, axis=0))
+    parts = _multiplied(matrix, xp.concatenate((X.real, X.imag[:, imaginary]), axis=1))
+    product = parts[:, : X.shape[1]].astype(complex)
+    product[:, imaginary] += 1j * parts[:, X.shape[1] :]
+    return product
+
+
+def _multiplied(matrix: Matrix, X: Any) -> Any:
     if matrix.explicit is not None:
-        if matrix.real and X.dtype.kind == "c":
-            # Parts side by side: a mixed product would copy the matrix into complex numbers.
-            parts = matrix.explicit @ matrix.xp.concatenate((X.real, X.imag), axis=1)
-            return parts[:, : X.shape[1]] + 1j * parts[:, X.shape[1] :]
         return matrix.explicit @ X
-    columns = []
-    for x in X.T:
-        if matrix.real and X.dtype.kind == "c":  # an operator of real vectors
-            columns.append(matrix.apply(x.real.copy()) + 1j * matrix.apply(x.imag.copy()))
-        else:
-            columns.append(matrix.apply(x.copy()))
-    return matrix.xp.stack(columns, axis=1)
+    return matrix.xp.stack([matrix.apply(x.copy()) for x in X.T], axis=1)

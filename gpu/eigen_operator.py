@@ -9,11 +9,14 @@ from typing import Any
 
 import numpy as np
 from scipy import linalg, sparse
+from scipy.linalg.blas import dasum
 from scipy.sparse import linalg as sparse_linalg
 
 from gpu.arrays import array_module, cupy, to_host
 from gpu.errors import InputError
 from gpu.modulus_source import SOURCE as MODULUS
+
+BLOCK = 1 << 30  # entries, which the library counts in 32 bits
 
 
 @dataclass(frozen=True)
@@ -29,8 +32,8 @@ class Matrix:
     apply : callable x -> A x
     explicit : array or sparse matrix or None
         The entries, where there are any.
-    largest : float
-        The largest modulus among them.
+    magnitude : float
+        At least the largest modulus among them, at most twice the sum of all.
     """
 
     n: int
@@ -38,12 +41,33 @@ class Matrix:
     xp: Any
     apply: Callable[[Any], Any]
     explicit: Any
-    largest: float = np.nan
+    magnitude: float = np.nan
 
     @property
     def dtype(self) -> Any:
         """float64 or complex128."""
         return np.dtype(float if self.real else complex)
+
+    @functools.cached_property
+    def norm(self) -> float:
+        """A lower bound of the spectral norm, the largest column; zero without stored entries."""
+        if self.explicit is None or self.magnitude == 0.0:
+            return 0.0
+        scaled = abs(self.explicit) * (1.0 / self.magnitude)
+        squares = scaled.multiply(scaled) if hasattr(scaled, "tocsr") else scaled * scaled
+        return self.magnitude * float(np.sqrt(float(squares.sum(axis=0).max())))
+
+    @functools.cached_property
+    def unit(self) -> float:
+        """Power of two that brings huge or tiny entries within reach of squares."""
+        if self.explicit is None:
+            probe = self.apply(self.xp.asarray(np.ones(self.n, dtype=self.dtype)))
+            size = float(self.xp.abs(probe).max())
+        else:
+            size = self.magnitude
+        if not np.isfinite(size) or size == 0 or 1e-100 < size < 1e100:
+            return 1.0
+        return float(2.0 ** -np.floor(np.log2(size)))
 
     def dense(self) -> np.ndarray:
         """All entries, on the host, shape (n, n); by n products where none are stored."""
@@ -98,21 +122,22 @@ def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
         xp = array_module(A)
         A = xp.ascontiguousarray(A, dtype=dtype)
         entries = A
-    largest = _largest(entries, xp)
-    if not np.isfinite(largest):
+    magnitude = _magnitude(entries, xp)
+    if not np.isfinite(magnitude):
         raise InputError(f"{name} holds NaN or infinity")
-    return Matrix(int(shape[0]), kind != "c", xp, lambda x: A @ x, A, largest)
+    return Matrix(int(shape[0]), kind != "c", xp, lambda x: A @ x, A, magnitude)
 
 
-def _largest(entries: Any, xp: Any) -> float:
-    """Largest modulus, NaN if there is one, without a copy of real entries."""
+def _magnitude(entries: Any, xp: Any) -> float:
+    """See `Matrix`; NaN or infinite if an entry is. One pass over A costs as much as a product."""
     if not entries.size:
         return 0.0
+    if xp is np:
+        parts = entries.reshape(-1).view(float)
+        total = sum(dasum(parts[i : i + BLOCK]) for i in range(0, parts.size, BLOCK))
+        return total if np.isfinite(total) else float(np.abs(entries).max())
     if entries.dtype.kind == "c":
         return float(xp.abs(entries).max())
-    if xp is np:
-        return float(max(abs(float(entries.max())), abs(float(entries.min()))))
-    # One pass over A, which costs as much as a product.
     bits = xp.zeros(1, dtype=xp.uint64)
     blocks = min(-(-entries.size // 1024), 1024)
     _largest_kernel()((blocks,), (1024,), (entries, np.int64(entries.size), bits))
@@ -168,24 +193,3 @@ def _singular(pivots: np.ndarray) -> bool:
     """Whether a pivot is rounding: solving would blow up what the others have to say."""
     limit = len(pivots) * np.finfo(float).eps * pivots.max(initial=0.0)
     return not bool(np.all(pivots > limit))
-
-
-def norm_of(matrix: Matrix) -> float:
-    """A lower bound of the spectral norm, the largest column; zero where no entries are stored."""
-    if matrix.explicit is None or matrix.largest == 0.0:
-        return 0.0
-    scaled = abs(matrix.explicit) * (1.0 / matrix.largest)
-    squares = scaled.multiply(scaled) if hasattr(scaled, "tocsr") else scaled * scaled
-    return matrix.largest * float(np.sqrt(float(squares.sum(axis=0).max())))
-
-
-def unit_of(matrix: Matrix) -> float:
-    """Power of two that brings huge or tiny entries within reach of squares."""
-    if matrix.explicit is None:
-        probe = matrix.apply(matrix.xp.asarray(np.ones(matrix.n, dtype=matrix.dtype)))
-        size = float(matrix.xp.abs(probe).max())
-    else:
-        size = matrix.largest
-    if not np.isfinite(size) or size == 0 or 1e-100 < size < 1e100:
-        return 1.0
-    return float(2.0 ** -np.floor(np.log2(size)))

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
+from gpu.arnoldi import Arnoldi
 from gpu.arrays import array_module
 from gpu.eigen_certificate import certify
-from gpu.eigen_operator import Matrix, as_matrix, factorized, norm_of, unit_of
+from gpu.eigen_operator import Matrix, as_matrix, factorized
 from gpu.errors import InputError, NotConverged
 from gpu.krylov_schur import FLOOR, RESTARTS, krylov_schur
 from gpu.ordered_schur import Rank
@@ -137,7 +138,7 @@ def eigs(
     if start is not None and start.dtype.kind == "c" and real:
         raise InputError("v0 is complex, but A, M and sigma are real: pass its real part")
 
-    scale, norms = 0.0, None  # a lower bound of |A|; residuals, where the vectors come with them
+    scale, squares = 0.0, None  # a lower bound of |A|; of residuals, where the vectors have them
     stored = n <= FALLBACK and _stored(matrix, mass)
     # The smallest imaginary parts lie inside the spectrum, where a Krylov space is blind.
     small = DENSE if _stored(matrix, mass) else PRODUCTS
@@ -146,7 +147,8 @@ def eigs(
     else:
         fallback = maxiter is None and stored
         problem = _Problem.of(matrix, mass, sigma, fallback)
-        limit = maxiter or max(20, n // 10 if fallback else 40 * n // max(4, (size - k) // 2))
+        pairs = _Pairs(matrix, mass, problem, rank, k)
+        limit = maxiter or max(20, n // 6 if fallback else 40 * n // max(4, (size - k) // 2))
         found = None
         try:
             if problem.apply is not None:
@@ -165,6 +167,7 @@ def eigs(
                     matrix=problem.matrix,
                     edge=edge_of(which, real),
                     inner=which in ("SM", "SI"),
+                    meanwhile=pairs.of,
                 )
         except FloatingPointError as error:
             # Powers of an inverse may overflow although A is fine.
@@ -181,19 +184,8 @@ def eigs(
             values, vectors = _decomposed(matrix, mass, sigma, rank, k)
         else:
             if mass is None and sigma is None:
-                scale = found.scale / unit_of(matrix)
-            theta, Y = np.linalg.eig(found.T)
-            theta = theta.astype(complex)
-            order = best_first(theta, rank, k, problem.dtype.kind == "f")
-            values, Y = problem.values(theta[order]), Y[:, order] / np.linalg.norm(Y, axis=0)[order]
-            if found.complete and _fused(matrix, mass, problem):
-                from gpu.ritz_pairs import pairs_with_residuals
-
-                vectors, norms = pairs_with_residuals(
-                    found.basis.V[: len(Y)], Y, values, matrix.explicit, mass and mass.explicit
-                )
-            else:
-                vectors = found.basis.combine(Y)
+                scale = found.scale / matrix.unit
+            values, vectors, squares = pairs.of(found.T, found.basis)
             if drowned:
                 raise NotConverged(
                     f"sigma={sigma} lies too close to an eigenvalue to tell the next {k} apart: "
@@ -201,17 +193,17 @@ def eigs(
                 )
             if not found.complete:
                 raise NotConverged(
-                    f"{len(order)} of {k} eigenvalues converged in {found.restarts} restarts "
+                    f"{len(values)} of {k} eigenvalues converged in {found.restarts} restarts "
                     f"({found.matvecs} products) with ncv={size}; raise maxiter or ncv, loosen "
                     "tol, or use sigma",
                     eigenvalues=xp.asarray(values),
                     eigenvectors=vectors,
                 )
-    if norms is None:
+    if squares is None:
         vectors = xp.asarray(vectors)
         vectors = vectors / xp.linalg.norm(vectors, axis=0)
     try:
-        certify(matrix, mass, values, vectors, tol, scale, norms)
+        certify(matrix, mass, values, vectors, tol, scale, squares)
     except NotConverged:
         # Shift and invert loses digits where sigma lies much closer to one eigenvalue than to
         # the others.
@@ -239,7 +231,7 @@ class _Problem:
         """Without `apply` where no shift can be factored and there is a fallback."""
         real = matrix.real and (mass is None or mass.real) and np.isrealobj(sigma)
         dtype = np.dtype(float if real else complex)
-        unit = unit_of(matrix)
+        unit = matrix.unit
         if sigma is None and mass is None:
             if unit == 1.0:
                 return cls(matrix.apply, dtype, lambda theta: theta, matrix.explicit)
@@ -265,8 +257,8 @@ class _Problem:
             solve = factorized(_shifted(matrix, mass, shift * unit, unit), xp)
             if solve is not None:
                 break
-            step = 1e-9 * 10**attempt * (norm_of(matrix) or 1.0)
-            shift = sigma + step / (1.0 if mass is None else norm_of(mass) or 1.0)
+            step = 1e-9 * 10**attempt * (matrix.norm or 1.0)
+            shift = sigma + step / (1.0 if mass is None else mass.norm or 1.0)
         if solve is None and fallback:
             return cls(None, dtype, lambda theta: theta)
         if solve is None:
@@ -278,6 +270,42 @@ class _Problem:
             return cls(solve, dtype, lambda theta: shift + 1.0 / (theta * unit))
         weigh, inverse = mass.apply, solve
         return cls(lambda x: inverse(weigh(x)), dtype, lambda theta: shift + 1.0 / (theta * unit))
+
+
+@dataclass
+class _Pairs:
+    """Eigenpairs from the last Schur form that was asked for and its basis."""
+
+    matrix: Matrix
+    mass: Matrix | None
+    problem: _Problem
+    rank: Rank
+    k: int
+    _T: Any = None
+    _made: tuple[np.ndarray, Any, Any] | None = None
+
+    def of(self, T: np.ndarray, basis: Arnoldi) -> tuple[np.ndarray, Any, Any]:
+        """Values, best first; vectors; squares as `certify` takes them, or None.
+
+        They are made once for each T: a device need not have finished what it does meanwhile.
+        """
+        if T is self._T and self._made is not None:
+            return self._made
+        theta, Y = np.linalg.eig(T)
+        theta = theta.astype(complex)
+        order = best_first(theta, self.rank, self.k, self.problem.dtype.kind == "f")
+        values, Y = self.problem.values(theta[order]), Y[:, order]
+        if len(order) == self.k and _fused(self.matrix, self.mass, self.problem):
+            from gpu.ritz_pairs import pairs_with_residuals
+
+            mass = self.mass and self.mass.explicit
+            vectors, squares = pairs_with_residuals(
+                basis.V[: len(Y)], Y, values, self.matrix.explicit, mass
+            )
+        else:
+            vectors, squares = basis.combine(Y), None
+        self._T, self._made = T, (values, vectors, squares)
+        return self._made
 
 
 def _shifted(matrix: Matrix, mass: Matrix | None, sigma: Any, unit: float) -> Any:
@@ -306,7 +334,7 @@ def _decomposed(
     matrix: Matrix, mass: Matrix | None, sigma: Any, rank: Rank, k: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """All eigenvalues by LAPACK on the host, the k best returned."""
-    unit = unit_of(matrix)
+    unit = matrix.unit
     full = matrix.dense() * unit  # LAPACK's own scaling does not bring all eigenvalues back
     if not np.all(np.isfinite(full)):
         raise InputError("A: A v is not finite")
@@ -346,7 +374,7 @@ def _fused(matrix: Matrix, mass: Matrix | None, problem: _Problem) -> bool:
         and (matrix.n <= FUSED or hasattr(matrix.explicit, "tocsr"))
         and problem.dtype.kind == "f"
         and _stored(matrix, mass)
-        and unit_of(matrix) == 1.0
+        and matrix.unit == 1.0
     )
 
 

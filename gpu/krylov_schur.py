@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -63,6 +64,7 @@ def krylov_schur(
     challenge: bool = True,
     edge: Edge | None = None,
     inner: bool = False,
+    meanwhile: Callable[[np.ndarray, Arnoldi], Any] | None = None,
 ) -> PartialSchur:
     r"""The k best eigenvalues of A, by rank, with their Schur basis.
 
@@ -107,6 +109,9 @@ def krylov_schur(
     inner : bool
         The wanted may lie inside the spectrum, where newcomers are slow to show: then nothing but
         probability ends a challenge.
+    meanwhile : callable (T, basis), optional
+        Called with what is the outcome unless it loses the challenge, of which a device has yet
+        to finish the first products.
 
     References
     ----------
@@ -128,13 +133,14 @@ def krylov_schur(
     past = (0, 1.0)  # products, and residual of the wanted over |A|, at the last look
     while count <= maxiter:
         rows = basis.sweep(kept, goal)
-        if not np.all(np.isfinite(rows)):
+        if not np.isfinite(rows).all():
             raise FloatingPointError(f"A v is not finite after {basis.matvecs} products")
         ended = basis.broken(rows)
         size = goal if ended is None else kept + ended + 1
         fill(S, rows, kept, size)
         beta = 0.0 if ended is not None else rows[-1, -1].real
-        scale = max(scale, float(np.linalg.norm(S[:size, :size], axis=0).max()))
+        columns = S[:size, :size].T
+        scale = max(scale, float(np.sqrt(np.vecdot(columns, columns).real.max())))
         most = min(size, max(ncv // 2, k + k // 2) + 3)
         for leading in (most, size):
             T, Q, values = ordered_schur(S[:size, :size], rank, leading)
@@ -146,6 +152,7 @@ def krylov_schur(
         need = _products_left(past, (basis.matvecs, wanted), max(tol, FLOOR))
         past = (basis.matvecs, wanted)
         lost, vector = False, None
+        settled = T[:converged, :converged]
         if converged >= k:
             ranks = np.sort(rank(values[:converged]))[::-1][:k]
             if (
@@ -176,6 +183,7 @@ def krylov_schur(
                         floor=FLOOR * scale,
                         restarts=maxiter - count,
                         patience=np.inf if inner else basis.matvecs,
+                        meanwhile=meanwhile and functools.partial(meanwhile, settled, basis),
                     )
                     count, lost = count + more, not won
                 done = not lost
@@ -185,13 +193,7 @@ def krylov_schur(
                     basis.rotate(Q[:, :converged], size)
             if done:
                 return PartialSchur(
-                    T[:converged, :converged],
-                    values[:converged],
-                    basis,
-                    scale,
-                    count,
-                    basis.matvecs,
-                    True,
+                    settled, values[:converged], basis, scale, count, basis.matvecs, True
                 )
         fresh = lost or ended is not None
         if not fresh and size < room:
@@ -245,15 +247,10 @@ def krylov_schur(
 
 def _leading(T: np.ndarray, values: np.ndarray, spike: np.ndarray, tol: float, floor: float) -> int:
     """How many leading Schur vectors have converged; conjugate pairs together."""
-    moved = np.sqrt(np.cumsum(np.abs(spike) ** 2)).tolist()
-    limits = np.maximum(tol * np.abs(values), floor).tolist()
-    count = 0
-    while count < len(values):
-        following = whole(T, count + 1)
-        if moved[following - 1] > limits[count]:
-            break
-        count = following
-    return count
+    moved = np.sqrt(np.cumsum(np.abs(spike) ** 2))
+    beyond = (moved > np.maximum(tol * np.abs(values), floor)).nonzero()[0]
+    count = int(beyond[0]) if beyond.size else len(values)
+    return count - 1 if whole(T, count) > count else count
 
 
 def _aside(

@@ -17,7 +17,7 @@ def eigenvalues_of(T: Array) -> Array:
     A conjugate pair of a real form sits in a block of two rows, positive imaginary part first.
     """
     values = T.diagonal().astype(complex)
-    if np.iscomplexobj(T):
+    if T.dtype.kind == "c":
         return values
     pair = T.diagonal(-1).nonzero()[0]
     if not pair.size:
@@ -51,7 +51,7 @@ def ordered_schur(S: Array, rank: Rank, leading: int) -> tuple[Array, Array, Arr
     Z. Bai and J. W. Demmel, On swapping diagonal blocks in real Schur form, Linear Algebra Appl.
     186 (1993): LAPACK's trexc.
     """
-    gees, trexc = (zgees, ztrexc) if np.iscomplexobj(S) else (dgees, dtrexc)
+    gees, trexc = (zgees, ztrexc) if S.dtype.kind == "c" else (dgees, dtrexc)
     found = gees(lambda *_: 0, S, sort_t=0)
     T, Q, info = found[0], found[-3], found[-1]
     if info:
@@ -61,7 +61,8 @@ def ordered_schur(S: Array, rank: Rank, leading: int) -> tuple[Array, Array, Arr
     moved, place = False, 0
     while place < min(leading, len(S)):
         # The first of the best, unless what is here is as good: rounding must not shuffle.
-        best = place + ranks[place:].index(max(ranks[place:]))
+        following = ranks[place:]
+        best = place + following.index(max(following))
         width = widths[best]
         if ranks[best] > ranks[place]:
             T, Q, failed = trexc(T, Q, best + 1, place + 1, overwrite_a=1, overwrite_q=1)
@@ -80,7 +81,7 @@ def ordered_schur(S: Array, rank: Rank, leading: int) -> tuple[Array, Array, Arr
 
 def _widths(T: Array) -> list[int]:
     """Rows of the block that begins at each row: one, or two."""
-    return (1 + np.append(T.diagonal(-1) != 0, False)).tolist()
+    return [2 if below else 1 for below in T.diagonal(-1).tolist()] + [1]
 
 
 def whole(T: Array, count: int) -> int:

@@ -30,7 +30,7 @@ def rotate(V: Any, Q: np.ndarray, residual: int) -> None:
 def pairs_with_residuals(
     V: Any, Y: np.ndarray, values: np.ndarray, A: Any, M: Any
 ) -> tuple[Any, Any]:
-    r"""Vectors ``V^T Y`` and the norms of ``A x - lambda M x`` and of ``A x``.
+    r"""Vectors ``V^T Y`` and the squares of \|A x - lambda M x\| and of \|A x\|.
 
     A real eigenvector and either member of a conjugate pair come from one or two real columns, so
     that A is multiplied by real vectors only and by no more than k or k + 1.
@@ -48,7 +48,8 @@ def pairs_with_residuals(
     Returns
     -------
     vectors : cupy.ndarray of complex128, shape (n, k)
-    norms : ndarray, shape (2, k)
+    squares : cupy.ndarray, shape (2, k)
+        Nobody has waited for them.
     """
     import cupy
 
@@ -76,7 +77,7 @@ def pairs_with_residuals(
         (1024,),
         (left, right, X, moved[len(columns) * c :], np.int64(n), np.int32(k), vectors, squares),
     )
-    return vectors.T, np.sqrt(squares.get())
+    return vectors.T, squares
 
 
 def _rows(A: Any, X: Any) -> Any:
