@@ -11,6 +11,7 @@ from gpu.ritz_source import SOURCE
 
 THREADS, WIDTH = 256, 32  # of a block that turns, and the columns it turns
 MOST = 192  # vectors whose columns fit into the 48 KiB that every block may have
+ONE, ZERO = np.ones(1), np.zeros(1)  # factors, which the library reads by address
 
 
 def turns(count: int) -> bool:
@@ -54,8 +55,8 @@ def pairs_with_residuals(
     import cupy
 
     k, (c, n) = len(values), V.shape
-    two = [bool(y.any()) for y in Y.imag.T]
-    conjugate = [False, *(bool(same) for same in np.all(Y[:, 1:] == Y[:, :-1].conj(), axis=0))]
+    two = Y.imag.any(axis=0).tolist()
+    conjugate = [False, *np.all(Y[:, 1:] == Y[:, :-1].conj(), axis=0).tolist()]
     columns: list[np.ndarray] = []
     pairs = np.empty((5, k))
     pairs[0], pairs[1] = values.real, values.imag
@@ -97,7 +98,6 @@ def _multiplied(B: Any, X: Any, rows: int, inner: int, transposed: bool) -> Any:
 
     n = B.shape[1]
     product = cupy.empty((rows, n))
-    one, zero = np.ones(1), np.zeros(1)
     handle = device.get_cublas_handle()
     mode = cublas.getPointerMode(handle)
     cublas.setPointerMode(handle, cublas.CUBLAS_POINTER_MODE_HOST)
@@ -105,8 +105,8 @@ def _multiplied(B: Any, X: Any, rows: int, inner: int, transposed: bool) -> Any:
         # The library stores by columns: to it all three are their transposes.
         operation = cublas.CUBLAS_OP_T if transposed else cublas.CUBLAS_OP_N
         cublas.dgemm(
-            handle, operation, cublas.CUBLAS_OP_N, n, rows, inner, one.ctypes.data, B.data.ptr, n,
-            X.data.ptr, inner, zero.ctypes.data, product.data.ptr, n,
+            handle, operation, cublas.CUBLAS_OP_N, n, rows, inner, ONE.ctypes.data, B.data.ptr, n,
+            X.data.ptr, inner, ZERO.ctypes.data, product.data.ptr, n,
         )  # fmt: skip
     finally:
         cublas.setPointerMode(handle, mode)

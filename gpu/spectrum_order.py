@@ -9,6 +9,8 @@ from gpu.errors import InputError
 from gpu.ordered_schur import Rank
 
 EVENLY = 32  # points on the edge that do not depend on the values
+CIRCLE = np.exp(2j * np.pi * np.arange(EVENLY) / EVENLY)
+LINE = np.linspace(-1.0, 1.0, EVENLY + 1)
 ORDERS = ("LM", "SM", "LR", "SR", "LI", "SI")
 
 
@@ -49,14 +51,12 @@ def edge_of(which: str, real: bool) -> Edge:
         some all along. Curves without end go as far as the largest of the values.
     """
     sign = 1.0 if which[0] == "L" else -1.0
-    circle = np.exp(2j * np.pi * np.arange(EVENLY) / EVENLY)
-    line = np.linspace(-1.0, 1.0, EVENLY + 1)
 
     def edge(worst: float, values: np.ndarray) -> np.ndarray:
         size = np.abs(values)
         if which[1] == "M":
-            return abs(worst) * np.concatenate((values[size > 0] / size[size > 0], circle))
-        along = line * size.max(initial=0.0)
+            return abs(worst) * np.concatenate((values[size > 0] / size[size > 0], CIRCLE))
+        along = LINE * size.max(initial=0.0)
         if which[1] == "R":
             return sign * worst + 1j * np.concatenate((values.imag, along))
         along = np.concatenate((values.real, along))
