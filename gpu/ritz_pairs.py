@@ -55,8 +55,8 @@ def pairs_with_residuals(
     import cupy
 
     k, (c, n) = len(values), V.shape
-    two = Y.imag.any(axis=0).tolist()
-    conjugate = [False, *np.all(Y[:, 1:] == Y[:, :-1].conj(), axis=0).tolist()]
+    two = list(Y.imag.any(axis=0))
+    conjugate = [False, *np.all(Y[:, 1:] == Y[:, :-1].conj(), axis=0)]
     columns: list[np.ndarray] = []
     pairs = np.empty((5, k))
     pairs[0], pairs[1] = values.real, values.imag
