@@ -55,7 +55,7 @@ def pairs_with_residuals(
     import cupy
 
     k, (c, n) = len(values), V.shape
-    two = list(Y.imag.any(axis=0))
+    two = [*np.any(Y.imag, axis=0)]
     conjugate = [False, *np.all(Y[:, 1:] == Y[:, :-1].conj(), axis=0)]
     columns: list[np.ndarray] = []
     pairs = np.empty((5, k))
