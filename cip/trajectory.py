@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -180,6 +181,11 @@ class Trajectory:
         -------
         list of Path
             The series first.
+
+        Raises
+        ------
+        OSError
+            No space left, or no right to write; snapshots written before stay.
         """
         series = Path(path)
         if series.suffix != ".pvd":
@@ -189,7 +195,7 @@ class Trajectory:
         lines = ['<VTKFile type="Collection" version="0.1">', "  <Collection>"]
         for place, state in enumerate(self.states):
             name = f"{series.stem}_{place:04d}.vtr"
-            self.to_pyvista(place).save(series.with_name(name))
+            _written(self.to_pyvista(place), series.with_name(name))
             written.append(series.with_name(name))
             lines.append(f'    <DataSet timestep="{state.t!r}" file="{name}"/>')
         lines += ["  </Collection>", "</VTKFile>", ""]
@@ -207,6 +213,27 @@ class Trajectory:
         from cip.plot import animate_trajectory
 
         return animate_trajectory(self, path, fps)
+
+
+def _written(mesh: Any, path: Path) -> None:
+    """Write a rectilinear grid under its name once it is complete.
+
+    VTK's own writer ends the process when the disk is full; this is an OSError.
+    """
+    from vtkmodules.vtkIOXML import vtkXMLRectilinearGridWriter
+
+    writer = vtkXMLRectilinearGridWriter()
+    writer.SetInputData(mesh)
+    writer.SetDataModeToBinary()
+    writer.WriteToOutputStringOn()
+    writer.Write()
+    temporary = path.with_name(f"tmp{os.getpid()}_{path.name}")
+    try:
+        temporary.write_text(writer.GetOutputString())
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
 
 
 def total_variation(state: State) -> float:

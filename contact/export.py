@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from xml.etree import ElementTree
 
 import numpy as np
 
-from contact.complete_file import complete_file
 from contact.cut_body import CutBody
-from contact.errors import ContactError, MissingDependency
+from contact.errors import MissingDependency
 from skfem_adini import to_pyvista, von_mises
 
 if TYPE_CHECKING:
@@ -87,47 +83,3 @@ def _vectors(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     padded = np.zeros((values.shape[0], 3))
     padded[:, : values.shape[1]] = values
     return padded
-
-
-def write_series(path: Path, steps: Iterable[tuple[float, Any]]) -> Path:
-    """Write pyvista data sets as a .pvd collection, one file a step beside it.
-
-    Parameters
-    ----------
-    path : Path
-        Ends in .pvd.
-    steps : iterable of (time, data set)
-
-    Raises
-    ------
-    OSError
-        No space left, or no right to write; steps written before stay, the collection comes last.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    collection = ElementTree.Element("VTKFile", type="Collection", version="0.1")
-    listed = ElementTree.SubElement(collection, "Collection")
-    for k, (time, grid) in enumerate(steps):
-        suffix = ".vtp" if grid.IsA("vtkPolyData") else ".vtu"
-        name = f"{path.stem}_{k:04d}{suffix}"
-        with complete_file(path.with_name(name)) as file:
-            file.write(_written(grid))
-        ElementTree.SubElement(listed, "DataSet", timestep=repr(float(time)), file=name)
-    ElementTree.indent(collection)
-    with complete_file(path) as file:
-        ElementTree.ElementTree(collection).write(file, xml_declaration=True, encoding="utf-8")
-    return path
-
-
-def _written(grid: Any) -> bytes:
-    """A data set as VTK's XML: VTK's own writers abort the process when the disk is full."""
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter, vtkXMLUnstructuredGridWriter
-
-    kind = vtkXMLPolyDataWriter if grid.IsA("vtkPolyData") else vtkXMLUnstructuredGridWriter
-    writer = kind()
-    writer.SetInputData(grid)
-    writer.SetDataModeToBinary()
-    writer.WriteToOutputStringOn()
-    if writer.Write() != 1:
-        raise ContactError(f"VTK could not write a {type(grid).__name__}")
-    text: str = writer.GetOutputString()
-    return text.encode()

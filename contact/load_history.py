@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.complete_file import complete_file
 from contact.errors import InputError
-from contact.export import body_grid, boundary_grid, write_series
+from contact.export import body_grid, boundary_grid
 from contact.storage import problem_arrays, read_arrays, read_step, state_arrays, write_arrays
+from skfem_adini.complete_file import complete_file
+from skfem_adini.vtk_files import write_series
 
 if TYPE_CHECKING:
     from contact.result import ContactResult

@@ -16,7 +16,6 @@ import skfem
 from scipy import sparse
 
 from contact.body import ElasticBody
-from contact.complete_file import complete_file
 from contact.cut_body import CutBody
 from contact.errors import InputError
 from contact.newton import Iteration
@@ -24,6 +23,7 @@ from contact.rigid import ObstacleMotion
 from contact.rows import ContactRows
 from contact.system import ContactSystem
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
+from skfem_adini.complete_file import complete_file
 
 if TYPE_CHECKING:
     from contact.result import ContactResult

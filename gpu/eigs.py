@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy import linalg
 
-from gpu.arnoldi import Arnoldi
 from gpu.arrays import array_module
 from gpu.eigen_certificate import certify
-from gpu.eigen_operator import Matrix, as_matrix, factorized
+from gpu.eigen_operator import Matrix, as_matrix
+from gpu.eigen_problem import EigenProblem
+from gpu.eigenpairs import Eigenpairs
 from gpu.errors import InputError, NotConverged
 from gpu.krylov_schur import FLOOR, RESTARTS, krylov_schur
 from gpu.ordered_schur import Rank
@@ -21,7 +20,6 @@ from gpu.spectrum_order import best_first, edge_of, rank_of
 DENSE = 256  # up to this order all eigenvalues are computed: quick, and nothing can be missed
 PRODUCTS = 128  # the same for operators, whose entries cost a product a column
 FALLBACK = 4096  # up to this one where the iteration does not converge and entries are stored
-FUSED = 16384  # dense matrices of larger order are read faster by products with columns
 DROWNED = 1e-6  # rounding over the least wanted eigenvalue of the inverse
 
 
@@ -146,8 +144,8 @@ def eigs(
         values, vectors = _decomposed(matrix, mass, sigma, rank, k)
     else:
         fallback = maxiter is None and stored
-        problem = _Problem.of(matrix, mass, sigma, fallback)
-        pairs = _Pairs(matrix, mass, problem, rank, k)
+        problem = EigenProblem.of(matrix, mass, sigma, fallback)
+        pairs = Eigenpairs(matrix, mass, problem, rank, k)
         limit = maxiter or max(20, n // 6 if fallback else 40 * n // max(4, (size - k) // 2))
         found = None
         try:
@@ -217,119 +215,6 @@ def eigs(
     return (values, vectors) if return_eigenvectors else values
 
 
-@dataclass(frozen=True)
-class _Problem:
-    """The operator of the iteration and the way back from its eigenvalues."""
-
-    apply: Callable[[Any], Any] | None
-    dtype: Any
-    values: Callable[[np.ndarray], np.ndarray]
-    matrix: Any = None
-
-    @classmethod
-    def of(cls, matrix: Matrix, mass: Matrix | None, sigma: Any, fallback: bool) -> _Problem:
-        """Without `apply` where no shift can be factored and there is a fallback."""
-        real = matrix.real and (mass is None or mass.real) and np.isrealobj(sigma)
-        dtype = np.dtype(float if real else complex)
-        unit = matrix.unit
-        if sigma is None and mass is None:
-            if unit == 1.0:
-                return cls(matrix.apply, dtype, lambda theta: theta, matrix.explicit)
-            return cls(lambda x: matrix.apply(x * unit), dtype, lambda theta: theta / unit)
-        if mass is not None and mass.explicit is None:
-            raise InputError("M: an operator cannot be factored; pass its entries")
-        xp = matrix.xp
-        if sigma is None:
-            assert mass is not None
-            solve = factorized(mass.explicit, xp)
-            if solve is None:
-                raise InputError("M is singular: give sigma, so that A - sigma M is factored")
-            by_mass = solve
-            return cls(lambda x: by_mass(matrix.apply(x * unit)), dtype, lambda t: t / unit)
-        if matrix.explicit is None:
-            raise InputError(
-                "sigma: A is an operator and cannot be factored; pass eigs an operator of "
-                "(A - sigma)^-1 and take sigma + 1 / w"
-            )
-        shift, solve = sigma, None
-        for attempt in range(3):
-            # Where sigma is an eigenvalue the shift moves off it by round-off of half precision.
-            solve = factorized(_shifted(matrix, mass, shift * unit, unit), xp)
-            if solve is not None:
-                break
-            step = 1e-9 * 10**attempt * (matrix.norm or 1.0)
-            shift = sigma + step / (1.0 if mass is None else mass.norm or 1.0)
-        if solve is None and fallback:
-            return cls(None, dtype, lambda theta: theta)
-        if solve is None:
-            raise InputError(
-                f"A - sigma M cannot be factored for sigma={sigma} and three values beside it: "
-                "take another sigma"
-            )
-        if mass is None:
-            return cls(solve, dtype, lambda theta: shift + 1.0 / (theta * unit))
-        weigh, inverse = mass.apply, solve
-        return cls(lambda x: inverse(weigh(x)), dtype, lambda theta: shift + 1.0 / (theta * unit))
-
-
-@dataclass
-class _Pairs:
-    """Eigenpairs from the last Schur form that was asked for and its basis."""
-
-    matrix: Matrix
-    mass: Matrix | None
-    problem: _Problem
-    rank: Rank
-    k: int
-    _T: Any = None
-    _made: tuple[np.ndarray, Any, Any] | None = None
-
-    def of(self, T: np.ndarray, basis: Arnoldi) -> tuple[np.ndarray, Any, Any]:
-        """Values, best first; vectors; squares as `certify` takes them, or None.
-
-        They are made once for each T: a device need not have finished what it does meanwhile.
-        """
-        if T is self._T and self._made is not None:
-            return self._made
-        theta, Y = np.linalg.eig(T)
-        theta = theta.astype(complex)
-        order = best_first(theta, self.rank, self.k, self.problem.dtype.kind == "f")
-        values, Y = self.problem.values(theta[order]), Y[:, order]
-        if len(order) == self.k and _fused(self.matrix, self.mass, self.problem):
-            from gpu.ritz_pairs import pairs_with_residuals
-
-            mass = self.mass and self.mass.explicit
-            vectors, squares = pairs_with_residuals(
-                basis.V[: len(Y)], Y, values, self.matrix.explicit, mass
-            )
-        else:
-            vectors, squares = basis.combine(Y), None
-        self._T, self._made = T, (values, vectors, squares)
-        return self._made
-
-
-def _shifted(matrix: Matrix, mass: Matrix | None, sigma: Any, unit: float) -> Any:
-    """``unit A - sigma M``, shaped like A."""
-    A, xp = matrix.explicit * unit, matrix.xp
-    if hasattr(A, "tocsr"):
-        if xp is np:
-            from scipy import sparse
-        else:
-            from cupyx.scipy import sparse  # type: ignore[no-redef]
-        B = sparse.identity(matrix.n, format="csr") if mass is None else mass.explicit
-        if not hasattr(B, "tocsr"):
-            return A.toarray() - sigma * B
-        return A - sigma * B
-    if mass is not None and hasattr(mass.explicit, "tocsr"):
-        return A - sigma * mass.explicit.toarray()
-    if mass is not None:
-        return A - sigma * mass.explicit
-    shifted = A.astype(np.result_type(A.dtype, type(sigma)))
-    places = xp.arange(matrix.n)
-    shifted[places, places] -= sigma
-    return shifted
-
-
 def _decomposed(
     matrix: Matrix, mass: Matrix | None, sigma: Any, rank: Rank, k: int
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -365,17 +250,6 @@ def _decomposed(
 
 def _stored(matrix: Matrix, mass: Matrix | None) -> bool:
     return matrix.explicit is not None and (mass is None or mass.explicit is not None)
-
-
-def _fused(matrix: Matrix, mass: Matrix | None, problem: _Problem) -> bool:
-    """Whether vectors and residuals come from real products on the device."""
-    return (
-        matrix.xp is not np
-        and (matrix.n <= FUSED or hasattr(matrix.explicit, "tocsr"))
-        and problem.dtype.kind == "f"
-        and _stored(matrix, mass)
-        and matrix.unit == 1.0
-    )
 
 
 def _matching(matrix: Matrix, mass: Matrix) -> None:

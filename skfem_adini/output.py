@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from .vtk_cells import (
     lagrange_pattern,
     linear_pattern,
 )
+from .vtk_files import write_grid, write_series
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
@@ -155,6 +155,8 @@ def save(
         Another suffix, an empty series, or what :func:`to_pyvista` refuses.
     MissingDependency
         pyvista is not installed.
+    OSError
+        No space left, or no right to write. Files of this name stay as they were.
 
     Notes
     -----
@@ -182,9 +184,7 @@ def save(
     if path.suffix != ".pvd":
         if not isinstance(fields, Mapping | np.ndarray):
             raise InputError("fields: expected a mapping of names to vectors; a series needs .pvd")
-        grid = to_pyvista(basis, fields, **options)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        grid.save(path)
+        write_grid(path, to_pyvista(basis, fields, **options))
         return path
 
     if (
@@ -196,15 +196,13 @@ def save(
             "fields: a .pvd series takes a non-empty list of pairs (time, fields) or triples "
             "(time, fields, point_data) with finite times"
         )
-    collection = ElementTree.Element("VTKFile", type="Collection", version="0.1")
-    steps = ElementTree.SubElement(collection, "Collection")
-    for k, (time, step, *data) in enumerate(fields):
-        of_step = {**options, "point_data": dict(point_data or {}) | dict(*data)}
-        file = save(path.with_name(f"{path.stem}_{k:04d}.vtu"), basis, step, **of_step)
-        ElementTree.SubElement(steps, "DataSet", timestep=repr(float(time)), file=file.name)
-    ElementTree.indent(collection)
-    ElementTree.ElementTree(collection).write(path, xml_declaration=True, encoding="utf-8")
-    return path
+
+    def grids() -> Iterator[tuple[float, Any]]:
+        for time, step, *data in fields:
+            of_step = {**options, "point_data": dict(point_data or {}) | dict(*data)}
+            yield time, to_pyvista(basis, step, **of_step)
+
+    return write_series(path, grids())
 
 
 def _import_pyvista() -> Any:

@@ -191,9 +191,9 @@ def _upper_triangle(A: Any) -> Any:
 
 @functools.cache
 def _library() -> Any:
-    """MKL's ``pardiso``; pypardiso searches the installation for it, which takes a while."""
-    from pypardiso.pardiso_wrapper import PyPardisoSolver
+    """MKL's ``pardiso``, for which pypardiso has searched the installation once."""
+    from pypardiso import ps
 
-    function = PyPardisoSolver().libmkl.pardiso
+    function = ps.libmkl["pardiso"]  # an object of ours: pypardiso declares arguments of its own
     function.argtypes, function.restype = None, None
     return function

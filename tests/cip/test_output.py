@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from full_disk import errors_without_space
 
 from cip import Grid, InputError, MissingDependency, Solver, Velocity
 
@@ -127,6 +128,26 @@ def test_series_opens_in_pyvista(tmp_path):
     np.testing.assert_array_equal(values[8], run.final["u"][0])
     with pytest.raises(InputError, match=r"\.pvd"):
         run.save(tmp_path / "run.vtk")
+
+
+WITHOUT_SPACE = """
+    import sys
+    from pathlib import Path
+    import numpy as np
+    import pyvista
+    from cip import Grid, Solver
+
+    solver = Solver(Grid((0, 1), 2000, periodic=True), 1.0)
+    run = solver.run(solver.state(np.sin), 0.1, dt=0.1)
+    calls = [lambda: run.save(Path(sys.argv[1]) / "run.pvd")]
+"""
+
+
+def test_no_space_left(tmp_path):
+    """An OSError, where VTK's own writer ends the process; nothing half written stays."""
+    (error,) = errors_without_space(WITHOUT_SPACE, tmp_path, 4000)
+    assert "too large" in error
+    assert not list(tmp_path.iterdir())
 
 
 def test_xarray():

@@ -7,6 +7,7 @@ import meshio
 import numpy as np
 import pytest
 import pyvista as pv
+from full_disk import errors_without_space
 from skfem import (
     Basis,
     ElementHex1,
@@ -308,3 +309,33 @@ def test_facet_bases_are_refused():
     basis = FacetBasis(rectangles(), ElementQuadAdini())
     with pytest.raises(InputError, match="cell basis"):
         to_pyvista(basis, basis.zeros())
+
+
+WITHOUT_SPACE = """
+    import sys
+    from pathlib import Path
+    import numpy as np
+    import pyvista
+    from skfem import Basis, ElementQuad1, MeshQuad
+    from skfem_adini import save
+
+    folder = Path(sys.argv[1])
+    basis = Basis(MeshQuad().refined(5), ElementQuad1())
+    x = np.random.default_rng(0).random(basis.N)
+    calls = [
+        lambda: save(folder / "field.vtu", basis, x),
+        lambda: save(folder / "field.vtk", basis, x),
+        lambda: save(folder / "run.pvd", basis, [(0.0, x), (1.0, x)]),
+    ]
+"""
+
+
+def test_no_space_left(tmp_path):
+    """An OSError, where VTK's own writers end the process; the file of before stays."""
+    basis = Basis(MeshQuad(), ElementQuad1())
+    before = save(tmp_path / "field.vtu", basis, basis.ones()).read_bytes()
+    errors = errors_without_space(WITHOUT_SPACE, tmp_path, 4000)
+    assert len(errors) == 3
+    assert all("too large" in error for error in errors)
+    assert [path.name for path in tmp_path.iterdir()] == ["field.vtu"]
+    assert (tmp_path / "field.vtu").read_bytes() == before

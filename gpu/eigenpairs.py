@@ -1,0 +1,73 @@
+"""Eigenvalues and vectors from a partial Schur form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gpu.arnoldi import Arnoldi
+from gpu.eigen_operator import Matrix
+from gpu.eigen_problem import EigenProblem
+from gpu.ordered_schur import Rank
+from gpu.spectrum_order import best_first
+
+FUSED = 16384  # dense matrices of larger order are read faster by products with columns
+
+
+@dataclass
+class Eigenpairs:
+    """Those from the last Schur form that was asked for and its basis.
+
+    Attributes
+    ----------
+    matrix, mass : Matrix
+        M may be None.
+    problem : EigenProblem
+    rank : callable
+    k : int
+    """
+
+    matrix: Matrix
+    mass: Matrix | None
+    problem: EigenProblem
+    rank: Rank
+    k: int
+    _T: Any = None
+    _made: tuple[np.ndarray, Any, Any] | None = None
+
+    def of(self, T: np.ndarray, basis: Arnoldi) -> tuple[np.ndarray, Any, Any]:
+        """Values, best first; vectors; squares as `certify` takes them, or None.
+
+        They are made once for each T: a device need not have finished what it does meanwhile.
+        """
+        if T is self._T and self._made is not None:
+            return self._made
+        theta, Y = np.linalg.eig(T)
+        theta = theta.astype(complex)
+        order = best_first(theta, self.rank, self.k, self.problem.dtype.kind == "f")
+        values, Y = self.problem.values(theta[order]), Y[:, order]
+        if len(order) == self.k and self._fused():
+            from gpu.ritz_pairs import pairs_with_residuals
+
+            mass = self.mass and self.mass.explicit
+            vectors, squares = pairs_with_residuals(
+                basis.V[: len(Y)], Y, values, self.matrix.explicit, mass
+            )
+        else:
+            vectors, squares = basis.combine(Y), None
+        self._T, self._made = T, (values, vectors, squares)
+        return self._made
+
+    def _fused(self) -> bool:
+        """Whether vectors and residuals come from real products on the device."""
+        matrix, mass = self.matrix, self.mass
+        return (
+            matrix.xp is not np
+            and matrix.explicit is not None
+            and (matrix.n <= FUSED or hasattr(matrix.explicit, "tocsr"))
+            and (mass is None or mass.explicit is not None)
+            and self.problem.dtype.kind == "f"
+            and matrix.unit == 1.0
+        )
