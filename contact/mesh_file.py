@@ -14,7 +14,7 @@ from contact.errors import InputError
 
 # Boundary cells of second order; scikit-fem names facets by their corners.
 _FIRST_ORDER = {"line3": ("line", 2), "triangle6": ("triangle", 3), "quad9": ("quad", 4)}
-_DIMENSION = {"triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3}
+_DIMENSION = {"triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3, "wedge": 3, "pyramid": 3}
 _CORNERS = {"triangle6": 3, "quad9": 4, "tetra10": 4, "hexahedron27": 8}
 
 
@@ -35,7 +35,8 @@ def read_mesh(path: str | Path) -> Mesh:
     Raises
     ------
     InputError
-        The file is missing, truncated, or holds no mesh of dimension 2 or 3.
+        The file is missing, truncated, holds no mesh of dimension 2 or 3, or cells of several
+        kinds.
     """
     import meshio
     from skfem.io.meshio import from_meshio
@@ -69,7 +70,14 @@ def _named(file: Any) -> Any:
     import meshio
 
     kinds = [block.type for block in file.cells]
-    body = max((_DIMENSION.get(kind.rstrip("0123456789"), 0) for kind in kinds), default=0)
+    dimension = {kind: _DIMENSION.get(kind.rstrip("0123456789"), 0) for kind in kinds}
+    body = max(dimension.values(), default=0)
+    of_body = sorted(kind for kind in dimension if body and dimension[kind] == body)
+    if len(of_body) > 1:
+        raise InputError(
+            f"its body consists of {' and '.join(of_body)} cells, of which scikit-fem would read "
+            "one kind only; mesh it with cells of one kind"
+        )
     cells = []
     for block in file.cells:
         kind, corners = _FIRST_ORDER.get(block.type, (block.type, None))

@@ -148,6 +148,27 @@ def test_truncated_file_of_second_order(kind, share, tmp_path):
         ElasticBody.from_mesh(tmp_path / "bent.msh", **MATERIAL)
 
 
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (("quad", [[0, 1, 2, 3]]), ("triangle", [[1, 4, 5], [1, 5, 2]])),
+        (("triangle", [[0, 1, 2], [0, 2, 3], [1, 5, 2]]), ("triangle6", [[1, 4, 5, 6, 7, 8]])),
+        (("tetra", [[0, 1, 3, 9]]), ("pyramid", [[1, 4, 5, 2, 9]])),
+    ],
+    ids=["plane", "orders", "space"],
+)
+def test_cells_of_several_kinds(first, second, tmp_path):
+    """A part of the body would be missing."""
+    points = np.zeros((10, 3))
+    points[:6, :2] = [(0, 0), (1, 0), (1, 1), (0, 1), (2, 0), (2, 1)]
+    points[6:9, :2] = [(1.5, 0), (2, 0.5), (1.5, 0.5)]
+    points[9] = 1.0, 0.5, float(first[0] == "tetra")
+    for cells in ([first, second], [second, first]):
+        meshio.write(tmp_path / "mixed.vtu", meshio.Mesh(points, cells))
+        with pytest.raises(InputError, match=rf"mixed\.vtu.*{first[0]}.*one kind"):
+            ElasticBody.from_mesh(tmp_path / "mixed.vtu", **MATERIAL)
+
+
 @pytest.mark.parametrize("kind", [*KINDS, "hexahedron"])
 def test_points_in_curved_cells(kind):
     """An affine displacement and its stress are found anywhere, outside is told."""
