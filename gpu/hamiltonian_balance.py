@@ -15,13 +15,16 @@ def balance(standard: DenseProblem, sweeps: int = 12) -> Any:
 
     With :math:`x = \mathrm{diag}(s) x'` the blocks become :math:`a_{ij} s_j / s_i`,
     :math:`g_{ij} / (s_i s_j)` and :math:`q_{ij} s_i s_j`: a similarity by a symplectic matrix.
+    The diagonal counts on both sides: what is smaller than it, rounding above all, needs no units
+    of its own.
+
+    References
+    ----------
+    R. James, J. Langou and B. R. Lowery, On matrix balancing and eigenvector computation (2014).
     """
     A, B, Q = standard
     xp = array_module(A)
-    inner = abs(A)
-    places = xp.arange(len(A))
-    inner[places, places] = 0.0
-    G, Q = abs(B @ B.T), abs(Q)
+    inner, G, Q = abs(A), abs(B @ B.T), abs(Q)
     log = xp.zeros(len(A))
     for _ in range(sweeps):
         s = xp.exp2(log)

@@ -1,8 +1,10 @@
 """Random stabilisable systems of all scales: every answer is certified, or an error is raised."""
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy.linalg import solve_continuous_are
 
 from gpu import GpuError, lqr
 
@@ -87,3 +89,15 @@ def test_slow_poles_beside_fast_ones():
         result = lqr(*problem)
         assert wrong(*problem, result) == []
         assert result.converged
+
+
+@pytest.mark.parametrize("n", [16, 40])
+def test_rounding_of_the_mass_matrix_needs_no_units(n):
+    """Entries that are zero but for rounding of E^-1 A have no say in the units of the states."""
+    rng = np.random.default_rng(0)
+    A = -np.eye(n) + np.eye(n, k=1) * (np.arange(n) % 3 > 0)
+    B, Q = rng.standard_normal((n, 2)), np.diag(np.arange(n) % 2.0)
+    E = (4.0 * np.eye(n) + np.eye(n, k=1) + np.eye(n, k=-1)) / 6.0
+    X = solve_continuous_are(A, B, Q, np.eye(2))
+    result = lqr(E @ A, E @ B, Q, 1.0, E=E)
+    np.testing.assert_allclose(result.K, B.T @ X, atol=1e-12 * np.abs(X).max())
