@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,8 @@ Array = NDArray[np.float64]
 # a float64 profile after some hundred steps, above that of the velocity's own evaluation.
 TOLERANCE = 1e-10
 MAX_SUBSTEPS = 8192
+# Displacements that kernels can count in whole numbers of 32 bits.
+MOST_CELLS = 2.0**30
 # A foot this little outside (in cells) is on the wall.
 _ON_WALL = 1e-9
 
@@ -171,7 +174,8 @@ class _Run:
     def __init__(
         self, grid: Grid, system: System, rates: object, flat: list[Array], t_end: float, dt: float
     ) -> None:
-        self.grid, self.system, self.flat, self.t_end, self.dt = grid, system, flat, t_end, dt
+        self.grid, self.system, self.flat, self.dt = grid, system, flat, dt
+        self.t_end = np.float64(t_end)  # Python's own numbers raise where NumPy's give infinity
         self.rates = rates
         self.size = flat[0].size
         self.walls = [axis for axis in system.moving if not grid.periodic[axis]]
@@ -187,24 +191,25 @@ class _Run:
             steepest = 0.0  # `follow` finds the node and says so
         return int(np.clip(np.ceil(2.0 * steepest * self.dt), 1, MAX_SUBSTEPS // 4))
 
+    @np.errstate(all="ignore")  # `_check` names what is not finite
     def follow(self, count: int) -> _Result:
         result = self._start(np.arange(self.size))
         active = np.arange(self.size)
         y, base = result.copy(), self.flat
-        found: list[tuple[Array, ...]] = []
+        found: list[tuple[NDArray[Any], ...]] = []
         step = self.dt / count
         for n in range(count):
             tau = n * step
-            with np.errstate(all="ignore"):
-                moved = self._advance(y, base, tau, np.full(active.size, step))
+            moved = self._advance(y, base, tau, np.full(active.size, step))
             self._check(moved, active, tau + step)
             if self.walls:
                 outside = self._outside(moved, base) > 0.0
                 if outside.any():
                     part, where = y[:, outside], [x[outside] for x in base]
-                    age, at = self._to_the_wall(part, where, tau, step)
+                    crossed = self._beyond_each(moved[:, outside], where) > _ON_WALL
+                    age, at = self._to_the_wall(part, where, crossed, tau, step)
                     self._check(at, active[outside], tau + step)
-                    found.append((active[outside].astype(float), age, at))
+                    found.append((active[outside], age, at, crossed))
                     keep = ~outside
                     result[:, active[keep]] = moved[:, keep]
                     active, moved = active[keep], moved[:, keep]
@@ -261,21 +266,24 @@ class _Run:
 
     def _outside(self, y: Array, base: Sequence[Array]) -> Array:
         """How many cells beyond the nearest wall; not positive inside."""
-        worst = np.full(y.shape[1], -np.inf)
-        for axis in self.walls:
-            x = base[axis] + y[self.system.moving.index(axis)]
-            low, high = self.grid.bounds[axis]
-            beyond = np.maximum(low - x, x - high) / self.grid.spacing[axis]
-            worst = np.maximum(worst, beyond)
+        worst = self._beyond_each(y, base).max(axis=(0, 1))
         return np.where(worst > _ON_WALL, worst, np.minimum(worst, 0.0))
 
     def _to_the_wall(
-        self, y: Array, base: list[Array], tau: float, step: float
+        self, y: Array, base: list[Array], crossed: NDArray[np.bool_], tau: float, step: float
     ) -> tuple[Array, Array]:
-        """The part of the step that ends on the wall, by the Illinois rule of false position."""
+        """The part of the step that ends on the wall, by the Illinois rule of false position.
+
+        Of the walls only those that the step has crossed: others a path may follow.
+        """
+
+        def outside(y: Array) -> Array:
+            worst: Array = np.where(crossed, self._beyond_each(y, base), -np.inf).max(axis=(0, 1))
+            return worst
+
         low, high = np.zeros(y.shape[1]), np.full(y.shape[1], step)
-        f_low = np.minimum(self._outside(y, base), 0.0)
-        f_high = self._outside(self._advance(y, base, tau, high), base)
+        f_low = np.minimum(outside(y), 0.0)
+        f_high = outside(self._advance(y, base, tau, high))
         age = np.where(f_low == 0.0, 0.0, high)
         # No closer than the coordinates at the walls can say, in cells.
         far = [max(map(abs, self.grid.bounds[a])) / self.grid.spacing[a] for a in self.walls]
@@ -284,7 +292,7 @@ class _Run:
             width = f_high - f_low
             age = np.where(width > 0, low - f_low * (high - low) / np.where(width > 0, width, 1), 0)
             at = self._advance(y, base, tau, age)
-            beyond = self._beyond(at, base)
+            beyond = outside(at)
             if np.all((np.abs(beyond) <= close) | (high - low <= 1e-15 * step)):
                 break
             right = beyond > 0.0
@@ -293,18 +301,17 @@ class _Run:
             low, high = np.where(right, low, age), np.where(right, age, high)
         return tau + age, self._advance(y, base, tau, age)
 
-    def _beyond(self, y: Array, base: Sequence[Array]) -> Array:
-        worst = np.full(y.shape[1], -np.inf)
+    def _beyond_each(self, y: Array, base: Sequence[Array]) -> Array:
+        """How many cells beyond the lower and the upper wall of each direction."""
+        beyond = np.full((3, 2, y.shape[1]), -np.inf)
         for axis in self.walls:
             x = base[axis] + y[self.system.moving.index(axis)]
             low, high = self.grid.bounds[axis]
-            worst = np.maximum(worst, np.maximum(low - x, x - high) / self.grid.spacing[axis])
-        return worst
+            beyond[axis] = np.stack([low - x, x - high]) / self.grid.spacing[axis]
+        return beyond
 
-    def _exits(self, found: list[tuple[Array, ...]], result: Array) -> Exits:
-        nodes = np.concatenate([part[0] for part in found]).astype(np.int64)
-        ages = np.concatenate([part[1] for part in found])
-        at = np.concatenate([part[2] for part in found], axis=1)
+    def _exits(self, found: list[tuple[NDArray[Any], ...]], result: Array) -> Exits:
+        nodes, ages, at, crossed = (np.concatenate(part, axis=-1) for part in zip(*found))  # noqa: B905
         points = [x[nodes] for x in self.flat]
         distance = np.full((3, 2, nodes.size), np.inf)
         for place, axis in enumerate(self.system.moving):
@@ -313,6 +320,8 @@ class _Run:
                 low, high = self.grid.bounds[axis]
                 distance[axis, 0] = np.abs(points[axis] - low) / self.grid.spacing[axis]
                 distance[axis, 1] = np.abs(points[axis] - high) / self.grid.spacing[axis]
+        # In a corner, and along a wall, the nearest wall may be one that the path does not cross.
+        distance[~crossed] = np.inf
         wall = np.argmin(distance.reshape(6, -1), axis=0)
         for axis in self.walls:
             for side in (0, 1):
@@ -331,6 +340,16 @@ class _Run:
                 f"{self.t_end - tau:.6g} (from t = {self.t_end:.6g} backward); the velocity or a "
                 "derivative of it overflows or is undefined there"
             )
+        for row, axis in zip(y, self.system.moving, strict=False):
+            far = np.abs(row) > MOST_CELLS * self.grid.spacing[axis]
+            if self.grid.periodic[axis] and far.any():
+                node = int(index[np.argmax(far)])
+                raise NotFinite(
+                    f"velocity: the characteristic of {_place(self.grid, node)} goes more than "
+                    f"{MOST_CELLS:.0e} cells from t = {self.t_end:.6g} back to t = "
+                    f"{self.t_end - tau:.6g}, too far to tell places in a cell apart; take a "
+                    "smaller dt"
+                )
 
 
 def _stack(rates: list[Array], like: Array) -> Array:

@@ -1,4 +1,4 @@
-r"""Formulas as graphs: parsed from text or traced from a callable, differentiated exactly.
+r"""Formulas as graphs: built by arithmetic or traced from a callable, differentiated exactly.
 
 An `Expression` is an interned node, so equal sub-formulas are one object: a derivative that repeats
 them costs nothing, and the emitted code computes each of them once (Griewank and Walther,
@@ -7,18 +7,13 @@ Evaluating Derivatives, 2008, chapter 6: common subexpressions by value numberin
 
 from __future__ import annotations
 
-import ast
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 
-from cip.errors import InputError
-
 COORDINATES = ("x1", "x2", "x3", "t")
-_ALIASES = {"x": "x1", "y": "x2", "z": "x3"}
-_CONSTANTS = {"pi": math.pi, "e": math.e}
 
 
 class Expression:
@@ -45,7 +40,8 @@ class Expression:
     def __new__(  # noqa: D102
         cls, op: str, args: tuple[Expression, ...] = (), value: Any = None
     ) -> Expression:
-        key = (op, args, value, math.copysign(1.0, value) if op == "constant" else None)
+        sign = math.copysign(1.0, value) if op == "constant" else None
+        key = (op, tuple(map(id, args)), value, sign)
         node = cls._nodes.get(key)
         if node is None:
             node = object.__new__(cls)
@@ -95,6 +91,14 @@ class Expression:
     def __bool__(self) -> bool:
         raise TypeError("a formula has no truth value: it cannot steer an if, min or max")
 
+    def __eq__(self, other: object) -> bool:
+        # Of a formula that is traced it would be decided once for all points.
+        if self is other:
+            return True
+        raise TypeError("formulas cannot be compared")
+
+    __hash__ = object.__hash__
+
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **kwargs: Any) -> Any:
         name = _UFUNC_NAMES.get(ufunc.__name__, ufunc.__name__)
         if method != "__call__" or kwargs:
@@ -114,10 +118,11 @@ class Expression:
 
     def derivative(self, name: str) -> Expression:
         """The partial derivative with respect to the variable of this name."""
-        found = self._derivatives.get(name)
-        if found is None:
-            found = self._derivatives[name] = _differentiate(self, name)
-        return found
+        if name not in self._derivatives:
+            for node in ordered([self]):  # arguments first: sums may be longer than Python's stack
+                if name not in node._derivatives:
+                    node._derivatives[name] = _differentiate(node, name)
+        return self._derivatives[name]
 
     def variables(self) -> set[str]:
         """Names of the variables that occur; opaque functions count as all coordinates."""
@@ -175,27 +180,12 @@ def ordered(roots: Sequence[Expression]) -> list[Expression]:
 
 def rebuilt(node: Expression, args: Sequence[Expression]) -> Expression:
     """The same operation on other arguments."""
-    if not args or tuple(args) == node.args:
+    if all(new is old for new, old in zip(args, node.args, strict=True)):
         return node
     operators = {"+": _add, "-": _subtract, "*": _multiply, "/": _divide, "**": _power}
     if node.op in operators:
         return operators[node.op](*args)
     return apply(node.op, args[0])
-
-
-def parse(text: str, name: str = "expression") -> Expression:
-    """The formula that a text in x1, x2, x3 (or x, y, z) and t says.
-
-    The grammar is Python's arithmetic with ``+ - * / **``, numbers, pi, e, and sin, cos, tan,
-    arcsin, arccos, arctan, sinh, cosh, tanh, exp, log, sqrt, abs and sign.
-    """
-    if not isinstance(text, str):
-        raise InputError(f"{name}: expected a text such as 'x2 * sin(t)', got {text!r}")
-    try:
-        tree = ast.parse(text.strip(), mode="eval").body
-    except SyntaxError as error:
-        raise InputError(f"{name}: {text!r} is not a formula: {error.msg}") from error
-    return _parsed(tree, text, name)
 
 
 def traced(function: Callable[..., Any], names: Sequence[str]) -> Expression | None:
@@ -257,9 +247,12 @@ def _multiply(a: Expression, b: Expression) -> Expression:
 
 
 def _divide(a: Expression, b: Expression) -> Expression:
-    if b.op == "constant" and b.value != 0.0:
+    if b.op == "constant":
         if a.op == "constant":
-            return constant(a.value / b.value)
+            with np.errstate(all="ignore"):
+                return constant(float(np.divide(a.value, b.value)))
+        if b.value == 0.0:
+            return constant(math.nan)
         if math.frexp(b.value)[0] in (0.5, -0.5):  # by a power of two: exact either way
             return _multiply(constant(1.0 / b.value), a)
     if _is(a, 0.0):
@@ -275,7 +268,7 @@ def _power(a: Expression, b: Expression) -> Expression:
             return a
         if b.value == 0.5:
             return apply("sqrt", a)
-        if b.value == int(b.value) and 2 <= abs(b.value) <= 16:
+        if b.value.is_integer() and 2 <= abs(b.value) <= 16:
             n, result, square = int(abs(b.value)), None, a
             while n:
                 if n & 1:
@@ -285,7 +278,8 @@ def _power(a: Expression, b: Expression) -> Expression:
             assert result is not None
             return result if b.value > 0 else constant(1.0) / result
         if a.op == "constant":
-            return constant(a.value**b.value)
+            with np.errstate(all="ignore"):
+                return constant(float(np.power(a.value, b.value)))
     return Expression("**", (a, b))
 
 
@@ -350,36 +344,3 @@ def _differentiate(node: Expression, name: str) -> Expression:
     if _is(slopes[0], 0.0):
         return slopes[0]
     return RULES[node.op](a) * slopes[0]
-
-
-def _parsed(tree: ast.expr, text: str, name: str) -> Expression:
-    operators: dict[type, Callable[[Expression, Expression], Expression]] = {
-        ast.Add: _add,
-        ast.Sub: _subtract,
-        ast.Mult: _multiply,
-        ast.Div: _divide,
-        ast.Pow: _power,
-    }
-    if isinstance(tree, ast.Constant) and isinstance(tree.value, int | float):
-        return constant(tree.value)
-    if isinstance(tree, ast.Name):
-        if tree.id in _CONSTANTS:
-            return constant(_CONSTANTS[tree.id])
-        known = _ALIASES.get(tree.id, tree.id)
-        if known in COORDINATES:
-            return variable(known)
-        raise InputError(f"{name}: {tree.id!r} in {text!r} is none of x1, x2, x3, t, pi, e")
-    if isinstance(tree, ast.BinOp) and type(tree.op) in operators:
-        left, right = _parsed(tree.left, text, name), _parsed(tree.right, text, name)
-        return operators[type(tree.op)](left, right)
-    if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub | ast.UAdd):
-        inner = _parsed(tree.operand, text, name)
-        return -inner if isinstance(tree.op, ast.USub) else inner
-    if isinstance(tree, ast.Call) and isinstance(tree.func, ast.Name) and not tree.keywords:
-        if tree.func.id in RULES and len(tree.args) == 1:
-            return apply(tree.func.id, _parsed(tree.args[0], text, name))
-        raise InputError(
-            f"{name}: {tree.func.id!r} in {text!r} is no known function of one argument; "
-            f"known are {', '.join(RULES)}"
-        )
-    raise InputError(f"{name}: {ast.unparse(tree)!r} in {text!r} is not arithmetic")

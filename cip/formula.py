@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from cip.emit import numpy_function
 from cip.errors import InputError
-from cip.expression import COORDINATES, Expression, opaque, ordered, parse, traced
+from cip.expression import COORDINATES, Expression, opaque, ordered, traced
 from cip.grid import Grid
+from cip.parsing import parse
 
 Array = NDArray[np.float64]
 Orders = tuple[int, int, int, int]
@@ -87,7 +88,7 @@ class Formula:
                         result = np.asarray(original(*point))
                 except InputError:
                     raise
-                except (TypeError, ValueError) as error:
+                except (TypeError, ValueError, ArithmeticError) as error:
                     raise InputError(
                         f"{name}: called with the arrays {arguments} it raised "
                         f"{type(error).__name__}: {error}{hint}"
@@ -145,8 +146,9 @@ class Formula:
         compute = numpy_function([node], COORDINATES, self.functions([node], steps))
 
         def values(*point: Any) -> Array:
+            # As arrays: Python's own numbers raise where NumPy's give infinity.
             with np.errstate(all="ignore"):
-                result = np.asarray(compute(*point)[0], dtype=float)
+                result = np.asarray(compute(*map(np.asarray, point))[0], dtype=float)
             shape = np.broadcast_shapes(*(np.shape(x) for x in point))
             return np.array(np.broadcast_to(result, shape))
 

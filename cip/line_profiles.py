@@ -32,6 +32,8 @@ def locate(i: Index, d: Real, n: Index, periodic: Index) -> tuple[Index, Index, 
                 k = k + n
             if k >= n:
                 k = k - n
+            if k < 0 or k >= n:
+                k = 0  # d is not finite, and so s
         r = k + 1
         if r == n:
             r = 0

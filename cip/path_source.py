@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from cip.characteristics import MOST_CELLS
 from cip.emit import statements
 from cip.expression import COORDINATES
 from cip.grid import Grid
@@ -18,11 +19,14 @@ _STAGES = ((0.5, "0.5"), (0.5, "0.5"), (1.0, "1.0"))
 
 
 def box_of(grid: Grid, system: System) -> list[float]:
-    """For each direction of motion: cells a length, and the ends of the box with their margin."""
+    """For each direction of motion: cells a length, and how far a path may go.
+
+    To the walls with their margin; in a period as many cells as kernels can count.
+    """
     found = []
     for axis in system.moving:
         low, high = grid.bounds[axis]
-        margin = 1e-9 * grid.spacing[axis]
+        margin = (MOST_CELLS if grid.periodic[axis] else 1e-9) * grid.spacing[axis]
         found += [1.0 / float(grid.widths[axis][0]), low - margin, high + margin]
     return found
 
@@ -31,10 +35,10 @@ def path_source(grid: Grid, system: System, wanted: Sequence[Jet], constant: boo
     """Python of the kernels `rates` and `path`.
 
     ``path(feet, x1, x2, x3, t, step, count)`` writes the jets in the order of `wanted`, the
-    displacements in cells (uniform directions only), and returns 1 where the path leaves the box
-    through a wall, else 0. `t` is the end of the last of `count` steps of length `step`. The
-    numbers of `box_of` are constants in the code, or a last argument, which makes one kernel of a
-    velocity on all grids.
+    displacements in cells (uniform directions only), and returns 0, or 1 where the path leaves the
+    box through a wall or is not finite: then the first of them is infinite. `t` is the end of the
+    last of `count` steps of length `step`. The numbers of `box_of` are constants in the code, or a
+    last argument, which makes one kernel of a velocity on all grids.
     """
     jets = system.jets
     names = [jet.name for jet in jets]
@@ -61,16 +65,16 @@ def path_source(grid: Grid, system: System, wanted: Sequence[Jet], constant: boo
         total = f"a{q} + 2.0 * b{q} + 2.0 * c{q} + d{q}"
         lines.append(f"        y{q} = y{q} + step * (1.0 / 6.0) * ({total})")
     for q, axis in enumerate(system.moving):
-        if not grid.periodic[axis]:
-            x = f"x{axis + 1} + y{q}"
-            lines.append(f"        if {x} < {box[3 * q + 1]} or {x} > {box[3 * q + 2]}:")
-            lines.append("            outside = 1")
+        x = f"x{axis + 1} + y{q}"
+        low, high = box[3 * q + 1 : 3 * q + 3]
+        lines.append(f"        if {x} < {low} or {x} > {high} or {x} != {x}:")
+        lines.append("            outside = 1")
     place = {jet: q for q, jet in enumerate(jets)}
     if LOG_DETERMINANT in wanted:
         lines.append(f"    E = exp(y{place[LOG_DETERMINANT]})")
     for f, jet in enumerate(wanted):
         lines.append(f"    feet[{f}] = {_component(jet, place, box)}")
-    lines.append("    return outside")
+    lines += ["    if outside == 1:", "        feet[0] = 1e308 * 1e308", "    return outside"]
     return "\n".join(lines) + "\n"
 
 

@@ -170,8 +170,9 @@ class State:
         """Where the first NaN or infinity is, in words."""
         data = self.data.reshape(len(self.names), -1)
         # One pass without a temporary array; a finite sum has finite terms.
-        if np.isfinite(float(data.sum())):
-            return None
+        with np.errstate(all="ignore"):
+            if np.isfinite(float(data.sum())):
+                return None
         host = self.host().data.reshape(len(self.names), -1)
         if np.isfinite(host).all():
             return None

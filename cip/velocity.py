@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from cip.errors import InputError
-from cip.expression import COORDINATES, parse, raised, traced
+from cip.expression import COORDINATES, raised, traced
 from cip.formula import Formula, Orders, spline
 from cip.grid import Grid
+from cip.parsing import parse
 
 _ORDERS: tuple[Orders, ...] = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0))
 
@@ -170,6 +171,8 @@ class Velocity:
 
 
 def _components(c: Any) -> list[Any]:
+    if np.ndim(c) == 0 and np.asarray(c).dtype.kind in "fiub":
+        return [float(c)]
     if isinstance(c, np.ndarray):
         return [c] if c.ndim == 1 or c.ndim != len(c) + 1 else list(c)
     if isinstance(c, Sequence):
@@ -178,8 +181,6 @@ def _components(c: Any) -> list[Any]:
         if not 1 <= len(c) <= 3:
             raise InputError(f"c: expected 1 to 3 components, got {len(c)}")
         return list(c)
-    if np.ndim(c) == 0 and isinstance(c, int | float):
-        return [c]
     raise InputError(f"c: expected a callable or arrays, got {type(c).__name__}")
 
 

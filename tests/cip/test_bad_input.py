@@ -55,6 +55,12 @@ CASES = {
     "unknown name": (lambda: Velocity.from_expression("foo"), "'foo'"),
     "unknown function": (lambda: Velocity.from_expression("gamma(x1)"), "'gamma'"),
     "attribute": (lambda: Velocity.from_expression("x1.real"), "is not arithmetic"),
+    "number beyond the range": (lambda: Velocity.from_expression("10**400*x1"), "not finite"),
+    "long number": (lambda: Velocity.from_expression("1" + "0" * 400), "too large"),
+    "infinite power": (lambda: Velocity.from_expression("x1**1e999"), "not finite"),
+    "root of a negative number": (lambda: Velocity.from_expression("(-8)**(1/3)"), "not finite"),
+    "division by zero": (lambda: Velocity.from_expression("x1/(2 - 2)"), "not finite"),
+    "deep formula": (lambda: Velocity.from_expression("-" * 3000 + "x1"), "3002 characters"),
     "text for c": (lambda: Velocity("x1"), "from_expression"),
     "array of wrong shape": (lambda: Solver(Grid((0, 1), 8), np.ones(5)), r"shape \(9,\)"),
     "array with NaN": (lambda: Solver(Grid((0, 1), 8), np.full(9, np.nan)), "node"),
@@ -143,6 +149,38 @@ def test_velocity_that_overflows_names_node_and_time():
     solver = Solver(Grid((0, 4), 10, periodic=True), Velocity(lambda x: np.exp(x**8)))
     with pytest.raises(NotFinite, match=r"node \(\d+,\) at \(.*\) is not finite at t = "):
         solver.step(solver.state(wave), 0.1)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("sqrt(0.3 - t)", r"is not finite at t = "),
+        pytest.param("1e25*t", "1e.09 cells", marks=pytest.mark.slow),
+    ],
+)
+@pytest.mark.parametrize("dim", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_unsteady_velocity_that_overflows_later(text, message, dim):
+    """In the kernels that compute the feet too, and at the step where it happens."""
+    grid = Grid((0, 1), (8,) * dim, periodic=True)
+    solver = Solver(grid, Velocity.from_expression(text, "0") if dim == 2 else
+                    Velocity.from_expression(text))  # fmt: skip
+    with pytest.raises(NotFinite, match=message) as caught:
+        solver.run(solver.state("sin(2*pi*x1)"), 0.5, dt=0.03, snapshots=10)
+    assert caught.value.trajectory.final.t <= 0.3
+
+
+@pytest.mark.parametrize("text", ["1e25", "1e25*sin(2*pi*x1)"])
+def test_velocity_beyond_what_can_be_counted(text):
+    solver = Solver(Grid((0, 1), 8, periodic=True), Velocity.from_expression(text))
+    with pytest.raises(NotFinite, match=r"node \(\d,\).* goes more than 1e.09 cells"):
+        solver.step(solver.state(wave), 0.1)
+
+
+def test_formula_that_is_singular_at_the_start():
+    """Python would raise at 1 / t for its own number t = 0."""
+    solver = Solver(Grid((0, 1), 8, periodic=True), Velocity.from_expression("1/t"))
+    with pytest.raises(NotFinite, match="at t = 0 "):
+        solver.run(solver.state(wave), 1.0, dt=0.1)
 
 
 def test_field_that_overflows_keeps_what_was_computed():

@@ -41,6 +41,39 @@ def test_derivatives_against_sympy(text):
         assert found == pytest.approx(exact, rel=1e-11, abs=1e-12)
 
 
+@pytest.mark.parametrize(
+    "c",
+    [
+        lambda x: np.sinc(x),
+        lambda x: np.where(x == 0, 1.0, 1.5 + np.sin(x)),
+        lambda x: 2.0 * (x != 0.5),
+        np.vectorize(lambda x: 0.0 if x == 0 else np.cos(x)),
+    ],
+)
+def test_a_comparison_is_not_decided_once_for_all_points(c):
+    grid = Grid((-1, 1), 8, periodic=True)
+    (formula,) = Velocity(c).on(grid)
+    assert not formula.exact
+    x = grid.coordinates[0]
+    np.testing.assert_array_equal(formula.derivative((0, 0, 0, 0), (1.0,) * 4)(x, 0, 0, 0.0), c(x))
+
+
+def test_sums_longer_than_the_stack():
+    def series(x):
+        return sum(np.sin(k * x) / k**3 for k in range(1, 2000))
+
+    (formula,) = Velocity(series).on(Grid((0, 1), 4))
+    assert formula.exact
+    slope = formula.derivative((1, 0, 0, 0), (1.0,) * 4)(0.3, 0.0, 0.0, 0.0)
+    assert slope == pytest.approx(sum(np.cos(0.3 * k) / k**2 for k in range(1, 2000)), rel=1e-12)
+
+
+@pytest.mark.parametrize("c", [np.int64(2), np.float32(2), np.array(2.0), [np.int64(2)], 2])
+def test_every_kind_of_number(c):
+    (formula,) = Velocity(c).on(Grid((0, 1), 4))
+    assert formula.derivative((0, 0, 0, 0), (1.0,) * 4)(0.3, 0.0, 0.0, 0.0) == 2.0
+
+
 def test_characteristics_against_the_closed_form():
     grid = Grid((-2, 2), 60)
     formulas = Velocity(speed).on(grid)
