@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -51,9 +51,22 @@ def dual_problem(
     )
 
 
-def transposed(result: LQRResult) -> LQRResult:
+@dataclass(frozen=True)
+class FilterResult(LQRResult):
+    """The gain L of a filter, shape (n, p), in the place of K, and the covariance in that of S."""
+
+    def refined(self, *, steps: int = 200, tol: float = 1e-12) -> LQRResult:
+        """The optimal gain by Newton-Kleinman from this one; see `LQRResult.refined`."""
+        return transposed(LQRResult(**_turned(self)).refined(steps=steps, tol=tol))
+
+
+def transposed(result: LQRResult) -> FilterResult:
     """The result of the dual problem as that of the filter: its gain stands upright."""
-    return replace(result, K=result.K.T)
+    return FilterResult(**_turned(result))
+
+
+def _turned(result: LQRResult) -> dict[str, Any]:
+    return {f.name: getattr(result, f.name) for f in fields(result)} | {"K": result.K.T}
 
 
 def _noise_factor(W: Any, G: Any, factored: bool) -> Any:

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from gpu import reduced_lqr
 from gpu.arrays import to_host
 from gpu.closed_loop import ALL_POLES, dense_loop, nearest_poles
-from gpu.errors import GpuError, InputError, NotConverged, RiccatiError
+from gpu.errors import GpuError, InputError, NotConverged, NotSupported, RiccatiError
 from gpu.lqr_problem import PAID, LQRProblem, check_lqr, semidefinite
 from gpu.lqr_result import Found, LQRResult
-from gpu.riccati_modes import explain
+from gpu.riccati_modes import explain, named
 from gpu.riccati_refinement import judge
 from gpu.state_matrix import EPS
 
@@ -26,6 +27,7 @@ METHODS = {
     "reduced": "gpu.reduced_lqr",
 }
 PROVED = 600  # up to this order all poles are computed although stability is proved without
+QUICK = 200  # up to this order a dense solver is quicker than Newton steps with shifted solves
 # These promise a solution of the equation; the others a gain.
 EXACT = {"doubling", "newton"}
 
@@ -72,7 +74,9 @@ def lqr(
         "doubling": structured doubling of a dense problem, Newton correction, QZ where it fails.
         "newton": Newton-Kleinman from a stabilising gain. "hamiltonian": the eigenvectors of the
         inverse Hamiltonian, Algorithm 5 of the dissertation. "reduced": Galerkin on a rational
-        Krylov space. "auto": doubling where A is dense, else reduced.
+        Krylov space. "auto": doubling where A is dense; else reduced, but doubling with all
+        entries where that fails for at most 1500 states, or takes longer (at most 200 states and
+        a Q of full rank that is no multiple of E, or a nonsymmetric A).
     inverse : LinearOperator, optional
         ``A^-1`` of an operator A, with ``rmatvec``.
     unstable : {"warn", "raise", "ignore"}
@@ -231,9 +235,11 @@ def solve_problem(
     problem: LQRProblem, method: str, unstable: str, options: dict[str, Any], *, paid: bool
 ) -> LQRResult:
     """Choose the method, solve, certify; ``paid`` allows a negative optimal cost."""
-    chosen = method == "auto" and problem.state.kind != "operator"
+    chosen = method == "auto" and not problem.dense and problem.n <= ALL_POLES and not options
     if method == "auto":
         method = "doubling" if problem.dense else "reduced"
+        if chosen and problem.n <= QUICK and reduced_lqr.takes_newton(problem):
+            problem, method = problem.entries(), "doubling"
     if method not in METHODS:
         raise InputError(f"method={method!r}: expected one of auto, {', '.join(METHODS)}")
     solve = importlib.import_module(METHODS[method]).solve
@@ -245,10 +251,14 @@ def solve_problem(
         semidefinite(problem, always=True)
     try:
         found = solve(problem, **options)
-    except (NotConverged, RiccatiError) as error:
+    except (NotConverged, NotSupported, np.linalg.LinAlgError) as error:
+        if chosen:
+            return _by_entries(problem, unstable, paid)
+        if isinstance(error, NotSupported):
+            raise
+        if not isinstance(error, NotConverged | RiccatiError):
+            error = NotConverged(str(error))
         raise _explained(problem, error, paid) from None
-    except np.linalg.LinAlgError as error:
-        raise _explained(problem, NotConverged(str(error)), paid) from None
     result = certified(problem, found, method)
     if method in EXACT:
         if not result.converged:
@@ -270,12 +280,14 @@ def solve_problem(
     # As far as a double root on the axis is split by rounding.
     if not found.proved and not result.abscissa < -(EPS**0.5) * problem.state.size():
         # No other method finds a better gain than one that leaves a pole no feedback moves.
-        inherent = explain(problem)
-        if inherent is not None and inherent.cause:
+        inherent = named(problem)
+        if inherent is not None:
+            if chosen and problem.n <= QUICK:
+                return _by_entries(problem, unstable, paid)
             raise inherent
-    if not result.stable and chosen and problem.n <= ALL_POLES:
+    if not result.stable and chosen:
         # Modes that neither Q sees nor a projection, and that have to be moved all the same.
-        return solve_problem(problem, "newton", unstable, {}, paid=paid)
+        return _by_entries(problem, unstable, paid)
     if not result.stable and unstable != "ignore":
         message = (
             f"the gain of method {method!r} does not stabilise: a pole has the real part "
@@ -287,6 +299,14 @@ def solve_problem(
     return result
 
 
+def _by_entries(problem: LQRProblem, unstable: str, paid: bool) -> LQRResult:
+    """The answer with all entries stored, where no projection finds it and memory allows."""
+    inherent = named(problem) if problem.n > QUICK else None
+    if inherent is not None:
+        raise inherent
+    return solve_problem(problem.entries(), "doubling", unstable, {}, paid=paid)
+
+
 def certified(problem: LQRProblem, found: Found, method: str) -> LQRResult:
     """Compute poles and residual again from the data and put the result together."""
     info = dict(found.info)
@@ -296,10 +316,8 @@ def certified(problem: LQRProblem, found: Found, method: str) -> LQRResult:
         verdict = found.verdict or judge(problem, found.value)
         residual, error = verdict.residual, verdict.error
         loop = verdict.loop
-    elif problem.dense or (
-        problem.n <= (PROVED if found.proved else ALL_POLES) and problem.state.kind != "operator"
-    ):
-        loop = dense_loop(problem, found.gain)
+    elif problem.dense or problem.n <= (PROVED if found.proved else ALL_POLES):
+        loop = dense_loop(problem.entries(), found.gain)
     else:
         loop = None
     if loop is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -113,6 +113,13 @@ class LQRProblem:
     def _inverse_root(self) -> np.ndarray:
         eye = np.eye(len(self.root))
         return np.asarray(linalg.solve_triangular(self.root, eye, lower=True))
+
+    def entries(self) -> LQRProblem:
+        """The same with a dense A where it is an operator."""
+        if self.state.kind != "operator":
+            return self
+        E = None if self.state.E is None else _full(self.state.E)
+        return replace(self, state=StateMatrix(self.state.apply(self.xp.eye(self.n)), E))
 
     def full(self) -> tuple[Any, Any, Any, Any]:
         """A, E, Q, N as dense arrays; E and N may be None."""

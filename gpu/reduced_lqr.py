@@ -9,7 +9,7 @@ from scipy import linalg
 
 from gpu.arrays import array_module, to_host
 from gpu.cross_term import without_cross_term
-from gpu.errors import InputError, NotConverged, RiccatiError
+from gpu.errors import InputError, NotConverged, NotSupported, RiccatiError
 from gpu.gain_refinement import kleinman
 from gpu.galerkin_riccati import Projected
 from gpu.hamiltonian import InverseHamiltonian
@@ -18,7 +18,7 @@ from gpu.lqr_problem import SINGULAR_MASS, LQRProblem
 from gpu.lqr_result import Found, LowRankValue
 from gpu.rational_krylov import RationalKrylov
 from gpu.reduced_certificate import proves_stable
-from gpu.state_matrix import Factors, StateMatrix, factor, stored
+from gpu.state_matrix import Factors, StateMatrix, factor, stored, symmetric
 from gpu.weights import Weight, low_rank_factor
 
 COMPRESSIONS = ("galerkin", "printed")
@@ -99,6 +99,13 @@ def solve(
     return (
         _low_rank(problem, C, tol, limit) if C is not None else _full(problem, tol, limit, refine)
     )
+
+
+def takes_newton(problem: LQRProblem) -> bool:
+    """Whether a projection alone does not find the gain, and Newton steps have to follow."""
+    if low_rank_factor(problem.weight) is not None:
+        return False
+    return problem.N is not None or _multiple(problem) is None
 
 
 def _prescribed(problem: LQRProblem, basis: Any, compression: str) -> Found:
@@ -182,7 +189,11 @@ def _full(problem: LQRProblem, tol: float, limit: int, refine: bool | None) -> F
     state, ratio = problem.state, _multiple(problem)
     refine = ratio is None if refine is None else refine
     if refine and state.kind == "operator":
-        refine = False
+        raise NotSupported(
+            "A is an operator that is not symmetric, or Q of full rank no multiple of E: Newton "
+            "steps on the gain need shifted solves; pass A sparse, or Q by a factor of few rows, "
+            "or refine=False for the gain of the projection, which is not optimal"
+        )
     B = problem.input
     space = RationalKrylov(state, _mass(state).solve(B), _poles(problem, B, 2)[0])
     if refine:
@@ -291,10 +302,17 @@ def _difference(new: Any, old: Any) -> float:
 def _multiple(problem: LQRProblem) -> float | None:
     """q where A and E are symmetric and ``Q = q E``: then W of A and B holds it all; else None."""
     state, Q = problem.state, problem.weight.Q
-    if not state.is_symmetric() or Q is None or hasattr(Q, "matvec"):
-        return None
     n, xp = state.n, state.xp
     probe = xp.asarray(np.random.default_rng(4).standard_normal((n, 2)))
+    if state.kind == "operator":
+        moved = state.apply(probe)
+        apart = float(xp.linalg.norm(moved - state.apply_transposed(probe)))
+        alike = apart <= 1e-12 * float(xp.linalg.norm(moved))
+        alike = alike and (state.E is None or symmetric(state.E))
+    else:
+        alike = state.is_symmetric()
+    if not alike or Q is None or hasattr(Q, "matvec"):
+        return None
     cost, mass = Weight(state, Q).apply(probe), state.mass(probe)
     ratio = float((cost * mass).sum() / (mass * mass).sum())
     apart = float(xp.linalg.norm(cost - ratio * mass))

@@ -149,4 +149,7 @@ def test_operators_that_the_cross_term_makes_singular():
     # A - B N^T has a zero on its diagonal.
     b = np.array([1.0, 0.0, 0.0])
     with pytest.raises(NotSupported, match=r"^N"):
-        lqr(identity, b, 2.0, None, -b, inverse=identity)
+        lqr(identity, b, 2.0, None, -b, inverse=identity, method="reduced")
+    # So few states have all their entries stored: -2 s - (s - 1)^2 + 2 = 0.
+    K = lqr(identity, b, 2.0, None, -b, inverse=identity).K
+    np.testing.assert_allclose(K, [[0.0, 0.0, 0.0]], atol=1e-12)
