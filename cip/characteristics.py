@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cip.emit import numpy_function
 from cip.errors import InputError, LeftDomain, NotConverged, NotFinite
-from cip.expression import COORDINATES
 from cip.formula import Formula
 from cip.grid import Grid
 from cip.jets import Jet, System
@@ -109,8 +107,7 @@ def integrate(
     functions = {}
     for formula in formulas:
         functions.update(formula.functions(system.rates, steps))
-    names = [*COORDINATES, *(jet.name for jet in system.jets)]
-    rates = numpy_function(system.rates, names, functions)
+    rates = system.evaluator(functions)
     flat = [np.ravel(x) for x in points]
     run = _Run(grid, system, rates, flat, t_end, dt)
     count = run.first_guess()

@@ -11,9 +11,11 @@ King's dissertation (2012); the logarithm of the determinant and its gradient co
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from cip.emit import numpy_function
 from cip.expression import COORDINATES, Expression, apply, constant, raised, variable
 
 Orders = tuple[int, int, int, int]
@@ -90,6 +92,19 @@ class System:
                     todo.append(Jet.named(name))
         self.jets = tuple(self._rates)
         self.rates = tuple(self._rates.values())
+        self._evaluator: Callable[..., Any] | None = None
+
+    def evaluator(self, functions: Mapping[str, Callable[..., Any]]) -> Callable[..., Any]:
+        """The rates as a function of x1, x2, x3, t and the jets; `functions` are the opaque ones.
+
+        Without these it is made once.
+        """
+        names = [*COORDINATES, *(jet.name for jet in self.jets)]
+        if functions:
+            return numpy_function(self.rates, names, functions)
+        if self._evaluator is None:
+            self._evaluator = numpy_function(self.rates, names)
+        return self._evaluator
 
     def start(self, jet: Jet) -> float:
         """Value of a jet at tau = 0: the Jacobian starts as the identity."""

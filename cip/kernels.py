@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cip.characteristics import MAX_SUBSTEPS
 from cip.schemes import LIMITER_CODES
 from cip.stage import Stage, StageFeet
 from cip.state import State
@@ -13,8 +14,12 @@ from cip.state import State
 if TYPE_CHECKING:
     from cip.solver import Solver
 
-# The number of sub-steps of feet computed in the kernel is found again after so many steps.
+# The number of sub-steps of feet computed in the kernel is found again after so many steps, and
+# when a measure of the velocity grows by this factor, to more than this many cells a step.
 _RENEW = 16
+_FASTER = 1.5
+_SLOW = 1e-3
+_STEADY = np.zeros(1)
 # Feet of a steady velocity on so many nodes are worth the seconds of compiling its formula.
 _COMPILE_FROM = 100_000
 
@@ -26,7 +31,7 @@ class Kernels:
         self.solver, self.grid, self.dtype = solver, solver.grid, solver.dtype
         self.limiter = LIMITER_CODES[solver.limiter]
         self._left = False
-        self._counts: dict[Any, tuple[float, int]] = {}
+        self._counts: dict[Any, tuple[float, Any, int]] = {}
         self._paths: dict[Any, Any] = {}
 
     def place(self, state: State) -> State:
@@ -87,25 +92,39 @@ class Kernels:
         path, box = self._path(stage)
         run_feet, size = loop_over(path_loops.run_feet, path=path), self.grid.size
         t_end, length = t + stage.end * dt, (stage.end - stage.begin) * dt
+
+        def follow(count: int) -> Any:
+            feet = np.empty((len(stage.blocks), len(stage.jets) * size))
+            left = np.empty(size, np.int64)
+            for row, block in zip(feet, stage.blocks, strict=True):
+                points = [np.ascontiguousarray(x.ravel()) for x in stage.points(block)]
+                points += [np.zeros(size)] * (3 - self.grid.dim)
+                clock = (t_end, length / count, count)
+                arguments = (row, left, *points, box, size, len(stage.jets), *clock)
+
+                def work(start: int, stop: int, arguments: Any = arguments) -> None:
+                    run_feet(start, stop, *arguments)
+
+                cpu.share(work, size, size)
+                if left.any():
+                    self._left = True  # paths begin on walls: NumPy finds where
+                    return None
+            return feet if np.isfinite(feet.sum()) else None  # NumPy names the node
+
+        old = self._counts.get(stage.part(dt))
         count = self._count(stage, t, dt)
-        feet = np.empty((len(stage.blocks), len(stage.jets) * size))
-        left = np.empty(size, np.int64)
-        for row, block in zip(feet, stage.blocks, strict=True):
-            points = [np.ascontiguousarray(x.ravel()) for x in stage.points(block)]
-            points += [np.zeros(size)] * (3 - self.grid.dim)
-
-            clock = (t_end, length / count, count)
-            arguments = (row, left, *points, box, size, len(stage.jets), *clock)
-
-            def work(start: int, stop: int, arguments: Any = arguments) -> None:
-                run_feet(start, stop, *arguments)
-
-            cpu.share(work, size, size)
-            if left.any():
-                self._left = True  # paths begin on walls: NumPy finds where
-                return None
-        if not np.isfinite(feet.sum()):
-            return None  # NumPy names the node
+        feet = follow(count)
+        if feet is not None and self._counts[stage.part(dt)] is not old:
+            # It was found on a sample of the nodes; what is steep may lie between them.
+            coarse = follow(max(1, count // 2))
+            while not stage.agree(coarse, feet):
+                count *= 2
+                if count > MAX_SUBSTEPS:
+                    return None  # NumPy says so
+                coarse, feet = feet, follow(count)
+            self._counts[stage.part(dt)] = (*self._counts[stage.part(dt)][:2], count)
+        if feet is None:
+            return None
         return StageFeet(feet.reshape(-1), [None] * len(feet), t + stage.begin * dt, t_end)
 
     def _path(self, stage: Stage) -> Any:
@@ -128,8 +147,14 @@ class Kernels:
         return not self.solver.steady if stored is None else not stored
 
     def _count(self, stage: Stage, t: float, dt: float) -> int:
-        key = (stage.axis, stage.begin, stage.end, dt)
+        key, pace = stage.part(dt), _STEADY
+        if not self.solver.steady:
+            pace = stage.pace(t, dt)
         found = self._counts.get(key)
-        if found is None or (not self.solver.steady and abs(t - found[0]) > _RENEW * dt):
-            found = self._counts[key] = (t, stage.substeps(t, dt))
-        return found[1]
+        if (
+            found is None
+            or (not self.solver.steady and abs(t - found[0]) > _RENEW * dt)
+            or np.any(pace > _FASTER * np.maximum(found[1], _SLOW))
+        ):
+            found = self._counts[key] = (t, pace, stage.substeps(t, dt))
+        return found[2]

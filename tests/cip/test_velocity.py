@@ -148,6 +148,33 @@ def test_unsteady_velocity_has_order_three(stored):
     assert 2.9 <= order(sizes, errors) <= 3.2
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("text", "shift"), [("20*exp(-((t-0.5)/0.02)**2)", 0.4 * np.sqrt(np.pi)), ("t**7", 0.125)]
+)
+def test_substeps_of_a_velocity_that_changes_between_two_counts(text, shift):
+    """A pulse between two of the times at which sub-steps are counted anew."""
+    grid = Grid((0, 1), 64, periodic=True)
+    solver = Solver(grid, Velocity.from_expression(text), profile="quintic")
+    run = solver.run(solver.state("sin(2*pi*x1)"), 1.0, dt=0.05)
+    exact = np.sin(2 * np.pi * (grid.coordinates[0] - shift))
+    np.testing.assert_allclose(run.final["u"], exact, atol=1e-7)
+
+
+@pytest.mark.slow
+def test_compiled_feet_of_a_vortex_between_the_sampled_nodes(monkeypatch):
+    """Against NumPy's feet, whose sub-steps are found on all nodes."""
+    monkeypatch.setattr("cip.kernels._COMPILE_FROM", 0)
+    monkeypatch.setattr("cip.stage._SAMPLE", 4)
+    bell = "exp(-200*((x1-0.3)**2 + (x2-0.6)**2))"
+    field = Velocity.from_expression(f"-9*(x2-0.6)*{bell}", f"9*(x1-0.3)*{bell}")
+    solver = Solver(Grid((0, 1), (20, 20), periodic=True), field, profile="adini")
+    (stage,) = solver._stages
+    compiled = solver.feet(stage, 0.0, 0.5).data
+    assert solver._kernels._counts[stage.part(0.5)][-1] > stage.substeps(0.0, 0.5)
+    np.testing.assert_allclose(compiled, stage.feet(0.0, 0.5).data, rtol=0, atol=1e-8)
+
+
 def test_partial_steps_have_their_own_feet():
     """The cache is keyed by dt: a short last step must not use the feet of a long one."""
     grid = Grid((0, 1), 64, periodic=True)
