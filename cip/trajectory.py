@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cip.errors import InputError, MissingDependency
 from cip.sample import sample
+from cip.schemes import moments
 from cip.state import State
 
 if TYPE_CHECKING:
@@ -134,38 +135,56 @@ class Trajectory:
         return sample(self.states[place], points)
 
     def to_xarray(self) -> Any:
-        """An xarray.Dataset: each moment over t and the coordinates, diagnostics over t."""
+        """An xarray.Dataset: each moment over t and the coordinates, diagnostics over t.
+
+        In directions in which a moment is a mean its coordinate is ``x_cell``, the middle of the
+        cell, likewise ``y_cell`` and ``z_cell``.
+        """
         try:
             xarray = importlib.import_module("xarray")
         except ImportError as error:
             raise MissingDependency("to_xarray needs xarray: pip install xarray") from error
         grid, first = self.solver.grid, self.states[0]
         axes = ["x", "y", "z"][: grid.dim]
-        data = {
-            name: (["t", *axes], np.stack([state.data[q] for state in self.states]))
-            for q, name in enumerate(first.names)
-        }
+        data, coordinates = {}, {"t": self.times}
+        coordinates.update(zip(axes, grid.coordinates, strict=True))
+        for moment in moments(first.profile, grid.dim):
+            places = list(axes)
+            for axis in moment.averaged:
+                places[axis] += "_cell"
+                coordinates[places[axis]] = grid.edges[axis][:-1] + 0.5 * grid.widths[axis]
+            values = np.stack([state[moment.name] for state in self.states])
+            data[moment.name] = (["t", *places], values)
         found = self.diagnostics
         for name in ("mass", "total_variation", "minimum", "maximum", "l1", "l2"):
             data[name] = (["t"], getattr(found, name))
-        coordinates = {"t": self.times, **dict(zip(axes, grid.coordinates, strict=True))}
         attributes = {"profile": self.solver.profile, "form": self.solver.form, "dt": self.dt}
         return xarray.Dataset(data, coordinates, attributes)
 
     def to_pyvista(self, place: int = -1) -> Any:
-        """One snapshot as a pyvista grid, a periodic direction closed by its first nodes again."""
+        """One snapshot as a pyvista grid, a periodic direction closed by its first nodes again.
+
+        The mean over cells is data of the cells. A mean in some of the directions only stands at
+        the node where its cells begin, NaN where none begins.
+        """
         import pyvista
 
         state = self.states[place]
         grid = state.grid
         lines = [*grid.edges, *([np.zeros(1)] * (3 - grid.dim))]
         mesh = pyvista.RectilinearGrid(*lines)
-        for q, name in enumerate(state.names):
-            values = state.data[q]
+        for moment in moments(state.profile, grid.dim):
+            values = np.asarray(state[moment.name])
+            if len(moment.averaged) == grid.dim:
+                mesh.cell_data[moment.name] = values.ravel(order="F")
+                continue
             for axis, periodic in enumerate(grid.periodic):
                 if periodic:
                     values = np.concatenate([values, np.take(values, [0], axis)], axis)
-            mesh.point_data[name] = values.ravel(order="F")
+                elif axis in moment.averaged:
+                    none = np.full_like(np.take(values, [0], axis), np.nan)
+                    values = np.concatenate([values, none], axis)
+            mesh.point_data[moment.name] = values.ravel(order="F")
         mesh.field_data["t"] = [state.t]
         return mesh
 

@@ -130,6 +130,42 @@ def test_series_opens_in_pyvista(tmp_path):
         run.save(tmp_path / "run.vtk")
 
 
+def channel():
+    """Means beside walls: the last node of a direction begins no cell."""
+    grid = Grid.from_coordinates(
+        np.linspace(0, 1, 7) ** 2, np.linspace(0, 2, 6), periodic=[False, True]
+    )
+    solver = Solver(grid, [0.3, 0.0], "advection", "csl2", splitting="strang", boundary=0.0)
+    return solver.run(solver.state(lambda x, y: 1 + x + np.sin(np.pi * y)), 0.1, dt=0.1)
+
+
+def test_means_are_data_of_the_cells(tmp_path):
+    import pyvista
+
+    run = channel()
+    mesh = pyvista.read(run.save(tmp_path / "run.pvd")[-1])
+    np.testing.assert_array_equal(
+        mesh.cell_data["mean"].reshape(5, 6).T, run.final["mean"]
+    )  # fmt: skip
+    areas = mesh.compute_cell_sizes()["Area"]
+    assert areas @ mesh.cell_data["mean"] == pytest.approx(run.final.mass, rel=1e-12)
+    assert set(mesh.point_data) == {"u", "mean_x", "mean_y"}
+    lines = mesh.point_data["mean_x"].reshape(6, 7).T
+    np.testing.assert_array_equal(lines[:-1, :-1], run.final["mean_x"])
+    assert np.isnan(lines[-1]).all()
+
+
+def test_means_in_xarray():
+    pytest.importorskip("xarray")
+    run = channel()
+    data = run.to_xarray()
+    assert data["mean"].dims == ("t", "x_cell", "y_cell")
+    assert data["mean_x"].dims == ("t", "x_cell", "y")
+    x, y = run.solver.grid.widths
+    np.testing.assert_allclose(data["mean"] @ y @ x, data["mass"], rtol=1e-12)
+    np.testing.assert_allclose(data.x_cell.diff("x_cell"), (x[1:] + x[:-1]) / 2)
+
+
 WITHOUT_SPACE = """
     import sys
     from pathlib import Path
