@@ -15,7 +15,7 @@ from gpu.extended_precision import Triple, extended
 from gpu.interior_point import interior_point
 from gpu.kkt_system import kkt_system
 from gpu.polish import Sides, polish
-from gpu.presolve import presolve
+from gpu.presolve import contradiction, presolve
 from gpu.program import Array, Program, Residuals, one_sided, residuals
 
 logger = logging.getLogger(__name__)
@@ -96,6 +96,9 @@ def minimise(p: Program, tol: float, solver: str = "auto", proofs: bool = True) 
 
 
 def _minimise(p: Program, tol: float, solver: str, proofs: bool) -> Point:
+    proof = contradiction(p, tol) if proofs else None
+    if proof is not None:
+        raise NoPoint(proof)
     small = presolve(p)
     if not small.free.size:
         point = certified(p, *small.point(p.xp.zeros(0), p.xp.zeros(small.rows.size)))

@@ -152,6 +152,31 @@ def presolve(p: Program, search: bool = True) -> Presolved:
     return Presolved(program, free, kept, x, p, tight, reductions)
 
 
+def contradiction(p: Program, tol: float) -> Array | None:
+    """The Farkas vector that is one row, of fixed variables, off its side by `tol` of its terms.
+
+    No residual of all rows together shows it where other rows have larger numbers.
+    """
+    xp = p.xp
+    fixed = p.lb == p.ub
+    if not bool(fixed.any()) or not p.row_low.size:
+        return None
+    x = xp.where(fixed, p.lb, 0.0)
+    Cx = p.C @ x
+    side = xp.clip(Cx, p.row_low, p.row_high)
+    rows = xp.flatnonzero(xp.abs(Cx - side) > tol * xp.abs(side))
+    if not rows.size:
+        return None
+    C, Cx, side = p.C[rows], Cx[rows], side[rows]
+    constant = ~_nonempty(_columns(C, xp.flatnonzero(~fixed)), xp)
+    wrong = constant & (xp.abs(Cx - side) > tol * (abs(C) @ xp.abs(x) + xp.abs(side)))
+    if not bool(wrong.any()):
+        return None
+    y, i = xp.zeros(p.row_low.size), wrong.argmax()
+    y[rows[i]] = xp.sign(side[i] - Cx[i])
+    return y
+
+
 class _Search:
     """Bounds and sides as they tighten, and the reductions that led there."""
 

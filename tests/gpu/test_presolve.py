@@ -105,6 +105,25 @@ def test_contradictions_that_presolve_meets_are_proved():
         assert most < y @ side
 
 
+@pytest.mark.parametrize("store", [np.asarray, sparse.csr_array])
+@pytest.mark.parametrize("others", [0, 3])
+def test_no_row_of_large_numbers_hides_a_contradiction_of_fixed_variables(store, others):
+    """The third row is off by a thousandth of itself, and by 1e-10 of the first."""
+    n = 2 + others
+    A = np.zeros((3, n))
+    A[:2], A[2, :2] = np.random.default_rng(0).standard_normal((2, n)), [2e-9, -1e-9]
+    x = np.r_[-900.0, 300.0, np.ones(others)]
+    lb, ub = x - np.r_[0.0, 0.0, np.ones(others)], x + np.r_[0.0, 0.0, np.ones(others)]
+    P, b = np.eye(n), A @ x
+    assert solve_qp(store(P), -x, A=store(A), b=b, lb=lb, ub=ub).x == pytest.approx(x)
+    b[2] *= 1.001
+    with pytest.raises(Infeasible) as caught:
+        solve_qp(store(P), -x, A=store(A), b=b, lb=lb, ub=ub)
+    y = caught.value.certificate
+    c = A.T @ y
+    assert c @ np.where(c > 0, ub, lb) < y @ b
+
+
 def test_nearly_contradicting_rows_of_far_points_are_no_proof():
     # x1 - x2 <= 0 and x1 - (1 - 1e-9) x2 >= 1e-3 meet at x2 = 1e6.
     C, low = [[1.0, -1.0], [1.0, -(1.0 - 1e-9)]], [-INF, 1e-3]
