@@ -236,7 +236,8 @@ class ElasticBody(BasisSolid):
         """
         facets = self.facets(boundary)
         function = value if callable(value) else _constant(value)
-        self._supports += [(facets, c, function) for c in select_components(self.dim, components)]
+        chosen = select_components(self.dim, components)
+        self._supports = [*self._supports, *((facets, c, function) for c in chosen)]
         for derived in ("constraint", "lengths"):
             self.__dict__.pop(derived, None)
         return self

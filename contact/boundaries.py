@@ -34,12 +34,15 @@ class ContactBoundaries:
     rules : tuple of GapRule or ArcGap
     several : bool
         Obstacles and friction come as lists.
+    directions : tuple of (ndarray, shape (dim, m), or None)
+        Towards the closest points of a `ClosestPoint`; None where contact is along the normal.
     """
 
     body: ElasticBody
     rows: ContactRows
     rules: tuple[GapRule | ArcGap, ...]
     several: bool
+    directions: tuple[Array | None, ...]
 
     @classmethod
     def of(
@@ -73,7 +76,10 @@ class ContactBoundaries:
             for p, form, o in zip(places, forms, obstacles, strict=True)
         ]
         rows = parts[0][0] if len(parts) == 1 else _joined([rows for rows, _ in parts])
-        return cls(body, rows, tuple(rule for _, rule in parts), several)
+        directions = tuple(
+            _towards(o, rows.x_nominal) for o, (rows, _) in zip(obstacles, parts, strict=True)
+        )
+        return cls(body, rows, tuple(rule for _, rule in parts), several, directions)
 
     def _obstacles(self, obstacle: Any) -> list[Gap]:
         if not self.several:
@@ -86,9 +92,25 @@ class ContactBoundaries:
 
     def gap(self, obstacle: Any) -> Array:
         """Gap of every contact point, shape (m,)."""
-        plain = [o.obstacle if isinstance(o, Rigid) else o for o in self._obstacles(obstacle)]
+        obstacles = self._obstacles(obstacle)
+        self._check_directions(obstacles)
+        plain = [o.obstacle if isinstance(o, Rigid) else o for o in obstacles]
         gaps = [rule(o) for rule, o in zip(self.rules, plain, strict=True)]
         return np.concatenate(gaps)
+
+    def _check_directions(self, obstacles: list[Gap]) -> None:
+        places = self._of_each(self.rows.x_nominal)
+        for there, o, x in zip(self.directions, obstacles, places, strict=True):
+            now = _towards(o, x)
+            same = there is None and now is None
+            if there is not None and now is not None:
+                same = bool(np.abs(there - now).max() <= 1e-7)  # differences may be of a distance
+            if not same:
+                raise InputError(
+                    "obstacle: its contact forces act in other directions than those of the "
+                    "problem's obstacle, for which the contact boundary was discretised; make a "
+                    "new ContactProblem, or let Rigid(ClosestPoint(...), displacement=...) move"
+                )
 
     def motion(self, obstacle: Any) -> ObstacleMotion | None:
         """The motions of those obstacles that are `Rigid`; None when none is."""
@@ -126,9 +148,12 @@ class ContactBoundaries:
         if not self.several or not isinstance(friction, list | tuple):
             return _values(friction, self.rows.x)
         each = _each("friction", friction, True, len(self.rules), shared=())
-        ends = np.cumsum([rule.order.size for rule in self.rules])[:-1]
-        places = np.split(self.rows.x, ends, axis=1)
+        places = self._of_each(self.rows.x)
         return np.concatenate([_values(f, x) for f, x in zip(each, places, strict=True)])
+
+    def _of_each(self, x: Array) -> list[Array]:
+        """Places of all contact points, split by boundaries."""
+        return np.split(x, np.cumsum([rule.order.size for rule in self.rules])[:-1], axis=1)
 
 
 def _refuse_overlap(places: list[NDArray[np.int64]], name: str) -> None:
@@ -153,6 +178,11 @@ def _discretised(
 def _direction(obstacle: Any) -> Callable[[Array], Array] | None:
     plain = obstacle.obstacle if isinstance(obstacle, Rigid) else obstacle
     return plain.direction if isinstance(plain, ClosestPoint) else None
+
+
+def _towards(obstacle: Any, x: Array) -> Array | None:
+    direction = _direction(obstacle)
+    return None if direction is None else direction(x)
 
 
 def _each(name: str, given: Any, several: bool, count: int, shared: tuple[type, ...]) -> list[Any]:

@@ -35,7 +35,8 @@ class BoundaryProblem:
     normal : ndarray of int, shape (m,)
         Row of each point's normal; -1 where the normal displacement is prescribed.
     tangent : ndarray of int, shape (m, dim - 1)
-        Rows of each point's tangents; -1 likewise.
+        Rows of each point's tangents; -1 where the tangential displacement is prescribed. Where
+        that is so for one component of two, its row has no compliance.
     held : ndarray, shape (m, dim - 1)
         Tangential displacement where it is prescribed.
     """

@@ -18,7 +18,7 @@ from contact.errors import Infeasible, InputError, Unbounded
 from contact.held import by_friction_alone
 from contact.methods import Options, solve_boundary
 from contact.newton import Forces, Report
-from contact.rigid_modes import describe_motion, rigid_modes
+from contact.rigid_modes import describe_motion, reduced_echelon, rigid_modes
 from contact.rows import live_rows
 from contact.schur import schur_factor
 
@@ -99,10 +99,16 @@ class CondensedContact:
                 "fix less of it or choose another contact boundary"
             )
         self._normal = np.where(live_n, np.cumsum(live_n) - 1, -1)
-        self._tangent = np.where(live_t, live_n.sum() + np.cumsum(live_t) - 1, -1).reshape(
-            live_n.size, -1
-        )
-        B = sparse.vstack([G[live_n], tangents[live_t]], format="csr")
+        # Where supports prescribe one component of the slip, it still turns the friction: its row
+        # has no compliance. Where they prescribe all of it, friction acts on supports alone.
+        alive = live_t.reshape(live_n.size, -1)
+        self._stiff: NDArray[np.bool_] = ~alive & np.any(alive, axis=1, keepdims=True)
+        seen = self._stiff.ravel() | live_t
+        tangents = sparse.csr_array(sparse.diags_array(live_t.astype(float)) @ tangents)
+        tangents.eliminate_zeros()
+        number = live_n.sum() + np.cumsum(seen) - 1
+        self._tangent = np.where(seen, number, -1).reshape(alive.shape)
+        B = sparse.vstack([G[live_n], tangents[seen]], format="csr")
         self._boundary = np.unique(B.indices).astype(np.int64)
         return B
 
@@ -169,7 +175,8 @@ class CondensedContact:
         scale = np.empty(self._B.shape[0])
         for rows in np.column_stack((self._normal, self._tangent)):
             live = rows[rows >= 0]
-            scale[live] = np.sqrt(diagonal[live].mean()) if live.size else 1.0
+            own = diagonal[live][diagonal[live] > 0]
+            scale[live] = np.sqrt(own.mean()) if own.size else 1.0
         self._scale = scale
         W /= arrays.put(scale)
         W /= arrays.put(scale)[:, None]
@@ -212,11 +219,15 @@ class CondensedContact:
             A point whose normal displacement is prescribed lies behind the obstacle.
         """
         fixed_n, fixed_t = self._fixed_normal, self._fixed_tangent
+        largest = float(np.abs(fixed_t).max(initial=0.0))
         if motion is not None:
             w_n, w_t = motion.displacement(motion.prescribed)
             fixed_n, fixed_t = fixed_n - w_n, fixed_t - w_t
+            largest = max(largest, float(np.abs(w_t).max(initial=0.0)))
         if slip_from is not None:
             fixed_t = fixed_t - slip_from
+            largest = max(largest, float(np.abs(slip_from).max(initial=0.0)))
+        fixed_t = np.where(self._stiff & (np.abs(fixed_t) <= 1e-12 * largest), 0.0, fixed_t)
         prescribed = self._normal < 0
         round_off = 1e-12 * float(
             np.ptp(self.body.trace.mesh.p, axis=1).max()
@@ -375,20 +386,3 @@ class CondensedContact:
         """Name and all dofs of a rigid motion in free unknowns."""
         u: Array = self._T @ motion
         return describe_motion(self.body, u), u
-
-
-def reduced_echelon(rows: Array) -> Array:
-    """Reduced row echelon form: as many zeros as the span of the rows allows."""
-    rows, done = rows.copy(), 0
-    for column in range(rows.shape[1]):
-        if done == rows.shape[0]:
-            break
-        best = done + int(np.argmax(np.abs(rows[done:, column])))
-        if np.abs(rows[best, column]) < 1e-9 * np.abs(rows).max():
-            continue
-        rows[[done, best]] = rows[[best, done]]
-        rows[done] /= rows[done, column]
-        others = np.arange(rows.shape[0]) != done
-        rows[others] -= np.outer(rows[others, column], rows[done])
-        done += 1
-    return rows

@@ -11,14 +11,14 @@ from scipy import sparse
 
 from contact.blas_threads import one_blas_thread
 from contact.boundary import BoundaryProblem, Friction
-from contact.condense import CondensedContact, reduced_echelon
+from contact.condense import CondensedContact
 from contact.dense_arrays import HostArrays
 from contact.errors import NotConverged
 from contact.held import check_held
 from contact.methods import Options
 from contact.newton import Forces, Report
 from contact.plane_newton import INNER, plane_newton
-from contact.rigid_modes import describe_motion, rigid_modes
+from contact.rigid_modes import describe_motion, reduced_echelon, rigid_modes
 from contact.slab_doubling import PER_NODE, SlabDoubling
 
 if TYPE_CHECKING:

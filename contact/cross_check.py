@@ -113,16 +113,19 @@ def cross_check(
         condensed = T.shape[1] > 30_000
     usable = np.isfinite(rows.gap)
     bound = system.bound(result.mu)
-    rubs = np.repeat(bound > 0, dim - 1)
+    rubbing = bound > 0
+    if cones:  # friction of points whose whole slip is prescribed acts on supports alone
+        rubbing &= system.body.live(rows.T).reshape(result.t.shape).any(axis=1)
+    rubs = np.repeat(rubbing, dim - 1)
     G, R = rows.G[usable], rows.T[rubs]
-    gap, g, offset = rows.gap[usable] - G @ u0, bound[bound > 0], R @ u0
+    gap, g, offset = rows.gap[usable] - G @ u0, bound[rubbing], R @ u0
     if system.slip_from is not None:
         offset = offset - system.slip_from.ravel()[rubs]
     if system.motion is not None and result.motion is not None:  # checked at the motion found
         w_n, w_t = system.motion.displacement(result.motion)
         gap, offset = gap + w_n[usable], offset - w_t.ravel()[rubs]
     if condensed:
-        boundary = problem.condense()
+        boundary = problem.condense().under(system.body)
         S, f = sparse.csr_array(boundary.stiffness), boundary.reduce(system.load)
         G, R = (sparse.csr_array(boundary.restrict(rows_)) for rows_ in (G, R))
     else:

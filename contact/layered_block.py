@@ -18,6 +18,7 @@ from contact.cell_stencil import CellStencil
 from contact.dense_arrays import HostArrays, arrays_on
 from contact.errors import InputError
 from contact.layers import grid, read_columns, read_layers, read_lengths, read_sides
+from contact.lowest_row import LowestRow
 from contact.rows import live_rows
 from contact.selection import select_components
 from contact.slab_doubling import PER_NODE, CellRows
@@ -123,7 +124,8 @@ class LayeredBlock(Solid):
         for name in self._names(boundary):
             edge, _ = self._edge(name)
             edge.fix(edge.facets(name), components, value)  # checks
-            self._supports += [(name, c, value) for c in select_components(2, components)]
+            chosen = select_components(2, components)
+            self._supports = [*self._supports, *((name, c, value) for c in chosen)]
         self.__dict__.pop("prescribed", None)
         self.__dict__.pop("trace", None)
         return self
@@ -236,13 +238,13 @@ class LayeredBlock(Solid):
     @cached_property
     def trace(self) -> ElasticBody:
         """The lowest row of cells with the sides' supports; its dofs are this body's first."""
-        strip, _ = self._edge("bottom")
+        edge, _ = self._edge("bottom")
+        basis, bottom = copy(edge.basis), {"bottom": edge.facets("bottom")}
+        basis.mesh = replace(edge.mesh, _boundaries=bottom)  # contact is offered there only
+        strip = LowestRow(basis, E=edge.E, nu=edge.nu, plane=self.plane)
         for name, c, value in self._supports:
             if name != "top" or self.node_rows == 2:
-                strip.fix(name, c, value)
-        bottom = {"bottom": strip.facets("bottom")}  # contact is offered there only
-        strip.basis = copy(strip.basis)
-        strip.basis.mesh = replace(strip.mesh, _boundaries=bottom)
+                strip.fix(edge.facets(name), c, value)
         return strip
 
     def embedded(self, rows: ContactRows) -> ContactRows:

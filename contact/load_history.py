@@ -209,6 +209,8 @@ def fingerprint(system: ContactSystem, vectors: Sequence[Array]) -> str:
     for matrix in (body.stiffness, body.constraint[0], rows.G, rows.T):
         for part in (matrix.data, matrix.indices, matrix.indptr):
             digest.update(np.ascontiguousarray(part).tobytes())
-    for array in (body.constraint[1], system.load, system.friction, rows.weights, *vectors):
+    moved = () if system.motion is None else tuple(vars(system.motion).values())
+    given = (system.load, system.friction, rows.weights, rows.gap, *moved, *vectors)
+    for array in (body.constraint[1], *given):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

@@ -17,7 +17,7 @@ from contact.errors import InputError, NotConverged, numbers
 from contact.load_history import HistoryFolder, LoadHistory, LoadStep, fingerprint
 from contact.methods import Options
 from contact.obstacles import Gap
-from contact.selection import select_components
+from contact.storage import problem_arrays
 
 if TYPE_CHECKING:
     from contact.body import Field
@@ -101,6 +101,7 @@ class LoadStepper:
             problem.law, problem.body.dim, method, tol, max_iterations, None
         )
         self.history = LoadHistory()
+        self._supports = len(problem.body._supports)
         self._loads: list[tuple[Array, Factor]] = []
         self._motions: list[tuple[Array, Factor]] = []
         self._obstacle: Callable[[float], Gap] | None = None
@@ -163,23 +164,22 @@ class LoadStepper:
             There is no such support, or the motion contradicts another support.
         """
         body = self.problem.body
-        facets, chosen = body.facets(boundary), select_components(body.dim, components)
         at_rest = copy(body)
         at_rest._supports = []
         at_rest.fix(boundary, components, value)  # checks the value
-        motion = at_rest._supports[-1][2]
-        fixed = [np.array_equal(f, facets) and c in chosen for f, c, _ in body._supports]
-        missing = set(chosen) - {c for (_, c, _), f in zip(body._supports, fixed, strict=True) if f}
-        if missing:
-            raise InputError(
-                f"move: the body is not fixed on boundary {boundary!r} in component "
-                f"{'xyz'[min(missing)]}; fix it first, with body.fix({boundary!r}, ...)"
-            )
+        moved = at_rest._supports
+        for place, c, _ in moved:
+            if not any(c == d and np.array_equal(place, f) for f, d, _ in body._supports):
+                raise InputError(
+                    f"move: the body is not fixed on boundary {boundary!r} in component "
+                    f"{'xyz'[c]}; fix it first, with body.fix({boundary!r}, ...)"
+                )
         at_rest._supports = [
-            (f, c, motion if moved else lambda x: np.zeros(x.shape[1:]))
-            for (f, c, _), moved in zip(body._supports, fixed, strict=True)
+            next((m for m in moved if m[1] == c and np.array_equal(m[0], f)), (f, c, _still))
+            for f, c, _ in body._supports
         ]
-        at_rest.__dict__.pop("constraint", None)
+        for derived in ("constraint", "prescribed"):
+            at_rest.__dict__.pop(derived, None)
         self._motions.append((at_rest.constraint[1], _checked_factor(factor)))
         return self
 
@@ -190,7 +190,8 @@ class LoadStepper:
         ----------
         of_time : callable t -> obstacle, number, array or callable
             E.g. ``lambda t: Plane((0, -0.03 + 0.01 * t), (0, 1))``, or a `Rigid` whose motion or
-            force depends on t: friction then sees it move.
+            force depends on t: friction then sees it move. A `ClosestPoint` must keep its
+            directions, those of the problem's own: within a `Rigid` it may move.
         """
         if not callable(of_time):
             raise InputError(f"obstacle: expected a function of time, got {of_time!r}")
@@ -207,6 +208,10 @@ class LoadStepper:
         NotConverged
             Not even steps halved `halvings` times converge; the history holds what was finished.
         """
+        if len(self.problem.body._supports) != self._supports:
+            raise InputError(
+                "body: it was fixed elsewhere after the LoadStepper was made; make a new one"
+            )
         times = self.history.times
         if numbers("time", time).shape != () or not np.isfinite(time):
             raise InputError(f"time={time!r}: expected a finite number")
@@ -289,7 +294,7 @@ class LoadStepper:
         if folder.fingerprint != self._fingerprint():
             raise InputError(
                 f"path: {path} holds the history of another problem (other stiffness, contact "
-                "rows, friction, loads or supports); build the stepper as it was"
+                "rows, gap, friction, loads or supports); build the stepper as it was"
             )
         self.history = LoadHistory()
         for k, result in enumerate(folder.finished(self.problem.system)):
@@ -356,8 +361,13 @@ class LoadStepper:
         return replace(last, mu=mu, t=last.t + ahead * (last.t - before.t))
 
     def _fingerprint(self) -> str:
+        problem_arrays(self.problem.system)  # refuses a body that no file can hold
         vectors = [vector for vector, _ in (*self._loads, *self._motions)]
         return fingerprint(self.problem.system, vectors)
+
+
+def _still(x: Array) -> Array:
+    return np.zeros(x.shape[1:])
 
 
 def _checked_factor(factor: Factor | None) -> Factor:

@@ -106,7 +106,8 @@ def fixed_point(
         moved = np.concatenate((u_n, u_t.ravel()))
         slip = np.maximum(eps, np.linalg.norm(u_t, axis=1))
         g = friction.bound(now.mu)
-        law = float(np.abs(now.t - (g / slip)[:, None] * u_t).max()) / problem.scale(now.mu, now.t)
+        missed = np.where(problem.tangent >= 0, now.t - (g / slip)[:, None] * u_t, 0.0)
+        law = float(np.abs(missed).max()) / problem.scale(now.mu, now.t)
         change = np.inf if before is None else _largest(moved - before) / _largest(moved)
         before = moved
         energy = np.nan

@@ -39,7 +39,8 @@ class ContactProblem:
 
     * Signorini: ``u_n <= d``, ``p >= 0``, ``p (u_n - d) = 0``;
     * friction with bound g: ``|shear| <= g``, and ``shear = -g u_t / |u_t|`` where u_t is not 0;
-      Coulomb: ``g = F p``; Tresca: g is given.
+      Coulomb: ``g = F p``; Tresca: g is given. Where supports prescribe the whole tangential
+      displacement of a contact point, its friction would act on them alone and is left out.
 
     Parameters
     ----------
@@ -96,11 +97,8 @@ class ContactProblem:
             raise InputError(f"law={law!r}: expected 'coulomb', 'tresca' or None")
         self.body: Any = body
         self.obstacle, self.solver = obstacle, solver
-        self.boundaries = ContactBoundaries.of(body.trace, boundary, obstacle, functional)
-        rows = replace(self.boundaries.rows, gap=self.boundaries.gap(obstacle))
-        self.rows: ContactRows = body.embedded(rows)
-        self._condensed: tuple[str, CondensedContact] | None = None
-        self.motion = self.boundaries.motion(obstacle)
+        self._place = boundary, functional
+        self._discretise()
         self.friction = self.boundaries.friction(friction)
         if law is None and np.any(self.friction > 0):
             raise InputError(
@@ -114,6 +112,20 @@ class ContactProblem:
                 "> 0; there is no pressure for Coulomb's law to act on"
             )
 
+    def _discretise(self) -> None:
+        """Make the contact rows; their frames follow the body's supports."""
+        boundary, functional = self._place
+        self._supports = len(self.body._supports)
+        self.boundaries = ContactBoundaries.of(self.body.trace, boundary, self.obstacle, functional)
+        rows = replace(self.boundaries.rows, gap=self.boundaries.gap(self.obstacle))
+        self.rows: ContactRows = self.body.embedded(rows)
+        self.motion = self.boundaries.motion(self.obstacle)
+        self._condensed: tuple[str, CondensedContact] | None = None
+
+    def _follow_supports(self) -> None:
+        if len(self.body._supports) != self._supports:
+            self._discretise()
+
     @property
     def system(self) -> ContactSystem:
         """The discrete system under the body's present loads."""
@@ -123,16 +135,14 @@ class ContactProblem:
         self, body: Solid, after: ContactResult | None = None, obstacle: Gap = _SAME
     ) -> ContactSystem:
         """The discrete system of a body under other loads, with another obstacle, after a step."""
+        self._follow_supports()
         rows, motion = self.rows, self.motion
         if obstacle is not _SAME:
             rows = replace(rows, gap=self.boundaries.gap(obstacle))
             motion = self.boundaries.motion(obstacle)
         friction = self.friction * rows.weights if self.law == "tresca" else self.friction
-        if after is not None and after.mu.shape != rows.gap.shape:
-            raise InputError(
-                f"after: a result with {after.mu.size} contact points for a problem with "
-                f"{rows.gap.size}"
-            )
+        if after is not None:
+            _check_same(rows, after.system.rows)
         slip_from = None if after is None else after.slip
         return ContactSystem(body, rows, body.f, self.law, friction, slip_from, motion)
 
@@ -145,6 +155,7 @@ class ContactProblem:
             Where to condense and to solve; default: where it was done before, else "cpu".
             "cuda" needs a `LayeredBlock`, CuPy and a CUDA device.
         """
+        self._follow_supports()
         if self._condensed is None or device not in (None, self._condensed[0]):
             where = "cpu" if device is None else device
             self._condensed = where, self.body.condense(self.rows, self.solver, where)
@@ -225,9 +236,9 @@ class ContactProblem:
                 callback(line)
 
         start = after if start is None else start
-        return self.solve_system(
-            self.system_of(self.body, after), self.condense(), options, start, report
-        )
+        condensed = self.condense()
+        system = self.system_of(self.body.snapshot(), after)
+        return self.solve_system(system, condensed, options, start, report)
 
     def solve_system(
         self,
@@ -297,3 +308,19 @@ class ContactProblem:
         )
         certify(result, options.tol, slack)
         return result
+
+
+def _check_same(rows: ContactRows, of_last: ContactRows) -> None:
+    """Raise an `InputError` unless the slip of a last step can be read in these rows."""
+    if of_last.T is rows.T:
+        return
+    size = float(np.ptp(rows.x_nominal, axis=1).max())
+    for name, ours, theirs, unit in (
+        ("places", rows.x_nominal, of_last.x_nominal, size),
+        ("tangents", rows.tangents, of_last.tangents, 1.0),
+    ):
+        if ours.shape != theirs.shape or np.abs(ours - theirs).max() > 1e-9 * unit:
+            raise InputError(
+                f"after: a result whose {of_last.gap.size} contact points have other {name} than "
+                f"the {rows.gap.size} of this problem is no step of its history"
+            )

@@ -80,7 +80,10 @@ class ContactResult:
 
     @property
     def shear(self) -> Array:
-        """Shear traction that acts on the body at `x`, along the tangents, (m, dim - 1)."""
+        """Shear traction that acts on the body at `x`, along the tangents, (m, dim - 1).
+
+        Zero where the whole tangential displacement is prescribed.
+        """
         return -self.t / self.system.rows.weights[:, None]
 
     @cached_property

@@ -133,3 +133,20 @@ def describe_motion(body: ElasticBody, u: Array) -> str:
         return f"a rotation about ({centre[0]:.6g}, {centre[1]:.6g})"
     vector = np.array([turn[2], -turn[1], turn[0]])
     return f"a rotation about the axis {np.round(vector / np.linalg.norm(vector), 4)}"
+
+
+def reduced_echelon(rows: Array) -> Array:
+    """Reduced row echelon form: as many zeros as the span of the rows allows."""
+    rows, done = rows.copy(), 0
+    for column in range(rows.shape[1]):
+        if done == rows.shape[0]:
+            break
+        best = done + int(np.argmax(np.abs(rows[done:, column])))
+        if np.abs(rows[best, column]) < 1e-9 * np.abs(rows).max():
+            continue
+        rows[[done, best]] = rows[[best, done]]
+        rows[done] /= rows[done, column]
+        others = np.arange(rows.shape[0]) != done
+        rows[others] -= np.outer(rows[others, column], rows[done])
+        done += 1
+    return rows

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from copy import copy
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -36,6 +37,11 @@ class Solid(ABC):
     dim: int
     plane: str | None
     f: Array
+    _supports: list[Any]
+
+    def snapshot(self) -> Self:
+        """The body as it is now, for a result: later loads and supports do not reach it."""
+        return copy(self)
 
     @property
     @abstractmethod
@@ -134,6 +140,11 @@ class BasisSolid(Solid):
         def lengths(self) -> tuple[Array, Array]:
             """Length of each dof and of each free unknown."""
             ...
+
+    def snapshot(self) -> Self:
+        """The body as it is now, its matrices shared."""
+        _ = self.stiffness, self.absolute_stiffness, self.lengths
+        return super().snapshot()
 
     @property
     def trace(self) -> Self:

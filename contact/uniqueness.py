@@ -145,6 +145,7 @@ def unique_below(problem: BoundaryProblem) -> float:
         return 0.0
     normal = problem.normal[problem.can_touch]
     tangent = problem.tangent[problem.tangent >= 0]
+    tangent = tangent[problem.W.diagonal()[tangent] > 0]
     if normal.size == 0 or tangent.size == 0:
         return np.inf
     compliance_t = problem.W[np.ix_(tangent, tangent)]

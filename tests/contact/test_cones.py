@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from skfem import ElementHex1, ElementHex2, ElementTetP2
+from skfem import ElementHex1, ElementHex2, ElementTetP2, MeshHex, MeshTet
 
 from contact import (
     ContactProblem,
@@ -64,3 +64,54 @@ def test_other_solvers_have_no_cones(make):
     problem = make.dome(ElementHex1)
     with pytest.raises(InputError, match="clarabel"):
         cross_check(problem, problem.solve(), "osqp")
+
+
+def held_cube(element, **where):
+    """A cube on a sloping floor; its left side is held in x, its front in y."""
+    mesh = (MeshHex if element is ElementHex1 else MeshTet).init_tensor(*[np.linspace(0, 1, 3)] * 3)
+    sides = {"left": 0, "front": 1, "bottom": 2}
+    named = {name: lambda x, a=axis: x[a] == 0.0 for name, axis in sides.items()}
+    mesh = mesh.with_boundaries(named | {"top": lambda x: x[2] == 1.0})
+    body = ElasticBody.from_mesh(mesh, element(), E=1.0, nu=0.3)
+    return body.fix("left", "x", **where).fix("front", "y").load("top", (0.02, 0.03, -0.1))
+
+
+@pytest.mark.parametrize(("law", "friction"), [("tresca", 0.01), ("coulomb", 0.3)])
+@pytest.mark.parametrize("element", [ElementHex1, ElementTetP2])
+def test_prescribed_slip_turns_friction(element, law, friction):
+    """Where supports or the obstacle drag a point along x, its friction along y is less."""
+    floor = lambda x: 0.002 * x[0]  # noqa: E731
+    dragged = ContactProblem(held_cube(element, value=0.01), "bottom", floor, friction, law)
+    pulled = Rigid(floor, displacement=(0.02, 0.005, 0.0))
+    results = []
+    for problem in (dragged, ContactProblem(held_cube(element), "bottom", pulled, friction, law)):
+        results.append(problem.solve())
+        check = cross_check(problem, results[-1], "clarabel")
+        assert check.displacement < 1e-4
+        assert check.multipliers < 1e-3
+    for result in results:  # the law itself, on the points held in x and not in y
+        edge = (result.x_nominal[0] == 0.0) & (result.x_nominal[1] > 0.0) & (result.mu > 1e-6)
+        force, slip = result.t[edge], result.slip[edge]
+        g = result.system.bound(result.mu)[edge]
+        assert edge.any()
+        along = g[:, None] * slip / np.linalg.norm(slip, axis=1)[:, None]
+        assert np.abs(force - along).max() < 1e-9 * result.mu.max()
+
+
+@pytest.mark.parametrize("method", ["pdas", "fixed_point", "tresca_loop"])
+def test_methods_agree_on_a_prescribed_slip(method):
+    problem = ContactProblem(held_cube(ElementHex1, value=0.01), "bottom", 0.0, 0.3)
+    theirs, ours = problem.solve(method), problem.solve()
+    # The regularised law of the fixed point is met to its eps.
+    limit = 1e-4 if method == "fixed_point" else 1e-8
+    assert np.abs(theirs.u - ours.u).max() < limit * np.abs(ours.u).max()
+    assert np.abs(theirs.t - ours.t).max() < limit * ours.mu.max()
+
+
+def test_obstacle_pulled_across_a_plane_of_symmetry():
+    """Its force is that of all points, of those too that supports hold in its direction."""
+    puller = Rigid(0.0, displacement=(None, 0.0, 0.0), force=(-0.045, None, None))
+    result = ContactProblem(held_cube(ElementHex1), "bottom", puller, 0.5).solve()
+    assert abs(result.resultant[0] + 0.045) < 1e-12
+    assert result.motion[0] < 0
+    assert np.abs(result.t[result.x_nominal[0] == 0.0]).max() > 0

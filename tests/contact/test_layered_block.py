@@ -187,10 +187,11 @@ def test_prescribed_penetration_is_infeasible():
 def test_load_history_and_driven_obstacle_as_with_a_basis():
     histories, driven = [], []
     for kind in (lambda b: b, LayeredBlock.elastic):
-        block = LayeredBlock(1.0, [(1.0, 8, 1.0, 0.3)], sides="x", top="x")
+        block = LayeredBlock(1.0, [(1.0, 8, 1.0, 0.3)], top="x")
         body = kind(block)
         stepper = LoadStepper(ContactProblem(body, "bottom", 0.0, 0.4))
         stepper.load("top", lambda x: np.array([0.0 * x[0], -1 - x[0]]))
+        stepper.move("top", "x", 0.05, np.sin)
         histories.append(stepper.run([0.5, 1.0, 1.5]).results[-1])
         rigid = Rigid(0.0, displacement=(0.02, None), force=(None, 0.7))
         pressed = LayeredBlock(1.0, [(1.0, 8, 1.0, 0.3)], top="xy")
@@ -285,6 +286,10 @@ def test_bad_use_is_refused():
         (lambda: block.load("top", (1.0, 0.0, 0.0)), "traction"),
         (lambda: block.body_force((1.0,)), "force"),
         (lambda: ContactProblem(block, "top", 0.0), "boundary"),
+        # Numbers of facets inside the block, as its lowest row of cells counts them.
+        (lambda: ContactProblem(block, block.trace.mesh.f2t[1] == -1, 0.0), "that name"),
+        (lambda: ContactProblem(block, block.trace.mesh.boundary_facets(), 0.0), "that name"),
+        (lambda: LoadStepper(ContactProblem(block, "bottom", 0.0)).move("top", "x"), "not fixed"),
         (lambda: ContactProblem(block, "bottom", 0.0, solver="superlu").condense(), "solver"),
         (lambda: ContactProblem(block, "bottom", 0.0).condense(device="tpu"), "device='tpu'"),
         (lambda: ContactProblem(block.elastic(), "bottom", 0.0).condense(device="cuda"), "device"),
@@ -300,11 +305,18 @@ def test_what_needs_a_basis_names_the_way_out(tmp_path):
     block, obstacle, friction = _supported(4)
     result = ContactProblem(block, "bottom", obstacle, friction).solve()
     assert isinstance(result, ContactResult)
-    for call in (result.stress, result.to_pyvista, lambda: result.save(tmp_path / "r.npz")):
+    stepper = LoadStepper(ContactProblem(block, "bottom", obstacle, friction))
+    for call in (
+        result.stress,
+        result.to_pyvista,
+        lambda: result.save(tmp_path / "r.npz"),
+        lambda: stepper.run([1.0], path=tmp_path / "history"),
+    ):
         with pytest.raises(InputError, match=r"block.elastic\(\)"):
             call()
     with pytest.raises(InputError, match="outside the block"):
         result.sample([[0.5, 1.2], [0.5, 0.5]])
+    assert not list(tmp_path.iterdir())
 
 
 def test_no_device_is_a_typed_error():

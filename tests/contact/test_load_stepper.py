@@ -6,27 +6,30 @@ import pyvista
 from skfem import ElementHex1, ElementQuad1, ElementTriP2
 
 from contact import (
+    ClosestPoint,
     ContactProblem,
     ContactResult,
+    Cylinder,
     ElasticBody,
     InputError,
     LoadHistory,
     LoadStepper,
     NotConverged,
     Plane,
+    Rigid,
     Status,
     cross_check,
 )
 from skfem_adini import ElementQuadAdini
 
 
-def dragged(make, element=ElementQuadAdini, friction=0.3, law="coulomb", n=6):
+def dragged(make, element=ElementQuadAdini, friction=0.3, law="coulomb", n=6, gap=0.0):
     """A block held by its top, pressed on a foundation and dragged to and fro."""
     dim = make.meshes[element]().dim()
     ticks = np.linspace(0, 1, n + 1)
     body = ElasticBody.from_mesh(make.box(element, *(ticks,) * dim), element(), E=1.0, nu=0.3)
     body.fix("top")
-    stepper = LoadStepper(ContactProblem(body, "bottom", 0.0, friction, law))
+    stepper = LoadStepper(ContactProblem(body, "bottom", gap, friction, law))
     stepper.move("top", "xyz"[dim - 1], -0.05, lambda t: min(1.0, 4 * t))
     return stepper.move("top", "x", 0.08, lambda t: np.sin(3 * t))
 
@@ -155,9 +158,10 @@ def test_cross_check_of_a_step(make):
     stepper = dragged(make)
     history = stepper.run(TIMES[:9])
     last = history.results[-1]
-    check = cross_check(stepper.problem, last, "osqp")
-    assert check.displacement < 1e-7
-    assert check.multipliers < 1e-6
+    for condensed in (False, True):  # the supports of the step are not those of the problem
+        check = cross_check(stepper.problem, last, "osqp", condensed=condensed)
+        assert check.displacement < 1e-7
+        assert check.multipliers < 1e-6
 
 
 def test_after_is_a_step(make):
@@ -296,10 +300,49 @@ def test_resume_of_another_problem(make, tmp_path):
     dragged(make).run(TIMES[:2], path=tmp_path / "run")
     with pytest.raises(InputError, match="another problem"):
         dragged(make, friction=0.2).resume(tmp_path / "run")
+    with pytest.raises(InputError, match="another problem"):
+        dragged(make, gap=0.01).resume(tmp_path / "run")
     with pytest.raises(InputError, match="no load history"):
         dragged(make).resume(tmp_path / "elsewhere")
     with pytest.raises(InputError, match="not empty"):
         dragged(make).run(TIMES, path=tmp_path / "run")
+
+
+def test_body_that_is_fixed_after_its_stepper_was_made(make):
+    """What moves its supports was made for other ones."""
+    stepper = dragged(make, n=2)
+    stepper.run(TIMES[:1])
+    stepper.problem.body.fix("left", "x")
+    with pytest.raises(InputError, match="make a new one"):
+        stepper.run(TIMES[1:2])
+
+
+def test_step_after_a_result_of_another_boundary(make):
+    """As many points, elsewhere: its slip says nothing here."""
+    body = dragged(make, n=2).problem.body
+    other = ContactProblem(body, "left", 0.0, 0.3).solve()
+    with pytest.raises(InputError, match="other places"):
+        ContactProblem(body, "bottom", 0.0, 0.3).solve(after=other)
+
+
+def test_closest_points_keep_their_directions(make):
+    """A roller measured to its closest points rolls on within a Rigid, not by another place."""
+
+    def roller(x):
+        return ClosestPoint(Cylinder((x, -2.0), 2.01))
+
+    body = dragged(make, n=4).problem.body
+    stepper = LoadStepper(ContactProblem(body, "bottom", roller(0.5), 0.3))
+    with pytest.raises(InputError, match=r"other directions.*Rigid"):
+        stepper.obstacle(lambda t: roller(0.5 + 0.1 * t)).run([1.0])
+    with pytest.raises(InputError, match="other directions"):
+        stepper.obstacle(lambda t: Cylinder((0.5, -2.0), 2.01)).run([1.0])
+    moved = stepper.obstacle(lambda t: Rigid(roller(0.5), displacement=(0.01 * t, 0.0))).step(1.0)
+    assert moved.resultant[0] > 0
+    floor = LoadStepper(ContactProblem(body, "bottom", ClosestPoint(Plane((0, 0), (0, 1))), 0.3))
+    rising = floor.obstacle(lambda t: ClosestPoint(Plane((0, 0.02 * t), (0, 1)))).step(1.0)
+    plain = ContactProblem(body, "bottom", Plane((0, 0.02), (0, 1)), 0.3).solve()
+    assert np.abs(rising.u - plain.u).max() < 1e-12
 
 
 def test_step_that_fails_leaves_the_history(make, tmp_path):

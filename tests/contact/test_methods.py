@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from skfem import ElementQuad1, ElementTriP2
+from skfem import ElementQuad1, ElementTriP2, MeshQuad
 
-from contact import ContactProblem, InputError, loops
+from contact import ContactProblem, ElasticBody, InputError, loops
 from skfem_adini import ElementQuadAdini
 
 # Relative difference of u to the default method: certificates at 1e-10, 1e-7 for QP solvers.
@@ -230,3 +230,12 @@ def test_methods_that_make_no_sense(law, method, make):
     problem, _ = make.solved(law=law, friction=FRICTION[law])
     with pytest.raises(InputError, match="method"):
         problem.solve(method)
+
+
+def test_fixed_point_where_a_support_prescribes_the_slip():
+    """Friction of that point acts on the support: no method balances it."""
+    body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    body.fix("left", "x", 0.01).load("top", (0.0, -0.1))
+    problem = ContactProblem(body, "bottom", 0.0, 0.3)
+    ours, theirs = problem.solve(), problem.solve("fixed_point")
+    assert np.abs(ours.u - theirs.u).max() < 1e-4 * np.abs(ours.u).max()
