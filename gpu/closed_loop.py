@@ -22,6 +22,8 @@ RESTARTS = 30
 TOLERANCES = (1e-8, 1e-4)
 # Left of the axis by so much of the matrix, no meeting of eigenvalues there can be in question.
 FAR = 1e-3
+OUTSIDE = 1e-6  # of the unit circle, beyond what an eigenvalue there is converged to
+ROUNDINGS = 1e2
 SQUARES = 0.05  # the second order of a Newton step over the first where it converges
 
 
@@ -229,14 +231,13 @@ def nearest_poles(state: StateMatrix, B: Any, K: Any, count: int = FEW) -> np.nd
     GpuError
         The iteration does not converge.
     """
-    xp, n, m = state.xp, state.n, B.shape[1]
+    xp, n = state.xp, state.n
     shift, factors = 0.0, state.factor()
     for digits in (None, -8, -6, -4):
         if factors is not None:
-            solved = factors.solve(B)
-            core = to_host(xp.eye(m) - K @ solved)
-            if np.isfinite(core).all() and np.linalg.cond(core) < 1e10:
-                break
+            apply = _loop_inverse(state, factors, B, K)
+            if apply is not None:
+                return _poles_by(apply, shift, n, xp, count)
         if state.kind == "operator":
             raise GpuError("the closed loop of an operator with a pole at zero is not examined")
         if digits is None:
@@ -247,15 +248,93 @@ def nearest_poles(state: StateMatrix, B: Any, K: Any, count: int = FEW) -> np.nd
             continue
         shift = 10.0**digits * (state.size() or 1.0)
         factors = state.factor(shift)
-    else:
-        raise GpuError("the closed loop could not be factored near zero")
+    raise GpuError("the closed loop could not be factored near zero")
+
+
+def unstable_pole(state: StateMatrix, B: Any, K: Any, nearest: float) -> complex | None:
+    r"""A pole of the loop right of the axis that shows itself in a few steps; else None.
+
+    Of :math:`C = (A_c + s E)(A_c - s E)^{-1}`, s > 0, the eigenvalues
+    :math:`(\lambda + s) / (\lambda - s)` outside of the unit circle are those of poles right of
+    the axis, and large where s is near them. ``nearest`` is the modulus of a slow pole. What is
+    found is beyond the axis by more than its condition lets rounding move it.
+    """
+    xp, n = state.xp, state.n
+    x = xp.asarray(np.random.default_rng(1).standard_normal(n))
+    fast = float(xp.linalg.norm(state.apply(x)) / xp.linalg.norm(state.mass(x)))
+    slow = min(max(nearest, 1e-8 * fast), fast)
+    if state.kind == "operator" or not slow > 0.0:
+        return None
+    for part in (1 / 3, 2 / 3):
+        s = slow * (fast / slow) ** part
+        factors = state.factor(s)
+        inverse = None if factors is None else _loop_inverse(state, factors, B, K)
+        if inverse is None:
+            continue
+        theta = _outermost(inverse, s, x)
+        if theta is None or not abs(theta) > 1.0 + OUTSIDE:
+            continue
+        pole = s * (theta + 1.0) / (theta - 1.0)
+        if pole.real > _doubt(state, B, K, pole):
+            return complex(pole)
+    return None
+
+
+def _outermost(inverse: Any, s: float, x: Any) -> complex | None:
+    """The eigenvalue of largest modulus of ``I + 2 s inverse``, where it converges at once."""
+    from gpu.eigs import eigs
+
+    try:
+        found = eigs(
+            lambda v: v + 2.0 * s * inverse(v),
+            k=2, ncv=24, v0=x, tol=1e-8, maxiter=2, return_eigenvectors=False,
+        )  # fmt: skip
+    except NotConverged as error:
+        found = error.eigenvalues
+    except GpuError:
+        return None
+    found = np.zeros(0) if found is None else to_host(found)
+    return found[np.argmax(np.abs(found))] if len(found) else None
+
+
+def _doubt(state: StateMatrix, B: Any, K: Any, pole: complex) -> float:
+    """What rounding may move a pole by, from its left and right vectors."""
+    xp, n = state.xp, state.n
+    factors = state.factor(pole * (1.0 + 1e-9))
+    inverse = None if factors is None else _loop_inverse(state, factors, B, K)
+    turned = None if factors is None else _loop_inverse(state, factors, B, K, transposed=True)
+    if inverse is None or turned is None:
+        return 0.0
+    x = y = xp.asarray(np.random.default_rng(1).standard_normal(n)) + 0j
+    for _ in range(3):
+        x, y = inverse(x), turned(y)
+        x, y = x / xp.linalg.norm(x), y / xp.linalg.norm(y)
+    size = (state.size() + float(abs(B).max()) * float(abs(K).max())) * n**0.5
+    cosine = abs(complex((y * state.mass(x)).sum()))
+    return ROUNDINGS * EPS * size / max(cosine, 1e-300)
+
+
+def _loop_inverse(
+    state: StateMatrix, factors: Factors, B: Any, K: Any, transposed: bool = False
+) -> Any:
+    """``x -> (A - B K - s E)^-1 E x`` by factors of ``A - s E``; None where it is singular."""
+    xp, m = state.xp, B.shape[1]
+    solve, mass = factors.solve, state.mass
+    left, right = B, K
+    if transposed:
+        solve, mass = factors.solve_transposed, state.mass_transposed
+        left, right = K.T, B.T
+    solved = solve(left)
+    core = to_host(xp.eye(m) - right @ solved)
+    if not np.isfinite(core).all() or not np.linalg.cond(core) < 1e10:
+        return None
     inverse = xp.asarray(np.linalg.inv(core))
 
     def apply(x: Any) -> Any:
-        y = factors.solve(state.mass(x))
-        return y + solved @ (inverse @ (K @ y))
+        y = solve(mass(x))
+        return y + solved @ (inverse @ (right @ y))
 
-    return _poles_by(apply, shift, n, xp, count)
+    return apply
 
 
 def _pencil_inverse(closed: Factors, state: StateMatrix) -> Any:

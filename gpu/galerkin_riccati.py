@@ -84,7 +84,8 @@ class Projected:
             P = np.linalg.solve(self.E.T, np.linalg.solve(self.E.T, P).T)
         except (np.linalg.LinAlgError, ValueError) as error:
             raise RiccatiError(
-                f"the problem on {len(self.A)} basis vectors has no stabilising solution ({error})"
+                f"the problem on {len(self.A)} basis vectors has no stabilising solution "
+                f"({error}); method='doubling' stores all entries and needs no projection"
             ) from error
         return rho * (P + P.T) / 2
 

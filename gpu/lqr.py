@@ -11,7 +11,7 @@ import numpy as np
 
 from gpu import reduced_lqr
 from gpu.arrays import to_host
-from gpu.closed_loop import ALL_POLES, dense_loop, nearest_poles
+from gpu.closed_loop import ALL_POLES, dense_loop, nearest_poles, unstable_pole
 from gpu.errors import GpuError, InputError, NotConverged, NotSupported, RiccatiError
 from gpu.lqr_problem import PAID, LQRProblem, check_lqr, semidefinite
 from gpu.lqr_result import Found, LQRResult
@@ -27,7 +27,8 @@ METHODS = {
     "reduced": "gpu.reduced_lqr",
 }
 PROVED = 600  # up to this order all poles are computed although stability is proved without
-QUICK = 200  # up to this order a dense solver is quicker than Newton steps with shifted solves
+QUICK = 400  # up to this order a dense solver is quicker than Newton steps with shifted solves
+TOLD = 200  # up to this order it may tell itself what stands in its way
 # These promise a solution of the equation; the others a gain.
 EXACT = {"doubling", "newton"}
 
@@ -75,7 +76,7 @@ def lqr(
         "newton": Newton-Kleinman from a stabilising gain. "hamiltonian": the eigenvectors of the
         inverse Hamiltonian, Algorithm 5 of the dissertation. "reduced": Galerkin on a rational
         Krylov space. "auto": doubling where A is dense; else reduced, but doubling with all
-        entries where that fails for at most 1500 states, or takes longer (at most 200 states and
+        entries where that fails for at most 1500 states, or takes longer (at most 400 states and
         a Q of full rank that is no multiple of E, or a nonsymmetric A).
     inverse : LinearOperator, optional
         ``A^-1`` of an operator A, with ``rmatvec``.
@@ -108,7 +109,8 @@ def lqr(
     Hamiltonian, is below 1e-9 (usually 1e-15), or S is the solution to 1e-12. Of large sparse or
     diagonal problems with symmetric A and E and Q a multiple of E the stability is proved by
     Lyapunov's inequality too (see `gpu.reduced_certificate.proves_stable`); of others that are as
-    large the poles nearest to zero are examined, and nothing is proved: ``bound`` says which.
+    large the poles nearest to zero are examined, one right of the axis is looked for, and nothing
+    is proved: ``bound`` says which.
 
     References
     ----------
@@ -282,7 +284,7 @@ def solve_problem(
         # No other method finds a better gain than one that leaves a pole no feedback moves.
         inherent = named(problem)
         if inherent is not None:
-            if chosen and problem.n <= QUICK:
+            if chosen and problem.n <= TOLD:
                 return _by_entries(problem, unstable, paid)
             raise inherent
     if not result.stable and chosen:
@@ -291,7 +293,7 @@ def solve_problem(
     if not result.stable and unstable != "ignore":
         message = (
             f"the gain of method {method!r} does not stabilise: a pole has the real part "
-            f"{result.abscissa:.3g}; use result.refined(), or method='newton'"
+            f"{result.abscissa:.3g}; {_remedy(problem)}"
         )
         if unstable == "raise":
             raise NotConverged(message)
@@ -299,9 +301,15 @@ def solve_problem(
     return result
 
 
+def _remedy(problem: LQRProblem) -> str:
+    if problem.dense or problem.n <= ALL_POLES:
+        return "use result.refined(), or method='newton'"
+    return "give its mode an input and a weight, or use method='doubling' with all entries"
+
+
 def _by_entries(problem: LQRProblem, unstable: str, paid: bool) -> LQRResult:
     """The answer with all entries stored, where no projection finds it and memory allows."""
-    inherent = named(problem) if problem.n > QUICK else None
+    inherent = named(problem) if problem.n > TOLD else None
     if inherent is not None:
         raise inherent
     return solve_problem(problem.entries(), "doubling", unstable, {}, paid=paid)
@@ -321,9 +329,7 @@ def certified(problem: LQRProblem, found: Found, method: str) -> LQRResult:
     else:
         loop = None
     if loop is None:
-        poles, stable = nearest(problem, found.gain)
-        if found.proved:
-            stable = not len(poles) or stable
+        poles, stable = nearest(problem, found.gain, found.proved)
         abscissa, bound = float(poles[0].real) if len(poles) else np.nan, np.nan
         if found.proved and stable:
             bound = 0.0
@@ -347,13 +353,18 @@ def certified(problem: LQRProblem, found: Found, method: str) -> LQRResult:
     )
 
 
-def nearest(problem: LQRProblem, K: Any) -> tuple[np.ndarray, bool]:
-    """The poles nearest to zero, and whether all of them are stable."""
+def nearest(problem: LQRProblem, K: Any, proved: bool) -> tuple[np.ndarray, bool]:
+    """The poles nearest to zero, one right of the axis if any is found, and whether none is."""
     try:
         poles = nearest_poles(problem.state, problem.B, K)
     except GpuError:
-        return np.zeros(0, dtype=complex), False
-    return poles, bool(poles[0].real < 0.0)
+        return np.zeros(0, dtype=complex), proved
+    stable = bool(poles[0].real < 0.0)
+    if stable and not proved:
+        other = unstable_pole(problem.state, problem.B, K, float(np.abs(poles).min()))
+        if other is not None:
+            poles, stable = np.concatenate([[other], poles]), False
+    return poles, stable
 
 
 def _check_cost(problem: LQRProblem, S: Any) -> None:

@@ -24,6 +24,7 @@ from gpu.weights import Weight, low_rank_factor
 COMPRESSIONS = ("galerkin", "printed")
 START = 8  # blocks before the first Newton step
 STEPS = 30
+MISSES = 16  # spaces without a stabilising solution, one after the other, that end the search
 STRIDE = 2  # blocks between two looks at the projected equation
 POLES = 6  # for values of low rank; each is factored once
 QUADRATIC = 1e-6  # a Newton step of this size leaves an error of its square
@@ -151,7 +152,7 @@ def _low_rank(problem: LQRProblem, C: Any, tol: float, limit: int) -> Found:
     # The value is that of A E^-1 and C E^-1; a feedback that makes A regular must lie in its space.
     seed = xp.concatenate([_mass(state).solve_transposed(C.T), *moved], axis=1)
     space = RationalKrylov(state, seed, poles, transposed=True)
-    projected, residual, history = None, np.inf, []
+    projected, residual, history, misses = None, np.inf, [], 0
     while True:
         for _ in range(2 * STRIDE):
             space.grow()
@@ -161,9 +162,11 @@ def _low_rank(problem: LQRProblem, C: Any, tol: float, limit: int) -> Found:
             residual = projected.residual(P, C)
         except RiccatiError:
             # The smaller problem need not be stabilisable where the whole one is.
-            if space.exhausted or space.rank >= limit:
+            misses += 1
+            if space.exhausted or space.rank >= limit or (misses > MISSES and limit < problem.n):
                 raise
             continue
+        misses = 0
         history.append((space.rank, residual))
         if residual <= tol:
             break

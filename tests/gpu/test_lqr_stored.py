@@ -6,7 +6,7 @@ from scipy import sparse
 from scipy.linalg import solve_continuous_are
 from scipy.sparse.linalg import LinearOperator, splu
 
-from gpu import NotConverged, NotSupported, lqe, lqr
+from gpu import NotConverged, NotSupported, RiccatiError, lqe, lqr
 
 N = 40  # elements of the models
 
@@ -103,6 +103,45 @@ def test_no_gain_of_an_operator_is_called_optimal_that_is_not():
     # What is asked for by name is done: the second state is out of the space.
     rough = lqr(product, B, 1.0, 1.0, method="reduced", inverse=inverse, refine=False)
     np.testing.assert_allclose(rough.K, [[first, 0.0]], atol=1e-12)
+
+
+UNSTABLE = {
+    "real": [[30.0, 0.0], [0.0, -1.0]],
+    "slow": [[0.01, 0.0], [0.0, -1.0]],
+    "swinging": [[0.1, 5.0], [-5.0, 0.1]],
+}
+
+
+@pytest.mark.parametrize("modes", [*UNSTABLE, "stable"])
+def test_poles_of_large_loops_right_of_the_axis_are_looked_for(modes):
+    """Modes without an input or a weight are poles of every loop, wherever they are."""
+    n = 1600
+    rest = sparse.diags_array([-6.5, 3.0, 2.7], offsets=[0, 1, -1], shape=(n - 2, n - 2))
+    pair = np.array(UNSTABLE.get(modes, -np.eye(2)))
+    A = sparse.block_diag([rest, pair], format="csr")
+    B, C = np.zeros((n, 1)), np.zeros((1, n))
+    B[:50], C[0, 60:70] = 1.0, 1.0
+    if modes == "stable":
+        result = lqr(A, B, C, 1.0, factored=True)
+        assert result.stable
+        assert result.abscissa < 0.0
+        return
+    with pytest.warns(RuntimeWarning, match="does not stabilise.*doubling"):
+        result = lqr(A, B, C, 1.0, factored=True)
+    assert not result.stable
+    assert not result.converged
+    want = np.linalg.eigvals(pair).real.max()
+    assert result.abscissa == pytest.approx(want, rel=1e-6)
+
+
+@pytest.mark.parametrize("rank", ["full", "one"])
+def test_a_projection_without_a_solution_ends_soon(rank):
+    stiffness = 801**2 * sparse.diags_array([2.0, -1.0, -1.0], offsets=[0, 1, -1], shape=(800, 800))
+    eye = sparse.eye_array(800)
+    A = sparse.block_array([[None, eye], [-stiffness, -eye]], format="csr")
+    Q, factored = (1.0, False) if rank == "full" else (np.eye(1, 1600, 400), True)
+    with pytest.raises(RiccatiError, match="stabilis"):
+        lqr(A, np.eye(1600)[:, 1200], Q, 1.0, factored=factored)
 
 
 def test_options_of_a_projection_are_kept():
