@@ -71,7 +71,8 @@ def unbeaten(
         The most there may be.
     patience : float
         Products after which a newcomer inside is enough, whatever the probability: far from
-        normal, and beside copies of the last wanted, p does not grow in practice.
+        normal, and beside copies of the last wanted, p does not grow in practice. Infinite where
+        nothing but probability is to end the search.
     meanwhile : callable, optional
         See `Arnoldi.sweep`, for the first.
 
@@ -120,7 +121,7 @@ def unbeaten(
             and (
                 evidence >= 0.5 * np.log(n) - np.log(LIKELY)
                 or basis.matvecs - begun >= patience
-                or (converged and distance <= 1e-6 * abs(worst))
+                or (converged and distance <= 1e-6 * abs(worst) and patience < np.inf)
             )
         ):
             return True, made

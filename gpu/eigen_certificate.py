@@ -78,4 +78,7 @@ def _product(matrix: Matrix, X: Any) -> Any:
 def _multiplied(matrix: Matrix, X: Any) -> Any:
     if matrix.explicit is not None:
         return matrix.explicit @ X
-    return matrix.xp.stack([matrix.apply(x.copy()) for x in X.T], axis=1)
+    product = matrix.xp.empty_like(X, dtype=matrix.dtype)
+    for j, x in enumerate(X.T):  # copied each: an operator may return the same array always
+        product[:, j] = matrix.apply(x.copy())
+    return product

@@ -51,11 +51,11 @@ class Matrix:
     @functools.cached_property
     def norm(self) -> float:
         """A lower bound of the spectral norm, the largest column; zero without stored entries."""
-        if self.explicit is None or self.magnitude == 0.0:
+        if self.explicit is None:
             return 0.0
-        scaled = abs(self.explicit) * (1.0 / self.magnitude)
+        scaled = abs(self.explicit) * self.unit
         squares = scaled.multiply(scaled) if hasattr(scaled, "tocsr") else scaled * scaled
-        return self.magnitude * float(np.sqrt(float(squares.sum(axis=0).max())))
+        return float(np.sqrt(float(squares.sum(axis=0).max()))) / self.unit
 
     @functools.cached_property
     def unit(self) -> float:
@@ -67,7 +67,7 @@ class Matrix:
             size = self.magnitude
         if not np.isfinite(size) or size == 0 or 1e-100 < size < 1e100:
             return 1.0
-        return float(2.0 ** -np.floor(np.log2(size)))
+        return float(2.0 ** min(-np.floor(np.log2(size)), 1000.0))
 
     def dense(self) -> np.ndarray:
         """All entries, on the host, shape (n, n); by n products where none are stored."""
@@ -94,13 +94,14 @@ def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
     InputError
     """
     if callable(A) and not hasattr(A, "shape"):
-        if start is None:
-            raise InputError(
-                f"{name}: a callable has no shape; pass v0, shape (n,), to give it one"
-            )
         xp = array_module(start)
-        real = np.dtype(start.dtype).kind != "c" and _real_result(name, A, xp.asarray(start) * 1.0)
-        return Matrix(len(start), real, xp, A, None)
+        start = xp.asarray([] if start is None else start)
+        if start.ndim != 1 or not start.size or start.dtype.kind not in "buifc":
+            raise InputError(
+                f"{name}: a callable has no shape; pass v0, numbers of shape (n,), to give it one"
+            )
+        real = start.dtype.kind != "c" and _real_result(name, A, start * 1.0)
+        return Matrix(start.size, real, xp, A, None)
     shape = getattr(A, "shape", None)
     if shape is None:
         A = np.asarray(A)
@@ -166,11 +167,12 @@ def factorized(A: Any, xp: Any) -> Callable[[Any], Any] | None:
                 factors = sparse_linalg.splu(sparse.csc_matrix(A))
             except RuntimeError:
                 return None
-            return None if _singular(np.abs(factors.U.diagonal())) else factors.solve
+            U = factors.U
+            return None if _singular(U.diagonal(), abs(U).max(axis=0).toarray()) else factors.solve
         lapack: Any = linalg.get_lapack_funcs(("getrf", "getrs"), (A,))
         getrf, getrs = lapack
         lu, pivots, _ = getrf(A)
-        if _singular(np.abs(np.diag(lu))):
+        if _singular(np.diag(lu), np.abs(np.triu(lu)).max(axis=0)):
             return None
         return lambda x: getrs(lu, pivots, x)[0]
     if hasattr(A, "tocsr"):
@@ -184,12 +186,13 @@ def factorized(A: Any, xp: Any) -> Callable[[Any], Any] | None:
     from cupyx.scipy.linalg import lu_factor, lu_solve
 
     device = lu_factor(A, check_finite=False)
-    if _singular(to_host(xp.abs(xp.diag(device[0])))):
+    U = xp.triu(device[0])
+    if _singular(to_host(xp.diag(U)), to_host(xp.abs(U).max(axis=0))):
         return None
     return lambda x: lu_solve(device, x, check_finite=False)
 
 
-def _singular(pivots: np.ndarray) -> bool:
-    """Whether a pivot is rounding: solving would blow up what the others have to say."""
-    limit = len(pivots) * np.finfo(float).eps * pivots.max(initial=0.0)
-    return not bool(np.all(pivots > limit))
+def _singular(pivots: np.ndarray, columns: np.ndarray) -> bool:
+    """Whether a pivot is rounding beside its column: solving would blow up what others say."""
+    limit = len(pivots) * np.finfo(float).eps * columns
+    return not bool(np.all(np.abs(pivots) > limit))

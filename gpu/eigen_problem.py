@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,18 @@ import numpy as np
 from gpu.eigen_operator import Matrix, factorized
 from gpu.errors import InputError
 
+DROWNED = 1e-6  # rounding over the least wanted eigenvalue of the inverse
+APART = 1e3  # distance of the last wanted from sigma over that of the shift, or less than 1 / APART
+
+
+def shifts(matrix: Matrix, mass: Matrix | None, sigma: Any) -> Iterator[Any]:
+    """Sigma, and values beside it, by small parts of it and of A, for where it is an eigenvalue."""
+    yield sigma
+    if sigma is not None:
+        yield from (sigma * (1.0 + step) for step in (1e-9, 1e-7) if sigma)
+        size = (matrix.norm or 1.0) / (1.0 if mass is None else mass.norm or 1.0)
+        yield from (sigma + step * size for step in (1e-9, 1e-8, 1e-7))
+
 
 @dataclass(frozen=True)
 class EigenProblem:
@@ -18,7 +30,7 @@ class EigenProblem:
 
     Attributes
     ----------
-    apply : callable x -> product, or None
+    apply : callable x -> product
     dtype : numpy dtype
     values : callable
         From its eigenvalues to those that are wanted.
@@ -26,33 +38,32 @@ class EigenProblem:
         Its entries, where they are those of A.
     """
 
-    apply: Callable[[Any], Any] | None
+    apply: Callable[[Any], Any]
     dtype: Any
     values: Callable[[np.ndarray], np.ndarray]
     matrix: Any = None
 
     @classmethod
-    def of(cls, matrix: Matrix, mass: Matrix | None, sigma: Any, fallback: bool) -> EigenProblem:
-        """Factor what has to be; without `apply` where that fails and there is a fallback.
+    def of(cls, matrix: Matrix, mass: Matrix | None, shift: Any) -> EigenProblem | None:
+        """Factor what has to be; None where ``A - shift M`` has no factors.
 
         Raises
         ------
         InputError
-            M or A - sigma M is singular, or has no entries.
+            M is singular, or what has to be factored has no entries.
         """
-        real = matrix.real and (mass is None or mass.real) and np.isrealobj(sigma)
+        real = matrix.real and (mass is None or mass.real) and np.isrealobj(shift)
         dtype = np.dtype(float if real else complex)
         unit = matrix.unit
-        if sigma is None and mass is None:
+        if shift is None and mass is None:
             if unit == 1.0:
                 return cls(matrix.apply, dtype, lambda theta: theta, matrix.explicit)
             return cls(lambda x: matrix.apply(x * unit), dtype, lambda theta: theta / unit)
         if mass is not None and mass.explicit is None:
             raise InputError("M: an operator cannot be factored; pass its entries")
-        xp = matrix.xp
-        if sigma is None:
+        if shift is None:
             assert mass is not None
-            solve = factorized(mass.explicit, xp)
+            solve = factorized(mass.explicit, matrix.xp)
             if solve is None:
                 raise InputError("M is singular: give sigma, so that A - sigma M is factored")
             by_mass = solve
@@ -62,25 +73,34 @@ class EigenProblem:
                 "sigma: A is an operator and cannot be factored; pass eigs an operator of "
                 "(A - sigma)^-1 and take sigma + 1 / w"
             )
-        shift, solve = sigma, None
-        for attempt in range(3):
-            # Where sigma is an eigenvalue the shift moves off it by round-off of half precision.
-            solve = factorized(_shifted(matrix, mass, shift * unit, unit), xp)
-            if solve is not None:
-                break
-            step = 1e-9 * 10**attempt * (matrix.norm or 1.0)
-            shift = sigma + step / (1.0 if mass is None else mass.norm or 1.0)
-        if solve is None and fallback:
-            return cls(None, dtype, lambda theta: theta)
+        solve = factorized(_shifted(matrix, mass, shift * unit, unit), matrix.xp)
         if solve is None:
-            raise InputError(
-                f"A - sigma M cannot be factored for sigma={sigma} and three values beside it: "
-                "take another sigma"
-            )
+            return None
         if mass is None:
             return cls(solve, dtype, lambda theta: shift + 1.0 / (theta * unit))
         weigh, inverse = mass.apply, solve
         return cls(lambda x: inverse(weigh(x)), dtype, lambda theta: shift + 1.0 / (theta * unit))
+
+
+def told_apart(theta: np.ndarray, rounding: float, away: np.ndarray, moved: float) -> bool:
+    """Whether eigenvalues of an inverse say which are nearest to sigma.
+
+    Parameters
+    ----------
+    theta : ndarray
+        The wanted ones.
+    rounding : float
+        That of the inverse, which an eigenvalue next to the shift makes large.
+    away : ndarray
+        Distances from sigma of the eigenvalues they belong to.
+    moved : float
+        That of the shift. What lies no farther from sigma may be nearer than what was found.
+    """
+    reach = float(away.max())
+    return bool(
+        rounding <= DROWNED * np.abs(theta).min()
+        and not (moved and moved < APART * reach < APART**2 * moved)
+    )
 
 
 def _shifted(matrix: Matrix, mass: Matrix | None, sigma: Any, unit: float) -> Any:

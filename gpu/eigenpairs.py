@@ -46,8 +46,9 @@ class Eigenpairs:
             return self._made
         theta, Y = np.linalg.eig(T)
         theta = theta.astype(complex)
-        order = best_first(theta, self.rank, self.k, self.problem.dtype.kind == "f")
-        values, Y = self.problem.values(theta[order]), Y[:, order]
+        values = self.problem.values(theta)
+        order = best_first(theta, self.rank, self.k, self.problem.dtype.kind == "f", values)
+        values, Y = values[order], Y[:, order]
         if len(order) == self.k and self._fused():
             from gpu.ritz_pairs import pairs_with_residuals
 

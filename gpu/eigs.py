@@ -10,17 +10,16 @@ from scipy import linalg
 from gpu.arrays import array_module
 from gpu.eigen_certificate import certify
 from gpu.eigen_operator import Matrix, as_matrix
-from gpu.eigen_problem import EigenProblem
+from gpu.eigen_problem import EigenProblem, shifts, told_apart
 from gpu.eigenpairs import Eigenpairs
-from gpu.errors import InputError, NotConverged
-from gpu.krylov_schur import FLOOR, RESTARTS, krylov_schur
+from gpu.errors import GpuError, InputError, NotConverged
+from gpu.krylov_schur import FLOOR, RESTARTS, krylov_schur, room_for
 from gpu.ordered_schur import Rank
 from gpu.spectrum_order import best_first, edge_of, rank_of
 
 DENSE = 256  # up to this order all eigenvalues are computed: quick, and nothing can be missed
 PRODUCTS = 128  # the same for operators, whose entries cost a product a column
 FALLBACK = 4096  # up to this one where the iteration does not converge and entries are stored
-DROWNED = 1e-6  # rounding over the least wanted eigenvalue of the inverse
 
 
 def eigs(
@@ -93,8 +92,9 @@ def eigs(
     -----
     Matrices of order up to 256 (operators: 128) are decomposed fully, and so are those up to 4096
     with stored entries whose iteration does not converge, unless `maxiter` was given; for "SI"
-    these always, since a Krylov space is slow to see values inside the spectrum; "SM" and "SI"
-    with operators may raise NotConverged for that reason. Far from normal, as a convection
+    these always, and with `sigma` for "SM" and "LI" too, since a Krylov space is slow to see
+    values inside the spectrum; "SM" and "SI" with operators may raise NotConverged for that
+    reason. Far from normal, as a convection
     operator is at large cell Peclet numbers, an eigenvalue is known to residual times condition
     only; what is returned then are eigenvalues of a matrix within `tol` of A, and newcomers that
     are better by less do not count as missed.
@@ -138,57 +138,35 @@ def eigs(
 
     scale, squares = 0.0, None  # a lower bound of |A|; of residuals, where the vectors have them
     stored = n <= FALLBACK and _stored(matrix, mass)
-    # The smallest imaginary parts lie inside the spectrum, where a Krylov space is blind.
+    # The wanted may lie inside the spectrum, where a Krylov space is blind.
+    inner = which in ("SM", "SI") or (which == "LI" and real and sigma is not None)
     small = DENSE if _stored(matrix, mass) else PRODUCTS
-    if n <= max(small, size + 1) or (which == "SI" and sigma is None and stored):
+    if n <= max(small, room_for(k, size)) or (inner and stored):
         values, vectors = _decomposed(matrix, mass, sigma, rank, k)
     else:
         fallback = maxiter is None and stored
-        problem = EigenProblem.of(matrix, mass, sigma, fallback)
-        pairs = Eigenpairs(matrix, mass, problem, rank, k)
-        limit = maxiter or max(20, n // 6 if fallback else 40 * n // max(4, (size - k) // 2))
-        found = None
-        try:
-            if problem.apply is not None:
-                found = krylov_schur(
-                    problem.apply,
-                    n,
-                    k,
-                    rank,
-                    dtype=problem.dtype,
-                    xp=xp,
-                    ncv=size,
-                    start=start,
-                    tol=tol,
-                    maxiter=limit,
-                    restart=restart,
-                    matrix=problem.matrix,
-                    edge=edge_of(which, real),
-                    inner=which in ("SM", "SI"),
-                    meanwhile=pairs.of,
-                )
-        except FloatingPointError as error:
-            # Powers of an inverse may overflow although A is fine.
-            if not fallback:
-                raise InputError(f"A: {error}") from error
-        # Where sigma lies on an eigenvalue, rounding of its image drowns those of the others.
-        drowned = (
-            found is not None
-            and found.complete
-            and sigma is not None
-            and FLOOR * found.scale > DROWNED * np.abs(found.values[:k]).min()
+        found, pairs, reason = _iterated(
+            matrix,
+            mass,
+            sigma,
+            k,
+            rank,
+            ncv=size,
+            start=start,
+            tol=tol,
+            maxiter=maxiter or max(20, n // 6 if fallback else 40 * n // max(4, (size - k) // 2)),
+            restart=restart,
+            edge=edge_of(which, real),
+            inner=inner,
         )
-        if found is None or (fallback and (drowned or not found.complete)):
+        if fallback and (reason or not found.complete):
             values, vectors = _decomposed(matrix, mass, sigma, rank, k)
+        elif reason:
+            raise reason
         else:
             if mass is None and sigma is None:
                 scale = found.scale / matrix.unit
             values, vectors, squares = pairs.of(found.T, found.basis)
-            if drowned:
-                raise NotConverged(
-                    f"sigma={sigma} lies too close to an eigenvalue to tell the next {k} apart: "
-                    "move it by a small part of their distance, or ask for fewer"
-                )
             if not found.complete:
                 raise NotConverged(
                     f"{len(values)} of {k} eigenvalues converged in {found.restarts} restarts "
@@ -215,6 +193,51 @@ def eigs(
     return (values, vectors) if return_eigenvectors else values
 
 
+def _iterated(
+    matrix: Matrix, mass: Matrix | None, sigma: Any, k: int, rank: Rank, **options: Any
+) -> tuple[Any, Any, GpuError | None]:
+    """Outcome of the iteration, its pairs, and what forbids to use them.
+
+    Where sigma lies on an eigenvalue, rounding of its image drowns those of the others, and the
+    shift moves off it.
+    """
+    found = pairs = None
+    reason: GpuError = InputError(
+        f"A - sigma M cannot be factored for sigma={sigma} and values beside it: take another sigma"
+    )
+    for shift in shifts(matrix, mass, sigma):
+        problem = EigenProblem.of(matrix, mass, shift)
+        if problem is None:
+            continue
+        pairs = Eigenpairs(matrix, mass, problem, rank, k)
+        try:
+            with np.errstate(all="ignore"):  # what overflows shows in the coefficients
+                found = krylov_schur(
+                    problem.apply,
+                    matrix.n,
+                    k,
+                    rank,
+                    dtype=problem.dtype,
+                    xp=matrix.xp,
+                    matrix=problem.matrix,
+                    meanwhile=pairs.of,
+                    **options,
+                )
+                if sigma is None or not found.complete:
+                    return found, pairs, None
+                theta = found.values[:k]
+                away = np.abs(problem.values(theta) - sigma)
+            if told_apart(theta, FLOOR * found.scale, away, abs(shift - sigma)):
+                return found, pairs, None
+            reason = NotConverged(
+                f"sigma={sigma} lies too close to an eigenvalue to tell the next {k} apart, or "
+                "fewer are finite: move it by a small part of their distance, or ask for fewer"
+            )
+        except FloatingPointError as error:
+            reason = InputError(f"A: {error}")  # or powers of an inverse overflow
+    return found, pairs, reason
+
+
 def _decomposed(
     matrix: Matrix, mass: Matrix | None, sigma: Any, rank: Rank, k: int
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -231,6 +254,9 @@ def _decomposed(
     else:
         (alpha, beta), vectors = linalg.eig(full, mass.dense(), homogeneous_eigvals=True)
         finite = np.abs(beta) > 1e-14 * np.abs(beta).max()
+        if matrix.real and mass.real:  # pairs stay whole
+            first = (alpha.imag > 0).nonzero()[0]
+            finite[first] = finite[first + 1] = finite[first] & finite[first + 1]
         if finite.sum() < k or (sigma is None and not finite.all()):
             raise InputError(
                 f"M is singular: {int(finite.sum())} eigenvalues are finite; give sigma and k <= "

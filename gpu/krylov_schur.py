@@ -120,7 +120,7 @@ def krylov_schur(
     """
     room = most_room = ncv
     if challenge:
-        most_room = min(n - 1, ncv + max(k + 1, ncv // 2) + 1)
+        most_room = min(n - 1, room_for(k, ncv))
     basis = Arnoldi(apply, n, most_room, dtype, xp, matrix=matrix)
     basis.start(0, start)
     S = np.zeros((most_room, most_room), dtype=dtype)
@@ -146,6 +146,8 @@ def krylov_schur(
             T, Q, values = ordered_schur(S[:size, :size], rank, leading)
             spike = beta * Q[size - 1]
             converged = _leading(T, values, spike, tol, FLOOR * scale)
+            if challenge:  # which needs room
+                converged = whole(T, min(converged, most_room - max(ncv // 2, 4)))
             if converged + 2 < leading:
                 break
         wanted = float(np.linalg.norm(spike[: whole(T, min(k, size))])) / scale if scale else 0.0
@@ -243,6 +245,11 @@ def krylov_schur(
         basis.matvecs,
         False,
     )
+
+
+def room_for(k: int, ncv: int) -> int:
+    """Most vectors that a challenged iteration spans."""
+    return ncv + max(k + 1, ncv // 2) + 1
 
 
 def _leading(T: np.ndarray, values: np.ndarray, spike: np.ndarray, tol: float, floor: float) -> int:

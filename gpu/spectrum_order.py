@@ -78,15 +78,19 @@ def best_first(
     rank : callable
     k : int
     paired : bool
-        Whether complex values come as conjugate pairs.
+        Whether complex values come as conjugate pairs, one behind the other as LAPACK gives them.
     shown : ndarray, optional
         The eigenvalues themselves, where `values` are transformed.
     """
     shown = values if shown is None else shown
     if not paired:
         return np.argsort(-rank(values), kind="stable")[:k]
-    order = np.lexsort((-shown.imag, -np.abs(shown.imag), -shown.real, _place(rank(values))))
-    return order[:k]
+    # Equal pairs must not mix, nor rounding part the two of one: the first speaks for both.
+    first = np.arange(values.size)
+    members = values.imag.nonzero()[0]
+    first[members[1::2]] = members[::2]
+    keys = (-np.abs(shown.imag), -shown.real, _place(rank(values)))
+    return np.lexsort((-shown.imag, first, *(key[first] for key in keys)))[:k]
 
 
 def _place(rank: np.ndarray) -> np.ndarray:

@@ -1,0 +1,132 @@
+"""Shift and invert where it is delicate: graded spectra, sigma on an eigenvalue, pairs, copies."""
+
+import importlib
+
+import numpy as np
+import pytest
+from scipy import linalg, sparse
+from scipy.sparse.linalg import LinearOperator
+
+from gpu import InputError, NotConverged, eigs
+
+
+@pytest.fixture
+def iterate(monkeypatch):
+    """Nothing is decomposed fully, as for large matrices."""
+    for name in ("DENSE", "PRODUCTS", "FALLBACK"):
+        monkeypatch.setattr(importlib.import_module("gpu.eigs"), name, 0)
+
+
+def graded(n):
+    return 10.0 ** np.linspace(-10, 10, n)
+
+
+@pytest.mark.parametrize("stored", [np.asarray, sparse.csr_array])
+@pytest.mark.parametrize("sigma", [0.0, 3.0, 1e-7, 2e6])
+def test_eigenvalues_over_twenty_decades(iterate, stored, sigma):
+    """Pivots of a graded matrix are no rounding: a shift by 1e-9 |A| = 10 hid the smallest."""
+    d = graded(300)
+    w = eigs(stored(np.diag(d)), 3, sigma=sigma, return_eigenvectors=False)
+    assert np.sort(w.real) == pytest.approx(np.sort(d[np.argsort(np.abs(d - sigma))[:3]]), rel=1e-9)
+
+
+@pytest.mark.parametrize("place", [0, 100, 150, 299])
+def test_sigma_on_an_eigenvalue_of_a_graded_matrix(iterate, place):
+    d = graded(300)
+    w = eigs(np.diag(d), 3, sigma=d[place], return_eigenvectors=False)
+    wanted = d[np.argsort(np.abs(d - d[place]))[:3]]
+    assert np.sort(w.real) == pytest.approx(np.sort(wanted), rel=1e-9)
+
+
+def test_a_shift_beyond_the_wanted_is_no_answer(iterate):
+    """Eigenvalues next to a singular block: what lies within the move of the shift is not known."""
+    d = np.r_[0.0, 1e-9, 2e-9, -1e-9, np.linspace(1.0, 2.0, 296)]
+    Q = np.linalg.qr(np.random.default_rng(0).standard_normal((300, 300)))[0]
+    A = Q @ np.diag(d) @ Q.T
+    try:
+        w = eigs(A, 3, which="SM", return_eigenvectors=False)
+    except NotConverged:
+        return
+    assert np.sort(np.abs(w)) == pytest.approx([0.0, 1e-9, 1e-9], abs=1e-13)
+
+
+@pytest.mark.parametrize("sigma", [0.3, 0.5001, 5.0])
+def test_imaginary_parts_of_an_inverse_lie_inside_its_spectrum(sigma):
+    """Real eigenvalues next to sigma hide those off the real axis."""
+    A = np.diag(np.linspace(0.0, 1.0, 300))
+    for i in (0, 2):
+        A[i : i + 2, i : i + 2] = [[0.0, 2.0], [-2.0, 0.0]]
+    w = eigs(A, 4, sigma=sigma, which="LI", return_eigenvectors=False)
+    assert w == pytest.approx([2j, -2j, 2j, -2j], abs=1e-9)
+
+
+@pytest.mark.parametrize("mass", [False, True])
+@pytest.mark.parametrize("sigma", [None, 0.31, -1.0])
+@pytest.mark.parametrize("small", [0, 256])
+def test_pairs_stand_together_and_plus_comes_first(monkeypatch, mass, sigma, small):
+    """Also where an inverse turns their sign, and where there are copies of a pair."""
+    for name in ("DENSE", "PRODUCTS"):
+        monkeypatch.setattr(importlib.import_module("gpu.eigs"), name, small)
+    rng = np.random.default_rng(4)
+    block = rng.standard_normal((5, 5))
+    A = linalg.block_diag(*[block] * 4, rng.standard_normal((80, 80)))
+    M = np.eye(100) + 0.02 * rng.standard_normal((100, 100)) if mass else None
+    for k in range(1, 12):
+        w = eigs(A, k, M, sigma, return_eigenvectors=False)
+        place = 0
+        while place < k:
+            if w[place].imag != 0:
+                assert w[place].imag > 0
+                if place + 1 < k:
+                    assert w[place + 1] == pytest.approx(w[place].conj(), rel=1e-9)
+            place += 2 if w[place].imag else 1
+
+
+@pytest.mark.parametrize("ncv", [240, 290, 298, 299, 400])
+def test_spaces_of_nearly_all_vectors(ncv):
+    """Copies and blocks, of which the challenge finds the rest."""
+    D = np.diag(np.repeat(np.arange(1.0, 31.0), 10))
+    A = D + np.diag(np.tile([0.5] * 9 + [0.0], 30)[:-1], 1)
+    w, v = eigs(A, 15, ncv=ncv)
+    assert np.linalg.norm(A @ v - v * w, axis=0).max() < 1e-9
+    w = eigs(D, 15, ncv=ncv, return_eigenvectors=False)
+    assert w.real == pytest.approx(np.repeat([30.0, 29.0], [10, 5]))
+
+
+@pytest.mark.parametrize("seed", [13, 31])
+def test_an_iteration_that_fills_the_space(monkeypatch, seed):
+    """All had converged, and no vector was left for the challenge."""
+    monkeypatch.setattr(importlib.import_module("gpu.eigs"), "DENSE", 1)
+    rng = np.random.default_rng(seed)
+    values, sizes = rng.integers(-3, 4, 40), rng.integers(1, 4, 40)
+    blocks = [np.eye(b) * v + np.eye(b, k=1) for v, b in zip(values, sizes, strict=True)]
+    A = linalg.block_diag(*blocks)[:40, :40]
+    w = eigs(A, 15, ncv=35, sigma=0.3, return_eigenvectors=False)
+    true = np.linalg.eigvals(A)
+    nearest = np.sort(np.abs(true - 0.3))[:15]
+    assert np.sort(np.abs(w - 0.3)) == pytest.approx(nearest, abs=1e-4)
+
+
+@pytest.mark.parametrize("size", [1e-310, 5e-324 * 2**20, 1e305])
+@pytest.mark.parametrize("n", [5, 300])
+def test_the_smallest_and_largest_numbers_there_are(size, n):
+    d = np.linspace(0.1, 1.0, n) * size
+    w = eigs(np.diag(d), 2, return_eigenvectors=False)
+    assert w.real == pytest.approx(d[:-3:-1], rel=1e-5, abs=5e-324)
+
+
+def test_operators_may_return_the_same_array_always():
+    A = np.random.default_rng(5).standard_normal((300, 300))
+    out = np.empty(300)
+    operator = LinearOperator(A.shape, matvec=lambda x: np.dot(A, x, out=out), dtype=float)
+    w = eigs(operator, 3, return_eigenvectors=False)
+    assert w == pytest.approx(eigs(A, 3, return_eigenvectors=False), rel=1e-9)
+
+
+def test_callables_take_lists_and_say_what_they_lack():
+    d = np.arange(300.0)
+    w = eigs(lambda x: d * x, 2, v0=[1.0] * 300, return_eigenvectors=False)
+    assert w.real == pytest.approx([299.0, 298.0])
+    for start in (None, 3.0, [], [[1.0]], ["a"]):
+        with pytest.raises(InputError, match="pass v0"):
+            eigs(lambda x: d * x, 2, v0=start)
