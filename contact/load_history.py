@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from contact.errors import InputError
+from contact.errors import InputError, numbers
 from contact.export import body_grid, boundary_grid
 from contact.storage import problem_arrays, read_arrays, read_step, state_arrays, write_arrays
 from skfem_adini.complete_file import complete_file
@@ -214,3 +214,13 @@ def fingerprint(system: ContactSystem, vectors: Sequence[Array]) -> str:
     for array in (body.constraint[1], *given):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
+
+
+def checked_times(times: ArrayLike, done: Array) -> Array:
+    """Times of further steps; `InputError` unless they increase from the last of those done."""
+    schedule = numbers("times", times)
+    if schedule.ndim != 1 or schedule.size == 0 or not np.all(np.isfinite(schedule)):
+        raise InputError(f"times: expected finite numbers of shape (n,), got {schedule.shape}")
+    if np.any(np.diff(np.concatenate((done[-1:], schedule))) <= 0):
+        raise InputError("times: must increase, from the last finished step on")
+    return schedule

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError, NotConverged, numbers
-from contact.load_history import HistoryFolder, LoadHistory, LoadStep, fingerprint
+from contact.load_history import HistoryFolder, LoadHistory, LoadStep, checked_times, fingerprint
 from contact.methods import Options
 from contact.obstacles import Gap
 from contact.storage import problem_arrays
@@ -258,7 +258,7 @@ class LoadStepper:
         OSError
             A step could not be written. Steps written before it stay readable.
         """
-        schedule = _schedule(times, self.history.times)
+        schedule = checked_times(times, self.history.times)
         folder = None
         if path is not None:
             everything = np.concatenate((self.history.times, schedule))
@@ -291,14 +291,20 @@ class LoadStepper:
             No history lies there, or another problem's.
         """
         folder = HistoryFolder.opened(Path(path))
+        another = InputError(
+            f"path: {path} holds the history of another problem (other stiffness, contact rows, "
+            "gap, friction, loads or supports); build the stepper as it was"
+        )
         if folder.fingerprint != self._fingerprint():
-            raise InputError(
-                f"path: {path} holds the history of another problem (other stiffness, contact "
-                "rows, gap, friction, loads or supports); build the stepper as it was"
-            )
-        self.history = LoadHistory()
-        for k, result in enumerate(folder.finished(self.problem.system)):
-            self.history = self.history.extended(float(folder.times[k]), result)
+            raise another
+        history = LoadHistory()
+        for t, result in zip(folder.times, folder.finished(self.problem.system), strict=False):
+            now, then = self._body_at(float(t)), result.system
+            for a, b in ((now.f, then.load), (now.constraint[1], then.body.constraint[1])):
+                if np.abs(a - b).max() > 1e-9 * np.abs(b).max():  # another function of time
+                    raise another
+            history = history.extended(float(t), result)
+        self.history = history
         left = folder.times[len(self.history) :]
         logger.info("resuming after %d of %d steps", len(self.history), folder.times.size)
         return self._run(left, folder, progress, callback)
@@ -328,13 +334,7 @@ class LoadStepper:
     def _advance(
         self, last: ContactResult | None, begin: float, end: float, halvings: int
     ) -> ContactResult:
-        problem, base = self.problem, self.problem.body
-        f, u0 = base.f, base.constraint[1]
-        for vector, factor in self._loads:
-            f = f + _value(factor, end) * vector
-        for vector, factor in self._motions:
-            u0 = u0 + _value(factor, end) * vector
-        body = base.under(f, u0)
+        problem, body = self.problem, self._body_at(end)
         obstacle = () if self._obstacle is None else (self._obstacle(end),)
         system = problem.system_of(body, last, *obstacle)
         condensed = problem.condense().under(body)
@@ -348,6 +348,15 @@ class LoadStepper:
         logger.info("no convergence at t = %g: by way of t = %g", end, middle)
         last = self._advance(last, begin, middle, halvings - 1)
         return self._advance(last, middle, end, halvings - 1)
+
+    def _body_at(self, t: float) -> Any:
+        base = self.problem.body
+        f, u0 = base.f, base.constraint[1]
+        for vector, factor in self._loads:
+            f = f + _value(factor, t) * vector
+        for vector, factor in self._motions:
+            u0 = u0 + _value(factor, t) * vector
+        return base.under(f, u0)
 
     def _extrapolated(self, last: ContactResult, begin: float, end: float) -> ContactResult:
         """Where the last two steps point to: a start that spares about one Newton step."""
@@ -383,12 +392,3 @@ def _value(factor: Factor, t: float) -> float:
     if value.shape != () or not np.isfinite(value):
         raise InputError(f"factor: returned {value!r} at t = {t}; expected a finite number")
     return float(value)
-
-
-def _schedule(times: ArrayLike, done: Array) -> Array:
-    schedule = numbers("times", times)
-    if schedule.ndim != 1 or schedule.size == 0 or not np.all(np.isfinite(schedule)):
-        raise InputError(f"times: expected finite numbers of shape (n,), got {schedule.shape}")
-    if np.any(np.diff(np.concatenate((done[-1:], schedule))) <= 0):
-        raise InputError("times: must increase, from the last finished step on")
-    return schedule

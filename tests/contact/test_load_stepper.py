@@ -302,6 +302,11 @@ def test_resume_of_another_problem(make, tmp_path):
         dragged(make, friction=0.2).resume(tmp_path / "run")
     with pytest.raises(InputError, match="another problem"):
         dragged(make, gap=0.01).resume(tmp_path / "run")
+    other_way = dragged(make)
+    other_way._motions[-1] = other_way._motions[-1][0], np.cos
+    with pytest.raises(InputError, match="another problem"):
+        other_way.resume(tmp_path / "run")
+    assert len(other_way.history) == 0
     with pytest.raises(InputError, match="no load history"):
         dragged(make).resume(tmp_path / "elsewhere")
     with pytest.raises(InputError, match="not empty"):
