@@ -5,8 +5,10 @@ With s in [0, 1], end values a, b, mean m and slopes times the width va, vb:
 * CSL2 (Nakamura, Tanaka, Yabe and Takizawa, J. Comput. Phys. 174, 2001, 171-207):
   q = a + (6m - 4a - 2b) s + 3 (a + b - 2m) s^2;
 * its rational form (Xiao, Yabe, Peng and Kobayashi, J. Geophys. Res. 107, 2002, 4609),
-  q = (a + 2Bs + (w-1) B s^2) / (1 + (w-1) s)^2 with B = mw - a, w = |m - a| / |b - m|: monotone
-  where m lies between a and b;
+  q = (a + 2Bs + (w-1) B s^2) / (1 + (w-1) s)^2 with B = mw - a, w = (m - a) / (b - m), where m lies
+  between a and b: monotone there. It is q = (1-p)^2 a + 2p (1-p) m + p^2 b with
+  p = ws / (1 - s + ws), no difference of large numbers. Other cells keep the quadratic: with |w| in
+  place of w, as printed, the profile would end in 2m - b;
 * CSL4: the quartic with end slopes too.
 
 The limiter of Zhang and Shu (J. Comput. Phys. 229, 2010, 3091-3120) scales q towards its mean,
@@ -109,14 +111,14 @@ def csl2(
 ) -> tuple[Real, Real, Real]:
     """Value, slope in s, and the integral from 0 to s."""
     if limiter == 3:
-        bottom = abs(b - m)
-        if bottom > 0.0 and a != m:
-            w = abs(m - a) / bottom
-            B = m * w - a
-            g = 1.0 + (w - 1.0) * s
-            mass = s * (a + s * B) / g
-            value = (a + s * B * (2.0 + (w - 1.0) * s)) / (g * g)
-            slope = 2.0 * (B - (w - 1.0) * value * g + (w - 1.0) * B * s) / (g * g)
+        A = m - a
+        B = b - m
+        if A * B > 0.0:
+            bottom = B * (1.0 - s) + A * s
+            p = A * s / bottom
+            value = (1.0 - p) * ((1.0 - p) * a + 2.0 * p * m) + p * p * b
+            slope = 2.0 * A * B * (A * (1.0 - p) + B * p) / (bottom * bottom)
+            mass = s * ((1.0 - p) * a + p * m)
             return value, slope, mass
     c1 = 6.0 * m - 4.0 * a - 2.0 * b
     c2 = 3.0 * (a + b - 2.0 * m)

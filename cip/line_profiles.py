@@ -107,18 +107,24 @@ def smoothed(a: Real, b: Real, va: Real, vb: Real, s: Real, width: Real) -> tupl
 
 @kernel
 def rational(a: Real, b: Real, va: Real, vb: Real, s: Real) -> tuple[Real, Real]:
-    """Value and derivative in s; the cubic where the end slopes agree in sign."""
+    r"""Value and derivative in s; the cubic where the end slopes agree in sign.
+
+    With P = |va - d|, Q = |vb - d| and their signs it is
+    :math:`a + d s + P Q s (1-s) [\pm (1-s) \mp s] / [Q (1-s) + P s]`, in which no large numbers
+    cancel however different both slopes are.
+    """
     d = b - a
-    low = abs(vb - d)
-    if va * vb >= 0.0 or low == 0.0 or va == d:
+    p = va - d
+    q = vb - d
+    if va * vb >= 0.0 or p == 0.0 or q == 0.0:
         return cubic(a, b, va, vb, s)
-    beta = abs(va - d) / low - 1.0
-    c3 = va - d + (vb - d) * (1.0 + beta)
-    c2 = d * beta + d - va - c3
-    c1 = va + a * beta
-    bottom = 1.0 + beta * s
-    value = (a + s * (c1 + s * (c2 + s * c3))) / bottom
-    return value, (c1 + s * (2.0 * c2 + 3.0 * s * c3) - value * beta) / bottom
+    r = 1.0 - s
+    P = abs(p)
+    Q = abs(q)
+    bottom = Q * r + P * s
+    e = (p * Q * r - q * P * s) / bottom
+    change = (p * Q + q * P + e * (P - Q)) / bottom
+    return a + s * (d + r * e), d + (r - s) * e - s * r * change
 
 
 @kernel

@@ -48,6 +48,54 @@ def test_bounds_leave_fine_profiles_alone(profile):
     assert ends["strict"][0][0].min() >= -1e-14
 
 
+@given(seed=st.integers(0, 10**6))
+def test_rational_profile_with_means(seed):
+    """It takes both end values and the mean, monotone in monotone cells however steep."""
+    from cip.conservative_profiles import csl2
+
+    rng = np.random.default_rng(seed)
+    a, b = rng.uniform(-1, 1, 2)
+    inside = rng.uniform() < 0.7
+    part = 10.0 ** rng.uniform(-14, 0)  # down to a jump at one end
+    m = a + (b - a) * (part if rng.uniform() < 0.5 else 1 - part) if inside else a + b + 2.5
+
+    def at(s):
+        return csl2.py_func(a, b, m, s, 3, 0.0, 0.0, 0.0)
+
+    assert at(0.0)[0] == pytest.approx(a, abs=1e-14)
+    assert at(0.0)[2] == 0.0
+    assert at(1.0)[0] == pytest.approx(b, abs=1e-13)
+    assert at(1.0)[2] == pytest.approx(m, abs=1e-14)
+    if inside:
+        s = np.sort(np.concatenate([rng.uniform(0, 1, 40), 1 - 10.0 ** rng.uniform(-12, 0, 40)]))
+        values = np.array([at(x)[0] for x in s])
+        assert np.all(np.diff(values) * np.sign(b - a) >= -1e-14)
+    for s in rng.uniform(0.1, 0.9, 3) if part > 1e-3 else ():
+        step = 1e-5
+        value, slope, _ = at(s)
+        assert (at(s + step)[2] - at(s - step)[2]) / (2 * step) == pytest.approx(value, abs=1e-4)
+        assert (at(s + step)[0] - at(s - step)[0]) / (2 * step) == pytest.approx(
+            slope, rel=1e-3, abs=1e-4
+        )
+
+
+def test_rational_profile_beside_a_jump():
+    """Flat on one side, steep on the other: end values and slopes to rounding, no false extrema."""
+    from cip.line_profiles import rational
+
+    s = np.concatenate([[0.0], 10.0 ** np.arange(-16.0, -1), np.linspace(0.1, 0.9, 9)])
+    s = np.sort(np.concatenate([s, 1 - s]))
+    for flat in (1e-3, 1e-8, 1e-13):
+        found = np.array([rational.py_func(1.0, 1.0, -flat, 1.0, x) for x in s])
+        np.testing.assert_allclose(found[[0, -1], 0], 1.0, rtol=1e-15)
+        np.testing.assert_allclose(found[[0, -1], 1], [-flat, 1.0], rtol=1e-12)
+        # Convex: slopes increase, and no value lies below both end tangents.
+        assert np.all(np.diff(found[:, 1]) >= -1e-13)
+        assert np.all(found[:, 0] >= np.maximum(1 - flat * s, s) - 1e-15)
+        mirrored = np.array([rational.py_func(1.0, 1.0, -1.0, flat, 1 - x) for x in s])
+        np.testing.assert_allclose(mirrored[:, 0], found[:, 0], rtol=1e-14)
+
+
 def test_eno_choice():
     l1, u, found = jiang_shu("cubic", "eno")
     assert l1 <= 0.027

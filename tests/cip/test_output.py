@@ -162,7 +162,7 @@ def test_means_in_xarray():
     assert data["mean"].dims == ("t", "x_cell", "y_cell")
     assert data["mean_x"].dims == ("t", "x_cell", "y")
     x, y = run.solver.grid.widths
-    np.testing.assert_allclose(data["mean"] @ y @ x, data["mass"], rtol=1e-12)
+    np.testing.assert_allclose(data["mean"].values @ y @ x, data["mass"], rtol=1e-12)
     np.testing.assert_allclose(data.x_cell.diff("x_cell"), (x[1:] + x[:-1]) / 2)
 
 
