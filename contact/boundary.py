@@ -79,7 +79,9 @@ class BoundaryProblem:
 
     def scale(self, mu: Array, t: Array) -> float:
         """Size against which residuals are judged: the largest force, or what could cause one."""
-        tiny = 1e-12 * max(float(np.abs(self.v0).max(initial=0.0)), np.finfo(float).tiny)
+        overlap = np.maximum(-self.gap, 0.0)
+        causes = (float(np.abs(part).max(initial=0.0)) for part in (self.v0, self.s, overlap))
+        tiny = 1e-12 * max(*causes, np.finfo(float).tiny)
         return max(float(mu.max(initial=0.0)), float(np.abs(t).max(initial=0.0)), tiny)
 
     def energy(self, mu: Array, t: Array, a: Array) -> float:

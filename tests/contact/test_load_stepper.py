@@ -19,6 +19,7 @@ from contact import (
     Rigid,
     Status,
     cross_check,
+    uniqueness,
 )
 from skfem_adini import ElementQuadAdini
 
@@ -202,6 +203,23 @@ def test_moving_obstacle(make):
     expected = make.problem(8, 0.0).solve()
     assert np.abs(history.results[1].u - expected.u).max() < 1e-11
     assert history.results[0].contact_force < expected.contact_force
+
+
+@pytest.mark.parametrize(
+    "obstacle",
+    [lambda t: 0.01 * (1 - t), lambda t: Rigid(0.0, force=(0.0, 0.1 * t), rotation=0.0)],
+    ids=["gap", "force"],
+)
+def test_from_rest(obstacle, make):
+    """Nothing moves until the obstacle does; what it does then is another step, and unique."""
+    body = ElasticBody.from_mesh(make.box(ElementQuad1, *(np.linspace(0, 1, 5),) * 2), E=1.0, nu=0)
+    problem = ContactProblem(body.fix("top", "xy"), "bottom", obstacle(0.0), 0.05)
+    rest, pressed = LoadStepper(problem).obstacle(obstacle).run([0.0, 2.0]).results
+    assert not rest.u.any()
+    direct = ContactProblem(body, "bottom", obstacle(2.0), 0.05).solve()
+    assert np.abs(pressed.u - direct.u).max() < 1e-12
+    assert pressed.contact_force > 1e-3
+    assert not uniqueness(problem, pressed, starts=2).others
 
 
 def test_progress_and_callback(make, capsys):
