@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from cip.errors import InputError
 
 Array = NDArray[np.float64]
-_UNIFORM = 1e-12
+# Widths that differ by less (in parts of a width) are equal; below the error of the feet.
+_UNIFORM = 1e-10
 AXES = ("x", "y", "z")
 
 
@@ -136,7 +137,10 @@ class Grid:
         self.coordinates = tuple(line[:n] for line, n in zip(lines, self.nodes, strict=True))
         widths = [np.diff(line) for line in lines]
         self.uniform = tuple(
-            bool(np.ptp(width) <= _UNIFORM * np.abs(line).max())
+            bool(
+                np.ptp(width)
+                <= _UNIFORM * width.mean() + 8.0 * np.finfo(float).eps * np.abs(line).max()
+            )
             for width, line in zip(widths, lines, strict=True)
         )
         self.widths = tuple(
