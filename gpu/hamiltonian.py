@@ -5,13 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
 from gpu.arrays import to_host
 from gpu.errors import InputError, RiccatiError
-from gpu.state_matrix import EPS, Factors, StateMatrix, vanishing
+from gpu.state_matrix import EPS, Factors, StateMatrix, as_sparse, factor, vanishing
 from gpu.weights import Weight, scaled_input
 
+FEW_DIGITS = 1e-9  # a larger relative residual calls for another factorisation
+SEVERAL_DIGITS, NO_DIGITS = 1e-6, 0.1
 ROUNDING = 4e-13  # a larger relative residual of an application is refined, by two more solves
 
 
@@ -39,6 +42,8 @@ def hamiltonian_inverse(
         Q + A^T X_0 E + E^T X_0 A - E^T X_0 B B^T X_0 E
 
     in the places of A and Q: a feedback that moves the zero modes, of as many ranks as they are.
+    Where too few digits are left after that, the whole of :math:`\mathcal H` is factored instead
+    (on the host, and where A and Q have entries).
 
     Parameters
     ----------
@@ -65,7 +70,8 @@ def hamiltonian_inverse(
     ------
     InputError
     RiccatiError
-        The Hamiltonian is singular: a mode at zero cannot be stabilised or is not seen by Q.
+        The Hamiltonian is singular, exactly or to working precision: a mode at zero cannot be
+        stabilised or is not seen by Q.
 
     References
     ----------
@@ -90,8 +96,9 @@ class InverseHamiltonian:
 
     Attributes
     ----------
-    factors : Factors
-        Of A, or of ``A - B B^T X0 E`` where A is singular.
+    factors : Factors or None
+        Of A, or of ``A - B B^T X0 E`` where A is singular; None where its null vectors are not
+        told apart, and the Hamiltonian is factored as a whole.
     solves : int
         With A and with its transpose, so far.
     """
@@ -103,9 +110,15 @@ class InverseHamiltonian:
         self._B, self._Q, self._scale = B * np.sqrt(scale), weight, scale
         self._refine = False
         self._feedback: _Feedback | None = None
+        self.factors: Factors | None = None
+        self._whole: Factors | None = None
+        unmoved: Exception | None = None
         factors = state.factor()
         if factors is None or _nearly_singular(state, factors):
-            self._feed_back()
+            try:
+                self._feed_back()
+            except np.linalg.LinAlgError as error:
+                self.factors, unmoved = None, error
         else:
             self._prepare(factors)
             # Where A is much closer to singular than H is, so much is lost on the way.
@@ -118,7 +131,22 @@ class InverseHamiltonian:
                     lost = 0.0
                 if not self._probe() < lost:
                     self.__dict__.update(kept)
-        self._refine = not self._probe() < ROUNDING
+        lost = np.inf if self.factors is None else self._probe()
+        if not lost < FEW_DIGITS and state.xp is np:
+            # Blocks whose null vectors are not told apart: one factorisation of the whole.
+            self._whole = _factor_whole(state, self._B, weight, scale)
+            if self._whole is not None and not self._probe() < lost:
+                self._whole = None
+        if self.factors is None and self._whole is None:
+            raise unmoved if isinstance(unmoved, RiccatiError) else RiccatiError(_SINGULAR)
+        lost = self._probe()
+        if isinstance(unmoved, RiccatiError) and not lost < SEVERAL_DIGITS:
+            raise unmoved
+        self._refine = not lost < ROUNDING
+        if not lost < NO_DIGITS:
+            raise RiccatiError(
+                f"the Hamiltonian has an eigenvalue that is zero to working precision: {_GIVE}"
+            )
         self.solves = 0
 
     @property
@@ -170,6 +198,8 @@ class InverseHamiltonian:
         return x, y
 
     def _solve_once(self, f: Any, g: Any) -> tuple[Any, Any]:
+        if self._whole is not None:
+            return self._solve_whole(self._whole, f, g)
         fed = self._feedback
         if fed is not None:
             g = g - fed.right(f)
@@ -179,6 +209,13 @@ class InverseHamiltonian:
         x = s - self._C @ u
         y = -self._solve_transposed(right - self._QC @ u)
         return x, y if fed is None else y + fed.left(x)
+
+    def _solve_whole(self, whole: Factors, f: Any, g: Any) -> tuple[Any, Any]:
+        n, xp = self.state.n, self.state.xp
+        self.solves += 2
+        padding = xp.zeros((self._B.shape[1], *f.shape[1:]))
+        z = whole.solve(xp.concatenate([f, g, padding]))
+        return z[:n], z[n : 2 * n]
 
     def apply(self, v: Any) -> Any:
         """``H^-1 diag(E, E^T) v``, v of shape (2 n,)."""
@@ -217,10 +254,12 @@ class InverseHamiltonian:
 
     def _solve(self, f: Any) -> Any:
         self.solves += 1
+        assert self.factors is not None
         return self.factors.solve(f)
 
     def _solve_transposed(self, g: Any) -> Any:
         self.solves += 1
+        assert self.factors is not None
         return self.factors.solve_transposed(g)
 
 
@@ -304,6 +343,26 @@ def null_vectors(state: StateMatrix, limit: int) -> tuple[Any, Any]:
     return left, right @ xp.asarray(P @ S)
 
 
+def _factor_whole(state: StateMatrix, B: Any, weight: Weight, scale: float) -> Factors | None:
+    """Factors of ``[[A, 0, -B], [-Q/rho, -A^T, 0], [0, B^T, -I]]``, where entries are stored."""
+    Q = weight.C.T @ weight.C if weight.C is not None else weight.Q
+    if state.kind == "operator" or Q is None or hasattr(Q, "matvec"):
+        return None
+    A, Q = as_sparse(state.A, np), as_sparse(Q, np)
+    m = B.shape[1]
+    if state.kind == "dense":
+        n = state.n
+        Q = Q.toarray() if hasattr(Q, "toarray") else Q
+        zero, tall = np.zeros((n, n)), np.zeros((n, m))
+        return factor(
+            np.block([[A, zero, -B], [-Q / scale, -A.T, tall], [tall.T, B.T, -np.eye(m)]])
+        )
+    B = sparse.csr_array(B)
+    Q = sparse.csr_array(Q)
+    rows = [[A, None, -B], [-Q / scale, -A.T, None], [None, B.T, -sparse.eye_array(m)]]
+    return factor(sparse.csr_array(sparse.block_array(rows)))
+
+
 def _nearly_singular(state: StateMatrix, factors: Factors) -> bool:
     """Whether a solve would lose about all digits: a diagonal never does."""
     if state.kind in ("diagonal", "operator"):
@@ -322,7 +381,8 @@ def _unit(state: StateMatrix) -> float:
     return float(abs(state.E.data if hasattr(state.E, "tocsr") else state.E).max())
 
 
+_GIVE = "give that mode an input and a weight, or take it out of the model"
 _SINGULAR = (
     "the Hamiltonian is singular: an eigenvalue 0 of A cannot be moved by B or is not seen by Q; "
-    "give that mode an input and a weight, or take it out of the model"
+    f"{_GIVE}"
 )

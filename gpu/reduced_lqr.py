@@ -327,6 +327,8 @@ def _poles(problem: LQRProblem, seed: Any, count: int) -> tuple[list[Factors], l
     state, xp = problem.state, problem.xp
     inverse = InverseHamiltonian(state, problem.input, problem.weight)
     slow_factors = inverse.factors
+    if slow_factors is None:
+        raise NotConverged("no feedback was found that makes A regular: use method='doubling'")
     if state.kind == "operator":
         return [slow_factors], inverse.moved
     block = xp.linalg.qr(seed)[0][:, :4]

@@ -180,3 +180,29 @@ def test_random_problems(seed, n, m, singular):
     operator = hamiltonian_inverse(A, B, G @ G.T + np.eye(n))
     # Whatever the condition of A; a relative residual is rounding times that of H.
     assert residual(H, operator) < 1e-11 + 1e-14 * np.linalg.cond(H)
+
+
+@pytest.mark.parametrize("stored", ["dense", "sparse"])
+@pytest.mark.parametrize("name", ["integrators", "rod"])
+def test_where_null_vectors_are_not_told_apart(name, stored):
+    """Many double zeros, or one beside weights of all sizes: the whole matrix is factored."""
+    n = 40
+    rng = np.random.default_rng(3)
+    tridiagonal = np.eye(n, k=1) + np.eye(n, k=-1)
+    if name == "integrators":
+        E = (4.0 * np.eye(n) + tridiagonal) / 6.0
+        A = E @ np.kron(np.diag(np.linspace(0.5, 2.0, n // 2)), [[0.0, 1.0], [0.0, 0.0]])
+        B, Q = E @ np.kron(np.eye(n // 2), [[0.0], [1.0]]), np.ones(n)
+    else:
+        E, A = None, tridiagonal - 2.0 * np.eye(n)
+        A[0, 0] = A[-1, -1] = -1.0
+        B, Q = 1e2 * rng.standard_normal((n, 2)), 10.0 ** rng.uniform(-4, 4, n)
+    sort = sparse.csr_array if stored == "sparse" else np.asarray
+    inverse = hamiltonian_inverse(sort(A), B, Q, E=None if E is None else sort(E))
+    H = np.block([[A, -B @ B.T], [-np.diag(Q), -A.T]])
+    v = rng.standard_normal(2 * n)
+    x = inverse.matvec(v)
+    right = v if E is None else np.r_[E @ v[:n], E.T @ v[n:]]
+    # As good as the solution of the dense system by elimination is.
+    size = np.linalg.norm(H, 2) * np.linalg.norm(x)
+    assert np.linalg.norm(H @ x - right) <= 1e-13 * size
