@@ -73,10 +73,15 @@ class Grid:
             raise InputError(f"bounds: each low must be finite and below its high, got {bounds!r}")
         if counts.min() < 4:
             raise InputError(f"shape: expected at least 4 cells in each direction, got {shape!r}")
-        lines = [
-            np.linspace(float(pair[0]), float(pair[1]), int(n) + 1)
-            for pair, n in zip(box, counts, strict=True)
-        ]
+        with np.errstate(all="ignore"):
+            lines = [
+                np.linspace(float(pair[0]), float(pair[1]), int(n) + 1)
+                for pair, n in zip(box, counts, strict=True)
+            ]
+            if not all(np.all(np.diff(line) > 0.0) and np.isfinite(line).all() for line in lines):
+                raise InputError(
+                    f"bounds: {bounds!r} cannot be divided into {shape!r} cells in float64"
+                )
         self._set(lines, periodic)
 
     @classmethod

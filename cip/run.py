@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from cip.solver import Solver
 
 _log = logging.getLogger(__name__)
-# A remainder below this part of dt is rounding of the times, no step of its own.
+# Part of dt.
 _NO_STEP = 1e-9
 
 
@@ -31,6 +31,14 @@ def run(
 ) -> Trajectory:
     """See `Solver.run`."""
     times = output_times(state.t, t_end, snapshots)
+    if callback is not None and not callable(callback):
+        raise InputError(f"callback: expected a callable, got {callback!r}")
+    # A remainder that small is rounding of the times, no step of its own.
+    no_step = _NO_STEP + 4.0 * np.finfo(float).eps * max(abs(state.t), abs(times[-1])) / dt
+    if no_step > 0.01:
+        raise InputError(
+            f"dt: {dt:.6g} is lost in the rounding of t = {times[-1]:.6g}; count t from the start"
+        )
     kernels = solver._kernels
     state = kernels.place(state)
     kept = [state.host()]
@@ -38,11 +46,11 @@ def run(
     try:
         for target in times:
             start = state.t
-            count = max(1, int(np.ceil((target - start) / dt - _NO_STEP)))
+            count = max(1, int(np.ceil((target - start) / dt - no_step)))
             for k in range(count):
                 last = k == count - 1
                 length = target - (start + k * dt) if last else dt
-                if abs(length - dt) <= _NO_STEP * dt:
+                if abs(length - dt) <= no_step * dt:
                     length = dt
                 data = solver._advance(state, length).data
                 t = target if last else start + (k + 1) * dt

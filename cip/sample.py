@@ -43,7 +43,10 @@ def sample(state: State, points: ArrayLike) -> Array:
     """
     state = state.host()
     grid = state.grid
-    place = np.asarray(points, dtype=float)
+    place = np.asarray(points)
+    if place.dtype.kind not in "fiub" and place.size:
+        raise InputError(f"points: expected real coordinates, got {place.dtype}")
+    place = place.astype(float)
     if grid.dim == 1 and (place.ndim == 0 or place.shape[0] != 1 or place.ndim == 1):
         place = place[None]
     if place.ndim == 0 or place.shape[0] != grid.dim:

@@ -120,7 +120,10 @@ class Solver:
         self.dtype, self.backend = _real(dtype), backend
         self._check_choices()
         self.bounds = _bounds(bounds)
-        self.bounds_tolerance = float(bounds_tolerance)
+        try:
+            self.bounds_tolerance = float(bounds_tolerance)
+        except (TypeError, ValueError):
+            self.bounds_tolerance = np.nan
         if not self.bounds_tolerance >= 0.0:
             raise InputError(f"bounds_tolerance: expected >= 0, got {bounds_tolerance!r}")
         self._formulas = self.velocity.on(grid)
@@ -144,7 +147,7 @@ class Solver:
         moments(self.profile, self.grid.dim)
         if self.form not in ("transport", "advection"):
             raise InputError(f"form: expected 'transport' or 'advection', got {self.form!r}")
-        if self.limiter not in LIMITER_CODES:
+        if not isinstance(self.limiter, str | None) or self.limiter not in LIMITER_CODES:
             raise InputError(
                 f"limiter: expected one of {', '.join(map(str, LIMITER_CODES))}, "
                 f"got {self.limiter!r}"

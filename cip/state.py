@@ -152,6 +152,8 @@ class State:
             )
         if self.data.dtype not in (np.float64, np.float32):
             raise InputError(f"{name}: expected float64 or float32, got {self.data.dtype}")
+        if not np.isfinite(self.t):
+            raise InputError(f"{name}: expected a finite time, got t = {self.t}")
         where = self.first_not_finite()
         if where is not None:
             raise InputError(f"{name}: {where} at t = {self.t:.6g}")
@@ -186,7 +188,10 @@ def default_profile(grid: Grid) -> str:
 
 
 def _real(dtype: DTypeLike) -> np.dtype[Any]:
-    kind = np.dtype(dtype)
+    try:
+        kind = np.dtype(dtype)
+    except TypeError as error:
+        raise InputError(f"dtype: expected float64 or float32, got {dtype!r}") from error
     if kind not in (np.dtype(np.float64), np.dtype(np.float32)):
         raise InputError(f"dtype: expected float64 or float32, got {kind}")
     return kind

@@ -34,6 +34,20 @@ def test_lands_on_the_output_times():
     assert len(run_of(snapshots=4)) == 5
 
 
+@pytest.mark.parametrize("start", [1.7e9, -1e6, 0.1])
+def test_output_times_far_from_zero(start):
+    """Their rounding, a millionth of dt in seconds since 1970, makes no steps of its own."""
+    solver = Solver(Grid((0, 1), 20, periodic=True), 1.0)
+    steps = []
+    run = solver.run(
+        solver.state(wave, t=start), start + 1, dt=0.1, snapshots=10,
+        callback=lambda state: steps.append(state.t),
+    )  # fmt: skip
+    assert len(steps) == 10
+    assert run.times.tolist() == [start, *steps]
+    np.testing.assert_allclose(run.final["u"], wave(solver.grid.coordinates[0]), atol=2e-3)
+
+
 def test_starts_from_values_at_the_nodes():
     """Their derivatives and means are those of the quintic spline through them."""
 
