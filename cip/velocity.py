@@ -81,7 +81,14 @@ class Velocity:
         Parameters
         ----------
         *components : str or float
-            One for each direction, for instance ``"x2", "-x1"``.
+            One for each direction, for instance ``"x2", "-x1"``: arithmetic (``+ - * / **``) of
+            these variables, numbers, pi and e, with sin, cos, tan, arcsin, arccos, arctan, sinh,
+            cosh, tanh, exp, log, sqrt, abs and sign.
+
+        Raises
+        ------
+        InputError
+            A text that is anything else, or whose numbers overflow.
         """
         if not 1 <= len(components) <= 3:
             raise InputError(f"components: expected 1 to 3 formulas, got {len(components)}")
