@@ -8,7 +8,8 @@ from scipy.sparse.linalg import LinearOperator, splu
 
 from gpu import NotConverged, NotSupported, RiccatiError, lqe, lqr
 
-N = 40  # elements of the models
+SLOW = pytest.mark.slow
+N = 20  # elements of the models
 
 
 def chain(n):
@@ -112,7 +113,10 @@ UNSTABLE = {
 }
 
 
-@pytest.mark.parametrize("modes", [*UNSTABLE, "stable"])
+@pytest.mark.parametrize(
+    "modes",
+    ["swinging", "stable", *(pytest.param(name, marks=SLOW) for name in ("real", "slow"))],
+)
 def test_poles_of_large_loops_right_of_the_axis_are_looked_for(modes):
     """Modes without an input or a weight are poles of every loop, wherever they are."""
     n = 1600
@@ -134,7 +138,7 @@ def test_poles_of_large_loops_right_of_the_axis_are_looked_for(modes):
     assert result.abscissa == pytest.approx(want, rel=1e-6)
 
 
-@pytest.mark.parametrize("rank", ["full", "one"])
+@pytest.mark.parametrize("rank", ["full", pytest.param("one", marks=SLOW)])
 def test_a_projection_without_a_solution_ends_soon(rank):
     stiffness = 801**2 * sparse.diags_array([2.0, -1.0, -1.0], offsets=[0, 1, -1], shape=(800, 800))
     eye = sparse.eye_array(800)
