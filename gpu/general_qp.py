@@ -62,7 +62,19 @@ class NoBound(Exception):
 
 
 def certified(p: Program, x: Array, y: Array) -> Point:
-    """The point next to (x, y) whose bounds and signs hold, and its residuals."""
+    """The point next to (x, y) whose bounds and signs hold, and its residuals.
+
+    Without a linear term the minimum may be zero, and then the multipliers are. What tends to them
+    is never small beside itself.
+    """
+    point = _certified(p, x, y)
+    if point.residuals.sharp <= CLEAN or bool(p.q.any()):
+        return point
+    free = _certified(p, x, p.xp.zeros_like(y))
+    return min(point, free, key=lambda found: found.residuals.worst)
+
+
+def _certified(p: Program, x: Array, y: Array) -> Point:
     xp = p.xp
     x = xp.clip(x, p.lb, p.ub)
     y = one_sided(y, p.row_low, p.row_high)
@@ -96,6 +108,10 @@ def minimise(p: Program, tol: float, solver: str = "auto", proofs: bool = True) 
 
 
 def _minimise(p: Program, tol: float, solver: str, proofs: bool) -> Point:
+    if not bool(p.q.any()):
+        nothing = certified(p, p.xp.zeros_like(p.q), p.xp.zeros_like(p.row_low))
+        if nothing.residuals.worst == 0.0:
+            return nothing
     proof = contradiction(p, tol) if proofs else None
     if proof is not None:
         raise NoPoint(proof)

@@ -136,7 +136,7 @@ def presolve(p: Program, search: bool = True) -> Presolved:
     x = xp.where(fixed, tight.lb, 0.0)
     C = _columns(p.C, free)
     says = (xp.isfinite(tight.row_low) | xp.isfinite(tight.row_high)) & ~dropped
-    kept = xp.flatnonzero(says & _nonempty(C, xp))
+    kept = xp.flatnonzero(says & nonempty(C))
     if free.size == p.q.size and kept.size == p.row_low.size:
         return Presolved(tight, free, kept, x, p, tight, reductions)
     shift = p.C @ x
@@ -168,7 +168,7 @@ def contradiction(p: Program, tol: float) -> Array | None:
     if not rows.size:
         return None
     C, Cx, side = p.C[rows], Cx[rows], side[rows]
-    constant = ~_nonempty(_columns(C, xp.flatnonzero(~fixed)), xp)
+    constant = ~nonempty(_columns(C, xp.flatnonzero(~fixed)))
     wrong = constant & (xp.abs(Cx - side) > tol * (abs(C) @ xp.abs(x) + xp.abs(side)))
     if not bool(wrong.any()):
         return None
@@ -317,9 +317,9 @@ def _columns(M: Matrix, keep: Array) -> Matrix:
     return sparse.csr_array(sparse.csc_array(M)[:, keep]) if is_sparse(M) else M[:, keep]
 
 
-def _nonempty(C: Matrix, xp: Any) -> Array:
+def nonempty(C: Matrix) -> Array:
+    """Which rows have an entry other than zero."""
     if is_sparse(C):
-        nonzero = sparse.csr_array(C)
-        nonzero.eliminate_zeros()
-        return np.diff(nonzero.indptr) > 0
+        entries = C.tocoo()
+        return np.bincount(entries.row[entries.data != 0.0], minlength=C.shape[0]) > 0
     return (C != 0).any(axis=1)

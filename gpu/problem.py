@@ -308,7 +308,9 @@ def _array(name: str, value: Any, dimensions: int | None = None) -> Any:
         if value.dtype.kind not in "biuf":
             raise InputError(f"{name} is not an array of real numbers: {value.dtype}")
         value = sparse.csr_array(value, dtype=float)
-        value.sum_duplicates()
+        if not value.has_canonical_format:
+            value = value.copy()  # it may share its arrays with the caller's
+            value.sum_duplicates()
         return value
     try:
         array = np.asarray(value)

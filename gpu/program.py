@@ -191,7 +191,8 @@ def residuals(
         abs(sum(parts)),
         max(abs(part) for part in parts[:2]),
         lambda: max(
-            float(size[0] @ xp.abs(Px)),
+            # Without q nothing else has a size where Px = 0, and no x runs away.
+            float(size[0] @ (xp.abs(Px) if bool(p.q.any()) else abs(p.P) @ size[0])),
             float(xp.abs(p.q) @ size[0]),
             float(size[1] @ xp.abs(row)),
             float(xp.abs(z * bound).sum()),
@@ -223,4 +224,5 @@ def _over(value: float, size: float, terms: Callable[[], float]) -> float:
     """`value` over `size`, or over the terms of sums that cancel, which are costly."""
     if not value or value <= SHARP * size:
         return value / size if value else 0.0
-    return value / max(size, CANCELLATION * terms())
+    size = max(size, CANCELLATION * terms())
+    return value / size if size else np.inf

@@ -12,9 +12,11 @@ from numpy.typing import ArrayLike
 from gpu.arrays import to_host
 from gpu.box_qp import ActiveSet, BoxQP
 from gpu.dense import symmetric_product
+from gpu.equilibrate import largest_side
 from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
 from gpu.general_rows import solve_general
 from gpu.kkt import general_residuals, kkt_residuals
+from gpu.presolve import ROUNDING, nonempty
 from gpu.problem import Problem, QPFactor, check_problem, power_of_two
 from gpu.program import namespace
 from gpu.result import QPResult, Status, boxes_only
@@ -124,8 +126,21 @@ def solve_qp(
             i = int(empty.argmax())
             raise Infeasible(
                 f"{names[0]}[{i}] = {low[i]} is above {names[1]}[{i}] = {high[i]}",
-                _empty_proof(problem, None if names[1] == "ub" else i),
+                _proof(problem, None if names[1] == "ub" else problem.b.size + i),
             )
+    for name, rows, low, high, first in (
+        ("A", problem.A, problem.b, problem.b, 0),
+        ("G", problem.G, problem.low, problem.high, problem.b.size),
+    ):
+        zero = ~nonempty(rows)
+        rounding = ROUNDING * largest_side(low, high)
+        for wrong, sign in ((zero & (low > rounding), 1.0), (zero & (high < -rounding), -1.0)):
+            if bool(wrong.any()):
+                i = int(wrong.argmax())
+                raise Infeasible(
+                    f"{name}[{i}] is zero, and its sides from {low[i]} to {high[i]} are not",
+                    _proof(problem, first + i, sign),
+                )
     if host_below and not isinstance(problem.q, np.ndarray) and problem.q.size < host_below:
         return _on_host(problem, start, tol)
     if boxes_only(problem):
@@ -174,11 +189,11 @@ def _proximal(problem: Problem, tol: float) -> QPResult | None:
     return None
 
 
-def _empty_proof(problem: Problem, row: int | None) -> Any:
-    xp = namespace(problem.q)
-    proof = xp.zeros(problem.b.size + problem.low.size)
+def _proof(problem: Problem, row: int | None, sign: float = 1.0) -> Any:
+    """That one row, or the box, is a contradiction by itself."""
+    proof = namespace(problem.q).zeros(problem.b.size + problem.low.size)
     if row is not None:
-        proof[problem.b.size + row] = 1.0
+        proof[row] = sign
     return proof
 
 
