@@ -12,6 +12,8 @@ from gpu.arrays import to_host
 
 ONE_LAUNCH = 5000  # up to this order a sweep gains more than a library product does
 TINY = np.finfo(float).tiny
+# Of random vectors: a start drawn by the caller from a plain seed must not be drawn here again.
+SALT = 0x6A09E667F3BCC908
 BREAKDOWN = 20 * np.finfo(float).eps  # beta below this times |A v| is round-off: invariant
 
 
@@ -96,7 +98,7 @@ class Arnoldi:
 
     @functools.cached_property
     def _rng(self) -> np.random.Generator:
-        return np.random.default_rng(self._seed)
+        return np.random.default_rng((SALT, self._seed))
 
     def _products(self, w: Any, count: int) -> Any:
         """V^* w of the first rows; conjugating w spares a conjugated copy of V."""

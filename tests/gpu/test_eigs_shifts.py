@@ -7,7 +7,7 @@ import pytest
 from scipy import linalg, sparse
 from scipy.sparse.linalg import LinearOperator
 
-from gpu import InputError, NotConverged, eigs
+from gpu import InputError, NotConverged, eigs, svds
 
 
 @pytest.fixture
@@ -113,6 +113,19 @@ def test_the_smallest_and_largest_numbers_there_are(size, n):
     d = np.linspace(0.1, 1.0, n) * size
     w = eigs(np.diag(d), 2, return_eigenvectors=False)
     assert w.real == pytest.approx(d[:-3:-1], rel=1e-5, abs=5e-324)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("k", [2, 3, 6])
+def test_copies_are_found_whatever_the_start_was_drawn_from(seed, k):
+    """The challenge drew the very vector that many callers begin with, and saw nothing new."""
+    C = np.roll(np.eye(300), 1, 0) + np.roll(np.eye(300), -1, 0)
+    S = C[:-2] @ C[:-2].T
+    v0 = np.random.default_rng(seed).standard_normal(298)
+    w = eigs(S, k, v0=v0, return_eigenvectors=False)
+    assert w.real == pytest.approx(np.linalg.eigvalsh(S)[::-1][:k], rel=1e-9)
+    s = svds(C[:-2], k, return_singular_vectors=False)
+    assert s == pytest.approx(np.sqrt(np.linalg.eigvalsh(S)[-k:]), rel=1e-9)
 
 
 def test_operators_may_return_the_same_array_always():
