@@ -133,6 +133,8 @@ def solve_qp(
         ("G", problem.G, problem.low, problem.high, problem.b.size),
     ):
         zero = ~nonempty(rows)
+        if not bool(zero.any()):
+            continue
         rounding = ROUNDING * largest_side(low, high)
         for wrong, sign in ((zero & (low > rounding), 1.0), (zero & (high < -rounding), -1.0)):
             if bool(wrong.any()):
