@@ -22,6 +22,7 @@ from contact.newton import Iteration
 from contact.rigid import ObstacleMotion
 from contact.rows import ContactRows
 from contact.system import ContactSystem
+from contact.uninterrupted import uninterrupted
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 from skfem_adini.complete_file import complete_file
 
@@ -108,7 +109,7 @@ def state_arrays(result: ContactResult) -> dict[str, Any]:
 
 def write_arrays(path: Path, arrays: dict[str, Any], compress: bool = True) -> Path:
     """Write an archive beside its place and move it there, complete or not at all."""
-    with complete_file(path) as file:
+    with complete_file(path) as file, uninterrupted():
         (np.savez_compressed if compress else np.savez)(file, **arrays)
     return path
 

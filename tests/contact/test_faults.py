@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 from textwrap import dedent
 
 import numpy as np
@@ -12,6 +13,7 @@ from full_disk import errors_without_space
 from skfem import ElementHex1
 
 from contact import ContactProblem, ElasticBody, LoadHistory, LoadStepper
+from contact.storage import write_arrays
 from skfem_adini.complete_file import complete_file
 
 TIMES = np.linspace(0.1, 1.0, 10)
@@ -77,6 +79,20 @@ def test_no_space_left(tmp_path):
     assert len(LoadHistory.load(tmp_path / "run")) == 0
 
 
+@contextmanager
+def ctrl_c(seconds):
+    """Ctrl-C after so long, at any moment of the main thread."""
+    alarm = signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+    interrupt = signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, alarm)
+        signal.signal(signal.SIGINT, interrupt)
+
+
 # Fractions of the time that the whole run takes.
 @pytest.mark.parametrize("moment", [0.3, 0.7])
 def test_interrupted_anywhere(moment, whole, make, tmp_path):
@@ -87,17 +103,11 @@ def test_interrupted_anywhere(moment, whole, make, tmp_path):
     stepper = dragged(make)
 
     def run():
-        signal.setitimer(signal.ITIMER_REAL, seconds)
         stepper.run(TIMES, path=tmp_path / "run")
-        signal.raise_signal(signal.SIGALRM)  # it was quicker than before
+        signal.raise_signal(signal.SIGINT)  # it was quicker than before
 
-    handler = signal.signal(signal.SIGALRM, signal.default_int_handler)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            run()
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, handler)
+    with ctrl_c(seconds), pytest.raises(KeyboardInterrupt):
+        run()
     if not (tmp_path / "run" / "history.json").exists():
         return  # before there was anything to keep
     kept = LoadHistory.load(tmp_path / "run")
@@ -108,6 +118,25 @@ def test_interrupted_anywhere(moment, whole, make, tmp_path):
     for ours, expected in zip(history.results, whole.results, strict=True):
         # The same arithmetic from the same state, but for the extrapolated start.
         assert np.abs(ours.u - expected.u).max() < 1e-12 * np.abs(expected.u).max()
+
+
+def test_interrupted_while_writing(tmp_path):
+    """The archive is brought to its end, where Ctrl-C counts; the old file stays."""
+    asked = []
+
+    class Interrupting:
+        def __array__(self, dtype=None, copy=None):
+            asked.append(self)
+            signal.raise_signal(signal.SIGINT)
+            return np.ones(3)
+
+    path = write_arrays(tmp_path / "step.npz", {"a": np.zeros(3)})
+    with ctrl_c(60.0), pytest.raises(KeyboardInterrupt):
+        write_arrays(path, {"a": Interrupting(), "b": Interrupting()})
+    assert len(asked) == 2
+    assert [p.name for p in tmp_path.iterdir()] == ["step.npz"]
+    with np.load(path) as found:
+        assert not found["a"].any()
 
 
 def test_killed_while_writing(tmp_path):
