@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from gpu.equilibrate import largest_side
 from gpu.program import Array, Matrix, Program, is_sparse
 
 ROUNDS = 10
@@ -164,7 +165,9 @@ def contradiction(p: Program, tol: float) -> Array | None:
     x = xp.where(fixed, p.lb, 0.0)
     Cx = p.C @ x
     side = xp.clip(Cx, p.row_low, p.row_high)
-    rows = xp.flatnonzero(xp.abs(Cx - side) > tol * xp.abs(side))
+    # A side may be the rounding of a difference of others.
+    rounding = ROUNDING * largest_side(p.row_low, p.row_high, p.lb, p.ub)
+    rows = xp.flatnonzero(xp.abs(Cx - side) > xp.maximum(tol * xp.abs(side), rounding))
     if not rows.size:
         return None
     C, Cx, side = p.C[rows], Cx[rows], side[rows]

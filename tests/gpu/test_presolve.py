@@ -124,6 +124,12 @@ def test_no_row_of_large_numbers_hides_a_contradiction_of_fixed_variables(store,
     assert c @ np.where(c > 0, ub, lb) < y @ b
 
 
+def test_a_side_of_rounding_contradicts_no_fixed_variable():
+    """As in QPILOTNO, whose row of five variables fixed at zero has the side -2e-16."""
+    result = solve_qp(np.eye(2), [0.0, -1.0], A=[[2.0, 0.0]], b=[-2e-16], lb=[0, -5], ub=[0, 5])
+    assert result.x == pytest.approx([0.0, 1.0])
+
+
 def test_nearly_contradicting_rows_of_far_points_are_no_proof():
     # x1 - x2 <= 0 and x1 - (1 - 1e-9) x2 >= 1e-3 meet at x2 = 1e6.
     C, low = [[1.0, -1.0], [1.0, -(1.0 - 1e-9)]], [-INF, 1e-3]
