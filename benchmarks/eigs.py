@@ -175,7 +175,7 @@ def steps(n: int, cp: Any, rate: float, size: int = 40) -> dict[str, float]:
     from gpu.arnoldi_kernels import FusedSteps
 
     A = separated(n, cp)
-    V, rows = cp.zeros((size + 1, n)), cp.zeros((size, size + 2))
+    V, rows = cp.zeros((size + 1, n)), cp.zeros((size, 2, size + 2))
     V[0] = 1.0 / np.sqrt(n)
     fused = FusedSteps(V, rows)
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from gpu.arnoldi_steps import ArnoldiSteps
 from gpu.arrays import to_host
 
 ONE_LAUNCH = 5000  # up to this order a sweep gains more than a library product does
 TINY = np.finfo(float).tiny
 # Of random vectors: a start drawn by the caller from a plain seed must not be drawn here again.
 SALT = 0x6A09E667F3BCC908
-BREAKDOWN = 20 * np.finfo(float).eps  # beta below this times |A v| is round-off: invariant
 
 
 class Arnoldi:
@@ -58,10 +58,11 @@ class Arnoldi:
         self.V = xp.empty((size + 1, n), dtype=dtype)
         self._apply = apply
         self._seed, self._drawn = seed, 0
-        # Row j: the coefficients of A v_j, then |v| of what is left of it.
-        self._coefficients = xp.zeros((size, size + 2), dtype=dtype)
         self._steps = self._matrix = None
-        if xp is not np and np.dtype(dtype) == np.float64:
+        fused = xp is not np and np.dtype(dtype) == np.float64
+        # See `ArnoldiSteps.of`.
+        self._coefficients = xp.zeros((size, 2 if fused else 1, size + 2), dtype=dtype)
+        if fused:
             from gpu.arnoldi_kernels import FusedSteps
 
             self._steps = FusedSteps(self.V, self._coefficients)
@@ -107,7 +108,7 @@ class Arnoldi:
 
     def sweep(
         self, first: int, last: int, meanwhile: Callable[[], Any] | None = None
-    ) -> np.ndarray:
+    ) -> ArnoldiSteps:
         """Arnoldi steps from row `first` up to row `last`.
 
         Parameters
@@ -115,12 +116,6 @@ class Arnoldi:
         first, last : int
         meanwhile : callable, optional
             Called once the steps are under way, before their coefficients are waited for.
-
-        Returns
-        -------
-        ndarray, shape (last - first, size + 2)
-            Row i, on the host: V^* A v of row j = first + i in its first j + 1 entries, and beta_j
-            in the last. Where beta_j is round-off, later rows mean nothing: see `broken`.
         """
         xp, V = self.xp, self.V
         if self._matrix is not None and self._steps is not None:
@@ -135,11 +130,12 @@ class Arnoldi:
         self.matvecs += last - first
         if meanwhile is not None:
             meanwhile()
-        return to_host(self._coefficients[first:last])
+        rows = to_host(self._coefficients[first:last])
+        return ArnoldiSteps.of(rows if self._matrix is not None else rows[:, :1])
 
     def _step(self, w: Any, j: int) -> None:
         """Orthogonalise w, which is ``A V[j]``, into row j + 1."""
-        xp, V, row = self.xp, self.V, self._coefficients[j]
+        xp, V, row = self.xp, self.V, self._coefficients[j, 0]
         h = self._products(w, j + 1)
         w -= h @ V[: j + 1]
         again = self._products(w, j + 1)
@@ -148,12 +144,6 @@ class Arnoldi:
         row[: j + 1] = h + again
         row[-1] = beta
         V[j + 1] = w / xp.maximum(beta, TINY)
-
-    def broken(self, rows: np.ndarray) -> int | None:
-        """The first of the rows of a sweep that ended in an invariant subspace."""
-        size = np.sqrt(np.vecdot(rows[:, :-1], rows[:, :-1]).real)
-        ended = (rows[:, -1].real <= BREAKDOWN * size).nonzero()[0]
-        return int(ended[0]) if ended.size else None
 
     def rotate(self, Q: np.ndarray, residual: int, first: int = 0) -> None:
         """Replace the rows from `first` on by the columns of Q, the next by the `residual`-th."""
@@ -172,14 +162,3 @@ class Arnoldi:
     def combine(self, Y: np.ndarray) -> Any:
         """Columns ``V^T Y`` of the space, shape (n, k), for Y of shape (count, k)."""
         return (self.xp.asarray(np.ascontiguousarray(Y.T)) @ self.V[: len(Y)]).T
-
-
-def fill(S: np.ndarray, rows: np.ndarray, first: int, last: int) -> None:
-    """Columns `first` to `last` of the projected matrix from the rows of a sweep.
-
-    Beyond its own entries a row is zero.
-    """
-    S[:, first:last] = 0.0
-    S[:last, first:last] = rows[: last - first, :last].T
-    below = np.arange(first + 1, last)
-    S[below, below - 1] = rows[: last - first - 1, -1].real

@@ -2,8 +2,8 @@
 
 A step is a product, two projections, two updates and a norm. As separate library calls these cost
 some twenty launches; for matrices of a few thousand rows the launches take longer than the work.
-Here all blocks of one launch, one a multiprocessor, own a range of rows each and meet three times a
-step. Sums are taken in a fixed order, so that a run repeats bit by bit on one device.
+Here all blocks of one launch, one a multiprocessor, own a range of rows each and meet two or three
+times a step. Sums are taken in a fixed order, so that a run repeats bit by bit on one device.
 """
 
 from __future__ import annotations
@@ -31,8 +31,9 @@ class FusedSteps:
     ----------
     V : cupy.ndarray of float64, shape (size + 1, n)
         The basis.
-    coefficients : cupy.ndarray of float64, shape (size, size + 2)
-        Row j gets the coefficients of step j, and its beta in the last entry.
+    coefficients : cupy.ndarray of float64, shape (size, 2, size + 2)
+        Row (j, 0) gets the coefficients of step j, and its beta in the last entry; those of a sweep
+        are of ``A (v + V r)``, with r in row (j, 1).
 
     Attributes
     ----------
@@ -52,19 +53,19 @@ class FusedSteps:
         self.size, self.n = len(coefficients), V.shape[1]
         processors, most_shared, cache = _limits(cupy.cuda.Device().id)
         self._blocks = min(processors, -(-self.n // ROWS))
-        numbers = SUMS + 2 * (self.size + 2)
+        numbers = SUMS + 2 * self.size + 4
         self._shared = 8 * numbers
         if self._shared > most_shared:
             raise InputError(f"ncv={self.size} is too large for the shared memory of this device")
         # What a sweep has beside: its share of the basis, the vector, and columns of A.
         own = -(-self.n // self._blocks)
-        numbers += (self.size + 2) * own + self.n
+        numbers += (self.size + 1) * (own | 1) + own + self.n
         room = most_shared // 8 - numbers
         self._sweeps = room >= 0 and own <= OWN
         self.near = max(0, min(self.n, room // own))
         self._shared_by_sweep = 8 * (numbers + self.near * own)
         self.ahead = min(self.n - self.near, int(AHEAD * cache) // (8 * self.n))
-        self._u = cupy.empty((2, self.n))
+        self._u = cupy.empty(self.n)
         self._parts = cupy.empty(3 * self._blocks * (self.size + 2))
         self._gate = cupy.zeros(1, dtype=cupy.uint32)
         self._arrived = 0
@@ -85,7 +86,7 @@ class FusedSteps:
     def _step(self, w: Any, seed: int, j: int) -> None:
         self._launch(
             "arnoldi_step",
-            1,
+            3,
             self._shared,
             lambda goal: (
                 self._V,
@@ -120,7 +121,7 @@ class FusedSteps:
             return
         self._launch(
             "arnoldi_sweep",
-            last - first,
+            3 * (last - first) + 1,
             self._shared_by_sweep,
             lambda goal: (
                 A,
@@ -139,13 +140,13 @@ class FusedSteps:
             ),
         )
 
-    def _launch(self, name: str, steps: int, shared: int, arguments: Any) -> None:
+    def _launch(self, name: str, meetings: int, shared: int, arguments: Any) -> None:
         kernel = _kernel(name)
         if shared > SHARED:
             kernel.max_dynamic_shared_size_bytes = shared
         goal = np.uint32(self._arrived % 2**32)
         kernel((self._blocks,), (THREADS,), arguments(goal), shared_mem=shared)
-        self._arrived += 3 * steps * self._blocks
+        self._arrived += meetings * self._blocks
 
 
 @functools.cache

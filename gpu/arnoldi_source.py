@@ -1,11 +1,11 @@
 """CUDA source of the Arnoldi steps: a product with A or with numbers drawn, then Gram-Schmidt.
 
 A sweep keeps what it can on the multiprocessors: each block its share of the basis and the first
-columns of its rows of A. The blocks meet three times a step; meanwhile the next columns come
-from memory to the cache that all share.
+columns of its rows of A. While the blocks meet, the next columns come from memory to the cache
+that all share.
 """
 
-from gpu.gram_schmidt_source import SOURCE as GRAM_SCHMIDT
+from gpu.delayed_gram_schmidt_source import SOURCE as GRAM_SCHMIDT
 
 SOURCE = (
     GRAM_SCHMIDT
@@ -115,13 +115,13 @@ arnoldi_step(double* V, double* rows, const double* w, unsigned long long seed, 
         __syncthreads();
         w = u;
     }
-    orthogonalise(V + begin, n, rows + (index)(j < 0 ? 0 : j) * (size + 2), w, u,
-                  V + (j + 1) * n + begin, nullptr, parts, gate, &goal, size, j, own, shared);
+    orthogonalise(V + begin, n, rows + (index)(j < 0 ? 0 : j) * 2 * (size + 2), w, u,
+                  V + (j + 1) * n + begin, parts, gate, goal, size, j, own, shared);
 }
 
-// Steps with a dense matrix. Shared memory holds what this block owns of the basis, the vector
-// that is multiplied, and the first `near` columns of the block's rows of A. While the blocks
-// orthogonalise, the next `ahead` columns are brought close: memory need not rest.
+// Steps with a dense matrix. Shared memory holds the vector that is multiplied, the first `near`
+// columns of this block's rows of A, and what it owns of the basis and of the product. While the
+// blocks orthogonalise, the next `ahead` columns are brought close: memory need not rest.
 extern "C" __global__ void __launch_bounds__(1024, 1)
 arnoldi_sweep(const double* __restrict__ A, double* V, double* rows, double* u, double* parts,
               unsigned int* gate, unsigned int goal, index n, int size, int first, int last,
@@ -131,51 +131,49 @@ arnoldi_sweep(const double* __restrict__ A, double* V, double* rows, double* u, 
     const int chunk = (int)((n + gridDim.x - 1) / gridDim.x);
     const index begin = (index)blockIdx.x * chunk < n ? (index)blockIdx.x * chunk : n;
     const int own = (int)(begin + chunk < n ? chunk : n - begin);
-    double* slice = shared + SUMS + 2 * (size + 2);
-    double* mine = slice + (size + 1) * chunk;
-    double* x = mine + chunk;
+    const int stride = chunk | 1;  // odd: entries of a column lie in different banks
+    double* h = shared + SUMS;
+    double* x = h + 2 * size + 4;
     double* kept = x + n;
+    double* slice = kept + (index)near * chunk;
+    double* w = slice + (size + 1) * stride;
+    Basis basis = {slice, stride, own, n, begin, size, V, rows, u, parts, gate, goal, h, shared};
     A += begin * n;
-    for (int j = threadIdx.x >> 5; j <= first; j += WARPS)
-        for (int i = threadIdx.x & 31; i < own; i += 32)
-            slice[j * chunk + i] = V[j * n + begin + i];
-    for (int r = threadIdx.x >> 5; r < own; r += WARPS)
+    const int warp = threadIdx.x >> 5, lane = threadIdx.x & 31;
+    for (int j = warp; j <= first; j += WARPS)
+        for (int i = lane; i < own; i += 32)
+            slice[j * stride + i] = V[j * n + begin + i];
+    for (int r = warp; r < own; r += WARPS)
         #pragma unroll 4
-        for (int i = threadIdx.x & 31; i < near; i += 32)
+        for (int i = lane; i < near; i += 32)
             kept[r * near + i] = __ldcs(A + r * n + i);
-    const int rest = (int)n - near, warp = threadIdx.x >> 5;
+    const int rest = (int)n - near;
     const Shares inner(own, near), outer(own, rest);
     double* far = shared + SUMS / 2;
     double scale = 1.0;
     const double* source = V + first * n;
-    for (int j = first; j < last; ++j) {
-        for (index i = threadIdx.x; i < n; i += blockDim.x)
-            x[i] = __ldcg(source + i) * scale;
-        __syncthreads();
-        // Half of the warps begin with what is here, while the others keep memory busy.
-        for (int turn = warp; turn < warp + 2; ++turn) {
-            if (turn & 1)
-                multiply<true>(kept, near, own, near, x, shared);
-            else
-                multiply<false>(A + near, n, own, rest, x + near, far);
+    int extra = 0;
+    for (int j = first; j <= last; ++j) {
+        if (j < last) {
+            for (index i = threadIdx.x; i < n; i += blockDim.x)
+                x[i] = __ldcg(source + i) * scale;
+            __syncthreads();
+            multiply<false>(A + near, n, own, rest, x + near, far);
+            multiply<true>(kept, near, own, near, x, shared);
+            __syncthreads();
+            if (j + 1 < last)
+                for (int r = warp; r < own; r += WARPS)
+                    for (int i = 4 * lane; i < ahead; i += 128)
+                        asm volatile("prefetch.global.L2 [%0];" :: "l"(A + r * n + near + i));
+            for (int r = threadIdx.x; r < own; r += blockDim.x)
+                w[r] = inner.sum(shared, r) + outer.sum(far, r);
+            __syncthreads();
         }
-        __syncthreads();
-        if (j + 1 < last)
-            for (int r = warp; r < own; r += WARPS)
-                for (int i = 4 * (threadIdx.x & 31); i < ahead; i += 128)
-                    asm volatile("prefetch.global.L2 [%0];" :: "l"(A + r * n + near + i));
-        for (int r = threadIdx.x; r < own; r += blockDim.x)
-            mine[r] = inner.sum(shared, r) + outer.sum(far, r);
-        __syncthreads();
-        // Other blocks still read what the last step left, so two vectors take turns.
-        double* open = u + (j & 1) * n;
-        double* v = slice + (j + 1) * chunk;
-        scale = orthogonalise(slice, chunk, rows + (index)j * (size + 2), mine, mine, v,
-                              open + begin, parts, gate, &goal, size, j, own, shared);
-        for (int i = threadIdx.x; i < own; i += blockDim.x)
-            V[(j + 1) * n + begin + i] = v[i];
-        source = open;
+        scale = delayed_step(basis, j < last ? w : nullptr, j, j == first, scale, &extra);
+        source = u;
     }
+    if (threadIdx.x == 0)
+        arrive(gate, last - first - extra);  // the host counts on three a step, and one
 }
 """
 )

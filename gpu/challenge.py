@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gpu.arnoldi import Arnoldi, fill
+from gpu.arnoldi import Arnoldi
 from gpu.ordered_schur import Rank, ordered_schur, whole
 
 Edge = Callable[[float, np.ndarray], np.ndarray]
@@ -93,14 +93,14 @@ def unbeaten(
     dropped = np.zeros(0, dtype=complex)
     past = (0, 1.0)  # products, and residual of the best newcomer, at the last look
     while True:
-        rows = basis.sweep(locked + kept, locked + goal, meanwhile)
+        steps = basis.sweep(locked + kept, locked + goal, meanwhile)
         meanwhile = None
-        if not np.isfinite(rows).all():
+        if not steps.finite:
             raise FloatingPointError(f"A v is not finite after {basis.matvecs} products")
-        ended = basis.broken(rows)
+        ended = steps.ended
         size = goal if ended is None else kept + ended + 1
-        fill(S, rows[:, locked:], kept, size)
-        beta = 0.0 if ended is not None else float(rows[-1, -1].real)
+        steps.project(S, kept, size, locked)
+        beta = 0.0 if ended is not None else float(steps.betas[-1])
         keep = int(THICK * room)
         T, Q, values = ordered_schur(S[:size, :size], rank, keep + 1 if size == room else 1)
         best, products = whole(T, 1), basis.matvecs - searched
@@ -108,7 +108,7 @@ def unbeaten(
         distance = worst - float(rank(values[:1])[0])
         evidence = np.inf if distance >= -(1e-9 * abs(worst) + floor) else 0.0
         if ended is None:
-            betas += float(np.log(rows[:, -1].real).sum())
+            betas += float(np.log(steps.betas).sum())
             roots = np.concatenate((values, dropped))
             evidence = _evidence(worst, roots, edge) - betas if distance > 0 else 0.0
         enough = 0.5 * np.log(n) - np.log(SURE)

@@ -11,8 +11,8 @@ SOURCE = r"""
 #define TILE 256   // entries of a vector that are updated and projected together
 #define GROUPS 4   // threads that share an entry
 #define SUMS 2048  // shared numbers for partial sums
-#define ENTRIES 64 // sums that are gathered together
-#define AT_ONCE 5  // blocks whose sums a warp reads together
+#define NUMBERS 3  // sums that a warp gathers together
+#define AT_ONCE 5  // shares of each that a thread reads together
 
 typedef long long index;
 
@@ -24,9 +24,9 @@ __device__ double over_warp(double s)
 }
 
 // All blocks meet when the gate has counted `goal` arrivals; the count may wrap around.
-__device__ void arrive(unsigned int* gate)
+__device__ void arrive(unsigned int* gate, unsigned int times)
 {
-    asm volatile("red.release.gpu.global.add.u32 [%0], 1;" :: "l"(gate) : "memory");
+    asm volatile("red.release.gpu.global.add.u32 [%0], %1;" :: "l"(gate), "r"(times) : "memory");
 }
 
 __device__ void meet(unsigned int* gate, unsigned int goal)
@@ -34,7 +34,7 @@ __device__ void meet(unsigned int* gate, unsigned int goal)
     __syncthreads();
     if (threadIdx.x == 0) {
         unsigned int seen;
-        arrive(gate);
+        arrive(gate, 1);
         do
             asm volatile("ld.acquire.gpu.global.u32 %0, [%1];" : "=r"(seen) : "l"(gate) : "memory");
         while ((int)(seen - goal) < 0);
@@ -42,7 +42,7 @@ __device__ void meet(unsigned int* gate, unsigned int goal)
     __syncthreads();
 }
 
-// dots <- V w. Here and below V, w, u, v begin with the first entry that this block owns.
+// dots <- V w of what this block owns.
 __device__ void project(const double* V, index stride, int count, const double* w, index own,
                         double* dots)
 {
@@ -158,72 +158,69 @@ __device__ double update(const double* V, index stride, int count, double* u, do
     return square;
 }
 
-// Sums over the blocks of what each wrote, `size` apart; every block adds up for itself.
-__device__ __noinline__ void gather(const double* parts, int size, int count, double* h,
-                                    double* shared)
+// h <- sums over the blocks of what each wrote, number by number; every block adds up for itself.
+__device__ __noinline__ void gather(const double* parts, int count, double* h)
 {
-    const int lane = threadIdx.x & 31, warp = threadIdx.x >> 5, blocks = gridDim.x;
-    for (int first = 0; first < count; first += ENTRIES) {
-        const int left = count - first;
-        double low = 0.0, high = 0.0;
-        for (int base = warp; base < blocks; base += AT_ONCE * WARPS) {
-            double part[2][AT_ONCE];
+    const int lane = threadIdx.x & 31, blocks = gridDim.x;
+    for (int first = threadIdx.x >> 5; first < count; first += NUMBERS * WARPS) {
+        double sum[NUMBERS] = {};
+        for (int base = lane; base < blocks; base += AT_ONCE * 32) {
+            double part[NUMBERS][AT_ONCE];
             #pragma unroll
-            for (int q = 0; q < AT_ONCE; ++q) {
-                const int block = base + q * WARPS;
-                const double* from = parts + (index)block * size + first + lane;
-                part[0][q] = block < blocks && lane < left ? __ldcg(from) : 0.0;
-                part[1][q] = block < blocks && lane + 32 < left ? __ldcg(from + 32) : 0.0;
-            }
+            for (int q = 0; q < NUMBERS; ++q)
+                #pragma unroll
+                for (int b = 0; b < AT_ONCE; ++b) {
+                    const int number = first + q * WARPS, block = base + 32 * b;
+                    part[q][b] = number < count && block < blocks
+                        ? __ldcg(parts + (index)number * blocks + block) : 0.0;
+                }
             #pragma unroll
-            for (int q = 0; q < AT_ONCE; ++q) {
-                low += part[0][q];
-                high += part[1][q];
-            }
+            for (int q = 0; q < NUMBERS; ++q)
+                #pragma unroll
+                for (int b = 0; b < AT_ONCE; ++b)
+                    sum[q] += part[q][b];
         }
-        shared[warp * ENTRIES + lane] = low;
-        shared[warp * ENTRIES + lane + 32] = high;
-        __syncthreads();
-        if (threadIdx.x < ENTRIES && threadIdx.x < left) {
-            double s[4] = {0.0, 0.0, 0.0, 0.0};
-            #pragma unroll
-            for (int w = 0; w < WARPS; ++w)
-                s[w % 4] += shared[w * ENTRIES + threadIdx.x];
-            h[first + threadIdx.x] = (s[0] + s[1]) + (s[2] + s[3]);
+        #pragma unroll
+        for (int q = 0; q < NUMBERS; ++q) {
+            sum[q] = over_warp(sum[q]);
+            if (lane == 0 && first + q * WARPS < count)
+                h[first + q * WARPS] = sum[q];
         }
-        __syncthreads();
     }
+    __syncthreads();
 }
 
-// Gram-Schmidt twice of w against the first j + 1 rows of V, into v; u = beta v. Returns 1 / beta,
-// or 1 where beta is zero. Where the blocks go on from u, all of it is in `open` on return.
-__device__ __noinline__ double orthogonalise(const double* V, index stride, double* row,
-                                             const double* w, double* u, double* v, double* open,
-                                             double* parts, unsigned int* gate, unsigned int* goal,
-                                             int size, int j, index own, double* shared)
+// Gram-Schmidt twice of w against the first j + 1 rows of V, into v; u = beta v. Here and below
+// vectors begin with the first entry that this block owns.
+__device__ __noinline__ void orthogonalise(const double* V, index stride, double* row,
+                                           const double* w, double* u, double* v, double* parts,
+                                           unsigned int* gate, unsigned int goal, int size, int j,
+                                           index own, double* shared)
 {
     double* h = shared + SUMS;
     double* dots = h + size + 2;
-    const int count = j + 1, block = blockIdx.x;
-    // One buffer a meeting: who is ahead must not overwrite what others still read.
-    const index all = (index)(size + 2) * gridDim.x, mine = (index)(size + 2) * block;
+    const int count = j + 1, block = blockIdx.x, blocks = gridDim.x;
+    // Sums of one meeting have a place of their own: who is ahead must not overwrite what others
+    // still read.
+    double* again = parts + (index)(size + 2) * blocks;
+    double* last = again + (index)(size + 2) * blocks;
 
     project(V, stride, count, w, own, dots);
     for (int i = threadIdx.x; i < count; i += blockDim.x)
-        parts[mine + i] = dots[i];
-    meet(gate, *goal += gridDim.x);
-    gather(parts, size + 2, count, h, shared);
+        parts[(index)i * blocks + block] = dots[i];
+    meet(gate, goal += blocks);
+    gather(parts, count, h);
     if (block == 0)
         for (int i = threadIdx.x; i < count; i += blockDim.x)
             row[i] = h[i];
 
     double square = update_and_project(V, stride, count, w, u, own, h, dots, shared);
     for (int i = threadIdx.x; i < count; i += blockDim.x)
-        parts[all + mine + i] = dots[i];
+        again[(index)i * blocks + block] = dots[i];
     if (threadIdx.x == 0)
-        parts[all + mine + count] = square;
-    meet(gate, *goal += gridDim.x);
-    gather(parts + all, size + 2, count + 1, h, shared);
+        again[(index)count * blocks + block] = square;
+    meet(gate, goal += blocks);
+    gather(again, count + 1, h);
     if (block == 0)
         for (int i = threadIdx.x; i < count; i += blockDim.x)
             row[i] += h[i];
@@ -237,27 +234,20 @@ __device__ __noinline__ double orthogonalise(const double* V, index stride, doub
     const bool known = rest > 0.5 * h[count];
     double beta = known ? sqrt(rest) : 1.0;
     square = update(V, stride, count, u, v, 1.0 / beta, own, h, shared);
-    __syncthreads();
-    if (open)
-        for (index i = threadIdx.x; i < own; i += blockDim.x)
-            open[i] = u[i];
-    *goal += gridDim.x;
-    if (!known) {
+    if (known) {
+        if (threadIdx.x == 0)
+            arrive(gate, 1);  // the host counts on three arrivals
+    } else {
         square = over_block(square, shared);
         if (threadIdx.x == 0)
-            parts[2 * all + mine] = square;
-        meet(gate, *goal);
-        gather(parts + 2 * all, size + 2, 1, h, shared);
+            last[block] = square;
+        meet(gate, goal += blocks);
+        gather(last, 1, h);
         beta = sqrt(h[0]);
         for (index i = threadIdx.x; i < own; i += blockDim.x)
             v[i] = beta > 0.0 ? u[i] / beta : u[i];
-    } else if (open) {
-        meet(gate, *goal);
-    } else if (threadIdx.x == 0) {
-        arrive(gate);  // the host counts on three arrivals
     }
     if (block == 0 && threadIdx.x == 0)
         row[size + 1] = beta;
-    return beta > 0.0 ? 1.0 / beta : 1.0;
 }
 """

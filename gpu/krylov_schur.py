@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from gpu.arnoldi import Arnoldi, fill
+from gpu.arnoldi import Arnoldi
 from gpu.challenge import INSIDE, Edge, unbeaten
 from gpu.implicit_restart import shifted_qr
 from gpu.ordered_schur import Rank, ordered_schur, whole
@@ -132,13 +132,13 @@ def krylov_schur(
     count, goal = 1, ncv
     past = (0, 1.0)  # products, and residual of the wanted over |A|, at the last look
     while count <= maxiter:
-        rows = basis.sweep(kept, goal)
-        if not np.isfinite(rows).all():
+        steps = basis.sweep(kept, goal)
+        if not steps.finite:
             raise FloatingPointError(f"A v is not finite after {basis.matvecs} products")
-        ended = basis.broken(rows)
+        ended = steps.ended
         size = goal if ended is None else kept + ended + 1
-        fill(S, rows, kept, size)
-        beta = 0.0 if ended is not None else rows[-1, -1].real
+        steps.project(S, kept, size)
+        beta = 0.0 if ended is not None else float(steps.betas[-1])
         columns = S[:size, :size].T
         scale = max(scale, float(np.sqrt(np.vecdot(columns, columns).real.max())))
         most = min(size, max(ncv // 2, k + k // 2) + 3)

@@ -56,14 +56,11 @@ def test_components_are_bounded_by_the_product_of_residuals(power, steps, seed):
     A, basis = compressed(rng.standard_normal(60), [], 10.0**power, seed)
     basis.start(0)
     r = basis.V[0].copy()
-    rows = basis.sweep(0, steps)
+    found = basis.sweep(0, steps)
     H = np.zeros((steps, steps))
-    for j in range(steps):
-        H[: j + 1, j] = rows[j, : j + 1]
-        if j + 1 < steps:
-            H[j + 1, j] = rows[j, -1]
+    found.project(H, 0, steps)
     mu, left = np.linalg.eig(A.T)
-    bound = np.prod(rows[:, -1]) / np.abs(mu[:, None] - np.linalg.eigvals(H)).prod(axis=1)
+    bound = np.prod(found.betas) / np.abs(mu[:, None] - np.linalg.eigvals(H)).prod(axis=1)
     assert np.all(np.abs(left.T @ r) <= bound * (1 + 1e-6) + 1e-9)
 
 

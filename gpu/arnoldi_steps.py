@@ -1,0 +1,76 @@
+"""What a row of Arnoldi steps has found, on the host."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg.blas import dtrsm
+
+BREAKDOWN = 20 * np.finfo(float).eps  # beta below this times |A v| is round-off: invariant
+
+
+@dataclass(frozen=True)
+class ArnoldiSteps:
+    """Coefficients of products with the vectors of a basis, or with vectors beside them.
+
+    With v_j the vectors of the basis and i = 0, 1, ... the steps of this sweep, the first of which
+    began at vector j,
+
+    .. math::
+        A (v_{j+i} + V r_i) = V h_i + beta_i v_{j+i+1}.
+
+    Attributes
+    ----------
+    coefficients : ndarray, shape (m, size + 1)
+        Row i: h_i, zero from entry j + i + 1 on or meaningless.
+    betas : ndarray, shape (m,)
+        Where one is round-off, later rows mean nothing: see `ended`.
+    beside : ndarray, shape (m, size + 1), optional
+        Row i: r_i in its first j + i entries. None where all are zero.
+    """
+
+    coefficients: np.ndarray
+    betas: np.ndarray
+    beside: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, rows: np.ndarray) -> ArnoldiSteps:
+        """From an array of shape (m, 1 or 2, size + 2) with every beta in a last entry."""
+        beside = rows[:, 1, :-1] if rows.shape[1] == 2 else None
+        return cls(rows[:, 0, :-1], rows[:, 0, -1].real, beside)
+
+    @property
+    def finite(self) -> bool:
+        """Whether all coefficients are."""
+        return bool(np.isfinite(self.coefficients).all() and np.isfinite(self.betas).all())
+
+    @property
+    def ended(self) -> int | None:
+        """The first of the steps that ended in an invariant subspace."""
+        size = np.sqrt(np.vecdot(self.coefficients, self.coefficients).real)
+        small = (self.betas <= BREAKDOWN * size).nonzero()[0]
+        return int(small[0]) if small.size else None
+
+    def project(self, S: np.ndarray, first: int, last: int, locked: int = 0) -> None:
+        """Columns `first` to `last` of the projected matrix, from as many first steps.
+
+        Parameters
+        ----------
+        S : ndarray, shape (m, m)
+            Its columns before `first`, and the entry left of the diagonal in row `first`, are
+            known. In place.
+        first, last : int
+        locked : int
+            Vectors of the basis that S leaves out.
+        """
+        count = last - first
+        rows = slice(locked, locked + last)
+        S[:, first:last] = 0.0
+        S[:last, first:last] = self.coefficients[:count, rows].T
+        below = np.arange(first + 1, last)
+        S[below, below - 1] = self.betas[: count - 1]
+        if self.beside is not None:
+            R = self.beside[:count, rows].T
+            S[:last, first:last] -= S[:last, :first] @ R[:first]
+            S[:last, first:last] = dtrsm(1.0, R[first:], S[:last, first:last], side=1, diag=1)
