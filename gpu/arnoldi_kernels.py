@@ -17,11 +17,13 @@ from gpu.arnoldi_source import SOURCE
 from gpu.errors import InputError
 
 THREADS = 1024
-ROWS = 16  # a block owns at least; more blocks than that wait for each other longer
+ROWS = 8  # a block owns at least; more blocks than that wait for each other longer
+LINE = 16  # numbers that memory moves together
 SHARED = 48 * 1024  # bytes a block may have on every device without asking
 SUMS = 2048  # numbers of `gram_schmidt_source` in shared memory
 OWN = SUMS // 2 - THREADS // 32  # rows of a block whose sums fit there
-AHEAD = 0.6  # of the common cache that the next columns of a sweep may fill
+AHEAD = 0.5  # of the common cache that the next columns of a sweep may fill
+SCARCE = 0.1  # part of the columns that is not worth keeping
 
 
 class FusedSteps:
@@ -62,7 +64,9 @@ class FusedSteps:
         numbers += (self.size + 1) * (own | 1) + own + self.n
         room = most_shared // 8 - numbers
         self._sweeps = room >= 0 and own <= OWN
-        self.near = max(0, min(self.n, room // own))
+        self.near = max(0, min(self.n, room // own // LINE * LINE))
+        if self.near < SCARCE * self.n:
+            self.near = 0
         self._shared_by_sweep = 8 * (numbers + self.near * own)
         self.ahead = min(self.n - self.near, int(AHEAD * cache) // (8 * self.n))
         self._u = cupy.empty(self.n)

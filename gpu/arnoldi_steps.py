@@ -66,11 +66,13 @@ class ArnoldiSteps:
         """
         count = last - first
         rows = slice(locked, locked + last)
-        S[:, first:last] = 0.0
-        S[:last, first:last] = self.coefficients[:count, rows].T
-        below = np.arange(first + 1, last)
-        S[below, below - 1] = self.betas[: count - 1]
+        block = self.coefficients[:count, rows].copy().T
+        before = np.arange(count - 1)
+        block[first + 1 + before, before] = self.betas[: count - 1]
         if self.beside is not None:
             R = self.beside[:count, rows].T
-            S[:last, first:last] -= S[:last, :first] @ R[:first]
-            S[:last, first:last] = dtrsm(1.0, R[first:], S[:last, first:last], side=1, diag=1)
+            if first:
+                block -= S[:last, :first] @ R[:first]
+            block = dtrsm(1.0, R[first:], block, side=1, diag=1, overwrite_b=1)
+        S[:last, first:last] = block
+        S[last:, first:last] = 0.0

@@ -28,11 +28,12 @@ def certify(
     ----------
     matrix, mass, tol
         As `eigs` has them.
-    values : array, shape (k,)
+    values : ndarray, shape (k,)
+        On the host.
     vectors : array, shape (n, k)
     scale : float
         A lower bound of |A|, zero where none is known.
-    squares : array, shape (2, k), optional
+    squares : ndarray, shape (2, k), optional
         Of the norms of ``A x - lambda M x`` and of ``A x``, where the vectors came with them.
     """
     unit = matrix.unit
@@ -45,8 +46,8 @@ def certify(
         error = xp.linalg.norm(left - right * (xp.asarray(values) * unit), axis=0)
         error, size = to_host(xp.stack([error, xp.linalg.norm(left, axis=0)]))
     else:
-        error, size = np.sqrt(to_host(squares))
-    modulus = np.abs(to_host(values)) * unit
+        error, size = np.sqrt(squares)
+    modulus = np.abs(values) * unit
     allowed = (
         CERTIFIED * (max(float(size.max()), scale) + modulus * (1.0 if mass is None else mass.norm))
         + 10 * tol * modulus

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,18 @@ from gpu.ordered_schur import Rank
 from gpu.spectrum_order import best_first
 
 FUSED = 16384  # dense matrices of larger order are read faster by products with columns
+
+
+class Pairs(NamedTuple):
+    """Values, best first, on the host and where the matrix is; vectors; what `certify` asks for.
+
+    What is called `squares` waits for them, or is None.
+    """
+
+    values: np.ndarray
+    there: Any
+    vectors: Any
+    squares: Callable[[], np.ndarray] | None
 
 
 @dataclass
@@ -35,13 +48,10 @@ class Eigenpairs:
     rank: Rank
     k: int
     _T: Any = None
-    _made: tuple[np.ndarray, Any, Any] | None = None
+    _made: Pairs | None = None
 
-    def of(self, T: np.ndarray, basis: Arnoldi) -> tuple[np.ndarray, Any, Any]:
-        """Values, best first; vectors; squares as `certify` takes them, or None.
-
-        They are made once for each T: a device need not have finished what it does meanwhile.
-        """
+    def of(self, T: np.ndarray, basis: Arnoldi) -> Pairs:
+        """They are made once for each T: a device need not have finished what it does meanwhile."""
         if T is self._T and self._made is not None:
             return self._made
         theta, Y = np.linalg.eig(T)
@@ -53,13 +63,12 @@ class Eigenpairs:
             from gpu.ritz_pairs import pairs_with_residuals
 
             mass = self.mass and self.mass.explicit
-            vectors, squares = pairs_with_residuals(
-                basis.V[: len(Y)], Y, values, self.matrix.explicit, mass
-            )
+            V = basis.V[: len(Y)]
+            made = Pairs(values, *pairs_with_residuals(V, Y, values, self.matrix.explicit, mass))
         else:
-            vectors, squares = basis.combine(Y), None
-        self._T, self._made = T, (values, vectors, squares)
-        return self._made
+            made = Pairs(values, self.matrix.xp.asarray(values), basis.combine(Y), None)
+        self._T, self._made = T, made
+        return made
 
     def _fused(self) -> bool:
         """Whether vectors and residuals come from real products on the device."""

@@ -136,7 +136,8 @@ def eigs(
     if start is not None and start.dtype.kind == "c" and real:
         raise InputError("v0 is complex, but A, M and sigma are real: pass its real part")
 
-    scale, squares = 0.0, None  # a lower bound of |A|; of residuals, where the vectors have them
+    # A lower bound of |A|; values where A is; of residuals, where the vectors came with them.
+    scale, there, squares = 0.0, None, None
     stored = n <= FALLBACK and _stored(matrix, mass)
     # The wanted may lie inside the spectrum, where a Krylov space is blind.
     inner = which in ("SM", "SI") or (which == "LI" and real and sigma is not None)
@@ -166,13 +167,14 @@ def eigs(
         else:
             if mass is None and sigma is None:
                 scale = found.scale / matrix.unit
-            values, vectors, squares = pairs.of(found.T, found.basis)
+            values, there, vectors, measured = pairs.of(found.T, found.basis)
+            squares = measured and measured()
             if not found.complete:
                 raise NotConverged(
                     f"{len(values)} of {k} eigenvalues converged in {found.restarts} restarts "
                     f"({found.matvecs} products) with ncv={size}; raise maxiter or ncv, loosen "
                     "tol, or use sigma",
-                    eigenvalues=xp.asarray(values),
+                    eigenvalues=there,
                     eigenvectors=vectors,
                 )
     if squares is None:
@@ -186,10 +188,11 @@ def eigs(
         if maxiter is not None or not stored:
             raise
         values, vectors = _decomposed(matrix, mass, sigma, rank, k)
+        there = None
         vectors = xp.asarray(vectors)
         vectors = vectors / xp.linalg.norm(vectors, axis=0)
         certify(matrix, mass, values, vectors, tol, scale)
-    values = xp.asarray(values)
+    values = xp.asarray(values) if there is None else there
     return (values, vectors) if return_eigenvectors else values
 
 

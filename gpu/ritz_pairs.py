@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from gpu.arrays import coming
 from gpu.ritz_source import SOURCE
 
 THREADS, WIDTH = 256, 32  # of a block that turns, and the columns it turns
@@ -30,8 +32,8 @@ def rotate(V: Any, Q: np.ndarray, residual: int) -> None:
 
 def pairs_with_residuals(
     V: Any, Y: np.ndarray, values: np.ndarray, A: Any, M: Any
-) -> tuple[Any, Any]:
-    r"""Vectors ``V^T Y`` and the squares of \|A x - lambda M x\| and of \|A x\|.
+) -> tuple[Any, Any, Callable[[], np.ndarray]]:
+    r"""Values, vectors ``V^T Y`` and the squares of \|A x - lambda M x\| and of \|A x\|.
 
     A real eigenvector and either member of a conjugate pair come from one or two real columns, so
     that A is multiplied by real vectors only and by no more than k or k + 1.
@@ -42,43 +44,56 @@ def pairs_with_residuals(
         Rows.
     Y : ndarray, shape (c, k)
         Of unit columns; for conjugate values conjugate ones.
-    values : ndarray, shape (k,)
+    values : ndarray of complex128, shape (k,)
     A, M : cupy.ndarray or sparse matrix
         M may be None.
 
     Returns
     -------
+    values : cupy.ndarray of complex128, shape (k,)
     vectors : cupy.ndarray of complex128, shape (n, k)
-    squares : cupy.ndarray, shape (2, k)
-        Nobody has waited for them.
+    squares : callable () -> ndarray, shape (2, k)
+        Waits for them.
     """
     import cupy
 
     k, (c, n) = len(values), V.shape
-    two = [*np.any(Y.imag, axis=0)]
-    conjugate = [False, *np.all(Y[:, 1:] == Y[:, :-1].conj(), axis=0)]
-    columns: list[np.ndarray] = []
-    pairs = np.empty((5, k))
-    pairs[0], pairs[1] = values.real, values.imag
-    taken = False  # as the conjugate of the one before
-    for j in range(k):
-        taken = two[j] and conjugate[j] and not taken
-        if taken:
-            pairs[2:, j] = pairs[2, j - 1], pairs[3, j - 1], -1.0
-            continue
-        pairs[2:, j] = len(columns), len(columns) + 1 if two[j] else -1.0, 1.0
-        columns += [Y[:, j].real, Y[:, j].imag] if two[j] else [Y[:, j].real]
-    moved = _moved(np.concatenate([*columns, pairs.ravel()]))
-    X = _multiplied(V, moved, len(columns), c, False)
+    columns, places = _real_columns(Y)
+    count = len(columns)
+    numbers = np.concatenate(
+        [values.view(float), columns.ravel(), values.real, values.imag, places.ravel()]
+    )
+    moved = _moved(numbers)
+    turned, pairs = moved[2 * k : 2 * k + count * c], moved[2 * k + count * c :]
+    X = _multiplied(V, turned, count, c, False)
     left = _rows(A, X)
     right = X if M is None else _rows(M, X)
     vectors, squares = cupy.empty((k, n), dtype=complex), cupy.empty((2, k))
     _kernel("ritz_residual")(
-        (k,),
-        (1024,),
-        (left, right, X, moved[len(columns) * c :], np.int64(n), np.int32(k), vectors, squares),
+        (k,), (1024,), (left, right, X, pairs, np.int64(n), np.int32(k), vectors, squares)
     )
-    return vectors.T, squares
+    return moved[: 2 * k].view(complex), vectors.T, coming(squares)
+
+
+def _real_columns(Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The real columns that those of Y come from, by rows; for each of Y its real and imaginary
+    part among them (-1: none) and the sign of the latter."""
+    k = Y.shape[1]
+    places = np.array([np.arange(k), np.full(k, -1), np.ones(k)], dtype=float)
+    if Y.dtype.kind != "c" or not Y.imag.any():
+        return np.ascontiguousarray(Y.real.T), places
+    two = [*np.any(Y.imag, axis=0)]
+    conjugate = [False, *np.all(Y[:, 1:] == Y[:, :-1].conj(), axis=0)]
+    columns: list[np.ndarray] = []
+    taken = False  # as the conjugate of the one before
+    for j in range(k):
+        taken = two[j] and conjugate[j] and not taken
+        if taken:
+            places[:, j] = places[0, j - 1], places[1, j - 1], -1.0
+            continue
+        places[:2, j] = len(columns), len(columns) + 1 if two[j] else -1.0
+        columns += [Y[:, j].real, Y[:, j].imag] if two[j] else [Y[:, j].real]
+    return np.array(columns), places
 
 
 def _rows(A: Any, X: Any) -> Any:

@@ -9,6 +9,7 @@ from gpu.errors import InputError
 from gpu.ordered_schur import Rank
 
 EVENLY = 32  # points on the edge that do not depend on the values
+ROUNDING = 1e-14  # ranks are the same up to it
 CIRCLE = np.exp(2j * np.pi * np.arange(EVENLY) / EVENLY)
 LINE = np.linspace(-1.0, 1.0, EVENLY + 1)
 ORDERS = ("LM", "SM", "LR", "SR", "LI", "SI")
@@ -85,11 +86,16 @@ def best_first(
     shown = values if shown is None else shown
     if not paired:
         return np.argsort(-rank(values), kind="stable")[:k]
-    # Equal pairs must not mix, nor rounding part the two of one: the first speaks for both.
-    first = np.arange(values.size)
+    places, ranks = np.arange(values.size), rank(values)
     members = values.imag.nonzero()[0]
+    leaders = np.delete(ranks, members[1::2]) if members.size else ranks
+    descend = leaders[:-1] - leaders[1:] > ROUNDING * np.abs(leaders[:-1])
+    if descend.all() and (shown.imag[members[::2]] > 0).all():
+        return places[:k]
+    # Equal pairs must not mix, nor rounding part the two of one: the first speaks for both.
+    first = places
     first[members[1::2]] = members[::2]
-    keys = (-np.abs(shown.imag), -shown.real, _place(rank(values)))
+    keys = (-np.abs(shown.imag), -shown.real, _place(ranks))
     return np.lexsort((-shown.imag, first, *(key[first] for key in keys)))[:k]
 
 
@@ -98,7 +104,7 @@ def _place(rank: np.ndarray) -> np.ndarray:
     order = np.argsort(-rank, kind="stable")
     ranked = rank[order]
     # Relative to the rank itself: beside an inverse of rounding all others would look equal.
-    apart = 1e-14 * np.abs(ranked[:-1])
+    apart = ROUNDING * np.abs(ranked[:-1])
     place = np.empty(rank.size, dtype=np.int64)
     place[order] = np.concatenate(([0], np.cumsum(-np.diff(ranked) > apart)))[: rank.size]
     return place

@@ -200,7 +200,7 @@ def test_vectors_and_residuals_of_pairs(cupy):
     Y[:, 2] = Y[:, 1].conj()
     values = np.array([1.5, 0.3 + 2j, 0.3 - 2j, -1 + 0.5j])
     for mass in (None, M):
-        X, squares = pairs_with_residuals(
+        shown, X, squares = pairs_with_residuals(
             cupy.asarray(V),
             Y,
             values,
@@ -211,7 +211,8 @@ def test_vectors_and_residuals_of_pairs(cupy):
         assert np.abs(X.get() - expected).max() < 1e-13
         right = expected if mass is None else mass @ expected
         error = np.linalg.norm(A @ expected - right * values, axis=0)
-        norms = np.sqrt(squares.get())
+        assert np.array_equal(shown.get(), values)
+        norms = np.sqrt(squares())
         assert norms[0] == pytest.approx(error, rel=1e-12)
         assert norms[1] == pytest.approx(np.linalg.norm(A @ expected, axis=0), rel=1e-12)
 
