@@ -9,12 +9,14 @@ factorisation.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from scipy.linalg.blas import dsymv
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
 
+from gpu.device_blas import MINUS, ONE, ZERO, DeviceBlas
 from gpu.symmetric_source import SOURCE as SYMMETRIC
 
 Array = Any  # numpy.ndarray or cupy.ndarray
@@ -30,14 +32,26 @@ def symmetric_product(P: Array, x: Array) -> Array:
 
 def cholesky(M: Array) -> Array:
     """Lower factor of the symmetric M, which is overwritten; raises `LinAlgError`."""
-    if not M.size:
-        return M
-    if not isinstance(M, np.ndarray):
-        return _device_cholesky(M)
-    L, info = dpotrf(M.T, lower=1, clean=0, overwrite_a=1)
-    if info:
-        raise np.linalg.LinAlgError(f"leading minor {info} is not positive")
+    L, check = cholesky_begun(M)
+    check()
     return L
+
+
+def cholesky_begun(M: Array) -> tuple[Array, Callable[[], None]]:
+    """The same without waiting for a device, where what is called second raises the error."""
+    if not M.size:
+        return M, lambda: None
+    if isinstance(M, np.ndarray):
+        L, minor = dpotrf(M.T, lower=1, clean=0, overwrite_a=1)
+        _positive(minor)
+        return L, lambda: None
+    L, minor = _device_cholesky(M)
+    return L, lambda: _positive(int(minor))
+
+
+def _positive(minor: int) -> None:
+    if minor:
+        raise np.linalg.LinAlgError(f"leading minor {minor} is not positive")
 
 
 def cholesky_solve(L: Array, r: Array) -> Array:
@@ -56,7 +70,7 @@ def lower_solve(L: Array, r: Array, transposed: bool = False) -> Array:
     return dtrtrs(L, r, lower=1, trans=int(transposed))[0]
 
 
-def _device_cholesky(M: Array) -> Array:
+def _device_cholesky(M: Array) -> tuple[Array, Array]:
     import cupy
     from cupy.cuda import device
     from cupy_backends.cuda.libs import cublas, cusolver
@@ -65,47 +79,36 @@ def _device_cholesky(M: Array) -> Array:
     n, handle = len(M), device.get_cusolver_handle()
     # Row-major memory is the column-major transpose, which is the same symmetric matrix.
     size = cusolver.dpotrf_bufferSize(handle, cublas.CUBLAS_FILL_MODE_LOWER, n, M.data.ptr, n)
-    work, info = cupy.empty(size), cupy.empty(1, dtype=cupy.int32)
+    work, info = cupy.empty(size), cupy.empty((), dtype=cupy.int32)
     cusolver.dpotrf(
         handle, cublas.CUBLAS_FILL_MODE_LOWER, n, M.data.ptr, n, work.data.ptr, size, info.data.ptr
     )
-    if int(info[0]):
-        raise np.linalg.LinAlgError(f"leading minor {int(info[0])} is not positive")
-    return M.T
+    return M.T, info
 
 
 def _device_lower_solve(L: Array, r: Array, transposed: bool) -> Array:
     import cupy
-    from cupy.cuda import device
-    from cupy_backends.cuda.libs import cublas
 
     u = r.copy(order="F") if r.ndim == 2 else r.copy()
     n, columns = len(L), 1 if r.ndim == 1 else r.shape[1]
-    operation = cublas.CUBLAS_OP_T if transposed else cublas.CUBLAS_OP_N
-    one, minus = np.ones(1), -np.ones(1)
     assert L.flags.f_contiguous
-    handle = device.get_cublas_handle()
     # Few columns are a matter of memory: products with all that is below a block wait for less
     # than the triangles of the library do.
     block = BLOCK if 1 < columns <= FEW and not transposed else n
-    mode = cublas.getPointerMode(handle)
-    cublas.setPointerMode(handle, cublas.CUBLAS_POINTER_MODE_HOST)
-    try:
+    with DeviceBlas() as (cublas, handle):
+        operation = cublas.CUBLAS_OP_T if transposed else cublas.CUBLAS_OP_N
         for i in range(0, n, block):
             size = min(block, n - i)
             corner, top, rest = L.data.ptr + 8 * i * (n + 1), u.data.ptr + 8 * i, n - i - size
             cublas.dtrsm(
                 handle, cublas.CUBLAS_SIDE_LEFT, cublas.CUBLAS_FILL_MODE_LOWER, operation,
-                cublas.CUBLAS_DIAG_NON_UNIT, size, columns, one.ctypes.data, corner, n, top, n,
+                cublas.CUBLAS_DIAG_NON_UNIT, size, columns, ONE, corner, n, top, n,
             )  # fmt: skip
             if rest:
                 cublas.dgemm(
                     handle, cublas.CUBLAS_OP_N, cublas.CUBLAS_OP_N, rest, columns, size,
-                    minus.ctypes.data, corner + 8 * size, n, top, n, one.ctypes.data,
-                    top + 8 * size, n,
+                    MINUS, corner + 8 * size, n, top, n, ONE, top + 8 * size, n,
                 )  # fmt: skip
-    finally:
-        cublas.setPointerMode(handle, mode)
     return cupy.asarray(u)
 
 
@@ -114,23 +117,15 @@ def gram(Y: Array) -> Array:
     if isinstance(Y, np.ndarray):
         return Y @ Y.T
     import cupy
-    from cupy.cuda import device
-    from cupy_backends.cuda.libs import cublas
 
     Y = cupy.ascontiguousarray(Y)
     rows, n = Y.shape
     M = cupy.empty((rows, rows))
-    one, zero = np.ones(1), np.zeros(1)
-    handle = device.get_cublas_handle()
-    mode = cublas.getPointerMode(handle)
-    cublas.setPointerMode(handle, cublas.CUBLAS_POINTER_MODE_HOST)
-    try:
+    with DeviceBlas() as (cublas, handle):
         cublas.dsyrk(
-            handle, cublas.CUBLAS_FILL_MODE_LOWER, cublas.CUBLAS_OP_T, rows, n, one.ctypes.data,
-            Y.data.ptr, n, zero.ctypes.data, M.data.ptr, rows,
+            handle, cublas.CUBLAS_FILL_MODE_LOWER, cublas.CUBLAS_OP_T, rows, n, ONE, Y.data.ptr, n,
+            ZERO, M.data.ptr, rows,
         )  # fmt: skip
-    finally:
-        cublas.setPointerMode(handle, mode)
     # The lower triangle of columns is the upper one of rows.
     return cupy.triu(M) + cupy.triu(M, 1).T
 

@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from gpu.device_blas import MINUS, ONE, ZERO, DeviceBlas
 from gpu.triangle_source import SOURCE
 
 Array = Any  # cupy.ndarray
@@ -64,44 +65,39 @@ class DeviceTriangle:
     def solve(self, r: Array, transposed: bool = False) -> Array:
         """Solve ``L u = r`` or ``L' u = r``, r with one column or many."""
         import cupy
-        from cupy.cuda import device
-        from cupy_backends.cuda.libs import cublas
 
         n, size = self.n, self.size
         left = r.copy(order="F") if r.ndim == 2 else r.copy()
         u = cupy.empty_like(left)
         columns = 1 if r.ndim == 1 else r.shape[1]
-        one, minus, zero = np.ones(1), -np.ones(1), np.zeros(1)
-        scalars = tuple(value.ctypes.data for value in (one, minus, zero))
-        handle = device.get_cublas_handle()
-        mode = cublas.getPointerMode(handle)
-        cublas.setPointerMode(handle, cublas.CUBLAS_POINTER_MODE_HOST)
         multiply = _one if columns == 1 else functools.partial(_many, columns)
         begins = range(0, n, size)
-        try:
+        with DeviceBlas() as (cublas, handle):
             for i in reversed(begins) if transposed else begins:
                 rows = min(size, n - i)
                 block = self.inverses.data.ptr + 8 * i * size
                 here, there = left.data.ptr + 8 * i, u.data.ptr + 8 * i
                 # Memory by rows is the transpose of memory by columns.
                 multiply(
-                    cublas, handle, not transposed, rows, rows, scalars[0], block, size,
-                    here, scalars[2], there, n,
+                    cublas, handle, not transposed, rows, rows, ONE, block, size,
+                    here, ZERO, there, n,
                 )  # fmt: skip
                 if transposed and i:
                     multiply(
-                        cublas, handle, True, rows, i, scalars[1], self.L.data.ptr + 8 * i, n,
-                        there, scalars[0], left.data.ptr, n,
+                        cublas, handle, True, rows, i, MINUS, self.L.data.ptr + 8 * i, n,
+                        there, ONE, left.data.ptr, n,
                     )  # fmt: skip
                 if not transposed and i + rows < n:
                     below = self.L.data.ptr + 8 * (i * (n + 1) + rows)
                     multiply(
-                        cublas, handle, False, n - i - rows, rows, scalars[1], below, n,
-                        there, scalars[0], here + 8 * rows, n,
+                        cublas, handle, False, n - i - rows, rows, MINUS, below, n,
+                        there, ONE, here + 8 * rows, n,
                     )  # fmt: skip
-        finally:
-            cublas.setPointerMode(handle, mode)
         return u
+
+    def solve_both(self, r: Array) -> Array:
+        """Solve ``L L' u = r``."""
+        return self.solve(self.solve(r), transposed=True)
 
 
 def _one(
@@ -134,20 +130,30 @@ def _inverses(blocks: Array) -> Array:
     inverses = cupy.zeros_like(blocks)
     invert = _inversion()
     invert((count * size // SIDE,), (SIDE,), (blocks, inverses, np.int32(size)))
-    half = SIDE
-    while half < size:
-        shape = (count, size // (2 * half), half, half)
-        strides = (8 * size * size, 16 * half * (size + 1), 8 * size, 8)
-
-        def part(
-            M: Array, row: int, column: int, shape: Any = shape, strides: Any = strides
-        ) -> Any:
-            corner = M[:, row:, column:]
-            return cupy.lib.stride_tricks.as_strided(corner, shape, strides)
-
-        A, D = part(inverses, 0, 0), part(inverses, half, half)
-        part(inverses, half, 0)[...] = -(D @ (part(blocks, half, 0) @ A))
-        half *= 2
+    with DeviceBlas() as (cublas, handle):
+        multiply, keep = cublas.dgemmStridedBatched, cublas.CUBLAS_OP_N
+        half = SIDE
+        while half < size:
+            # The pairs of triangles along the diagonal of a block, and the blocks, lie at equal
+            # distances: the fewer of them are taken one by one.
+            inner, outer = (size // (2 * half), 2 * half * (size + 1)), (count, size * size)
+            (turns, jump), (batch, stride) = sorted((inner, outer))
+            work = cupy.empty((batch, half, half))
+            below, last = half * size, half * (size + 1)
+            for begin in range(0, turns * jump, jump):
+                first = inverses.data.ptr + 8 * begin
+                # Memory by rows is the transpose of memory by columns: C A, then -D (C A).
+                multiply(
+                    handle, keep, keep, half, half, half, ONE, first, size, stride,
+                    blocks.data.ptr + 8 * (begin + below), size, stride,
+                    ZERO, work.data.ptr, half, half * half, batch,
+                )  # fmt: skip
+                multiply(
+                    handle, keep, keep, half, half, half, MINUS, work.data.ptr, half, half * half,
+                    first + 8 * last, size, stride,
+                    ZERO, first + 8 * below, size, stride, batch,
+                )  # fmt: skip
+            half *= 2
     return inverses
 
 

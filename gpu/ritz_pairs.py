@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from gpu.arrays import coming
+from gpu.device_blas import ONE, ZERO, DeviceBlas
 from gpu.ritz_source import SOURCE
 
 THREADS, WIDTH = 256, 32  # of a block that turns, and the columns it turns
 MOST = 192  # vectors whose columns fit into the 48 KiB that every block may have
-ONE, ZERO = np.ones(1), np.zeros(1)  # factors, which the library reads by address
 
 
 def turns(count: int) -> bool:
@@ -106,25 +106,18 @@ def _rows(A: Any, X: Any) -> Any:
 
 
 def _multiplied(B: Any, X: Any, rows: int, inner: int, transposed: bool) -> Any:
-    """``X B`` or ``X B^T``, without what a general product has to ask before it begins."""
+    """``X B`` or ``X B^T``, called directly."""
     import cupy
-    from cupy.cuda import device
-    from cupy_backends.cuda.libs import cublas
 
     n = B.shape[1]
     product = cupy.empty((rows, n))
-    handle = device.get_cublas_handle()
-    mode = cublas.getPointerMode(handle)
-    cublas.setPointerMode(handle, cublas.CUBLAS_POINTER_MODE_HOST)
-    try:
+    with DeviceBlas() as (cublas, handle):
         # The library stores by columns: to it all three are their transposes.
         operation = cublas.CUBLAS_OP_T if transposed else cublas.CUBLAS_OP_N
         cublas.dgemm(
-            handle, operation, cublas.CUBLAS_OP_N, n, rows, inner, ONE.ctypes.data, B.data.ptr, n,
-            X.data.ptr, inner, ZERO.ctypes.data, product.data.ptr, n,
+            handle, operation, cublas.CUBLAS_OP_N, n, rows, inner, ONE, B.data.ptr, n, X.data.ptr,
+            inner, ZERO, product.data.ptr, n,
         )  # fmt: skip
-    finally:
-        cublas.setPointerMode(handle, mode)
     return product
 
 

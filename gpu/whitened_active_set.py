@@ -30,7 +30,7 @@ import numpy as np
 
 from gpu.arrays import to_host
 from gpu.box_qp import Step
-from gpu.dense import cholesky, cholesky_solve, gram, lower_solve
+from gpu.dense import cholesky_begun, cholesky_solve, gram, lower_solve
 from gpu.device_triangle import DeviceTriangle
 from gpu.program import Array, Program
 
@@ -105,7 +105,7 @@ class WhitenedActiveSet:
         self.count = k + more
 
     def factor(self, state: np.ndarray) -> None:
-        """Factor W of the active rows of a state."""
+        """Factor W of the active rows of a state; on a device `check` raises where that failed."""
         xp = self.xp
         self.active = np.flatnonzero((state != 0) | self.equal)
         if self.active.size >= self.n:
@@ -114,16 +114,20 @@ class WhitenedActiveSet:
         self.at = xp.asarray(self.place[self.active])
         self.WA = self.W[self.at[:, None], self.at] if self.at.size else self.W[:0, :0]
         soft = self.WA.copy()
-        diagonal = xp.arange(len(soft))
         if self.at.size:
-            soft[diagonal, diagonal] += SOFTNESS * soft.diagonal().max()
-        self.S = cholesky(soft)
+            soft.ravel()[:: len(soft) + 1] += SOFTNESS * soft.diagonal().max()
+        S, self.check = cholesky_begun(soft)
+        self.solve_soft: Callable[[Array], Array] = (
+            functools.partial(cholesky_solve, S)
+            if xp is np or not self.at.size
+            else DeviceTriangle(S).solve_both
+        )
         at_high = state[self.active] > 0
         self.goal = np.where(at_high, self.high[self.active], self.low[self.active])
 
     def _multipliers(self, right: Array) -> Array:
-        mu = cholesky_solve(self.S, right)
-        return mu + cholesky_solve(self.S, right - self.WA @ mu)
+        mu = self.solve_soft(right)
+        return mu + self.solve_soft(right - self.WA @ mu)
 
     def _spread(self, mu: Array) -> Array:
         """``Y_A' mu``."""
@@ -160,10 +164,11 @@ class WhitenedActiveSet:
         while True:
             try:
                 self.factor(state)
+                x, mu = self.point()
+                value = self.to_host(self.values(x))
+                self.check()
             except np.linalg.LinAlgError:
                 raise GaveUp("rows depend on each other") from None
-            x, mu = self.point()
-            value = self.to_host(self.values(x))
             multiplier = np.zeros(self.m + self.n)
             multiplier[self.active] = self.to_host(mu)
             size = ROUNDING * (1.0 + np.abs(value) + np.abs(value[self.m :]).max())

@@ -1,0 +1,26 @@
+"""cuBLAS called directly, without what a general product has to ask before it begins."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+_FACTORS = np.array([1.0, -1.0, 0.0])
+ONE, MINUS, ZERO = (_FACTORS.ctypes.data + 8 * i for i in range(3))
+
+
+class DeviceBlas:
+    """The library and a handle that reads factors by addresses of the host, for a `with` block."""
+
+    def __enter__(self) -> tuple[Any, int]:
+        from cupy.cuda import device
+        from cupy_backends.cuda.libs import cublas
+
+        self._library, self._handle = cublas, device.get_cublas_handle()
+        self._mode = cublas.getPointerMode(self._handle)
+        cublas.setPointerMode(self._handle, cublas.CUBLAS_POINTER_MODE_HOST)
+        return cublas, self._handle
+
+    def __exit__(self, *_: object) -> None:
+        self._library.setPointerMode(self._handle, self._mode)
