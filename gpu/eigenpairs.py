@@ -14,8 +14,6 @@ from gpu.eigen_problem import EigenProblem
 from gpu.ordered_schur import Rank
 from gpu.spectrum_order import best_first
 
-FUSED = 16384  # dense matrices of larger order are read faster by products with columns
-
 
 class Pairs(NamedTuple):
     """Values, best first, on the host and where the matrix is; vectors; what `certify` asks for.
@@ -76,7 +74,6 @@ class Eigenpairs:
         return (
             matrix.xp is not np
             and matrix.explicit is not None
-            and (matrix.n <= FUSED or hasattr(matrix.explicit, "tocsr"))
             and (mass is None or mass.explicit is not None)
             and self.problem.dtype.kind == "f"
             and matrix.unit == 1.0

@@ -168,9 +168,11 @@ def problems(A, k, which, w, v):
     return found
 
 
-def check(seed):
+def check(seed, cupy=None):
     kind, A, k, which = case(seed)
-    w, v = eigs(A, k, which=which)
+    w, v = eigs(cupy.asarray(A) if cupy else A, k, which=which)
+    if cupy:
+        w, v = w.get(), v.get()
     assert problems(A, k, which, w, v) == [], f"seed {seed}: {kind}, n = {len(A)}, {k} {which}"
 
 
@@ -183,6 +185,15 @@ def test_every_kind(seed):
 @pytest.mark.parametrize("seed", range(1000, 1500))
 def test_five_hundred(seed):
     check(seed)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("seed", range(3 * len(KINDS)))
+def test_every_kind_on_a_device(seed):
+    cupy = pytest.importorskip("cupy", reason="no CuPy: pip install 'skfem-adini[cuda13]'")
+    if not cupy.cuda.is_available():
+        pytest.skip("no CUDA device")
+    check(seed, cupy)
 
 
 @pytest.mark.parametrize("size", [2, 3])
