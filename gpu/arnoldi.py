@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gpu.arnoldi_steps import ArnoldiSteps
-from gpu.arrays import coming
+from gpu.arrays import to_host
 
 ONE_LAUNCH = 10_000  # up to this order a sweep gains more than a library product does
 TINY = np.finfo(float).tiny
@@ -128,12 +128,11 @@ class Arnoldi:
                 else:
                     self._step(xp.array(w, dtype=V.dtype), j)
         self.matvecs += last - first
-        # What has to be orthogonal only by rounding was multiplied by one-launch sweeps alone.
-        parts = 2 if self._matrix is not None else 1
-        rows = coming(self._coefficients[first:last, :parts])
         if meanwhile is not None:
             meanwhile()
-        return ArnoldiSteps.of(rows())
+        rows = to_host(self._coefficients[first:last])
+        # Only sweeps in one launch multiply what is beside the vectors of the basis.
+        return ArnoldiSteps.of(rows if self._matrix is not None else rows[:, :1])
 
     def _step(self, w: Any, j: int) -> None:
         """Orthogonalise w, which is ``A V[j]``, into row j + 1."""

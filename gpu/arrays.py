@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -54,26 +53,3 @@ def _of_cupy(value: Any) -> bool:
 def to_host(array: Any) -> np.ndarray:
     """Return the array as NumPy's, copied from the device if need be."""
     return array.get() if _of_cupy(array) else np.array(array)
-
-
-def coming(array: Any) -> Callable[[], np.ndarray]:
-    """Begin to copy an array to the host.
-
-    What is returned waits for the copy alone, not for what a device is given to do after it.
-    """
-    if not _of_cupy(array):
-        copy = np.array(array)
-        return lambda: copy
-    from cupyx import empty_pinned
-
-    array = cupy().ascontiguousarray(array)
-    target = empty_pinned(array.shape, array.dtype)
-    stream = cupy().cuda.get_current_stream()
-    array.data.copy_to_host_async(target.ctypes.data, array.nbytes, stream)
-    done = stream.record()
-
-    def arrived() -> np.ndarray:
-        done.synchronize()
-        return target
-
-    return arrived

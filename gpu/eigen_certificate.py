@@ -33,7 +33,7 @@ def certify(
     vectors : array, shape (n, k)
     scale : float
         A lower bound of |A|, zero where none is known.
-    squares : ndarray, shape (2, k), optional
+    squares : array, shape (2, k), optional
         Of the norms of ``A x - lambda M x`` and of ``A x``, where the vectors came with them.
     """
     unit = matrix.unit
@@ -46,7 +46,7 @@ def certify(
         error = xp.linalg.norm(left - right * (xp.asarray(values) * unit), axis=0)
         error, size = to_host(xp.stack([error, xp.linalg.norm(left, axis=0)]))
     else:
-        error, size = np.sqrt(squares)
+        error, size = np.sqrt(to_host(squares))
     modulus = np.abs(values) * unit
     allowed = (
         CERTIFIED * (max(float(size.max()), scale) + modulus * (1.0 if mass is None else mass.norm))

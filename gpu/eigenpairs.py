@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -16,15 +15,12 @@ from gpu.spectrum_order import best_first
 
 
 class Pairs(NamedTuple):
-    """Values, best first, on the host and where the matrix is; vectors; what `certify` asks for.
-
-    What is called `squares` waits for them, or is None.
-    """
+    """Values, best first, on the host and where the matrix is; vectors; what `certify` asks for."""
 
     values: np.ndarray
     there: Any
     vectors: Any
-    squares: Callable[[], np.ndarray] | None
+    squares: Any
 
 
 @dataclass

@@ -167,8 +167,7 @@ def eigs(
         else:
             if mass is None and sigma is None:
                 scale = found.scale / matrix.unit
-            values, there, vectors, measured = pairs.of(found.T, found.basis)
-            squares = measured and measured()
+            values, there, vectors, squares = pairs.of(found.T, found.basis)
             if not found.complete:
                 raise NotConverged(
                     f"{len(values)} of {k} eigenvalues converged in {found.restarts} restarts "

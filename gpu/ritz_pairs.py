@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from gpu.arrays import coming
 from gpu.device_blas import ONE, ZERO, DeviceBlas
 from gpu.ritz_source import SOURCE
 
@@ -32,7 +30,7 @@ def rotate(V: Any, Q: np.ndarray, residual: int) -> None:
 
 def pairs_with_residuals(
     V: Any, Y: np.ndarray, values: np.ndarray, A: Any, M: Any
-) -> tuple[Any, Any, Callable[[], np.ndarray]]:
+) -> tuple[Any, Any, Any]:
     r"""Values, vectors ``V^T Y`` and the squares of \|A x - lambda M x\| and of \|A x\|.
 
     A real eigenvector and either member of a conjugate pair come from one or two real columns, so
@@ -52,8 +50,8 @@ def pairs_with_residuals(
     -------
     values : cupy.ndarray of complex128, shape (k,)
     vectors : cupy.ndarray of complex128, shape (n, k)
-    squares : callable () -> ndarray, shape (2, k)
-        Waits for them.
+    squares : cupy.ndarray, shape (2, k)
+        Nobody has waited for them.
     """
     import cupy
 
@@ -72,7 +70,7 @@ def pairs_with_residuals(
     _kernel("ritz_residual")(
         (k,), (1024,), (left, right, X, pairs, np.int64(n), np.int32(k), vectors, squares)
     )
-    return moved[: 2 * k].view(complex), vectors.T, coming(squares)
+    return moved[: 2 * k].view(complex), vectors.T, squares
 
 
 def _real_columns(Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

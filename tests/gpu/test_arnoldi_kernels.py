@@ -212,7 +212,7 @@ def test_vectors_and_residuals_of_pairs(cupy):
         right = expected if mass is None else mass @ expected
         error = np.linalg.norm(A @ expected - right * values, axis=0)
         assert np.array_equal(shown.get(), values)
-        norms = np.sqrt(squares())
+        norms = np.sqrt(squares.get())
         assert norms[0] == pytest.approx(error, rel=1e-12)
         assert norms[1] == pytest.approx(np.linalg.norm(A @ expected, axis=0), rel=1e-12)
 
