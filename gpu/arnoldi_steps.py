@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.blas import dtrsm
 
+SLIGHT = 1e-9  # squares of such are round-off; no triangle is solved, which wakes all cores up
 BREAKDOWN = 20 * np.finfo(float).eps  # beta below this times |A v| is round-off: invariant
 
 
@@ -73,6 +74,10 @@ class ArnoldiSteps:
             R = self.beside[:count, rows].T
             if first:
                 block -= S[:last, :first] @ R[:first]
-            block = dtrsm(1.0, R[first:], block, side=1, diag=1, overwrite_b=1)
+            R = R[first:]
+            if np.abs(R).max() < SLIGHT:
+                block -= block @ R
+            else:
+                block = dtrsm(1.0, R, block, side=1, diag=1, overwrite_b=1)
         S[:last, first:last] = block
         S[last:, first:last] = 0.0
