@@ -32,8 +32,10 @@ class Matrix:
     apply : callable x -> A x
     explicit : array or sparse matrix or None
         The entries, where there are any.
-    magnitude : float
-        At least the largest modulus among them, at most twice the sum of all.
+    name : str
+        Of the argument, for messages.
+    looked_at : float, optional
+        The `magnitude`, where it is known already.
     """
 
     n: int
@@ -41,12 +43,30 @@ class Matrix:
     xp: Any
     apply: Callable[[Any], Any]
     explicit: Any
-    magnitude: float = np.nan
+    name: str = "A"
+    looked_at: float | None = None
 
     @property
     def dtype(self) -> Any:
         """float64 or complex128."""
         return np.dtype(float if self.real else complex)
+
+    @functools.cached_property
+    def magnitude(self) -> float:
+        """At least the largest modulus among the entries, at most twice the sum of all.
+
+        Raises
+        ------
+        InputError
+            They are not finite.
+        """
+        if self.looked_at is not None:
+            return self.looked_at
+        A = self.explicit
+        size = _magnitude(A.data if hasattr(A, "tocsr") else A, self.xp)
+        if not np.isfinite(size):
+            raise InputError(f"{self.name} holds NaN or infinity")
+        return size
 
     @functools.cached_property
     def norm(self) -> float:
@@ -65,7 +85,7 @@ class Matrix:
             size = float(self.xp.abs(probe).max())
         else:
             size = self.magnitude
-        if not np.isfinite(size) or size == 0 or 1e-100 < size < 1e100:
+        if not np.isfinite(size) or ordinary(size):
             return 1.0
         return float(2.0 ** min(-np.floor(np.log2(size)), 1000.0))
 
@@ -79,8 +99,13 @@ class Matrix:
         return to_host(full)
 
 
+def ordinary(size: float) -> bool:
+    """Whether numbers of this size have squares within reach."""
+    return size == 0 or 1e-100 < size < 1e100
+
+
 def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
-    """Check an argument and say how to multiply by it.
+    """Check an argument, but for its entries, and say how to multiply by it.
 
     Parameters
     ----------
@@ -118,15 +143,10 @@ def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
     if hasattr(A, "tocsr"):
         xp = np if sparse.issparse(A) else cupy()
         A = A.tocsr().astype(dtype)
-        entries = A.data
     else:
         xp = array_module(A)
         A = xp.ascontiguousarray(A, dtype=dtype)
-        entries = A
-    magnitude = _magnitude(entries, xp)
-    if not np.isfinite(magnitude):
-        raise InputError(f"{name} holds NaN or infinity")
-    return Matrix(int(shape[0]), kind != "c", xp, lambda x: A @ x, A, magnitude)
+    return Matrix(int(shape[0]), kind != "c", xp, lambda x: A @ x, A, name)
 
 
 def _magnitude(entries: Any, xp: Any) -> float:

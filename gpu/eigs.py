@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from scipy import linalg
 
 from gpu.arrays import array_module
 from gpu.eigen_certificate import certify
-from gpu.eigen_operator import Matrix, as_matrix
+from gpu.eigen_operator import Matrix, as_matrix, ordinary
 from gpu.eigen_problem import EigenProblem, shifts, told_apart
 from gpu.eigenpairs import Eigenpairs
 from gpu.errors import GpuError, InputError, NotConverged
@@ -117,6 +118,8 @@ def eigs(
     k = _whole("k", k, 1, n)
     if mass is not None:
         _matching(matrix, mass)
+        if mass.explicit is not None:
+            _ = mass.magnitude  # raises
     start = None if v0 is None else _start(v0, n, xp)
     if restart not in RESTARTS:
         raise InputError(f"restart={restart!r}: expected one of {', '.join(RESTARTS)}")
@@ -146,20 +149,24 @@ def eigs(
         values, vectors = _decomposed(matrix, mass, sigma, rank, k)
     else:
         fallback = maxiter is None and stored
-        found, pairs, reason = _iterated(
-            matrix,
-            mass,
-            sigma,
-            k,
-            rank,
-            ncv=size,
-            start=start,
-            tol=tol,
-            maxiter=maxiter or max(20, n // 6 if fallback else 40 * n // max(4, (size - k) // 2)),
-            restart=restart,
-            edge=edge_of(which, real),
-            inner=inner,
-        )
+        options: dict[str, Any] = {
+            "ncv": size,
+            "start": start,
+            "tol": tol,
+            "maxiter": maxiter
+            or max(20, n // 6 if fallback else 40 * n // max(4, (size - k) // 2)),
+            "restart": restart,
+            "edge": edge_of(which, real),
+            "inner": inner,
+        }
+        # To look at the entries takes as long as a product, and products tell of them too.
+        unseen = mass is None and sigma is None and matrix.explicit is not None
+        trial = replace(matrix, looked_at=1.0) if unseen else matrix
+        found, pairs, reason = _iterated(trial, mass, sigma, k, rank, **options)
+        if unseen and reason is None and found.scale and ordinary(found.scale):
+            matrix = trial
+        elif unseen and matrix.unit != 1.0:
+            found, pairs, reason = _iterated(matrix, mass, sigma, k, rank, **options)
         if fallback and (reason or not found.complete):
             values, vectors = _decomposed(matrix, mass, sigma, rank, k)
         elif reason:

@@ -4,6 +4,8 @@ import importlib
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy import linalg, sparse
 from scipy.sparse.linalg import LinearOperator
 from scipy.sparse.linalg import eigs as arpack
@@ -212,3 +214,46 @@ def test_device_singular_values():
     u, s, vh = svds(cupy.asarray(A), 4)
     assert s.get() == pytest.approx(np.linalg.svd(A, compute_uv=False)[:4][::-1], rel=1e-12)
     assert float(cupy.abs(u * s - cupy.asarray(A) @ vh.T).max()) < 1e-10
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.sampled_from([np.nan, np.inf, -np.inf]),
+    st.integers(0, 299),
+    st.integers(0, 299),
+    st.booleans(),
+    st.booleans(),
+)
+def test_one_wrong_entry_is_found_without_a_look(wrong, row, column, stored_sparsely, blind):
+    """Products tell of it, also with a start vector that has zeros where it stands."""
+    A = np.diag(np.arange(1.0, 301.0))
+    A[row, column] = wrong
+    v0 = np.eye(300)[(column + 7) % 300] if blind else None
+    with pytest.raises(InputError, match="NaN or infinity"):
+        eigs(sparse.csr_array(A) if stored_sparsely else A, 3, v0=v0)
+
+
+@pytest.mark.parametrize("power", [-310, -200, -120, -90, 90, 120, 200, 300])
+@pytest.mark.parametrize("stored_sparsely", [False, True])
+def test_entries_of_any_size(power, stored_sparsely):
+    values = 10.0**power * np.arange(1.0, 301.0) / 300.0
+    A = sparse.diags_array(values, format="csr") if stored_sparsely else np.diag(values)
+    w, v = eigs(A, 3)
+    assert w.real == pytest.approx(values[:-4:-1], rel=1e-10 if power > -300 else 1e-4)
+    assert np.abs(np.abs(v).max(axis=0) - 1.0).max() < 1e-8
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("size", [np.nan, np.inf, 1e-200, 1e200])
+def test_device_looks_at_entries_when_products_ask_for_it(size):
+    cupy = pytest.importorskip("cupy", reason="no CuPy: pip install 'skfem-adini[cuda13]'")
+    if not cupy.cuda.is_available():
+        pytest.skip("no CUDA device")
+    A = np.diag(np.arange(1.0, 301.0))
+    if not np.isfinite(size):
+        A[5, 200] = size
+        with pytest.raises(InputError, match="NaN or infinity"):
+            eigs(cupy.asarray(A), 3)
+    else:
+        w = eigs(cupy.asarray(size * A), 3, return_eigenvectors=False)
+        assert w.get().real / size == pytest.approx([300.0, 299.0, 298.0], rel=1e-12)
