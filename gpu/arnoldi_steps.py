@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,16 +42,20 @@ class ArnoldiSteps:
         beside = rows[:, 1, :-1] if rows.shape[1] == 2 else None
         return cls(rows[:, 0, :-1], rows[:, 0, -1].real, beside)
 
+    @functools.cached_property
+    def norms(self) -> np.ndarray:
+        """Of the coefficients of every step, shape (m,): products within the basis."""
+        return np.sqrt(np.vecdot(self.coefficients, self.coefficients).real)
+
     @property
     def finite(self) -> bool:
-        """Whether all coefficients are."""
-        return bool(np.isfinite(self.coefficients).all() and np.isfinite(self.betas).all())
+        """Whether all coefficients are, and their squares."""
+        return bool(np.isfinite(self.norms + self.betas).all())
 
     @property
     def ended(self) -> int | None:
         """The first of the steps that ended in an invariant subspace."""
-        size = np.sqrt(np.vecdot(self.coefficients, self.coefficients).real)
-        small = (self.betas <= BREAKDOWN * size).nonzero()[0]
+        small = (self.betas <= BREAKDOWN * self.norms).nonzero()[0]
         return int(small[0]) if small.size else None
 
     def project(self, S: np.ndarray, first: int, last: int, locked: int = 0) -> None:

@@ -145,12 +145,13 @@ def krylov_schur(
         for leading in (most, size):
             T, Q, values = ordered_schur(S[:size, :size], rank, leading)
             spike = beta * Q[size - 1]
-            converged = _leading(T, values, spike, tol, FLOOR * scale)
+            moved = np.sqrt(np.cumsum(np.abs(spike) ** 2))  # residuals of the leading vectors
+            converged = _leading(T, values, moved, tol, FLOOR * scale)
             if challenge:  # which needs room
                 converged = whole(T, min(converged, most_room - max(ncv // 2, 4)))
             if converged + 2 < leading:
                 break
-        wanted = float(np.linalg.norm(spike[: whole(T, min(k, size))])) / scale if scale else 0.0
+        wanted = float(moved[whole(T, min(k, size)) - 1]) / scale if scale else 0.0
         need = _products_left(past, (basis.matvecs, wanted), max(tol, FLOOR))
         past = (basis.matvecs, wanted)
         lost, vector = False, None
@@ -164,15 +165,8 @@ def krylov_schur(
             ):
                 champions, aside = ranks, converged
                 if challenge:
-                    aside = _aside(
-                        rank,
-                        ranks[-1],
-                        T,
-                        values,
-                        spike,
-                        converged,
-                        min(most, most_room - ncv // 2),
-                    )
+                    most = min(most, most_room - ncv // 2)
+                    aside = _aside(T, rank(values), ranks[-1], moved, converged, most)
                 basis.rotate(Q[:, :aside], size)
                 if challenge:
                     won, more = unbeaten(
@@ -252,32 +246,25 @@ def room_for(k: int, ncv: int) -> int:
     return ncv + max(k + 1, ncv // 2) + 1
 
 
-def _leading(T: np.ndarray, values: np.ndarray, spike: np.ndarray, tol: float, floor: float) -> int:
+def _leading(T: np.ndarray, values: np.ndarray, moved: np.ndarray, tol: float, floor: float) -> int:
     """How many leading Schur vectors have converged; conjugate pairs together."""
-    moved = np.sqrt(np.cumsum(np.abs(spike) ** 2))
     beyond = (moved > np.maximum(tol * np.abs(values), floor)).nonzero()[0]
     count = int(beyond[0]) if beyond.size else len(values)
     return count - 1 if whole(T, count) > count else count
 
 
 def _aside(
-    rank: Rank,
-    worst: float,
-    T: np.ndarray,
-    values: np.ndarray,
-    spike: np.ndarray,
-    converged: int,
-    most: int,
+    T: np.ndarray, ranks: np.ndarray, worst: float, moved: np.ndarray, converged: int, most: int
 ) -> int:
     """How many leading Schur vectors a challenge leaves aside: those nearly invariant too."""
-    ranks, count = rank(values), converged
-    for following in range(converged + 1, min(most, len(values) - 1)):
-        following = whole(T, following)
-        if following < len(values) and float(np.linalg.norm(spike[:following])) <= CLOSE * (
-            worst - float(ranks[following:].max())
-        ):
-            count = following
-    return count
+    last = min(most, len(ranks) - 1) - 1
+    if last <= converged:
+        return converged
+    counts = np.arange(converged + 1, min(whole(T, last), len(ranks) - 1) + 1)
+    beyond = np.maximum.accumulate(ranks[::-1])[::-1]
+    close = moved[counts - 1] <= CLOSE * (worst - beyond[counts])
+    found = counts[close & (T[counts, counts - 1] == 0)]
+    return int(found[-1]) if found.size else converged
 
 
 def _products_left(past: tuple[int, float], now: tuple[int, float], limit: float) -> int:
