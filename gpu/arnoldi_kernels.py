@@ -22,7 +22,7 @@ LINE = 16  # numbers that memory moves together
 SHARED = 48 * 1024  # bytes a block may have on every device without asking
 SUMS = 2048  # numbers of `gram_schmidt_source` in shared memory
 OWN = SUMS // 2 - THREADS // 32  # rows of a block whose sums fit there
-AHEAD = 0.5  # of the common cache that the next columns of a sweep may fill
+FILLED = 0.5  # of the common cache, by columns that stay there or are fetched ahead
 SCARCE = 0.1  # part of the columns that is not worth keeping
 
 
@@ -39,8 +39,9 @@ class FusedSteps:
 
     Attributes
     ----------
-    near, ahead : int
-        Columns of A that a sweep keeps in shared memory, and that it fetches ahead of each step.
+    near, stay, ahead : int
+        Columns of A that a sweep keeps in shared memory, that stay in the cache of the device, and
+        that it fetches there ahead of each step.
 
     Raises
     ------
@@ -65,10 +66,12 @@ class FusedSteps:
         room = most_shared // 8 - numbers
         self._sweeps = room >= 0 and own <= OWN
         self.near = max(0, min(self.n, room // own // LINE * LINE))
+        cached = int(FILLED * cache) // (8 * self.n) // LINE * LINE
         if self.near < SCARCE * self.n:
-            self.near = 0
+            self.near, self.stay, self.ahead = 0, 0, min(self.n, cached)
+        else:
+            self.stay, self.ahead = min(self.n - self.near, cached), 0
         self._shared_by_sweep = 8 * (numbers + self.near * own)
-        self.ahead = min(self.n - self.near, int(AHEAD * cache) // (8 * self.n))
         self._u = cupy.empty(self.n)
         self._parts = cupy.empty(3 * self._blocks * (self.size + 2))
         self._gate = cupy.zeros(1, dtype=cupy.uint32)
@@ -140,6 +143,7 @@ class FusedSteps:
                 np.int32(first),
                 np.int32(last),
                 np.int32(self.near),
+                np.int32(self.stay),
                 np.int32(self.ahead),
             ),
         )

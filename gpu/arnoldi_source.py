@@ -34,10 +34,11 @@ struct Shares {
     }
 };
 
-// sums <- shares of the warps in a x, for `rows` rows of which `width` entries count.
+// sums <- shares of the warps in a x, for `rows` rows of which `width` entries count; the first
+// `stay` of each are read so that they stay in the common cache, the others pass through it.
 template <bool NEAR>  // a is in shared memory
-__device__ void multiply(const double* a, index stride, int rows, int width, const double* x,
-                         double* sums)
+__device__ void multiply(const double* a, index stride, int rows, int width, int stay,
+                         const double* x, double* sums)
 {
     const int lane = threadIdx.x & 31, warp = threadIdx.x >> 5;
     const Shares shares(rows, width);
@@ -56,7 +57,7 @@ __device__ void multiply(const double* a, index stride, int rows, int width, con
             #pragma unroll
             for (int half = 0; half < 2; ++half, line += 32)
                 entry[2 * q + half] = unit + q >= stop || column + 32 * half >= width ? 0.0
-                    : NEAR ? *line : __ldcs(line);
+                    : NEAR || column < stay ? *line : __ldcs(line);
             if (++ahead == shares.units) {
                 ahead = 0;
                 ++ahead_row;
@@ -120,12 +121,13 @@ arnoldi_step(double* V, double* rows, const double* w, unsigned long long seed, 
 }
 
 // Steps with a dense matrix. Shared memory holds the vector that is multiplied, the first `near`
-// columns of this block's rows of A, and what it owns of the basis and of the product. While the
-// blocks orthogonalise, the next `ahead` columns are brought close: memory need not rest.
+// columns of this block's rows of A, and what it owns of the basis and of the product. The next
+// `stay` columns stay in the common cache; or, while the blocks orthogonalise, `ahead` columns are
+// brought there: memory need not rest.
 extern "C" __global__ void __launch_bounds__(1024, 1)
 arnoldi_sweep(const double* __restrict__ A, double* V, double* rows, double* u, double* parts,
               unsigned int* gate, unsigned int goal, index n, int size, int first, int last,
-              int near, int ahead)
+              int near, int stay, int ahead)
 {
     extern __shared__ double shared[];
     const int chunk = (int)((n + gridDim.x - 1) / gridDim.x);
@@ -158,8 +160,8 @@ arnoldi_sweep(const double* __restrict__ A, double* V, double* rows, double* u, 
             for (index i = threadIdx.x; i < n; i += blockDim.x)
                 x[i] = __ldcg(source + i) * scale;
             __syncthreads();
-            multiply<false>(A + near, n, own, rest, x + near, far);
-            multiply<true>(kept, near, own, near, x, shared);
+            multiply<false>(A + near, n, own, rest, stay, x + near, far);
+            multiply<true>(kept, near, own, near, 0, x, shared);
             __syncthreads();
             if (j + 1 < last)
                 for (int r = warp; r < own; r += WARPS)

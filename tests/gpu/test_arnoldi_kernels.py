@@ -150,15 +150,15 @@ def test_large_space_needs_more_shared_memory(cupy):
     assert np.abs(basis @ basis.T - np.eye(61)).max() < 1e-12
 
 
-@pytest.mark.parametrize("near", [0, 100, 2000])
-def test_what_a_block_keeps_changes_rounding_only(cupy, near):
+@pytest.mark.parametrize(("near", "stay", "ahead"), [(0, 0, 300), (100, 77, 0), (2000, 0, 0)])
+def test_what_a_block_keeps_changes_rounding_only(cupy, near, stay, ahead):
     n, size = 2000, 12
     A = cupy.asarray(np.random.default_rng(4).standard_normal((n, n)) / np.sqrt(n))
     V, rows, fused = start(cupy, A, size)
     fused.sweep(A, 0, size)
     expected = V.get()
     W, again, other = start(cupy, A, size)
-    other.near, other.ahead = min(near, other.near), 300
+    other.near, other.stay, other.ahead = min(near, other.near), stay, ahead
     other.sweep(A, 0, size)
     assert np.abs(W.get() - expected).max() < 1e-12
     assert np.abs(again[:, 0, -1].get() - rows[:, 0, -1].get()).max() < 1e-12
