@@ -20,9 +20,8 @@ SALT = 0x6A09E667F3BCC908
 class Arnoldi:
     """Rows v_0, v_1, ... with ``A V_j = V_j S_j + v_j b_j`` for every leading part of the basis.
 
-    Orthogonalisation is classical Gram-Schmidt, twice (CGS2), or once where less than half of a
-    product lies in the space. Nothing waits for the device inside a sweep: the coefficients come to
-    the host in one copy at its end.
+    Orthogonalisation is classical Gram-Schmidt, twice (CGS2). Nothing waits for the device inside
+    a sweep: the coefficients come to the host in one copy at its end.
 
     Parameters
     ----------
@@ -41,10 +40,8 @@ class Arnoldi:
 
     References
     ----------
-    J. W. Daniel, W. B. Gragg, L. Kaufman and G. W. Stewart, Reorthogonalization and stable
-    algorithms for updating the Gram-Schmidt QR factorization, Math. Comp. 30 (1976). L. Giraud,
-    J. Langou, M. Rozloznik and J. van den Eshof, Rounding error analysis of the classical
-    Gram-Schmidt orthogonalization process, Numer. Math. 101 (2005).
+    L. Giraud, J. Langou, M. Rozloznik and J. van den Eshof, Rounding error analysis of the
+    classical Gram-Schmidt orthogonalization process, Numer. Math. 101 (2005).
     """
 
     def __init__(
@@ -142,16 +139,12 @@ class Arnoldi:
         xp, V, row = self.xp, self.V, self._coefficients[j, 0]
         h = self._products(w, j + 1)
         w -= h @ V[: j + 1]
-        square = xp.vdot(w, w).real
-        # Where less than half was taken away, so little of the basis is left that a second pass
-        # changes nothing; a device would have to be asked.
-        if xp is not np or not square > np.vdot(h, h).real:
-            again = self._products(w, j + 1)
-            w -= again @ V[: j + 1]
-            h += again
-            square = xp.vdot(w, w).real
-        row[: j + 1] = h
-        row[-1] = beta = xp.sqrt(square)
+        # Always: what one pass leaves grows from step to step even where each takes away little.
+        again = self._products(w, j + 1)
+        w -= again @ V[: j + 1]
+        beta = xp.sqrt(xp.vdot(w, w).real)
+        row[: j + 1] = h + again
+        row[-1] = beta
         V[j + 1] = w / xp.maximum(beta, TINY)
 
     def rotate(self, Q: np.ndarray, residual: int, first: int = 0) -> None:

@@ -1,0 +1,65 @@
+"""The basis stays orthogonal over many restarts."""
+
+import importlib
+
+import numpy as np
+import pytest
+
+from gpu import eigs
+from gpu.arnoldi import Arnoldi
+
+
+def unitary(n, rng, c=0.5):
+    """Its Hessenberg form takes little away a step and lets rounding grow by a constant factor."""
+    s = np.sqrt(1.0 - c * c)
+    U = np.eye(n)
+    for j in range(n - 1):
+        U[:, j : j + 2] = U[:, j : j + 2] @ [[-c, s], [s, c]]
+    Q = np.linalg.qr(rng.standard_normal((n, n)))[0]
+    return Q @ U @ Q.T
+
+
+def toeplitz(n):
+    return np.diag(np.ones(n - 1), -1) - 0.495 * sum(np.diag(np.ones(n - j), j) for j in range(4))
+
+
+def stays_orthogonal(monkeypatch, A, k, xp=np, **options):
+    kept = []
+
+    class Watched(Arnoldi):
+        def __init__(self, *arguments, **named):
+            super().__init__(*arguments, **named)
+            kept.append(self)
+
+    monkeypatch.setattr(importlib.import_module("gpu.krylov_schur"), "Arnoldi", Watched)
+    w, v = eigs(xp.asarray(A), k, **options)
+    V = kept[-1].V[: k + 20]
+    assert kept[-1].matvecs > 500
+    assert float(xp.abs(V @ V.T - xp.eye(len(V))).max()) < 1e-12
+    assert float(xp.abs(xp.asarray(A) @ v - v * w).max()) < 1e-7
+
+
+def cases():
+    rng = np.random.default_rng(0)
+    return {
+        "unitary": (unitary(400, rng), 6, {"tol": 1e-8, "maxiter": 300}),
+        "toeplitz": (toeplitz(400), 40, {"v0": rng.standard_normal(400), "maxiter": 60}),
+    }
+
+
+@pytest.mark.parametrize("name", ["unitary", "toeplitz"])
+def test_over_many_restarts(monkeypatch, name):
+    A, k, options = cases()[name]
+    stays_orthogonal(monkeypatch, A, k, **options)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("name", ["unitary", "toeplitz"])
+def test_over_many_restarts_on_a_device(monkeypatch, name):
+    cupy = pytest.importorskip("cupy", reason="no CuPy: pip install 'skfem-adini[cuda13]'")
+    if not cupy.cuda.is_available():
+        pytest.skip("no CUDA device")
+    A, k, options = cases()[name]
+    if "v0" in options:
+        options["v0"] = cupy.asarray(options["v0"])
+    stays_orthogonal(monkeypatch, A, k, cupy, **options)
