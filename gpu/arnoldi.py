@@ -54,10 +54,15 @@ class Arnoldi:
         seed: int = 0,
         matrix: Any = None,
     ) -> None:
-        self.xp, self.size, self.matvecs = xp, size, 0
-        self.V = xp.empty((size + 1, n), dtype=dtype)
-        self._apply = apply
+        self.xp, self.matvecs = xp, 0
+        self._apply, self._entries = apply, matrix
         self._seed, self._drawn = seed, 0
+        self._allocate(size, n, dtype)
+
+    def _allocate(self, size: int, n: int, dtype: Any) -> None:
+        xp, matrix = self.xp, self._entries
+        self.size = size
+        self.V = xp.empty((size + 1, n), dtype=dtype)
         self._steps = self._matrix = None
         fused = xp is not np and np.dtype(dtype) == np.float64
         # See `ArnoldiSteps.of`.
@@ -68,6 +73,12 @@ class Arnoldi:
             self._steps = FusedSteps(self.V, self._coefficients)
             if matrix is not None and n <= ONE_LAUNCH and self._steps.multiplies(matrix):
                 self._matrix = matrix
+
+    def enlarge(self, size: int, rows: int) -> None:
+        """Make room for `size` vectors; the first `rows` stay."""
+        V = self.V
+        self._allocate(size, V.shape[1], V.dtype)
+        self.V[:rows] = V[:rows]
 
     def start(self, place: int, vector: Any = None) -> None:
         """Make row `place` a unit vector orthogonal to those before it; random by default."""

@@ -62,8 +62,9 @@ def eigs(
     v0 : array, shape (n,), optional
         Start vector; a fixed random one by default.
     ncv : int, optional
-        Dimension of the space, at least k + 3; default ``max(2 k + 20, 40)``. The search for
-        missed eigenvalues needs about half as many vectors, or k, on top.
+        Dimension of the space, at least k + 3; default ``max(2 k + 20, 40)``, and half as much
+        again where some restarts have not been enough. The search for missed eigenvalues needs
+        about half as many vectors, or k, on top.
     maxiter : int, optional
         Restarts, of two products at least; by default enough for about 40 n products.
     tol : float
@@ -149,8 +150,10 @@ def eigs(
         values, vectors = _decomposed(matrix, mass, sigma, rank, k)
     else:
         fallback = maxiter is None and stored
+        grown = size + size // 2
         options: dict[str, Any] = {
             "ncv": size,
+            "grown": grown if ncv is None and room_for(k, grown) < n else size,
             "start": start,
             "tol": tol,
             "maxiter": maxiter

@@ -18,6 +18,7 @@ from gpu.ordered_schur import Rank, ordered_schur, whole
 RESTARTS = ("krylov-schur", "implicit")
 FLOOR = 100 * np.finfo(float).eps  # residuals below this times |A| are round-off
 CLOSE = 1e-2  # residual of what a challenge leaves aside over the distance of the rest
+PATIENCE = 6  # restarts before the space grows, if it may
 THICK = (0.7, 0.6)  # of the space that outlives a restart: before and after a lost challenge
 
 
@@ -56,6 +57,7 @@ def krylov_schur(
     dtype: Any,
     xp: Any,
     ncv: int,
+    grown: int = 0,
     start: Any = None,
     tol: float = 0.0,
     maxiter: int = 1000,
@@ -96,6 +98,9 @@ def krylov_schur(
         See `Arnoldi`.
     ncv : int
         Dimension m of the space, k + 3 <= ncv <= n - 1; a challenge adds what it keeps.
+    grown : int
+        Dimension after some restarts in which fewer than k have converged, if larger. Where the
+        wanted lie close to others this takes a third of the products away.
     start : array, optional
     tol : float
     maxiter : int
@@ -222,6 +227,12 @@ def krylov_schur(
             basis.rotate(Q[:, :keep], size)
             spike[: min(converged, keep)] = 0.0
         S[:] = 0.0
+        if count >= PATIENCE and ncv < grown and champions is None:
+            ncv = room = most_room = grown
+            if challenge:
+                most_room = min(n - 1, room_for(k, ncv))
+            basis.enlarge(most_room, keep + 1)
+            S = np.zeros((most_room, most_room), dtype=dtype)
         S[:keep, :keep], S[keep, :keep] = projected, spike
         kept, count = keep, count + 1
         if lost:
