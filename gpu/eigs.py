@@ -68,8 +68,8 @@ def eigs(
     maxiter : int, optional
         Restarts, of two products at least; by default enough for about 40 n products.
     tol : float
-        Residual relative to \|lambda\|. The default, 0, asks for 100 rounding units of \|A\|,
-        which is also the most that can be had.
+        Residual relative to \|lambda\|. The default, 0, asks for 100 rounding units of \|A\|, with
+        `sigma` of the inverse, which is also the most that can be had.
     return_eigenvectors : bool
     restart : {"krylov-schur", "implicit"}
         "implicit" restarts by explicitly shifted QR steps on the Hessenberg matrix (Sorensen 1992,
