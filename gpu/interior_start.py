@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from gpu.kkt_system import System
 from gpu.program import Array, Program
 
@@ -37,10 +39,8 @@ def balanced(p: Program, system: System, rows: Array, low: Array, high: Array) -
     """Mehrotra's start (1992, section 7): one shift of all distances, one of all multipliers."""
     xp, n = p.xp, p.q.size
     has_low, has_high = xp.isfinite(low), xp.isfinite(high)
-    E = xp.full(p.row_low.size, FIRM)
-    E[rows] = 1.0
     bounded = (has_low | has_high)[:n]
-    system.factor(xp.where(bounded, 1.0, LOOSE), E)
+    _factor(p, system, rows, xp.where(bounded, 1.0, LOOSE), FIRM)
     goal = xp.where(bounded, xp.clip(xp.zeros_like(p.q), p.lb, p.ub), 0.0)
     x, y = system.solve(goal - p.q, xp.clip(xp.zeros_like(p.row_low), p.row_low, p.row_high))
     v = xp.concatenate([x, (p.C @ x)[rows]])
@@ -71,9 +71,7 @@ def inside(
     """A point well inside its bounds, with multipliers of at least the size `spread`."""
     xp, n = p.xp, p.q.size
     has_low, has_high = xp.isfinite(low), xp.isfinite(high)
-    E = xp.full(p.row_low.size, LEAST_REGULARISATION)
-    E[rows] = 1.0
-    system.factor(xp.ones(n), E)
+    _factor(p, system, rows, xp.ones(n), LEAST_REGULARISATION)
     target = xp.clip(xp.zeros_like(p.row_low), p.row_low, p.row_high)
     goal = xp.clip(xp.zeros_like(p.q), p.lb, p.ub)
     x, y = system.solve(goal - p.q, target)
@@ -96,3 +94,18 @@ def inside(
     z_low = xp.where(has_low, up + xp.minimum(product / t_low, START_Z * dual_push), 0.0)
     z_high = xp.where(has_high, down + xp.minimum(product / t_high, START_Z * dual_push), 0.0)
     return v, y, Sides(low, high, has_low, has_high, t_low, t_high, z_low, z_high)
+
+
+def _factor(p: Program, system: System, rows: Array, diagonal: Array, least: float) -> None:
+    """Factor with equality rows as soft as it takes where they depend on each other."""
+    while True:
+        E = p.xp.full(p.row_low.size, least)
+        E[rows] = 1.0
+        try:
+            system.factor(diagonal, E)
+        except np.linalg.LinAlgError:
+            if least >= 1.0:
+                raise
+            least *= 100.0
+        else:
+            return

@@ -79,6 +79,7 @@ def last_digits(problem: Problem, p: Program, t: Triple, tol: float) -> Triple:
         for candidate in _candidates(problem, p, t, tol):
             if least <= tol:
                 break
+            candidate = candidate._replace(x=np.clip(candidate.x, p.lb, p.ub))
             error = absolute(problem, candidate).worst
             if error < least and residuals(p, *candidate).worst <= allowed:
                 best, least = candidate, error
@@ -148,4 +149,6 @@ def closed(problem: Problem, p: Program, t: Triple, tol: float) -> Triple:
 
 def _columns(M: Matrix) -> Array:
     """Largest entry of every column."""
+    if not M.shape[0]:
+        return np.zeros(M.shape[1])
     return abs(sparse.csc_array(M)).max(axis=0).toarray().ravel()

@@ -64,6 +64,12 @@ def test_larger_problems_that_were_given_up_once(seed):
     assert run([seed], n_max=200) == []
 
 
+# No rows at all, a last digit outside the box, rows that depend on each other.
+@pytest.mark.parametrize("seed", [30023, 34174, 30352, 30368, 40844])
+def test_larger_problems_that_failed_once(seed):
+    assert run([seed], n_max=200) == []
+
+
 def test_random_sparse_problems():
     # Rounding of the factoriser decides about one: a certificate that just misses its margin.
     assert len(run(range(400, 425), 30, sparse.csr_array)) <= 1
