@@ -99,8 +99,7 @@ def krylov_schur(
     ncv : int
         Dimension m of the space, k + 3 <= ncv <= n - 1; a challenge adds what it keeps.
     grown : int
-        Dimension after some restarts in which fewer than k have converged, if larger. Where the
-        wanted lie close to others this takes a third of the products away.
+        Dimension after `PATIENCE` restarts in which fewer than k have converged, if larger.
     start : array, optional
     tol : float
     maxiter : int
