@@ -341,6 +341,7 @@ def main() -> None:
                 row["symmetric"] = symmetric(n, cp) if n in (1600, 6400, 25600) else None
             cp.get_default_memory_pool().free_all_blocks()
             print(n, json.dumps(row, default=float), flush=True)
+            arguments.output.write_text(json.dumps(result, indent=1, default=float) + "\n")
     for n, row in result["table"].items():
         row["host"] = on_host(n)
         if n in DISSERTATION:

@@ -28,7 +28,7 @@ class Arnoldi:
     apply : callable x -> A x
         On arrays of `xp`, shape (n,).
     n, size : int
-        Order of A and most vectors that ever span the basis.
+        Order of A, and most vectors that span the basis until it is enlarged.
     dtype : numpy dtype
         float64 or complex128.
     xp : module

@@ -54,7 +54,7 @@ struct Basis {
 // of a sweep is a unit vector orthogonal to those before it. `extra` counts meetings beside two,
 // or one without w. Returns a scale that brings the next vector to at most one.
 __device__ __forceinline__ double delayed_step(Basis& basis, const double* w, int j, bool first,
-                                            double scale, int* extra)
+                                               double scale, int* extra)
 {
     const int lane = threadIdx.x & 31, warp = threadIdx.x >> 5, count = j + 1;
     const int block = blockIdx.x, blocks = gridDim.x, own = basis.own, stride = basis.stride;

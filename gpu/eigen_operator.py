@@ -34,8 +34,8 @@ class Matrix:
         The entries, where there are any.
     name : str
         Of the argument, for messages.
-    looked_at : float, optional
-        The `magnitude`, where it is known already.
+    assumed : float, optional
+        Taken for the `magnitude`; the entries are not looked at.
     """
 
     n: int
@@ -44,7 +44,7 @@ class Matrix:
     apply: Callable[[Any], Any]
     explicit: Any
     name: str = "A"
-    looked_at: float | None = None
+    assumed: float | None = None
 
     @property
     def dtype(self) -> Any:
@@ -60,8 +60,8 @@ class Matrix:
         InputError
             They are not finite.
         """
-        if self.looked_at is not None:
-            return self.looked_at
+        if self.assumed is not None:
+            return self.assumed
         A = self.explicit
         size = _magnitude(A.data if hasattr(A, "tocsr") else A, self.xp)
         if not np.isfinite(size):

@@ -164,7 +164,7 @@ def eigs(
         }
         # To look at the entries takes as long as a product, and products tell of them too.
         unseen = mass is None and sigma is None and matrix.explicit is not None
-        trial = replace(matrix, looked_at=1.0) if unseen else matrix
+        trial = replace(matrix, assumed=1.0) if unseen else matrix
         found, pairs, reason = _iterated(trial, mass, sigma, k, rank, **options)
         if unseen and reason is None and found.scale and ordinary(found.scale):
             matrix = trial

@@ -122,9 +122,11 @@ def krylov_schur(
     G. W. Stewart, A Krylov-Schur algorithm for large eigenproblems, SIAM J. Matrix Anal. Appl. 23
     (2001).
     """
-    room = most_room = ncv
-    if challenge:
-        most_room = min(n - 1, room_for(k, ncv))
+
+    def room_of(ncv: int) -> int:
+        return min(n - 1, room_for(k, ncv)) if challenge else ncv
+
+    room, most_room = ncv, room_of(ncv)
     basis = Arnoldi(apply, n, most_room, dtype, xp, matrix=matrix)
     basis.start(0, start)
     S = np.zeros((most_room, most_room), dtype=dtype)
@@ -227,9 +229,8 @@ def krylov_schur(
             spike[: min(converged, keep)] = 0.0
         S[:] = 0.0
         if count >= PATIENCE and ncv < grown and champions is None:
-            ncv = room = most_room = grown
-            if challenge:
-                most_room = min(n - 1, room_for(k, ncv))
+            ncv = room = grown
+            most_room = room_of(ncv)
             basis.enlarge(most_room, keep + 1)
             S = np.zeros((most_room, most_room), dtype=dtype)
         S[:keep, :keep], S[keep, :keep] = projected, spike

@@ -104,7 +104,7 @@ def _rows(A: Any, X: Any) -> Any:
 
 
 def _multiplied(B: Any, X: Any, rows: int, inner: int, transposed: bool) -> Any:
-    """``X B`` or ``X B^T``, called directly."""
+    """``X B`` or ``X B^T``."""
     import cupy
 
     n = B.shape[1]

@@ -86,14 +86,13 @@ def best_first(
     shown = values if shown is None else shown
     if not paired:
         return np.argsort(-rank(values), kind="stable")[:k]
-    places, ranks = np.arange(values.size), rank(values)
+    first, ranks = np.arange(values.size), rank(values)
     members = values.imag.nonzero()[0]
     leaders = np.delete(ranks, members[1::2]) if members.size else ranks
     descend = leaders[:-1] - leaders[1:] > ROUNDING * np.abs(leaders[:-1])
     if descend.all() and (shown.imag[members[::2]] > 0).all():
-        return places[:k]
+        return first[:k]
     # Equal pairs must not mix, nor rounding part the two of one: the first speaks for both.
-    first = places
     first[members[1::2]] = members[::2]
     keys = (-np.abs(shown.imag), -shown.real, _place(ranks))
     return np.lexsort((-shown.imag, first, *(key[first] for key in keys)))[:k]

@@ -12,9 +12,8 @@ pytestmark = pytest.mark.gpu
 
 @pytest.fixture(scope="module")
 def cupy():
-    module = pytest.importorskip("cupy", reason="no CuPy: pip install 'skfem-adini[cuda13]'")
-    if not module.cuda.is_available():
-        pytest.skip("no CUDA device")
+    import cupy as module
+
     return module
 
 

@@ -190,9 +190,8 @@ def test_five_hundred(seed):
 @pytest.mark.gpu
 @pytest.mark.parametrize("seed", range(3 * len(KINDS)))
 def test_every_kind_on_a_device(seed):
-    cupy = pytest.importorskip("cupy", reason="no CuPy: pip install 'skfem-adini[cuda13]'")
-    if not cupy.cuda.is_available():
-        pytest.skip("no CUDA device")
+    import cupy
+
     check(seed, cupy)
 
 
