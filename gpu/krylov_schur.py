@@ -19,7 +19,6 @@ RESTARTS = ("krylov-schur", "implicit")
 FLOOR = 100 * np.finfo(float).eps  # residuals below this times |A| are round-off
 CLOSE = 1e-2  # residual of what a challenge leaves aside over the distance of the rest
 PATIENCE = 6  # restarts before the space grows, if it may
-THICK = (0.7, 0.6)  # of the space that outlives a restart: before and after a lost challenge
 
 
 @dataclass(frozen=True)
@@ -75,9 +74,9 @@ def krylov_schur(
     .. math::
         A V_m = V_m S_m + v_{m+1} b^*
 
-    is brought to Schur form, its wanted part moved to the front and the rest cut off; Arnoldi steps
-    fill it up again. The leading c Schur vectors have converged when
-    :math:`|b_{1..c}| \le \max(tol\,|\theta_c|,\ 100\,\epsilon\,|A|)`.
+    is brought to Schur form with its wanted part in front. Half of the rest is cut off, less as
+    more converge, and Arnoldi steps fill the space up again. The leading c Schur vectors have
+    converged when :math:`|b_{1..c}| \le \max(tol\,|\theta_c|,\ 100\,\epsilon\,|A|)`.
 
     A Krylov space of one vector holds one eigenvector of a repeated eigenvalue only, and may be
     blind to others. So the outcome is challenged from random vectors: see `challenge.unbeaten`.
@@ -130,6 +129,8 @@ def krylov_schur(
     basis = Arnoldi(apply, n, most_room, dtype, xp, matrix=matrix)
     basis.start(0, start)
     S = np.zeros((most_room, most_room), dtype=dtype)
+    # Where products are quick; loading the compiler's work takes longer than most runs on the host.
+    compiled = xp is not np
     kept, scale = 0, 0.0
     locked = 0  # rows that a challenge began with
     hessenberg = restart == "implicit"
@@ -147,9 +148,9 @@ def krylov_schur(
         beta = 0.0 if ended is not None else float(steps.betas[-1])
         columns = S[:size, :size].T
         scale = max(scale, float(np.sqrt(np.vecdot(columns, columns).real.max())))
-        most = min(size, max(ncv // 2, k + k // 2) + 3)
+        most = min(size, k + ncv // 2 + 3)
         for leading in (most, size):
-            T, Q, values = ordered_schur(S[:size, :size], rank, leading)
+            T, Q, values = ordered_schur(S[:size, :size], rank, leading, compiled)
             spike = beta * Q[size - 1]
             moved = np.sqrt(np.cumsum(np.abs(spike) ** 2))  # residuals of the leading vectors
             converged = _leading(T, values, moved, tol, FLOOR * scale)
@@ -208,9 +209,9 @@ def krylov_schur(
         elif fresh:
             keep = min(size, room - 1)
         elif champions is None:
-            keep = min(max(k, int(THICK[0] * ncv)) + converged // 3, max(k, room - 4))
+            keep = min((k + ncv + converged) // 2, max(k, room - 4))
         else:
-            keep = max(k + converged // 2, locked + int(THICK[1] * (room - locked)))
+            keep = max(k + converged // 2, (locked + room) // 2)
         keep = whole(T, min(keep, room - 2, size))
         projected, spike = T[:keep, :keep], spike[:keep]
         if fresh:
