@@ -34,7 +34,7 @@ def stays_orthogonal(monkeypatch, A, k, xp=np, **options):
     monkeypatch.setattr(importlib.import_module("gpu.krylov_schur"), "Arnoldi", Watched)
     w, v = eigs(xp.asarray(A), k, **options)
     V = kept[-1].V[: k + 20]
-    assert kept[-1].matvecs > 500
+    assert kept[-1].matvecs > 400
     assert float(xp.abs(V @ V.T - xp.eye(len(V))).max()) < 1e-12
     assert float(xp.abs(xp.asarray(A) @ v - v * w).max()) < 1e-7
 

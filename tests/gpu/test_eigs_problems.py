@@ -221,22 +221,27 @@ def test_device_singular_values():
     st.integers(0, 299),
     st.booleans(),
     st.booleans(),
+    st.sampled_from([None, 300]),
 )
-def test_one_wrong_entry_is_found_without_a_look(wrong, row, column, stored_sparsely, blind):
-    """Products tell of it, also with a start vector that has zeros where it stands."""
+def test_one_wrong_entry_is_found_without_a_look(
+    wrong, row, column, stored_sparsely, blind, maxiter
+):
+    """Products tell of it, also with a start vector that has zeros where it stands; with `maxiter`
+    there is no decomposition that would come across it."""
     A = np.diag(np.arange(1.0, 301.0))
     A[row, column] = wrong
     v0 = np.eye(300)[(column + 7) % 300] if blind else None
     with pytest.raises(InputError, match="NaN or infinity"):
-        eigs(sparse.csr_array(A) if stored_sparsely else A, 3, v0=v0)
+        eigs(sparse.csr_array(A) if stored_sparsely else A, 3, v0=v0, maxiter=maxiter)
 
 
-@pytest.mark.parametrize("power", [-310, -200, -120, -90, 90, 120, 200, 300])
+@pytest.mark.parametrize("maxiter", [None, 300])
+@pytest.mark.parametrize("power", [-310, -200, -158, -120, -90, 90, 120, 153, 200, 300])
 @pytest.mark.parametrize("stored_sparsely", [False, True])
-def test_entries_of_any_size(power, stored_sparsely):
+def test_entries_of_any_size(power, stored_sparsely, maxiter):
     values = 10.0**power * np.arange(1.0, 301.0) / 300.0
     A = sparse.diags_array(values, format="csr") if stored_sparsely else np.diag(values)
-    w, v = eigs(A, 3)
+    w, v = eigs(A, 3, maxiter=maxiter)
     assert w.real == pytest.approx(values[:-4:-1], rel=1e-10 if power > -300 else 1e-4)
     assert np.abs(np.abs(v).max(axis=0) - 1.0).max() < 1e-8
 
