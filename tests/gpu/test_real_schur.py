@@ -107,6 +107,14 @@ def test_blocks_of_two(mantissas, powers):
     assert ours.prod() == pytest.approx(theirs.prod(), abs=10 * EPS)
 
 
+@pytest.mark.parametrize("power", [0, 5, 10, 15])
+def test_small_entries_stay_beside_large_ones(power):
+    """What is small beside the diagonal need not be round-off: 1 +- 10^-3.5 are the values."""
+    values = eigenvalues_of(check(np.array([[1.0, 10.0**power], [10.0 ** (-power - 7), 1.0]])))
+    assert values.imag.tolist() == [0.0, 0.0]
+    assert np.sort(values.real) * 10.0**power == pytest.approx([1 - 10**-3.5, 1 + 10**-3.5], 1e-12)
+
+
 @pytest.mark.parametrize("kind", ["gaussian", "arrow", "orthogonal", "graded", "companion"])
 @pytest.mark.parametrize("m", [13, 40, 60])
 def test_ordered_as_by_lapack(kind, m):
