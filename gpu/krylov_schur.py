@@ -74,9 +74,9 @@ def krylov_schur(
     .. math::
         A V_m = V_m S_m + v_{m+1} b^*
 
-    is brought to Schur form with its wanted part in front. Half of the rest is cut off, less as
-    more converge, and Arnoldi steps fill the space up again. The leading c Schur vectors have
-    converged when :math:`|b_{1..c}| \le \max(tol\,|\theta_c|,\ 100\,\epsilon\,|A|)`.
+    is brought to Schur form with its wanted part in front. Half of the rest is cut off, down to a
+    third as more converge, and Arnoldi steps fill the space up again. The leading c Schur vectors
+    have converged when :math:`|b_{1..c}| \le \max(tol\,|\theta_c|,\ 100\,\epsilon\,|A|)`.
 
     A Krylov space of one vector holds one eigenvector of a repeated eigenvalue only, and may be
     blind to others. So the outcome is challenged from random vectors: see `challenge.unbeaten`.
@@ -209,7 +209,7 @@ def krylov_schur(
         elif fresh:
             keep = min(size, room - 1)
         elif champions is None:
-            keep = min((k + ncv + converged) // 2, max(k, room - 4))
+            keep = k + min((ncv - k + converged) // 2, 2 * (ncv - k) // 3)
         else:
             keep = max(k + converged // 2, (locked + room) // 2)
         keep = whole(T, min(keep, room - 2, size))
