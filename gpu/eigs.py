@@ -157,7 +157,7 @@ def eigs(
             "start": start,
             "tol": tol,
             "maxiter": maxiter
-            or max(20, n // 6 if fallback else 40 * n // max(4, (size - k) // 2)),
+            or max(20, n // 6 if fallback else 40 * n // max(3, (size - k) // 3)),
             "restart": restart,
             "edge": edge_of(which, real),
             "inner": inner,

@@ -74,9 +74,10 @@ def krylov_schur(
     .. math::
         A V_m = V_m S_m + v_{m+1} b^*
 
-    is brought to Schur form with its wanted part in front. Half of the rest is cut off, down to a
-    third as more converge, and Arnoldi steps fill the space up again. The leading c Schur vectors
-    have converged when :math:`|b_{1..c}| \le \max(tol\,|\theta_c|,\ 100\,\epsilon\,|A|)`.
+    is brought to Schur form with its wanted part in front. About half of the rest is cut off, down
+    to a third as more converge, and Arnoldi steps fill the space up again. The leading c Schur
+    vectors have converged when
+    :math:`|b_{1..c}| \le \max(tol\,|\theta_c|,\ 100\,\epsilon\,|A|)`.
 
     A Krylov space of one vector holds one eigenvector of a repeated eigenvalue only, and may be
     blind to others. So the outcome is challenged from random vectors: see `challenge.unbeaten`.
@@ -122,8 +123,8 @@ def krylov_schur(
     (2001).
     """
 
-    def room_of(ncv: int) -> int:
-        return min(n - 1, room_for(k, ncv)) if challenge else ncv
+    def room_of(dimension: int) -> int:
+        return min(n - 1, room_for(k, dimension)) if challenge else dimension
 
     room, most_room = ncv, room_of(ncv)
     basis = Arnoldi(apply, n, most_room, dtype, xp, matrix=matrix)
@@ -148,7 +149,7 @@ def krylov_schur(
         beta = 0.0 if ended is not None else float(steps.betas[-1])
         columns = S[:size, :size].T
         scale = max(scale, float(np.sqrt(np.vecdot(columns, columns).real.max())))
-        most = min(size, k + ncv // 2 + 3)
+        most = min(size, max(k, locked) + ncv // 2 + 3)
         for leading in (most, size):
             T, Q, values = ordered_schur(S[:size, :size], rank, leading, compiled)
             spike = beta * Q[size - 1]
@@ -209,7 +210,9 @@ def krylov_schur(
         elif fresh:
             keep = min(size, room - 1)
         elif champions is None:
-            keep = k + min((ncv - k + converged) // 2, 2 * (ncv - k) // 3)
+            spare = ncv - k
+            new = max(spare // 3, min(spare, 4))
+            keep = k + min((spare + converged) // 2, spare - new)
         else:
             keep = max(k + converged // 2, (locked + room) // 2)
         keep = whole(T, min(keep, room - 2, size))

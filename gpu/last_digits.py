@@ -74,6 +74,9 @@ def last_digits(problem: Problem, p: Program, t: Triple, tol: float) -> Triple:
     No relative residual becomes larger than it was or than a tenth of `tol`.
     """
     best, least = t, absolute(problem, t).worst
+    idle = Triple(t.x, np.zeros_like(t.y), np.zeros_like(t.z))
+    if absolute(problem, idle).worst <= least:
+        return idle  # the multipliers were rounding of zero
     allowed = max(residuals(p, *t).worst, 0.1 * tol)
     with np.errstate(all="ignore"):  # what overflows shows in the residuals
         for candidate in _candidates(problem, p, t, tol):

@@ -10,11 +10,14 @@ import numpy as np
 from scipy.linalg.lapack import dgehrd, dorghr
 
 BLOCK = 32  # columns for which LAPACK has room
-ORDINARY = 1e-100, 1e100  # of the largest entry: products of two neither over- nor underflow
+LEAST, MOST = 1e-290, 1e290  # of the largest entry
 
 
 def real_schur(S: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """``S = Q T Q^T`` with T in LAPACK's standard form; None where that cannot be had here.
+    """``S = Q T Q^T`` with T in LAPACK's standard form.
+
+    None where S is zero, its entries are not finite or near the ends of what numbers can be, or the
+    iteration does not converge, as with entries of hundreds of decades it may not.
 
     Parameters
     ----------
@@ -27,16 +30,18 @@ def real_schur(S: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         By columns.
     """
     m = len(S)
-    if not ORDINARY[0] < np.abs(S).max() < ORDINARY[1]:
+    size = float(np.abs(S).max())
+    if not LEAST < size < MOST:
         return None
-    reduced, reflectors, _ = dgehrd(S, lwork=BLOCK * m)
+    unit = 2.0 ** np.floor(np.log2(size))
+    reduced, reflectors, _ = dgehrd(S / unit, lwork=BLOCK * m)
     Q, _ = dorghr(reduced, reflectors, lwork=BLOCK * m)
     W = np.zeros((m + 1, 2 * m + 1))
     W[:m, :m] = np.triu(reduced, -1)
     W[:m, m + 1 :] = Q.T
     if not _compiled()(W):
         return None
-    return np.asfortranarray(W[:m, :m]), np.asfortranarray(W[:m, m + 1 :].T)
+    return np.asfortranarray(W[:m, :m] * unit), np.asfortranarray(W[:m, m + 1 :].T)
 
 
 @functools.cache
@@ -48,10 +53,9 @@ def _compiled() -> Callable[[Any], bool]:
 
     # Calls find the compiled ones in place of the plain ones.
     for kernel in schur_kernels.KERNELS:
-        options = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
         try:
-            compiled = njit(cache=True, **options)(kernel)
+            compiled = njit(cache=True, **schur_kernels.OPTIONS)(kernel)
         except RuntimeError:  # no folder to write into
-            compiled = njit(**options)(kernel)
+            compiled = njit(**schur_kernels.OPTIONS)(kernel)
         setattr(schur_kernels, kernel.__name__, compiled)
     return schur_kernels.iterate

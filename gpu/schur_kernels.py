@@ -15,12 +15,15 @@ EPS = 2.0**-52
 TINY = 2.0**-1022
 UNUSUAL = 10  # sweeps on a block before shifts from elsewhere
 SWEEPS = 30  # for every row, all in all
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
 
 
 def turn_rows(W: Any, k: int, w1: float, w2: float, t: float) -> None:
-    """Multiply rows k, k + 1, k + 2 from the left by I - t w w^T, w = (1, w1, w2)."""
+    """Multiply rows k, k + 1, k + 2 from the left by I - t w w^T, w = (1, w1, w2).
+
+    What is left of column k is the caller's.
+    """
     t1, t2 = t * w1, t * w2
-    # What is left of column k is zero.
     upper, middle, lower = W[k, k:], W[k + 1, k:], W[k + 2, k:]
     for j in range(upper.size):
         x, y, z = upper[j], middle[j], lower[j]
@@ -46,6 +49,11 @@ def reflector(x: float, y: float, z: float) -> tuple[float, float, float, float]
     x, y, z = x / size, y / size, z / size
     beta = -math.copysign(math.sqrt(x * x + y * y + z * z), x)
     return y / (x - beta), z / (x - beta), (beta - x) / beta, beta * size
+
+
+def product_over(b: float, c: float, size: float) -> float:
+    """b c / size, where b c may be too small a number."""
+    return (b / size) * c if abs(b) > abs(c) else (c / size) * b
 
 
 def first_of_block(W: Any, last: int) -> int:
@@ -82,12 +90,12 @@ def shifts(W: Any, first: int, last: int, tried: int) -> tuple[float, float]:
         at = first if tried % (2 * UNUSUAL) else last
         k = max(at, first + 2)
         size = abs(W[k, k - 1]) + abs(W[k - 1, k - 2])
-        return W[at, at] + 0.75 * size, 0.66 * size
+        return W[at, at] + 0.75 * size, 0.66 * size  # as LAPACK's dlahqr, about
     a, b, c, d = W[last - 1, last - 1], W[last - 1, last], W[last, last - 1], W[last, last]
     size = abs(a - d) + abs(b) + abs(c)
     p = 0.5 * (a - d)
-    square = (p / size) * (p / size) + (b / size) * (c / size)
-    root = math.sqrt(abs(square)) * size
+    square = p * (p / size) + product_over(b, c, size)
+    root = math.sqrt(abs(square)) * math.sqrt(size)
     if square < 0.0:
         return d + p, root
     return d + p - math.copysign(root, p), 0.0  # the nearer to the last entry
@@ -104,6 +112,9 @@ def sweep(W: Any, first: int, last: int, mean: float, apart: float) -> None:
         x = away * (away / size) + apart * (apart / size) + right * (below / size)
         y = (below / size) * (away + (W[k + 1, k + 1] - mean))
         z = (below / size) * W[k + 2, k + 1]
+        size = abs(x) + abs(y) + abs(z)
+        if size > 0.0:
+            x, y, z = x / size, y / size, z / size
         if k == first:
             break
         around = abs(W[k - 1, k - 1]) + abs(here) + abs(W[k + 1, k + 1])
@@ -136,25 +147,27 @@ def standardise(W: Any, k: int) -> None:
     """
     a, b, c, d = W[k, k], W[k, k + 1], W[k + 1, k], W[k + 1, k + 1]
     p, size = 0.5 * (a - d), abs(a - d) + abs(b) + abs(c)
-    square = (p / size) * (p / size) + (b / size) * (c / size)
-    root = math.sqrt(abs(square)) * size
+    square = p * (p / size) + product_over(b, c, size)
+    root = math.sqrt(abs(square)) * math.sqrt(size)
     if square >= 0.0:
         z = p + math.copysign(root, p)
         x, y = z, c  # an eigenvector
         a, d, b, c = d + z, d - (c * (b / z) if z != 0.0 else 0.0), c - b, 0.0
     else:
         q, r = 0.5 * (b + c), 0.5 * (b - c)
-        h = math.hypot(p, q)
-        x, y = h + abs(q), -p * math.copysign(1.0, q)
-        large = r + math.copysign(h, r)  # one of b and c, whose product is -root^2
-        less = root * (root / large)
+        h, sign = math.hypot(p, q), math.copysign(1.0, q)
+        x, y = h + abs(q), -p * sign
+        if sign != math.copysign(1.0, r):
+            x, y = -y, x  # a quarter turn more, that the larger of b and c comes above
+        large = r + math.copysign(h, r)
         a = d = d + p
-        b, c = (-large, less) if math.copysign(q, r) == q else (-less, large)
-    if x < 0.0:
-        x, y = -x, -y
-    size = math.hypot(x, y)
+        b, c = -large, root * (root / large)
+    size = math.copysign(max(abs(x), abs(y)), x)
     if size == 0.0:
+        W[k, k] = d
         return
+    x, y = x / size, y / size
+    size = math.hypot(x, y)
     t = 1.0 + x / size
     w = (y / size) / t
     turn_rows(W, k, w, 0.0, t)
@@ -191,5 +204,6 @@ def iterate(W: Any) -> bool:
 
 
 KERNELS = (
-    turn_rows, turn_columns, reflector, first_of_block, shifts, sweep, standardise, iterate,
+    turn_rows, turn_columns, reflector, product_over, first_of_block, shifts, sweep, standardise,
+    iterate,
 )  # fmt: skip

@@ -105,3 +105,11 @@ def test_what_is_sharp_already_stays_as_it_is():
     result = solve_qp(P, q, A=A, b=b, lb=lb)
     t = Triple(result.x, result.y, result.z_box)
     assert last_digits(problem, p, t, 1e-9) is t
+
+
+def test_multipliers_that_are_rounding_of_zero_are_zero():
+    """The unconstrained minimum lies on the row: nothing pushes."""
+    result = solve_qp([[2.0, -2.0], [-2.0, 2.0]], [0.0, 0.0], A=[[1.0, 1.0]], b=[1.0], lb=0.0)
+    assert result.x.tolist() == [0.5, 0.5]
+    assert result.y.tolist() == [0.0]
+    assert result.z_box.tolist() == [0.0, 0.0]

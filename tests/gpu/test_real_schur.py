@@ -40,7 +40,7 @@ KINDS = {
     "companion": companion,
     "integer": lambda rng, m: rng.integers(-1, 2, (m, m)).astype(float),
     "low rank": lambda rng, m: np.outer(rng.standard_normal(m), rng.standard_normal(m)),
-    "zero": lambda rng, m: np.zeros((m, m)),
+    "ties": lambda rng, m: np.triu(rng.integers(-1, 2, (m, m)), -1).astype(float),
     "identity": lambda rng, m: np.eye(m),
     "triangular": lambda rng, m: np.triu(rng.standard_normal((m, m))),
     "below": lambda rng, m: np.tril(rng.standard_normal((m, m))),
@@ -75,7 +75,7 @@ def check(S, power=0):
     st.sampled_from(sorted(KINDS)),
     st.integers(2, 70),
     st.integers(0, 2**32 - 1),
-    st.sampled_from([0, -95, 95]),
+    st.sampled_from([0, -280, 280]),
 )
 def test_backward_error_and_form(kind, m, seed, power):
     S = KINDS[kind](np.random.default_rng(seed), m)
@@ -83,9 +83,22 @@ def test_backward_error_and_form(kind, m, seed, power):
         check(S, power)
 
 
-@pytest.mark.parametrize("size", [0.0, 1e-200, 1e200, np.inf, np.nan])
+def test_entries_that_underflow_beside_others():
+    """Of 600 decades, subnormal ones among them; a few are left to LAPACK."""
+    rng, left = np.random.default_rng(5), 0
+    for m in rng.integers(2, 60, 400):
+        S = rng.choice([-1.0, 0.0, 1.0], (m, m)) * 10.0 ** rng.uniform(-320, 0, (m, m))
+        if rng.random() < 0.5:
+            S = np.triu(S, -1) - np.triu(S, -1).T
+        if S.any() and real_schur(S / np.abs(S).max()) is None:
+            left += 1
+        elif S.any():
+            check(S)
+    assert left < 20
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-300, 1e300, np.inf, np.nan])
 def test_left_to_lapack(size):
-    """Entries whose products over- or underflow."""
     assert real_schur(np.full((15, 15), size)) is None
 
 
@@ -105,6 +118,20 @@ def test_blocks_of_two(mantissas, powers):
     assert np.abs(np.sort_complex(ours) - np.sort_complex(theirs)).max() <= np.sqrt(100 * EPS)
     assert ours.sum() == pytest.approx(theirs.sum(), abs=10 * EPS)
     assert ours.prod() == pytest.approx(theirs.prod(), abs=10 * EPS)
+
+
+BLOCKS = [
+    *([-1, -1, 1, 0], [0, -2, 2, -0.2], [1, 1, -1, 1], [1, 1, 1, 1], [0, 1, 0, 1], [0, 1, 1, 0]),
+    *([0, -1, 1, -3.8e-314], [5e-324, 1, -1, 0], [1e-323, 1, -1, 0], [0, -1, 1e-320, 0]),
+    *([1, 1e-310, -1, 1], [2e-300, 1e-310, 1, 0], [2e-300, -1e-310, 1, 0], [0, 1e-225, 1, 1e-300]),
+]
+
+
+@pytest.mark.parametrize("entries", BLOCKS)
+def test_blocks_with_ties_and_subnormal_entries(entries):
+    block = np.array(entries, dtype=float).reshape(2, 2)
+    for S in (block, block.T, -block, linalg.block_diag(block, block, block)):
+        check(S)
 
 
 @pytest.mark.parametrize("power", [0, 5, 10, 15])
