@@ -188,8 +188,8 @@ def eigs(record: dict[str, Any]) -> str:
             "",
             *hard,
             "",
-            "Harder ones in the same run, the mean of three each; ARPACK with the quicker of its "
-            "spaces of 25 and 40. Host times on all cores or on one, whichever is less.",
+            "Harder ones, the mean of three each; ARPACK with the quicker of its spaces of 25 and "
+            "40. Host times on all cores or on one, whichever is less.",
         ]
     )
 
