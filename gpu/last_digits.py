@@ -73,19 +73,21 @@ def last_digits(problem: Problem, p: Program, t: Triple, tol: float) -> Triple:
 
     No relative residual becomes larger than it was or than a tenth of `tol`.
     """
-    best, least = t, absolute(problem, t).worst
+    error = absolute(problem, t)
     idle = Triple(t.x, np.zeros_like(t.y), np.zeros_like(t.z))
-    if absolute(problem, idle).worst <= least:
+    without = absolute(problem, idle)
+    if without.dual <= error.dual and abs(without.gap) <= abs(error.gap):
         return idle  # the multipliers were rounding of zero
+    best, least = t, error.worst
     allowed = max(residuals(p, *t).worst, 0.1 * tol)
     with np.errstate(all="ignore"):  # what overflows shows in the residuals
         for candidate in _candidates(problem, p, t, tol):
             if least <= tol:
                 break
             candidate = candidate._replace(x=np.clip(candidate.x, p.lb, p.ub))
-            error = absolute(problem, candidate).worst
-            if error < least and residuals(p, *candidate).worst <= allowed:
-                best, least = candidate, error
+            worst = absolute(problem, candidate).worst
+            if worst < least and residuals(p, *candidate).worst <= allowed:
+                best, least = candidate, worst
     return best
 
 

@@ -113,3 +113,11 @@ def test_multipliers_that_are_rounding_of_zero_are_zero():
     assert result.x.tolist() == [0.5, 0.5]
     assert result.y.tolist() == [0.0]
     assert result.z_box.tolist() == [0.0, 0.0]
+
+
+def test_small_multipliers_are_no_rounding_where_costs_are_small():
+    """Beside a larger error of the rows their force looks like nothing in absolute residuals."""
+    P, q, A, b = np.zeros((2, 2)), np.full(2, 1e-12), np.ones((1, 2)), np.zeros(1)
+    problem, p = checked(P, q, A=A, b=b)
+    t = Triple(np.array([1e-9, 0.0]), np.array([-1e-12]), np.zeros(2))
+    assert last_digits(problem, p, t, 1e-6).y.tolist() == [-1e-12]
