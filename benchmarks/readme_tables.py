@@ -188,7 +188,7 @@ def eigs(record: dict[str, Any]) -> str:
             "",
             *hard,
             "",
-            "Harder ones, the mean of three each; ARPACK with the quicker of its spaces of 25 and "
+            "Six kinds, the mean of three each; ARPACK with the quicker of its spaces of 25 and "
             "40. Host times on all cores or on one, whichever is less.",
         ]
     )

@@ -22,7 +22,7 @@ def real_schur(S: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     Parameters
     ----------
     S : ndarray of float64, shape (m, m)
-        Finite, m > 1.
+        m > 1.
 
     Returns
     -------

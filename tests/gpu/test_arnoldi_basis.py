@@ -34,7 +34,7 @@ def stays_orthogonal(monkeypatch, A, k, xp=np, **options):
     monkeypatch.setattr(importlib.import_module("gpu.krylov_schur"), "Arnoldi", Watched)
     w, v = eigs(xp.asarray(A), k, **options)
     V = kept[-1].V[: k + 20]
-    assert kept[-1].matvecs > 400
+    assert kept[-1].matvecs > 500
     assert float(xp.abs(V @ V.T - xp.eye(len(V))).max()) < 1e-12
     assert float(xp.abs(xp.asarray(A) @ v - v * w).max()) < 1e-7
 
@@ -43,7 +43,11 @@ def cases():
     rng = np.random.default_rng(0)
     return {
         "unitary": (unitary(400, rng), 6, {"tol": 1e-8, "maxiter": 300}),
-        "toeplitz": (toeplitz(400), 40, {"v0": rng.standard_normal(400), "maxiter": 60}),
+        "toeplitz": (
+            toeplitz(400),
+            40,
+            {"v0": rng.standard_normal(400), "ncv": 80, "maxiter": 100},
+        ),
     }
 
 
