@@ -6,6 +6,7 @@ from contact.cross_check import CrossCheck, cross_check
 from contact.cut_body import CutBody
 from contact.errors import (
     ContactError,
+    ContactWarning,
     Infeasible,
     InputError,
     MissingDependency,
@@ -16,10 +17,11 @@ from contact.layered_block import LayeredBlock
 from contact.load_history import LoadHistory, LoadStep
 from contact.load_stepper import LoadStepper
 from contact.newton import Iteration
-from contact.obstacles import ClosestPoint, Cylinder, Parabola, Plane, SignedDistance, Sphere
+from contact.obstacles import ClosestPoint, Cylinder, Parabola, Plane, Sphere
 from contact.problem import ContactProblem
 from contact.result import ContactResult, Status
 from contact.rigid import Rigid
+from contact.signed_distance import SignedDistance
 from contact.uniqueness import Uniqueness, uniqueness
 
 __all__ = [
@@ -28,6 +30,7 @@ __all__ = [
     "ContactError",
     "ContactProblem",
     "ContactResult",
+    "ContactWarning",
     "CrossCheck",
     "CutBody",
     "Cylinder",

@@ -15,6 +15,7 @@ from contact.cut_arc import ArcGap, CutArc
 from contact.errors import InputError, numbers
 from contact.gap import GapRule
 from contact.obstacles import ClosestPoint, Gap
+from contact.placement import check_placement
 from contact.rigid import ObstacleMotion, Rigid
 from contact.rigid_modes import rigid_field
 from contact.rows import ContactRows, contact_boundary
@@ -96,6 +97,9 @@ class ContactBoundaries:
         self._check_directions(obstacles)
         plain = [o.obstacle if isinstance(o, Rigid) else o for o in obstacles]
         gaps = [rule(o) for rule, o in zip(self.rules, plain, strict=True)]
+        size = float(np.ptp(self.body.mesh.p, axis=1).max())
+        for rule, o, gap in zip(self.rules, plain, gaps, strict=True):
+            check_placement(o, gap, rule.x, rule.normals, size)
         return np.concatenate(gaps)
 
     def _check_directions(self, obstacles: list[Gap]) -> None:

@@ -48,6 +48,10 @@ class Unbounded(ContactError):
         self.mode = mode
 
 
+class ContactWarning(UserWarning):
+    """The problem is well posed, but hardly the one that was meant; the message says what to do."""
+
+
 class MissingDependency(ContactError, ImportError):
     """An optional package is needed; the message holds the install line."""
 

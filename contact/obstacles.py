@@ -8,7 +8,7 @@ fit), and ``inf`` where the ray meets nothing. Contact then reads u_n <= d.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError, numbers
+from contact.signed_distance import SignedDistance
 
 Array = NDArray[np.float64]
 Gap = Any  # an obstacle, a number, a callable x -> d, an array of one gap a point, or None
@@ -28,10 +29,33 @@ def _vector(name: str, value: ArrayLike) -> Array:
     return array
 
 
+def _number(name: str, value: float) -> float:
+    number = numbers(name, value)
+    if number.shape != () or not np.isfinite(number):
+        raise InputError(f"{name}={value!r}: expected a finite number")
+    return float(number)
+
+
 def _positive(name: str, value: float) -> float:
-    if not (np.isfinite(value) and value > 0):
+    if not _number(name, value) > 0:
         raise InputError(f"{name}={value!r}: expected a positive number")
     return float(value)
+
+
+def _flag(name: str, value: bool) -> bool:
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"{name}={value!r}: expected True or False")
+    return bool(value)
+
+
+def _keep(obstacle: Any, *names: str) -> None:
+    """Copy given vectors: an array that the caller edits later would not reach the gaps."""
+    for name in names:
+        value = getattr(obstacle, name)
+        if isinstance(value, list) or (isinstance(value, np.ndarray) and value.ndim):
+            object.__setattr__(
+                obstacle, name, tuple(value.tolist() if hasattr(value, "tolist") else value)
+            )
 
 
 def _column(vector: Array, like: Array) -> Array:
@@ -60,6 +84,9 @@ class Plane:
 
     point: Sequence[float]
     normal: Sequence[float]
+
+    def __post_init__(self) -> None:
+        _keep(self, "point", "normal")
 
     def __call__(self, x: Array, n: Array) -> Array:
         """Return the gap along n from x; both of shape (dim, ...)."""
@@ -92,6 +119,15 @@ def _first_meeting(x: Array, n: Array, radius: float) -> Array:
     return np.where(ahead, near, np.inf)
 
 
+def _round_gap(obstacle: Cylinder | Sphere, x: Array, n: Array) -> Array:
+    """Gap of places x about the centre. A hole ends where the ray, run backwards, would enter."""
+    radius = _positive("radius", obstacle.radius)
+    if not _flag("hollow", obstacle.hollow):
+        return _first_meeting(x, n, radius)
+    d = _first_meeting(x, -n, radius)
+    return np.where(np.isinf(d), np.inf, -d)
+
+
 @dataclass(frozen=True)
 class Cylinder:
     """A disk in two dimensions; in three, a cylinder of infinite length.
@@ -102,22 +138,31 @@ class Cylinder:
     radius : float
     axis : sequence of float
         Three dimensions only: direction of the axis.
+    hollow : bool
+        The obstacle is what lies outside: a bore, with the body in it.
 
     Examples
     --------
     >>> roller = Cylinder((0.0, -2.0), 1.5)
     >>> roller(np.array([[0.0, 3.0], [0.0, 0.0]]), np.array([[0.0, 0.0], [-1.0, -1.0]])).tolist()
     [0.5, inf]
+    >>> bore = Cylinder((0.0, 0.0), 1.5, hollow=True)
+    >>> bore(np.array([[0.0], [-1.0]]), np.array([[0.0], [-1.0]])).tolist()
+    [0.5]
     """
 
     centre: Sequence[float]
     radius: float
     axis: Sequence[float] = (0.0, 0.0, 1.0)
+    hollow: bool = False
+
+    def __post_init__(self) -> None:
+        _keep(self, "centre", "axis")
 
     def __call__(self, x: Array, n: Array) -> Array:
         """Return the gap along n from x; both of shape (dim, ...)."""
-        radius, centre = _positive("radius", self.radius), _vector("centre", self.centre)
-        return _first_meeting(self._across(x - _column(centre, x)), self._across(n), radius)
+        centre = _vector("centre", self.centre)
+        return _round_gap(self, self._across(x - _column(centre, x)), self._across(n))
 
     def _across(self, x: Array) -> Array:
         """The part of x across the axis."""
@@ -132,7 +177,7 @@ class Cylinder:
     def distance(self, x: Array) -> tuple[Array, Array]:
         """Signed distance of x and its gradient."""
         centre = _column(_vector("centre", self.centre), x)
-        return _from_centre(self._across(x - centre), _positive("radius", self.radius))
+        return _from_centre(self, self._across(x - centre))
 
 
 @dataclass(frozen=True)
@@ -143,20 +188,25 @@ class Sphere:
     ----------
     centre : sequence of float
     radius : float
+    hollow : bool
+        The obstacle is what lies outside: a spherical hole, with the body in it.
     """
 
     centre: Sequence[float]
     radius: float
+    hollow: bool = False
+
+    def __post_init__(self) -> None:
+        _keep(self, "centre")
 
     def __call__(self, x: Array, n: Array) -> Array:
         """Return the gap along n from x; both of shape (dim, ...)."""
-        radius, centre = _positive("radius", self.radius), _vector("centre", self.centre)
-        return _first_meeting(x - _column(centre, x), n, radius)
+        return _round_gap(self, x - _column(_vector("centre", self.centre), x), n)
 
     def distance(self, x: Array) -> tuple[Array, Array]:
         """Signed distance of x and its gradient."""
         centre = _column(_vector("centre", self.centre), x)
-        return _from_centre(x - centre, _positive("radius", self.radius))
+        return _from_centre(self, x - centre)
 
 
 @dataclass(frozen=True)
@@ -176,81 +226,14 @@ class Parabola:
     radius: float
     offset: float = 0.0
 
+    def __post_init__(self) -> None:
+        _keep(self, "apex")
+
     def __call__(self, x: Array, n: Array) -> Array:
         """Return the gap along n from x; both of shape (dim, ...)."""
         x = x - _column(_vector("apex", self.apex), x)
         tangential = np.sum(x * x, axis=0) - np.sum(x * n, axis=0) ** 2
-        return self.offset + tangential / (2 * _positive("radius", self.radius))
-
-
-@dataclass(frozen=True)
-class SignedDistance:
-    """An obstacle given by its signed distance function, positive outside.
-
-    The ray is marched by the distance itself and the sign change closed in by bisection and
-    secant steps, so any continuous function that is positive outside and does not overestimate
-    the distance will do (Hart, Sphere tracing, The Visual Computer 12, 1996).
-
-    Parameters
-    ----------
-    function : callable x -> ndarray
-        x of shape (dim, npoints), result of shape (npoints,).
-    reach : float
-        Rays that have met nothing within this length have gap ``inf``.
-    """
-
-    function: Callable[[Array], ArrayLike]
-    reach: float = np.inf
-
-    def __call__(self, x: Array, n: Array) -> Array:
-        """Return the gap along n from x; both of shape (dim, ...)."""
-        shape, x, n = x.shape[1:], x.reshape(x.shape[0], -1), n.reshape(n.shape[0], -1)
-        start = self._at(x)
-        sign = np.where(start < 0, -1.0, 1.0)  # inside the obstacle: go back along the ray
-        reach = min(self.reach, 1e3 * float(np.ptp(x) + np.abs(start).max(initial=0.0) + 1e-300))
-        d = np.zeros(start.size)
-        before = d.copy()
-        crossed = start == 0
-        open_ = np.flatnonzero(~crossed)
-        for _ in range(5000):  # at grazing incidence the distance shrinks slowly along the ray
-            if open_.size == 0:
-                break
-            value = self._at(x[:, open_] + d[open_] * n[:, open_])
-            met = value * sign[open_] <= 0
-            crossed[open_[met]] = True
-            open_, value = open_[~met], value[~met]
-            before[open_] = d[open_]
-            d[open_] += sign[open_] * np.maximum(np.abs(value), 1e-9 * reach)
-            open_ = open_[np.abs(d[open_]) <= reach]
-        low, high = before.copy(), d.copy()
-        for _ in range(80):
-            middle = 0.5 * (low + high)
-            outside = self._at(x + middle * n) * sign > 0
-            low, high = np.where(outside, middle, low), np.where(outside, high, middle)
-        gap = 0.5 * (low + high)
-        return np.where(crossed & (np.abs(gap) <= reach), gap, np.inf).reshape(shape)
-
-    def distance(self, x: Array) -> tuple[Array, Array]:
-        """Signed distance of x, as the function gives it, and its normalised gradient."""
-        flat = x.reshape(x.shape[0], -1)
-        step = 1e-6 * max(float(np.ptp(flat)), float(np.abs(self._at(flat)).max()), 1e-300)
-        gradient = np.empty_like(flat)
-        for i in range(flat.shape[0]):
-            shift = step * np.eye(flat.shape[0])[:, i : i + 1]
-            gradient[i] = self._at(flat + shift) - self._at(flat - shift)
-        length = np.linalg.norm(gradient, axis=0)
-        if np.any(length < 1e-3 * step):
-            raise InputError("SignedDistance: the function is flat at a contact point")
-        return self._at(flat).reshape(x.shape[1:]), (gradient / length).reshape(x.shape)
-
-    def _at(self, x: Array) -> Array:
-        value = numbers("SignedDistance", self.function(x))
-        if value.shape != x.shape[1:] or np.any(np.isnan(value)):
-            raise InputError(
-                f"SignedDistance: the function must return {x.shape[1:]} numbers, got "
-                f"{value.shape}" + (" with NaN" if np.any(np.isnan(value)) else "")
-            )
-        return value
+        return _number("offset", self.offset) + tangential / (2 * _positive("radius", self.radius))
 
 
 @dataclass(frozen=True)
@@ -297,12 +280,13 @@ class ClosestPoint:
         return -np.asarray(self.obstacle.distance(x)[1])
 
 
-def _from_centre(x: Array, radius: float) -> tuple[Array, Array]:
-    """Distance from a ball about the origin, and its gradient."""
-    length = np.linalg.norm(x, axis=0)
+def _from_centre(obstacle: Cylinder | Sphere, x: Array) -> tuple[Array, Array]:
+    """Distance of places x about the centre, and its gradient."""
+    radius, length = _positive("radius", obstacle.radius), np.linalg.norm(x, axis=0)
     if np.any(length < 1e-12 * radius):
         raise InputError("ClosestPoint: a contact point lies on the obstacle's centre")
-    return length - radius, x / length
+    outward = -1.0 if _flag("hollow", obstacle.hollow) else 1.0
+    return outward * (length - radius), outward * x / length
 
 
 def evaluate_gap(obstacle: Gap, x: Array, n: Array) -> Array:
@@ -324,6 +308,10 @@ def evaluate_gap(obstacle: Gap, x: Array, n: Array) -> Array:
     """
     if obstacle is None:
         return np.full(x.shape[1:], np.inf)
+    if isinstance(obstacle, type):
+        raise InputError(
+            f"obstacle: {obstacle.__name__} is a class; give one, {obstacle.__name__}(...)"
+        )
     known = (Plane, Cylinder, Sphere, Parabola, SignedDistance, ClosestPoint)
     if isinstance(obstacle, known):
         gap = obstacle(x, n)
