@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+_ROUNDING = 10.0  # machine precisions: sums and solves of some hundred terms lose a digit
 
 
 @dataclass(frozen=True)
@@ -133,3 +134,24 @@ def residual(problem: BoundaryProblem, mu: Array, t: Array, a: Array, bound: Arr
     balance = problem.C.T @ problem.forces(mu, t) - problem.s
     worst = max(np.abs(part).max(initial=0.0) for part in (contact, friction, balance))
     return float(worst) / problem.scale(mu, t)
+
+
+def rounding(problem: BoundaryProblem, forces: Array, a: Array, size: float) -> float:
+    """What `residual` cannot fall below: rounding of the terms that cancel in it, over the size.
+
+    Parameters
+    ----------
+    problem : BoundaryProblem
+    forces : ndarray, shape (n,)
+        Of the live rows.
+    a : ndarray, shape (k,)
+    size : float
+        Of the forces, that of `BoundaryProblem.scale`.
+    """
+    l, C = np.abs(forces), np.abs(problem.C)
+    gap = np.where(np.isfinite(problem.gap), np.abs(problem.gap), 0.0)
+    # W is positive definite with a diagonal of about one: no entry is larger.
+    moved = np.abs(problem.v0) + l.sum() + C @ np.abs(a)
+    balanced = C.T @ l + np.abs(problem.s)
+    terms = (float(part.max(initial=0.0)) for part in (moved, balanced, gap))
+    return _ROUNDING * float(np.finfo(float).eps) * max(terms) / size

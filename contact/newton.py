@@ -36,7 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, lapack
 
-from contact.boundary import Array, BoundaryProblem, Friction, residual
+from contact.boundary import Array, BoundaryProblem, Friction, residual, rounding
 from contact.errors import NotConverged
 
 PATIENCE = 8  # steps without a new least residual after which the iteration counts as cycling
@@ -130,9 +130,9 @@ def semismooth_newton(
     NotConverged
         The iteration cap is reached or the residual stalls: the caller decides what is next.
     """
-    now = best = start
+    now = start
     size = residual(problem, now.mu, now.t, now.a, friction.bound(now.mu))
-    sizes: list[float] = []
+    progress = Progress(tol)
     for step in range(1, max_iterations + 1):
         sets = _Sets.of(problem, now, friction)
         kind = ("radial" if size < NEAR else "damped") if form == "switched" else form
@@ -148,16 +148,65 @@ def semismooth_newton(
                 size,
             )
         )
-        if size <= tol:
-            return now
-        if size <= min(sizes, default=np.inf):
-            best = now
-        sizes.append(size)
-        if not np.isfinite(size) or min(sizes) < min(sizes[-PATIENCE:]):
+        if progress.ended(problem, now, size):
             break
-    if min(sizes) <= ROUND_OFF * tol:
-        return best
-    raise NotConverged(f"{phase}: residual {min(sizes):.1e} at best, tolerance {tol:.1e}")
+    return progress.best_of(problem, phase)
+
+
+class Progress:
+    """When an iteration has converged, has come down to its rounding, or goes in circles.
+
+    Parameters
+    ----------
+    tol : float
+        On the residual.
+    """
+
+    def __init__(self, tol: float) -> None:
+        self._tol, self._least = tol, np.inf
+        self._best: Forces | None = None
+        self._since_best = self._since_half = 0
+        self._half = np.inf
+
+    def ended(self, problem: BoundaryProblem, now: Forces, size: float) -> bool:
+        """Take note of a step and of the residual it left."""
+        self._since_best += 1
+        self._since_half += 1
+        if size < self._least:
+            self._best, self._least, self._since_best = now, size, 0
+        if size <= 0.5 * self._half:
+            self._half, self._since_half = size, 0
+        if not size > self._tol or not np.isfinite(size):
+            return True
+        # A step of Newton's method near the solution that does not halve the residual has met
+        # rounding: of what cancels in it, or, for bad conditioning, a multiple of that.
+        if self._since_half >= 2 and self._least <= ROUND_OFF * self._tol:
+            return True
+        if self._since_half >= 1 and self._at_rounding(problem):
+            return True
+        return self._since_best >= PATIENCE
+
+    def _at_rounding(self, problem: BoundaryProblem) -> bool:
+        best = self._best
+        if best is None or self._least > NEAR:
+            return False
+        forces = problem.forces(best.mu, best.t)
+        return self._least <= rounding(problem, forces, best.a, problem.scale(best.mu, best.t))
+
+    def best_of(self, problem: BoundaryProblem, phase: str) -> Forces:
+        """The step of least residual.
+
+        Raises
+        ------
+        NotConverged
+            It is neither within the tolerance nor rounding.
+        """
+        near = self._least <= ROUND_OFF * self._tol or self._at_rounding(problem)
+        if self._best is None or not near:
+            raise NotConverged(
+                f"{phase}: residual {self._least:.1e} at best, tolerance {self._tol:.1e}"
+            )
+        return self._best
 
 
 @dataclass(frozen=True)
@@ -216,7 +265,10 @@ def _step(
         A[n:, :n] = problem.C[rows].T
         A[n:, n:] = weak * np.eye(k)
         rhs[n:] = problem.s + weak * now.a
-    solution = _solve(A, rhs)
+    last = np.concatenate((problem.forces(now.mu, now.t)[rows], now.a))
+    # Solved for the change: the rounding of a step is that of its own size, and the next step
+    # makes up for it.
+    solution = last + _solve(A, rhs - A @ last)
     mu, t = problem.zeros()
     mu[sets.active] = solution[:n_n]
     t[rubbing] = solution[n_n:n]

@@ -15,14 +15,12 @@ from numpy.typing import NDArray
 
 from contact.boundary import BoundaryProblem, Friction, residual
 from contact.dense_arrays import HostArrays
-from contact.errors import NotConverged
 from contact.newton import (
     NEAR,
-    PATIENCE,
     PROXIMAL,
-    ROUND_OFF,
     Forces,
     Iteration,
+    Progress,
     Report,
     _Sets,
 )
@@ -74,25 +72,17 @@ def plane_newton(
             now = _step(problem, arrays, now, sets, none, False, 1e7 * weak, anchored=False)
             report(Iteration(step, "frictionless", int(sets.active.sum()), 0, 0, np.nan))
     friction = none if law is None else law
-    best, sizes = now, [residual(problem, now.mu, now.t, now.a, friction.bound(now.mu))]
+    size = residual(problem, now.mu, now.t, now.a, friction.bound(now.mu))
+    progress = Progress(tol)
     for step in range(1, max_iterations + 1):
         sets = _Sets.of(problem, now, friction)
-        now = _step(problem, arrays, now, sets, friction, sizes[-1] >= NEAR, weak)
+        now = _step(problem, arrays, now, sets, friction, size >= NEAR, weak)
         size = residual(problem, now.mu, now.t, now.a, friction.bound(now.mu))
         active, stick, slip = (int(kind.sum()) for kind in (sets.active, sets.stick, sets.slip))
         report(Iteration(step, "newton" if law else "active set", active, stick, slip, size))
-        if size <= tol:
-            return now
-        if size > 0.5 * sizes[-1] and min(sizes) <= ROUND_OFF * tol:
-            return best  # rounding of W, which grows with its order, is all that is left
-        if size < min(sizes):
-            best = now
-        sizes.append(size)
-        if not np.isfinite(size) or min(sizes) < min(sizes[-PATIENCE:]):
+        if progress.ended(problem, now, size):
             break
-    if min(sizes) <= ROUND_OFF * tol:
-        return best
-    raise NotConverged(f"newton: residual {min(sizes):.1e} at best, tolerance {tol:.1e}")
+    return progress.best_of(problem, "newton")
 
 
 def _step(
@@ -152,7 +142,10 @@ def _step(
     mu, t_new = problem.zeros()
     if n + k == 0:
         return Forces(mu, t_new, np.zeros(0))
-    solution = np.asarray(arrays.get(xp.linalg.solve(A, xp.asarray(rhs))))
+    last = np.concatenate((problem.forces(now.mu, now.t)[rows], now.a))
+    left = xp.asarray(rhs) - A @ xp.asarray(last)
+    # Solved for the change, as in `contact.newton`.
+    solution = last + np.asarray(arrays.get(xp.linalg.solve(A, left)))
     if not np.all(np.isfinite(solution)):
         raise np.linalg.LinAlgError("singular Newton system")
     mu[sets.active] = solution[:n_n]
