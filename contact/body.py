@@ -24,12 +24,13 @@ from skfem import (
     Mesh,
 )
 
-from contact.elasticity import checked_dilatation, lame, stiffness_matrix
+from contact.elasticity import stiffness_matrix
 from contact.errors import InputError, numbers
+from contact.material import MaterialBody
 from contact.mesh_file import read_mesh
 from contact.rigid_modes import dof_lengths
 from contact.selection import select_components, select_facets
-from contact.solid import BasisSolid
+from contact.settled import settled
 from contact.sound_cells import check_cells
 from skfem_adini import (
     ElementHexAdini,
@@ -53,10 +54,12 @@ _DEFAULT_ELEMENT = {
 }
 
 
-class ElasticBody(BasisSolid):
+@settled("make a new body", "basis", "dim", "element")
+class ElasticBody(MaterialBody):
     """A linearly elastic body, discretised by any scikit-fem vector basis.
 
     The data flow is `basis -> stiffness S, load f, conditions C x = c`; each is an attribute.
+    E, nu, plane, dilatation and f may be set anew, and problems follow; results keep theirs.
 
     Parameters
     ----------
@@ -108,20 +111,10 @@ class ElasticBody(BasisSolid):
                 f"{basis.mesh.dim()}; both must be 2 or both 3"
             )
         check_cells(basis.mesh)
-        self.basis = basis
-        self.dim: int = basis.elem.dim
-        self.element = basis.elem.elem
-        self.plane = plane if self.dim == 2 else None
-        self.dilatation = checked_dilatation(dilatation, self.element)
-        self.E, self.nu = numbers("E", E), numbers("nu", nu)
-        for name, value in (("E", self.E), ("nu", self.nu)):
-            if value.shape not in ((), (basis.mesh.nelements,)):
-                raise InputError(
-                    f"{name}: expected a number or one value for each of the "
-                    f"{basis.mesh.nelements} cells, got shape {value.shape}"
-                )
-        self.lam, self.mu = lame(self.E, self.nu, self.plane)
-        self.f: NDArray[np.float64] = np.zeros(basis.N)
+        self.basis, self.dim, self.element = basis, basis.elem.dim, basis.elem.elem
+        self._set_material(E=E, nu=nu, plane=plane, dilatation=dilatation)
+        self.f = np.zeros(basis.N)
+        self.check_unchanged()
         self._supports: list[tuple[NDArray[np.int64], int, Callable[..., Any]]] = []
 
     @classmethod
@@ -177,11 +170,13 @@ class ElasticBody(BasisSolid):
     @property
     def mesh(self) -> Mesh:
         """The mesh of the basis."""
-        return self.basis.mesh
+        mesh: Mesh = self.basis.mesh
+        return mesh
 
     @cached_property
     def stiffness(self) -> sparse.csr_array:
         """S of ``a(u, v) = int sigma(u) : eps(v)``, all dofs, shape (ndofs, ndofs)."""
+        self.check_unchanged()
         mean = self.dilatation == "mean"
         return stiffness_matrix(self.basis, self.lam, self.mu, mean)
 
@@ -270,6 +265,7 @@ class ElasticBody(BasisSolid):
         return self
 
     def _load_vector(self, basis: Any, density: Field, name: str) -> NDArray[np.float64]:
+        self.check_unchanged()
         x = np.asarray(basis.global_coordinates())
         value = numbers(name, density(x) if callable(density) else density)
         if value.ndim == 0 or value.shape[0] != self.dim:

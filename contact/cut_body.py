@@ -15,12 +15,14 @@ from contact.body import ElasticBody, Field
 from contact.cut_arc import CutArc
 from contact.elasticity import stiffness_matrix
 from contact.errors import InputError, numbers
+from contact.settled import settled
 from skfem_adini import AdiniExtension, CutDomain, ElementQuadAdini, LevelSet, Polygon
 from skfem_adini import InputError as AdiniInputError
 
 Array = NDArray[np.float64]
 
 
+@settled("make a new CutBody", "domain", "threshold", "level_set")
 class CutBody(ElasticBody):
     """An elastic body inside a level set, on a mesh of rectangles that need not fit it.
 

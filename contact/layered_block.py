@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy import sparse
 from skfem import Basis, ElementVector, MeshQuad
 
-from contact.body import ElasticBody
+from contact.body import ElasticBody, Field
 from contact.cell_stencil import CellStencil
 from contact.dense_arrays import HostArrays, arrays_on
 from contact.errors import InputError
 from contact.layers import grid, read_columns, read_layers, read_lengths, read_sides
 from contact.lowest_row import LowestRow
+from contact.material import checked_plane
 from contact.rows import live_rows
 from contact.selection import select_components
+from contact.settled import settled
 from contact.slab_doubling import PER_NODE, CellRows
 from contact.solid import Solid
 from skfem_adini import ElementQuadAdini
@@ -30,11 +32,12 @@ if TYPE_CHECKING:
     from contact.rows import ContactRows
 
 Array = NDArray[np.float64]
-Field = float | ArrayLike | Callable[[Array], ArrayLike]
 
 _SIDES = ("left", "right", "top")
+_GIVEN = ("plane", "layers", "lengths", "sides", "top", "width", "height", "columns", "cells")
 
 
+@settled("make a new LayeredBlock", *_GIVEN)
 class LayeredBlock(Solid):
     """A rectangle of horizontal layers, each of equal Adini cells and of one material.
 
@@ -87,7 +90,8 @@ class LayeredBlock(Solid):
         columns: int | None = None,
         plane: str | None = "strain",
     ) -> None:
-        self.dim, self.plane = 2, plane
+        self.dim, self.plane = 2, checked_plane(plane, 2)
+        self.lengths, self.sides, self.top = lengths, sides, top
         self.layers = read_layers(layers)
         self.width, self.height = read_lengths(lengths, self.layers)
         self.columns = read_columns(columns, self.width, self.layers[0])
@@ -101,7 +105,7 @@ class LayeredBlock(Solid):
                 ElementQuadAdini(),
                 E=l.E,
                 nu=l.nu,
-                plane=plane,
+                plane=self.plane,
             )
             for l in self.layers
         ]
@@ -109,8 +113,7 @@ class LayeredBlock(Solid):
         self._supports: list[tuple[str, int, Field]] = []
         self._edges: dict[str, tuple[ElasticBody, NDArray[np.int64]]] = {}
         self.arrays = HostArrays()
-        left, right = read_sides(sides)
-        for boundary, components in (("left", left), ("right", right), ("top", top)):
+        for boundary, components in zip(_SIDES, (*read_sides(sides), top), strict=True):
             if components is not None:
                 self.fix(boundary, components)
 
@@ -232,8 +235,7 @@ class LayeredBlock(Solid):
     @property
     def cell_size(self) -> float:
         """Mean cell size: square root of the mean area."""
-        cells = self.columns * (self.node_rows - 1)
-        return float(np.sqrt(self.width * self.height / cells))
+        return float(np.sqrt(self.width * self.height / (self.columns * (self.node_rows - 1))))
 
     @cached_property
     def trace(self) -> ElasticBody:
@@ -351,9 +353,8 @@ class LayeredBlock(Solid):
         if np.any(outside):
             i = int(np.argmax(outside))
             raise InputError(f"points: {points[:, i]} lies outside the block")
-        bottoms = np.array([layer.bottom for layer in self.layers])
+        bottoms, size = np.array([(l.bottom, l.height / l.cells) for l in self.layers]).T
         at = np.clip(np.searchsorted(bottoms, y, side="right") - 1, 0, None)
-        size = np.array([layer.height / layer.cells for layer in self.layers])
         return at, x * self.columns / self.width, (y - bottoms[at]) / size[at]
 
     def _local(self, u: Array, points: Array) -> Any:

@@ -17,6 +17,7 @@ from contact.errors import InputError, NotConverged, numbers
 from contact.load_history import HistoryFolder, LoadHistory, LoadStep, checked_times, fingerprint
 from contact.methods import Options
 from contact.obstacles import Gap
+from contact.settled import settled
 from contact.storage import problem_arrays
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ Progress = Callable[["LoadStep"], None]
 logger = logging.getLogger(__name__)
 
 
+@settled("make a new LoadStepper", "problem")
 class LoadStepper:
     r"""Quasi-static steps of a contact problem along a history of loads, supports and obstacles.
 

@@ -18,7 +18,9 @@ from contact.nested_start import start_forces
 from contact.newton import Iteration
 from contact.obstacles import Gap
 from contact.result import ContactResult, certify
+from contact.rigid import ObstacleMotion
 from contact.rows import ContactRows
+from contact.settled import settled
 from contact.solid import Solid
 from contact.system import ContactSystem
 from gpu import Infeasible as QPInfeasible
@@ -27,10 +29,13 @@ from gpu import NotConverged as QPNotConverged
 
 Array = NDArray[np.float64]
 Friction = float | ArrayLike | Callable[[Array], ArrayLike] | Sequence[Any]
+Laws = tuple[Gap, Friction, str | None]
 logger = logging.getLogger(__name__)
 _SAME: Any = object()
 
 
+@settled("make a new ContactProblem", "body", "boundary", "functional", "solver")
+@settled("set the obstacle, or make a new ContactProblem", "boundaries", "rows", "motion")
 class ContactProblem:
     """Contact of an elastic body with a rigid obstacle, with or without friction.
 
@@ -93,38 +98,78 @@ class ContactProblem:
             raise InputError(
                 f"body: expected an ElasticBody or a LayeredBlock, got {type(body).__name__}"
             )
+        if not isinstance(solver, str):
+            raise InputError(f"solver={solver!r}: expected 'auto', 'pardiso' or 'superlu'")
+        self.body: Any = body
+        self.boundary, self.functional, self.solver = boundary, functional, solver
+        self.boundaries: ContactBoundaries
+        self.rows: ContactRows
+        self.motion: ObstacleMotion | None
+        self._discretise((obstacle, friction, law))
+
+    @property
+    def obstacle(self) -> Gap:
+        """The obstacle, or a list of them; may be set anew."""
+        return self._laws[0]
+
+    @obstacle.setter
+    def obstacle(self, obstacle: Gap) -> None:
+        self._discretise((obstacle, *self._laws[1:]))
+
+    @property
+    def friction(self) -> Array:
+        """Coefficient or bound of each contact point, shape (m,), read-only; may be set anew."""
+        return self._friction
+
+    @friction.setter
+    def friction(self, friction: Friction) -> None:
+        self._take((self._laws[0], friction, self._laws[2]), self.boundaries)
+
+    @property
+    def law(self) -> str | None:
+        """The friction law; None where there is no friction. It may be set anew."""
+        return self._laws[2] if np.any(self._friction > 0) else None
+
+    @law.setter
+    def law(self, law: str | None) -> None:
+        self._take((*self._laws[:2], law), self.boundaries)
+
+    def _discretise(self, laws: Laws) -> None:
+        """Make the contact rows; their frames follow the body's supports."""
+        self.body.check_unchanged()
+        supports = len(self.body._supports)
+        found = ContactBoundaries.of(self.body.trace, self.boundary, laws[0], self.functional)
+        gap, motion = found.gap(laws[0]), found.motion(laws[0])
+        self._take(laws, found)
+        rows = self.body.embedded(replace(found.rows, gap=gap))
+        self.__dict__.update(boundaries=found, rows=rows, motion=motion)
+        self._supports = supports
+        self._condensed: tuple[str, Any, CondensedContact] | None = None
+
+    def _take(self, laws: Laws, boundaries: ContactBoundaries) -> None:
+        """Check obstacle, friction and law, and keep them."""
+        obstacle, given, law = laws
         if law not in ("coulomb", "tresca", None):
             raise InputError(f"law={law!r}: expected 'coulomb', 'tresca' or None")
-        self.body: Any = body
-        self.obstacle, self.solver = obstacle, solver
-        self._place = boundary, functional
-        self._discretise()
-        self.friction = self.boundaries.friction(friction)
-        if law is None and np.any(self.friction > 0):
+        friction = boundaries.friction(given)
+        rubs = bool(np.any(friction > 0))
+        if law is None and rubs:
             raise InputError(
                 "friction: law=None is contact without friction; leave friction out, or choose "
                 "law='coulomb' or 'tresca'"
             )
-        self.law = law if np.any(self.friction > 0) else None
-        if obstacle is None and self.law != "tresca":
+        if obstacle is None and not (law == "tresca" and rubs):
             raise InputError(
                 "obstacle: None (no contact law) needs given friction, law='tresca' and friction "
                 "> 0; there is no pressure for Coulomb's law to act on"
             )
+        friction.flags.writeable = False
+        self._laws, self._friction = laws, friction
 
-    def _discretise(self) -> None:
-        """Make the contact rows; their frames follow the body's supports."""
-        boundary, functional = self._place
-        self._supports = len(self.body._supports)
-        self.boundaries = ContactBoundaries.of(self.body.trace, boundary, self.obstacle, functional)
-        rows = replace(self.boundaries.rows, gap=self.boundaries.gap(self.obstacle))
-        self.rows: ContactRows = self.body.embedded(rows)
-        self.motion = self.boundaries.motion(self.obstacle)
-        self._condensed: tuple[str, CondensedContact] | None = None
-
-    def _follow_supports(self) -> None:
+    def _follow_body(self) -> None:
+        self.body.check_unchanged()
         if len(self.body._supports) != self._supports:
-            self._discretise()
+            self._discretise(self._laws)
 
     @property
     def system(self) -> ContactSystem:
@@ -135,7 +180,7 @@ class ContactProblem:
         self, body: Solid, after: ContactResult | None = None, obstacle: Gap = _SAME
     ) -> ContactSystem:
         """The discrete system of a body under other loads, with another obstacle, after a step."""
-        self._follow_supports()
+        self._follow_body()
         rows, motion = self.rows, self.motion
         if obstacle is not _SAME:
             rows = replace(rows, gap=self.boundaries.gap(obstacle))
@@ -155,11 +200,13 @@ class ContactProblem:
             Where to condense and to solve; default: where it was done before, else "cpu".
             "cuda" needs a `LayeredBlock`, CuPy and a CUDA device.
         """
-        self._follow_supports()
-        if self._condensed is None or device not in (None, self._condensed[0]):
-            where = "cpu" if device is None else device
-            self._condensed = where, self.body.condense(self.rows, self.solver, where)
-        return self._condensed[1]
+        self._follow_body()
+        kept, material = self._condensed, self.body._material
+        if kept is None or kept[1] is not material or device not in (None, kept[0]):
+            where = device or ("cpu" if kept is None else kept[0])
+            kept = where, material, self.body.condense(self.rows, self.solver, where)
+            self._condensed = kept
+        return kept[2]
 
     def solve(
         self,

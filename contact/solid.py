@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.cell_finder import find_cells, places_in
-from contact.errors import InputError
+from contact.errors import InputError, numbers
 from contact.rigid_modes import rigid_modes
 
 if TYPE_CHECKING:
@@ -36,12 +36,36 @@ class Solid(ABC):
 
     dim: int
     plane: str | None
-    f: Array
+    _f: Array
     _supports: list[Any]
+    _material: Any = None
+
+    @property
+    def f(self) -> Array:
+        """Load on every dof, shape (ndofs,)."""
+        return self._f
+
+    @f.setter
+    def f(self, value: Array) -> None:
+        given = numbers("f", value)
+        expected = self._f.shape if "_f" in self.__dict__ else given.shape
+        if given.shape != expected or given.ndim != 1 or not np.all(np.isfinite(given)):
+            raise InputError(
+                f"f: expected finite numbers of shape {expected}, one a dof, got shape "
+                f"{given.shape}" + ("" if np.all(np.isfinite(given)) else " with NaN or infinity")
+            )
+        self._f = given
+
+    def check_unchanged(self) -> None:
+        """Raise an `InputError` where the loads were edited in place to what cannot be."""
+        if not np.all(np.isfinite(self._f)):
+            raise InputError("f: the load vector holds values that are not finite")
 
     def snapshot(self) -> Self:
         """The body as it is now, for a result: later loads and supports do not reach it."""
-        return copy(self)
+        other = copy(self)
+        other._f = self._f.copy()
+        return other
 
     @property
     @abstractmethod

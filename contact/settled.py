@@ -1,0 +1,60 @@
+"""Attributes that are given once, and say so when they are assigned again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+Kind = TypeVar("Kind", bound=type)
+
+
+def settled(remedy: str, *names: str) -> Callable[[Kind], Kind]:
+    """Class decorator: setting one of the attributes a second time raises an AttributeError.
+
+    What was computed from it would not follow, and the assignment would be without effect. The
+    class itself may change the value, through ``self.__dict__``.
+
+    Parameters
+    ----------
+    remedy : str
+        What to do instead.
+    *names : str
+
+    Examples
+    --------
+    >>> @settled("make a new Body", "mesh")
+    ... class Body:
+    ...     def __init__(self, mesh):
+    ...         self.mesh = mesh
+    >>> body = Body(1)
+    >>> body.mesh = 2
+    Traceback (most recent call last):
+    AttributeError: Body.mesh cannot be changed: make a new Body
+    """
+
+    def decorate(kind: Kind) -> Kind:
+        for name in names:
+            setattr(kind, name, _Settled(name, remedy))
+        return kind
+
+    return decorate
+
+
+class _Settled:
+    def __init__(self, name: str, remedy: str) -> None:
+        self.name, self.remedy = name, remedy
+
+    def __get__(self, instance: Any, owner: type | None = None) -> Any:
+        if instance is None:
+            return self
+        try:
+            return instance.__dict__[self.name]
+        except KeyError:
+            raise AttributeError(f"{type(instance).__name__} has no {self.name} yet") from None
+
+    def __set__(self, instance: Any, value: Any) -> None:
+        if self.name in instance.__dict__:
+            raise AttributeError(
+                f"{type(instance).__name__}.{self.name} cannot be changed: {self.remedy}"
+            )
+        instance.__dict__[self.name] = value
