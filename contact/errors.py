@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
 from typing import Any
 
 import numpy as np
@@ -54,6 +56,14 @@ class ContactWarning(UserWarning):
 
 class MissingDependency(ContactError, ImportError):
     """An optional package is needed; the message holds the install line."""
+
+
+def warn(message: str) -> None:
+    """Issue a `ContactWarning` that points at the line which called this package."""
+    depth, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals["__name__"].startswith("contact."):
+        depth, frame = depth + 1, frame.f_back
+    warnings.warn(message, ContactWarning, stacklevel=depth)
 
 
 def numbers(name: str, value: ArrayLike) -> NDArray[np.float64]:

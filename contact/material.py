@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from contact.elasticity import checked_dilatation, lame
+from contact.elasticity import check_locking, checked_dilatation, lame
 from contact.errors import InputError, numbers
 from contact.settled import settled
 from contact.solid import BasisSolid
@@ -48,6 +48,7 @@ class MaterialBody(BasisSolid):
         new["plane"] = checked_plane(new["plane"], self.dim)
         new["dilatation"] = checked_dilatation(new["dilatation"], self.element)
         lam, mu = lame(new["E"], new["nu"], new["plane"])
+        check_locking(new["nu"], new["plane"], new["dilatation"], self.element)
         self._material = new
         self.__dict__.update(lam=lam, mu=mu)
         for derived in ("stiffness", "absolute_stiffness"):

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.errors import ContactWarning, InputError
+from contact.errors import InputError, warn
 from contact.obstacles import ClosestPoint, Cylinder, Plane, Sphere
 
 Array = NDArray[np.float64]
-_STACK = 6  # from here to the caller of `ContactProblem`
 
 
 def check_placement(obstacle: Any, gap: Array, x: Array, n: Array, size: float) -> None:
@@ -70,11 +68,6 @@ def check_placement(obstacle: Any, gap: Array, x: Array, n: Array, size: float) 
             "size of the body; a gap is positive where there is one, and a Plane's normal points "
             "towards the body"
         )
-
-
-def warn(message: str) -> None:
-    """Warn the caller of `ContactProblem`."""
-    warnings.warn(message, ContactWarning, stacklevel=_STACK)
 
 
 def _check_facing(plane: Plane, n: Array) -> None:

@@ -3,6 +3,9 @@
 The oracles are Hertz' closed form, the mixed method with one pressure a cell, and uniform strain.
 """
 
+import warnings
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 from example_scripts import load
@@ -12,15 +15,27 @@ from skfem import (
     BilinearForm,
     ElementHex0,
     ElementHex1,
+    ElementHex2,
     ElementQuad0,
     ElementQuad1,
     ElementQuad2,
+    ElementTetP1,
+    ElementTetP2,
+    ElementTriP1,
+    ElementTriP2,
     ElementVector,
 )
 from skfem.helpers import ddot, div, sym_grad
 
-from contact import ContactProblem, ContactResult, ElasticBody, InputError, Parabola
-from skfem_adini import ElementQuadAdini
+from contact import (
+    ContactProblem,
+    ContactResult,
+    ContactWarning,
+    ElasticBody,
+    InputError,
+    Parabola,
+)
+from skfem_adini import ElementHexAdini, ElementQuadAdini
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +49,9 @@ def hertz(half_space):
     def error(element, nu, cells, dilatation="pointwise"):
         """Rms of the pressure over p0 in |x| < .8 a, Hertz' line contact."""
         mesh = half_space.quarter(1 / cells, 1.25, 100.0)
-        body = ElasticBody.from_mesh(mesh, element(), E=1.0, nu=nu, dilatation=dilatation)
+        locks = element is ElementQuad1 and dilatation == "pointwise" and nu > 0.48
+        with pytest.warns(ContactWarning, match="locks") if locks else nullcontext():
+            body = ElasticBody.from_mesh(mesh, element(), E=1.0, nu=nu, dilatation=dilatation)
         force = np.pi / (1 - nu**2) / 80
         half_space.load_far_field(body.fix("left", "x"), (0.0, force), "right top")
         result = ContactProblem(body, "bottom", Parabola((0.0, 0.0), 20.0)).solve()
@@ -149,3 +166,79 @@ def test_stress_takes_the_mean_too(make, tmp_path):
 def test_malformed(element, word, names, make):
     with pytest.raises(InputError, match=names):
         body_of(make, element, 0.3, word)
+
+
+def stiffer(make, element, nu, cells, dilatation="pointwise"):
+    """By how much a bonded block, compressed by a tenth, is stiffer than with finer P2."""
+
+    def force(element, cells, dilatation="pointwise"):
+        dim = element().dim
+        mesh = make.box(element, *(np.linspace(0, 1, cells + 1),) * dim)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ContactWarning)
+            body = ElasticBody.from_mesh(mesh, element(), E=1.0, nu=nu, dilatation=dilatation)
+        body.fix("top", "xyz"[: dim - 1]).fix("top", dim - 1, -0.1)
+        return ContactProblem(body, "bottom", 0.0).solve().contact_force
+
+    fine = {2: ElementTriP2, 3: ElementTetP2}[element().dim]
+    return force(element, cells, dilatation) / force(fine, 5 * cells // 3) - 1
+
+
+def warned(make, element, nu, dilatation, plane="strain"):
+    mesh = make.box(element, *(np.linspace(0, 1, 2),) * element().dim)
+    options = {"plane": plane} if element().dim == 2 else {}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        ElasticBody.from_mesh(mesh, element(), E=1.0, nu=nu, dilatation=dilatation, **options)
+    assert all(w.category is ContactWarning and w.filename == __file__ for w in caught)
+    return " ".join(str(w.message) for w in caught)
+
+
+FIRST_ORDER = {
+    ElementTriP1: "second order",
+    ElementTetP1: "second order",
+    ElementQuad1: "dilatation='mean'",
+    ElementHex1: "dilatation='mean'",
+}
+
+
+@pytest.mark.parametrize("element", FIRST_ORDER)
+def test_elements_that_lock_say_so(element, make):
+    """By a quarter at least at .499, on few cells; the warning names the way out."""
+    cells = 12 if element().dim == 2 else 3
+    assert stiffer(make, element, 0.499, cells) > 0.25
+    assert stiffer(make, element, 0.3, cells) < 0.05
+    assert FIRST_ORDER[element] in warned(make, element, 0.499, "pointwise")
+    assert not warned(make, element, 0.45, "pointwise")
+    if element().dim == 2:
+        assert not warned(make, element, 0.499, "pointwise", "stress")
+
+
+NO_LOCKING = [
+    (ElementQuad1, "mean"),
+    (ElementHex1, "mean"),
+    (ElementTriP2, "pointwise"),
+    (ElementQuad2, "pointwise"),
+    (ElementQuadAdini, "pointwise"),
+    (ElementTetP2, "pointwise"),
+    (ElementHexAdini, "pointwise"),
+]
+
+
+@pytest.mark.parametrize(("element", "dilatation"), NO_LOCKING)
+def test_elements_that_do_not_lock_are_silent(element, dilatation, make):
+    cells = 6 if element().dim == 2 else 3
+    assert abs(stiffer(make, element, 0.499, cells, dilatation)) < 0.06
+    assert not warned(make, element, 0.499, dilatation)
+
+
+@pytest.mark.parametrize("element", [ElementQuad2, ElementHex2])
+def test_biquadratic_pressure_oscillates_at_last(element, make):
+    assert "oscillates" in warned(make, element, 0.4999, "pointwise")
+    assert not warned(make, element, 0.499, "pointwise")
+
+
+def test_material_set_anew_warns_too(make):
+    body = body_of(make, ElementQuad1, 0.3, "pointwise")
+    with pytest.warns(ContactWarning, match="locks"):
+        body.nu = 0.4999
