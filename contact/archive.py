@@ -45,8 +45,10 @@ def checksum(arrays: Mapping[str, Any]) -> str:
 
 def write_arrays(
     path: Path, arrays: Mapping[str, Any], compress: bool = True, exclusive: bool = False
-) -> str:
+) -> Path:
     """Write an archive beside its place and move it there, complete or not at all.
+
+    Its `checksum` stands in it.
 
     Parameters
     ----------
@@ -54,18 +56,13 @@ def write_arrays(
     arrays : mapping of str to array
     compress, exclusive : bool
         `exclusive` leaves a file that lies there and raises `FileExistsError`.
-
-    Returns
-    -------
-    str
-        The `checksum` of the arrays, which stands in the archive too.
     """
     with complete_file(path, exclusive=exclusive) as file, uninterrupted():
         whole = {name: np.asarray(value) for name, value in arrays.items()}
-        found = checksum(whole)
-        save = np.savez_compressed if compress else np.savez
-        save(file, **whole, **{_CHECKSUM: np.array(found)})
-    return found
+        whole[_CHECKSUM] = np.array(checksum(whole))
+        save: Any = np.savez_compressed if compress else np.savez
+        save(file, **whole)
+    return path
 
 
 def read_arrays(path: Path) -> tuple[dict[str, Any], str | None]:
@@ -75,7 +72,7 @@ def read_arrays(path: Path) -> tuple[dict[str, Any], str | None]:
     -------
     arrays : dict of str to ndarray
     checksum : str or None
-        None where the archive has none, as before version 0.2.
+        None where the archive has none, as those of formats 1 and 2.
 
     Raises
     ------

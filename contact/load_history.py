@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError, numbers
 from contact.export import body_grid, boundary_grid
-from contact.storage import problem_arrays, read_arrays, read_step, state_arrays, write_arrays
-from skfem_adini.complete_file import complete_file
+from contact.history_folder import HistoryFolder
 from skfem_adini.vtk_files import write_series
 
 if TYPE_CHECKING:
     from contact.result import ContactResult
-    from contact.system import ContactSystem
 
 Array = NDArray[np.float64]
-_FORMAT = 1
-logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -58,20 +51,41 @@ class LoadStep:
 
 @dataclass(frozen=True, eq=False)
 class LoadHistory:
-    """The finished steps of a load history.
+    """The finished steps of a load history: a sequence of results, and their times.
+
+    ``history[0]`` is the result of the first step, ``history[1:3]`` a part of the history, and
+    ``for result in history`` runs through the steps.
 
     Attributes
     ----------
     times : ndarray, shape (n,)
     results : tuple of ContactResult
         One a step, each with its own certificate.
+    damage : InputError or None
+        Of a history read from a folder: why it ends before the last file there.
     """
 
     times: Array = field(default_factory=lambda: np.zeros(0))
     results: tuple[ContactResult, ...] = ()
+    damage: InputError | None = None
 
     def __len__(self) -> int:
         return len(self.results)
+
+    def __iter__(self) -> Iterator[ContactResult]:
+        return iter(self.results)
+
+    @overload
+    def __getitem__(self, place: int) -> ContactResult: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> LoadHistory: ...
+
+    def __getitem__(self, place: int | slice) -> ContactResult | LoadHistory:
+        """The result of one step, counted from zero, or a part of the history."""
+        if isinstance(place, slice):
+            return LoadHistory(self.times[place], self.results[place])
+        return self.results[place]
 
     def extended(self, time: float, result: ContactResult) -> LoadHistory:
         """The history with one more step."""
@@ -100,7 +114,7 @@ class LoadHistory:
         Path
             The collection of the body.
         """
-        path = Path(path)
+        path = as_path(path)
         if path.suffix != ".pvd":
             raise InputError(f"path: expected a name ending in .pvd, got {path.name!r}")
         if not self.results:
@@ -118,102 +132,18 @@ class LoadHistory:
     def load(cls, path: str | Path) -> LoadHistory:
         """Read the finished steps of a folder that `LoadStepper.run` wrote, complete or not.
 
+        Every step is certified again, as `ContactResult.load` does, and shown to be of this run. A
+        step that cannot be read ends the history before it, which is logged as a warning and told
+        in `damage`; `LoadStepper.resume` solves it again.
+
         Raises
         ------
         InputError
-            No history lies there.
+            No history lies there; a step is another run's or was changed; the problem is damaged.
         """
-        folder = HistoryFolder.opened(Path(path))
+        folder = HistoryFolder.opened(as_path(path))
         results = tuple(folder.finished())
-        return cls(folder.times[: len(results)], results)
-
-
-@dataclass(frozen=True)
-class HistoryFolder:
-    """A folder with ``history.json``, ``problem.npz`` and one ``step_00001.npz`` a finished step.
-
-    Every file appears under its name only once it is complete, so that an interruption or a full
-    disk costs the step at hand and none before.
-
-    Attributes
-    ----------
-    path : Path
-    times : ndarray, shape (n,)
-        Of all steps that the run was asked for.
-    fingerprint : str
-        Of the problem.
-    """
-
-    path: Path
-    times: Array
-    fingerprint: str
-
-    @classmethod
-    def created(cls, path: Path, times: Array, fingerprint: str) -> HistoryFolder:
-        """Make the folder; `InputError` when it holds anything."""
-        path.mkdir(parents=True, exist_ok=True)
-        if any(path.iterdir()):
-            raise InputError(f"path: {path} is not empty; resume it, or choose a new folder")
-        about = {"format": _FORMAT, "times": times.tolist(), "fingerprint": fingerprint}
-        with complete_file(path / "history.json") as file:
-            file.write(json.dumps(about).encode())
-        return cls(path, times, fingerprint)
-
-    @classmethod
-    def opened(cls, path: Path) -> HistoryFolder:
-        """Find an existing folder; `InputError` when it is none."""
-        try:
-            about = json.loads((path / "history.json").read_text())
-            if about["format"] != _FORMAT:
-                raise ValueError(f"format {about['format']}, not {_FORMAT}")
-            return cls(path, np.array(about["times"], dtype=float), str(about["fingerprint"]))
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError(f"path: {path} holds no load history ({error})") from error
-
-    def write(self, k: int, result: ContactResult) -> None:
-        """Write step k, counted from zero; the first brings the problem along."""
-        problem = self.path / "problem.npz"
-        if not problem.exists():
-            write_arrays(problem, problem_arrays(result.system))
-        write_arrays(self._step(k), state_arrays(result), compress=False)
-
-    def finished(self, system: ContactSystem | None = None) -> Iterator[ContactResult]:
-        """The steps up to the first that is missing or damaged.
-
-        Parameters
-        ----------
-        system : ContactSystem, optional
-            Of the problem at hand: the results then share its body and rows.
-        """
-        if not self._step(0).is_file():
-            return
-        shared = read_arrays(self.path / "problem.npz")
-        for k in range(self.times.size):
-            try:
-                result = read_step(self._step(k), shared, system)
-            except InputError as error:
-                if self._step(k).is_file():
-                    logger.warning("%s; the history ends before it", error)
-                return
-            system = result.system
-            yield result
-
-    def _step(self, k: int) -> Path:
-        return self.path / f"step_{k + 1:05d}.npz"
-
-
-def fingerprint(system: ContactSystem, vectors: Sequence[Array]) -> str:
-    """SHA-256 of what makes two problems the same."""
-    digest = hashlib.sha256(repr(system.law).encode())
-    body, rows = system.body, system.rows
-    for matrix in (body.stiffness, body.constraint[0], rows.G, rows.T):
-        for part in (matrix.data, matrix.indices, matrix.indptr):
-            digest.update(np.ascontiguousarray(part).tobytes())
-    moved = () if system.motion is None else tuple(vars(system.motion).values())
-    given = (system.load, system.friction, rows.weights, rows.gap, *moved, *vectors)
-    for array in (body.constraint[1], *given):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
+        return cls(folder.times[: len(results)], results, folder.damage)
 
 
 def checked_times(times: ArrayLike, done: Array) -> Array:
@@ -224,3 +154,11 @@ def checked_times(times: ArrayLike, done: Array) -> Array:
     if np.any(np.diff(np.concatenate((done[-1:], schedule))) <= 0):
         raise InputError("times: must increase, from the last finished step on")
     return schedule
+
+
+def as_path(path: str | Path) -> Path:
+    """The path, or an `InputError` where none was given."""
+    try:
+        return Path(path)
+    except TypeError:
+        raise InputError(f"path={path!r}: expected the name of a file or folder") from None

@@ -14,19 +14,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError, NotConverged, numbers
-from contact.load_history import HistoryFolder, LoadHistory, LoadStep, checked_times, fingerprint
+from contact.history_folder import HistoryFolder, fingerprint, same_conditions
+from contact.load_history import LoadHistory, LoadStep, as_path, checked_times
 from contact.methods import Options
 from contact.obstacles import Gap
 from contact.settled import settled
-from contact.storage import problem_arrays
+from contact.time_factor import Factor, checked_factor, value_at
 
 if TYPE_CHECKING:
     from contact.body import Field
     from contact.problem import ContactProblem
     from contact.result import ContactResult
+    from contact.system import ContactSystem
 
 Array = NDArray[np.float64]
-Factor = Callable[[float], float]
 Boundary = str | Sequence[str] | ArrayLike
 Progress = Callable[["LoadStep"], None]
 logger = logging.getLogger(__name__)
@@ -119,12 +120,12 @@ class LoadStepper:
             Default: t itself.
         """
         vector = self._unloaded().load(boundary, traction).f
-        self._loads.append((vector, _checked_factor(factor)))
+        self._loads.append((vector, checked_factor(factor)))
         return self
 
     def body_force(self, force: Field, factor: Factor | None = None) -> Self:
         """Add the volume force ``factor(t) * force``; see `ElasticBody.body_force`."""
-        self._loads.append((self._unloaded().body_force(force).f, _checked_factor(factor)))
+        self._loads.append((self._unloaded().body_force(force).f, checked_factor(factor)))
         return self
 
     def load_vector(self, vector: ArrayLike, factor: Factor | None = None) -> Self:
@@ -135,7 +136,7 @@ class LoadStepper:
                 f"vector: expected {self.problem.body.f.size} finite numbers, got shape "
                 f"{values.shape}"
             )
-        self._loads.append((values, _checked_factor(factor)))
+        self._loads.append((values, checked_factor(factor)))
         return self
 
     def _unloaded(self) -> Any:
@@ -182,7 +183,7 @@ class LoadStepper:
         ]
         for derived in ("constraint", "prescribed"):
             at_rest.__dict__.pop(derived, None)
-        self._motions.append((at_rest.constraint[1], _checked_factor(factor)))
+        self._motions.append((at_rest.constraint[1], checked_factor(factor)))
         return self
 
     def obstacle(self, of_time: Callable[[float], Gap]) -> Self:
@@ -241,7 +242,7 @@ class LoadStepper:
             Increasing, later than the steps that are finished.
         path : str or Path, optional
             A folder that gets a file for each finished step, for `resume` and
-            `LoadHistory.load`; new, or empty.
+            `LoadHistory.load`; new, or empty. One process writes there at a time.
         progress : bool
             Print a line for each step.
         callback : callable, optional
@@ -261,13 +262,15 @@ class LoadStepper:
             A step could not be written. Steps written before it stay readable.
         """
         schedule = checked_times(times, self.history.times)
-        folder = None
-        if path is not None:
-            everything = np.concatenate((self.history.times, schedule))
-            folder = HistoryFolder.created(Path(path), everything, self._fingerprint())
+        if path is None:
+            return self._run(schedule, None, progress, callback)
+        everything = np.concatenate((self.history.times, schedule))
+        system = self.problem.system
+        folder = HistoryFolder.created(as_path(path), everything, system, self._fingerprint())
+        with folder.locked():
             for k in range(len(self.history)):
                 folder.write(k, self.history.results[k])
-        return self._run(schedule, folder, progress, callback)
+            return self._run(schedule, folder, progress, callback)
 
     def resume(
         self,
@@ -290,26 +293,27 @@ class LoadStepper:
         Raises
         ------
         InputError
-            No history lies there, or another problem's.
+            No history lies there, or another problem's; a step is another run's or was changed;
+            another process is at it.
         """
-        folder = HistoryFolder.opened(Path(path))
+        folder = HistoryFolder.opened(as_path(path))
         another = InputError(
-            f"path: {path} holds the history of another problem (other stiffness, contact rows, "
-            "gap, friction, loads or supports); build the stepper as it was"
+            f"path: {path} holds the history of another problem (other mesh, material, contact "
+            "rows, gap, friction, loads or supports); build the stepper as it was"
         )
         if folder.fingerprint != self._fingerprint():
             raise another
-        history = LoadHistory()
-        for t, result in zip(folder.times, folder.finished(self.problem.system), strict=False):
-            now, then = self._body_at(float(t)), result.system
-            for a, b in ((now.f, then.load), (now.constraint[1], then.body.constraint[1])):
-                if np.abs(a - b).max() > 1e-9 * np.abs(b).max():  # another function of time
-                    raise another
-            history = history.extended(float(t), result)
-        self.history = history
-        left = folder.times[len(self.history) :]
-        logger.info("resuming after %d of %d steps", len(self.history), folder.times.size)
-        return self._run(left, folder, progress, callback)
+        with folder.locked():
+            history = LoadHistory()
+            for t, result in zip(folder.times, folder.finished(self.problem.system), strict=False):
+                if not same_conditions(self._system_at(float(t), None), result.system):
+                    raise another  # another function of time
+                history = history.extended(float(t), result)
+            folder.clear_after(len(history))
+            self.history = history
+            left = folder.times[len(self.history) :]
+            logger.info("resuming after %d of %d steps", len(self.history), folder.times.size)
+            return self._run(left, folder, progress, callback)
 
     def _run(
         self,
@@ -336,10 +340,8 @@ class LoadStepper:
     def _advance(
         self, last: ContactResult | None, begin: float, end: float, halvings: int
     ) -> ContactResult:
-        problem, body = self.problem, self._body_at(end)
-        obstacle = () if self._obstacle is None else (self._obstacle(end),)
-        system = problem.system_of(body, last, *obstacle)
-        condensed = problem.condense().under(body)
+        problem, system = self.problem, self._system_at(end, last)
+        condensed = problem.condense().under(system.body)
         start = last if last is None else self._extrapolated(last, begin, end)
         try:
             return problem.solve_system(system, condensed, self.options, start)
@@ -351,13 +353,18 @@ class LoadStepper:
         last = self._advance(last, begin, middle, halvings - 1)
         return self._advance(last, middle, end, halvings - 1)
 
+    def _system_at(self, t: float, last: ContactResult | None) -> ContactSystem:
+        """The discrete system at a time, after the last step."""
+        obstacle = () if self._obstacle is None else (self._obstacle(t),)
+        return self.problem.system_of(self._body_at(t), last, *obstacle)
+
     def _body_at(self, t: float) -> Any:
         base = self.problem.body
         f, u0 = base.f, base.constraint[1]
         for vector, factor in self._loads:
-            f = f + _value(factor, t) * vector
+            f = f + value_at(factor, t) * vector
         for vector, factor in self._motions:
-            u0 = u0 + _value(factor, t) * vector
+            u0 = u0 + value_at(factor, t) * vector
         return base.under(f, u0)
 
     def _extrapolated(self, last: ContactResult, begin: float, end: float) -> ContactResult:
@@ -372,25 +379,9 @@ class LoadStepper:
         return replace(last, mu=mu, t=last.t + ahead * (last.t - before.t))
 
     def _fingerprint(self) -> str:
-        problem_arrays(self.problem.system)  # refuses a body that no file can hold
         vectors = [vector for vector, _ in (*self._loads, *self._motions)]
         return fingerprint(self.problem.system, vectors)
 
 
 def _still(x: Array) -> Array:
     return np.zeros(x.shape[1:])
-
-
-def _checked_factor(factor: Factor | None) -> Factor:
-    if factor is None:
-        return lambda t: t
-    if not callable(factor):
-        raise InputError(f"factor={factor!r}: expected a function of time")
-    return factor
-
-
-def _value(factor: Factor, t: float) -> float:
-    value = numbers("factor", factor(t))
-    if value.shape != () or not np.isfinite(value):
-        raise InputError(f"factor: returned {value!r} at t = {t}; expected a finite number")
-    return float(value)

@@ -68,7 +68,7 @@ class Options:
         if peer and law is not None and dim == 3:
             raise InputError(f"method={method!r}: friction in 3-D is no QP; use 'newton' or 'pdas'")
         if tol is None:
-            tol = 1e-6 if method == "fixed_point" else 1e-7 if peer else 1e-10
+            tol = default_tolerance(method)
         for name, value in (("tol", tol), ("max_iterations", max_iterations), ("eps", eps)):
             if value is not None and numbers(name, value).shape != ():
                 raise InputError(f"{name}={value!r}: expected one number")
@@ -81,6 +81,11 @@ class Options:
         if eps is not None and (method != "fixed_point" or not 0 < eps < np.inf):
             raise InputError(f"eps={eps!r}: a positive number, for method 'fixed_point' only")
         return cls(method, float(tol), int(max_iterations), eps)
+
+
+def default_tolerance(method: str) -> float:
+    """What a method's certificate is held to unless the caller chooses."""
+    return 1e-6 if method == "fixed_point" else 1e-7 if method.startswith("qp:") else 1e-10
 
 
 def solve_boundary(

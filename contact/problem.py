@@ -352,6 +352,8 @@ class ContactProblem:
             options.method,
             tuple(history),
             condensed.obstacle_motion(system.motion, forces),
+            options.tol,
+            slack,
         )
         certify(result, options.tol, slack)
         return result

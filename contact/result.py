@@ -53,6 +53,8 @@ class ContactResult:
         One entry an iteration of the solver.
     motion : ndarray, shape (k,), or None
         Of `Rigid` obstacles: translations, then rotation, one obstacle after the other.
+    tol, slack : float
+        What the certificate was held to, see `certify`; tol None stands for that of the method.
     """
 
     system: ContactSystem
@@ -62,6 +64,8 @@ class ContactResult:
     method: str
     history: tuple[Iteration, ...]
     motion: Array | None = None
+    tol: float | None = None
+    slack: float = 0.0
 
     @property
     def x(self) -> Array:
@@ -284,17 +288,46 @@ class ContactResult:
         return where
 
     def save(self, path: str | Path) -> Path:
-        """Write the result, problem included, to one compressed file; see `load`."""
+        """Write the result, problem included, to one compressed file; see `load`.
+
+        Parameters
+        ----------
+        path : str or Path
+            Ends in .npz, which is added to a name without a suffix or with a number for one.
+
+        Returns
+        -------
+        Path
+            The file, complete and on the disk.
+
+        Raises
+        ------
+        InputError
+            Another suffix; a state that fails its certificate or holds NaN; a body or an element
+            that no file holds.
+        """
         from contact.storage import write
 
-        return write(self, Path(path))
+        return write(self, path)
 
     @classmethod
     def load(cls, path: str | Path) -> ContactResult:
-        """Read a file written by `save`; nothing is lost, `kkt` is recomputed from it."""
+        """Read a file written by `save`: nothing is lost, and the certificate is computed anew.
+
+        The stiffness is assembled from the mesh, the element, E and nu in the file, so that
+        residuals see whether these, loads, laws and solution still belong together. What residuals
+        cannot see (names, weights, gaps of open points) a checksum covers. Functions are not in
+        the file: supports, obstacles and friction are there as the numbers they gave.
+
+        Raises
+        ------
+        InputError
+            No such file; damaged, changed, encrypted or foreign; the solution in it does not solve
+            the problem in it. Files of format 2, before checksums, are certified all the same.
+        """
         from contact.storage import read
 
-        return read(Path(path))
+        return read(path)
 
     def to_pyvista(self, subdivide: int | None = None) -> Any:
         """Body as a pyvista grid: displacement, cell-wise von Mises stress."""
