@@ -154,6 +154,8 @@ class ElasticBody(MaterialBody):
             if type(mesh).__name__ not in _DEFAULT_ELEMENT:
                 raise InputError(f"element: no default for {type(mesh).__name__}; pass one")
             element = _DEFAULT_ELEMENT[type(mesh).__name__]()
+        if type(element) in (ElementQuadAdini, ElementHexAdini, ElementQuadBFS):
+            element = type(element)(derivatives=1)  # strains need no Hessian
         if not isinstance(element, ElementVector):
             element = ElementVector(element)
         if element.refdom is not mesh.elem.refdom:

@@ -99,7 +99,9 @@ class CutBody(ElasticBody):
             _of_active("E", E, mesh.nelements, whole.active),
             _of_active("nu", nu, mesh.nelements, whole.active),
         )
-        super().__init__(Basis(self.domain.mesh, ElementVector(ElementQuadAdini())), E, nu, plane)
+        super().__init__(
+            Basis(self.domain.mesh, ElementVector(ElementQuadAdini(derivatives=1))), E, nu, plane
+        )
         _ = self.extension
 
     @classmethod

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 from itertools import combinations_with_replacement, product
 from typing import Any, ClassVar
 
@@ -11,9 +12,11 @@ from numpy.typing import NDArray
 from skfem.element import DiscreteField, ElementH1
 
 from .errors import InputError
+from .field_on_demand import DERIVATIVE_NAMES, FieldOnDemand
 from .hermite_factors import Function, derivatives, exponents
 from .hex_cells import HexCells
 from .quad_cells import QuadCells
+from .reduced_order import log_twist
 
 Array = NDArray[np.float64]
 Cells = QuadCells | HexCells
@@ -42,7 +45,7 @@ class ClosedFormElement(ElementH1):
     reference: ClassVar[tuple[Function, ...]]
     cells: ClassVar[type[QuadCells] | type[HexCells]]
 
-    def __init__(self, derivatives: int = 1) -> None:
+    def __init__(self, derivatives: int = 2) -> None:
         if derivatives not in range(_MOST_DERIVATIVES + 1):
             raise InputError(f"derivatives: expected 0 to {_MOST_DERIVATIVES}, got {derivatives!r}")
         self.derivatives = int(derivatives)
@@ -72,33 +75,51 @@ class ClosedFormElement(ElementH1):
         Returns
         -------
         tuple of DiscreteField
-            One field: value (cells, points), grad (dim, cells, points), hess (dim, dim, cells,
-            points) and so on, up to `derivatives`.
+            One field: value (cells, points), grad (dim, cells, points), and hess (dim, dim, cells,
+            points) and so on, up to `derivatives`, made when they are first used.
         """
-        dof = self._locate(i)
-        vertex = self.doflocs[i]
+        self._locate(i)
         cells = self.cells.from_mapping(mapping, tind)
         if i == 0:
-            self._check(cells)
+            self._check(cells, mapping, X)
         if self.derivatives > 2 and not cells.affine:
             raise InputError(
                 f"derivatives: {self.derivatives} orders need {cells.affine_name} cells; "
                 f"use {type(self).__name__}(derivatives=2) on this mesh"
             )
-        functions, weights = self._pull_back(cells, vertex, dof)
-        fields = [_combine(weights, derivatives(functions, vertex, X, 0))]
-        if self.derivatives > 0:
-            G = cells.inverse_jacobian(X)
-        for order in range(1, self.derivatives + 1):
-            rows = derivatives(functions, vertex, X, order)
-            fields.append(_push_forward(weights, rows, G, order))
-        if self.derivatives > 1 and not cells.affine:
-            fields[2] -= _twist_hessian(cells.second_derivatives(X), fields[1], G)
-        names = ("value", "grad", "hess", "grad3", "grad4", "grad5", "grad6")
-        return (DiscreteField(**dict(zip(names, fields, strict=False))),)
+        value = self._evaluate(cells, X, i, 0)
+        gradient = self._evaluate(cells, X, i, 1) if self.derivatives > 0 else None
+        make = partial(self._demanded, mapping, X, i, tind)
+        return (FieldOnDemand(value, gradient, self.derivatives, make),)
 
-    def _check(self, cells: Any) -> None:
-        cells.check()
+    def _demanded(
+        self, mapping: Any, X: Array, i: int, tind: NDArray[np.integer] | None, order: int
+    ) -> Array:
+        """Return the derivatives of one order, if it is one of `derivatives`."""
+        if order > self.derivatives:
+            raise InputError(
+                f"derivatives: {DERIVATIVE_NAMES[order]} is not there, the element was made with "
+                f"derivatives={self.derivatives}; use {type(self).__name__}(derivatives={order})"
+            )
+        return self._evaluate(self.cells.from_mapping(mapping, tind), X, i, order)
+
+    def _evaluate(self, cells: Any, X: Array, i: int, order: int) -> Array:
+        """Return the derivatives of one order of function i."""
+        vertex = self.doflocs[i]
+        functions, weights = self._pull_back(cells, vertex, self._locate(i))
+        rows = derivatives(functions, vertex, X, order)
+        if order == 0:
+            return _combine(weights, rows)
+        G = cells.inverse_jacobian(X)
+        field = _push_forward(weights, rows, G, order)
+        if order == 2 and not cells.affine:
+            gradient = _push_forward(weights, derivatives(functions, vertex, X, 1), G, 1)
+            field -= _twist_hessian(cells.second_derivatives(X), gradient, G)
+        return field
+
+    def _check(self, cells: Any, mapping: Any, X: Array) -> None:
+        twist = cells.check()
+        log_twist(twist, cells, mapping, X)
 
     def _pull_back(
         self, cells: Any, vertex: Array, dof: int

@@ -39,20 +39,35 @@ class ElementQuadAdini(ClosedFormElement):
     Parameters
     ----------
     derivatives
-        How many orders of derivatives `gbasis` returns, 0 to 6: 1 the gradient, 2 also the
-        Hessian (`hess`), 3 also `grad3`, and so on. Orders above 2 need parallelogram cells.
+        How many orders of derivatives the functions have, 0 to 6: 1 the gradient, 2 also the
+        Hessian (`hess`), 3 also `grad3`, and so on. Orders above 1 are computed when a form first
+        uses them. `ElementVector` copies all of them as soon as its basis is made:
+        ``derivatives=1`` there halves time and memory where no form uses the Hessian.
+        Orders above 2 need parallelogram cells.
 
     Raises
     ------
     InputError
         `derivatives` is not a whole number from 0 to 6; a cell is not strictly convex or the mesh
-        not made of four-node quadrilaterals; third derivatives on cells that are not
+        has curved cells; third derivatives on cells that are not
         parallelograms.
 
-    Warns
+    Notes
     -----
-    ReducedOrderWarning
-        Cells have a twist above 1e-3.
+    For u = 0 (or u = g) on the boundary of a second-order problem fix u and its derivatives *along*
+    the boundary, ``condense(K, f, D=essential_dofs(basis))``. The idiom of Lagrange elements,
+    ``D=basis.get_dofs()``, also holds the normal derivative, which the problem leaves free, and
+    costs three orders: it is right for clamped plates alone. See :func:`essential_dofs`; for
+    slanted edges :func:`essential_constraints`.
+
+    Meshes of second order (`MeshQuad2`) are accepted where the cells are straight: the other nodes
+    in the middle.
+
+    `maxdeg` is 4, so `skfem.Basis` integrates with degree 8: on parallelograms all matrices of
+    constant coefficients are exact (``intorder=6`` is enough there and takes 16 points a cell
+    instead of 25). On cells moved by 8, 20 and 32 % of their sides the mass matrix is exact and
+    the stiffness matrix off by 5e-9, 4e-7 and 2e-5, where degree 6 leaves 2e-6, 3e-5 and 2e-4.
+    That a mesh is twisted is logged as a warning (`logging`), once for each cell basis.
 
     References
     ----------
@@ -78,7 +93,7 @@ class ElementQuadAdini(ClosedFormElement):
     """
 
     nodal_dofs = 3
-    maxdeg = 3
+    maxdeg = 4
     dofnames = ["u", "u_x", "u_y"]  # noqa: RUF012
     doflocs = np.repeat([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]], 3, axis=0)
     refdom = RefQuad

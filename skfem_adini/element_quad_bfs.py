@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from skfem.refdom import RefQuad
@@ -43,8 +44,10 @@ class ElementQuadBFS(ClosedFormElement):
     Parameters
     ----------
     derivatives
-        How many orders of derivatives `gbasis` returns, 0 to 6: 1 the gradient, 2 also the
-        Hessian (`hess`), 3 also `grad3`, and so on.
+        How many orders of derivatives the functions have, 0 to 6: 1 the gradient, 2 also the
+        Hessian (`hess`), 3 also `grad3`, and so on. Orders above 1 are computed when a form first
+        uses them. `ElementVector` copies all of them as soon as its basis is made:
+        ``derivatives=1`` there halves time and memory where no form uses the Hessian.
 
     Raises
     ------
@@ -54,8 +57,17 @@ class ElementQuadBFS(ClosedFormElement):
 
     Notes
     -----
-    `maxdeg` is 6, the degree of the functions, so `skfem.Basis` takes 49 points a cell. Mass and
-    stiffness matrices are exact with `intorder=6`, 16 points.
+    `maxdeg` is 6, the degree of the functions and what scikit-fem gives its own, so `skfem.Basis`
+    takes 49 points a cell. The cells are rectangles: all matrices of constant coefficients are
+    exact with `intorder=6`, 16 points.
+
+    For u = 0 on the boundary of a second-order problem fix u and its derivatives *along* the
+    boundary, ``condense(K, f, D=essential_dofs(basis))``. ``D=basis.get_dofs()`` also holds the
+    normal derivative and u_xy, which the problem leaves free, and costs three orders: it is right
+    for clamped plates alone.
+
+    scikit-fem has a class of the same name. Functions of this package that need dofs at vertices
+    take both.
 
     References
     ----------
@@ -85,7 +97,7 @@ class ElementQuadBFS(ClosedFormElement):
     )
     cells = QuadCells
 
-    def _check(self, cells: QuadCells) -> None:
+    def _check(self, cells: QuadCells, mapping: Any, X: Array) -> None:
         sizes = np.abs([cells.a, cells.b])
         slanted = sizes.min(axis=1) > _PARALLEL * sizes.max(axis=1)
         bad = slanted.any(axis=0) | cells.c.any(axis=0)

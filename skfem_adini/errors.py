@@ -18,7 +18,10 @@ class NotConverged(AdiniError):
 
 
 class ReducedOrderWarning(UserWarning):
-    """The cells are not parallelograms: the order of convergence may be lower than stated."""
+    """Not issued any more: cells on which an order is lost are named in the log (`logging`).
+
+    The name stays so that filters which hold it go on working.
+    """
 
 
 class UnresolvedWarning(UserWarning):

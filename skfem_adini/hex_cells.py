@@ -12,7 +12,7 @@ from skfem.refdom import RefHex
 
 from .errors import InputError
 from .quad_cells import SMALLEST_SINE
-from .reduced_order import warn_of_twist
+from .straight_cells import straight_corners
 
 Array = NDArray[np.float64]
 
@@ -46,6 +46,7 @@ class HexCells:
     """
 
     affine_name: ClassVar[str] = "parallelepiped"
+    general_name: ClassVar[str] = "hexahedral"
 
     a: Array
     c: Array
@@ -61,15 +62,9 @@ class HexCells:
     def from_mapping(cls, mapping: Any, tind: NDArray[np.integer] | None = None) -> HexCells:
         """Read the cells `tind` (all by default) of the mesh behind a scikit-fem mapping."""
         mesh = mapping.mesh
-        vertices = mesh.dofs.element_dofs
-        if mesh.refdom is not RefHex or vertices.shape[0] != 8:
-            raise InputError(
-                f"mesh: expected eight-node hexahedra (MeshHex), got {type(mesh).__name__}; "
-                f"build a MeshHex from the corner vertices"
-            )
-        p111, p110, p101, p011, p100, p010, p001, p000 = (
-            mesh.doflocs[:, vertex if tind is None else vertex[tind]] for vertex in vertices
-        )
+        if mesh.refdom is not RefHex:
+            raise InputError(f"mesh: expected hexahedra (MeshHex), got {type(mesh).__name__}")
+        p111, p110, p101, p011, p100, p010, p001, p000 = straight_corners(mesh, tind)
         a = np.array([p100 - p000, p010 - p000, p001 - p000])
         c = np.array([(p011 - p010) - a[2], (p101 - p100) - a[2], (p110 - p100) - a[1]])
         d = (p111 - p110) - (p101 - p100) - c[0]
@@ -112,11 +107,16 @@ class HexCells:
         for i, (j, k) in enumerate(_OTHERS):
             yield (j, k), self.c[i][..., None] + self.d[..., None] * X[i]
 
-    def check(self) -> None:
-        """Raise on a cell whose Jacobian vanishes or changes sign, warn when cells are twisted.
+    def check(self) -> float:
+        """Raise on a cell whose Jacobian vanishes or changes sign, else return the largest twist.
 
         The determinant has degree 2 in each coordinate. Its Bernstein coefficients, on the cell
         or on 8^3 parts of it, have one sign in every cell that is accepted.
+
+        Returns
+        -------
+        float
+            Of the twists over the longest sides of their cells.
 
         Raises
         ------
@@ -143,7 +143,7 @@ class HexCells:
             )
         longest = lengths.max(axis=(0, 1))
         twists = np.sqrt([_dot(t, t) for t in (*self.c, self.d)])
-        warn_of_twist(float((twists / longest).max(initial=0.0)), self.affine_name, "hexahedral")
+        return float((twists / longest).max(initial=0.0))
 
     def _least_volume(self, tind: NDArray[np.integer], sign: Array, steps: int) -> Array:
         """Return the least Bernstein coefficient of sign times det DF on steps^3 parts."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from skfem.assembly import CellBasis
 from skfem.element import ElementComposite, ElementVector
 
-from .errors import InputError, MissingDependency, ReducedOrderWarning
+from .errors import InputError, MissingDependency
 from .vtk_cells import (
     LINEAR_ELEMENT,
     CellPattern,
@@ -272,12 +271,10 @@ def _evaluate(basis: Any, fields: Mapping[str, Array], X: Array, tind: Indices) 
     """Return every field at X, as (cells, points) or (components, cells, points)."""
     dofs = {key: _checked("x", key, vector, basis.N) for key, vector in fields.items()}
     values: dict[str, Any] = dict.fromkeys(dofs, 0.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ReducedOrderWarning)
-        for j, local in enumerate(basis.element_dofs):
-            (shape,) = basis.elem.gbasis(basis.mapping, X, j, tind=tind)
-            for key, vector in dofs.items():
-                values[key] = values[key] + vector[local][:, None] * shape
+    for j, local in enumerate(basis.element_dofs):
+        (shape,) = basis.elem.gbasis(basis.mapping, X, j, tind=tind)
+        for key, vector in dofs.items():
+            values[key] = values[key] + vector[local][:, None] * shape
     return values
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from skfem.refdom import RefQuad
 
 from .errors import InputError
-from .reduced_order import warn_of_twist
+from .straight_cells import straight_corners
 
 Array = NDArray[np.float64]
 
@@ -35,6 +35,7 @@ class QuadCells:
     """
 
     affine_name: ClassVar[str] = "parallelogram"
+    general_name: ClassVar[str] = "quadrilateral"
 
     a: Array
     b: Array
@@ -50,15 +51,9 @@ class QuadCells:
     def from_mapping(cls, mapping: Any, tind: NDArray[np.integer] | None = None) -> QuadCells:
         """Read the cells `tind` (all by default) of the mesh behind a scikit-fem mapping."""
         mesh = mapping.mesh
-        vertices = mesh.dofs.element_dofs
-        if mesh.refdom is not RefQuad or vertices.shape[0] != 4:
-            raise InputError(
-                f"mesh: expected straight-sided quadrilaterals (MeshQuad), got "
-                f"{type(mesh).__name__}; build a MeshQuad from the corner vertices"
-            )
-        p0, p1, p2, p3 = (
-            mesh.doflocs[:, vertex if tind is None else vertex[tind]] for vertex in vertices
-        )
+        if mesh.refdom is not RefQuad:
+            raise InputError(f"mesh: expected quadrilaterals (MeshQuad), got {type(mesh).__name__}")
+        p0, p1, p2, p3 = straight_corners(mesh, tind)
         a, b = p1 - p0, p3 - p0
         c = (p2 - p3) - a
         rounding = 16 * np.finfo(float).eps * np.abs(mesh.doflocs).max()
@@ -97,8 +92,13 @@ class QuadCells:
         """Yield the one mixed second derivative of the map, shape (2, cells, 1)."""
         yield (0, 1), self.c[:, :, None]
 
-    def check(self) -> None:
-        """Raise on a cell that is not strictly convex, warn when cells are twisted.
+    def check(self) -> float:
+        """Raise on a cell that is not strictly convex, else return the largest relative twist.
+
+        Returns
+        -------
+        float
+            Of the twists over the longest sides of their cells.
 
         Raises
         ------
@@ -117,5 +117,4 @@ class QuadCells:
                 f"(first: position {bad[0]}); order the vertices of a cell cyclically and move "
                 f"vertices until all four corners turn the same way"
             )
-        twist = float((np.hypot(*self.c) / lengths.max(axis=(0, 1))).max(initial=0.0))
-        warn_of_twist(twist, self.affine_name, "quadrilateral")
+        return float((np.hypot(*self.c) / lengths.max(axis=(0, 1))).max(initial=0.0))

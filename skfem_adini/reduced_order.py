@@ -1,29 +1,45 @@
-"""The warning about cells on which Adini's elements lose order."""
+"""The note in the log about cells on which Adini's elements lose order."""
 
 from __future__ import annotations
 
-import warnings
+import logging
+import weakref
+from typing import Any
 
-from .errors import ReducedOrderWarning
+import numpy as np
+from numpy.typing import NDArray
 
 NEGLIGIBLE_TWIST = 1e-3
 
+_logger = logging.getLogger(__name__)
+# Mapping and points of the basis that was last spoken of: elements made of several of ours, as
+# ElementVector and ElementComposite, ask for the first function several times.
+_spoken_of: list[weakref.ref[Any]] = []
 
-def warn_of_twist(twist: float, affine_name: str, cell_name: str) -> None:
-    """Warn when the largest twist, over the longest side of its cell, is not negligible.
 
-    Warns
-    -----
-    ReducedOrderWarning
-        The twist is above 1e-3.
+def log_twist(twist: float, cells: Any, mapping: Any, X: NDArray[np.float64]) -> None:
+    """Log, once for a cell basis, that the twist of the cells over their sides is not negligible.
+
+    Parameters
+    ----------
+    twist
+        The largest one; above 1e-3 a message of level WARNING is logged.
+    cells
+        Their geometry, for the names in the message.
+    mapping, X
+        Those of the basis. Points with an axis of cells belong to facets or probes: no message.
     """
-    if twist > NEGLIGIBLE_TWIST:
-        warnings.warn(
-            f"the cells are not {affine_name}s (twist t = {twist:.2g} of the longest side). "
-            f"The error gains terms of size t^2 h^2 and t h^3: if t stays constant under "
-            f"refinement, the orders fall from 4 to 2 in L2 and from 3 to 1 in H1; if t falls "
-            f"like h, as in uniform refinement of a coarse {cell_name} mesh, orders 4 and "
-            f"3 are kept",
-            ReducedOrderWarning,
-            stacklevel=5,
-        )
+    if twist <= NEGLIGIBLE_TWIST or X.ndim > 2:
+        return
+    if [known() is now for known, now in zip(_spoken_of, (mapping, X), strict=False)] == [True] * 2:
+        return
+    _spoken_of[:] = [weakref.ref(mapping), weakref.ref(X)]
+    _logger.warning(
+        "the cells are not %ss (twist t = %.2g of the longest side). The error gains terms of size "
+        "t^2 h^2 and t h^3: if t stays constant under refinement, the orders fall from 4 to 2 in "
+        "L2 and from 3 to 1 in H1; if t falls like h, as in uniform refinement of a coarse %s "
+        "mesh, orders 4 and 3 are kept",
+        cells.affine_name,
+        twist,
+        cells.general_name,
+    )

@@ -46,7 +46,6 @@ SCALAR_QUADS = [ElementQuadAdini(), ElementQuadAdini(derivatives=2), skfem.Eleme
 SCALAR_QUADS += [skfem.ElementQuad1(), skfem.ElementQuad2(), skfem.ElementQuadP(4)]
 
 
-@pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
 @pytest.mark.parametrize("element", SCALAR_QUADS, ids=lambda e: type(e).__name__)
 def test_scalar_elements_on_any_quadrilaterals(any_quads, element):
     form = mass if isinstance(element, skfem.ElementQuad0) else laplace
@@ -73,7 +72,6 @@ def test_vector_elements(parallelograms, inner, form):
     assert agrees(found, asm(form, Basis(parallelograms, element)))
 
 
-@pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
 @pytest.mark.parametrize("element", [ElementHexAdini, skfem.ElementHex1, skfem.ElementHex2])
 def test_bricks(any_hexes, element):
     found = assemble(laplace, any_hexes, element(), fallback=False)

@@ -9,6 +9,7 @@ from skfem import (
     ElementVector,
     ElementWedge1,
     MeshHex,
+    MeshHex2,
     MeshQuad,
     MeshQuad2,
     MeshTri,
@@ -44,6 +45,12 @@ def basis(mesh):
     return Basis(mesh, ElementQuadAdini())
 
 
+def curved(by=0.01):
+    p = MeshQuad2().doflocs.copy()
+    p[0, 8] += by
+    return MeshQuad2(p)
+
+
 def nan(x):
     return np.full(x.shape[1:], np.nan)
 
@@ -60,7 +67,12 @@ CASES = {
     "three corners": (lambda: basis(cell((0, 0), (1, 0), (1, 1), (1, 1))), "convex"),
     "straight corner": (lambda: basis(cell((0, 0), (1, 0), (2, 0), (0, 1))), "convex"),
     "NaN vertex": (lambda: basis(cell((0, 0), (1, 0), (1, np.nan), (0, 1))), "convex"),
-    "curved cells": (lambda: basis(MeshQuad2()), "straight-sided"),
+    "curved cells": (lambda: basis(curved()), "straight-sided"),
+    "curved bricks": (
+        lambda: Basis(MeshHex2(MeshHex2().p + 0.01 * np.eye(3, 27, 20)), ElementHexAdini()),
+        "1 of 1 cells of the MeshHex2 are curved",
+    ),
+    "NaN midpoint": (lambda: basis(curved(np.nan)), "straight-sided"),
     "triangles": (lambda: basis(MeshTri()), "Incompatible Mesh and Element"),
     "unknown boundary": (lambda: essential_dofs(SCALAR, "lid"), "lid.*bottom"),
     "empty facets": (lambda: essential_dofs(SCALAR, np.array([], dtype=int)), "empty"),

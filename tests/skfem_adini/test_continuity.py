@@ -6,8 +6,6 @@ from skfem import ElementVector, InteriorFacetBasis
 
 from skfem_adini import ElementQuadAdini
 
-pytestmark = pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
-
 
 def jumps(mesh, x, element):
     """Return the jumps of u and, over the largest gradient, of its derivatives."""

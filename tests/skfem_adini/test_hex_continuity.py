@@ -7,8 +7,6 @@ from skfem.refdom import RefHex
 
 from skfem_adini import ElementHexAdini
 
-pytestmark = pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
-
 
 @pytest.mark.parametrize("vector", [False, True], ids=["scalar", "vector"])
 def test_jumps_of_random_fields(any_hexes, vector):

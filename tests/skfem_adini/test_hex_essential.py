@@ -155,7 +155,6 @@ def test_vector_data_with_a_free_component(box):
     assert np.ptp(values[0]) > 0.1
 
 
-@pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
 def test_zero_on_warped_faces(warped_hexes):
     basis = Basis(warped_hexes, ElementHexAdini(), intorder=1)
     T, x0 = essential_constraints(basis, warped_hexes.boundary_facets())
@@ -172,7 +171,6 @@ def test_cubics_are_reproduced_by_projection(parallelepipeds):
     np.testing.assert_allclose(values, cubic(points), atol=1e-11)
 
 
-@pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
 def test_the_error_of_projection_is_orthogonal_to_the_trace_space(any_hexes):
     basis = Basis(any_hexes, ElementHexAdini(), intorder=1)
     x = project_trace(basis, any_hexes.boundary_facets(), smooth)

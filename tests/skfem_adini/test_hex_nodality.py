@@ -6,8 +6,6 @@ from skfem.refdom import RefHex
 
 from skfem_adini import ElementHexAdini
 
-pytestmark = pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
-
 
 def test_dofs_of_functions_are_the_identity(any_hexes):
     mapping = any_hexes._mapping()

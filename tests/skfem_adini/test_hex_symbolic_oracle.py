@@ -56,7 +56,6 @@ CELLS = {
 
 
 @pytest.mark.parametrize("name", CELLS)
-@pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
 def test_functions_equal_the_symbolic_dual_basis(name):
     coefficients, jacobian = dual_basis(CELLS[name])
     mesh = MeshHex(np.array(CELLS[name], float).T, np.arange(8)[:, None])

@@ -48,7 +48,6 @@ def test_gradient_of_a_cubic(element):
     np.testing.assert_allclose(nodal_gradient(basis, x), expected, atol=1e-10)
 
 
-@pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
 def test_gradient_is_that_of_every_cell(any_quads):
     """At a vertex, all cells around it have the gradient that the dofs say."""
     basis = Basis(any_quads, ElementVector(ElementQuadAdini()))

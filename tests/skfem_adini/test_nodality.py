@@ -5,8 +5,6 @@ import pytest
 
 from skfem_adini import ElementQuadAdini
 
-pytestmark = pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
-
 CORNERS = np.array([[0.0, 1, 1, 0], [0, 0, 1, 1]])
 
 

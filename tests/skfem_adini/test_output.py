@@ -39,8 +39,6 @@ from skfem_adini import (
     to_pyvista,
 )
 
-pytestmark = pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
-
 
 def rectangles():
     x = np.array([0, 0.3, 0.55, 1.0])

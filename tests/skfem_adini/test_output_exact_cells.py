@@ -82,7 +82,6 @@ def test_vector_field():
     np.testing.assert_allclose(values.T, basis.interpolator(x)(points), rtol=0, atol=1e-12)
 
 
-@pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
 def test_nodes_on_any_mesh(any_hexes):
     """On every cell, the 64 values are those of the element at the 64 points; volumes are > 0."""
     basis = Basis(any_hexes, ElementHexAdini(), intorder=1)

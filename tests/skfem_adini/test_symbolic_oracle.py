@@ -66,7 +66,6 @@ def symbolic_functions(corners):
 
 
 @pytest.mark.parametrize("name", CELLS)
-@pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
 def test_physical_functions_equal_the_symbolic_dual_basis(name):
     corners = CELLS[name]
     mapping = MeshQuad(np.array(corners, float).T, np.array([[0, 1, 2, 3]]).T)._mapping()

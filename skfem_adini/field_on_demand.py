@@ -1,0 +1,93 @@
+"""Shape functions whose higher derivatives are made when a form first asks for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem.element import DiscreteField
+
+Array = NDArray[np.float64]
+
+# The places of the derivatives of orders 1, 2, ... in the tuple of a DiscreteField.
+_PLACES = {1: 1, 2: 4, 3: 5, 4: 6, 5: 7, 6: 8}
+_ORDERS = {place: order for order, place in _PLACES.items()}
+DERIVATIVE_NAMES = ("value", "grad", "hess", "grad3", "grad4", "grad5", "grad6")
+
+
+def _derivative(order: int) -> property:
+    """Return the attribute for the derivatives of one order."""
+
+    def read(self: FieldOnDemand) -> Any:
+        made = self.__dict__.get("made", {})
+        if order not in made and "make" in self.__dict__:
+            made[order] = self.__dict__["make"](order)
+        return made.get(order)
+
+    def write(self: FieldOnDemand, values: Any) -> None:
+        if values is not None:
+            self.__dict__.setdefault("made", {})[order] = values
+
+    return property(read, write)
+
+
+class FieldOnDemand(DiscreteField):
+    """A shape function with its gradient; derivatives of higher order are made when first used.
+
+    Forms of second order never pay for the Hessian, forms of fourth order find it. What copies a
+    whole field (`astuple`: `skfem.ElementVector`, `basis.interpolate`, pickle) makes all orders up
+    to `most`.
+
+    Parameters
+    ----------
+    value, grad
+        As of a DiscreteField; None where only values are wanted.
+    most
+        How many orders there are.
+    make
+        Returns the derivatives of an order, or raises for an order beyond `most`.
+    """
+
+    def __new__(
+        cls, value: Array, grad: Array | None, most: int, make: Callable[[int], Array]
+    ) -> FieldOnDemand:
+        """Make the field."""
+        field: FieldOnDemand = super().__new__(cls, value=value, grad=grad)
+        field.__dict__.setdefault("made", {})
+        field.__dict__.update(most=most, make=make)
+        return field
+
+    def __array_finalize__(self, obj: Any) -> None:
+        # The one of scikit-fem would read, and so make, every derivative of the original.
+        if isinstance(obj, FieldOnDemand):
+            self.__dict__.update(obj.__dict__)
+        else:
+            super().__array_finalize__(obj)
+
+    def __repr__(self) -> str:
+        return repr(DiscreteField(*self.astuple))
+
+    def get(self, n: int) -> Any:
+        """Return entry n of the tuple, None for derivatives beyond `most`."""
+        if _ORDERS.get(n, 0) > self.__dict__.get("most", max(_PLACES)):
+            return None
+        return super().get(n)
+
+    def zeros(self) -> FieldOnDemand:
+        """Return the same field with all entries zero."""
+        most = self.__dict__.get("most", max(_PLACES))
+        gradient = None if self.get(1) is None else np.zeros_like(self.get(1))
+        read = self._zero
+        return FieldOnDemand(np.zeros_like(np.asarray(self)), gradient, most, read)
+
+    def _zero(self, order: int) -> Array:
+        return np.zeros_like(getattr(self, DERIVATIVE_NAMES[order]))
+
+    grad = _derivative(1)
+    hess = _derivative(2)
+    grad3 = _derivative(3)
+    grad4 = _derivative(4)
+    grad5 = _derivative(5)
+    grad6 = _derivative(6)
