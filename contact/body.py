@@ -32,6 +32,7 @@ from contact.rigid_modes import dof_lengths
 from contact.selection import select_components, select_facets
 from contact.settled import settled
 from contact.sound_cells import check_cells
+from contact.vector_element import vector_element
 from skfem_adini import (
     ElementHexAdini,
     ElementQuadAdini,
@@ -154,14 +155,7 @@ class ElasticBody(MaterialBody):
             if type(mesh).__name__ not in _DEFAULT_ELEMENT:
                 raise InputError(f"element: no default for {type(mesh).__name__}; pass one")
             element = _DEFAULT_ELEMENT[type(mesh).__name__]()
-        if type(element) in (ElementQuadAdini, ElementHexAdini, ElementQuadBFS):
-            element = type(element)(derivatives=1)  # strains need no Hessian
-        if not isinstance(element, ElementVector):
-            element = ElementVector(element)
-        if element.refdom is not mesh.elem.refdom:
-            raise InputError(
-                f"element: {type(element.elem).__name__} does not live on {type(mesh).__name__}"
-            )
+        element = vector_element(element, mesh)
         check_cells(mesh)
         try:
             basis = Basis(mesh, element)

@@ -1,0 +1,35 @@
+"""The vector element of a body, from what the caller gave."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from skfem import Mesh
+from skfem.element import ElementVector
+
+from contact.errors import InputError
+from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
+
+_FIRST_ORDER_SUFFICES = (ElementQuadAdini, ElementHexAdini, ElementQuadBFS)
+
+
+def vector_element(element: Any, mesh: Mesh) -> ElementVector:
+    """Return an `ElementVector` of a scalar element, or the vector element itself.
+
+    Our scalar elements are made anew without Hessian: `ElementVector` would copy it into every
+    function, twice the time and the memory, and strains need none.
+
+    Raises
+    ------
+    InputError
+        The element does not live on the cells of the mesh.
+    """
+    if type(element) in _FIRST_ORDER_SUFFICES:
+        element = type(element)(derivatives=1)
+    if not isinstance(element, ElementVector):
+        element = ElementVector(element)
+    if element.refdom is not mesh.elem.refdom:
+        raise InputError(
+            f"element: {type(element.elem).__name__} does not live on {type(mesh).__name__}"
+        )
+    return element
