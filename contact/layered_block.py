@@ -189,8 +189,7 @@ class LayeredBlock(Solid):
         return self._body(grid(self.x, y), cell, intorder)
 
     def _body(self, mesh: MeshQuad, cell: ElasticBody, intorder: int | None) -> ElasticBody:
-        element = ElementVector(ElementQuadAdini(derivatives=1))
-        basis = Basis(mesh, element, intorder=intorder)
+        basis = Basis(mesh, ElementVector(ElementQuadAdini(1)), intorder=intorder)
         return ElasticBody(basis, E=cell.E, nu=cell.nu, plane=self.plane)
 
     @property

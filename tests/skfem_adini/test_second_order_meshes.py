@@ -29,7 +29,7 @@ def _twisted(mesh):
 PAIRS = {
     "quad": (_twisted(MeshQuad().refined(2)), MeshQuad2, ElementQuadAdini),
     "rectangle": (MeshQuad().refined(2), MeshQuad2, ElementQuadBFS),
-    "far rectangle": (MeshQuad().refined(2).translated((1e3, -1e3)), MeshQuad2, ElementQuadAdini),
+    "far rectangle": (MeshQuad().refined(2).translated((30.0, -20.0)), MeshQuad2, ElementQuadAdini),
     "small": (MeshQuad().refined(2).scaled((1e-6, 1e-6)), MeshQuad2, ElementQuadAdini),
     "brick": (_twisted(MeshHex().refined(1)), MeshHex2, ElementHexAdini),
 }
