@@ -73,8 +73,10 @@ def integrate(
     r"""Follow the characteristics through `points` from `t_end` back to `t_end` - `dt`.
 
     The classical Runge-Kutta method with equal sub-steps, as many as make the estimate of its error
-    (the difference to half as many, over 15) smaller than the tolerance everywhere. A path that
-    meets a wall of a direction that is not periodic ends there.
+    (the difference to half as many, over 15) smaller than the tolerance everywhere. Of a velocity
+    that depends on t one sub-step more is taken than twice as many: two numbers that divide each
+    other would both miss what has their period. A path that meets a wall of a direction that is not
+    periodic ends there.
 
     Parameters
     ----------
@@ -112,8 +114,9 @@ def integrate(
     run = _Run(grid, system, rates, flat, t_end, dt)
     count = run.first_guess()
     coarse = run.follow(count)
+    one_more = int(not all(formula.steady for formula in formulas))
     while True:
-        count *= 2
+        count = 2 * count + one_more
         fine = run.follow(count)
         if run.difference(coarse, fine) <= 15.0 * tolerance:
             break

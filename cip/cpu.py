@@ -95,6 +95,11 @@ def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, thread_name_prefix="cip")
 
 
+if hasattr(os, "register_at_fork"):
+    # The child has the pool without its threads: it would wait for them for ever.
+    os.register_at_fork(after_in_child=_pool.cache_clear)
+
+
 def threads() -> int:
     """Number of threads: `NUMBA_NUM_THREADS` where set, else the cores of this process."""
     given = os.environ.get("NUMBA_NUM_THREADS", "")

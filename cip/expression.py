@@ -46,8 +46,14 @@ class Expression:
         if node is None:
             node = object.__new__(cls)
             node.op, node.args, node.value, node._derivatives = op, args, value, {}
-            cls._nodes[key] = node
+            node = cls._nodes.setdefault(key, node)  # one node, whichever thread came first
         return node
+
+    def __copy__(self) -> Expression:
+        return self
+
+    def __deepcopy__(self, memo: Any) -> Expression:
+        return self
 
     def __add__(self, other: Any) -> Expression:
         return _add(self, _lift(other))

@@ -110,14 +110,15 @@ class HostKernels(Kernels):
 
     def launch_path(
         self, stage: Stage, m: Any, out: Any, t_end: float, dt: float, count: int
-    ) -> bool:
-        """One kernel that computes the feet too; whether any path left the box."""
+    ) -> int:
+        """One kernel that computes the feet too; what its paths say."""
         from cip import cpu, line_kernels, path_loops, plane_kernels
         from cip.jit import loop_over
 
         path, box = self._path(stage)
         grid, advect, limiter = self.grid, int(stage.advect), self.limiter
-        left = np.zeros(max(grid.nodes[0], grid.size // grid.nodes[-1]) + grid.size, np.int64)
+        inner, line = (grid.nodes[1], ()) if stage.axis is None else self._line(stage)
+        said = np.zeros(grid.size // inner, np.int64)  # a row
         clock = (t_end, dt / count, count)
         if stage.axis is None:
             node: Any = getattr(plane_kernels, self.name(stage))
@@ -125,25 +126,24 @@ class HostKernels(Kernels):
             plane = (*self.widths, grid.size, *grid.nodes, *map(int, grid.periodic))
             cpu.share(
                 lambda start, stop: run_plane(
-                    start, stop, m, out, left, *self.lines[:2], box, *clock, *plane, advect, limiter
+                    start, stop, m, out, said, *self.lines[:2], box, *clock, *plane, advect, limiter
                 ),
                 grid.nodes[0],
                 grid.size,
             )  # fmt: skip
-            return bool(left.any())
-        inner, line = self._line(stage)
+            return int(np.bitwise_or.reduce(said))
         node = getattr(line_kernels, self.name(stage))
         run_lines = loop_over(path_loops.run_lines_path, node=node, path=path)
         shape = (*grid.nodes, 1, 1)[:3]
         cpu.share(
             lambda start, stop: run_lines(
-                start, stop, m, out, left, *self.lines, box, *shape[1:], *clock,
+                start, stop, m, out, said, *self.lines, box, *shape[1:], *clock,
                 self.widths[stage.axis or 0], *line, advect, limiter,
             ),
             grid.size // inner,
             grid.size,
         )  # fmt: skip
-        return bool(left.any())
+        return int(np.bitwise_or.reduce(said))
 
     def _line(self, stage: Stage) -> tuple[int, tuple[int, ...]]:
         """Number of nodes that follow each other across the sweep, and the kernels' numbers."""

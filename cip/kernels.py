@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cip.characteristics import MAX_SUBSTEPS
+from cip.path_source import COARSE, LEFT
 from cip.schemes import LIMITER_CODES
 from cip.stage import Stage, StageFeet
 from cip.state import State
@@ -14,12 +16,8 @@ from cip.state import State
 if TYPE_CHECKING:
     from cip.solver import Solver
 
-# The number of sub-steps of feet computed in the kernel is found again after so many steps, and
-# when a measure of the velocity grows by this factor, to more than this many cells a step.
+# The number of sub-steps of an unsteady velocity is sought anew after so many steps: it may fall.
 _RENEW = 16
-_FASTER = 1.5
-_SLOW = 1e-3
-_STEADY = np.zeros(1)
 # Feet of a steady velocity on so many nodes are worth the seconds of compiling its formula.
 _COMPILE_FROM = 100_000
 
@@ -31,7 +29,7 @@ class Kernels:
         self.solver, self.grid, self.dtype = solver, solver.grid, solver.dtype
         self.limiter = LIMITER_CODES[solver.limiter]
         self._left = False
-        self._counts: dict[Any, tuple[float, Any, int]] = {}
+        self._counts: dict[Any, tuple[float, int]] = {}
         self._paths: dict[Any, Any] = {}
 
     def place(self, state: State) -> State:
@@ -52,8 +50,8 @@ class Kernels:
 
     def launch_path(
         self, stage: Stage, m: Any, out: Any, t_end: float, dt: float, count: int
-    ) -> bool:
-        """One kernel that computes the feet too; whether any path left the box."""
+    ) -> int:
+        """One kernel that computes the feet too; `LEFT`, `COARSE` or both if any path says so."""
         raise NotImplementedError
 
     def correct(self, flat: Any, places: Any, values: Any, add: bool) -> None:
@@ -65,11 +63,13 @@ class Kernels:
         out = self.empty(data)
         m, new = data.reshape(-1), out.reshape(-1)
         if self._computes(stage):
-            length = (stage.end - stage.begin) * dt
-            count = self._count(stage, t, dt)
-            if not self.launch_path(stage, m, new, t + stage.end * dt, length, count):
+            t_end, length = t + stage.end * dt, (stage.end - stage.begin) * dt
+
+            def attempt(count: int) -> int:
+                return self.launch_path(stage, m, new, t_end, length, count)
+
+            if self._refine(stage, t, dt, attempt):
                 return out
-            self._left = True  # paths begin on walls: their feet must be known to the host
         feet = self.solver.feet(stage, t, dt)
         self.launch(stage, m, new, feet.data)
         for correction in stage.corrections(feet):
@@ -93,39 +93,43 @@ class Kernels:
         run_feet, size = loop_over(path_loops.run_feet, path=path), self.grid.size
         t_end, length = t + stage.end * dt, (stage.end - stage.begin) * dt
 
-        def follow(count: int) -> Any:
-            feet = np.empty((len(stage.blocks), len(stage.jets) * size))
-            left = np.empty(size, np.int64)
+        feet = np.empty((len(stage.blocks), len(stage.jets) * size))
+        said = np.empty(size, np.int64)
+
+        def attempt(count: int) -> int:
+            found = 0
             for row, block in zip(feet, stage.blocks, strict=True):
                 points = [np.ascontiguousarray(x.ravel()) for x in stage.points(block)]
                 points += [np.zeros(size)] * (3 - self.grid.dim)
                 clock = (t_end, length / count, count)
-                arguments = (row, left, *points, box, size, len(stage.jets), *clock)
+                arguments = (row, said, *points, box, size, len(stage.jets), *clock)
 
                 def work(start: int, stop: int, arguments: Any = arguments) -> None:
                     run_feet(start, stop, *arguments)
 
                 cpu.share(work, size, size)
-                if left.any():
-                    self._left = True  # paths begin on walls: NumPy finds where
-                    return None
-            return feet if np.isfinite(feet.sum()) else None  # NumPy names the node
+                found |= int(np.bitwise_or.reduce(said))
+            return found
 
-        old = self._counts.get(stage.part(dt))
-        count = self._count(stage, t, dt)
-        feet = follow(count)
-        if feet is not None and self._counts[stage.part(dt)] is not old:
-            # It was found on a sample of the nodes; what is steep may lie between them.
-            coarse = follow(max(1, count // 2))
-            while not stage.agree(coarse, feet):
-                count *= 2
-                if count > MAX_SUBSTEPS:
-                    return None  # NumPy says so
-                coarse, feet = feet, follow(count)
-            self._counts[stage.part(dt)] = (*self._counts[stage.part(dt)][:2], count)
-        if feet is None:
+        if not self._refine(stage, t, dt, attempt) or not np.isfinite(feet.sum()):
             return None
         return StageFeet(feet.reshape(-1), [None] * len(feet), t + stage.begin * dt, t_end)
+
+    def _refine(self, stage: Stage, t: float, dt: float, attempt: Callable[[int], int]) -> bool:
+        """Call attempt(count) with more sub-steps until no path is coarse.
+
+        False where NumPy must find the feet, or say which node has none: paths begin on walls, or
+        there would be too many sub-steps.
+        """
+        count = self._count(stage, t, dt)
+        while count <= MAX_SUBSTEPS:
+            found = attempt(count)
+            if not found & COARSE:
+                self._counts[stage.part(dt)] = (self._counts[stage.part(dt)][0], count)
+                self._left = bool(found & LEFT)
+                return not self._left
+            count *= 2
+        return False
 
     def _path(self, stage: Stage) -> Any:
         from cip import path_loops
@@ -147,14 +151,12 @@ class Kernels:
         return not self.solver.steady if stored is None else not stored
 
     def _count(self, stage: Stage, t: float, dt: float) -> int:
-        key, pace = stage.part(dt), _STEADY
-        if not self.solver.steady:
-            pace = stage.pace(t, dt)
+        """Sub-steps to begin with: the last, or at times as few as a sample of the nodes needs."""
+        key = stage.part(dt)
         found = self._counts.get(key)
-        if (
-            found is None
-            or (not self.solver.steady and abs(t - found[0]) > _RENEW * dt)
-            or np.any(pace > _FASTER * np.maximum(found[1], _SLOW))
-        ):
-            found = self._counts[key] = (t, pace, stage.substeps(t, dt))
-        return found[2]
+        if found is None:
+            found = self._counts[key] = (t, stage.substeps(t, dt))
+        elif not self.solver.steady and abs(t - found[0]) > _RENEW * dt:
+            # What was steep between the nodes of the sample hardly ends at once.
+            found = self._counts[key] = (t, max(stage.substeps(t, dt), 2 * (found[1] // 4)))
+        return found[1]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -12,8 +11,7 @@ from numpy.typing import NDArray
 
 from cip.boundary import Wall, WallMoments
 from cip.characteristics import TOLERANCE, Exits, check_inside, integrate, time_scale
-from cip.emit import numpy_function
-from cip.expression import COORDINATES
+from cip.expression import ordered
 from cip.formula import Formula
 from cip.grid import Grid
 from cip.jets import LOG_DETERMINANT, Jet, Orders, System
@@ -21,9 +19,13 @@ from cip.schemes import CONSERVATIVE, PLANE, carries_slopes, line_jets, moments,
 
 Array = NDArray[np.float64]
 
-# Feet of unsteady velocities: error in cells, from a sample of so many nodes.
+# Feet of unsteady velocities: error in cells.
 PATH_TOLERANCE = 1e-8
+# The first number of sub-steps is found on a sample of so many nodes; the kernels check each path.
 _SAMPLE = 1024
+# Operations of the equations that are worth compiling: the compilers' time grows faster than these,
+# NumPy's does not.
+_LONGEST = 600
 
 
 @dataclass(frozen=True)
@@ -194,47 +196,19 @@ class Stage:
         ]
 
     def substeps(self, t: float, dt: float) -> int:
-        """Sub-steps that the equations of this stage need, found on a sample of the nodes."""
+        """An even number of sub-steps, enough for a sample of the nodes.
+
+        What is steep may lie between them: kernels check each path and then take more.
+        """
         t_end, length = t + self.end * dt, (self.end - self.begin) * dt
         found = integrate(
             self.grid, self.velocity, self.system, self._sample, t_end, length, self._tolerance
         )
-        return found.substeps
+        return found.substeps + found.substeps % 2
 
     def part(self, dt: float) -> tuple[int | None, float, float, float]:
         """What tells this part of a step of that length from others."""
         return self.axis, self.begin, self.end, dt
-
-    def pace(self, t: float, dt: float) -> Array:
-        """Measures of how many sub-steps a step needs, on the sample of the nodes.
-
-        The largest velocity and change of it within the step, in cells a step, and the largest
-        slope and change of it, times the length of the step.
-        """
-        t_end, length = t + self.end * dt, (self.end - self.begin) * dt
-        points = [*self._sample, *([np.zeros(())] * (3 - self.grid.dim))]
-        values = np.zeros((3, len(self._weights), self._sample[0].size))
-        with np.errstate(all="ignore"):
-            for rows, part in zip(values, (0.0, 0.5, 1.0), strict=True):
-                found = self._measures(*points, np.float64(t_end - part * length))
-                for row, value, weight in zip(rows, found, self._weights, strict=True):
-                    row[:] = weight * length * value
-        changes = np.abs(np.diff(values, axis=0))
-        return np.concatenate([np.abs(values).max(axis=(0, 2)), changes.max(axis=(0, 2))])
-
-    def agree(self, coarse: Any, fine: Any) -> bool:
-        """Whether feet with half as many sub-steps say that these are exact to the tolerance."""
-        if coarse is None or fine is None:
-            return True
-        coarse, fine = (x.reshape(-1, len(self.jets), self.grid.size) for x in (coarse, fine))
-        change, largest = np.abs(fine - coarse).max(axis=(0, 2)), np.abs(fine).max(axis=(0, 2))
-        for jet, difference, size in zip(self.jets, change, largest, strict=True):
-            places = jet.component < 3 and not any(jet.orders)
-            # As `integrate`: rounding of a foot many cells away, or relative to the largest.
-            difference, size = (difference - 1e-15 * size, 1.0) if places else (difference, size)
-            if difference > 15.0 * self._tolerance * max(1.0, size):
-                return False
-        return True
 
     @cached_property
     def _sample(self) -> list[Array]:
@@ -245,31 +219,24 @@ class Stage:
     def _tolerance(self) -> float:
         return TOLERANCE if all(c.steady for c in self.velocity) else PATH_TOLERANCE
 
-    @cached_property
-    def _weights(self) -> list[float]:
-        """To count lengths in cells, for what `_measures` returns."""
-        h = self.grid.spacing
-        return [w for axis in self.moving for w in (1.0 / h[axis], *(x / h[axis] for x in h))]
-
-    @cached_property
-    def _measures(self) -> Callable[..., tuple[Any, ...]]:
-        """The components of the velocity that move, each with its slopes; of formulas only."""
-        nodes = []
-        for axis in self.moving:
-            c = self.velocity[axis].expression
-            nodes += [c, *(c.derivative(name) for name in COORDINATES[: self.grid.dim])]
-        return numpy_function(nodes, COORDINATES)
+    @property
+    def limit(self) -> float:
+        """Largest defect of a path that a kernel computes (`cip.path_source`), in cells."""
+        # Of unsteady velocities what a path on the sample may leave: 15 times its error.
+        return self._tolerance * (1.0 if self._tolerance == TOLERANCE else 16.0)
 
     @property
     def computable(self) -> bool:
         """Whether a kernel can compute the feet itself, each node its own."""
         return self.formula and not self.conservative
 
-    @property
+    @cached_property
     def formula(self) -> bool:
-        """Whether feet can be compiled: the velocity a formula, the directions uniform."""
+        """Whether feet can be compiled: a formula, no longer than pays, on uniform directions."""
         uniform = all(self.grid.uniform[axis] for axis in self.moving)
-        return uniform and all(c.exact for c in self.velocity)
+        if not (uniform and all(c.exact for c in self.velocity)):
+            return False
+        return len(ordered(self.system.rates)) <= _LONGEST
 
     def _data(self, orders: list[Orders], t: float) -> WallMoments:
         if self._wall_moments is None:

@@ -163,7 +163,7 @@ def test_substeps_of_a_velocity_that_changes_between_two_counts(text, shift):
 
 @pytest.mark.slow
 def test_compiled_feet_of_a_vortex_between_the_sampled_nodes(monkeypatch):
-    """Against NumPy's feet, whose sub-steps are found on all nodes."""
+    """Against NumPy's feet, whose sub-steps are found on all nodes; a sample of four sees none."""
     monkeypatch.setattr("cip.kernels._COMPILE_FROM", 0)
     monkeypatch.setattr("cip.stage._SAMPLE", 4)
     bell = "exp(-200*((x1-0.3)**2 + (x2-0.6)**2))"
