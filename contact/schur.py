@@ -8,10 +8,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import SuperLU, splu
 
 from contact.errors import ContactError, InputError, MissingDependency
 from skfem_adini.pardiso import DEFINITE, Pardiso, PardisoError, has_pardiso
+from skfem_adini.superlu import SuperLUFactor
 
 Vector = NDArray[np.float64]
 
@@ -82,40 +82,30 @@ def _singular() -> InputError:
 
 
 KEPT = 6  # loads whose elimination is remembered
-ROUND_OFF = 1e-14  # part of a load that may be missing in a combination of those
 
 
 class _Forward:
     """Remembers what forward elimination made of the last loads.
 
-    `reduce` and `expand` both need it, and it is linear: the loads of a history are combinations of
-    a few, which are kept orthonormal, and after the first steps none is eliminated any more.
+    `reduce` and `expand` both need it. Only the very same load is looked up, so that no result
+    depends on what was solved before it or in another thread. The pairs are never changed, and
+    threads put another tuple in place at once.
     """
 
-    _last: tuple[Vector, Vector] | None = None
     _known: tuple[tuple[Vector, Vector], ...] = ()
 
     def _eliminate(self, load: Vector) -> Vector:
         raise NotImplementedError
 
     def _forward(self, load: Vector) -> Vector:
-        if self._last is None or not np.array_equal(self._last[0], load):
-            self._last = load.copy(), self._combined(load)
-        return self._last[1]
-
-    def _combined(self, load: Vector) -> Vector:
-        size, rest, found = float(np.linalg.norm(load)), load, np.zeros(0)
-        for unit, eliminated in self._known:
-            share = float(unit @ rest)
-            rest = rest - share * unit
-            found = share * eliminated + (found if found.size else 0.0)
-        left = float(np.linalg.norm(rest))
-        if found.size and left <= ROUND_OFF * size:
-            return found
-        new = self._eliminate(rest)
-        if 0.0 < left < np.inf:
-            self._known = (*self._known[1 - KEPT :], (rest / left, new / left))
-        return found + new if found.size else new
+        known = self._known
+        for before, eliminated in known:
+            if np.array_equal(before, load):
+                return eliminated
+        found = self._eliminate(load)
+        found.setflags(write=False)
+        self._known = ((load.copy(), found), *known[: KEPT - 1])
+        return found
 
 
 class SuperLUSchur(_Forward):
@@ -138,21 +128,16 @@ class SuperLUSchur(_Forward):
         diagonal[n - nb :] += shift
         permuted.setdiag(diagonal)
         try:
-            self._lu: SuperLU = splu(
-                permuted,
-                permc_spec="NATURAL",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
+            self._lu = SuperLUFactor(permuted, "NATURAL", 0.0)
         except RuntimeError as error:  # SuperLU: exactly singular
             raise _singular() from error
         tail = np.arange(n - nb, n)
         if not (
-            np.array_equal(self._lu.perm_c[tail], tail)
-            and np.array_equal(self._lu.perm_r[tail], tail)
+            np.array_equal(self._lu.factors.perm_c[tail], tail)
+            and np.array_equal(self._lu.factors.perm_r[tail], tail)
         ):
             raise ContactError("SuperLU moved the contact boundary; please report the mesh")
-        upper = self._lu.U  # a copy of the whole factor, the price of SciPy's interface
+        upper = self._lu.factors.U  # a copy of the whole factor, the price of SciPy's interface
         block = upper[:, n - nb :][n - nb :].toarray()
         pivots = upper.diagonal()
         if not np.all(pivots > 1e-14 * np.abs(pivots).max(initial=0.0)):

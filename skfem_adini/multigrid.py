@@ -50,6 +50,7 @@ class Multigrid:
     """
 
     def __init__(self, A: Any, near_null: NearNullSpace, tol: float, max_iterations: int) -> None:
+        self._given = A, near_null, tol, max_iterations
         self._A, self._tol, self._most = A, tol, max_iterations
         self.iterations = 0
         self._place, block, vertices = _slots(near_null.vertex)
@@ -84,6 +85,10 @@ class Multigrid:
 
         self._inverse = LinearOperator(A.shape, matvec=precondition, dtype=np.float64)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Set a copy up anew: nothing is random, so that it is the same."""
+        return type(self), self._given
+
     def solve(self, b: Array) -> Array:
         """Return the solution for one load (n,) or several (n, loads).
 
@@ -96,13 +101,13 @@ class Multigrid:
         """
         if not np.isfinite(b).all():
             raise InputError("b: the load holds NaN or infinity")
-        self.iterations = 0
-        if b.ndim == 1:
-            return self._solve_one(b)
-        columns = [self._solve_one(np.ascontiguousarray(column)) for column in b.T]
-        return np.array(columns).reshape(b.shape[::-1]).T
+        loads = b[:, None] if b.ndim == 1 else b
+        columns = [self._solve_one(np.ascontiguousarray(column)) for column in loads.T]
+        # Set at once: threads that share the object never see a number half counted.
+        self.iterations = max((steps for _, steps in columns), default=0)
+        return np.array([x for x, _ in columns]).reshape(loads.shape[::-1]).T.reshape(b.shape)
 
-    def _solve_one(self, b: Array) -> Array:
+    def _solve_one(self, b: Array) -> tuple[Array, int]:
         x, bound, steps = np.zeros_like(b), self._tol * np.linalg.norm(b), 0
 
         def count(_: Array) -> None:
@@ -120,7 +125,6 @@ class Multigrid:
             residual = b - self._A @ x
             if np.linalg.norm(residual) <= bound or steps >= self._most:
                 break
-        self.iterations = max(self.iterations, steps)
         reached = np.linalg.norm(residual)
         # A floating body may have an x so large that any residual would pass for rounding.
         rounding = min(self._rounding(x), _MOST_ROUNDING * float(np.linalg.norm(b)))
@@ -130,7 +134,7 @@ class Multigrid:
                 f"iterations, asked for {self._tol:.0e}; is A definite and near_null that of its "
                 "unknowns? Raise tol, or use a direct solver (solver='auto')"
             )
-        return x
+        return x, steps
 
     def _rounding(self, x: Array) -> float:
         """Return what rounding alone leaves in b - A x; factorisations come no further either."""

@@ -5,8 +5,12 @@ from __future__ import annotations
 import ctypes
 import functools
 import importlib.util
+import os
 import sys
-from collections.abc import Mapping
+import threading
+import weakref
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 import numpy as np
@@ -22,6 +26,7 @@ _NOT_ENOUGH_MEMORY = -2
 _PIVOTS = (-4, -7)
 _RELEASE = -1
 _FACTORISATIONS = (12, 22)
+_ANALYSES = (11, 12)
 _SOLUTIONS = (33, 331, 332, 333)
 
 
@@ -48,6 +53,10 @@ def has_pardiso() -> bool:
 
 class Pardiso:
     """One matrix in PARDISO's memory, given back when the object goes.
+
+    PARDISO works in that memory while it solves, so threads that share an object take turns. A
+    copy, deep copy or pickle has memory of its own: it repeats the factorisation when it is first
+    used. A forked process inherits the factors, as they are between two calls.
 
     Parameters
     ----------
@@ -80,18 +89,24 @@ class Pardiso:
         if upper.nnz >= 2**31:
             raise AdiniError(f"PARDISO: {upper.nnz} entries are too many for 32-bit indices")
         self._kind, self._factored = kind, False
+        self._phases: tuple[int, ...] = ()  # that led to the factors
+        self._anew: tuple[int, ...] = ()  # those that a copy has still to repeat
+        self._lock = threading.Lock()
         self._data = np.ascontiguousarray(upper.data, dtype=np.float64)
         self._ia = (upper.indptr + 1).astype(np.int32)
         self._ja = (upper.indices + 1).astype(np.int32)
         self._perm = np.zeros(n, dtype=np.int32)
         if chosen is not None:
             self._perm[np.asarray(chosen)] = 1
+        self._chosen = int(self._perm.sum())
         self._handle = np.zeros(64, dtype=np.int64)
         self._iparm = np.zeros(64, dtype=np.int32)
         for place, value in (iparm or {}).items():
             self._iparm[place] = value
         if iparm:
             self._iparm[0] = 1
+        self._given_iparm = self._iparm.copy()  # PARDISO writes into the other
+        _watch(self)
 
     def __call__(self, phase: int, b: Array | None = None, x: Array | None = None) -> None:
         """Run one phase.
@@ -115,6 +130,20 @@ class Pardiso:
             A solution asked for before the factorisation, or arrays that PARDISO would misread: it
             checks neither, and the process would end.
         """
+        with self._lock:
+            if self._anew:
+                self._repeat()
+            self._run(phase, b, x)
+
+    def _repeat(self) -> None:
+        """Factor the matrix of the object that this is a copy of."""
+        for phase in self._anew:
+            # Where a Schur complement was asked for, its matrix is written once more.
+            block = np.zeros((self._chosen, self._chosen)) if self._given_iparm[35] else None
+            self._run(phase, x=block if phase in _FACTORISATIONS else None)
+        self._anew = ()
+
+    def _run(self, phase: int, b: Array | None = None, x: Array | None = None) -> None:
         if phase in _SOLUTIONS:
             if not self._factored:
                 raise AdiniError(f"PARDISO: phase {phase} needs a factorisation, phase 22, before")
@@ -129,8 +158,13 @@ class Pardiso:
                         f"PARDISO: phase {phase} takes b and x of float64 in Fortran order with "
                         f"{self._perm.size} rows"
                     )
-        elif phase in _FACTORISATIONS:
+            if b is not None and x is not None and b.shape != x.shape:
+                raise AdiniError(f"PARDISO: b has the shape {b.shape} and x {x.shape}")
+        elif phase in _ANALYSES + _FACTORISATIONS:
             self._factored = False
+            schur = (self._chosen, self._chosen) if self._given_iparm[35] else None
+            if phase in _FACTORISATIONS and schur and (x is None or x.shape != schur):
+                raise AdiniError(f"PARDISO: phase {phase} takes x of shape {schur} here")
         nothing = np.zeros(1)
         b, x = (nothing if array is None else array for array in (b, x))
         error = ctypes.c_int32(0)
@@ -151,28 +185,84 @@ class Pardiso:
             b,
             x,
         )
-        _library()(
-            *(
-                ctypes.byref(ctypes.c_int32(value))
-                if isinstance(value, int)
-                else value.ctypes.data_as(ctypes.c_void_p)
-                for value in arguments
-            ),
-            ctypes.byref(error),
-        )
+        # Several threads add up the parts of a solution in the order in which they come, so that
+        # its last bits change from call to call; those of the factors do not.
+        with _one_thread() if phase in _SOLUTIONS else nullcontext():
+            _library()(
+                *(
+                    ctypes.byref(ctypes.c_int32(value))
+                    if isinstance(value, int)
+                    else value.ctypes.data_as(ctypes.c_void_p)
+                    for value in arguments
+                ),
+                ctypes.byref(error),
+            )
         if error.value == _NOT_ENOUGH_MEMORY:
             raise MemoryError("PARDISO: not enough memory for the factorisation")
         if error.value != 0:
             raise PardisoError(phase, error.value)
-        self._factored = self._factored or phase in _FACTORISATIONS
+        if phase in _FACTORISATIONS:
+            self._factored = True
+        if phase in _ANALYSES + _FACTORISATIONS:
+            self._phases = (phase,) if phase in _ANALYSES else (*self._phases, phase)
+        elif phase == _RELEASE:
+            self._handle[:] = 0
+            self._factored, self._phases = False, ()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy needs: the matrix and how it was factored, but neither memory nor lock."""
+        with self._lock:
+            state = self.__dict__ | {"_anew": self._anew or self._phases, "_phases": ()}
+        for name in ("_handle", "_lock", "_iparm", "_factored"):
+            del state[name]
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._handle, self._lock = np.zeros(64, dtype=np.int64), threading.Lock()
+        self._iparm, self._perm = self._given_iparm.copy(), self._perm.copy()
+        self._factored = False
+        _watch(self)
 
     def __del__(self) -> None:
         # At the end of the interpreter even the module's names may be gone.
         if np is None or sys is None or sys.is_finalizing():
             return
         if getattr(self, "_handle", np.zeros(1)).any():
-            self(_RELEASE)
-            self._handle[:] = 0
+            with self._lock:
+                self._run(_RELEASE)
+
+
+# A fork copies the memory of PARDISO at any moment, but no thread that is at work in it: no call
+# may be under way. Processes that only start another program do not come here.
+_alive: weakref.WeakSet[Pardiso] = weakref.WeakSet()
+_registering = threading.Lock()
+_held: list[Pardiso] = []
+
+
+def _watch(solver: Pardiso) -> None:
+    with _registering:
+        _alive.add(solver)
+
+
+def _before_fork() -> None:
+    _registering.acquire()
+    _held.extend(_alive)
+    for solver in _held:
+        solver._lock.acquire()
+
+
+def _after_fork() -> None:
+    for solver in _held:
+        solver._lock.release()
+    _held.clear()
+    _registering.release()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(
+        before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork
+    )
 
 
 def _upper_triangle(A: Any) -> Any:
@@ -197,3 +287,16 @@ def _library() -> Any:
     function = ps.libmkl["pardiso"]  # an object of ours: pypardiso declares arguments of its own
     function.argtypes, function.restype = None, None
     return function
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Hold MKL to one thread for what the calling thread asks of it."""
+    from pypardiso import ps
+
+    set_threads = ps.libmkl["MKL_Set_Num_Threads_Local"]
+    before = set_threads(ctypes.c_int(1))
+    try:
+        yield
+    finally:
+        set_threads(ctypes.c_int(before))

@@ -7,12 +7,12 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from .errors import InputError, MissingDependency
 from .multigrid import Multigrid
 from .near_null_space import NearNullSpace
 from .pardiso import DEFINITE, INDEFINITE, Pardiso, PardisoError, has_pardiso
+from .superlu import SuperLUFactor
 
 Array = NDArray[np.float64]
 Solver = Literal["auto", "pardiso", "superlu", "amg"]
@@ -194,17 +194,12 @@ class _SuperLU:
 
     def __init__(self, A: Any, definite: bool) -> None:
         try:
-            self._factors = splu(
-                sparse.csc_array(A),
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0 if definite else 0.01,
-                options={"SymmetricMode": True},
-            )
+            self._factors = SuperLUFactor(A, "MMD_AT_PLUS_A", 0.0 if definite else 0.01)
         except RuntimeError as error:  # SuperLU: exactly singular
             raise _singular(definite) from error
 
     def solve(self, b: Array) -> Array:
-        return np.asarray(self._factors.solve(b))
+        return self._factors.solve(b)
 
 
 class _Pardiso:

@@ -1,0 +1,62 @@
+"""SciPy's SuperLU for symmetric matrices, in a form that can be copied and sent to a process."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+Array = NDArray[np.float64]
+Ordering = Literal["NATURAL", "MMD_AT_PLUS_A"]
+
+
+class SuperLUFactor:
+    """The factors of one symmetric matrix, without exchange of rows where the pivots allow.
+
+    Nothing changes them, so copies are the object itself and threads may share it. SciPy's own
+    object cannot be pickled; this one takes the matrix along and factors it again.
+
+    Parameters
+    ----------
+    A
+        Symmetric sparse matrix, shape (n, n).
+    ordering
+        SuperLU's ``permc_spec``.
+    threshold
+        SuperLU's ``diag_pivot_thresh``: 0 keeps every pivot on the diagonal that is not zero.
+
+    Attributes
+    ----------
+    factors : scipy.sparse.linalg.SuperLU
+
+    Raises
+    ------
+    RuntimeError
+        A is exactly singular.
+    """
+
+    def __init__(self, A: Any, ordering: Ordering, threshold: float) -> None:
+        A = sparse.csc_matrix(A)
+        self._given = A, ordering, threshold
+        self.factors = splu(
+            A,
+            permc_spec=ordering,
+            diag_pivot_thresh=threshold,
+            options={"SymmetricMode": True},
+        )
+
+    def solve(self, b: Array) -> Array:
+        """Return the solution for one load (n,) or several (n, loads)."""
+        return np.asarray(self.factors.solve(b))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), self._given
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self

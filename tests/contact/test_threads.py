@@ -1,0 +1,80 @@
+"""Contact problems solved in threads and copied: to the last bit what one thread alone gets."""
+
+import copy
+import gc
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from contact import ContactProblem
+from skfem_adini.pardiso import has_pardiso
+
+SOLVERS = [
+    "superlu",
+    pytest.param(
+        "pardiso", marks=pytest.mark.skipif(not has_pardiso(), reason="pypardiso is not installed")
+    ),
+]
+
+
+def problem(make, solver, n=6):
+    return ContactProblem(make.block(n), "bottom", make.foundation[2], 0.9, solver=solver)
+
+
+def fields(result):
+    return result.u, result.mu, result.t
+
+
+def same(one, other):
+    return all(map(np.array_equal, one, other))
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_one_condensation_for_many_loads(solver, make):
+    """400 loads by 8 threads; each is carried to the boundary and back twice, some at once."""
+    condensed = problem(make, solver).condense()
+    size = condensed.body.basis.N
+    loads = list(np.random.default_rng(0).standard_normal((200, size))) * 2
+
+    def there_and_back(load):
+        reduced = condensed.reduce(load)
+        return reduced, condensed.expand(load, reduced), condensed.reduce(0.5 * load)
+
+    alone = [there_and_back(load) for load in loads]
+    with ThreadPoolExecutor(8) as pool:
+        together = list(pool.map(there_and_back, loads))
+    assert all(map(same, alone, together))
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_problems_of_their_own(solver, make):
+    sizes = [4, 5, 6, 7] * 3
+
+    def solved(n):
+        return fields(problem(make, solver, n).solve())
+
+    alone = {n: solved(n) for n in set(sizes)}
+    with ThreadPoolExecutor(6) as pool:
+        together = list(pool.map(solved, sizes))
+    assert all(same(alone[n], found) for n, found in zip(sizes, together, strict=True))
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_one_problem_solved_by_many(solver, make):
+    expected = fields(problem(make, solver).solve())
+    shared = problem(make, solver)
+    with ThreadPoolExecutor(6) as pool:
+        together = list(pool.map(lambda _: fields(shared.solve()), range(12)))
+    assert all(same(expected, found) for found in together)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_copy_outlives_its_original(solver, make):
+    """The copy used PARDISO's memory of the original, also after that had been given back."""
+    original = problem(make, solver)
+    expected = fields(original.solve())
+    other = copy.deepcopy(original)
+    del original
+    gc.collect()
+    assert same(fields(other.solve()), expected)
