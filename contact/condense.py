@@ -190,6 +190,11 @@ class CondensedContact:
         return max(self._B.shape)
 
     @property
+    def unknowns(self) -> int:
+        """Number of the contact boundary's unknowns."""
+        return self._B.shape[1]
+
+    @property
     def point_scale(self) -> Array:
         """Physical force = scaled force / point_scale; physical displacement = scaled * it."""
         first = np.maximum(self._normal, self._tangent.max(axis=1))

@@ -309,16 +309,20 @@ class LayeredBlock(Solid):
             u, contact - load, np.abs(load), self.prescribed[0], self.cell_size
         )
 
+    def reach(self, u: Array) -> float:
+        """Largest displacement at a node."""
+        return float(np.abs(u.reshape(-1, PER_NODE)[:, :2]).max())
+
     def support_error(self, u: Array) -> float:
-        """Largest deviation from a prescribed displacement."""
+        """Largest deviation from a prescribed displacement, derivatives times their length."""
         dofs, values = self.prescribed
-        return float(np.abs(u[dofs] - values).max(initial=0.0))
+        length = np.where(dofs % PER_NODE < 2, 1.0, self.cell_size)
+        return float(np.abs(length * (u[dofs] - values)).max(initial=0.0))
 
     def at_supports(self, forces: Array) -> Array:
         """The part of forces on all dofs that acts where a displacement is prescribed."""
-        part, (dofs, _) = np.zeros_like(forces), self.prescribed
-        part[dofs] = forces[dofs]
-        return part
+        dofs, _ = self.prescribed
+        return np.asarray(np.bincount(dofs, forces[dofs], forces.size), dtype=np.float64)
 
     def total(self, forces: Array) -> Array:
         """Resultant of forces on all dofs, shape (2,)."""
@@ -340,9 +344,8 @@ class LayeredBlock(Solid):
 
     def material(self, points: Array) -> tuple[Array, Array, Array]:
         """Lame parameters lambda and mu, and Poisson's ratio, at points."""
-        layer, _, _ = self._locate(points)
         table = np.array([[float(c.lam), float(c.mu), float(c.nu)] for c in self.cells])
-        lam, mu, nu = table[layer].T
+        lam, mu, nu = table[self._locate(points)[0]].T
         return lam, mu, nu
 
     def _locate(self, points: Array) -> tuple[NDArray[np.int64], Array, Array]:
@@ -351,8 +354,7 @@ class LayeredBlock(Solid):
         slack = 1e-12 * max(self.width, self.height)
         outside = (x < -slack) | (x > self.width + slack) | (y < -slack) | (y > self.height + slack)
         if np.any(outside):
-            i = int(np.argmax(outside))
-            raise InputError(f"points: {points[:, i]} lies outside the block")
+            raise InputError(f"points: {points[:, np.argmax(outside)]} lies outside the block")
         bottoms, size = np.array([(l.bottom, l.height / l.cells) for l in self.layers]).T
         at = np.clip(np.searchsorted(bottoms, y, side="right") - 1, 0, None)
         return at, x * self.columns / self.width, (y - bottoms[at]) / size[at]
@@ -378,11 +380,8 @@ class LayeredBlock(Solid):
     def elastic(self) -> ElasticBody:
         """The same body with a mesh and a Basis, loads and supports included; dofs as here."""
         mesh = grid(self.x, self.y)
-        rows = [layer.cells for layer in self.layers]
-        E, nu = (
-            np.repeat([getattr(layer, key) for layer in self.layers], self.columns * np.array(rows))
-            for key in ("E", "nu")
-        )
+        cells = [self.columns * layer.cells for layer in self.layers]
+        E, nu = (np.repeat([getattr(l, key) for l in self.layers], cells) for key in ("E", "nu"))
         body = ElasticBody.from_mesh(mesh, ElementQuadAdini(), E=E, nu=nu, plane=self.plane)
         for name, c, value in self._supports:
             body.fix(name, c, value)

@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 _OPTIONS: dict[str, dict[str, Any]] = {
     "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "polishing": True, "max_iter": 200_000},
     "proxqp": {"eps_abs": 1e-11, "eps_rel": 0.0, "backend": "sparse"},
-    "piqp": {"eps_abs": 1e-11, "eps_rel": 1e-11},
-    "clarabel": {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10},
+    "piqp": {"eps_abs": 1e-12, "eps_rel": 1e-12},
+    "clarabel": {"tol_gap_abs": 1e-13, "tol_gap_rel": 1e-13, "tol_feas": 1e-13},
 }
 
 
@@ -37,12 +37,13 @@ def solve_with(
     """Solve ``min x'Px/2 + q'x, Gx <= h, Ax = b, lb <= x <= ub`` with a solver of qpsolvers.
 
     Data are scaled to unit size first (SI units would otherwise sit below absolute tolerances):
-    the objective by the largest entry of P, and nothing else, so multipliers scale along.
+    the objective by the largest entry of P, x by that of q, or of the bounds where q is zero.
 
     Returns
     -------
     solution : qpsolvers.Solution
-        In the units of the call.
+        In the units of the call; ``found`` says whether the solver claims convergence, and x may
+        be None where it does not.
     seconds : float
 
     Raises
@@ -51,8 +52,6 @@ def solve_with(
         qpsolvers knows no such solver.
     MissingDependency
         It does but the solver's package is not installed.
-    NotConverged
-        The solver gave up.
     """
     import qpsolvers
 
@@ -73,26 +72,66 @@ def solve_with(
     options = dict(_OPTIONS.get(solver, {}))
     if solver == "proxqp" and not as_sparse:
         options["backend"] = "dense"
-    scale = float(abs(P).max())
-    problem = qpsolvers.Problem(convert(P / scale), q / scale, convert(G), h, convert(A), b, lb, ub)
+    scale = float(abs(P).max()) or 1.0
+    size = _largest(q) / scale or _largest(h, b, lb, ub) or 1.0
+
+    def of_unit(bound: Array | None) -> Array | None:
+        return None if bound is None else bound / size
+
+    problem = qpsolvers.Problem(
+        convert(P / scale),
+        q / (scale * size),
+        convert(G),
+        of_unit(h),
+        convert(A),
+        of_unit(b),
+        of_unit(lb),
+        of_unit(ub),
+    )
     begin = time.perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # remarks on matrix formats
-        solution = qpsolvers.solve_problem(problem, solver, **options)
+        try:
+            solution = qpsolvers.solve_problem(problem, solver, **options)
+        except qpsolvers.exceptions.QPError:
+            solution = qpsolvers.Solution(problem)
     seconds = time.perf_counter() - begin
-    if not solution.found or solution.x is None:
-        raise NotConverged(f"{solver} found no solution of the contact QP")
+    if solution.x is not None:
+        solution.x = solution.x * size
     for name in ("y", "z", "z_box"):
         value = getattr(solution, name)
         if value is not None:
-            setattr(solution, name, value * scale)
+            setattr(solution, name, value * (scale * size))
     return solution, seconds
+
+
+def _largest(*vectors: Array | None) -> float:
+    """Largest finite modulus of an entry."""
+    moduli = [np.abs(v[np.isfinite(v)]).max(initial=0.0) for v in vectors if v is not None]
+    return float(max(moduli, default=0.0))
 
 
 def solve_box_with(
     solver: str, P: Array, q: Array, A: Array | None, b: Array | None, lb: Array, ub: Array
 ) -> tuple[Array, Array]:
-    """Solve the box QP of the contact forces; returns (x, y)."""
+    """Solve the box QP of the contact forces; returns (x, y).
+
+    What the peer leaves of a force that the slope at its bound holds there is its tolerance: such
+    forces are at the bound.
+
+    Raises
+    ------
+    NotConverged
+        The solver gave up.
+    """
     solution, _ = solve_with(solver, P, q, None, None, A, b, lb, ub)
-    y = solution.y if solution.y is not None else np.zeros(0)
-    return np.asarray(solution.x), np.asarray(y)
+    if not solution.found or solution.x is None:
+        raise NotConverged(f"{solver} found no solution of the contact QP")
+    x, y = np.asarray(solution.x), np.zeros(0)
+    slope = P @ x + q
+    if A is not None:
+        y = np.asarray(solution.y)
+        slope = slope + A.T @ y
+    step = slope / np.where(P.diagonal() > 0, P.diagonal(), 1.0)
+    x = np.where(x - step <= lb, lb, np.where(x - step >= ub, ub, x))
+    return x, y

@@ -102,6 +102,11 @@ def _kind_of_dof(body: ElasticBody) -> NDArray[np.int64]:
     return kind
 
 
+def value_dofs(body: ElasticBody) -> NDArray[np.bool_]:
+    """Dofs that are displacements, not derivatives, shape (ndofs,)."""
+    return np.asarray(_kind_of_dof(body) == _VALUE)
+
+
 def dof_lengths(body: ElasticBody) -> Array:
     """Length that turns each dof into a displacement: 1 for values, the mean cell size otherwise.
 

@@ -12,7 +12,7 @@ from scipy import sparse
 
 from contact.cell_finder import find_cells, places_in
 from contact.errors import InputError, numbers
-from contact.rigid_modes import rigid_modes
+from contact.rigid_modes import rigid_modes, value_dofs
 
 if TYPE_CHECKING:
     from skfem import Basis, Mesh
@@ -95,6 +95,10 @@ class Solid(ABC):
         """
 
     @abstractmethod
+    def reach(self, u: Array) -> float:
+        """Largest displacement at a node: derivatives among the dofs have other units."""
+
+    @abstractmethod
     def support_error(self, u: Array) -> float:
         """Largest deviation from a prescribed displacement."""
 
@@ -137,6 +141,7 @@ class BasisSolid(Solid):
     dilatation: str
     _live: tuple[sparse.csr_array, sparse.csr_array, NDArray[np.bool_]] | None = None
     _give: tuple[sparse.csr_array, Array] | None = None
+    _values: NDArray[np.bool_] | None = None
 
     if TYPE_CHECKING:
 
@@ -222,10 +227,16 @@ class BasisSolid(Solid):
         """E with ``E^T T = I``, so that ``z = E^T (u - u0)``: T, whose columns are orthonormal."""
         return self.constraint[0]
 
+    def reach(self, u: Array) -> float:
+        """Largest displacement at a node; where all are zero, of derivatives times their length."""
+        if self._values is None:
+            self._values = value_dofs(self._itself)
+        return _largest(u[self._values]) or _largest(self.lengths[0] * u)
+
     def support_error(self, u: Array) -> float:
-        """Largest deviation from a prescribed displacement."""
+        """Largest deviation from a prescribed displacement, derivatives times their length."""
         T, u0 = self.constraint
-        return _largest(u - u0 - T @ (self.picked.T @ (u - u0)))
+        return _largest(self.lengths[0] * (u - u0 - T @ (self.picked.T @ (u - u0))))
 
     def at_supports(self, forces: Array) -> Array:
         """The part of forces on all dofs that acts where a displacement is prescribed."""

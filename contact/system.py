@@ -100,7 +100,7 @@ class ContactSystem:
         contact = rows.G.T @ mu + rows.T.T @ t.ravel()
         unbalanced, cancelling = self.body.equilibrium(u, contact, self.load)
         # Where forces cancel and nothing moves, displacements are the rounding of what they cause.
-        length = max(float(np.abs(u).max(initial=0.0)), self.body.give(contact)) or 1.0
+        length = max(self.body.reach(u), self.body.give(contact)) or 1.0
         size = max(float(np.abs(mu).max(initial=0.0)), float(np.abs(t).max(initial=0.0))) or 1.0
         reachable = np.isfinite(rows.gap)
         u_n, u_t = self.relative(u, w)

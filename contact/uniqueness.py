@@ -200,11 +200,11 @@ def _apart(one: ContactResult, other: ContactResult) -> bool:
     """Whether displacements or contact forces differ by more than rounding."""
     body, forces = one.system.body, (one.contact_forces, other.contact_forces)
     length = max(
-        *(float(np.abs(result.u).max()) for result in (one, other)),
+        *(body.reach(result.u) for result in (one, other)),
         *(body.give(force) for force in forces),
     )
-    size = max(float(np.abs(force).max()) for force in forces)
+    size = max(body.give(force) for force in forces)  # in displacements: dofs have several units
     return bool(
-        np.abs(one.u - other.u).max() > DISTINCT * length
-        or np.abs(forces[0] - forces[1]).max() > DISTINCT * size
+        body.reach(one.u - other.u) > DISTINCT * length
+        or body.give(forces[0] - forces[1]) > DISTINCT * size
     )
