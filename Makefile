@@ -7,12 +7,17 @@ BIN := $(VENV)/bin
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 EXAMPLES := $(addprefix run-,$(notdir $(wildcard examples/*.py)))
 
-.PHONY: help demo test test-slow lint doctest examples docs readme clean $(EXAMPLES)
+# A part of a lane, and where the clock ends it: make test-slow PYTEST="--shard=0/12 --start-within=200"
+PYTEST ?=
+
+.PHONY: help demo test test-slow test-processor test-oldest lint doctest examples docs readme clean $(EXAMPLES)
 
 help:
 	@echo "make demo       install, solve the frictional contact block, write VTK and a picture to out/"
 	@echo "make test       install what tests need, run the whole suite"
 	@echo "make test-slow  the same with the slow lanes"
+	@echo "make test-processor  the fast tests as another processor would run them, on two BLAS threads"
+	@echo "make test-oldest     the fast tests with the oldest versions of what we depend on, on Python 3.11"
 	@echo "make lint       ruff and mypy"
 	@echo "make doctest    the examples in docstrings"
 	@echo "make examples   every script in examples/, as a user would run it"
@@ -39,10 +44,27 @@ demo: $(VENV)/.demo
 	$(BIN)/python examples/contact_block.py
 
 test: $(VENV)/.test
-	$(ONE_THREAD) $(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
+	$(ONE_THREAD) $(BIN)/python -m pytest -n auto --dist worksteal -m "not slow" $(PYTEST)
 
 test-slow: $(VENV)/.test
-	$(ONE_THREAD) HYPOTHESIS_PROFILE=slow $(BIN)/python -m pytest -n auto --dist worksteal
+	$(ONE_THREAD) HYPOTHESIS_PROFILE=slow $(BIN)/python -m pytest -n auto --dist worksteal $(PYTEST)
+
+# TURN chooses the processor; the clock does without it.
+test-processor: $(VENV)/.test
+	@$(BIN)/python .ci/other_processor.py $(TURN) | tee $(VENV)/processor
+	env $$(cat $(VENV)/processor) OMP_NUM_THREADS=2 OPENBLAS_NUM_THREADS=2 MKL_NUM_THREADS=2 \
+		$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow" $(PYTEST)
+
+OLDEST := $(VENV)-oldest
+
+$(OLDEST)/.test: pyproject.toml .ci/oldest_versions.py
+	python3.11 -m venv $(OLDEST)
+	$(OLDEST)/bin/python .ci/oldest_versions.py > $(OLDEST)/constraints.txt
+	$(OLDEST)/bin/python -m pip install --quiet --editable '.[test,mkl,amg,io]' --constraint $(OLDEST)/constraints.txt
+	@touch $@
+
+test-oldest: $(OLDEST)/.test
+	$(ONE_THREAD) $(OLDEST)/bin/python -m pytest -n auto --dist worksteal -m "not slow" $(PYTEST)
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
@@ -68,4 +90,4 @@ readme: $(VENV)/.demo
 	$(BIN)/python benchmarks/readme_tables.py
 
 clean:
-	rm -rf $(VENV) out build dist *.egg-info
+	rm -rf $(VENV) $(OLDEST) out build dist *.egg-info

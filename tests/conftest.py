@@ -2,6 +2,8 @@
 
 import os
 import sys
+import time
+import zlib
 from pathlib import Path
 
 import matplotlib
@@ -27,8 +29,34 @@ settings.register_profile("slow", max_examples=1000, **_shared)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 
-def pytest_collection_modifyitems(items):
-    """Tests marked `gpu` are skipped where there is no device, and say why."""
+def pytest_addoption(parser):
+    """Parts of the suite, for lanes whose time is limited."""
+    parser.addoption("--shard", help="K/N: the K-th of N parts of the tests, from 0 on")
+    parser.addoption("--start-within", type=float, help="seconds after which no test is started")
+
+
+def pytest_configure(config):
+    """A limited lane counts from here."""
+    config.started = time.monotonic()
+
+
+def pytest_runtest_setup(item):
+    """Where the time is limited, tests that come too late are skipped and say so."""
+    limit = item.config.getoption("--start-within")
+    if limit is not None and time.monotonic() - item.config.started > limit:
+        pytest.skip(f"the {limit:g} seconds of this lane are over")
+
+
+def pytest_collection_modifyitems(config, items):
+    """Only one shard where that is asked for; tests marked `gpu` need a device, and say so."""
+    shard = config.getoption("--shard")
+    if shard:
+        part, parts = map(int, shard.split("/"))
+        chosen = [zlib.crc32(item.nodeid.encode()) % parts == part for item in items]
+        config.hook.pytest_deselected(
+            items=[item for item, keep in zip(items, chosen, strict=True) if not keep]
+        )
+        items[:] = [item for item, keep in zip(items, chosen, strict=True) if keep]
     reason = _no_device()
     if reason:
         for item in items:
