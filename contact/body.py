@@ -25,7 +25,7 @@ from skfem import (
 )
 
 from contact.elasticity import stiffness_matrix
-from contact.errors import InputError, numbers
+from contact.errors import InputError, evaluated, function_of_places, numbers
 from contact.material import MaterialBody
 from contact.mesh_file import read_mesh
 from contact.rigid_modes import dof_lengths
@@ -147,8 +147,7 @@ class ElasticBody(MaterialBody):
         InputError
             The file is missing, truncated or holds no mesh of dimension 2 or 3.
         """
-        if isinstance(mesh, str | Path):
-            mesh = read_mesh(mesh)
+        mesh = read_mesh(mesh) if isinstance(mesh, str | Path) else mesh
         if not isinstance(mesh, Mesh):
             raise InputError(f"mesh: expected a Mesh or a path, got {type(mesh).__name__}")
         if element is None:
@@ -226,7 +225,7 @@ class ElasticBody(MaterialBody):
             Unknown boundary or component, a value that is not finite.
         """
         facets = self.facets(boundary)
-        function = value if callable(value) else _constant(value)
+        function = function_of_places("value", value) if callable(value) else _constant(value)
         chosen = select_components(self.dim, components)
         self._supports = [*self._supports, *((facets, c, function) for c in chosen)]
         for derived in ("constraint", "lengths"):
@@ -263,7 +262,7 @@ class ElasticBody(MaterialBody):
     def _load_vector(self, basis: Any, density: Field, name: str) -> NDArray[np.float64]:
         self.check_unchanged()
         x = np.asarray(basis.global_coordinates())
-        value = numbers(name, density(x) if callable(density) else density)
+        value = evaluated(name, density, x)
         if value.ndim == 0 or value.shape[0] != self.dim:
             raise InputError(
                 f"{name}: expected {self.dim} components, got an array of shape {value.shape}"
@@ -320,7 +319,7 @@ class ElasticBody(MaterialBody):
         for facets, component, function in self._supports:
             dofs = self.basis.get_dofs(facets).flatten()
             dofs = dofs[dofs % self.dim == component]
-            value = numbers("value", function(self.basis.doflocs[:, dofs]))
+            value = evaluated("value", function, self.basis.doflocs[:, dofs])
             if value.shape != dofs.shape or not np.all(np.isfinite(value)):
                 raise InputError(
                     f"value: expected {dofs.size} finite numbers, got shape {value.shape}"

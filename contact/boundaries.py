@@ -12,7 +12,7 @@ from scipy import sparse
 
 from contact.body import ElasticBody
 from contact.cut_arc import ArcGap, CutArc
-from contact.errors import InputError, numbers
+from contact.errors import InputError, evaluated
 from contact.gap import GapRule
 from contact.obstacles import ClosestPoint, Gap
 from contact.placement import check_placement
@@ -198,7 +198,7 @@ def _each(name: str, given: Any, several: bool, count: int, shared: tuple[type, 
 
 
 def _values(friction: Any, x: Array) -> Array:
-    value = numbers("friction", friction(x) if callable(friction) else friction)
+    value = evaluated("friction", friction, x)
     if value.shape not in ((), x.shape[1:]):
         raise InputError(
             f"friction: expected a number or {x.shape[1]} values, one for each contact point, got "

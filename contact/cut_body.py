@@ -14,7 +14,7 @@ from skfem import Basis, ElementVector, MeshQuad
 from contact.body import ElasticBody, Field
 from contact.cut_arc import CutArc
 from contact.elasticity import stiffness_matrix
-from contact.errors import InputError, numbers
+from contact.errors import InputError, array_of, evaluated, function_of_places, numbers
 from contact.settled import settled
 from skfem_adini import AdiniExtension, CutDomain, ElementQuadAdini, LevelSet, Polygon
 from skfem_adini import InputError as AdiniInputError
@@ -132,10 +132,14 @@ class CutBody(ElasticBody):
         InputError
             No boundary there, or a spacing that is not positive.
         """
-        if not (np.isfinite(spacing) and spacing > 0):
+        distance = numbers("spacing", spacing)
+        if distance.shape != () or not 0 < distance < np.inf:
             raise InputError(f"spacing={spacing!r}: expected a positive number")
+        if where is not None:
+            where = function_of_places("where", where)
+        listed: Any = None if parts is None else array_of("parts", parts)
         try:
-            basis = self.domain.boundary(self.element, parts)
+            basis = self.domain.boundary(self.element, listed)
         except AdiniInputError as error:
             raise InputError(str(error)) from error
         x, normals = np.asarray(basis.global_coordinates()), np.asarray(basis.normals)
@@ -198,7 +202,7 @@ class CutBody(ElasticBody):
         if not isinstance(boundary, CutArc):
             self.whole_facets(boundary)
             return super().load(boundary, traction)
-        value = numbers("traction", traction(boundary.x) if callable(traction) else traction)
+        value = evaluated("traction", traction, boundary.x)
         if value.ndim == 1:
             value = value[:, None]
         if value.shape not in ((2, 1), boundary.x.shape) or not np.all(np.isfinite(value)):

@@ -87,7 +87,7 @@ def lame(
         raise InputError(f"E={E!r}: Young's modulus must be positive and finite")
     if not (np.all(ratio > -1) and np.all(ratio < 0.5)):
         raise InputError(f"nu={nu!r}: Poisson's ratio must lie in (-1, 1/2)")
-    if plane not in ("strain", "stress", None):
+    if plane is not None and not (isinstance(plane, str) and plane in ("strain", "stress")):
         raise InputError(f"plane={plane!r}: expected 'strain' or 'stress'")
     mu = modulus / (2 * (1 + ratio))
     lam = modulus * ratio / ((1 + ratio) * (1 - 2 * ratio))
@@ -104,7 +104,7 @@ def checked_dilatation(dilatation: str, element: Any) -> str:
     InputError
         An unknown word, or "mean" for another element than Q1.
     """
-    if dilatation not in ("pointwise", "mean"):
+    if not isinstance(dilatation, str) or dilatation not in ("pointwise", "mean"):
         raise InputError(f"dilatation={dilatation!r}: expected 'pointwise' or 'mean'")
     if dilatation == "mean" and not isinstance(element, ElementQuad1 | ElementHex1):
         raise InputError(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from contact.cut_body import CutBody
-from contact.errors import MissingDependency
+from contact.errors import InputError, MissingDependency, numbers
 from skfem_adini import to_pyvista, von_mises
 
 if TYPE_CHECKING:
@@ -30,6 +30,9 @@ def body_grid(result: ContactResult, subdivide: int | None = None) -> Any:
         Point data ``displacement``, ``nodal_stress`` (nine components), ``nodal_von_mises``; cell
         data ``von_mises`` and ``stress`` (xx, yy, zz, xy, ...).
     """
+    given = None if subdivide is None else numbers("subdivide", subdivide)
+    if given is not None and (given.shape != () or not 1 <= given < np.inf or given % 1):
+        raise InputError(f"subdivide={subdivide!r}: expected a whole number from 1")
     body, cell, nodal = result.system.body, result.cell_stress(), result.nodal_stress()
     pairs = [(0, 0), (1, 1), (0, 1)] if body.dim == 2 else [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2)]
     pairs += [] if body.dim == 2 else [(0, 2)]

@@ -192,6 +192,6 @@ def facet_functional(element: Any, name: str | None) -> FacetFunctional:
     offered = {functional.name: functional for functional in _OF_ELEMENT[family]}
     if name is None:
         return _OF_ELEMENT[family][0]
-    if name not in offered:
+    if not isinstance(name, str) or name not in offered:
         raise InputError(f"functional={name!r}: {family} offers {sorted(offered)}")
     return offered[name]

@@ -60,7 +60,7 @@ class Options:
             An unknown method, one that the law does not take, or a number out of range.
         """
         peer = isinstance(method, str) and method.startswith("qp:")
-        if method not in _OFFERED[law] and not peer:
+        if not (isinstance(method, str) and method in _OFFERED[law]) and not peer:
             raise InputError(
                 f"method={method!r}: a {law or 'frictionless'} problem takes "
                 f"{', '.join(map(repr, _OFFERED[law]))} or 'qp:<solver>'"
@@ -76,7 +76,7 @@ class Options:
             raise InputError(f"tol={tol!r}: expected a number between 0 and 1")
         if max_iterations is None:
             max_iterations = 2000 if method == "fixed_point" else 100
-        if max_iterations < 1 or max_iterations != int(max_iterations):
+        if not 1 <= max_iterations < np.inf or max_iterations != int(max_iterations):
             raise InputError(f"max_iterations={max_iterations!r}: expected a whole number from 1")
         if eps is not None and (method != "fixed_point" or not 0 < eps < np.inf):
             raise InputError(f"eps={eps!r}: a positive number, for method 'fixed_point' only")

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact.errors import InputError, numbers
+from contact.errors import InputError, evaluated, numbers
 from contact.signed_distance import SignedDistance
 
 Array = NDArray[np.float64]
@@ -316,7 +316,7 @@ def evaluate_gap(obstacle: Gap, x: Array, n: Array) -> Array:
     if isinstance(obstacle, known):
         gap = obstacle(x, n)
     else:
-        gap = numbers("obstacle", obstacle(x) if callable(obstacle) else obstacle)
+        gap = evaluated("obstacle", obstacle, x)
     try:
         gap = np.broadcast_to(gap, x.shape[1:])
     except ValueError:

@@ -149,7 +149,7 @@ class ContactProblem:
     def _take(self, laws: Laws, boundaries: ContactBoundaries) -> None:
         """Check obstacle, friction and law, and keep them."""
         obstacle, given, law = laws
-        if law not in ("coulomb", "tresca", None):
+        if law is not None and not (isinstance(law, str) and law in ("coulomb", "tresca")):
             raise InputError(f"law={law!r}: expected 'coulomb', 'tresca' or None")
         friction = boundaries.friction(given)
         rubs = bool(np.any(friction > 0))
@@ -201,6 +201,8 @@ class ContactProblem:
             "cuda" needs a `LayeredBlock`, CuPy and a CUDA device.
         """
         self._follow_body()
+        if device is not None and not (isinstance(device, str) and device in ("cpu", "cuda")):
+            raise InputError(f"device={device!r}: expected 'cpu' or 'cuda'")
         kept, material = self._condensed, self.body._material
         if kept is None or kept[1] is not material or device not in (None, kept[0]):
             where = device or ("cpu" if kept is None else kept[0])
@@ -273,6 +275,8 @@ class ContactProblem:
         for name, value in (("start", start), ("after", after)):
             if value is not None and not isinstance(value, ContactResult):
                 raise InputError(f"{name}: expected a ContactResult, got {type(value).__name__}")
+        if callback is not None and not callable(callback):
+            raise InputError(f"callback={callback!r}: expected a function of an Iteration")
         options = Options.checked(self.law, self.body.dim, method, tol, max_iterations, eps)
 
         def report(line: Iteration) -> None:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from contact.errors import InputError, numbers
+from contact.errors import InputError, array_of, numbers
 from contact.obstacles import Gap
 
 Array = NDArray[np.float64]
@@ -105,9 +105,11 @@ class Rigid:
 def _read(name: str, given: Any, count: int) -> Array:
     if given is None:
         return np.full(count, np.nan)
-    values: ArrayLike = [given] if np.ndim(given) == 0 else given
+    values = np.atleast_1d(array_of(name, given))
+    if values.ndim != 1 or np.ma.is_masked(given):
+        raise InputError(f"{name}={given!r}: expected {count} finite numbers (or None)")
     # None stands for "not given"; a NaN that the caller passes does not.
-    entries = [np.inf if v is not None and v != v else v for v in np.asarray(values, dtype=object)]
+    entries = [np.inf if v is not None and v != v else v for v in values.tolist()]
     array = numbers(name, [np.nan if v is None else v for v in entries])
     if array.shape != (count,) or np.any(np.isinf(array)):
         raise InputError(f"{name}={given!r}: expected {count} finite numbers (or None)")

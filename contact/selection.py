@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from skfem import Mesh
 
-from contact.errors import InputError
+from contact.errors import InputError, array_of
 
 _AXES = "xyz"
 
@@ -33,7 +33,7 @@ def select_facets(mesh: Mesh, boundary: str | Sequence[str] | ArrayLike) -> NDAr
         found = [np.asarray(known[name], dtype=np.int64) for name in names]
         facets = np.unique(np.concatenate(found)) if found else np.zeros(0, dtype=np.int64)
     else:
-        numbers = np.asarray(boundary)
+        numbers = array_of("boundary", boundary)
         if numbers.size and numbers.dtype.kind not in "iu":
             raise InputError(
                 f"boundary={boundary!r}: expected a name, names, or whole facet numbers"
@@ -61,7 +61,7 @@ def select_components(dim: int, components: str | int | Sequence[int] | None) ->
     if isinstance(components, str):
         numbers = [_AXES.find(letter) for letter in components]
     else:
-        given = np.atleast_1d(np.asarray(components))
+        given = np.atleast_1d(array_of("components", components))
         numbers = [int(c) for c in given] if given.dtype.kind in "iu" else []
     if not numbers or any(c < 0 or c >= dim for c in numbers):
         raise InputError(

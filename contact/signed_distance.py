@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact.errors import InputError, numbers
+from contact.errors import InputError, evaluated, numbers
 
 Array = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ class SignedDistance:
     def _at(self, x: Array) -> Array:
         if not callable(self.function):
             raise InputError(f"SignedDistance: {self.function!r} is no function of x")
-        value = numbers("SignedDistance", self.function(x))
+        value = evaluated("SignedDistance", self.function, x)
         if value.shape != x.shape[1:] or np.any(np.isnan(value)):
             raise InputError(
                 f"SignedDistance: the function must return {x.shape[1:]} numbers, got "

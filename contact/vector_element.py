@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from skfem import Mesh
-from skfem.element import ElementVector
+from skfem.element import Element, ElementVector
 
 from contact.errors import InputError
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
@@ -22,8 +22,12 @@ def vector_element(element: Any, mesh: Mesh) -> ElementVector:
     Raises
     ------
     InputError
-        The element does not live on the cells of the mesh.
+        No element, or one that does not live on the cells of the mesh.
     """
+    if not isinstance(element, Element):
+        raise InputError(
+            f"element: expected one of scikit-fem's, such as ElementQuad2(), got {element!r}"
+        )
     if type(element) in _FIRST_ORDER_SUFFICES:
         element = type(element)(derivatives=1)
     if not isinstance(element, ElementVector):
