@@ -1,8 +1,8 @@
 """Environment of another processor: which kernels OpenBLAS, MKL, NumPy and numba take.
 
-`python .ci/other_processor.py [TURN]` prints `NAME=value` lines for `env`. Each turn names the next of the
-processors that this machine can stand in for and is not itself; without one the clock chooses. What hangs
-on the last bit of a sum shows when the kernels change.
+`python .ci/other_processor.py [TURN]` prints `NAME=value` lines for `env`. Each turn names the next
+of the processors that this machine can stand in for and is not itself; without one the clock
+chooses. What hangs on the last bit of a sum shows when the kernels change.
 """
 
 import sys
