@@ -32,8 +32,10 @@ from scipy import sparse
 
 from contact.arc_length import Curve, curves
 from contact.errors import InputError, numbers
+from contact.frames import tangent_frame
 from contact.obstacles import Gap, evaluate_gap
-from contact.rows import ContactRows, tangent_frame
+from contact.rows import ContactRows
+from contact.shares import check_weights
 
 if TYPE_CHECKING:
     from contact.cut_body import CutBody
@@ -101,6 +103,7 @@ class CutArc:
         hats, x = self._hats()
         mean = sparse.csr_array(hats @ sparse.diags_array(self.weights))
         weights = np.asarray(mean.sum(axis=1), dtype=float)
+        check_weights(weights, float(self.weights.sum()), HAT)
         mean = sparse.csr_array(sparse.diags_array(1.0 / weights) @ mean)
         normals = self.normals if direction is None else direction(self.x)
         tangents = tangent_frame(normals)[:, 0]

@@ -10,20 +10,26 @@ name            numbers                              passes    remark
                                                      the patch
                                                      test
 ==============  ===================================  ========  =====================================
-``nodal``       vertex values                        P1, Q1    Adini fails the patch test
+``nodal``       vertex values                        P1, Q1    Adini fails the patch test: uniform
+                                                               pressure, a third off at the ends
 ``bernstein``   Bernstein (control-net) coefficients yes       no penetration between the points:
                                                                the trace lies in their convex hull
-``gauss``       values at two Gauss points           yes       may penetrate between the points
+``gauss``       values at two Gauss points           yes       may penetrate between the points;
+                                                               quadratic traces: refused on curves
 ``centroid``    one a vertex: its share of the mean  yes       may penetrate between the points
 ``thesis``      3N + 1 points at thirds              --        rank 2N + 2: reproduction only
 ==============  ===================================  ========  =====================================
 
 For Adini and BFS the trace is a C1 cubic spline. Where two facets continue each other the vertex
-number is a mean of its two neighbours and is dropped; what remains has full rank 2N + 2.
+number is a mean of its two neighbours and is dropped; what remains has full rank 2N + 2. On a curve
+of straight facets the same numbers are means of what both facets read, see `contact.shares`.
 
 Quadratic elements cannot use vertex and midpoint values: the mean of a quadratic triangle weighs
 its vertices with zero, so forces there have no pressure (and in their neighbourhood no sign).
-All Bernstein coefficients of a face weigh the same, 1/6 on triangles and 1/9 on quadrilaterals.
+All Bernstein coefficients of a face weigh the same, 1/6 on triangles and 1/9 on quadrilaterals. On
+the facets of a curve ``bernstein`` is one number a vertex instead, see `contact.shares`. Two Gauss
+points a facet leave the alternating multiplier +, -, +, - all but without effect on a quadratic
+trace: on a curve it takes over the pressure of triangles and the shear of all.
 
 A face of the Adini brick has three numbers a vertex, u and its slopes along the face. Control
 points along the edges would be four, points of Gauss four a face: rows that depend on each other.
@@ -66,10 +72,16 @@ class FacetFunctional:
         facet.
     smooth : bool
         The trace is C1: drop vertex numbers where two facets continue each other.
-    weights : ndarray, shape (nvalues,), or None
-        Weights as fractions of the facet's measure; None derives them from the trace space.
     mean : bool
         Replace the vertex values by the vertices' shares of the mean (``centroid``).
+    reduced : bool
+        On the facets of a curve take the vertex hats alone: there values at vertices and in the
+        middle of a facet, off the curve by its height over the facet, contradict each other.
+    straight : bool
+        Of use on straight boundaries only.
+    trace : FacetFunctional, optional
+        One that spans the traces: where this one's numbers are fewer, pressures are reported where
+        a linear one is met best.
     """
 
     name: str
@@ -78,13 +90,38 @@ class FacetFunctional:
     nominal: Array
     vertex: tuple[int | tuple[int, int], ...]
     smooth: bool = False
-    weights: Array | None = None
     mean: bool = False
+    reduced: bool = False
+    straight: bool = False
+    trace: FacetFunctional | None = None
 
     @property
     def shared(self) -> NDArray[np.bool_]:
         """Numbers that a vertex or an edge carries, not the facet alone, shape (nvalues,)."""
         return np.array([carrier != -1 for carrier in self.vertex])
+
+    @property
+    def corners(self) -> NDArray[np.int64]:
+        """The numbers that vertices carry, in ring order."""
+        return np.flatnonzero([isinstance(c, int) and c >= 0 for c in self.vertex])
+
+    def basis(self, points: Array) -> Array:
+        """The polynomials N_k that the numbers multiply, ``v = sum_k value_k N_k``.
+
+        Parameters
+        ----------
+        points : ndarray, shape (dim - 1, n)
+
+        Returns
+        -------
+        ndarray, shape (nvalues, n)
+            They are not negative for Bernstein coefficients, and sum to one.
+        """
+        powers = _POWERS[self.points.shape]
+        at_nodes, at_points = (
+            np.prod(x.T[:, None] ** powers, axis=2) for x in (self.points, points)
+        )
+        return np.asarray(np.linalg.solve((self.C @ at_nodes).T, at_points.T))
 
 
 def _line(
@@ -97,6 +134,14 @@ def _line(
     )
 
 
+# Exponents of the monomials that span the traces, by the number of points that determine them.
+_LINE = {(1, n): np.arange(n)[:, None] for n in (2, 3, 4)}
+_POWERS = _LINE | {
+    (2, 3): np.array([[0, 0], [1, 0], [0, 1]]),
+    (2, 6): np.array([[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]]),
+    (2, 4): np.array([[i, j] for i in range(2) for j in range(2)]),
+    (2, 9): np.array([[i, j] for i in range(3) for j in range(3)]),
+}
 _THIRDS = [0.0, 1 / 3, 2 / 3, 1.0]
 _GAUSS = [0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0)]
 # Bernstein coefficients of the interpolating quadratic and cubic.
@@ -116,7 +161,8 @@ def _quadratic_triangle() -> FacetFunctional:
     C = np.eye(6)
     for k, (a, b) in enumerate(_TRIANGLE_EDGES):
         C[3 + k, [3 + k, a, b]] = 2.0, -0.5, -0.5
-    return FacetFunctional("bernstein", _TRIANGLE, C, _TRIANGLE, (0, 1, 2, *_TRIANGLE_EDGES))
+    carriers = (0, 1, 2, *_TRIANGLE_EDGES)
+    return FacetFunctional("bernstein", _TRIANGLE, C, _TRIANGLE, carriers, reduced=True)
 
 
 def _quadratic_square() -> FacetFunctional:
@@ -124,7 +170,7 @@ def _quadratic_square() -> FacetFunctional:
     place = np.array([(0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1), (1, 1)])
     C = np.array([[_QUADRATIC[k, i] * _QUADRATIC[m, j] for i, j in place] for k, m in place])
     return FacetFunctional(
-        "bernstein", place.T / 2, C, place.T / 2, (0, 1, 2, 3, *_SQUARE_EDGES, -1)
+        "bernstein", place.T / 2, C, place.T / 2, (0, 1, 2, 3, *_SQUARE_EDGES, -1), reduced=True
     )
 
 
@@ -134,12 +180,14 @@ _GAUSS_SQUARE = FacetFunctional(
     np.eye(4),
     np.array([[x, y] for x in _GAUSS for y in _GAUSS]).T,
     (-1, -1, -1, -1),
+    straight=True,
 )
-_QUADRATIC_LINE = _line("bernstein", [0.0, 0.5, 1.0], _QUADRATIC, (0, -1, 1))
+_QUADRATIC_LINE = _line("bernstein", [0.0, 0.5, 1.0], _QUADRATIC, (0, -1, 1), reduced=True)
 
+_CUBIC_LINE = _line("bernstein", _THIRDS, _CUBIC, (0, -1, -1, 1), smooth=True)
 _CUBIC_LINES = (
-    _line("bernstein", _THIRDS, _CUBIC, (0, -1, -1, 1), smooth=True),
-    _GAUSS_LINE,
+    _CUBIC_LINE,
+    replace(_GAUSS_LINE, trace=_CUBIC_LINE),
     _NODAL_LINE,
     replace(_NODAL_LINE, name="centroid", mean=True),
 )
@@ -148,8 +196,8 @@ _CUBIC_LINES = (
 _OF_ELEMENT: dict[str, tuple[FacetFunctional, ...]] = {
     "ElementTriP1": (_NODAL_LINE,),
     "ElementQuad1": (_NODAL_LINE,),
-    "ElementTriP2": (_QUADRATIC_LINE, _GAUSS_LINE),
-    "ElementQuad2": (_QUADRATIC_LINE, _GAUSS_LINE),
+    "ElementTriP2": (_QUADRATIC_LINE, replace(_GAUSS_LINE, straight=True)),
+    "ElementQuad2": (_QUADRATIC_LINE, replace(_GAUSS_LINE, straight=True)),
     "ElementTetP1": (_NODAL_TRIANGLE,),
     "ElementHex1": (_NODAL_QUAD,),
     "ElementTetP2": (_quadratic_triangle(),),
@@ -158,7 +206,7 @@ _OF_ELEMENT: dict[str, tuple[FacetFunctional, ...]] = {
     "ElementQuadBFS": (*_CUBIC_LINES,),
     "ElementQuadAdini": (
         *_CUBIC_LINES,
-        _line("thesis", _THIRDS, None, (0, -1, -1, 1), weights=np.array([1.0, 3, 3, 1]) / 8),
+        _line("thesis", _THIRDS, None, (0, -1, -1, 1), straight=True),
     ),
 }
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.errors import InputError, numbers
-from contact.functionals import FacetFunctional
 from contact.obstacles import Gap, evaluate_gap
+from contact.shares import Shares
 
 Array = NDArray[np.float64]
 
@@ -22,11 +22,13 @@ class GapRule:
     ----------
     x, normals : ndarray, shape (dim, nfacets, npoints)
         Evaluation points of each facet, and outward normals there.
-    form : FacetFunctional
-    number : ndarray of int, shape (nfacets, nvalues)
-        Contact point of each value of a facet, before sorting; -1 for a dropped one.
+    shares : Shares
     x_nominal, mean_normals : ndarray, shape (dim, m)
         Of the contact points, before sorting.
+    slant : ndarray, shape (m,)
+        Length of the mean of the facets' normals at each, as in the rows: 1 where they are one.
+    sharp : ndarray of bool, shape (m,)
+        Facets meet there in a real corner.
     order : ndarray of int, shape (m,)
         Sorts the contact points.
     offset : ndarray, shape (dim, m), optional
@@ -35,10 +37,11 @@ class GapRule:
 
     x: Array
     normals: Array
-    form: FacetFunctional
-    number: NDArray[np.int64]
+    shares: Shares
     x_nominal: Array
     mean_normals: Array
+    slant: Array
+    sharp: NDArray[np.bool_]
     order: NDArray[np.int64]
     offset: Array | None = None
 
@@ -54,19 +57,37 @@ class GapRule:
             return self._given(obstacle)
         if self.offset is not None:
             return self._extrapolated(obstacle, self.offset)[self.order]
+        return self._read(obstacle)[self.order]
+
+    def _read(self, obstacle: Gap) -> Array:
+        """The mean of what the facets read."""
+        shares, count = self.shares, self.order.size
         at = evaluate_gap(obstacle, self.x, self.normals)
         open_ = np.isinf(at)
-        of_facet = np.where(open_, 0.0, at) @ self.form.C.T
-        of_facet[(open_.astype(float) @ (self.form.C != 0).T) > 0] = np.inf
-        gap = np.empty(self.order.size)
-        used = self.number >= 0
-        gap[self.number[used]] = of_facet[used]
-        shared = np.unique(self.number[:, self.form.shared])
-        shared = shared[shared >= 0]  # these see the obstacle along their own, mean normal
-        if shared.size:
-            where = self.x_nominal[:, shared], self.mean_normals[:, shared]
-            gap[shared] = evaluate_gap(obstacle, *where)
-        return gap[self.order]
+        value = np.einsum("fsp,fp->fs", shares.C, np.where(open_, 0.0, at))
+        blind = np.einsum("fsp,fp->fs", shares.C != 0, open_.astype(float)) > 0
+        own, lent = ~shares.lent, shares.lent & ~blind
+
+        def total(part: Array, where: NDArray[np.bool_]) -> Array:
+            return np.bincount(shares.number[where], part[where], count).astype(np.float64)
+
+        held = total(shares.omega, own)
+        gap = total(value, own) / held
+        extra = total(shares.omega, lent)
+        beside = np.where(extra > 0, total(value, lent) / np.where(extra > 0, extra, 1.0), gap)
+        # Where the outline is straight a gap with a kink or a step is read by its own facet alone.
+        gap += extra / (held + extra) * np.clip(beside - gap, -shares.reach, shares.reach)
+
+        unseen = total(blind.astype(float), own) > 0
+        alone = np.bincount(shares.number[own], minlength=count) == 1
+        gap[unseen & alone] = np.inf
+        # In a corner the facets' normals meet the obstacle far apart, or not at all: the gap is
+        # that along their mean.
+        seek = np.flatnonzero(~alone & (unseen | self.sharp))
+        if seek.size:
+            where = self.x_nominal[:, seek], self.mean_normals[:, seek]
+            gap[seek] = evaluate_gap(obstacle, *where) * self.slant[seek]
+        return gap
 
     def _extrapolated(self, obstacle: Gap, offset: Array) -> Array:
         """d plus its slope times the offset, as for the displacement; exact for quadratic d."""

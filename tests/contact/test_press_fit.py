@@ -38,14 +38,14 @@ def ring(straight, curved, element, n):
     "family", [(MeshQuad, MeshQuad2, ElementQuad2), (MeshTri, MeshTri2, ElementTriP2)]
 )
 def test_pressure_of_lame_without_shear(family, gap):
-    """Of first order, as normals are; no slip, not even where symmetry holds the bore."""
+    """Of second order and better; no slip, not even where symmetry holds the bore."""
     worst = []
     for n in (4, 8, 16):
         body = ring(*family, n)
         result = ContactProblem(body, "bore", gap((0.0, 0.0), A + D), friction=0.3).solve()
         worst.append(np.abs(result.pressure / EXACT - 1).max())
-        # Triangles lie askew to the symmetry of the ring: shear of the pressure's error.
-        askew = 0.5 * worst[-1] if family[0] is MeshTri else 1e-10
+        # Triangles lie askew to the symmetry of the ring.
+        askew = 0.1 / n**1.5 if family[0] is MeshTri else 1e-10
         assert np.abs(result.shear).max() < askew * EXACT
-    assert worst[-1] < 0.01
-    assert -np.polyfit(np.log([4, 8, 16]), np.log(worst), 1)[0] == pytest.approx(1.1, abs=0.3)
+    assert worst[-1] < 0.002
+    assert -np.polyfit(np.log([4, 8, 16]), np.log(worst), 1)[0] > 1.6
