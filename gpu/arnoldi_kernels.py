@@ -9,6 +9,7 @@ times a step. Sums are taken in a fixed order, so that a run repeats bit by bit 
 from __future__ import annotations
 
 import functools
+import threading
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ SUMS = 2048  # numbers of `gram_schmidt_source` in shared memory
 OWN = SUMS // 2 - THREADS // 32  # rows of a block whose sums fit there
 FILLED = 0.5  # of the common cache, by columns that stay there or are fetched ahead
 SCARCE = 0.1  # part of the columns that is not worth keeping
+_launching = threading.Lock()
+_granted: dict[tuple[int, str], int] = {}  # bytes of shared memory, by device and kernel
 
 
 class FusedSteps:
@@ -54,7 +57,8 @@ class FusedSteps:
 
         self._V, self._rows = V, coefficients
         self.size, self.n = len(coefficients), V.shape[1]
-        processors, most_shared, cache = _limits(cupy.cuda.Device().id)
+        self._device = cupy.cuda.Device().id
+        processors, most_shared, cache = _limits(self._device)
         self._blocks = min(processors, -(-self.n // ROWS))
         numbers = SUMS + 2 * self.size + 4
         self._shared = 8 * numbers
@@ -149,11 +153,14 @@ class FusedSteps:
         )
 
     def _launch(self, name: str, meetings: int, shared: int, arguments: Any) -> None:
-        kernel = _kernel(name)
-        if shared > SHARED:
-            kernel.max_dynamic_shared_size_bytes = shared
         goal = np.uint32(self._arrived % 2**32)
-        kernel((self._blocks,), (THREADS,), arguments(goal), shared_mem=shared)
+        # What a kernel may have belongs to it, and so to all threads: a launch between the wish of
+        # another thread and its own is refused, as too large or as an invalid argument.
+        with _launching:
+            kernel, place = _kernel(name), (self._device, name)
+            if shared > _granted.get(place, SHARED):
+                kernel.max_dynamic_shared_size_bytes = _granted[place] = shared
+            kernel((self._blocks,), (THREADS,), arguments(goal), shared_mem=shared)
         self._arrived += meetings * self._blocks
 
 

@@ -139,6 +139,8 @@ class DenseLoop:
     def is_stable(self) -> bool:
         """Whether every pole lies left of the imaginary axis, beyond round-off."""
         if self.whole:
+            if not np.isfinite(self.poles).all():
+                return False
             return self.abscissa < -self.rounding and not self._on_the_axis()
         return self.bound < 0.0
 

@@ -59,8 +59,11 @@ class CrossedWeight(Weight):
     """``Q - F F^T``, applied."""
 
     def __init__(self, weight: Weight, F: Any) -> None:
-        self.state, self.Q = weight.state, None
-        self.apply = lambda x: weight.apply(x) - F @ (F.T @ x)
+        self.state, self.Q, self.weight, self.F = weight.state, None, weight, F
+
+    def apply(self, x: Any) -> Any:
+        """``Q x - F F^T x``."""
+        return self.weight.apply(x) - self.F @ (self.F.T @ x)
 
 
 def without_cross_term(problem: LQRProblem) -> LQRProblem:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -108,12 +107,10 @@ def _by_qz(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, 
     A, E, Q, N = (None if M is None else to_host(M) for M in problem.full())
     assert A is not None
     assert Q is not None
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            S = linalg.solve_continuous_are(A, to_host(problem.B), Q, problem.R, e=E, s=N)
-        except ValueError as error:
-            raise np.linalg.LinAlgError(str(error)) from None
+    try:
+        S = linalg.solve_continuous_are(A, to_host(problem.B), Q, problem.R, e=E, s=N)
+    except ValueError as error:
+        raise np.linalg.LinAlgError(str(error)) from None
     return xp.asarray((S + S.T) / 2), {"iterations": 1, "path": "qz"}
 
 

@@ -52,9 +52,10 @@ def certify(
         CERTIFIED * (max(float(size.max()), scale) + modulus * (1.0 if mass is None else mass.norm))
         + 10 * tol * modulus
     )
-    good = error <= allowed
+    good = np.isfinite(allowed) & (error <= allowed)
     if not good.all():
-        worst = CERTIFIED * float((error[~good] / allowed[~good]).max())
+        with np.errstate(invalid="ignore"):  # of numbers that are none
+            worst = CERTIFIED * float((error[~good] / allowed[~good]).max())
         kept = np.flatnonzero(good)
         raise NotConverged(
             f"{int((~good).sum())} of {len(values)} pairs fail their certificate: |A x - lambda x| "

@@ -8,7 +8,17 @@ import numpy as np
 
 
 class GpuError(Exception):
-    """Base class of every error raised on purpose by `gpu`."""
+    """Base class of every error raised on purpose by `gpu`; copies and pickles keep all of it."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (type(self), self.args, self.__dict__)
+
+
+def _restored(kind: type[GpuError], args: tuple[Any, ...], state: dict[str, Any]) -> GpuError:
+    """Without the constructor, which asks for more than the message."""
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(state)
+    return error
 
 
 class InputError(GpuError, ValueError):

@@ -21,7 +21,7 @@ from scipy import sparse
 from gpu.equilibrate import Scaling, equilibrate
 from gpu.kkt_system import SparseSystem
 from gpu.polish import HUGE, Sides
-from gpu.program import Array, Matrix, Program, one_sided
+from gpu.program import Array, Matrix, Program, largest, one_sided
 
 # 64 bits of mantissa on x86, 113 on other Linux machines, and 53 where there is nothing longer.
 Long = np.longdouble
@@ -100,7 +100,7 @@ def _refined(
         dx, dy = np.where(held, 0.0, dx), np.where(used, dy, 0.0)
         x, y = x + dx, y + dy
         steps = ((dx, x), (dy, y))
-        change = max(_largest(step) / (_largest(whole) or 1.0) for step, whole in steps)
+        change = largest(*(_largest(step) / (_largest(whole) or 1.0) for step, whole in steps))
         settled = bool(change <= NOTHING)
         stalled = 0 if change < 0.5 * last else stalled + 1
         last = min(last, change)

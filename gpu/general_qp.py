@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpu.certificates import Solve, farkas, ray
+from gpu.curvature_rows import curvature_rows
 from gpu.equilibrate import Scaling, equilibrate
 from gpu.errors import NotConverged
 from gpu.extended_precision import Triple, extended
@@ -89,6 +91,7 @@ def _certified(p: Program, x: Array, y: Array) -> Point:
     return clean if clean.residuals.worst <= 2.0 * full.residuals.worst else full
 
 
+@np.errstate(all="ignore")  # what overflows shows in the residuals
 def minimise(p: Program, tol: float, solver: str = "auto", proofs: bool = True) -> Point:
     """Solve, or raise `NoPoint`, `NoBound` or `NotConverged`.
 
@@ -103,11 +106,6 @@ def minimise(p: Program, tol: float, solver: str = "auto", proofs: bool = True) 
         Whether to look for certificates where no solution is found; if not, the best point comes
         back, whatever its residuals.
     """
-    with np.errstate(all="ignore"):  # what overflows shows in the residuals
-        return _minimise(p, tol, solver, proofs)
-
-
-def _minimise(p: Program, tol: float, solver: str, proofs: bool) -> Point:
     if not bool(p.q.any()):
         nothing = certified(p, p.xp.zeros_like(p.q), p.xp.zeros_like(p.row_low))
         if nothing.residuals.worst == 0.0:
@@ -124,10 +122,14 @@ def _minimise(p: Program, tol: float, solver: str, proofs: bool) -> Point:
         if not small.free.size:
             raise NoPoint(_violated(p, point.x))
     scaled, scaling = equilibrate(small.program)
+    spelt = curvature_rows(scaled)
+    if spelt is not None:
+        scaled = spelt.program
     system = kkt_system(scaled, solver)
 
     def whole(x: Array, y: Array) -> Point:
-        return certified(p, *small.point(*scaling.point(x, y)))
+        point = (x, y) if spelt is None else spelt.point(x, y)
+        return certified(p, *small.point(*scaling.point(*point)))
 
     def sharp(x: Array, y: Array) -> float:
         return whole(x, y).residuals.sharp
@@ -145,9 +147,12 @@ def _minimise(p: Program, tol: float, solver: str, proofs: bool) -> Point:
         if attempt == 1 and not scaled.is_sparse:
             system = kkt_system(scaled, solver, safe=True)
         aim = (0.1 if attempt == 0 else 1e-3) * tol
-        x, y, sides, count = interior_point(
-            scaled, system, worst, aim, separate, spread, hurried=sharpen
-        )
+        try:
+            x, y, sides, count = interior_point(
+                scaled, system, worst, aim, separate, spread, hurried=sharpen
+            )
+        except np.linalg.LinAlgError:
+            continue  # not even a first point: another attempt has another system
         steps += count
         found = [whole(x, y)]
         x, y, _ = polish(scaled, system, Sides(*sides), x, y, sharp, SHARP)
@@ -162,11 +167,19 @@ def _minimise(p: Program, tol: float, solver: str, proofs: bool) -> Point:
                 best = min([best, sharper], key=rank)
                 if best.residuals.worst <= tol:
                     break
+        # A linear term that is lost in rounding beside P is no evidence of a bound.
+        unproved = spelt is not None and not bool(p.bounded.all())
+        if attempt == 0 and proofs and unproved and best.residuals.primal <= tol:
+            _prove_unbounded(p, solver)
         if best.residuals.worst <= tol:
             break
         if attempt == 0 and proofs:
-            _prove(p, best, tol, solver)
-    assert best is not None
+            _prove(p, best, solver)
+    if best is None:
+        raise NotConverged(
+            "no system of the interior point can be factored: numbers of the problem overflow, or "
+            "differ by too many orders; measure variables, rows or the objective in other units"
+        )
     if proofs and not best.residuals.worst <= tol:
         raise NotConverged(
             f"{steps} interior-point steps end at {best.residuals}, above tol = {tol}, and neither "
@@ -206,19 +219,24 @@ def polished(p: Program, sides: Sides, x: Array, y: Array) -> Point | None:
     return whole(x, y)
 
 
-def _prove(p: Program, best: Point, tol: float, solver: str) -> None:
+def _prove(p: Program, best: Point, solver: str) -> None:
     """Raise with a certificate if there is one."""
-    small, scaling = equilibrate(p)
-
-    def solve(program: Program) -> Array:
-        return minimise(program, 1e-10, solver, proofs=False).x
-
     # Relative to iterates that diverge even the rows of a contradiction hold: both are sought.
     if best.residuals.worst <= PLAUSIBLE:
         return
+    small, scaling = equilibrate(p)
     likely = (_no_point, _no_bound)
     for seek in likely if best.residuals.primal > PLAUSIBLE else likely[::-1]:
-        seek(small, scaling, solve)
+        seek(small, scaling, functools.partial(_solution, solver))
+
+
+def _prove_unbounded(p: Program, solver: str) -> None:
+    """Raise with a ray if there is one."""
+    _no_bound(*equilibrate(p), functools.partial(_solution, solver))
+
+
+def _solution(solver: str, program: Program) -> Array:
+    return minimise(program, 1e-10, solver, proofs=False).x
 
 
 def _no_point(small: Program, scaling: Scaling, solve: Solve) -> None:

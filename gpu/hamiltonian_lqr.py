@@ -101,10 +101,13 @@ def solve(
     xp = state.xp
     info = {"rank": int(V.shape[1]), "solves": solves}
     if pi == "printed":
-        MV = V if inner is None else Weight(state, inner).apply(V)
-        gram = to_host(V.T @ MV)
-        solved = linalg.solve((gram + gram.T) / 2, to_host((B.T @ Y).T), assume_a="pos").T
-        return Found(problem.gain(xp.asarray(solved) @ MV.T), None, info)
+        # By V = U T: the condition of V^T M V would be the square of that of V.
+        U, T = xp.linalg.qr(V)
+        MU = U if inner is None else Weight(state, inner).apply(U)
+        gram = to_host(U.T @ MU)
+        solved = linalg.solve_triangular(to_host(T), to_host(Y.T @ B), trans="T")
+        solved = linalg.solve((gram + gram.T) / 2, solved, assume_a="pos").T
+        return Found(problem.gain(xp.asarray(solved) @ MU.T), None, info)
     F = low_rank_value(state, V, Y)
     gain = problem.gain((B.T @ F) @ state.mass_transposed(F).T)
     return Found(gain, LowRankValue(F, xp.eye(F.shape[1])), info)

@@ -31,7 +31,7 @@ import numpy as np
 
 from gpu.interior_start import LEAST_REGULARISATION, balanced, inside
 from gpu.kkt_system import System
-from gpu.program import Array, Program
+from gpu.program import Array, Program, largest
 
 logger = logging.getLogger(__name__)
 
@@ -114,9 +114,7 @@ class InteriorPoint:
         s = self.s
         rd = self._dual(self.v[: self.n], self.y) - s.z_low + s.z_high
         rp = self._primal()
-        worst = max(float(abs(r).max()) for r in (rd, rp) if r.size)
-        self.errors = (self.mu, float(abs(rd).max()), float(abs(rp).max()) if rp.size else 0.0)
-        return max(self.mu, worst)
+        return largest(self.mu, *(float(abs(r).max()) for r in (rd, rp) if r.size))
 
     def factor(self) -> None:
         """Factor the system of the present iterate."""

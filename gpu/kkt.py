@@ -9,7 +9,7 @@ import numpy as np
 
 from gpu.dense import symmetric_product
 from gpu.problem import Problem
-from gpu.program import Program, Residuals, namespace, one_sided, residuals
+from gpu.program import Program, Residuals, largest, namespace, one_sided, residuals
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,7 @@ class KKT:
         return max(values) if all(np.isfinite(values)) else np.inf
 
 
+@np.errstate(all="ignore")
 def general_residuals(
     problem: Problem,
     x: Any,
@@ -70,18 +71,20 @@ def general_residuals(
     wrong = 0.0
     for value, low, high in ((multiplier, p.row_low, p.row_high), (z_box, p.lb, p.ub)):
         if value.size:
-            wrong = max(wrong, float(xp.abs(value - one_sided(value, low, high)).max()))
+            wrong = largest(wrong, float(xp.abs(value - one_sided(value, low, high)).max()))
     if wrong:
-        wrong /= max(float(xp.abs(a).max()) for a in (p.q, p.P @ x, p.C.T @ multiplier, z_box))
+        terms = (p.q, p.P @ x, p.C.T @ multiplier, z_box)
+        wrong /= largest(*(float(xp.abs(a).max()) for a in terms))
     return KKT(
         stationarity=r.dual,
-        primal=max(r.primal, outside / float(xp.abs(x).max()) if outside else 0.0),
+        primal=largest(r.primal, outside / float(xp.abs(x).max()) if outside else 0.0),
         sign=wrong,
         complementarity=r.complementarity,
         gap=r.gap if not wrong else 0.0,
     )
 
 
+@np.errstate(all="ignore")  # what overflows is not a number, or infinite, in the end
 def kkt_residuals(problem: Problem, x: np.ndarray, y: np.ndarray, z_box: np.ndarray) -> KKT:
     """Residuals of ``Px + q + A'y + z_box = 0``, ``Ax = b``, ``lb <= x <= ub`` and of the signs."""
     factor, q, A, b, lb, ub, *_ = problem
@@ -97,20 +100,21 @@ def kkt_residuals(problem: Problem, x: np.ndarray, y: np.ndarray, z_box: np.ndar
     residual = np.maximum(np.abs(A @ x - b) - rounding, 0.0)
     rows = _relative(residual, np.abs(A) @ np.abs(x) + np.abs(b))
     outside = root * np.maximum(np.maximum(lb - x, x - ub), 0.0)
-    bounds = _relative(outside, max(length.max(), outside.max()))
+    bounds = _relative(outside, largest(length.max(), outside.max()))
 
     pushed = np.flatnonzero(z_box)
     distance = root[pushed] * np.maximum(np.where(z_box < 0.0, x - lb, ub - x)[pushed], 0.0)
     force = _relative((np.abs(z_box) / root)[pushed], phi)
-    held = np.isfinite(distance)
-    at = pushed[held]
-    side = np.where(z_box < 0.0, lb, ub)[at]
+    side = np.where(z_box < 0.0, lb, ub)[pushed]
+    held = np.isfinite(side)
+    at, side = pushed[held], side[held]
     parts = np.concatenate([x * (Px + q), y * b, z_box[at] * side])
     size = np.abs(x) @ terms + np.abs(parts[x.size :]).sum()
-    distance = _relative(distance[held], max(length.max(), distance[held].max(initial=0.0)))
+    distance = distance[held]
+    distance = _relative(distance, largest(length.max(), distance.max(initial=0.0)))
     return KKT(
         stationarity=float(_relative(np.abs(gradient + z_box) / root, phi).max()),
-        primal=float(max(rows.max(initial=0.0), bounds.max())),
+        primal=largest(rows.max(initial=0.0), bounds.max()),
         sign=float(force[~held].max(initial=0.0)),
         complementarity=float(np.minimum(force[held], distance).max(initial=0.0)),
         gap=float(_relative(np.abs(parts.sum(keepdims=True)), size)[0]),
@@ -118,5 +122,7 @@ def kkt_residuals(problem: Problem, x: np.ndarray, y: np.ndarray, z_box: np.ndar
 
 
 def _relative(value: np.ndarray, size: np.ndarray | float) -> np.ndarray:
-    """``value / size``, zero where both are."""
-    return np.divide(value, size, out=np.zeros_like(value), where=np.asarray(size) > 0)
+    """``value / size``, zero where both are; not a number where nothing has a finite size."""
+    nothing = (value == 0.0) & (np.asarray(size) == 0.0)
+    ratio = np.divide(value, size, out=np.zeros_like(value), where=~nothing)
+    return np.where(np.isfinite(size), ratio, np.nan)

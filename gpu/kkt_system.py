@@ -23,7 +23,7 @@ from scipy import sparse
 from scipy.linalg.lapack import dsytrf, dsytrs
 
 from gpu.dense import cholesky, cholesky_solve, lower_solve
-from gpu.program import Array, Program
+from gpu.program import Array, Program, largest
 from gpu.sparse_factor import quasidefinite
 
 REFINEMENT = 3
@@ -159,7 +159,7 @@ class DenseSystem:
         for _ in range(REFINEMENT + 1):
             top = r - p.P @ u - self.D * u - p.C.T @ v
             low = s - p.C @ u + self.E * v
-            error = max(float(abs(top).max()), float(abs(low).max() if low.size else 0.0))
+            error = largest(float(abs(top).max()), float(abs(low).max() if low.size else 0.0))
             if not error < 0.5 * best:
                 break
             kept, best = (u, v), error

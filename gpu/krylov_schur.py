@@ -263,7 +263,7 @@ def room_for(k: int, ncv: int) -> int:
 
 def _leading(T: np.ndarray, values: np.ndarray, moved: np.ndarray, tol: float, floor: float) -> int:
     """How many leading Schur vectors have converged; conjugate pairs together."""
-    beyond = (moved > np.maximum(tol * np.abs(values), floor)).nonzero()[0]
+    beyond = (~(moved <= np.maximum(tol * np.abs(values), floor))).nonzero()[0]
     count = int(beyond[0]) if beyond.size else len(values)
     return count - 1 if whole(T, count) > count else count
 

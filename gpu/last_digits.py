@@ -21,7 +21,7 @@ from scipy import sparse
 from gpu.extended_precision import Triple, extended
 from gpu.least_multipliers import least_multipliers
 from gpu.problem import Problem
-from gpu.program import Array, Matrix, Program, residuals
+from gpu.program import Array, Matrix, Program, largest, residuals
 
 # Of a number: what its rounding moves it by, on average.
 ROUNDING = np.finfo(float).eps / 4
@@ -58,7 +58,7 @@ def absolute(problem: Problem, t: Triple) -> Absolute:
     sides = ((high, z, 1), (low, z, -1), (lb, z_box, -1), (ub, z_box, 1))
     parts = [_side(*side) for side in sides]
     gap = x @ Px + q @ x + (parts[0] + parts[1]) + b @ y + parts[2] + parts[3]
-    primal = max(float(v.max(initial=0.0)) for v in outside)
+    primal = largest(*(float(v.max(initial=0.0)) for v in outside))
     return Absolute(primal, float(np.abs(dual).max()), float(gap))
 
 
@@ -68,6 +68,7 @@ def _side(side: Array, multiplier: Array, sign: int) -> float:
     return float(side[finite] @ (sign * np.maximum(sign * multiplier, 0.0))[finite])
 
 
+@np.errstate(all="ignore")  # what overflows shows in the residuals
 def last_digits(problem: Problem, p: Program, t: Triple, tol: float) -> Triple:
     """The triple with absolute residuals below `tol`, or the best that was found.
 
@@ -80,14 +81,13 @@ def last_digits(problem: Problem, p: Program, t: Triple, tol: float) -> Triple:
         return idle  # the multipliers were rounding of zero
     best, least = t, error.worst
     allowed = max(residuals(p, *t).worst, 0.1 * tol)
-    with np.errstate(all="ignore"):  # what overflows shows in the residuals
-        for candidate in _candidates(problem, p, t, tol):
-            if least <= tol:
-                break
-            candidate = candidate._replace(x=np.clip(candidate.x, p.lb, p.ub))
-            worst = absolute(problem, candidate).worst
-            if worst < least and residuals(p, *candidate).worst <= allowed:
-                best, least = candidate, worst
+    for candidate in _candidates(problem, p, t, tol):
+        if least <= tol:
+            break
+        candidate = candidate._replace(x=np.clip(candidate.x, p.lb, p.ub))
+        worst = absolute(problem, candidate).worst
+        if worst < least and residuals(p, *candidate).worst <= allowed:
+            best, least = candidate, worst
     return best
 
 

@@ -130,7 +130,8 @@ def lqr(
     """
     if unstable not in ("warn", "raise", "ignore"):
         raise InputError(f"unstable={unstable!r}: expected 'warn', 'raise' or 'ignore'")
-    problem = check_lqr(A, B, Q, R, N, E, factored=factored, inverse=inverse)
+    with np.errstate(all="ignore"):
+        problem = check_lqr(A, B, Q, R, N, E, factored=factored, inverse=inverse)
     return solve_problem(problem, method, unstable, options, paid=False)
 
 
@@ -237,6 +238,22 @@ def solve_problem(
     problem: LQRProblem, method: str, unstable: str, options: dict[str, Any], *, paid: bool
 ) -> LQRResult:
     """Choose the method, solve, certify; ``paid`` allows a negative optimal cost."""
+    try:
+        with np.errstate(all="ignore"):  # what overflows is never certified
+            return _solved(problem, method, unstable, options, paid=paid)
+    except ValueError as error:
+        # What has overflowed is refused by the wrappers of LAPACK.
+        if isinstance(error, GpuError) or "infs or NaNs" not in str(error):
+            raise
+        raise NotConverged(
+            "numbers beyond the range of double precision came up: measure states, inputs or "
+            "costs in other units"
+        ) from None
+
+
+def _solved(
+    problem: LQRProblem, method: str, unstable: str, options: dict[str, Any], *, paid: bool
+) -> LQRResult:
     chosen = method == "auto" and not problem.dense and problem.n <= ALL_POLES and not options
     if method == "auto":
         method = "doubling" if problem.dense else "reduced"
@@ -297,7 +314,7 @@ def solve_problem(
         )
         if unstable == "raise":
             raise NotConverged(message)
-        warnings.warn(message, RuntimeWarning, stacklevel=3)
+        warnings.warn(message, RuntimeWarning, stacklevel=4)
     return result
 
 

@@ -35,7 +35,10 @@ class FactoredWeight(Weight):
 
     def __init__(self, state: StateMatrix, C: Any) -> None:
         self.state, self.Q, self.C = state, None, C
-        self.apply = lambda x: C.T @ (C @ x)
+
+    def apply(self, x: Any) -> Any:
+        """``C^T C x``."""
+        return self.C.T @ (self.C @ x)
 
 
 class DenseProblem(NamedTuple):
@@ -91,6 +94,13 @@ class LQRProblem:
     def dense(self) -> bool:
         """Whether A is stored as a full matrix."""
         return self.state.kind == "dense"
+
+    @property
+    def has_operators(self) -> bool:
+        """Whether A or Q is given by functions."""
+        Q = self.weight.Q
+        by_functions = hasattr(Q, "matvec") and not hasattr(Q, "tocsr")
+        return self.state.kind == "operator" or by_functions
 
     @cached_property
     def unit(self) -> Any:

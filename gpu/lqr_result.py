@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from gpu.arrays import array_module
+from gpu.errors import InputError
 
 
 class Found(NamedTuple):
@@ -119,7 +120,8 @@ class LQRResult:
     info : dict
         What else the method tells.
     problem : LQRProblem
-        What was solved.
+        What was solved. Of a LinearOperator it stays behind where the result is copied or
+        pickled, for its functions cannot go along; `cost` and `refined` need it.
     """
 
     K: Any
@@ -135,6 +137,17 @@ class LQRResult:
     solves: int = 0
     info: dict[str, Any] = field(default_factory=dict)
     problem: Any = field(default=None, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        operators = self.problem is not None and self.problem.has_operators
+        return self.__dict__ | ({"problem": None} if operators else {})
+
+    def _whole(self) -> Any:
+        if self.problem is None:
+            raise InputError(
+                "problem: it was not copied with the result, since it has operators; solve it again"
+            )
+        return self.problem
 
     def __iter__(self) -> Iterator[Any]:
         return iter((self.K, self.S, self.E))
@@ -160,7 +173,7 @@ class LQRResult:
         """
         if self.S is None:
             raise ValueError("S is unknown: the method gave a gain alone")
-        z = self.problem.state.mass(array_module(self.K).asarray(x0))
+        z = self._whole().state.mass(array_module(self.K).asarray(x0))
         return float(z @ (self.S @ z))
 
     def refined(self, *, steps: int = 200, tol: float = 1e-12) -> LQRResult:
@@ -177,5 +190,6 @@ class LQRResult:
         from gpu.newton_kleinman import solve
 
         start = self.K if self.stable else None
-        found = solve(self.problem, start=start, steps=steps, tol=tol)
-        return certified(self.problem, found, "newton")
+        problem = self._whole()
+        found = solve(problem, start=start, steps=steps, tol=tol)
+        return certified(problem, found, "newton")

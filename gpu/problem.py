@@ -57,6 +57,7 @@ class QPFactor:
     [[0.5, 0.0], [1.0, 0.0]]
     """
 
+    @np.errstate(all="ignore")
     def __init__(self, P: ArrayLike, *, semidefinite: bool = True) -> None:
         matrix = _array("P", P, 2)
         n = matrix.shape[0]
@@ -122,7 +123,7 @@ def _symmetric(matrix: Any, scaled: Any) -> Any:
         difference = matrix - twin
         if not difference.nnz or not abs(difference).max():
             return matrix.copy()
-        half, error = (matrix + twin) / 2.0, abs(scaled(difference)).max() / 2.0
+        half, error = matrix / 2.0 + twin / 2.0, abs(scaled(difference)).max() / 2.0
     else:
         xp = namespace(matrix)
         if xp is not np:
@@ -131,9 +132,9 @@ def _symmetric(matrix: Any, scaled: Any) -> Any:
             _finite("P", matrix)
         elif np.array_equal(matrix, matrix.T):
             return np.array(matrix, order="C")
-        half = (matrix + matrix.T) / 2.0
+        half = matrix / 2.0 + matrix.T / 2.0  # a sum of the whole may overflow
         error = float(abs(scaled(matrix - half)).max())
-    if error > ASYMMETRY:
+    if not error <= ASYMMETRY:
         raise InputError(
             f"P is not symmetric, |P - P'| reaches {2 * error:.1e} of its diagonal: "
             "only x'Px matters, so pass (P + P.T) / 2 if that is what is meant"

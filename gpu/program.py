@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -99,6 +100,26 @@ class Program:
         """Which rows are equalities."""
         return self.row_low == self.row_high
 
+    @cached_property
+    def bounded(self) -> Array:
+        """Which variables cannot run away: bounds, or a row with those of the others, hold them."""
+        low, high = self.xp.isfinite(self.lb), self.xp.isfinite(self.ub)
+        if isinstance(self.C, Remote) or not self.row_low.size:
+            return low & high
+        up, down = ((sign * self.C > 0).astype(float) for sign in (1.0, -1.0))
+        held = low, high
+        for side, (least, most) in ((self.row_high, held), (self.row_low, held[::-1])):
+            # Where all terms of a row but one are held from below, its side holds that one above.
+            loose = up @ (~least).astype(float) + down @ (~most).astype(float)
+            none, one = (self.xp.isfinite(side) & (loose == count) for count in (0.0, 1.0))
+            none, one = none.astype(float), one.astype(float)
+            above = (up.T @ none > 0.0) | (~least & (up.T @ one > 0.0))
+            below = (down.T @ none > 0.0) | (~most & (down.T @ one > 0.0))
+            if side is self.row_low:
+                above, below = below, above
+            high, low = high | above, low | below
+        return low & high
+
     def gradient(self, x: Array, y: Array) -> Array:
         """``P x + q + C'y``."""
         return self.P @ x + self.q + self.C.T @ y
@@ -111,8 +132,15 @@ def one_sided(value: Array, low: Array, high: Array) -> Array:
     return xp.where((value < 0) & xp.isinf(low), 0.0, value)
 
 
+def largest(*values: float) -> float:
+    """The largest number; not a number where one of them is not, which `max` may lose."""
+    return float(np.max(values)) if values else 0.0
+
+
 # Sums whose terms cancel are measured against their terms times this, not against themselves.
 CANCELLATION = 1e-3
+# Of the terms of x'Px, what their sum may be off by.
+ROUNDING = 16 * np.finfo(float).eps
 # Residuals below this need no closer look.
 SHARP = 1e-13
 
@@ -130,7 +158,9 @@ class Residuals:
         Largest entry of :math:`Px + q + C^Ty + z` over the largest of its four terms.
     gap : float
         :math:`|x^TPx + q^Tx + y^Tr + z^Tb|` over the larger of the first two terms: large
-        multipliers that cancel excuse no error in the objective.
+        multipliers that cancel excuse no error in the objective. What exceeds the rounding
+        :math:`16\epsilon|x|^T|P||x|` of the first term counts, |x| of the variables that cannot
+        run away.
     complementarity : float
         Largest product of a multiplier and the distance to its side, the one over the largest
         term of `dual`, the other over the largest entry of x, or of x and Cx for rows.
@@ -157,6 +187,7 @@ class Residuals:
         return max(self.worst, self.pairing)
 
 
+@np.errstate(all="ignore")  # what overflows is not a number, or infinite, in the end
 def residuals(
     p: Program, x: Array, y: Array, z: Array, products: tuple[Array, Array] | None = None
 ) -> Residuals:
@@ -166,8 +197,8 @@ def residuals(
     """
     xp = p.xp
 
-    def largest(*arrays: Array) -> float:
-        return max((float(xp.abs(a).max()) if a.size else 0.0 for a in arrays), default=0.0)
+    def size_of(*arrays: Array) -> float:
+        return largest(*(float(xp.abs(a).max()) if a.size else 0.0 for a in arrays))
 
     Px, Cy = products or (p.P @ x, p.C.T @ y)
     Cx = p.C @ x
@@ -175,22 +206,26 @@ def residuals(
     outside = xp.maximum(p.row_low - Cx, Cx - p.row_high)
     near = xp.clip(Cx, p.row_low, p.row_high)
     primal = _over(
-        max(float(outside.max()) if outside.size else 0.0, 0.0),
-        largest(Cx, near),
-        lambda: largest(abs(p.C) @ size[0]),
+        largest(float(outside.max()) if outside.size else 0.0, 0.0),
+        size_of(Cx, near),
+        lambda: size_of(abs(p.C) @ size[0]),
     )
     dual = _over(
-        largest(Px + p.q + Cy + z),
-        largest(Px, p.q, Cy, z),
-        lambda: largest(abs(p.P) @ size[0] + abs(p.C).T @ size[1]),
+        size_of(Px + p.q + Cy + z),
+        size_of(Px, p.q, Cy, z),
+        lambda: size_of(abs(p.P) @ size[0] + abs(p.C).T @ size[1]),
     )
     row = xp.where(y > 0, p.row_high, xp.where(y < 0, p.row_low, 0.0))
     bound = xp.where(z > 0, p.ub, xp.where(z < 0, p.lb, 0.0))
     parts = [float(x @ Px), float(p.q @ x), float(y @ row), float(z @ bound)]
+    error = abs(sum(parts))
+    if bool(p.q.any()) and error > SHARP * largest(*(abs(part) for part in parts[:2])):
+        near = xp.where(p.bounded, size[0], 0.0)
+        error -= min(error, ROUNDING * float(near @ (abs(p.P) @ near)))
     gap = _over(
-        abs(sum(parts)),
-        max(abs(part) for part in parts[:2]),
-        lambda: max(
+        error,
+        largest(*(abs(part) for part in parts[:2])),
+        lambda: largest(
             # Without q nothing else has a size where Px = 0, and no x runs away.
             float(size[0] @ (xp.abs(Px) if bool(p.q.any()) else abs(p.P) @ size[0])),
             float(xp.abs(p.q) @ size[0]),
@@ -198,12 +233,12 @@ def residuals(
             float(xp.abs(z * bound).sum()),
         ),
     )
-    force, length = largest(Px, p.q, Cy, z), largest(x)
+    force, length = size_of(Px, p.q, Cy, z), size_of(x)
     pairs = (
-        _pairs(y, Cx, p.row_low, p.row_high, force, max(length, largest(Cx))),
+        _pairs(y, Cx, p.row_low, p.row_high, force, largest(length, size_of(Cx))),
         _pairs(z, x, p.lb, p.ub, force, length),
     )
-    product, lesser = (max(pair[i] for pair in pairs) for i in (0, 1))
+    product, lesser = (largest(*(pair[i] for pair in pairs)) for i in (0, 1))
     return Residuals(primal, dual, gap, product, lesser)
 
 
@@ -214,15 +249,19 @@ def _pairs(
     if not value.size:
         return 0.0, 0.0
     xp = namespace(value)
-    distance = xp.where(multiplier > 0, high - value, xp.where(multiplier < 0, value - low, 0.0))
-    near = xp.abs(xp.where(xp.isinf(distance), 0.0, distance)) / (length or 1.0)
+    side = xp.where(multiplier > 0, high, xp.where(multiplier < 0, low, value))
+    near = xp.abs(xp.where(xp.isinf(side), 0.0, value - side)) / (length or 1.0)
     push = xp.abs(multiplier) / (force or 1.0)
     return float((push * near).max()), float(xp.minimum(push, near).max())
 
 
 def _over(value: float, size: float, terms: Callable[[], float]) -> float:
     """`value` over `size`, or over the terms of sums that cancel, which are costly."""
+    if not np.isfinite(size):
+        return np.nan
     if not value or value <= SHARP * size:
         return value / size if value else 0.0
-    size = max(size, CANCELLATION * terms())
+    size = largest(size, CANCELLATION * terms())
+    if not np.isfinite(size):
+        return np.nan
     return value / size if size else np.inf

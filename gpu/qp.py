@@ -26,6 +26,7 @@ logger = logging.getLogger(__name__)
 PROXIMITY, PROXIMAL_STEPS = 1e-6, 60
 
 
+@np.errstate(all="ignore")  # what overflows shows in the residuals
 def solve_qp(
     P: ArrayLike | QPFactor,
     q: ArrayLike,
@@ -287,6 +288,11 @@ def _result(problem: Problem, rows: np.ndarray, iterate: ActiveSet, tol: float) 
     active = np.where(lb == ub, np.where(force > 0.0, 1, -1), iterate.state).astype(np.int8)
     z_box = np.where(active * force > 0.0, force, 0.0)
     kkt = kkt_residuals(problem, x, y, z_box)
+    if not np.isfinite(kkt.worst):
+        raise NotConverged(
+            "the solution, or a product with it, is beyond the range of double precision: "
+            "measure the variables or the objective in other units"
+        )
     if not kkt.worst <= tol:
         raise NotConverged(
             f"the active set has settled but {kkt} is above tol = {tol}: P is too ill conditioned, "

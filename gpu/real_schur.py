@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -11,6 +12,7 @@ from scipy.linalg.lapack import dgehrd, dorghr
 
 BLOCK = 32  # columns for which LAPACK has room
 LEAST, MOST = 1e-290, 1e290  # of the largest entry
+_compiling = threading.Lock()
 
 
 def real_schur(S: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -39,7 +41,9 @@ def real_schur(S: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     W = np.zeros((m + 1, 2 * m + 1))
     W[:m, :m] = np.triu(reduced, -1)
     W[:m, m + 1 :] = Q.T
-    if not _compiled()(W):
+    with _compiling:
+        iterate = _compiled()
+    if not iterate(W):
         return None
     return np.asfortranarray(W[:m, :m] * unit), np.asfortranarray(W[:m, m + 1 :].T)
 

@@ -132,7 +132,7 @@ def _inertia(H: Any, V: Any, delta: float) -> int:
         lu.factor(diagonal - rounding * np.abs(diagonal))
     except np.linalg.LinAlgError:
         return -1
-    return int((lu.pivots() < 0.0).sum())
+    return int((~(lu.pivots() > 0.0)).sum())
 
 
 def _mass_solve(E: Any) -> Any:

@@ -203,7 +203,7 @@ def _full(problem: LQRProblem, tol: float, limit: int, refine: bool | None) -> F
         return _newton(problem, space, tol, limit)
     history: list[tuple[int, float]] = []
     projected, P, change = None, None, np.inf
-    while change > tol and not (space.exhausted and history):
+    while not change <= tol and not (space.exhausted and history):
         if space.rank >= limit and not space.exhausted:
             raise NotConverged(
                 f"the gain still changes by {change:.1e} with {space.rank} basis vectors: raise "

@@ -19,7 +19,8 @@ class Residual(NamedTuple):
     ----------
     matrix : array, shape (n, n)
     relative : float
-        Frobenius norm over that of the terms, in the balanced units that were asked for.
+        Frobenius norm over that of the terms, in the balanced units that were asked for; infinite
+        where one of them overflows.
     """
 
     matrix: Any
@@ -73,6 +74,8 @@ def riccati_residual(
         + float(xp.linalg.norm(Q * weights))
     )
     error = float(xp.linalg.norm(R * weights))
+    if not np.isfinite(error + size):
+        return Residual(R, np.inf)  # what overflows says nothing about the equation
     return Residual(R, error / size if size > 0.0 else error)
 
 

@@ -15,6 +15,7 @@ import ctypes
 import functools
 import importlib.util
 import sys
+import threading
 from typing import Any
 
 import numpy as np
@@ -131,10 +132,18 @@ class PardisoFactor:
         self._iparm[9] = 13  # pivots below 1e-13 of the norm are perturbed
         self._iparm[20] = 1  # 1x1 and 2x2 pivots
         self._nothing = np.zeros(self.size)
+        self._lock = threading.Lock()
         self._call(11, self._nothing, self._nothing)
+
+    def __reduce__(self) -> Any:
+        raise TypeError("factors of PARDISO live in memory of their own: copies factor anew")
 
     def factor(self, diagonal: Vector) -> None:
         """Factor the matrix with this diagonal; raises `LinAlgError`."""
+        with self._lock:
+            self._factor(diagonal)
+
+    def _factor(self, diagonal: Vector) -> None:
         self._data[:] = self._entries
         self._data[self._place] = diagonal
         self._root = np.ones(self.size)
@@ -152,8 +161,9 @@ class PardisoFactor:
     def solve(self, r: Vector) -> Vector:
         """Solve with the last factor."""
         u = np.zeros(self.size)
-        self._call(33, self._root * r, u)
-        return self._root * u
+        with self._lock:
+            self._call(33, self._root * r, u)
+            return self._root * u
 
     def _call(self, phase: int, b: Vector, x: Vector) -> None:
         error = ctypes.c_int32(0)
@@ -202,6 +212,7 @@ def _pardiso() -> Any:
     """MKL's ``pardiso``; pypardiso searches the installation for it, which takes a while."""
     from pypardiso.scipy_aliases import pypardiso_solver
 
-    function = pypardiso_solver.libmkl.pardiso
+    # One of our own: by its name the library has one for all, whose types others may have set.
+    function = pypardiso_solver.libmkl["pardiso"]
     function.argtypes, function.restype = None, None
     return function

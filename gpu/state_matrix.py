@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from gpu.arrays import array_module, cupy, to_host
 from gpu.errors import InputError
 
 EPS = float(np.finfo(float).eps)
+_filters = threading.Lock()  # of warnings, which all threads share
 
 
 @dataclass(frozen=True)
@@ -43,8 +45,6 @@ class StateMatrix:
     Attributes
     ----------
     n : int
-    xp : module
-        numpy or cupy.
     kind : {"diagonal", "dense", "sparse", "operator"}
     A, E : arrays as stored; E may be None
 
@@ -61,12 +61,11 @@ class StateMatrix:
                     "A is an operator: pass inverse, a LinearOperator of A^-1 with rmatvec"
                 )
             self.kind, self.A, self.E = "operator", A, None if E is None else stored("E", E)
-            self.n, self.xp = int(A.shape[0]), array_module(A)
+            self.n = int(A.shape[0])
             _check_transposes(A, inverse)
         else:
             self.A = stored("A", A)
             self.n = int(self.A.shape[0])
-            self.xp = _module_of(self.A)
             E = None if E is None else stored("E", E)
             if self.A.ndim == 1 and E is not None and E.ndim == 2:
                 self.A = _diagonal(self.A, E)
@@ -91,9 +90,14 @@ class StateMatrix:
             if tuple(value.shape) not in expected or self.n == 0:
                 raise InputError(f"{name} has shape {tuple(value.shape)}: expected n x n, n > 0")
 
+    @property
+    def xp(self) -> Any:
+        """numpy or cupy."""
+        return _module_of(self.A)
+
     def apply(self, x: Any) -> Any:
         """``A x``, of a vector or of columns."""
-        return _times(self.A, x)
+        return times(self.A, x)
 
     def apply_transposed(self, x: Any) -> Any:
         """``A^T x``."""
@@ -101,7 +105,7 @@ class StateMatrix:
 
     def mass(self, x: Any) -> Any:
         """``E x``."""
-        return x if self.E is None else _times(self.E, x)
+        return x if self.E is None else times(self.E, x)
 
     def mass_transposed(self, x: Any) -> Any:
         """``E^T x``."""
@@ -180,7 +184,7 @@ def factor(A: Any, explicit: bool = False) -> Factors | None:
         )
     from cupyx.scipy.linalg import lu_factor, lu_solve
 
-    with warnings.catch_warnings():
+    with _filters, warnings.catch_warnings():
         # An exact zero on the diagonal is what is looked for below.
         warnings.simplefilter("ignore", RuntimeWarning)
         device = lu_factor(A, check_finite=False)
@@ -334,7 +338,8 @@ def sparse_of(xp: Any) -> Any:
     return device
 
 
-def _times(A: Any, x: Any) -> Any:
+def times(A: Any, x: Any) -> Any:
+    """``A x`` of a diagonal, matrix or operator, x a vector or columns."""
     if hasattr(A, "matvec") and not hasattr(A, "tocsr"):
         return columnwise(A.matvec)(x)
     if A.ndim == 1:
@@ -345,7 +350,7 @@ def _times(A: Any, x: Any) -> Any:
 def _times_transposed(A: Any, x: Any) -> Any:
     if hasattr(A, "matvec") and not hasattr(A, "tocsr"):
         return columnwise(A.rmatvec)(x)
-    return _times(A, x) if A.ndim == 1 else A.T @ x
+    return times(A, x) if A.ndim == 1 else A.T @ x
 
 
 def columnwise(product: Callable[[Any], Any]) -> Callable[[Any], Any]:

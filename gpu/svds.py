@@ -201,7 +201,7 @@ def _certify(factors: _Factors, u: Any, s: Any, vh: Any) -> None:
         squares = abs(factors.explicit)
         squares = squares.multiply(squares) if hasattr(squares, "multiply") else squares**2
         size = max(size, float(np.sqrt(float(squares.sum(axis=0).max()))))
-    good = error <= CERTIFIED * size
+    good = xp.isfinite(s) & (error <= CERTIFIED * size)
     if not bool(good.all()):
         raise NotConverged(
             f"{int((~good).sum())} of {len(s)} triplets fail their certificate: the residual "

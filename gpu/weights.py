@@ -9,7 +9,7 @@ from scipy import linalg, sparse
 
 from gpu.arrays import array_module, to_host
 from gpu.errors import InputError
-from gpu.state_matrix import StateMatrix, columnwise, stored, symmetric
+from gpu.state_matrix import StateMatrix, stored, symmetric, times
 
 LOW_RANK = 64  # rows of a factor of Q up to which the value is sought as a low-rank matrix
 
@@ -34,8 +34,7 @@ class Weight:
         n, xp = state.n, state.xp
         self.state = state
         if hasattr(Q, "matvec") and not hasattr(Q, "tocsr"):
-            self.Q, self.apply = Q, columnwise(Q.matvec)
-            shape = Q.shape
+            self.Q, shape = Q, Q.shape
         else:
             if isinstance(Q, int | float | np.number) and not isinstance(Q, bool):
                 Q = xp.full(n, float(Q))
@@ -46,15 +45,14 @@ class Weight:
                 and (array_module(Q) if not sparse.issparse(Q) else np) is not xp
             ):
                 raise InputError("Q and A live on different sides: move one of them")
-            self.apply = (
-                (lambda x: Q @ x)
-                if Q.ndim == 2
-                else lambda x: Q * x if x.ndim == 1 else Q[:, None] * x
-            )
             if shape == (n, n) and not symmetric(Q):
                 raise InputError("Q is not symmetric: pass (Q + Q.T) / 2")
         if tuple(shape) not in ((n,), (n, n)):
             raise InputError(f"Q has shape {tuple(shape)}: expected ({n},) or ({n}, {n})")
+
+    def apply(self, x: Any) -> Any:
+        """``Q x``, of a vector or of columns."""
+        return times(self.Q, x)
 
     def scale(self) -> float:
         """An estimate of its norm, from below."""

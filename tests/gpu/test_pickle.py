@@ -1,0 +1,141 @@
+"""Results, factors and errors go to other processes and come back the same."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator
+
+from gpu import (
+    GpuError,
+    Infeasible,
+    InputError,
+    NotConverged,
+    QPFactor,
+    RiccatiError,
+    Unbounded,
+    batch_solve_qp,
+    eigs,
+    lqe,
+    lqr,
+    solve_qp,
+    svds,
+)
+from gpu.sparse_factor import PardisoFactor, has_pardiso
+
+A, B = np.diag([-1.0, -2.0, -3.0]), np.ones((3, 1))
+LONG = sparse.csr_array(np.diag(-np.arange(1.0, 50.0)))
+REGULATORS = {
+    "dense": lambda: lqr(A, B, 1.0, 1.0),
+    "mass and weight": lambda: lqr(A, B, np.eye(3), 1.0, E=2.0 * np.eye(3)),
+    "diagonal": lambda: lqr(np.diag(A), B, 1.0, 1.0),
+    "sparse": lambda: lqr(sparse.csr_array(A), B, 1.0, 1.0),
+    "factored": lambda: lqr(LONG, np.ones((49, 1)), np.ones((1, 49)), 1.0, factored=True),
+    "crossed": lambda: lqr(sparse.csr_array(A), B, 1.0, 1.0, N=0.1 * B),
+    "newton": lambda: lqr(A, B, 1.0, 1.0, method="newton"),
+    "reduced": lambda: lqr(np.diag(A), B, 1.0, 1.0, method="reduced"),
+    "hamiltonian": lambda: lqr(A, B, 1.0, 1.0, method="hamiltonian", modes=6),
+    "filter": lambda: lqe(A, np.eye(3), B.T, np.eye(3), 1.0),
+}
+COPIES = {
+    "pickle": lambda value: pickle.loads(pickle.dumps(value)),
+    "deepcopy": copy.deepcopy,
+    "copy": copy.copy,
+}
+
+
+@pytest.mark.parametrize("again", COPIES.values(), ids=COPIES)
+@pytest.mark.parametrize("make", REGULATORS.values(), ids=REGULATORS)
+def test_regulators(make, again):
+    result = make()
+    other = again(result)
+    assert type(other) is type(result)
+    np.testing.assert_array_equal(other.K, result.K)
+    np.testing.assert_array_equal(other.E, result.E)
+    assert (other.stable, other.method, other.info.keys()) == (
+        result.stable, result.method, result.info.keys(),
+    )  # fmt: skip
+    x = np.ones(max(result.K.shape))
+    if result.S is not None:
+        assert other.cost(x) == result.cost(x)
+    np.testing.assert_array_equal(other.refined().K, result.refined().K)
+
+
+@pytest.mark.parametrize("again", COPIES.values(), ids=COPIES)
+def test_functions_of_an_operator_stay_behind(again):
+    d = -np.arange(1.0, 6.0)
+    product, inverse = (
+        LinearOperator((5, 5), lambda x, f=f: f(x), rmatvec=lambda x, f=f: f(x), dtype=float)
+        for f in (lambda x: d * x, lambda x: x / d)
+    )
+    for result in (
+        lqr(product, np.ones((5, 1)), 1.0, 1.0, inverse=inverse),
+        lqr(product, np.ones((5, 1)), np.ones((1, 5)), 1.0, inverse=inverse, factored=True),
+    ):
+        other = again(result)
+        np.testing.assert_array_equal(other.K, result.K)
+        with pytest.raises(InputError, match=r"^problem"):
+            other.refined()
+
+
+@pytest.mark.parametrize("again", COPIES.values(), ids=COPIES)
+def test_quadratic_programs(again):
+    P, q = np.diag([1.0, 2.0]), np.array([-1.0, 1.0])
+    for arguments in ({"lb": 0.0}, {"G": np.ones((1, 2)), "h": [0.5]}):
+        result = solve_qp(P, q, **arguments)
+        other = again(result)
+        np.testing.assert_array_equal(other.x, result.x)
+        assert (other.kkt, other.status, other.history) == (
+            result.kkt, result.status, result.history,
+        )  # fmt: skip
+        assert other.residuals(P, q, **arguments) == result.residuals(P, q, **arguments)
+    for stored in (P, sparse.csr_array(P), np.ones((2, 2))):
+        factor = again(QPFactor(stored))
+        np.testing.assert_array_equal(
+            solve_qp(factor, q, lb=0.0, ub=1.0).x, solve_qp(stored, q, lb=0.0, ub=1.0).x
+        )
+
+
+def test_eigenvalues():
+    for found in (eigs(A, 2), svds(A, 2)):
+        for part, other in zip(found, pickle.loads(pickle.dumps(found)), strict=True):
+            np.testing.assert_array_equal(part, other)
+
+
+def failures():
+    with pytest.raises(Infeasible) as one:
+        solve_qp(np.eye(2), [0.0, 0.0], A=[[1.0, 1.0]], b=[5.0], ub=1.0)
+    with pytest.raises(Unbounded) as two:
+        solve_qp(np.zeros((2, 2)), [1.0, 0.0])
+    with pytest.raises(RiccatiError) as three:
+        lqr(np.diag([1.0, -1.0]), np.array([[0.0], [1.0]]), 1.0, 1.0)
+    with pytest.raises(NotConverged) as four:
+        eigs(np.random.default_rng(0).standard_normal((300, 300)), 5, maxiter=1)
+    with pytest.raises(GpuError) as five:
+        batch_solve_qp(np.eye(2), [[0.0, 0.0], [np.nan, 0.0]])
+    return [caught.value for caught in (one, two, three, four, five)]
+
+
+@pytest.mark.parametrize("again", COPIES.values(), ids=COPIES)
+def test_errors_with_all_they_carry(again):
+    """A pool that cannot unpickle the error of a worker waits for ever."""
+    for error in failures():
+        other = again(error)
+        assert type(other) is type(error)
+        assert str(other) == str(error)
+        assert vars(other).keys() == vars(error).keys()
+        for name, value in vars(error).items():
+            np.testing.assert_array_equal(getattr(other, name), value)
+
+
+@pytest.mark.skipif(not has_pardiso(), reason="no pypardiso")
+@pytest.mark.parametrize("again", COPIES.values(), ids=COPIES)
+def test_factors_of_pardiso_refuse(again):
+    """A copy shared the handle, and freed it twice."""
+    factor = PardisoFactor(sparse.csc_array(np.eye(3)))
+    factor.factor(np.ones(3))
+    with pytest.raises(TypeError, match="PARDISO"):
+        again(factor)
+    np.testing.assert_allclose(factor.solve(np.ones(3)), 1.0)

@@ -1,0 +1,176 @@
+"""Many threads at once get what one gets, to the last bit."""
+
+import threading
+import time
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from gpu import QPFactor, arnoldi_kernels, eigs, lqe, lqr, solve_qp, svds
+from gpu.real_schur import real_schur
+from gpu.sparse_factor import PardisoFactor, SuperLUFactor, has_pardiso
+
+WORKERS = 8
+
+
+def everywhere(tasks):
+    """The results of all tasks, run by threads that begin together."""
+    with ThreadPoolExecutor(WORKERS) as pool:
+        return [future.result() for future in [pool.submit(task) for task in tasks]]
+
+
+def same(tasks, times):
+    serial = [task() for task in tasks]
+    for found, known in zip(everywhere(tasks * times), serial * times, strict=True):
+        for part, other in zip(found, known, strict=True):
+            np.testing.assert_array_equal(part, other)
+
+
+def programs(seed):
+    """One shared factor, dense and sparse programs with bounds and rows of both kinds."""
+    rng = np.random.default_rng(seed)
+    M = rng.standard_normal((30, 30))
+    dense = QPFactor(M @ M.T + np.eye(30))
+    thin = QPFactor(sparse.csr_array(np.diag(np.r_[np.ones(20), np.zeros(10)])))
+    A, G = rng.standard_normal((2, 30)), rng.standard_normal((5, 30))
+    tasks = []
+    for _ in range(5):
+        q, h = rng.standard_normal(30), rng.uniform(0.1, 1.0, 5)
+        for factor, rows in ((dense, {"lb": -0.1}), (dense, {"A": A, "b": [0.1, 0.2], "ub": 0.3})):
+            tasks.append((factor, q, rows))
+        tasks.append((dense, q, {"G": G, "h": h}))
+        tasks.append((thin, q, {"G": sparse.csr_array(G), "h": h, "lb": -1.0, "ub": 1.0}))
+
+    def solved(factor, q, rows):
+        result = solve_qp(factor, q, **rows)
+        return result.x, result.y, result.z, result.z_box
+
+    return [lambda task=task: solved(*task) for task in tasks]
+
+
+def regulators():
+    rng = np.random.default_rng(1)
+    A, B = rng.standard_normal((12, 12)), rng.standard_normal((12, 2))
+    T = sparse.csr_array(np.diag(-np.arange(1.0, 31.0)) + 0.3 * np.eye(30, k=1))
+    wide, unseen = rng.standard_normal((1, 30)), np.diag([1.0, -2.0, 3.0])
+    return [
+        lambda: tuple(lqr(A, B, 1.0, np.eye(2)))[:2],
+        lambda: (lqr(T, np.ones(30), wide, 1.0, factored=True).K,),
+        lambda: (lqr(np.diag(T.toarray()), np.ones(30), 1.0, 1.0).K,),
+        lambda: (lqe(A, np.eye(12), B.T, np.eye(12), np.eye(2)).K,),
+        lambda: tuple(lqr(unseen, [[1e-7], [1.0], [1.0]], 1.0, 1.0))[:2],
+    ]
+
+
+def spectra():
+    rng = np.random.default_rng(2)
+    A, S = rng.standard_normal((300, 300)), sparse.random_array((400, 400), density=0.02, rng=rng)
+    D = sparse.csr_array(S + sparse.diags_array(np.arange(400.0)))
+    return [
+        lambda: eigs(A, 4),
+        lambda: eigs(D, 4, sigma=0.5),
+        lambda: eigs(D, 3, which="LR"),
+        lambda: svds(A, 3),
+    ]
+
+
+def test_quadratic_programs_on_shared_factors():
+    same(programs(0), times=20)  # 400 of them
+
+
+def test_regulators():
+    before = list(warnings.filters)
+    same(regulators(), times=8)
+    assert list(warnings.filters) == before  # that all threads share
+
+
+def test_eigenvalues_of_one_matrix():
+    same(spectra(), times=4)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        SuperLUFactor,
+        pytest.param(
+            PardisoFactor, marks=pytest.mark.skipif(not has_pardiso(), reason="no pypardiso")
+        ),
+    ],
+)
+def test_solves_with_one_factor(kind):
+    n = 200
+    K = sparse.csc_array(sparse.diags_array([4.0, -1.0, -1.0], offsets=[0, 1, -1], shape=(n, n)))
+    factor = kind(K)
+    factor.factor(np.linspace(3.0, 5.0, n))
+    same([lambda i=i: (factor.solve(np.eye(n)[i]),) for i in range(40)], times=10)
+
+
+def test_compiled_schur_forms():
+    pytest.importorskip("numba")
+    rng = np.random.default_rng(3)
+    same([lambda S=S: real_schur(S) for S in rng.standard_normal((10, 30, 30))], times=10)
+
+
+def test_a_launch_is_granted_the_memory_it_asks_for(monkeypatch):
+    """One kernel serves all threads: another's smaller wish between must not take the memory."""
+    refused = []
+
+    class Kernel:
+        max_dynamic_shared_size_bytes = arnoldi_kernels.SHARED
+
+        def __call__(self, grid, block, arguments, shared_mem):
+            time.sleep(1e-4)
+            if shared_mem > self.max_dynamic_shared_size_bytes:
+                refused.append(shared_mem)
+
+    kernel = Kernel()
+    monkeypatch.setattr(arnoldi_kernels, "_kernel", lambda name: kernel)
+    monkeypatch.setattr(arnoldi_kernels, "_granted", {})
+    barrier = threading.Barrier(WORKERS)
+
+    def launches(size):
+        steps = object.__new__(arnoldi_kernels.FusedSteps)
+        steps._device, steps._blocks, steps._arrived = 0, 1, 0
+        barrier.wait()
+        for _ in range(20):
+            steps._launch("arnoldi_sweep", 1, size, lambda goal: ())
+
+    everywhere([lambda size=size: launches(size) for size in range(49_000, 49_000 + WORKERS)])
+    assert not refused
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("n", [500, 2000])
+def test_eigenvalues_of_one_matrix_on_a_device(n):
+    """From three threads on it ended in a refused launch: spaces of several sizes at once."""
+    import cupy
+
+    A = cupy.asarray(np.random.default_rng(4).standard_normal((n, n)))
+    S = cupy.asarray(np.diag(np.arange(float(n))) + 0.1)
+
+    def found(matrix, k):
+        stream = cupy.cuda.Stream(non_blocking=True) if k % 2 else cupy.cuda.Stream.null
+        with stream:
+            w, v = eigs(matrix, k)
+            return w.get(), v.get()
+
+    cupy.cuda.Device().synchronize()  # streams of their own see finished matrices
+    same([lambda M=M, k=k: found(M, k) for M in (A, S) for k in (2, 5, 12, 30)], times=6)
+
+
+@pytest.mark.gpu
+def test_quadratic_programs_and_regulators_on_a_device():
+    import cupy
+
+    rng = np.random.default_rng(5)
+    M = rng.standard_normal((200, 200))
+    factor = QPFactor(cupy.asarray(M @ M.T + np.eye(200)))
+    G, h = cupy.asarray(rng.standard_normal((20, 200))), cupy.full(20, 0.1)
+    A, B = (cupy.asarray(part) for part in (M[:60, :60], M[:60, 60:62]))
+    q = [cupy.asarray(rng.standard_normal(200)) for _ in range(6)]
+    tasks = [lambda q=q: (solve_qp(factor, q, G, h).x.get(),) for q in q]
+    tasks.append(lambda: (lqr(A, B, 1.0, np.eye(2)).K.get(),))
+    same(tasks, times=10)
