@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from gpu.arguments import flag, unmasked
 from gpu.errors import GpuError, InputError
 from gpu.problem import QPFactor
 from gpu.qp import solve_qp
@@ -61,11 +62,10 @@ def batch_solve_qp(
     [[0.5], [1.0]]
     """
     factor = P if isinstance(P, QPFactor) else QPFactor(P)
-    if not hasattr(q, "__len__"):
-        raise InputError(f"q is {q!r}: it must hold one linear term a row")
-    count = len(q)
+    warm_start = flag("warm_start", warm_start)
+    count = _rows("q", q)
     for name, value in {"h": h, "b": b, "h_low": h_low}.items():
-        if value is not None and len(value) != count:
+        if value is not None and _rows(name, value) != count:
             raise InputError(f"{name} has {len(value)} rows: there are {count} linear terms q")
     results: list[QPResult] = []
     for k in range(count):
@@ -82,3 +82,16 @@ def batch_solve_qp(
             error.index = k  # type: ignore[attr-defined]
             raise
     return results
+
+
+def _rows(name: str, value: Any) -> int:
+    """How many problems an argument speaks of."""
+    unmasked(name, value)
+    dense = getattr(value, "ndim", 0) > 0 and not hasattr(value, "tocsr")
+    dense = dense and hasattr(value, "__len__")
+    if not dense and not (isinstance(value, Sequence) and not isinstance(value, str | bytes)):
+        raise InputError(
+            f"{name} is of type {type(value).__name__}: it must hold one vector for each problem, "
+            "in a list or in the rows of a dense array"
+        )
+    return len(value)

@@ -12,6 +12,7 @@ from scipy import linalg, sparse
 from scipy.linalg.blas import dasum
 from scipy.sparse import linalg as sparse_linalg
 
+from gpu.arguments import unmasked
 from gpu.arrays import array_module, cupy, to_host
 from gpu.errors import InputError
 from gpu.modulus_source import SOURCE as MODULUS
@@ -118,6 +119,7 @@ def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
     ------
     InputError
     """
+    unmasked(name, A)
     if callable(A) and not hasattr(A, "shape"):
         xp = array_module(start)
         start = xp.asarray([] if start is None else start)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
+from gpu.arguments import choice, flag, is_finite_number, unmasked, whole
 from gpu.arrays import array_module
 from gpu.eigen_certificate import certify
 from gpu.eigen_operator import Matrix, as_matrix, ordinary
@@ -16,7 +17,7 @@ from gpu.eigenpairs import Eigenpairs
 from gpu.errors import GpuError, InputError, NotConverged
 from gpu.krylov_schur import FLOOR, RESTARTS, krylov_schur, room_for
 from gpu.ordered_schur import Rank
-from gpu.spectrum_order import best_first, edge_of, rank_of
+from gpu.spectrum_order import ORDERS, best_first, edge_of, rank_of
 
 DENSE = 256  # up to this order all eigenvalues are computed: quick, and nothing can be missed
 PRODUCTS = 128  # the same for operators, whose entries cost a product a column
@@ -116,22 +117,23 @@ def eigs(
     """
     matrix, mass = as_matrix("A", A, v0), None if M is None else as_matrix("M", M)
     n, xp = matrix.n, matrix.xp
-    k = _whole("k", k, 1, n)
+    k = whole("k", k, 1, n)
     if mass is not None:
         _matching(matrix, mass)
         if mass.explicit is not None:
             _ = mass.magnitude  # raises
-    start = None if v0 is None else _start(v0, n, xp)
-    if restart not in RESTARTS:
-        raise InputError(f"restart={restart!r}: expected one of {', '.join(RESTARTS)}")
+    start = None if v0 is None else start_vector(v0, n, xp)
+    choice("restart", restart, RESTARTS)
+    choice("which", which, ORDERS)
+    return_eigenvectors = flag("return_eigenvectors", return_eigenvectors)
     if not isinstance(tol, int | float | np.floating) or not 0 <= tol < 1:
         raise InputError(f"tol={tol!r}: expected a number from 0, below 1")
     if maxiter is not None:
-        maxiter = _whole("maxiter", maxiter, 1, np.inf)
-    size = max(2 * k + 20, 40) if ncv is None else _whole("ncv", ncv, k + 2, np.inf)
+        maxiter = whole("maxiter", maxiter, 1, np.inf)
+    size = max(2 * k + 20, 40) if ncv is None else whole("ncv", ncv, k + 2, np.inf)
     size = max(size, k + 3)
-    if sigma is not None and not _finite_number(sigma):
-        raise InputError(f"sigma={sigma!r}: expected a finite number")
+    if sigma is not None and not is_finite_number(sigma):
+        raise InputError("sigma: expected one finite number")
     if sigma is None and which == "SM" and _stored(matrix, mass):
         sigma, which = 0.0, "LM"
     sigma = float(np.real(sigma)) if sigma is not None and np.imag(sigma) == 0 else sigma
@@ -297,22 +299,11 @@ def _matching(matrix: Matrix, mass: Matrix) -> None:
         raise InputError("M and A live on different sides: move one of them")
 
 
-def _finite_number(value: Any) -> bool:
-    return isinstance(value, int | float | complex | np.number) and bool(np.isfinite(value))
-
-
-def _whole(name: str, value: Any, least: float, most: float) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise InputError(f"{name}={value!r}: expected a whole number")
-    if not least <= value <= most:
-        upper = "" if most == np.inf else f" to {most:.0f}"
-        raise InputError(f"{name}={value}: expected a whole number from {least:.0f}{upper}")
-    return int(value)
-
-
-def _start(v0: Any, n: int, xp: Any) -> Any:
+def start_vector(v0: Any, n: int, xp: Any) -> Any:
+    """A start vector that has been checked, where A is."""
     if array_module(v0) is not xp:
         raise InputError("v0 and A live on different sides: move one of them")
+    unmasked("v0", v0)
     vector = xp.asarray(v0)
     if vector.shape != (n,) or vector.dtype.kind not in "buifc":
         raise InputError(f"v0 has shape {vector.shape}: expected ({n},)")

@@ -20,7 +20,7 @@ def dual_problem(
     """The regulator problem of ``(A^T, C^T, G W G^T, V, G N, E^T)``."""
     A, E = numbers("A", A), numbers("E", E)
     n = A.shape[0]
-    G = numbers("G", G)
+    G = stored("G", numbers("G", G))
     if G.ndim == 1:
         G = G[:, None]
     if G.shape[0] != n:
@@ -32,9 +32,10 @@ def dual_problem(
     if C.shape[1] != n:
         raise InputError(f"C has shape {C.shape}: expected (p, {n}), a column for each state")
     factor = G @ _noise_factor(W, G, factored)
+    V = None if V is None else stored("V", numbers("V", V))
     cross = None
     if N is not None:
-        N = numbers("N", N)
+        N = stored("N", numbers("N", N))
         N = N[:, None] if N.ndim == 1 else N
         if N.shape != (G.shape[1], C.shape[0]):
             raise InputError(f"N has shape {N.shape}: expected {(G.shape[1], C.shape[0])}")

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
+from gpu.arguments import is_finite_number
 from gpu.arrays import to_host
 from gpu.errors import InputError, RiccatiError
 from gpu.state_matrix import EPS, Factors, StateMatrix, as_sparse, factor, vanishing
@@ -104,8 +105,8 @@ class InverseHamiltonian:
     """
 
     def __init__(self, state: StateMatrix, B: Any, weight: Weight, scale: float = 1.0) -> None:
-        if not (np.isfinite(scale) and scale > 0.0):
-            raise InputError(f"scale={scale}: expected a positive number")
+        if not is_finite_number(scale) or np.iscomplexobj(scale) or not scale > 0.0:
+            raise InputError("scale: expected one positive number")
         self.state, self.solves = state, 0
         self._B, self._Q, self._scale = B * np.sqrt(scale), weight, scale
         self._refine = False

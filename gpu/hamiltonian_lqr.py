@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
+from gpu.arguments import choice
 from gpu.arrays import array_module, to_host
 from gpu.cross_term import without_cross_term
 from gpu.errors import InputError, NotConverged, RiccatiError
@@ -82,11 +83,9 @@ def solve(
     RiccatiError
     """
     state, B, weight = problem.state, problem.input, problem.weight
-    if pi not in PI:
-        raise InputError(f"pi={pi!r}: expected one of {', '.join(PI)}")
-    start = start or ("random" if pi == "printed" else "inputs")
-    if start not in STARTS:
-        raise InputError(f"start={start!r}: expected one of {', '.join(STARTS)}")
+    choice("pi", pi, PI)
+    default = "random" if pi == "printed" else "inputs"
+    start = default if start is None else choice("start", start, STARTS)
     if isinstance(modes, bool) or not isinstance(modes, int | np.integer) or modes < 2:
         raise InputError(f"modes={modes!r}: expected a whole number from 2")
     if inner is not None and pi != "printed":

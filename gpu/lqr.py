@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 
 from gpu import reduced_lqr
+from gpu.arguments import choice, flag
 from gpu.arrays import to_host
 from gpu.closed_loop import ALL_POLES, dense_loop, nearest_poles, unstable_pole
 from gpu.errors import GpuError, InputError, NotConverged, NotSupported, RiccatiError
 from gpu.lqr_problem import PAID, LQRProblem, check_lqr, semidefinite
 from gpu.lqr_result import Found, LQRResult
+from gpu.number_range import within_range
 from gpu.riccati_modes import explain, named
 from gpu.riccati_refinement import judge
 from gpu.state_matrix import EPS
@@ -33,6 +35,7 @@ TOLD = 200  # up to this order it may tell itself what stands in its way
 EXACT = {"doubling", "newton"}
 
 
+@within_range
 def lqr(
     A: Any,
     B: Any,
@@ -128,13 +131,13 @@ def lqr(
     (array([[1., 2.]]), array([[2., 1.],
            [1., 2.]]))
     """
-    if unstable not in ("warn", "raise", "ignore"):
-        raise InputError(f"unstable={unstable!r}: expected 'warn', 'raise' or 'ignore'")
-    with np.errstate(all="ignore"):
-        problem = check_lqr(A, B, Q, R, N, E, factored=factored, inverse=inverse)
+    choice("unstable", unstable, ("warn", "raise", "ignore"))
+    factored = flag("factored", factored)
+    problem = check_lqr(A, B, Q, R, N, E, factored=factored, inverse=inverse)
     return solve_problem(problem, method, unstable, options, paid=False)
 
 
+@within_range
 def care(a: Any, b: Any, q: Any, r: Any, e: Any = None, s: Any = None) -> Any:
     r"""Solve :math:`A^T X E + E^T X A - (E^T X B + S) R^{-1} (E^T X B + S)^T + Q = 0`.
 
@@ -173,6 +176,7 @@ def care(a: Any, b: Any, q: Any, r: Any, e: Any = None, s: Any = None) -> Any:
     return solve_problem(problem, "doubling", "raise", {}, paid=True).S
 
 
+@within_range
 def lqe(
     A: Any,
     G: Any,
@@ -230,7 +234,7 @@ def lqe(
     """
     from gpu.estimator import dual_problem, transposed
 
-    problem = dual_problem(A, G, C, W, V, N, E, factored)
+    problem = dual_problem(A, G, C, W, V, N, E, flag("factored", factored))
     return transposed(solve_problem(problem, method, "raise", options, paid=False))
 
 
@@ -238,29 +242,12 @@ def solve_problem(
     problem: LQRProblem, method: str, unstable: str, options: dict[str, Any], *, paid: bool
 ) -> LQRResult:
     """Choose the method, solve, certify; ``paid`` allows a negative optimal cost."""
-    try:
-        with np.errstate(all="ignore"):  # what overflows is never certified
-            return _solved(problem, method, unstable, options, paid=paid)
-    except ValueError as error:
-        # What has overflowed is refused by the wrappers of LAPACK.
-        if isinstance(error, GpuError) or "infs or NaNs" not in str(error):
-            raise
-        raise NotConverged(
-            "numbers beyond the range of double precision came up: measure states, inputs or "
-            "costs in other units"
-        ) from None
-
-
-def _solved(
-    problem: LQRProblem, method: str, unstable: str, options: dict[str, Any], *, paid: bool
-) -> LQRResult:
+    method = choice("method", method, ("auto", *METHODS))
     chosen = method == "auto" and not problem.dense and problem.n <= ALL_POLES and not options
     if method == "auto":
         method = "doubling" if problem.dense else "reduced"
         if chosen and problem.n <= QUICK and reduced_lqr.takes_newton(problem):
             problem, method = problem.entries(), "doubling"
-    if method not in METHODS:
-        raise InputError(f"method={method!r}: expected one of auto, {', '.join(METHODS)}")
     solve = importlib.import_module(METHODS[method]).solve
     known = list(inspect.signature(solve).parameters)[1:]
     for name in options:

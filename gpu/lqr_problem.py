@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import linalg, sparse
 
+from gpu.arguments import is_finite_number, unmasked
 from gpu.arrays import array_module, to_host
 from gpu.errors import InputError
 from gpu.hamiltonian_balance import balance
@@ -94,13 +95,6 @@ class LQRProblem:
     def dense(self) -> bool:
         """Whether A is stored as a full matrix."""
         return self.state.kind == "dense"
-
-    @property
-    def has_operators(self) -> bool:
-        """Whether A or Q is given by functions."""
-        Q = self.weight.Q
-        by_functions = hasattr(Q, "matvec") and not hasattr(Q, "tocsr")
-        return self.state.kind == "operator" or by_functions
 
     @cached_property
     def unit(self) -> Any:
@@ -246,6 +240,7 @@ def numbers(name: str, value: Any) -> Any:
         if name not in ("E", "R"):
             raise InputError(f"{name} is None: expected an array of numbers")
         return None
+    unmasked(name, value)
     if callable(value) and not hasattr(value, "shape"):
         raise InputError(f"{name} is a function: wrap it in a LinearOperator, which has a shape")
     if not hasattr(value, "shape") or isinstance(value, np.matrix):
@@ -321,8 +316,8 @@ def _weight_argument(Q: Any, n: int) -> Any:
     if hasattr(Q, "matvec") and not hasattr(Q, "tocsr"):
         return Q
     if isinstance(Q, int | float | np.number) and not isinstance(Q, bool):
-        if not np.isfinite(Q):
-            raise InputError(f"Q is {Q}: expected a finite number")
+        if not is_finite_number(Q):
+            raise InputError("Q: expected a finite number")
         return Q
     Q = numbers("Q", Q)
     if Q.shape == (1, 1) and n > 1:

@@ -139,7 +139,8 @@ class LQRResult:
     problem: Any = field(default=None, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        operators = self.problem is not None and self.problem.has_operators
+        given = () if self.problem is None else (self.problem.state.A, self.problem.weight.Q)
+        operators = any(hasattr(M, "matvec") and not hasattr(M, "tocsr") for M in given)
         return self.__dict__ | ({"problem": None} if operators else {})
 
     def _whole(self) -> Any:

@@ -71,7 +71,7 @@ def _by_schur_form(A: np.ndarray) -> LyapunovSolver:
     the states change by many orders: where inputs reach a mode by 1e-8, those of the loop as it
     stands are rounding alone.
     """
-    balanced, (units, _) = linalg.matrix_balance(A, permute=False, separate=1)
+    balanced, (units, _) = linalg.matrix_balance(A, permute=False, separate=True)
     T, U = linalg.schur(balanced, output="real")
     trsyl = linalg.lapack.dtrsyl
     both = units * units[:, None]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
+from gpu.arguments import flag, unmasked
 from gpu.arrays import array_module, cupy
 from gpu.dense import cholesky, scaled_symmetric, symmetric_and_finite
 from gpu.errors import InputError, NotSupported
@@ -59,6 +60,7 @@ class QPFactor:
 
     @np.errstate(all="ignore")
     def __init__(self, P: ArrayLike, *, semidefinite: bool = True) -> None:
+        semidefinite = flag("semidefinite", semidefinite)
         matrix = _array("P", P, 2)
         n = matrix.shape[0]
         if n == 0 or matrix.shape != (n, n):
@@ -303,6 +305,7 @@ def _finite(name: str, array: Any) -> Any:
 
 
 def _array(name: str, value: Any, dimensions: int | None = None) -> Any:
+    unmasked(name, value)
     if hasattr(value, "__cuda_array_interface__"):
         return _device_array(name, value, dimensions)
     if is_sparse(value):

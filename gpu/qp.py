@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gpu.arguments import unmasked, whole
 from gpu.arrays import to_host
 from gpu.box_qp import ActiveSet, BoxQP
 from gpu.dense import symmetric_product
@@ -118,6 +119,9 @@ def solve_qp(
     problem = check_problem(P, q, G, h, A, b, lb, ub, h_low)
     if not isinstance(tol, int | float | np.number) or not 0.0 < tol < 1.0:
         raise InputError(f"tol is {tol!r}: it must be a number between 0 and 1")
+    host_below = whole("host_below", host_below, 0)
+    if not isinstance(start, QPResult):
+        unmasked("start", start)
     for low, high, names in (
         (problem.lb, problem.ub, ("the box is empty: lb", "ub")),
         (problem.low, problem.high, ("a row is empty: h_low", "h")),

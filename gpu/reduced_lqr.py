@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
+from gpu.arguments import choice
 from gpu.arrays import array_module, to_host
 from gpu.cross_term import without_cross_term
 from gpu.errors import InputError, NotConverged, NotSupported, RiccatiError
@@ -81,8 +82,7 @@ def solve(
         The largest rank was reached.
     RiccatiError
     """
-    if compression not in COMPRESSIONS:
-        raise InputError(f"compression={compression!r}: expected one of {', '.join(COMPRESSIONS)}")
+    choice("compression", compression, COMPRESSIONS)
     if not 0.0 < tol < 1.0:
         raise InputError(f"tol={tol}: expected a number between 0 and 1")
     if compression == "printed" and basis is None:

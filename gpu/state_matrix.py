@@ -12,6 +12,7 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import splu
 
+from gpu.arguments import unmasked
 from gpu.arrays import array_module, cupy, to_host
 from gpu.errors import InputError
 
@@ -55,6 +56,10 @@ class StateMatrix:
 
     def __init__(self, A: Any, E: Any = None, inverse: Any = None, explicit: bool = False) -> None:
         self.inverse, self.explicit = inverse, explicit
+        if inverse is not None and not (hasattr(inverse, "matvec") and hasattr(inverse, "shape")):
+            raise InputError(
+                f"inverse is of type {type(inverse).__name__}: expected a LinearOperator of A^-1"
+            )
         if hasattr(A, "matvec") and not hasattr(A, "tocsr"):
             if inverse is None:
                 raise InputError(
@@ -65,6 +70,8 @@ class StateMatrix:
             _check_transposes(A, inverse)
         else:
             self.A = stored("A", A)
+            if self.A.ndim not in (1, 2):
+                raise InputError(f"A has shape {self.A.shape}: expected (n, n), or (n,)")
             self.n = int(self.A.shape[0])
             E = None if E is None else stored("E", E)
             if self.A.ndim == 1 and E is not None and E.ndim == 2:
@@ -290,6 +297,7 @@ def stored(name: str, A: Any) -> Any:
     ------
     InputError
     """
+    unmasked(name, A)
     if hasattr(A, "tocsr"):
         on_host = sparse.issparse(A)
         A = sparse.csr_array(A) if on_host else A.tocsr()

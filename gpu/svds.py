@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from gpu.arguments import choice, flag, unmasked, whole
 from gpu.arrays import array_module, cupy, to_host
-from gpu.eigs import DENSE, FALLBACK, PRODUCTS, eigs
+from gpu.eigs import DENSE, FALLBACK, PRODUCTS, eigs, start_vector
 from gpu.errors import InputError, NotConverged
 
 CERTIFIED = 1e-10  # |A v - s u| and |A^* u - s v| over |A|
@@ -78,10 +79,14 @@ def svds(
     small = min(factors.shape)
     if isinstance(k, bool) or not isinstance(k, int | np.integer) or not 1 <= k <= small:
         raise InputError(f"k={k!r}: expected a whole number from 1 to {small}")
-    if which not in ("LM", "SM"):
-        raise InputError(f"which={which!r}: expected LM or SM")
+    choice("which", which, ("LM", "SM"))
+    for name, value in (("ncv", ncv), ("maxiter", maxiter)):
+        if value is not None:
+            whole(name, value, 1)
+    return_singular_vectors = flag("return_singular_vectors", return_singular_vectors)
     if not isinstance(tol, int | float | np.floating) or not 0 <= tol < 1:
         raise InputError(f"tol={tol!r}: expected a number from 0, below 1")
+    v0 = None if v0 is None else start_vector(v0, small, factors.xp)
     explicit = factors.explicit is not None
     if small <= (DENSE if explicit else PRODUCTS) or (
         explicit and which == "SM" and small <= FALLBACK
@@ -106,6 +111,7 @@ class _Factors:
     """A and A^*, times a power of two that makes the entries of order one."""
 
     def __init__(self, A: Any) -> None:
+        unmasked("A", A)
         if not hasattr(A, "shape"):
             A = np.asarray(A)
         if len(A.shape) != 2 or 0 in A.shape:
@@ -120,6 +126,10 @@ class _Factors:
         if hasattr(A, "matvec"):
             self.xp = array_module(A)
             self._left, self._right = A.matvec, A.rmatvec
+            try:
+                A.rmatvec(self.xp.zeros(self.shape[0], dtype=self.dtype))
+            except NotImplementedError:
+                raise InputError("A has no rmatvec: pass one, of its adjoint") from None
             return
         if sparse.issparse(A) or hasattr(A, "tocsr"):
             self.xp = np if sparse.issparse(A) else cupy()

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg, sparse
 
+from gpu.arguments import is_finite_number
 from gpu.arrays import array_module, to_host
 from gpu.errors import InputError
 from gpu.state_matrix import StateMatrix, stored, symmetric, times
@@ -36,7 +37,7 @@ class Weight:
         if hasattr(Q, "matvec") and not hasattr(Q, "tocsr"):
             self.Q, shape = Q, Q.shape
         else:
-            if isinstance(Q, int | float | np.number) and not isinstance(Q, bool):
+            if is_finite_number(Q) and not isinstance(Q, complex | np.complexfloating):
                 Q = xp.full(n, float(Q))
             self.Q = Q = stored("Q", Q)
             shape = Q.shape
