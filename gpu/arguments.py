@@ -27,7 +27,7 @@ def unmasked(name: str, value: Any) -> None:
 def flag(name: str, value: Any) -> bool:
     """True or False."""
     if not isinstance(value, bool | np.bool_):
-        raise InputError(f"{name}={_shown(value)}: expected True or False")
+        raise InputError(f"{name}={shown(value)}: expected True or False")
     return bool(value)
 
 
@@ -35,14 +35,14 @@ def choice(name: str, value: Any, among: Iterable[str]) -> str:
     """One of some words."""
     among = tuple(among)
     if not isinstance(value, str) or value not in among:
-        raise InputError(f"{name}={_shown(value)}: expected one of {', '.join(among)}")
+        raise InputError(f"{name}={shown(value)}: expected one of {', '.join(among)}")
     return value
 
 
 def whole(name: str, value: Any, least: float, most: float = np.inf) -> int:
     """A whole number within limits."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise InputError(f"{name}={_shown(value)}: expected a whole number")
+        raise InputError(f"{name}={shown(value)}: expected a whole number")
     if not least <= value <= most:
         upper = "" if most == np.inf else f" to {most:.0f}"
         raise InputError(f"{name}={value}: expected a whole number from {least:.0f}{upper}")
@@ -59,5 +59,8 @@ def is_finite_number(value: Any) -> bool:
         return False
 
 
-def _shown(value: Any) -> str:
-    return repr(value) if np.ndim(value) == 0 and np.size(value) == 1 else type(value).__name__
+def shown(value: Any) -> str:
+    """A value as a message shows it: of what is large its type."""
+    if isinstance(value, int | float | complex | np.number | str | None):
+        return f"{value!r:.60}"
+    return type(value).__name__

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from gpu.arguments import choice, flag, is_finite_number, unmasked, whole
+from gpu.arguments import choice, flag, is_finite_number, shown, unmasked, whole
 from gpu.arrays import array_module
 from gpu.eigen_certificate import certify
 from gpu.eigen_operator import Matrix, as_matrix, ordinary
@@ -133,7 +133,7 @@ def eigs(
     size = max(2 * k + 20, 40) if ncv is None else whole("ncv", ncv, k + 2, np.inf)
     size = max(size, k + 3)
     if sigma is not None and not is_finite_number(sigma):
-        raise InputError("sigma: expected one finite number")
+        raise InputError(f"sigma={shown(sigma)}: expected a finite number")
     if sigma is None and which == "SM" and _stored(matrix, mass):
         sigma, which = 0.0, "LM"
     sigma = float(np.real(sigma)) if sigma is not None and np.imag(sigma) == 0 else sigma

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import linalg, sparse
 
-from gpu.arguments import is_finite_number, unmasked
+from gpu.arguments import is_finite_number, shown, unmasked
 from gpu.arrays import array_module, to_host
 from gpu.errors import InputError
 from gpu.hamiltonian_balance import balance
@@ -317,7 +317,7 @@ def _weight_argument(Q: Any, n: int) -> Any:
         return Q
     if isinstance(Q, int | float | np.number) and not isinstance(Q, bool):
         if not is_finite_number(Q):
-            raise InputError("Q: expected a finite number")
+            raise InputError(f"Q is {shown(Q)}: expected a finite number")
         return Q
     Q = numbers("Q", Q)
     if Q.shape == (1, 1) and n > 1:
