@@ -8,12 +8,12 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
-from skfem.element import ElementVector
 
-from .boundary_edges import vertex_dofs
+from .boundary_edges import full_name, scalar_element, vertex_dofs
 from .cut_domain import CutDomain
 from .element_quad_adini import ElementQuadAdini
 from .errors import InputError
+from .finite_numbers import finite_numbers
 from .hanging_constraints import hanging_constraints
 from .positive_number import positive_number
 from .reference_points import reference_points
@@ -115,13 +115,15 @@ class AdiniExtension:
         threshold: float = 0.5,
         essential: tuple[Any, Array] | None = None,
     ) -> None:
-        elem = basis.elem.elem if isinstance(basis.elem, ElementVector) else basis.elem
+        elem = scalar_element(basis)
         if not isinstance(elem, ElementQuadAdini):
-            raise InputError(f"basis: expected ElementQuadAdini, got {type(elem).__name__}")
+            raise InputError(f"basis: expected ElementQuadAdini, got {full_name(elem)}")
+        if not isinstance(domain, CutDomain):
+            raise InputError(f"domain: expected a CutDomain, got {type(domain).__name__}")
         if basis.mesh is not domain.mesh:
             raise InputError("basis, domain: they need the same mesh object")
         threshold = positive_number("threshold", threshold, most=1)
-        dofs = vertex_dofs(basis)
+        dofs = vertex_dofs(basis, weighted=True)
         self.domain = domain
         T, x0 = hanging_constraints(basis, essential)
         ends = _ends(hanging_constraints(basis)[0], dofs)
@@ -132,21 +134,44 @@ class AdiniExtension:
         self.P, self.x0 = _resolved(sp.csr_array(T), x0, follow, active)
 
     def apply(self, *matrices: Any) -> tuple[sp.csr_array, ...]:
-        r"""Return :math:`P^T A P` for each of the matrices."""
+        r"""Return :math:`P^T A P` for each of the matrices.
+
+        Raises
+        ------
+        InputError
+            One is of another size, or holds NaN.
+        """
+        for A in matrices:
+            self._check_matrix(A)
         return tuple(self._symmetric(sp.csr_array(self.P.T @ (A @ self.P))) for A in matrices)
 
     def load(self, b: Array, A: Any | None = None) -> Array:
-        r"""Return :math:`P^T (b - A x_0)`; A is needed when x0 is not zero."""
+        r"""Return :math:`P^T (b - A x_0)`; A is needed when x0 is not zero.
+
+        Raises
+        ------
+        InputError
+            b or A is of another size or not finite, or A is missing.
+        """
         if A is None and self.x0.any():
             raise InputError("A: needed because the essential conditions hold data")
+        b = finite_numbers("b", b, (len(self.x0),), complex_too=True)
+        if A is not None:
+            self._check_matrix(A)
         return np.asarray(self.P.T @ (b if A is None else b - A @ self.x0))
 
     def expand(self, z: Array) -> Array:
         """Return the dofs (dofs,) or (dofs, n) for free parameters; x0 is added to solutions only.
 
         A matrix of columns, as eigenvectors are, is taken as homogeneous.
+
+        Raises
+        ------
+        InputError
+            z has another number of rows, or is not finite.
         """
-        z = np.asarray(z)
+        rows = self.P.shape[1]
+        z = finite_numbers("z", z, (rows, *np.shape(z)[1:2]), complex_too=True)
         return np.asarray(self.P @ z + (self.x0 if z.ndim == 1 else 0))
 
     def solve(self, A: Any, b: Array, definite: bool = True, solver: Solver = "auto") -> Array:
@@ -154,6 +179,13 @@ class AdiniExtension:
         (reduced,) = self.apply(A)
         z = factorize(reduced, definite=definite, solver=solver).solve(self.load(b, A))
         return self.expand(z)
+
+    def _check_matrix(self, A: Any) -> None:
+        size = len(self.x0)
+        if np.shape(A) != (size, size):
+            raise InputError(f"A: expected a matrix of shape {(size, size)}, got {np.shape(A)}")
+        if not np.isfinite(sp.csr_array(A).data).all():
+            raise InputError("A: the matrix holds NaN or infinity")
 
     @staticmethod
     def _symmetric(A: sp.csr_array) -> sp.csr_array:

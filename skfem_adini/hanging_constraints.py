@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 from scipy.spatial import KDTree
-from skfem.element import ElementVector
 
-from .boundary_edges import Array, BoundaryEdges, Indices, vertex_dofs
+from .boundary_edges import Array, BoundaryEdges, Indices, full_name, scalar_element, vertex_dofs
 from .element_quad_adini import ElementQuadAdini
 from .errors import InputError
 from .hermite_factors import HERMITE, SLOPE, derivatives
@@ -94,13 +93,13 @@ def hanging_constraints(
 
     The condensed problem is `A = T.T @ K @ T`, `b = T.T @ (f - K @ x0)`.
     """
-    elem = basis.elem.elem if isinstance(basis.elem, ElementVector) else basis.elem
+    elem = scalar_element(basis)
     if not isinstance(elem, ElementQuadAdini):
         raise InputError(
             f"basis: expected ElementQuadAdini or ElementVector(ElementQuadAdini()), "
-            f"got {type(elem).__name__}"
+            f"got {full_name(elem)}"
         )
-    dofs = vertex_dofs(basis)
+    dofs = vertex_dofs(basis, weighted=True)
     hanging = _HangingVertices.find(basis.mesh)
     follow = _resolved(_one_step(dofs, hanging))
     T, x0 = essential or (sp.eye_array(dofs.size, format="csc"), np.zeros(dofs.size))

@@ -9,9 +9,11 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from skfem.assembly.basis.abstract_basis import AbstractBasis
 
 from .cut_polygon import Polygon
 from .errors import InputError
+from .finite_numbers import finite_numbers
 from .reference_points import reference_points
 
 Array = NDArray[np.float64]
@@ -140,9 +142,9 @@ class FieldLevelSet(LevelSet):
     """
 
     def __init__(self, basis: Any, x: Array) -> None:
-        x = np.asarray(x, dtype=float)
-        if x.shape != (basis.N,) or not np.isfinite(x).all():
-            raise InputError(f"x: expected {basis.N} finite numbers, got shape {x.shape}")
+        if not isinstance(basis, AbstractBasis):
+            raise InputError(f"basis: expected a scikit-fem Basis, got {type(basis).__name__}")
+        x = finite_numbers("x", x, (basis.N,))
         super().__init__(basis.interpolator(x))
         self.basis, self.x = basis, x
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .boundary_edges import vertex_dofs
 from .errors import InputError
+from .finite_numbers import finite_numbers
 
 Array = NDArray[np.float64]
 
@@ -48,7 +49,7 @@ def nodal_gradient(basis: Any, x: ArrayLike) -> Array:
     [[0.0, 0.0, 2.0, 0.0], [0.0, 1.0, 1.0, 0.0]]
     """
     dofs = vertex_dofs(basis)[1 : 1 + basis.mesh.dim()]
-    gradient: Array = _real("x", x, (basis.N,))[dofs].swapaxes(0, 1)
+    gradient: Array = finite_numbers("x", x, (basis.N,))[dofs].swapaxes(0, 1)
     return gradient if "^" in basis.elem.dofnames[0] else gradient[0]
 
 
@@ -115,11 +116,14 @@ def nodal_stress(
     if (law is None) == (E is None and nu is None) or (E is None) != (nu is None):
         raise InputError("E, nu, law: give either both E and nu, or a law")
     if law is not None:
-        stress = np.asarray(law(gradient), dtype=float)
-        if stress.ndim == 0 or stress.shape[-1] != vertices:
+        if not callable(law):
+            raise InputError(f"law: expected a function, got {type(law).__name__}")
+        found = np.asarray(law(gradient))
+        if found.ndim == 0 or found.shape[-1] != vertices:
             raise InputError(
-                f"law: expected an array with last axis {vertices}, it returned {stress.shape}"
+                f"law: expected an array with last axis {vertices}, it returned {found.shape}"
             )
+        stress: Array = finite_numbers("law", found, found.shape)
         return stress
     if plane not in ("strain", "stress"):
         raise InputError(f"plane: expected 'strain' or 'stress', got {plane!r}")
@@ -159,32 +163,22 @@ def von_mises(stress: ArrayLike) -> Array:
     >>> float(von_mises(np.diag([3.0, 0.0, 0.0])))
     3.0
     """
-    stress = np.asarray(stress, dtype=float)
-    if stress.shape[:2] != (3, 3):
+    shape = np.shape(stress)
+    if shape[:2] != (3, 3):
         raise InputError(
-            f"stress: expected shape (3, 3, ...) with sigma_zz, got {stress.shape}; a plane stress "
-            "has zeros there"
+            f"stress: expected shape (3, 3, ...) with sigma_zz, got {shape}; a plane stress has "
+            "zeros there"
         )
+    stress = finite_numbers("stress", stress, shape)
     mean = np.trace(stress) / 3
     deviator = stress - np.multiply.outer(np.eye(3), mean)
     return np.asarray(np.sqrt(1.5 * np.sum(deviator**2, axis=(0, 1))))
 
 
-def _real(name: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """Return finite real numbers of the given shape."""
-    array = np.asarray(value)
-    if array.shape != shape or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
-        raise InputError(
-            f"{name}: expected finite real numbers of shape {shape}, got {array.dtype} of shape "
-            f"{array.shape}"
-        )
-    return array.astype(float)
-
-
 def _lame(E: Any, nu: Any, cells: int) -> tuple[Array, Array]:
     """Return lambda and mu of every cell."""
     modulus, ratio = (
-        np.broadcast_to(_real(name, value, (cells,) if np.ndim(value) else ()), cells)
+        np.broadcast_to(finite_numbers(name, value, (cells,) if np.ndim(value) else ()), cells)
         for name, value in (("E", E), ("nu", nu))
     )
     if not (modulus > 0).all():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import numbers
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from skfem.assembly import CellBasis
+from skfem.assembly.basis.abstract_basis import AbstractBasis
 from skfem.element import ElementComposite, ElementVector
 
 from .errors import InputError, MissingDependency
@@ -75,7 +78,8 @@ def to_pyvista(
     Raises
     ------
     InputError
-        Not a cell basis, a field of the wrong length or not real, or `subdivide` out of range.
+        Not a cell basis, a field of the wrong length, not real or not finite (nothing is written
+        then), or `subdivide` out of range.
     MissingDependency
         pyvista is not installed.
 
@@ -89,12 +93,9 @@ def to_pyvista(
     (4, 49, 70)
     """
     pyvista = _import_pyvista()
-    if not isinstance(basis, CellBasis) or isinstance(basis.elem, ElementComposite):
-        raise InputError(
-            f"basis: expected a cell basis of a scalar or vector element, got "
-            f"{type(basis).__name__} of {type(basis.elem).__name__}"
-        )
-    fields = dict(x) if isinstance(x, Mapping) else {name: x}
+    _refuse_other_bases(basis)
+    fields = _named("x", x if isinstance(x, Mapping) else {name: x})
+    dofs = {key: _checked("x", key, vector, basis.N) for key, vector in fields.items()}
     pattern, continuous = _pattern(basis, subdivide)
     tind = np.arange(basis.nelems) if basis.tind is None else basis.tind
     X = _oriented(basis, pattern, tind)
@@ -108,13 +109,13 @@ def to_pyvista(
     types = np.full(len(cells), pattern.vtk_type, dtype=np.uint8)
     grid = pyvista.UnstructuredGrid(layout.ravel(), types, _rows(points, keep))
 
-    for key, values in _evaluate(basis, fields, X, tind).items():
+    for key, values in _evaluate(basis, dofs, X, tind).items():
         grid.point_data[key] = _rows(values, keep)
-    for key, array in (point_data or {}).items():
+    for key, array in _named("point_data", point_data).items():
         nodal = _checked("point_data", key, array, basis.mesh.nvertices)
         values = np.einsum("...vc,vcp->...cp", nodal[..., vertices], weights)
         grid.point_data[key] = _rows(values, keep)
-    for key, array in (cell_data or {}).items():
+    for key, array in _named("cell_data", cell_data).items():
         values = _checked("cell_data", key, array, basis.mesh.nelements)
         values = np.repeat(values[..., tind], len(pattern.cells), axis=-1)
         grid.cell_data[key] = _components(values)
@@ -172,6 +173,8 @@ def save(
     ...     save(f"{folder}/field.vtu", basis, {"u": basis.ones()}).name
     'field.vtu'
     """
+    if not isinstance(path, str | Path):
+        raise InputError(f"path: expected a file name, got {path!r}")
     path = Path(path)
     options: dict[str, Any] = {
         "subdivide": subdivide,
@@ -186,22 +189,49 @@ def save(
         write_grid(path, to_pyvista(basis, fields, **options))
         return path
 
-    if (
-        isinstance(fields, Mapping | np.ndarray)
-        or len(fields) == 0
-        or any(len(step) not in (2, 3) or not np.isfinite(step[0]) for step in fields)
+    steps = _checked_steps(basis, fields)
+
+    def grids() -> Iterator[tuple[float, Any]]:
+        for time, step, *data in steps:
+            of_step = {**options, "point_data": dict(point_data or {}) | dict(*data)}
+            yield time, to_pyvista(basis, step, **of_step)
+
+    return write_series(path, grids())
+
+
+def _checked_steps(basis: Any, fields: Any) -> list[Any]:
+    """Return the steps of a series, all of them checked before the first file is written."""
+    listed = isinstance(fields, Sequence) and not isinstance(fields, str)
+    steps = list(fields) if listed else []
+    if not steps or not all(
+        isinstance(step, tuple | list)
+        and len(step) in (2, 3)
+        and isinstance(step[0], numbers.Real)
+        and math.isfinite(step[0])
+        and isinstance(step[1], Mapping | np.ndarray)
+        for step in steps
     ):
         raise InputError(
             "fields: a .pvd series takes a non-empty list of pairs (time, fields) or triples "
             "(time, fields, point_data) with finite times"
         )
+    _refuse_other_bases(basis)
+    for _, step, *data in steps:
+        named = step if isinstance(step, Mapping) else {"u": step}
+        for key, vector in _named("x", named).items():
+            _checked("x", key, vector, basis.N)
+        for key, array in _named("point_data", *data or [None]).items():
+            _checked("point_data", key, array, basis.mesh.nvertices)
+    return steps
 
-    def grids() -> Iterator[tuple[float, Any]]:
-        for time, step, *data in fields:
-            of_step = {**options, "point_data": dict(point_data or {}) | dict(*data)}
-            yield time, to_pyvista(basis, step, **of_step)
 
-    return write_series(path, grids())
+def _refuse_other_bases(basis: Any) -> None:
+    if not isinstance(basis, CellBasis) or isinstance(basis.elem, ElementComposite):
+        got = type(basis).__name__
+        of = f" of {type(basis.elem).__name__}" if isinstance(basis, AbstractBasis) else ""
+        raise InputError(
+            f"basis: expected a cell basis of a scalar or vector element, got {got}{of}"
+        )
 
 
 def _import_pyvista() -> Any:
@@ -267,9 +297,8 @@ def _number_points(
     return first[order], np.argsort(order)[number].reshape(shape)
 
 
-def _evaluate(basis: Any, fields: Mapping[str, Array], X: Array, tind: Indices) -> dict[str, Array]:
+def _evaluate(basis: Any, dofs: Mapping[str, Array], X: Array, tind: Indices) -> dict[str, Array]:
     """Return every field at X, as (cells, points) or (components, cells, points)."""
-    dofs = {key: _checked("x", key, vector, basis.N) for key, vector in fields.items()}
     values: dict[str, Any] = dict.fromkeys(dofs, 0.0)
     for j, local in enumerate(basis.element_dofs):
         (shape,) = basis.elem.gbasis(basis.mapping, X, j, tind=tind)
@@ -278,16 +307,35 @@ def _evaluate(basis: Any, fields: Mapping[str, Array], X: Array, tind: Indices) 
     return values
 
 
+def _named(argument: str, data: Any) -> dict[str, Any]:
+    """Return a mapping from names, empty for None."""
+    if data is None:
+        return {}
+    if not isinstance(data, Mapping) or not all(isinstance(k, str) and k for k in data):
+        raise InputError(f"{argument}: expected a mapping from names to arrays, got {data!r}")
+    return dict(data)
+
+
 def _checked(argument: str, key: str, array: Any, length: int) -> Array:
-    """Return a real array whose last axis has the given length."""
-    values = np.asarray(array)
+    """Return a real and finite array whose last axis has the given length."""
+    try:
+        values = np.asarray(array)
+    except ValueError as error:
+        raise InputError(f"{argument}[{key!r}]: no array of numbers: {error}") from error
     allowed = (1,) if argument == "x" else (1, 2, 3)
     tensor = values.ndim < 3 or max(values.shape[:2]) <= 3
     shaped = values.ndim in allowed and values.shape[-1] == length and tensor
-    if not shaped or values.dtype.kind not in "bif":
+    if not shaped or values.dtype.kind not in "biuf":
         raise InputError(
             f"{argument}[{key!r}]: expected real numbers, last axis of length {length}, got "
             f"{values.dtype} of shape {values.shape}"
+        )
+    bad = ~np.isfinite(values)
+    if bad.any():
+        place = tuple(np.argwhere(bad)[0].tolist())
+        raise InputError(
+            f"{argument}[{key!r}]: {bad.sum()} of {values.size} entries are NaN or infinite "
+            f"(first: {values[place]} at {place}); nothing is written, mend the field or put zeros"
         )
     return values
 

@@ -20,6 +20,7 @@ from skfem.element import (
     ElementTriP1,
     ElementTriP2,
 )
+from skfem.element import ElementQuadBFS as ScikitFemBFS
 from skfem.mesh import MeshTet1, MeshTri1
 from skfem.refdom import RefHex, RefQuad, RefTet, RefTri
 
@@ -43,6 +44,7 @@ _DEGREE: dict[type[Element], int] = {
     ElementHexAdini: 3,
     ElementQuadAdini: 3,
     ElementQuadBFS: 3,
+    ScikitFemBFS: 3,
 }
 
 LINEAR_ELEMENT: dict[Any, type[Element]] = {
@@ -116,7 +118,7 @@ def linear_pattern(refdom: Any, steps: int) -> CellPattern:
     InputError
         `steps` is not a positive whole number, or for triangles and tetrahedra no power of two.
     """
-    if steps != int(steps) or steps < 1:
+    if not isinstance(steps, int | np.integer) or isinstance(steps, bool) or steps < 1:
         raise InputError(f"subdivide: expected a positive whole number, got {steps!r}")
     steps = int(steps)
     if refdom in (RefTri, RefTet):
