@@ -32,14 +32,11 @@ from contact.rigid_modes import dof_lengths
 from contact.selection import select_components, select_facets
 from contact.settled import settled
 from contact.sound_cells import check_cells
-from contact.vector_element import vector_element
+from contact.vector_element import GRADIENT_DOFS, vector_element
+from skfem_adini import InputError as AdiniInputError
 from skfem_adini import (
-    ElementHexAdini,
-    ElementQuadAdini,
-    ElementQuadBFS,
     essential_constraints,
 )
-from skfem_adini import InputError as AdiniInputError
 
 Field = float | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]
 
@@ -302,7 +299,7 @@ class ElasticBody(MaterialBody):
     def _supported(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
         if not self._supports:
             return sparse.eye_array(self.basis.N, format="csr"), np.zeros(self.basis.N)
-        if isinstance(self.element, ElementQuadAdini | ElementHexAdini | ElementQuadBFS):
+        if isinstance(self.element, GRADIENT_DOFS):
             try:
                 T, u0 = essential_constraints(
                     self.basis,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.elasticity import stress
-from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
+from contact.vector_element import GRADIENT_DOFS
 from skfem_adini import nodal_stress as stress_of_dofs
 
 if TYPE_CHECKING:
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from contact.result import ContactResult
 
 Array = NDArray[np.float64]
-_GRADIENT_DOFS = (ElementQuadAdini, ElementHexAdini, ElementQuadBFS)
 
 
 def nodal_stress(result: ContactResult) -> Array:
@@ -26,7 +25,7 @@ def nodal_stress(result: ContactResult) -> Array:
     around a vertex are evaluated there and averaged by the cells' sizes.
     """
     body = result.system.body
-    if isinstance(body.element, _GRADIENT_DOFS):
+    if isinstance(body.element, GRADIENT_DOFS):
         plane: Any = body.plane or "strain"
         return stress_of_dofs(body.basis, result.u, body.E, body.nu, plane)
     mesh, size = body.mesh, body.basis.dx.sum(axis=1)

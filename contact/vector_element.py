@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
+import skfem
 from skfem import Mesh
 from skfem.element import Element, ElementVector
 
 from contact.errors import InputError
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
-_FIRST_ORDER_SUFFICES = (ElementQuadAdini, ElementHexAdini, ElementQuadBFS)
+_OURS = (ElementQuadAdini, ElementHexAdini, ElementQuadBFS)
+# Elements with u and its gradient at the vertices; scikit-fem has a class ElementQuadBFS as well.
+GRADIENT_DOFS = (*_OURS, skfem.ElementQuadBFS)
 
 
 def vector_element(element: Any, mesh: Mesh) -> ElementVector:
@@ -28,7 +31,7 @@ def vector_element(element: Any, mesh: Mesh) -> ElementVector:
         raise InputError(
             f"element: expected one of scikit-fem's, such as ElementQuad2(), got {element!r}"
         )
-    if type(element) in _FIRST_ORDER_SUFFICES:
+    if type(element) in _OURS:
         element = type(element)(derivatives=1)
     if not isinstance(element, ElementVector):
         element = ElementVector(element)

@@ -170,8 +170,8 @@ class AdiniExtension:
         InputError
             z has another number of rows, or is not finite.
         """
-        rows = self.P.shape[1]
-        z = finite_numbers("z", z, (rows, *np.shape(z)[1:2]), complex_too=True)
+        columns = np.shape(z)[1:] if isinstance(z, np.ndarray) and z.ndim == 2 else ()
+        z = finite_numbers("z", z, (self.P.shape[1], *columns), complex_too=True)
         return np.asarray(self.P @ z + (self.x0 if z.ndim == 1 else 0))
 
     def solve(self, A: Any, b: Array, definite: bool = True, solver: Solver = "auto") -> Array:
@@ -182,10 +182,12 @@ class AdiniExtension:
 
     def _check_matrix(self, A: Any) -> None:
         size = len(self.x0)
-        if np.shape(A) != (size, size):
-            raise InputError(f"A: expected a matrix of shape {(size, size)}, got {np.shape(A)}")
-        if not np.isfinite(sp.csr_array(A).data).all():
-            raise InputError("A: the matrix holds NaN or infinity")
+        if not sp.issparse(A):
+            A = sp.csr_array(finite_numbers("A", A, (size, size), complex_too=True))
+        if A.shape != (size, size):
+            raise InputError(f"A: expected a matrix of shape {(size, size)}, got {A.shape}")
+        entries = sp.csr_array(A).data
+        finite_numbers("A", entries, entries.shape, complex_too=True)
 
     @staticmethod
     def _symmetric(A: sp.csr_array) -> sp.csr_array:

@@ -67,7 +67,12 @@ def imposed_components(components: int | Sequence[int] | None, count: int) -> li
     """Return the chosen components as a sorted list, all `count` of them by default."""
     if components is None:
         return list(range(count))
-    chosen = sorted({int(c) for c in np.atleast_1d(np.asarray(components))})
+    try:
+        given = np.atleast_1d(np.asarray(components))
+    except ValueError as error:
+        raise InputError(f"components: expected whole numbers, got {components!r}") from error
+    whole = given.dtype.kind in "iu" or given.size == 0
+    chosen = sorted({int(c) for c in given}) if whole and given.ndim == 1 else []
     if not chosen or chosen[0] < 0 or chosen[-1] >= count:
         raise InputError(f"components: expected some of 0 to {count - 1}, got {components!r}")
     return chosen
@@ -76,27 +81,31 @@ def imposed_components(components: int | Sequence[int] | None, count: int) -> li
 def facet_vertices(mesh: Any, facets: Any) -> Indices:
     """Return the vertices (2 or 4, facets) of facets given in any way scikit-fem knows.
 
-    Facets may be given by indices, boundary name, callable of the midpoints, or a set of these.
+    Facets may be given by indices, boundary name, callable of the midpoints, or a set of these;
+    None stands for the whole boundary.
 
     Raises
     ------
     InputError
         Unknown boundary name, indices out of range, or no facet at all.
     """
+    if facets is None:
+        facets = mesh.boundary_facets()
     if isinstance(facets, str) and facets not in (mesh.boundaries or {}):
         known = sorted(mesh.boundaries or {})
         raise InputError(f"facets: no boundary {facets!r} in the mesh; it has {known}")
     try:
         index = np.asarray(mesh.normalize_facets(facets))
-    except (ValueError, NotImplementedError) as error:
+    except (ValueError, TypeError, IndexError, KeyError, NotImplementedError) as error:
         raise InputError(f"facets: cannot select facets by {facets!r}: {error}") from error
     if index.size == 0:
         raise InputError("facets: the set is empty; give at least one facet of the mesh")
-    whole = np.issubdtype(index.dtype, np.integer)
+    whole = index.dtype.kind in "iu"
     if not whole or index.min() < 0 or index.max() >= mesh.facets.shape[1]:
+        span = f" from {index.min()} to {index.max()}" if whole else ""
         raise InputError(
             f"facets: expected whole numbers from 0 to {mesh.facets.shape[1] - 1}, got an "
-            f"array of {index.dtype} from {index.min()} to {index.max()}"
+            f"array of {index.dtype}{span}"
         )
     return mesh.facets[:, np.unique(index)]
 
@@ -129,7 +138,7 @@ def sample(value: Value, points: Array, count: int) -> Array:
                 f"value: the function returned shape {data.shape} for points of shape "
                 f"{points.shape}; expected {expected}"
             )
-    elif isinstance(value, list | tuple | np.ndarray) and np.ndim(value) > 0:
+    elif isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0):
         if len(value) != count:
             raise InputError(f"value: expected {count} components, got {len(value)}")
         data = np.concatenate([sample(part, points, 1) for part in value])

@@ -46,7 +46,7 @@ class ClosedFormElement(ElementH1):
     cells: ClassVar[type[QuadCells] | type[HexCells]]
 
     def __init__(self, derivatives: int = 2) -> None:
-        if derivatives not in range(_MOST_DERIVATIVES + 1):
+        if np.ndim(derivatives) or derivatives not in range(_MOST_DERIVATIVES + 1):
             raise InputError(f"derivatives: expected 0 to {_MOST_DERIVATIVES}, got {derivatives!r}")
         self.derivatives = int(derivatives)
 

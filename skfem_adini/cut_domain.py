@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from skfem import CellBasis, MeshQuad
-from skfem.element import DiscreteField
+from skfem.assembly.form.form import Form
+from skfem.element import DiscreteField, Element
+from skfem.refdom import RefQuad
 
 from .cut_polygon import Polygon
 from .cut_quadrature import CutQuadrature, cut_quadrature
@@ -173,6 +175,7 @@ class CutDomain:
             (full, cut). A matrix is the sum of what a form gives on both. Where no cell is full,
             or none cut, that basis is left out.
         """
+        _check_element(elem)
         found = []
         if self.full.size:
             found.append(CellBasis(self.mesh, elem, intorder=intorder, elements=self.full))
@@ -198,6 +201,7 @@ class CutDomain:
         InputError
             No part of the boundary lies there.
         """
+        _check_element(elem)
         rule = self.quadrature
         keep = np.ones(len(rule.parts), dtype=bool)
         if parts is not None:
@@ -228,6 +232,11 @@ class CutDomain:
         fields
             Numbers handed to the form.
         """
+        if not isinstance(form, Form):
+            raise InputError(
+                f"form: expected a BilinearForm, LinearForm or Functional, got "
+                f"{type(form).__name__}"
+            )
         return sum(form.assemble(basis, **fields) for basis in self.groups(elem, intorder))
 
     def groups(self, elem: Any, intorder: int | None = None) -> Iterator[CellBasis]:
@@ -236,6 +245,7 @@ class CutDomain:
         The full cells are one, as in :meth:`basis`; cut cells with similar numbers of points come
         together, because padding would fill up the others.
         """
+        _check_element(elem)
         if self.full.size:
             yield CellBasis(self.mesh, elem, intorder=intorder, elements=self.full)
         rule = self.quadrature
@@ -334,6 +344,14 @@ class BoundaryBasis(CellBasis):
             quadrature=(X[:, keep], W[keep]),
             elements=self.tind[keep],
             normals=DiscreteField(np.asarray(self.normals)[:, keep]),
+        )
+
+
+def _check_element(elem: Any) -> None:
+    if not isinstance(elem, Element) or elem.refdom is not RefQuad:
+        got = elem.__name__ if isinstance(elem, type) else type(elem).__name__
+        raise InputError(
+            f"elem: expected an element of quadrilaterals, as ElementQuad1(), got {got}"
         )
 
 

@@ -55,7 +55,13 @@ class Polygon:
 
 def _loop(vertices: ArrayLike, turn: float) -> Array:
     """Return corners anticlockwise for turn 1, clockwise for -1, so the inside is on the left."""
-    p = np.asarray(vertices, dtype=float)
+    try:
+        p = np.asarray(vertices)
+    except ValueError as error:
+        raise InputError(f"vertices: expected corners of shape (2, n): {error}") from error
+    if p.dtype.kind not in "iuf":
+        raise InputError(f"vertices: expected real numbers, got an array of {p.dtype}")
+    p = p.astype(float)
     if p.ndim != 2 or p.shape[0] != 2 or p.shape[1] < 3 or not np.isfinite(p).all():
         raise InputError(f"vertices: expected finite corners of shape (2, n >= 3), got {p.shape}")
     following = np.roll(p, -1, axis=1)

@@ -14,6 +14,7 @@ from .accurate_boxes import AccurateBoxes, accurate_boxes
 from .compiled_kernels import compiled_cut_boxes
 from .cut_polygon import Polygon, cut_polygon
 from .errors import InputError
+from .finite_numbers import finite_numbers
 from .level_set import LevelSet, TruthTable, as_level_set
 
 Array = NDArray[np.float64]
@@ -270,11 +271,17 @@ def _oriented(table: TruthTable, edge: _Points) -> Array:
 
 
 def _checked_cells(lower: ArrayLike, upper: ArrayLike) -> tuple[Array, Array]:
-    lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
-    if lower.ndim != 2 or lower.shape[0] != 2 or lower.shape[1] == 0 or lower.shape != upper.shape:
+    try:
+        corners = np.asarray(lower), np.asarray(upper)
+    except ValueError as error:
+        raise InputError(f"lower, upper: expected corners of shape (2, cells): {error}") from error
+    shape = corners[0].shape
+    if len(shape) != 2 or shape[0] != 2 or shape[1] == 0 or shape != corners[1].shape:
         raise InputError(
-            f"lower, upper: expected corners of shape (2, cells), got {lower.shape}, {upper.shape}"
+            f"lower, upper: expected corners of shape (2, cells), got {shape}, {corners[1].shape}"
         )
-    if not (np.isfinite(lower).all() and np.isfinite(upper).all() and (upper > lower).all()):
-        raise InputError("lower, upper: the cells need finite corners and positive sides")
-    return lower, upper
+    low: Array = finite_numbers("lower", corners[0], shape)
+    high: Array = finite_numbers("upper", corners[1], shape)
+    if not (high > low).all():
+        raise InputError("lower, upper: the cells need positive sides")
+    return low, high

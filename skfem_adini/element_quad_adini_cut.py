@@ -14,6 +14,7 @@ from skfem.refdom import RefQuad
 
 from .cut_domain import axis_parallel_cells
 from .errors import InputError
+from .level_set import as_level_set
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
@@ -114,9 +115,8 @@ class ElementQuadAdiniCut(ElementH1):
         self.lower, upper = axis_parallel_cells(mesh)
         self.size = upper - self.lower
         self.mesh = mesh
-        values = np.asarray(level_set(mesh.p[:, :, None]))[:, 0]
-        if not np.isfinite(values).all():
-            raise InputError("level_set: the function returned NaN or infinity at vertices")
+        level_set = as_level_set(level_set)
+        values = level_set.evaluate(mesh.p[:, :, None], np.arange(mesh.nvertices))[:, 0]
         self.inside: NDArray[np.bool_] = values < 0
         self.crossings = _crossings(mesh, self.inside, level_set)
         cells = mesh.t.shape[1]

@@ -11,6 +11,7 @@ from skfem.element import DiscreteField
 
 from .element_quad_adini import ElementQuadAdini
 from .errors import InputError
+from .field_on_demand import FieldOnDemand
 
 Array = NDArray[np.float64]
 
@@ -103,7 +104,18 @@ class ElementQuadAdiniWeighted(ElementQuadAdini):
             second = _evaluated("hessian", self.hessian, x, (2, *x.shape))
             mixed = slope[:, None] * field.grad[None]
             fields["hess"] = omega * field.hess + mixed + mixed.swapaxes(0, 1) + phi * second
-        return (DiscreteField(**fields),)
+        weighted = FieldOnDemand(
+            fields["value"], fields.get("grad"), self.derivatives, self._missing
+        )
+        weighted.hess = fields.get("hess")
+        return (weighted,)
+
+    def _missing(self, order: int) -> Array:
+        raise InputError(
+            f"derivatives: order {order} is not there, the element was made with derivatives="
+            f"{self.derivatives}; there are 2, with ElementQuadAdiniWeighted(..., hessian=, "
+            "derivatives=2)"
+        )
 
 
 def _evaluated(

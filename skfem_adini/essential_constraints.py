@@ -27,7 +27,7 @@ _SAME_VALUE = 1e-10
 
 def essential_constraints(
     basis: Any,
-    facets: Any,
+    facets: Any = None,
     value: Value = 0.0,
     components: int | Sequence[int] | None = None,
 ) -> tuple[sp.csc_array, Array]:
@@ -60,7 +60,7 @@ def essential_constraints(
     facets
         Facet numbers, a boundary name, a callable of facet midpoints, or a set of these; or a
         mapping from boundary names to values, or a list of pairs (facets, value), which replace
-        `value`.
+        `value`; the whole boundary by default.
     value
         The data g: a number, or a callable of points (dim, edges, points) returning (edges,
         points) ((components, edges, points) for vector fields). For a vector field also a

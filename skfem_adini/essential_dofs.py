@@ -15,7 +15,7 @@ _PARALLEL = 1e-10
 
 def essential_dofs(
     basis: Any,
-    facets: Any,
+    facets: Any = None,
     clamp_normal: bool = False,
     components: int | Sequence[int] | None = None,
 ) -> Indices:
@@ -23,9 +23,12 @@ def essential_dofs(
 
     Along an edge u is the cubic of its values and tangential derivatives at the two ends (on a
     face, the Adini function of its values and two tangential derivatives at the corners), so
-    these dofs fix the trace; the normal derivative stays free, and fixing it as well
-    (`basis.get_dofs(facets).all()`) over-constrains a second-order problem. Where edges or faces
-    of several directions meet, the derivatives along all of them belong to the trace.
+    these dofs fix the trace; the normal derivative stays free. Where edges or faces of several
+    directions meet, the derivatives along all of them belong to the trace.
+
+    This is what to write where ``basis.get_dofs(facets)`` stands for Lagrange elements. With these
+    elements `get_dofs` also returns the normal derivative; holding it over-constrains a problem of
+    second order and brings its order in L2 down from 4 to 1.
 
     Parameters
     ----------
@@ -33,7 +36,8 @@ def essential_dofs(
         Basis with an element of this package that has u and its gradient at the vertices, or
         `ElementVector` of one.
     facets
-        Facet numbers, a boundary name, a callable of facet midpoints, or a set of these.
+        Facet numbers, a boundary name, a callable of facet midpoints, or a set of these; the whole
+        boundary by default.
     clamp_normal
         Add the normal derivative (for BFS also u_xy), for clamped plates. Facets may then have
         any direction.
@@ -60,6 +64,14 @@ def essential_dofs(
     [0, 1, 3, 4]
     >>> essential_dofs(basis, "bottom", clamp_normal=True).tolist()
     [0, 1, 2, 3, 4, 5]
+
+    Poisson's equation with u = 0, and with u = x^2 y on the boundary:
+
+    >>> from skfem import condense, solve
+    >>> from skfem.models.poisson import laplace, unit_load
+    >>> K, f, D = laplace.assemble(basis), unit_load.assemble(basis), essential_dofs(basis)
+    >>> u = solve(*condense(K, f, D=D))
+    >>> u = solve(*condense(K, f, x=basis.project(lambda x: x[0] ** 2 * x[1]), D=D))
     """
     dofs = vertex_dofs(basis)
     chosen = imposed_components(components, dofs.shape[1])
@@ -74,8 +86,9 @@ def essential_dofs(
     if not normal_to.any(axis=0).all():
         raise InputError(
             f"facets: {np.sum(~normal_to.any(axis=0))} facets are parallel to no axis (in 3-D: to "
-            "no two axes), so the derivatives do not separate there; use "
-            "essential_constraints(basis, facets)"
+            "no two axes), where no set of dofs fixes the trace; use T, x0 = "
+            "essential_constraints(basis, facets, value), solve (T.T @ K @ T) z = T.T @ (f - K @ "
+            "x0) and take x = T @ z + x0. clamp_normal=True is for clamped plates"
         )
     fixed = [dofs[0, chosen][:, vertices]]
     for along, slopes in zip(~normal_to, dofs[1:], strict=False):

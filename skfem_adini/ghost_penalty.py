@@ -11,6 +11,7 @@ from skfem import BilinearForm, Dofs, InteriorFacetBasis, asm
 from skfem.element import DiscreteField, ElementVector
 from skfem.helpers import dot
 
+from .boundary_edges import full_name
 from .cut_domain import CutDomain
 from .element_quad_adini import ElementQuadAdini
 from .errors import InputError
@@ -85,10 +86,12 @@ def ghost_penalty(
     >>> bool(abs(cubic @ G @ cubic) < 1e-12)
     True
     """
+    if not isinstance(domain, CutDomain):
+        raise InputError(f"domain: expected a CutDomain, got {type(domain).__name__}")
     vector = isinstance(elem, ElementVector)
     scalar = elem.elem if vector else elem
     if not isinstance(scalar, ElementQuadAdini):
-        raise InputError(f"elem: expected ElementQuadAdini, got {type(scalar).__name__}")
+        raise InputError(f"elem: expected ElementQuadAdini, got {full_name(scalar)}")
     gamma = positive_number("gamma", gamma)
     if matrix not in ("stiffness", "mass"):
         raise InputError(f"matrix: expected 'stiffness' or 'mass', got {matrix!r}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,6 +13,7 @@ from scipy.spatial import KDTree
 from .boundary_edges import Array, BoundaryEdges, Indices, full_name, scalar_element, vertex_dofs
 from .element_quad_adini import ElementQuadAdini
 from .errors import InputError
+from .finite_numbers import finite_numbers
 from .hermite_factors import HERMITE, SLOPE, derivatives
 
 _ON_EDGE = 1e-9
@@ -102,12 +103,7 @@ def hanging_constraints(
     dofs = vertex_dofs(basis, weighted=True)
     hanging = _HangingVertices.find(basis.mesh)
     follow = _resolved(_one_step(dofs, hanging))
-    T, x0 = essential or (sp.eye_array(dofs.size, format="csc"), np.zeros(dofs.size))
-    T = sp.csc_array(T)
-    if T.shape[0] != dofs.size or np.shape(x0) != (dofs.size,):
-        raise InputError(
-            f"essential: expected T and x0 with {dofs.size} rows, got {T.shape} and {np.shape(x0)}"
-        )
+    T, x0 = _checked_conditions(essential, dofs.size)
 
     slaves = dofs[:, :, hanging.vertex].ravel()
     others = np.setdiff1d(dofs, slaves)
@@ -119,6 +115,24 @@ def hanging_constraints(
         )
     columns = sp.hstack([T[:, ~own], _normals(dofs, hanging)])
     return sp.csc_array(follow @ columns), follow @ x0
+
+
+def _checked_conditions(essential: Any, rows: int) -> tuple[sp.csc_array, Array]:
+    """Return T and x0 of the essential conditions, the identity and zeros where there are none."""
+    if essential is None:
+        return sp.eye_array(rows, format="csc"), np.zeros(rows)
+    pair = isinstance(essential, tuple | list) and len(essential) == 2
+    if not pair or not sp.issparse(essential[0]):
+        raise InputError(
+            "essential: expected (T, x0) as essential_constraints returns, T sparse, got "
+            f"{type(essential).__name__}"
+        )
+    T = sp.csc_array(cast(Any, essential[0]))
+    shapes = T.shape, np.shape(essential[1]) if isinstance(essential[1], np.ndarray) else None
+    if T.shape[0] != rows or shapes[1] != (rows,):
+        raise InputError(f"essential: expected T and x0 with {rows} rows, got {shapes}")
+    finite_numbers("essential: T", T.data, T.data.shape)
+    return T, finite_numbers("essential: x0", essential[1], (rows,))
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from scipy import sparse
 
 from .boundary_edges import vertex_dofs
 from .errors import InputError
+from .finite_numbers import finite_numbers
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
@@ -115,10 +116,14 @@ def _restricted(modes: Array, vertex: Indices, dofs: Any) -> NearNullSpace:
         T = sparse.csc_array(cast(Any, dofs))
         if T.shape[0] != len(vertex):
             raise InputError(f"dofs: expected a matrix with {len(vertex)} rows, got {T.shape}")
+        finite_numbers("dofs: T", T.data, T.data.shape)
         # A column of T belongs to the vertex of its largest entry.
         strongest = np.asarray(abs(T).argmax(axis=0)).ravel()
         return NearNullSpace(_pseudo_inverse(T, modes), vertex[strongest])
-    chosen = np.asarray(dofs)
+    try:
+        chosen = np.asarray(dofs)
+    except ValueError as error:
+        raise InputError(f"dofs: expected dof numbers or a matrix T: {error}") from error
     whole = chosen.ndim == 1 and chosen.dtype.kind in "iu" and chosen.size > 0
     if not whole or chosen.min() < 0 or chosen.max() >= len(vertex):
         raise InputError(f"dofs: expected dof numbers from 0 to {len(vertex) - 1} or a matrix T")

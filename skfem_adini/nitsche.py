@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem import BilinearForm, LinearForm
+from skfem import BilinearForm, FacetBasis, LinearForm
 from skfem.element import DiscreteField, ElementVector
 from skfem.helpers import div, dot, grad, mul, sym_grad
 
 from .boundary_edges import Value, sample
+from .cut_domain import BoundaryBasis
 from .errors import InputError
 from .positive_number import positive_number
 
@@ -118,6 +119,11 @@ def nitsche(
     >>> B.shape, b.shape
     ((243, 243), (243,))
     """
+    if not isinstance(boundary, BoundaryBasis | FacetBasis):
+        raise InputError(
+            f"boundary: expected what CutDomain.boundary(element) gives, or a FacetBasis, got "
+            f"{type(boundary).__name__}"
+        )
     beta = positive_number("beta", beta)
     vector = isinstance(boundary.elem, ElementVector)
     if vector != (lame is not None):

@@ -127,6 +127,8 @@ def nodal_stress(
         return stress
     if plane not in ("strain", "stress"):
         raise InputError(f"plane: expected 'strain' or 'stress', got {plane!r}")
+    if dim == 3 and plane == "stress":
+        raise InputError("plane: 'stress' is for fields in 2-D; leave it out in 3-D")
 
     lam, mu = _lame(E, nu, basis.mesh.nelements)
     if dim == 2 and plane == "stress":
@@ -163,7 +165,10 @@ def von_mises(stress: ArrayLike) -> Array:
     >>> float(von_mises(np.diag([3.0, 0.0, 0.0])))
     3.0
     """
-    shape = np.shape(stress)
+    try:
+        shape = np.shape(stress)
+    except ValueError as error:
+        raise InputError(f"stress: expected shape (3, 3, ...): {error}") from error
     if shape[:2] != (3, 3):
         raise InputError(
             f"stress: expected shape (3, 3, ...) with sigma_zz, got {shape}; a plane stress has "

@@ -95,8 +95,8 @@ def to_pyvista(
     pyvista = _import_pyvista()
     _refuse_other_bases(basis)
     fields = _named("x", x if isinstance(x, Mapping) else {name: x})
-    dofs = {key: _checked("x", key, vector, basis.N) for key, vector in fields.items()}
     pattern, continuous = _pattern(basis, subdivide)
+    dofs = {key: _checked("x", key, vector, basis.N) for key, vector in fields.items()}
     tind = np.arange(basis.nelems) if basis.tind is None else basis.tind
     X = _oriented(basis, pattern, tind)
     vertices = basis.mesh.t[:, tind]

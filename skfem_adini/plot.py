@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+from scipy import sparse
 from skfem import CellBasis
-from skfem.element import ElementVector
 from skfem.refdom import RefQuad
 
 from .adini_extension import AdiniExtension
+from .boundary_edges import scalar_element
 from .cut_domain import CutDomain
 from .errors import InputError, MissingDependency
+from .finite_numbers import finite_numbers
 
 _POINTS = 25
 _LATTICE = 6
@@ -97,12 +99,16 @@ def plot_matrix(A: Any, basis: Any, ax: Any = None) -> Any:
         matplotlib is not installed.
     """
     names, dofs = _grouped_dofs(basis)
+    if not sparse.issparse(A):
+        raise InputError(f"A: expected a sparse matrix, got {type(A).__name__}")
+    A = cast(Any, A)
     if A.shape != (basis.N, basis.N):
         raise InputError(f"A: expected shape ({basis.N}, {basis.N}), got {A.shape}")
     if basis.N > _MOST_ROWS:
         raise InputError(
             f"A: {basis.N} rows are too many to see; draw a coarser mesh with at most {_MOST_ROWS}"
         )
+    finite_numbers("A", A.data, A.data.shape)
     dense = A.toarray()[np.ix_(dofs.ravel(), dofs.ravel())]
     diagonal = dense.diagonal()
     if not (diagonal > 0).all():
@@ -128,9 +134,9 @@ def plot_matrix(A: Any, basis: Any, ax: Any = None) -> Any:
 
 def _grouped_dofs(basis: Any) -> tuple[list[str], Any]:
     """Return the names of the dofs of a vertex, and the dofs as (names, vertices in order)."""
+    element = scalar_element(basis)
     names, nodal = list(basis.elem.dofnames), basis.nodal_dofs
     if nodal.size != basis.N:
-        element = basis.elem.elem if isinstance(basis.elem, ElementVector) else basis.elem
         raise InputError(
             f"basis: {type(element).__name__} has dofs elsewhere than at the vertices; expected "
             "an element such as ElementQuadAdini"
@@ -170,9 +176,13 @@ def plot_cut_domain(
 
     Raises
     ------
+    InputError
+        No cut domain.
     MissingDependency
         matplotlib is not installed.
     """
+    if not isinstance(domain, CutDomain):
+        raise InputError(f"domain: expected a CutDomain, got {type(domain).__name__}")
     if ax is None:
         _, ax = _pyplot().subplots(figsize=(6, 6))
     from matplotlib.collections import LineCollection, PolyCollection
@@ -229,13 +239,18 @@ def plot_cut_field(
 
     Raises
     ------
+    InputError
+        No cut domain, or dofs of wrong shape, complex or not finite.
     MissingDependency
         matplotlib is not installed.
     """
+    if not isinstance(domain, CutDomain):
+        raise InputError(f"domain: expected a CutDomain, got {type(domain).__name__}")
+    bases = list(domain.basis(element))
+    x = finite_numbers("x", x, (bases[0].N,))
     if ax is None:
         _, ax = _pyplot().subplots(figsize=(6, 5))
     lattice = np.indices((_LATTICE, _LATTICE)).reshape(2, -1) / (_LATTICE - 1)
-    bases = list(domain.basis(element))
     if domain.full.size:
         whole = {"quadrature": (lattice, np.ones(lattice.shape[1])), "elements": domain.full}
         bases[0] = CellBasis(domain.mesh, element, **whole)

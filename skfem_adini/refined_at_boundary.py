@@ -66,6 +66,8 @@ def refined_at_boundary(
         whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
         if not whole or number < least:
             raise InputError(f"{name}: expected a whole number from {least}, got {number!r}")
+    if where is not None and not callable(where):
+        raise InputError(f"where: expected a function of cell centres, got {where!r}")
     for _ in range(levels):
         # Signs alone are needed here.
         domain = CutDomain(mesh, level_set, q=1)
@@ -77,7 +79,13 @@ def refined_at_boundary(
             touched[mesh.t[:, chosen]] = True
             chosen = touched[mesh.t].any(axis=0)
         if where is not None:
-            chosen &= np.asarray(where(mesh.p[:, mesh.t].mean(axis=1)), dtype=bool)
+            allowed = np.asarray(where(mesh.p[:, mesh.t].mean(axis=1)))
+            if allowed.shape != chosen.shape or allowed.dtype.kind != "b":
+                raise InputError(
+                    f"where: expected True or False for each of the {chosen.size} cells, got "
+                    f"{allowed.dtype} of shape {allowed.shape}"
+                )
+            chosen &= allowed
         cells = np.flatnonzero(chosen)
         if cells.size == 0:
             return mesh
