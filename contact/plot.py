@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.errors import InputError
+from contact.errors import InputError, numbers
 
 if TYPE_CHECKING:
     from contact.result import ContactResult
@@ -17,49 +17,123 @@ Array = NDArray[np.float64]
 STICK, SLIP, OPEN = "#1f6f8b", "#d1495b", "#b8b8b8"
 
 
-def arc_length(result: ContactResult) -> Array:
-    """Place of each contact point along the boundary, measured from the first, shape (m,)."""
-    steps = np.linalg.norm(np.diff(result.x, axis=1), axis=0)
-    return np.concatenate(([0.0], np.cumsum(steps)))
-
-
 def plot_tractions(
     result: ContactResult, ax: Any = None, abscissa: Array | None = None, xlabel: str | None = None
 ) -> Any:
-    """Contact pressure and shear along the boundary, coloured by open, stick and slip (2-D).
+    """Contact pressure and shear along the boundary, coloured by open, stick and slip.
+
+    In 3-D the pressure on the faces in contact, see `plot_pressure`.
 
     Parameters
     ----------
     result : ContactResult
     ax : matplotlib Axes, optional
     abscissa : ndarray, shape (m,), optional
-        What to plot against; default the arc length.
+        What to plot against; default the arc length, see `contact.contact_runs.arc_length`.
     xlabel : str, optional
 
     Returns
     -------
     matplotlib Axes
+
+    Raises
+    ------
+    InputError
+        Not axes; in 3-D an abscissa, or axes without a third dimension.
     """
+    from contact.contact_runs import arc_length
     from contact.result import Status
 
     if result.x.shape[0] != 2:
-        raise InputError("plot: tractions along a line need a body in 2-D; use boundary_to_pyvista")
+        if abscissa is not None:
+            raise InputError("abscissa: tractions along a line need a body in 2-D")
+        return plot_pressure(result, ax)
     ax = _axes(ax)
-    s = arc_length(result) if abscissa is None else abscissa
-    ax.plot(s, result.pressure, color="0.25", lw=1.2, zorder=2)
+    s, run = arc_length(result)
+    if abscissa is not None:
+        s = numbers("abscissa", abscissa)
+        if s.shape != run.shape:
+            raise InputError(f"abscissa: expected {run.size} numbers, got shape {s.shape}")
+    g = result.system.bound(result.mu) / result.system.rows.weights
+    for k in range(run.max() + 1):
+        here = run == k
+        ax.plot(s[here], result.pressure[here], color="0.25", lw=1.2, zorder=2)
+        if result.system.law is not None:
+            first = k == 0
+            label = "shear on the body" if first else None
+            ax.plot(s[here], result.shear[here, 0], color="0.25", lw=1.0, ls="--", label=label)
+            label = "friction bound" if first else None
+            ax.fill_between(s[here], -g[here], g[here], color="0.92", zorder=0, label=label)
     ax.axhline(0.0, color="0.7", lw=0.8, zorder=1)
     for status, colour in ((Status.OPEN, OPEN), (Status.STICK, STICK), (Status.SLIP, SLIP)):
         at = result.status == status
         if at.any():
             ax.plot(s[at], result.pressure[at], "o", ms=4, color=colour, label=status.name.lower())
-    if result.system.law is not None:
-        ax.plot(s, result.shear[:, 0], color="0.25", lw=1.0, ls="--", label="shear on the body")
-        g = result.system.bound(result.mu) / result.system.rows.weights
-        ax.fill_between(s, -g, g, color="0.92", zorder=0, label="friction bound")
     ax.set_xlabel(xlabel or "arc length along the contact boundary")
     ax.set_ylabel("contact traction")
     ax.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=5)
     return ax
+
+
+def plot_pressure(result: ContactResult, ax: Any = None) -> Any:
+    """Contact pressure on the faces of a body in 3-D, on each the mean of its contact points.
+
+    Parameters
+    ----------
+    result : ContactResult
+    ax : matplotlib Axes3D, optional
+
+    Returns
+    -------
+    matplotlib Axes3D
+    """
+    from matplotlib import cm
+    from mpl_toolkits.mplot3d import art3d  # type: ignore[import-untyped]
+
+    mesh = result.system.body.trace.mesh
+    facets, pressure = face_pressure(result)
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        ax = plt.figure(layout="constrained").add_subplot(projection="3d")
+    if not hasattr(ax, "add_collection3d"):
+        raise InputError("ax: a body in 3-D is drawn in axes with projection='3d'")
+    corners = mesh.p[:, mesh.facets[:, facets]].transpose(2, 1, 0)
+    faces = art3d.Poly3DCollection(list(corners), cmap=cm.viridis, lw=0.2, ec="0.5")
+    faces.set_array(pressure)
+    ax.add_collection3d(faces)
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    room = 0.05 * float((high - low).max())
+    for axis, a, b in zip("xyz", low - room, high + room, strict=True):
+        getattr(ax, f"set_{axis}lim")(a, b)
+    ax.figure.colorbar(faces, ax=ax, shrink=0.7, label="contact pressure")
+    return ax
+
+
+def face_pressure(result: ContactResult) -> tuple[NDArray[np.int64], Array]:
+    """Facets of a body in 3-D that its contact points lie on, and the mean pressure of each."""
+    mesh, rows = result.system.body.trace.mesh, result.system.rows
+    facets = mesh.boundary_facets()
+    corner = mesh.p[:, mesh.facets[:, facets]]
+    middle = corner.mean(axis=1)
+    reach = np.linalg.norm(corner - middle[:, None], axis=0).max(axis=0)
+    normal = np.cross((corner[:, 1] - corner[:, 0]).T, (corner[:, 2] - corner[:, 0]).T).T
+    normal /= np.linalg.norm(normal, axis=0)
+    found, pressure = [], []
+    for f in range(facets.size):
+        off = rows.x_nominal - middle[:, f : f + 1]
+        near = np.linalg.norm(off, axis=0) <= (1 + 1e-6) * reach[f]
+        near &= np.abs(normal[:, f] @ off) <= 0.2 * reach[f]
+        near &= np.abs(normal[:, f] @ rows.normals) > 0.3
+        # All around its middle: a face beside the boundary has points on one side only.
+        around = off[:, near].T
+        spread = [
+            (around @ (corner[:, i, f] - middle[:, f]) > 0).any() for i in range(len(corner[0]))
+        ]
+        if near.any() and all(spread):
+            found.append(f)
+            pressure.append(np.average(result.pressure[near], weights=rows.weights[near]))
+    return facets[found], np.array(pressure)
 
 
 def plot_field(
@@ -189,4 +263,6 @@ def _axes(ax: Any) -> Any:
         import matplotlib.pyplot as plt
 
         _, ax = plt.subplots(figsize=(6, 4), layout="constrained")
+    if not hasattr(ax, "fill_between"):
+        raise InputError(f"ax: expected axes of matplotlib, got {type(ax).__name__}")
     return ax

@@ -342,7 +342,7 @@ class ContactResult:
         return boundary_grid(self)
 
     def plot(self, ax: Any = None) -> Any:
-        """Pressure and shear along the contact boundary with stick and slip (2-D)."""
+        """Pressure and shear along the boundary, stick and slip; in 3-D pressure on the faces."""
         from contact.plot import plot_tractions
 
         return plot_tractions(self, ax)
