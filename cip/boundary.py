@@ -22,12 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cip.characteristics import Exits
+from cip.clock import timed
 from cip.emit import numpy_function
 from cip.errors import InputError, NotSupported
 from cip.expression import COORDINATES, Expression, opaque, ordered, rebuilt
 from cip.formula import Formula
 from cip.grid import Grid
 from cip.jets import ZERO, Composite, Jet, Orders
+from cip.portable import portable
 
 Array = NDArray[np.float64]
 Wall = tuple[int, int]
@@ -57,8 +59,24 @@ def walls(boundary: Any, grid: Grid) -> dict[Wall, Formula]:
             raise InputError(f"boundary: data for {name!r}, but the grid is periodic there")
         if value is None or (isinstance(value, str) and value == "outflow"):
             continue
-        found[axis, side] = Formula.of(value, grid.dim, f"boundary {name!r}", time=True)
+        found[axis, side] = Formula.of(timed(value), grid.bounds, f"boundary {name!r}", time=True)
     return found
+
+
+def portable_boundary(boundary: Any, grid: Grid) -> Any:
+    """The argument `boundary` of the solver as a pickle can hold it."""
+
+    def part(value: Any) -> Any:
+        def trace() -> dict[tuple[str, ...], Any]:
+            formula = Formula.of(timed(value), grid.bounds, "boundary", time=True)
+            names = (*COORDINATES[: grid.dim], "t")
+            return {names: [formula.expression]} if formula.exact else {}
+
+        return portable(value, "boundary", trace)
+
+    if isinstance(boundary, Mapping):
+        return {name: part(value) for name, value in boundary.items()}
+    return part(boundary)
 
 
 def check_split(data: Mapping[Wall, Formula], advect: bool) -> None:

@@ -13,6 +13,7 @@ from cip.errors import InputError, LeftDomain, NotConverged, NotFinite
 from cip.formula import Formula
 from cip.grid import Grid
 from cip.jets import Jet, System
+from cip.reals import real_number
 
 Array = NDArray[np.float64]
 
@@ -361,10 +362,7 @@ def _stack(rates: list[Array], like: Array) -> Array:
 
 def check_step(dt: float, name: str = "dt") -> float:
     """A positive, finite time step."""
-    try:
-        value = float(dt)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name}: expected a positive number, got {dt!r}") from error
+    value = real_number(dt, f"{name}: expected a positive number")
     if not np.isfinite(value) or value <= 0.0:
         raise InputError(f"{name}: expected a positive, finite time, got {dt!r}")
     return value

@@ -209,7 +209,7 @@ class DeviceKernels(Kernels):
         """One kernel over all nodes with stored feet; flat arrays."""
         arguments = [m, out, feet, *self._widths]
         if stage.conservative:
-            limits = (*self.solver.bounds, self.solver.bounds_tolerance)
+            limits = (*self.bounds(stage), self.solver.bounds_tolerance)
             arguments += [self.dtype.type(value) for value in limits]
         self._start(stage, False, arguments)
 

@@ -55,6 +55,12 @@ class Expression:
     def __deepcopy__(self, memo: Any) -> Expression:
         return self
 
+    def __reduce__(self) -> Any:
+        nodes = ordered([self])  # a list: sums may be longer than Python's stack
+        place = {node: q for q, node in enumerate(nodes)}
+        rows = [(n.op, tuple(place[argument] for argument in n.args), n.value) for n in nodes]
+        return _restored, (rows,)
+
     def __add__(self, other: Any) -> Expression:
         return _add(self, _lift(other))
 
@@ -182,6 +188,13 @@ def ordered(roots: Sequence[Expression]) -> list[Expression]:
             stack.append((node, True))
             stack.extend((argument, False) for argument in reversed(node.args))
     return list(done)
+
+
+def _restored(rows: Sequence[tuple[str, tuple[int, ...], Any]]) -> Expression:
+    nodes: list[Expression] = []
+    for op, args, value in rows:
+        nodes.append(Expression(op, tuple(nodes[q] for q in args), value))
+    return nodes[-1]
 
 
 def rebuilt(node: Expression, args: Sequence[Expression]) -> Expression:

@@ -14,10 +14,14 @@ from cip.errors import InputError
 from cip.expression import COORDINATES, Expression, opaque, ordered, traced
 from cip.grid import Grid
 from cip.parsing import parse
+from cip.reals import real_array, real_number
+from cip.samples import Box, Samples, alike, check_pointwise
 
 Array = NDArray[np.float64]
 Orders = tuple[int, int, int, int]
 
+# A time like any other, at which callables are tried.
+_CLOCK = 0.3779644730092272
 # Sixth-order central differences: the step is a quarter of the spacing, so that their error stays
 # below that of the profiles on every grid and rounding costs 4 eps / h.
 _STEP = 0.25
@@ -45,23 +49,26 @@ class Formula:
         self.expression, self.dim, self.known = expression, dim, known or {}
 
     @classmethod
-    def of(cls, value: Any, dim: int, name: str, time: bool = False) -> Formula:
-        """From a number, a text, or a callable of the coordinates (and of t, if `time`)."""
+    def of(
+        cls, value: Any, box: Box, name: str, time: bool = False, sparse: bool = False
+    ) -> Formula:
+        """From a number, a text, or a callable of the coordinates (and of t, if `time`).
+
+        `box` is where a callable must be defined; `sparse` points broadcast.
+        """
+        dim = len(box)
         names = [*COORDINATES[:dim], *(["t"] if time else [])]
         if isinstance(value, str):
             expression = parse(value, name)
         elif callable(value):
             expression = traced(value, names)  # type: ignore[assignment]
-            if expression is None:
-                return cls.by_values(value, dim, name, time)
+            if expression is None or not agree([expression], value, box, time):
+                formula = cls.by_values(value, dim, name, time)
+                formula.check_pointwise(box, name, time, sparse)
+                return formula
         else:
-            try:
-                expression = parse(repr(float(value)), name)
-            except (TypeError, ValueError) as error:
-                found = value if np.ndim(value) == 0 else type(value).__name__
-                raise InputError(
-                    f"{name}: expected a number, a text or a callable, got {found!r}"
-                ) from error
+            kinds = f"{name}: expected a number, a text or a callable"
+            expression = parse(repr(real_number(value, kinds)), name)
         unknown = expression.variables() - {*COORDINATES[:dim], "t"}
         if unknown:
             raise InputError(f"{name}: {sorted(unknown)} occur, but the grid has {dim} directions")
@@ -85,10 +92,10 @@ class Formula:
                 point = (*point[:dim], *(point[3:] if time else ()))
                 try:
                     with np.errstate(all="ignore"):
-                        result = np.asarray(original(*point))
+                        result = real_array(original(*point), name)
                 except InputError:
                     raise
-                except (TypeError, ValueError, ArithmeticError) as error:
+                except Exception as error:  # whatever a user's function raises
                     raise InputError(
                         f"{name}: called with the arrays {arguments} it raised "
                         f"{type(error).__name__}: {error}{hint}"
@@ -109,6 +116,16 @@ class Formula:
         known = {(0, 0, 0, 0): checked(function)}
         known.update({orders: checked(given) for orders, given in (derivatives or {}).items()})
         return cls(opaque(_label(name, known), (0, 0, 0, 0)), dim, known)
+
+    def check_pointwise(self, box: Box, name: str, time: bool, sparse: bool = False) -> None:
+        """Raise `InputError` where a callable is no function of the place."""
+        for known in self.known.values():
+            samples = Samples(box, sparse, _CLOCK if time else None)
+
+            def values(*point: Any, known: Callable[..., Any] = known) -> Any:
+                return known(*padded(point, self.dim, time))
+
+            check_pointwise(values, samples, name)
 
     @property
     def exact(self) -> bool:
@@ -166,6 +183,39 @@ class Formula:
         return _difference(self._opaque((i, j, k, l), steps), place, _STEP * steps[place])
 
 
+def padded(point: Sequence[Any], dim: int, time: bool) -> list[Any]:
+    """x1, x2, x3 and t from the coordinates of a grid and, if `time`, the last."""
+    clock = point[-1] if time else np.zeros(())
+    return [*point[:dim], *([np.zeros(())] * (3 - dim)), clock]
+
+
+def agree(
+    formulas: Sequence[Expression], function: Callable[..., Any], box: Box, time: bool
+) -> bool:
+    """Whether a callable, called on two samples, says what it said when it was traced."""
+    compute = numpy_function(formulas, COORDINATES)
+    finite = False
+    for point in Samples(box, t=_CLOCK if time else None):
+        with np.errstate(all="ignore"):
+            expected = compute(*map(np.asarray, padded(point, len(box), time)))
+            try:
+                called = function(*point)
+                found = [called] if len(formulas) == 1 and np.ndim(called) < 2 else list(called)
+                found = [real_array(one, "") for one in found]
+            except Exception:  # whatever a user's function raises
+                return False
+        if len(found) != len(formulas):
+            return False
+        for one, other in zip(found, expected, strict=True):
+            if one.ndim > 1 or one.size not in (1, point[0].size):
+                return False
+            # A formula is the same operations but for powers and factors, to some roundings.
+            if not alike(one, other, 1e-9).all():
+                return False
+            finite = finite or bool(np.isfinite(one).any())
+    return finite
+
+
 def _difference(function: Callable[..., Any], place: int, step: float) -> Callable[..., Array]:
     def slope(*point: Any) -> Array:
         total: Any = 0.0
@@ -183,7 +233,7 @@ def spline(values: Any, grid: Grid, name: str) -> Formula:
     """The interpolating quintic tensor spline of nodal values, periodic where the grid is."""
     from scipy.interpolate import NdBSpline, make_interp_spline
 
-    array = np.asarray(values)
+    array = real_array(values, name)
     if array.dtype.kind not in "fiu" or array.shape != grid.nodes:
         raise InputError(
             f"{name}: expected real values at the nodes, shape {grid.nodes}, got {array.dtype} of "

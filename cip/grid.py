@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cip.errors import InputError
+from cip.reals import real_array
 
 Array = NDArray[np.float64]
 # Widths that differ by less (in parts of a width) are equal; below the error of the feet.
@@ -55,13 +56,18 @@ class Grid:
     def __init__(
         self, bounds: ArrayLike, shape: int | Sequence[int], periodic: bool | Sequence[bool] = False
     ) -> None:
-        counts = np.atleast_1d(np.asarray(shape))
-        if counts.ndim != 1 or counts.size not in (1, 2, 3) or counts.dtype.kind not in "iu":
-            raise InputError(f"shape: expected 1 to 3 whole numbers of cells, got {shape!r}")
         try:
-            box = np.asarray(bounds, dtype=float)
+            counts = np.atleast_1d(np.asarray(shape))
         except (TypeError, ValueError) as error:
-            raise InputError(f"bounds: expected pairs (low, high), got {bounds!r}") from error
+            raise InputError(f"shape: expected whole numbers of cells, got {shape!r}") from error
+        if (
+            np.ma.is_masked(shape)
+            or counts.ndim != 1
+            or counts.size not in (1, 2, 3)
+            or counts.dtype.kind not in "iu"
+        ):
+            raise InputError(f"shape: expected 1 to 3 whole numbers of cells, got {shape!r}")
+        box = real_array(bounds, "bounds: expected pairs (low, high)").astype(float)
         if box.shape == (2,):
             box = np.tile(box, (counts.size, 1))
         if box.shape != (counts.size, 2):
@@ -74,10 +80,13 @@ class Grid:
         if counts.min() < 4:
             raise InputError(f"shape: expected at least 4 cells in each direction, got {shape!r}")
         with np.errstate(all="ignore"):
-            lines = [
-                np.linspace(float(pair[0]), float(pair[1]), int(n) + 1)
-                for pair, n in zip(box, counts, strict=True)
-            ]
+            try:
+                lines = [
+                    np.linspace(float(pair[0]), float(pair[1]), int(n) + 1)
+                    for pair, n in zip(box, counts, strict=True)
+                ]
+            except MemoryError as error:
+                raise InputError(f"shape: {shape!r} cells do not fit into memory") from error
             if not all(np.all(np.diff(line) > 0.0) and np.isfinite(line).all() for line in lines):
                 raise InputError(
                     f"bounds: {bounds!r} cannot be divided into {shape!r} cells in float64"
@@ -101,16 +110,15 @@ class Grid:
             the last one is the image of the first.
         periodic : bool, or one for each direction
         """
+        if x is None:
+            raise InputError("x: expected coordinates, got None")
         if y is None and z is not None:
             raise InputError("z: given without y")
         lines = []
         for name, value in zip(AXES, (x, y, z), strict=True):
             if value is None:
                 continue
-            try:
-                line = np.array(value, dtype=float)
-            except (TypeError, ValueError) as error:
-                raise InputError(f"{name}: expected numbers, got {value!r}") from error
+            line = real_array(value, name).astype(float)
             if line.ndim != 1 or line.size < 5 or not np.isfinite(line).all():
                 raise InputError(
                     f"{name}: expected at least 5 finite coordinates in one row, got shape "
@@ -128,7 +136,10 @@ class Grid:
         return grid
 
     def _set(self, lines: list[Array], periodic: bool | Sequence[bool]) -> None:
-        flags = np.atleast_1d(np.asarray(periodic))
+        try:
+            flags = np.atleast_1d(np.asarray(periodic))
+        except ValueError as error:
+            raise InputError(f"periodic: expected True or False, got {periodic!r}") from error
         if flags.dtype != bool or flags.shape not in ((1,), (len(lines),)):
             raise InputError(
                 f"periodic: expected True or False for each of {len(lines)} directions, "

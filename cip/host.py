@@ -80,7 +80,7 @@ class HostKernels(Kernels):
         if stage.conservative:
             node = getattr(conservative_kernels, self.name(stage))
             run_conservative = loop_over(cpu.run_conservative, node=node)
-            limits = (limiter, *self.solver.bounds, self.solver.bounds_tolerance)
+            limits = (limiter, *self.bounds(stage), self.solver.bounds_tolerance)
 
             def sweep(start: int, stop: int) -> None:
                 run_conservative(start, stop, m, out, feet, width, *line, *limits)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -22,15 +23,30 @@ _RENEW = 16
 _COMPILE_FROM = 100_000
 
 
+class _Memory(threading.local):
+    """What one thread has found on its way: another's way must not change its steps."""
+
+    def __init__(self) -> None:
+        self.left = False  # whether paths begin on walls
+        self.counts: dict[Any, tuple[float, int]] = {}  # when it was sought, and how many
+
+
 class Kernels:
     """Runs the stages of a solver; subclasses know where the arrays live."""
 
     def __init__(self, solver: Solver) -> None:
         self.solver, self.grid, self.dtype = solver, solver.grid, solver.dtype
         self.limiter = LIMITER_CODES[solver.limiter]
-        self._left = False
-        self._counts: dict[Any, tuple[float, int]] = {}
+        self._memory = _Memory()
         self._paths: dict[Any, Any] = {}
+
+    @property
+    def _counts(self) -> dict[Any, tuple[float, int]]:
+        return self._memory.counts
+
+    def forget(self) -> None:
+        """A run begins: it takes the steps that it would take with a new solver."""
+        self._memory.counts, self._memory.left = {}, False
 
     def place(self, state: State) -> State:
         """The state where the kernels work, in the solver's precision."""
@@ -79,7 +95,7 @@ class Kernels:
     def compute_feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
         """Feet of a stage: compiled for formulas where that pays, else by NumPy."""
         large = self.grid.size > _COMPILE_FROM or not self.solver.steady
-        if large and stage.formula and not self._left:
+        if large and stage.formula and not self._memory.left:
             found = self._compiled_feet(stage, t, dt)
             if found is not None:
                 return found
@@ -126,8 +142,8 @@ class Kernels:
             found = attempt(count)
             if not found & COARSE:
                 self._counts[stage.part(dt)] = (self._counts[stage.part(dt)][0], count)
-                self._left = bool(found & LEFT)
-                return not self._left
+                self._memory.left = bool(found & LEFT)
+                return not self._memory.left
             count *= 2
         return False
 
@@ -144,8 +160,20 @@ class Kernels:
         limited = self.limiter != 0 and stage.profile in ("cubic", "adini", "bicubic")
         return f"node_{stage.profile}" + ("_limited" if limited else "")
 
+    def bounds(self, stage: Stage) -> tuple[float, float]:
+        """The bounds that hold before a stage, for the limiter of its profile.
+
+        Between the sweeps of a splitting the field is compressed along one direction and not yet
+        stretched along the others: there only the sign is bounded.
+        """
+        low, high = self.solver.bounds
+        before = self.solver._stages[: self.solver._stages.index(stage)]
+        if not any(earlier.compresses for earlier in before):
+            return low, high
+        return (0.0 if low >= 0.0 else -np.inf), (0.0 if high <= 0.0 else np.inf)
+
     def _computes(self, stage: Stage) -> bool:
-        if self._left or not stage.computable:
+        if self._memory.left or not stage.computable:
             return False
         stored = self.solver.store_feet
         return not self.solver.steady if stored is None else not stored

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cip.errors import CipError, InputError
+from cip.reals import real_array, real_number
 from cip.state import State
 from cip.trajectory import Trajectory
 
@@ -40,6 +41,7 @@ def run(
             f"dt: {dt:.6g} is lost in the rounding of t = {times[-1]:.6g}; count t from the start"
         )
     kernels = solver._kernels
+    kernels.forget()
     state = kernels.place(state)
     kept = [state.host()]
     trajectory = Trajectory(tuple(kept), solver, dt)
@@ -73,10 +75,7 @@ def run(
 
 def output_times(t: float, t_end: float, snapshots: int | Sequence[float] | None) -> list[float]:
     """Times after t at which the run lands, the last one `t_end`."""
-    try:
-        end = float(t_end)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"t_end: expected a time, got {t_end!r}") from error
+    end = real_number(t_end, "t_end")
     if not np.isfinite(end) or end <= t:
         raise InputError(f"t_end: expected a time after t = {t:.6g}, got {t_end!r}")
     if snapshots is None:
@@ -85,10 +84,7 @@ def output_times(t: float, t_end: float, snapshots: int | Sequence[float] | None
         if snapshots < 1:
             raise InputError(f"snapshots: expected at least 1 interval, got {snapshots}")
         return [float(time) for time in np.linspace(t, end, int(snapshots) + 1)[1:]]
-    try:
-        times = np.asarray(snapshots, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"snapshots: expected a number or times, got {snapshots!r}") from error
+    times = real_array(snapshots, "snapshots").astype(float)
     if times.ndim != 1 or not np.isfinite(times).all() or np.any(np.diff(times) <= 0):
         raise InputError(f"snapshots: expected increasing times, got {snapshots!r}")
     if times.size and not (t <= times[0] and times[-1] <= end):

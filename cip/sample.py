@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cip.errors import InputError
 from cip.grid import Grid
+from cip.reals import real_array
 from cip.state import State
 
 Array = NDArray[np.float64]
@@ -43,10 +44,7 @@ def sample(state: State, points: ArrayLike) -> Array:
     """
     state = state.host()
     grid = state.grid
-    place = np.asarray(points)
-    if place.dtype.kind not in "fiub" and place.size:
-        raise InputError(f"points: expected real coordinates, got {place.dtype}")
-    place = place.astype(float)
+    place = real_array(points, "points").astype(float)
     if grid.dim == 1 and (place.ndim == 0 or place.shape[0] != 1 or place.ndim == 1):
         place = place[None]
     if place.ndim == 0 or place.shape[0] != grid.dim:

@@ -58,6 +58,8 @@ def carries_slopes(profile: str, dim: int) -> bool:
 
 def moments(profile: str, dim: int) -> tuple[Moment, ...]:
     """What a profile carries at every node of a grid."""
+    if not isinstance(profile, str):
+        raise InputError(f"profile: expected one of {', '.join(LINE + PLANE)}, got {profile!r}")
     u = _derivative()
     if profile == "linear":
         return (u,)

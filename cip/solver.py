@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import deepcopy
+from threading import Lock
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import DTypeLike
 
-from cip.boundary import check_split, walls
+from cip.boundary import check_split, portable_boundary, walls
 from cip.characteristics import check_step, time_scale
 from cip.errors import InputError
 from cip.grid import Grid
 from cip.kernels import Kernels
+from cip.reals import real_array, real_number
 from cip.schemes import LIMITER_CODES, LIMITERS, LINE, PLANE, moments
 from cip.stage import Stage, StageFeet, stages
 from cip.state import State, _real, default_profile
 from cip.velocity import Velocity
 
 Form = Literal["transport", "advection"]
+_FORMS: dict[Any, Form] = {
+    "transport": "transport",
+    "advective": "transport",
+    "advection": "advection",
+    "conservative": "advection",
+}
 
 
 class Solver:
@@ -35,6 +44,9 @@ class Solver:
     grid : Grid
     velocity : Velocity, or what `Velocity` takes
     form : {"transport", "advection"}
+        ``"transport"`` (or ``"advective"``) for u_t + c . grad u = 0, which carries values along;
+        ``"advection"`` (or ``"conservative"``) for p_t + div(c p) = 0, which keeps the integral.
+        The names are King's; many authors use "transport" for the second.
     profile : str, optional
         One-dimensional: ``linear``, ``piecewise_linear``, ``smoothed`` (its printed form, for
         comparison), ``cubic``, ``quintic``, and for advection ``csl2``, ``csl4``;
@@ -69,9 +81,16 @@ class Solver:
     * ``linear`` for transport, and ``clamp`` for transport by a direct or one-dimensional step,
       keep the range of the initial values; ``clamp`` does not conserve;
     * ``bounds`` keeps values and means within (low, high) where each one-dimensional motion is
-      divergence-free, so on lines for constant c; a lower bound 0 it keeps always;
-    * ``eno`` picks the piecewise linear profile in cells whose data are not smooth: no new
-      extrema in practice, no bound is guaranteed;
+      divergence-free: on lines for constant c, in a splitting for rotations and shears; a lower
+      bound 0 (an upper bound 0) it keeps always. Elsewhere take ``(0, inf)``: the true field itself
+      passes an upper bound where it is compressed, and between the sweeps of a splitting even where
+      div c = 0, so that another bound is only asked for in the first sweep of a step, as long as
+      the sweeps before have compressed nothing; it is then passed by the splitting's error;
+    * ``eno`` picks the piecewise linear profile in cells whose data are not smooth. It bounds
+      nothing: at constant speed new extrema are below .001 of the range on Jiang and Shu's profile,
+      at a speed that varies by a factor 19 they were .17, more than without a limiter. In two
+      dimensions it flattens what is few cells wide: of a bell that a swirl draws out 10 to 50 % of
+      the integral were lost, against 3 to 11 % with ``clamp`` and less than .1 % without a limiter;
     * ``rational`` keeps convex and concave cells so (cubic), or monotone ones (csl2).
 
     Order 3 in space and time together at fixed dt / h for cubic, adini, bicubic and csl2, order 5
@@ -98,7 +117,7 @@ class Solver:
         self,
         grid: Grid,
         velocity: Any,
-        form: Form = "transport",
+        form: Literal["transport", "advective", "advection", "conservative"] = "transport",
         profile: str | None = None,
         limiter: str | None = None,
         splitting: str | None = None,
@@ -113,27 +132,29 @@ class Solver:
             raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
         self.grid = grid
         self.velocity = velocity if isinstance(velocity, Velocity) else Velocity(velocity)
-        self.form, self.profile = form, default_profile(grid) if profile is None else profile
+        self.form: Form = _form(form)
+        self.profile = default_profile(grid) if profile is None else profile
         if profile is None and grid.dim == 3:
             splitting = splitting or "strang"
         self.limiter, self.splitting = limiter, splitting
         self.dtype, self.backend = _real(dtype), backend
         self._check_choices()
         self.bounds = _bounds(bounds)
-        try:
-            self.bounds_tolerance = float(bounds_tolerance)
-        except (TypeError, ValueError):
-            self.bounds_tolerance = np.nan
+        self.bounds_tolerance = real_number(bounds_tolerance, "bounds_tolerance")
         if not self.bounds_tolerance >= 0.0:
             raise InputError(f"bounds_tolerance: expected >= 0, got {bounds_tolerance!r}")
         self._formulas = self.velocity.on(grid)
         self.steady = self.velocity.steady and all(c.steady for c in self._formulas)
+        if store_feet not in (None, True, False):
+            raise InputError(f"store_feet: expected True, False or None, got {store_feet!r}")
         self.store_feet = store_feet
+        self._boundary = boundary
         data = walls(boundary, grid)
         if grid.dim > 1 and self.profile in LINE:
-            check_split(data, form == "advection")
-        self._stages = stages(grid, self._formulas, self.profile, form == "advection", data)
+            check_split(data, self.form == "advection")
+        self._stages = stages(grid, self._formulas, self.profile, self.form == "advection", data)
         self._feet: dict[Any, StageFeet] = {}
+        self._lock = Lock()
         if backend == "cupy":
             from cip.device import DeviceKernels
 
@@ -143,10 +164,22 @@ class Solver:
 
             self._kernels = HostKernels(self)
 
+    def __reduce__(self) -> Any:
+        return Solver, self._arguments(portable_boundary(self._boundary, self.grid))
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Solver:
+        return Solver(*deepcopy(self._arguments(self._boundary), memo))
+
+    def _arguments(self, boundary: Any) -> tuple[Any, ...]:
+        """What makes this solver; what it has compiled and computed is made again."""
+        return (
+            self.grid, self.velocity, self.form, self.profile, self.limiter, self.splitting,
+            boundary, self.backend, self.dtype, self.bounds, self.bounds_tolerance,
+            self.store_feet,
+        )  # fmt: skip
+
     def _check_choices(self) -> None:
         moments(self.profile, self.grid.dim)
-        if self.form not in ("transport", "advection"):
-            raise InputError(f"form: expected 'transport' or 'advection', got {self.form!r}")
         if not isinstance(self.limiter, str | None) or self.limiter not in LIMITER_CODES:
             raise InputError(
                 f"limiter: expected one of {', '.join(map(str, LIMITER_CODES))}, "
@@ -157,7 +190,7 @@ class Solver:
             raise InputError(
                 f"limiter: {self.limiter!r} does not fit {self.profile!r}, which takes {allowed}"
             )
-        if self.splitting not in (None, "strang"):
+        if self.splitting is not None and not _is(self.splitting, "strang"):
             raise InputError(f"splitting: expected None or 'strang', got {self.splitting!r}")
         if self.profile in PLANE and self.splitting is not None:
             raise InputError(f"splitting: {self.profile!r} is direct; pass splitting=None")
@@ -171,7 +204,7 @@ class Solver:
                 f"form: {self.profile!r} conserves the integral and so needs form='advection' "
                 "(the same equation where div c = 0)"
             )
-        if self.backend not in ("cpu", "cupy"):
+        if not _is(self.backend, "cpu", "cupy"):
             raise InputError(f"backend: expected 'cpu' or 'cupy', got {self.backend!r}")
 
     def state(self, f: Any, derivatives: Any = None, t: float = 0.0) -> State:
@@ -251,6 +284,7 @@ class Solver:
                 f"state: it carries the moments of {state.profile!r}, the solver those of "
                 f"{self.profile!r}; make it with solver.state(f)"
             )
+        state.check()
         if state.grid is not self.grid and (
             state.grid.nodes != self.grid.nodes
             or state.grid.periodic != self.grid.periodic
@@ -260,7 +294,6 @@ class Solver:
             )
         ):
             raise InputError(f"state: it lives on {state.grid}, the solver on {self.grid}")
-        state.check()
 
     def _advance(self, state: State, dt: float) -> State:
         data = state.data
@@ -275,18 +308,31 @@ class Solver:
         key = (stage.axis, (stage.end - stage.begin) * dt)
         found = self._feet.get(key)
         if found is None:
-            if len(self._feet) >= 16:  # partial steps of many snapshots
-                self._feet.pop(next(iter(self._feet)))
-            found = self._feet[key] = self._kernels.feet(self._kernels.compute_feet(stage, t, dt))
+            found = self._kernels.feet(self._kernels.compute_feet(stage, t, dt))
+            with self._lock:  # threads may share a solver
+                while len(self._feet) >= 16:  # partial steps of many snapshots
+                    self._feet.pop(next(iter(self._feet)))
+                self._feet[key] = found
         t_start, t_end = t + stage.begin * dt, t + stage.end * dt
         return StageFeet(found.data, found.exits, t_start, t_end)
 
 
+def _is(value: Any, *names: str) -> bool:
+    return isinstance(value, str) and value in names
+
+
+def _form(form: Any) -> Form:
+    found = _FORMS.get(form) if isinstance(form, str) else None
+    if found is None:
+        raise InputError(f"form: expected one of {', '.join(_FORMS)}, got {form!r}")
+    return found
+
+
 def _bounds(bounds: Any) -> tuple[float, float]:
-    try:
-        low, high = (float(value) for value in bounds)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"bounds: expected (low, high), got {bounds!r}") from error
+    pair = real_array(bounds, "bounds: expected (low, high)")
+    if pair.shape != (2,):
+        raise InputError(f"bounds: expected (low, high), got {bounds!r}")
+    low, high = map(float, pair)
     if not low < high:
         raise InputError(f"bounds: low must be below high, got {bounds!r}")
     return low, high

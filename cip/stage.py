@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cip.boundary import Wall, WallMoments
 from cip.characteristics import TOLERANCE, Exits, check_inside, integrate, time_scale
-from cip.expression import ordered
+from cip.expression import COORDINATES, ordered
 from cip.formula import Formula
 from cip.grid import Grid
 from cip.jets import LOG_DETERMINANT, Jet, Orders, System
@@ -204,7 +204,7 @@ class Stage:
         found = integrate(
             self.grid, self.velocity, self.system, self._sample, t_end, length, self._tolerance
         )
-        return found.substeps + found.substeps % 2
+        return found.substeps // 2 * 2  # where it is odd, half of one less has been tried
 
     def part(self, dt: float) -> tuple[int | None, float, float, float]:
         """What tells this part of a step of that length from others."""
@@ -224,6 +224,14 @@ class Stage:
         """Largest defect of a path that a kernel computes (`cip.path_source`), in cells."""
         # Of unsteady velocities what a path on the sample may leave: 15 times its error.
         return self._tolerance * (1.0 if self._tolerance == TOLERANCE else 16.0)
+
+    @cached_property
+    def compresses(self) -> bool:
+        """Whether the motion of a sweep alone has a divergence, which another may undo."""
+        if self.axis is None:
+            return False
+        slope = self.velocity[self.axis].expression.derivative(COORDINATES[self.axis])
+        return slope.op != "constant" or slope.value != 0.0
 
     @property
     def computable(self) -> bool:

@@ -14,6 +14,7 @@ from cip.errors import InputError, NotFinite
 from cip.expression import COORDINATES
 from cip.formula import Formula, spline
 from cip.grid import Grid, node_name
+from cip.reals import real_number
 from cip.schemes import Moment, moments
 
 Array = NDArray[Any]
@@ -82,6 +83,10 @@ class State:
         InputError
             A malformed argument, or moments that are not finite (with the node).
         """
+        if not isinstance(grid, Grid):
+            raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
+        if not isinstance(derivatives, Mapping | None):
+            raise InputError(f"derivatives: expected callables by names, got {derivatives!r}")
         profile = default_profile(grid) if profile is None else profile
         wanted = moments(profile, grid.dim)
         given = dict(derivatives or {})
@@ -91,17 +96,19 @@ class State:
                 f"derivatives: {sorted(unknown)} are no derivatives that {profile!r} carries"
             )
         array = isinstance(f, np.ndarray) and f.ndim > 0
-        formula = spline(f, grid, "f") if array else Formula.of(f, grid.dim, "f")
+        t = real_number(t, "t")
+        formula = spline(f, grid, "f") if array else Formula.of(f, grid.bounds, "f", sparse=True)
         steps = (*grid.spacing, *([1.0] * (4 - grid.dim)))
         data = np.zeros((len(wanted), *grid.nodes), dtype=_real(dtype))
         for row, moment in zip(data, wanted, strict=True):
             if moment.name in given:
-                source = Formula.of(given[moment.name], grid.dim, moment.name)
+                source = Formula.of(given[moment.name], grid.bounds, moment.name, sparse=True)
                 values = source.derivative((0, 0, 0, 0), steps)
             else:
                 values = formula.derivative(moment.orders, steps)
-            row[...] = _averaged(values, grid, moment, t)
-        state = cls(grid, profile, data, float(t))
+            with np.errstate(over="ignore"):  # `check` names what single precision cannot hold
+                row[...] = _averaged(values, grid, moment, t)
+        state = cls(grid, profile, data, t)
         state.check("f")
         return state
 
@@ -144,15 +151,19 @@ class State:
 
     def check(self, name: str = "state") -> None:
         """Raise `InputError` unless the moments are real, finite and of the right shape."""
+        if not isinstance(self.grid, Grid):
+            raise InputError(f"{name}: expected a Grid, got {type(self.grid).__name__}")
         expected = (len(self.names), *self.grid.nodes)
         if getattr(self.data, "shape", None) != expected:
             raise InputError(
                 f"{name}: the moments {', '.join(self.names)} on this grid have shape {expected}, "
                 f"got {getattr(self.data, 'shape', type(self.data).__name__)}"
             )
+        if np.ma.is_masked(self.data):
+            raise InputError(f"{name}: some moments are masked; fill them")
         if self.data.dtype not in (np.float64, np.float32):
             raise InputError(f"{name}: expected float64 or float32, got {self.data.dtype}")
-        if not np.isfinite(self.t):
+        if not np.isfinite(real_number(self.t, f"{name}: t")):
             raise InputError(f"{name}: expected a finite time, got t = {self.t}")
         where = self.first_not_finite()
         if where is not None:

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
 
+from cip.clock import clock_of, timed, with_time
 from cip.errors import InputError
 from cip.expression import COORDINATES, raised, traced
-from cip.formula import Formula, Orders, spline
+from cip.formula import Formula, Orders, agree, spline
 from cip.grid import Grid
 from cip.parsing import parse
+from cip.portable import portable
+from cip.reals import real_number
+from cip.samples import Box
 
 _ORDERS: tuple[Orders, ...] = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0))
 
@@ -25,15 +30,17 @@ class Velocity:
         A callable takes the coordinates as arrays, ``c(x1, x2)``, and t last if not `steady`; it
         returns one array for each component. A callable that is plain arithmetic of NumPy
         functions is traced once: its derivatives are exact and it is compiled for CPU and GPU.
-        Any other callable is used by its values. Arrays are nodal values, one for each component,
+        Any other callable is used by its values; it must be a function of the place, so a mean or
+        a shift of the array it gets is refused. Arrays are nodal values, one for each component,
         interpolated by quintic splines; they are steady.
     jacobian : callable, optional
         ``jacobian(x1, x2)[i][k]`` = dc_i / dx_k, for callables that cannot be traced; default
         sixth-order differences.
     hessian : callable, optional
         ``hessian(x1, x2)[i][k][l]``, likewise.
-    steady : bool
-        Whether c does not depend on t.
+    steady : bool, optional
+        Whether c does not depend on t; default: unless it has an argument ``t`` (or ``time``) with
+        a default, which it then gets.
 
     Raises
     ------
@@ -56,8 +63,17 @@ class Velocity:
         c: Any,
         jacobian: Callable[..., Any] | None = None,
         hessian: Callable[..., Any] | None = None,
-        steady: bool = True,
+        steady: bool | None = None,
     ) -> None:
+        several = isinstance(c, list | tuple)
+        if steady is None:
+            steady = not any(map(clock_of, c if several else [c]))
+            if not steady:  # parts that do not know t may stand beside those that do
+                c = [with_time(part) for part in c] if several else with_time(c)
+                jacobian, hessian = with_time(jacobian), with_time(hessian)
+        elif not steady:
+            c = [timed(part) for part in c] if several else timed(c)
+            jacobian, hessian = timed(jacobian), timed(hessian)
         self._c, self._jacobian, self._hessian = c, jacobian, hessian
         self.steady = bool(steady)
         self._formulas: tuple[Formula, ...] | None = None
@@ -71,7 +87,7 @@ class Velocity:
         else:
             parts = _components(c)
             self.dim = len(parts)
-            if not steady and any(not callable(part) for part in parts):
+            if not steady and any(np.ndim(part) > 0 for part in parts):
                 raise InputError("steady: velocities given by arrays are steady")
 
     @classmethod
@@ -107,10 +123,46 @@ class Velocity:
         self.steady = all(formula.steady for formula in formulas)
         return self
 
+    def __getstate__(self) -> dict[str, Any]:
+        state = dict(self.__dict__)
+        for name in ("_c", "_jacobian", "_hessian"):
+            value = state[name]
+            if isinstance(value, list):
+                state[name] = [self._portable(part, len(value)) for part in value]
+            else:
+                state[name] = self._portable(value)
+        return state
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Velocity:
+        new = object.__new__(type(self))
+        new.__dict__.update({name: deepcopy(value, memo) for name, value in self.__dict__.items()})
+        return new
+
+    def _portable(self, value: Any, dim: int | None = None) -> Any:
+        """A callable of all components, or of one on a grid of `dim` directions."""
+
+        def trace() -> dict[tuple[str, ...], Any]:
+            found = {}
+            for n in (1, 2, 3) if dim is None else (dim,):
+                names = (*COORDINATES[:n], *(() if self.steady else ("t",)))
+                unit = [(0.0, 1.0)] * n
+                if dim is None:
+                    formulas = _traced(value, unit, not self.steady)
+                    if formulas is not None:
+                        found[names] = [formula.expression for formula in formulas]
+                else:
+                    formula = Formula.of(value, unit, "c", not self.steady)
+                    if formula.exact:
+                        found[names] = [formula.expression]
+            return found
+
+        return portable(value, "velocity", trace)
+
     @property
     def exact(self) -> bool:
         """Whether every component is a formula; in 1-D for a callable before it meets a grid."""
-        formulas = self._formulas or _traced(self._c, max(self.dim, 1), not self.steady)
+        unit = [(0.0, 1.0)] * max(self.dim, 1)
+        formulas = self._formulas or _traced(self._c, unit, not self.steady)
         return formulas is not None and all(formula.exact for formula in formulas)
 
     def on(self, grid: Grid) -> tuple[Formula, ...]:
@@ -118,15 +170,15 @@ class Velocity:
         if self._formulas is not None:
             return self._check(self._formulas, grid)
         if callable(self._c):
-            formulas = _traced(self._c, grid.dim, not self.steady)
-            return self._check(formulas or self._by_values(grid.dim), grid)
+            formulas = _traced(self._c, grid.bounds, not self.steady)
+            return self._check(formulas or self._by_values(grid), grid)
         parts = _components(self._c)
         if len(parts) != grid.dim:
             raise InputError(
                 f"velocity: {len(parts)} components on a grid of {grid.dim} directions"
             )
         return tuple(
-            Formula.of(part, grid.dim, f"c{q + 1}", not self.steady)
+            Formula.of(part, grid.bounds, f"c{q + 1}", not self.steady)
             if callable(part) or isinstance(part, str) or np.ndim(part) == 0
             else spline(part, grid, f"c{q + 1}")
             for q, part in enumerate(parts)
@@ -139,7 +191,9 @@ class Velocity:
             )
         return formulas
 
-    def _by_values(self, dim: int) -> tuple[Formula, ...]:
+    def _by_values(self, grid: Grid) -> tuple[Formula, ...]:
+        dim = grid.dim
+
         def part(q: int) -> Callable[..., Any]:
             def values(*point: Any) -> Any:
                 result = self._c(*point)
@@ -171,19 +225,19 @@ class Velocity:
                 for l in range(k, dim):
                     if self._hessian is not None:
                         known[raised(_ORDERS[k], l)] = entry(self._hessian, q, k, l)
-            formulas.append(
-                Formula.by_values(part(q), dim, f"c{q + 1}", not self.steady, known, hint)
-            )
+            name, time = f"c{q + 1}", not self.steady
+            formulas.append(Formula.by_values(part(q), dim, name, time, known, hint))
+            formulas[-1].check_pointwise(grid.bounds, name, time)
         return tuple(formulas)
 
 
 def _components(c: Any) -> list[Any]:
-    if np.ndim(c) == 0 and np.asarray(c).dtype.kind in "fiub":
-        return [float(c)]
+    if isinstance(c, bool | int | float | np.number) or (isinstance(c, np.ndarray) and not c.ndim):
+        return [real_number(c, "c")]
     if isinstance(c, np.ndarray):
         return [c] if c.ndim == 1 or c.ndim != len(c) + 1 else list(c)
     if isinstance(c, Sequence):
-        if all(np.ndim(part) == 0 and not callable(part) for part in c) and len(c) > 3:
+        if len(c) > 3 and all(np.ndim(part) == 0 and not callable(part) for part in c):
             return [np.asarray(c)]
         if not 1 <= len(c) <= 3:
             raise InputError(f"c: expected 1 to 3 components, got {len(c)}")
@@ -191,11 +245,12 @@ def _components(c: Any) -> list[Any]:
     raise InputError(f"c: expected a callable or arrays, got {type(c).__name__}")
 
 
-def _traced(c: Any, dim: int, time: bool) -> tuple[Formula, ...] | None:
+def _traced(c: Any, box: Box, time: bool) -> tuple[Formula, ...] | None:
     if not callable(c):
         return None
+    dim = len(box)
     names = [*COORDINATES[:dim], *(["t"] if time else [])]
-    formulas = []
+    found = []
     for q in range(dim):
 
         def part(*point: Any, q: int = q) -> Any:
@@ -211,5 +266,7 @@ def _traced(c: Any, dim: int, time: bool) -> tuple[Formula, ...] | None:
         expression = traced(part, names)
         if expression is None:
             return None
-        formulas.append(Formula(expression, dim))
-    return tuple(formulas)
+        found.append(expression)
+    if not agree(found, c, box, time):
+        return None
+    return tuple(Formula(expression, dim) for expression in found)
