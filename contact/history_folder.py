@@ -132,8 +132,6 @@ class HistoryFolder:
         place = {"run": self._run, "number": k + 1, "time": float(self.times[k])}
         place |= {"before": self._before}
         arrays = state_arrays(result) | {"place": np.array(json.dumps(place))}
-        if not (self.path / "problem.npz").exists():
-            write_arrays(self.path / "problem.npz", problem_arrays(result.system))
         try:
             write_arrays(self._step(k), arrays, compress=False, exclusive=True)
         except FileExistsError as error:
@@ -177,23 +175,24 @@ class HistoryFolder:
             self._before, system = str(found), result.system
             yield result
 
-    def clear_after(self, count: int) -> None:
-        """Make room for the steps after the first `count`: what lies there is set aside.
+    def prepare(self, count: int, system: ContactSystem) -> None:
+        """Make ready for the steps after the first `count`, the problem included.
 
-        So is a problem that cannot be read, and what killed processes left is removed.
+        Steps that lie there are set aside, and so is a problem that cannot be read; what killed
+        processes left is removed.
         """
         remove_unfinished(self.path)
-        aside = [self._step(number - 1) for number in self._steps() if number > count]
+        for number in self._steps():
+            if number > count:
+                _set_aside(self._step(number - 1))
         problem = self.path / "problem.npz"
         if problem.exists():
             try:
                 self._shared()
             except DamagedFile:
-                aside.append(problem)
-        for path in aside:
-            other = path.with_name(f"aside_{token_hex(4)}_{path.name}")
-            path.rename(other)
-            logger.warning("%s is set aside as %s", path, other.name)
+                _set_aside(problem)
+        if not problem.exists():
+            write_arrays(problem, problem_arrays(system))
 
     def _shared(self) -> dict[str, Any]:
         arrays, found = read_arrays(self.path / "problem.npz")
@@ -226,6 +225,12 @@ class HistoryFolder:
 
     def _step(self, k: int) -> Path:
         return self.path / f"step_{k + 1:05d}.npz"
+
+
+def _set_aside(path: Path) -> None:
+    other = path.with_name(f"aside_{token_hex(4)}_{path.name}")
+    path.rename(other)
+    logger.warning("%s is set aside as %s", path, other.name)
 
 
 def _digest(about: dict[str, Any]) -> str:

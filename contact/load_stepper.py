@@ -268,6 +268,7 @@ class LoadStepper:
         system = self.problem.system
         folder = HistoryFolder.created(as_path(path), everything, system, self._fingerprint())
         with folder.locked():
+            folder.prepare(0, system)
             for k in range(len(self.history)):
                 folder.write(k, self.history.results[k])
             return self._run(schedule, folder, progress, callback)
@@ -309,7 +310,7 @@ class LoadStepper:
                 if not same_conditions(self._system_at(float(t), None), result.system):
                     raise another  # another function of time
                 history = history.extended(float(t), result)
-            folder.clear_after(len(history))
+            folder.prepare(len(history), self.problem.system)
             self.history = history
             left = folder.times[len(self.history) :]
             logger.info("resuming after %d of %d steps", len(self.history), folder.times.size)

@@ -1,0 +1,346 @@
+"""Nothing comes out of a file that does not solve the problem beside it, or was changed there."""
+
+import io
+import json
+import logging
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import skfem
+from skfem import Basis, ElementQuad2, ElementVector, MeshQuad
+
+from contact import ContactProblem, ContactResult, ElasticBody, InputError
+from contact.archive import checksum
+from skfem_adini import ElementQuadBFS
+
+
+def edited(path, change, forged):
+    """The archive with some arrays changed; forged: with the checksum of the new arrays."""
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    written = arrays.pop("checksum")
+    change(arrays)
+    arrays["checksum"] = np.array(checksum(arrays)) if forged else written
+    np.savez(path, **arrays)
+
+
+def scaled(name, factor):
+    def change(arrays):
+        arrays[name] = factor * arrays[name]
+
+    return change
+
+
+def said(name, key, value):
+    """One word of the JSON in an archive."""
+
+    def change(arrays):
+        about = json.loads(str(arrays[name]))
+        about[key] = value
+        arrays[name] = np.array(json.dumps(about))
+
+    return change
+
+
+def entry(name, value, place=0):
+    def change(arrays):
+        array = arrays[name].copy()
+        array.reshape(-1)[place] = value
+        arrays[name] = array
+
+    return change
+
+
+# What residuals see, whatever the checksum says.
+EQUATIONS = {
+    "law tresca": said("step", "law", "tresca"),
+    "law none": said("step", "law", None),
+    "law unknown": said("step", "law", "mine"),
+    "friction negative": scaled("friction", -1.0),
+    "friction half": scaled("friction", 0.5),
+    "friction NaN": entry("friction", np.nan),
+    "u": scaled("u", 1.5),
+    "u a little": scaled("u", 1 + 1e-7),
+    "u NaN": entry("u", np.nan),
+    "mu": scaled("mu", 1.01),
+    "t": scaled("multiplier_t", -1.0),
+    "E": scaled("E", 1.001),
+    "E negative": scaled("E", -1.0),
+    "nu": scaled("nu", 0.9),
+    "coordinates": scaled("p", 2.0),
+    "coordinate infinite": entry("p", np.inf),
+    "load": scaled("load", 0.99),
+    "u0": scaled("u0", 2.0),
+    "gap": scaled("rows/gap", 0.9),
+    "gap NaN": entry("rows/gap", np.nan),
+    "plane": said("about", "plane", "stress"),
+    "element": said("about", "element", "ElementQuadBFS"),
+    "element unknown": said("about", "element", "Basis"),
+    "element private": said("about", "element", "__builtins__"),
+    "mesh": said("about", "mesh", "MeshTri1"),
+    "mesh unknown": said("about", "mesh", "utils"),
+    "cells": entry("t", 10**6),
+    "cells negative": entry("t", -1),
+    "weights negative": scaled("rows/weights", -1.0),
+    "normals": scaled("rows/normals", -1.0),
+    "normals long": scaled("rows/normals", 1.001),
+    "tangents": scaled("rows/tangents", -1.0),
+    "rows": scaled("rows/G/data", 1.0001),
+    "places": scaled("rows/x", np.nan),
+    "boundary": entry("boundary/0", 10**7),
+    "index": entry("rows/G/indices", 10**8),
+    "index negative": entry("rows/T/indices", -5),
+    "index of supports": entry("constraint/indices", 2**31 - 1),
+    "pointer": entry("rows/G/indptr", 10**8, 1),
+    "shape": entry("rows/T/shape", 3),
+    "shape huge": entry("constraint/shape", 10**12),
+}
+# What they do not see: names, scales of what is reported, gaps out of reach, the history.
+UNSEEN = {
+    "weights": scaled("rows/weights", 2.0),
+    "places": scaled("rows/x", 2.0),
+    "nominal places": scaled("rows/x_nominal", 2.0),
+    "names": said("about", "boundaries", ["a", "b", "c", "d"]),
+    "functional": said("about", "functional", "gauss"),
+    "method": said("step", "method", "pdas"),
+    "history": said("step", "history", []),
+    "tolerance": said("step", "tol", 0.5),
+}
+
+
+@pytest.fixture
+def path(make, tmp_path):
+    """A block that slips, held and pressed by a prescribed displacement too."""
+    return made(make).save(tmp_path / "result.npz")
+
+
+_MADE = []
+
+
+def made(make):
+    if not _MADE:
+        body = make.block(4, sides=("left",)).fix("right", "y", lambda x: -0.01 - 0.01 * x[1])
+        _MADE.append(ContactProblem(body, "bottom", 0.01, 0.3).solve())
+        assert np.any(_MADE[0].status == 2)
+    return _MADE[0]
+
+
+@pytest.mark.parametrize("forged", [False, True], ids=["stale checksum", "forged checksum"])
+@pytest.mark.parametrize("name", EQUATIONS)
+def test_changes_that_residuals_see(name, forged, path):
+    edited(path, EQUATIONS[name], forged)
+    with pytest.raises(InputError, match=r"result\.npz"):
+        ContactResult.load(path)
+
+
+@pytest.mark.parametrize("name", UNSEEN)
+def test_changes_that_residuals_do_not_see(name, path):
+    edited(path, UNSEEN[name], forged=False)
+    with pytest.raises(InputError, match=r"result\.npz.*changed"):
+        ContactResult.load(path)
+
+
+def test_what_was_found_is_said(path, caplog):
+    with caplog.at_level(logging.INFO, logger="contact"):
+        ContactResult.load(path)
+    assert "equilibrium" in caplog.text
+    edited(path, scaled("u", 1.5), forged=True)
+    with pytest.raises(InputError, match=r"does not solve.*equilibrium \d"):
+        ContactResult.load(path)
+
+
+def test_tolerance_is_kept(make, tmp_path):
+    """A result of low accuracy is certified to the accuracy that it was asked for."""
+    problem = make.problem(4, friction=0.3)
+    rough = problem.solve("fixed_point", tol=1e-4, eps=1e-5)
+    assert max(rough.kkt.values()) > 1e-10
+    loaded = ContactResult.load(rough.save(tmp_path / "rough.npz"))
+    assert (loaded.tol, loaded.slack, loaded.kkt) == (1e-4, rough.slack, rough.kkt)
+
+
+def test_format_before_checksums(path, make, caplog):
+    """Files of version 0.1.0 load, certified, with a warning of what cannot be shown."""
+
+    def old(arrays):
+        about, step = (json.loads(str(arrays[name])) for name in ("about", "step"))
+        for i, name in enumerate(about.pop("boundaries")):
+            arrays[f"boundary/{name}"] = arrays.pop(f"boundary/{i}")
+        for name in ("quadrature/X", "quadrature/W"):
+            del arrays[name]
+        del about["subdomains"], step["tol"], step["slack"]
+        arrays["about"] = np.array(json.dumps(about | {"format": 2}))
+        arrays["step"] = np.array(json.dumps(step))
+
+    def written(*changes):
+        with np.load(path) as archive:
+            arrays = dict(archive)
+        arrays.pop("checksum", None)
+        for change in changes:
+            change(arrays)
+        np.savez(path, **arrays)
+
+    written(old)
+    loaded, result = ContactResult.load(path), made(make)
+    assert "without a checksum" in caplog.text
+    assert loaded.kkt == result.kkt
+    assert set(loaded.system.body.mesh.boundaries) == set(result.system.body.mesh.boundaries)
+    written(scaled("u", 1.5))
+    with pytest.raises(InputError, match="does not solve"):
+        ContactResult.load(path)
+    written(said("about", "format", 1))
+    with pytest.raises(InputError, match=r"format 1.*0\.1\.0"):
+        ContactResult.load(path)
+
+
+def test_checksum_that_was_taken_out(path):
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    del arrays["checksum"]
+    np.savez(path, **arrays)
+    with pytest.raises(InputError, match="without a checksum"):
+        ContactResult.load(path)
+
+
+def encrypted(path):
+    content = bytearray(path.read_bytes())
+    for mark, at in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        start = content.find(mark)
+        while start >= 0:
+            content[start + at] |= 1
+            start = content.find(mark, start + 1)
+    path.write_bytes(content)
+
+
+def header_of_80_terabytes(path):
+    header = io.BytesIO()
+    about = {"descr": "<f8", "fortran_order": False, "shape": (10**13,)}
+    np.lib.format.write_array_header_1_0(header, about)
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("u.npy", header.getvalue() + bytes(64))
+
+
+def bomb(path):
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("u.npy", "w") as file,
+    ):
+        for _ in range(80):
+            file.write(bytes(1 << 20))
+
+
+def object_array(path):
+    np.savez(path, about=np.array([{"format": 3}], dtype=object))
+
+
+def sizes_that_overflow(path):
+    about = {"descr": "<f8", "fortran_order": False, "shape": (2**62, 2**62)}
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, about)
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("u.npy", header.getvalue())
+
+
+def two_of_one_name(path):
+    with pytest.warns(UserWarning, match="Duplicate"), zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("u.npy", b"")
+
+
+def nested_words(path):
+    np.savez(path, about=np.array("[" * 100_000))
+
+
+def no_archive(path):
+    path.write_bytes(b"PK\x03\x04" + bytes(1000))
+
+
+def text(path):
+    path.write_text("u = 1")
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        *(encrypted, header_of_80_terabytes, bomb, object_array, sizes_that_overflow),
+        *(two_of_one_name, nested_words, no_archive, text),
+    ],
+)
+def test_archives_of_ill_will(spoil, path):
+    spoil(path)
+    with pytest.raises(InputError, match=r"result\.npz"):
+        ContactResult.load(path)
+
+
+def test_states_that_solve_nothing_are_not_saved(make, tmp_path):
+    result = made(make)
+    for wrong in (
+        replace(result, u=1.5 * result.u),
+        replace(result, mu=np.full_like(result.mu, np.nan)),
+    ):
+        with pytest.raises(InputError, match=r"certificate|NaN"):
+            wrong.save(tmp_path / "result.npz")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["x.vtu", "x.pvd", "x.h5", "x.result", "a.b/x.json"])
+def test_other_suffixes_are_refused(name, make, tmp_path):
+    with pytest.raises(InputError, match=r"\.npz"):
+        made(make).save(tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_names(make, tmp_path):
+    """A name without a suffix, or with a number for one, gets it, in `load` too."""
+    result = made(make)
+    for name, file in (("x", "x.npz"), ("x.1", "x.1.npz"), ("x.NPZ", "x.NPZ")):
+        assert result.save(tmp_path / name).name == file
+        assert ContactResult.load(tmp_path / name).kkt == result.kkt
+    long = "x" * 246
+    assert result.save(str(tmp_path / long)).name == f"{long}.npz"
+    for call in (result.save, ContactResult.load):
+        with pytest.raises(InputError, match="path=None"):
+            call(None)
+
+
+def pressed(mesh, element, **options):
+    body = ElasticBody(Basis(mesh, ElementVector(element), **options), E=1.0, nu=0.3)
+    body.fix("top", "x").fix("top", "y", -0.02)
+    return ContactProblem(body, "bottom", 0.01, 0.3)
+
+
+def test_quadrature_boundaries_and_subdomains_come_back(tmp_path):
+    """A rule that integrates inexactly gives another stiffness: it belongs to the body."""
+    mesh = MeshQuad().refined(2).with_defaults()
+    mesh = mesh.with_subdomains({"soft": lambda x: x[0] < 0.5})
+    around = mesh.facets_around("soft")
+    mesh = mesh.with_boundaries({"seam": around, "a/b\0ü": np.array([3, 5])})
+    result = pressed(mesh, ElementQuad2(), intorder=2).solve()
+    loaded = ContactResult.load(result.save(tmp_path / "result.npz"))
+    assert loaded.kkt == result.kkt
+    ours = loaded.system.body.mesh
+    assert np.array_equal(ours.boundaries["seam"].ori, around.ori)
+    assert np.array_equal(ours.boundaries["a/b\0ü"], [3, 5])
+    assert np.array_equal(ours.subdomains["soft"], mesh.subdomains["soft"])
+    assert np.array_equal(loaded.stress(), result.stress())
+
+
+def test_elements_of_one_name(make, tmp_path):
+    """scikit-fem's BFS rectangle is not ours, nor is a class of the same name."""
+    result = made(make)
+    mine = type("ElementQuadBFS", (ElementQuadBFS,), {})
+    body = ElasticBody.from_mesh(result.system.body.mesh, mine(), E=1.0, nu=0.3)
+    other = replace(result, system=replace(result.system, body=body))
+    with pytest.raises(InputError, match="ElementQuadBFS cannot be saved"):
+        other.save(tmp_path / "result.npz")
+
+
+def test_numbering_of_its_own_is_refused(tmp_path):
+    mesh, element = MeshQuad().refined(1).with_defaults(), ElementVector(ElementQuad2())
+    result = pressed(mesh, ElementQuad2()).solve()
+    dofs = skfem.assembly.Dofs(mesh, element)
+    dofs.element_dofs = np.roll(np.arange(dofs.N), 2)[dofs.element_dofs]
+    body = ElasticBody(Basis(mesh, element, dofs=dofs), E=1.0, nu=0.3)
+    other = replace(result, system=replace(result.system, body=body))
+    with pytest.raises(InputError, match="numbering of its own"):
+        other.save(tmp_path / "result.npz")

@@ -1,0 +1,400 @@
+"""Every file of a history is of its run, or is refused: mixtures, kills, bit flips, two starts."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from textwrap import dedent
+
+import numpy as np
+import pytest
+
+from contact import ContactProblem, ElasticBody, InputError, LoadHistory, LoadStepper
+from skfem_adini import ElementQuadAdini
+
+TIMES = np.linspace(0.1, 0.8, 8)
+# Processes of their own import the package for seconds and then fork: one import serves all.
+SERVER = """
+    import os, sys
+    from pathlib import Path
+    import numpy as np
+    from skfem import MeshQuad
+    from contact import ContactProblem, ElasticBody, InputError, LoadStepper
+    from skfem_adini import ElementQuadAdini
+
+    def dragged():
+        mesh = MeshQuad().refined(1).with_defaults()
+        body = ElasticBody.from_mesh(mesh, ElementQuadAdini(), E=1.0, nu=0.3).fix("top")
+        problem = ContactProblem(body, "bottom", 0.0, 0.3, solver="superlu")
+        stepper = LoadStepper(problem).move("top", "y", -0.05, lambda t: min(1.0, 4 * t))
+        return stepper.move("top", "x", 0.08, lambda t: np.sin(3 * t))
+
+    TIMES = np.linspace(0.1, 0.8, 8)
+    dragged().run(TIMES)  # compiles and loads what there is
+    print("ready", flush=True)
+    for line in sys.stdin:
+        word, folder = line.split()
+        child = os.fork()
+        if child:
+            print(child, flush=True)
+            continue
+        code = 0
+        try:
+            if word == "run":
+                dragged().run(TIMES, path=folder)
+            else:
+                dragged().resume(folder)
+        except InputError as error:
+            code = 3
+        finally:
+            os._exit(code)
+"""
+
+
+def dragged(make, E=1.0):
+    body = ElasticBody.from_mesh(
+        make.box(ElementQuadAdini, [0, 0.5, 1], [0, 0.5, 1]), ElementQuadAdini(), E=E, nu=0.3
+    )
+    stepper = LoadStepper(ContactProblem(body.fix("top"), "bottom", 0.0, 0.3))
+    stepper.move("top", "y", -0.05, lambda t: min(1.0, 4 * t))
+    return stepper.move("top", "x", 0.08, lambda t: np.sin(3 * t))
+
+
+def same(ours, theirs, tolerance=0.0):
+    """Times and solutions of the shorter one."""
+    n = min(len(ours), len(theirs))
+    return np.array_equal(ours.times[:n], theirs.times[:n]) and all(
+        np.abs(a.u - b.u).max() <= tolerance * np.abs(b.u).max()
+        and np.array_equal(a.system.load, b.system.load)
+        and np.array_equal(a.system.rows.weights, b.system.rows.weights)
+        for a, b in zip(ours, theirs, strict=False)
+    )
+
+
+@pytest.fixture(scope="module")
+def run(make, tmp_path_factory):
+    """A folder with a whole run, not to be written to, and its history."""
+    folder = tmp_path_factory.mktemp("history") / "run"
+    return folder, dragged(make).run(TIMES, path=folder)
+
+
+@pytest.fixture
+def folder(run, tmp_path):
+    return Path(shutil.copytree(run[0], tmp_path / "run"))
+
+
+def test_history_is_a_sequence(run):
+    history = run[1]
+    assert len(history) == 8
+    assert list(history) == list(history.results)
+    assert history[0] is history.results[0]
+    assert history[-1] is history.results[-1]
+    assert len(history[2:5]) == 3
+    assert np.array_equal(history[2:5].times, TIMES[2:5])
+    with pytest.raises(IndexError):
+        history[8]
+
+
+def test_read_again(run):
+    loaded = LoadHistory.load(run[0])
+    assert loaded.damage is None
+    assert len(loaded) == 8
+    assert same(loaded, run[1])
+
+
+def step(folder, k):
+    return folder / f"step_{k:05d}.npz"
+
+
+def of_another_run(folder, make):
+    other = folder.with_name("other")
+    dragged(make).run(TIMES, path=other)
+    shutil.copy(step(other, 3), step(folder, 3))
+
+
+def of_another_problem(folder, make):
+    other = folder.with_name("other")
+    dragged(make, E=2.0).run(TIMES, path=other)
+    shutil.copy(other / "problem.npz", folder)
+
+
+def of_another_place(folder, make):
+    shutil.copy(step(folder, 4), step(folder, 3))
+
+
+def exchanged(folder, make):
+    step(folder, 3).rename(folder / "between")
+    step(folder, 4).rename(step(folder, 3))
+    (folder / "between").rename(step(folder, 4))
+
+
+def of_a_single_result(folder, make):
+    LoadHistory.load(folder)[2].save(step(folder, 3))
+
+
+def changed(folder, make):
+    with np.load(step(folder, 3)) as archive:
+        arrays = dict(archive)
+    np.savez(step(folder, 3), **(arrays | {"u": 1.5 * arrays["u"]}))
+
+
+def other_times(folder, make):
+    name = folder / "history.json"
+    name.write_text(name.read_text().replace("0.1", "0.2", 1))
+
+
+def first_format(folder, make):
+    name = folder / "history.json"
+    about = json.loads(name.read_text())
+    name.write_text(json.dumps({"format": 1, "times": about["times"], "fingerprint": "0"}))
+
+
+@pytest.mark.parametrize(
+    ("mix", "word"),
+    [
+        (of_another_run, "step_00003.*run is"),
+        (of_another_problem, "problem"),
+        (of_another_place, "number is 4"),
+        (exchanged, "number is 4"),
+        (of_a_single_result, "no step"),
+        (changed, "changed"),
+        (other_times, "no load history.*changed"),
+        (first_format, r"format 1, of version 0\.1\.0"),
+    ],
+)
+def test_mixtures_are_refused(mix, word, folder, make):
+    """By `load` and, but for the problem, which the stepper knows, by `resume`; nothing is lost."""
+    mix(folder, make)
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    with pytest.raises(InputError, match=word):
+        LoadHistory.load(folder)
+    with pytest.raises(InputError, match=word):
+        dragged(make).resume(folder)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_missing_step(folder, run, make, caplog):
+    """The steps after it are not taken for what they would be, and are kept when it is solved."""
+    step(folder, 3).unlink()
+    loaded = LoadHistory.load(folder)
+    assert len(loaded) == 2
+    assert "step_00003" in str(loaded.damage)
+    assert "step_00003" in caplog.text
+    assert len(dragged(make).resume(folder)) == 8
+    assert len(list(folder.glob("aside_*_step_0000[4-8].npz"))) == 5
+    again = LoadHistory.load(folder)
+    assert again.damage is None
+    assert len(again) == 8
+    assert same(again, run[1], 1e-12)
+
+
+def test_problem_that_cannot_be_read(folder, run, make):
+    """The stepper knows the problem: `resume` writes it again."""
+    content = (folder / "problem.npz").read_bytes()
+    (folder / "problem.npz").write_bytes(content[:500])
+    with pytest.raises(InputError, match="problem"):
+        LoadHistory.load(folder)
+    dragged(make).resume(folder)
+    assert same(LoadHistory.load(folder), run[1])
+
+
+def test_another_obstacle_in_time(make, tmp_path):
+    """`resume` compares gaps and motions of each step too."""
+
+    def sinking(depth):
+        stepper = dragged(make)
+        return stepper.obstacle(lambda t: 0.002 + depth * t)
+
+    sinking(0.001).run(TIMES[:2], path=tmp_path / "run")
+    with pytest.raises(InputError, match="another problem"):
+        sinking(0.002).resume(tmp_path / "run")
+    assert len(sinking(0.001).resume(tmp_path / "run")) == 2
+
+
+def test_remnants_are_removed(folder, make):
+    (folder / ("tmp" + "0f" * 16)).write_bytes(b"half")
+    dragged(make).resume(folder)
+    assert not list(folder.glob("tmp*"))
+
+
+def test_one_writer_at_a_time(make, tmp_path):
+    """A run that is under way is not resumed by another."""
+    refused = []
+
+    def attempt(line):
+        if line.number == 2:
+            with pytest.raises(InputError, match="another process is writing"):
+                dragged(make).resume(tmp_path / "run")
+            refused.append(len(LoadHistory.load(tmp_path / "run")))
+
+    dragged(make).run(TIMES, path=tmp_path / "run", callback=attempt)
+    assert refused == [2]
+    assert len(LoadHistory.load(tmp_path / "run")) == 8
+
+
+def test_folder_that_is_a_file(make, tmp_path):
+    (tmp_path / "run").write_text("")
+    with pytest.raises(InputError, match="not empty"):
+        dragged(make).run(TIMES, path=tmp_path / "run")
+    with pytest.raises(InputError, match="path=3"):
+        LoadHistory.load(3)
+
+
+def flipped(run, tmp_path, count, make):
+    """Flip one bit of one file at a time; what is read is what was written, or is refused."""
+    folder, history = run
+    copy = Path(shutil.copytree(folder, tmp_path / "copy"))
+    rng = np.random.default_rng(5)
+    files = sorted(copy.iterdir())
+    sizes = np.array([path.stat().st_size for path in files])
+    detected = 0
+    for n in range(count):
+        # Every other one anywhere in the folder, the rest in each file alike: some are small.
+        path = files[
+            rng.choice(len(files), p=sizes / sizes.sum()) if n % 2 else n // 2 % len(files)
+        ]
+        content = path.read_bytes()
+        damaged = bytearray(content)
+        damaged[rng.integers(len(content))] ^= 1 << rng.integers(8)
+        path.write_bytes(damaged)
+        try:
+            loaded = LoadHistory.load(copy)
+        except InputError:
+            detected += 1
+        else:
+            detected += loaded.damage is not None
+            assert isinstance(loaded.damage, InputError | None)
+            assert loaded.damage is not None or len(loaded) == len(history)
+            assert same(loaded, history)
+            names = loaded[0].system.body.mesh.boundaries if len(loaded) else {}
+            assert set(names) in (set(), {"left", "right", "top", "bottom"})
+        path.write_bytes(content)
+    assert 0.8 * count < detected <= count
+    assert same(LoadHistory.load(copy), history)
+
+
+def test_bit_flips(run, tmp_path, make):
+    flipped(run, tmp_path, 60, make)
+
+
+@pytest.mark.slow
+def test_500_bit_flips(run, tmp_path, make):
+    flipped(run, tmp_path, 500, make)
+
+
+class Processes:
+    """Children of one process that has imported everything."""
+
+    def __init__(self):
+        self.server = subprocess.Popen(
+            [sys.executable, "-c", dedent(SERVER)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=os.environ | dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
+        )
+        assert self.server.stdout.readline() == "ready\n"
+
+    def start(self, word, folder):
+        print(word, folder, file=self.server.stdin, flush=True)
+        return int(self.server.stdout.readline())
+
+    def end(self, child):
+        """Wait until a child has ended; it is the server's, so its state is read."""
+        while Path(f"/proc/{child}/stat").exists():
+            if Path(f"/proc/{child}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z":
+                return
+            time.sleep(0.002)
+
+    def close(self):
+        self.server.stdin.close()
+        self.server.wait()
+        self.server.stdout.close()
+
+
+@pytest.fixture(scope="module")
+def processes():
+    if not Path("/proc/self/stat").exists():
+        pytest.skip("needs the process table of Linux")
+    processes = Processes()
+    yield processes
+    processes.close()
+
+
+@pytest.fixture(scope="module")
+def whole(processes, tmp_path_factory):
+    """The run of the server's problem, and the seconds that it takes."""
+    folder = tmp_path_factory.mktemp("whole") / "run"
+    begin = time.perf_counter()
+    processes.end(processes.start("run", folder))
+    return LoadHistory.load(folder), time.perf_counter() - begin
+
+
+def kill_often(processes, whole, tmp_path, kills):
+    """Kill at random moments, resume, kill: in the end every run is as if nothing had happened."""
+    history, seconds = whole
+    rng = np.random.default_rng(7)
+    folder, done, ended = tmp_path / "run0", 0, 0
+    kept = 0
+    while done < kills:
+        started = (folder / "history.json").exists()
+        if not started and folder.exists():
+            # Killed before there was a history: what lies there are at most remnants.
+            assert all(path.name.startswith("tmp") for path in folder.iterdir())
+            shutil.rmtree(folder)
+        child = processes.start("resume" if started else "run", folder)
+        time.sleep(rng.uniform(0, 0.6 * seconds))
+        os.kill(child, signal.SIGKILL)
+        processes.end(child)
+        done += 1
+        if not (folder / "history.json").exists():
+            continue
+        loaded = LoadHistory.load(folder)
+        assert loaded.damage is None
+        assert same(loaded, history, 1e-12)
+        assert len(loaded) >= kept  # nothing that was there is lost
+        kept = len(loaded)
+        if kept == len(history):
+            processes.end(processes.start("resume", folder))
+            assert not [path for path in folder.iterdir() if path.name.startswith("tmp")]
+            assert not list(folder.glob("aside*"))
+            ended += 1
+            folder, kept = tmp_path / f"run{ended}", 0
+    assert ended
+
+
+def test_kills(processes, whole, tmp_path):
+    kill_often(processes, whole, tmp_path, 12)
+
+
+@pytest.mark.slow
+def test_200_kills(processes, whole, tmp_path):
+    kill_often(processes, whole, tmp_path, 200)
+
+
+def start_twice(processes, whole, tmp_path, count):
+    """Of two processes that start on one folder one does the run and the other is refused."""
+    history, _ = whole
+    for n in range(count):
+        folder = tmp_path / f"run{n}"
+        children = [processes.start("run", folder) for _ in range(2)]
+        for child in children:
+            processes.end(child)
+        loaded = LoadHistory.load(folder)
+        assert loaded.damage is None
+        assert len(loaded) == len(history)
+        assert same(loaded, history)
+        assert len(list(folder.iterdir())) == 2 + len(history)
+
+
+def test_double_starts(processes, whole, tmp_path):
+    start_twice(processes, whole, tmp_path, 6)
+
+
+@pytest.mark.slow
+def test_60_double_starts(processes, whole, tmp_path):
+    start_twice(processes, whole, tmp_path, 60)
