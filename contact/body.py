@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -28,6 +28,7 @@ from contact.elasticity import stiffness_matrix
 from contact.errors import InputError, evaluated, function_of_places, numbers
 from contact.material import MaterialBody
 from contact.mesh_file import read_mesh
+from contact.portable import PortableBasis
 from contact.rigid_modes import dof_lengths
 from contact.selection import select_components, select_facets
 from contact.settled import settled
@@ -110,6 +111,7 @@ class ElasticBody(MaterialBody):
             )
         check_cells(basis.mesh)
         self.basis, self.dim, self.element = basis, basis.elem.dim, basis.elem.elem
+        self._portable = PortableBasis(basis)
         self._set_material(E=E, nu=nu, plane=plane, dilatation=dilatation)
         self.f = np.zeros(basis.N)
         self.check_unchanged()
@@ -385,4 +387,8 @@ def _constant(value: Any) -> Callable[[NDArray[np.float64]], NDArray[np.float64]
     number = numbers("value", value)
     if number.shape != () or not np.isfinite(number):
         raise InputError(f"value={value!r}: expected a finite number or a callable")
-    return lambda x: np.full(x.shape[1:], float(number))
+    return partial(_everywhere, float(number))
+
+
+def _everywhere(number: float, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.full(x.shape[1:], number)

@@ -78,6 +78,8 @@ class CutBody(ElasticBody):
     True
     """
 
+    _KEPT, _FUNCTIONS = ("constraint", "picked"), ("_supports", "level_set")
+
     def __init__(
         self,
         mesh: MeshQuad,

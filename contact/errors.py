@@ -48,8 +48,11 @@ class Unbounded(ContactError):
     """
 
     def __init__(self, message: str, mode: NDArray[np.float64]) -> None:
-        super().__init__(message)
+        super().__init__(message, mode)  # both: pickle makes errors anew from these
         self.mode = mode
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 class ContactWarning(UserWarning):

@@ -80,6 +80,9 @@ class LayeredBlock(Solid):
     1.0
     """
 
+    _ANEW, _KEPT = ("stiffness", "_edges", "arrays"), ("prescribed", "trace")
+    arrays = HostArrays()
+
     def __init__(
         self,
         lengths: float | Sequence[float],
@@ -111,8 +114,6 @@ class LayeredBlock(Solid):
         ]
         self.f: Array = np.zeros(self.node_rows * self.row_size)
         self._supports: list[tuple[str, int, Field]] = []
-        self._edges: dict[str, tuple[ElasticBody, NDArray[np.int64]]] = {}
-        self.arrays = HostArrays()
         for boundary, components in zip(_SIDES, (*read_sides(sides), top), strict=True):
             if components is not None:
                 self.fix(boundary, components)
@@ -164,9 +165,8 @@ class LayeredBlock(Solid):
 
     def _edge(self, name: str) -> tuple[ElasticBody, NDArray[np.int64]]:
         """One line of cells along an edge, as a body without supports, and its dofs in this one."""
-        if name not in self._edges:
-            self._edges[name] = self._build_edge(name)
-        body, dofs = self._edges[name]
+        edges = self.__dict__.setdefault("_edges", {})
+        body, dofs = edges.get(name) or edges.setdefault(name, self._build_edge(name))
         fresh = copy(body)
         fresh._supports = []
         return fresh, dofs

@@ -18,6 +18,7 @@ from contact.history_folder import HistoryFolder, fingerprint, same_conditions
 from contact.load_history import LoadHistory, LoadStep, as_path, checked_times
 from contact.methods import Options
 from contact.obstacles import Gap
+from contact.portable import Portable
 from contact.settled import settled
 from contact.time_factor import Factor, checked_factor, value_at
 
@@ -34,7 +35,7 @@ logger = logging.getLogger(__name__)
 
 
 @settled("make a new LoadStepper", "problem")
-class LoadStepper:
+class LoadStepper(Portable):
     r"""Quasi-static steps of a contact problem along a history of loads, supports and obstacles.
 
     Friction depends on the path: in step k the slip that it opposes is the increment since the
@@ -83,6 +84,8 @@ class LoadStepper:
     >>> bool(forward < 0 < back)
     True
     """
+
+    _FUNCTIONS = ("_loads", "_motions", "_obstacle")
 
     def __init__(
         self,

@@ -17,6 +17,7 @@ from contact.methods import Options
 from contact.nested_start import start_forces
 from contact.newton import Iteration
 from contact.obstacles import Gap
+from contact.portable import Portable
 from contact.result import ContactResult, certify
 from contact.rigid import ObstacleMotion
 from contact.rows import ContactRows
@@ -36,7 +37,7 @@ _SAME: Any = object()
 
 @settled("make a new ContactProblem", "body", "boundary", "functional", "solver")
 @settled("set the obstacle, or make a new ContactProblem", "boundaries", "rows", "motion")
-class ContactProblem:
+class ContactProblem(Portable):
     """Contact of an elastic body with a rigid obstacle, with or without friction.
 
     Find u and contact forces (pressure p, shear) with equilibrium in the body and on the contact
@@ -83,6 +84,9 @@ class ContactProblem:
     >>> round(float(result.resultant[1]), 6)
     1.0
     """
+
+    _ANEW, _FUNCTIONS = ("_condensed",), ("_laws",)
+    _condensed: tuple[str, Any, CondensedContact] | None = None
 
     def __init__(
         self,
@@ -144,7 +148,7 @@ class ContactProblem:
         rows = self.body.embedded(replace(found.rows, gap=gap))
         self.__dict__.update(boundaries=found, rows=rows, motion=motion)
         self._supports = supports
-        self._condensed: tuple[str, Any, CondensedContact] | None = None
+        self._condensed = None
 
     def _take(self, laws: Laws, boundaries: ContactBoundaries) -> None:
         """Check obstacle, friction and law, and keep them."""

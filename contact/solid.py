@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from copy import copy
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from scipy import sparse
 
 from contact.cell_finder import find_cells, places_in
 from contact.errors import InputError, numbers
+from contact.portable import Portable, PortableBasis
 from contact.rigid_modes import rigid_modes, value_dofs
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-class Solid(ABC):
+class Solid(Portable, ABC):
     """An elastic body under loads and supports, as contact sees it.
 
     Attributes
@@ -39,6 +40,7 @@ class Solid(ABC):
     _f: Array
     _supports: list[Any]
     _material: Any = None
+    _FUNCTIONS: ClassVar[tuple[str, ...]] = ("_supports",)
 
     @property
     def f(self) -> Array:
@@ -141,6 +143,9 @@ class BasisSolid(Solid):
     dilatation: str
     _live: tuple[sparse.csr_array, sparse.csr_array, NDArray[np.bool_]] | None = None
     _give: tuple[sparse.csr_array, Array] | None = None
+    _portable: PortableBasis
+    _ANEW = ("stiffness", "absolute_stiffness", "lengths", "entities", "_live", "_give")
+    _KEPT: ClassVar[tuple[str, ...]] = ("constraint",)
     _values: NDArray[np.bool_] | None = None
 
     if TYPE_CHECKING:
@@ -174,6 +179,15 @@ class BasisSolid(Solid):
         """The body as it is now, its matrices shared."""
         _ = self.stiffness, self.absolute_stiffness, self.lengths
         return super().snapshot()
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = super().__getstate__()
+        del state["basis"]
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.basis = self._portable.basis
 
     @property
     def trace(self) -> Self:

@@ -75,8 +75,11 @@ class Infeasible(GpuError):
     """
 
     def __init__(self, message: str, certificate: np.ndarray) -> None:
-        super().__init__(message)
+        super().__init__(message, certificate)  # both: pickle makes errors anew from these
         self.certificate = certificate
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 class Unbounded(GpuError):
@@ -89,5 +92,8 @@ class Unbounded(GpuError):
     """
 
     def __init__(self, message: str, ray: np.ndarray) -> None:
-        super().__init__(message)
+        super().__init__(message, ray)
         self.ray = ray
+
+    def __str__(self) -> str:
+        return str(self.args[0])

@@ -1,0 +1,97 @@
+"""Objects that can be copied and sent to other processes, functions included as far as they go."""
+
+from __future__ import annotations
+
+import pickle
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any, ClassVar, NoReturn, Self
+
+import numpy as np
+
+from contact.errors import InputError
+
+
+class Portable:
+    """What pickles without what is computed anew, and without functions that pickle cannot carry.
+
+    A copy shares everything with the original; a deep copy shares functions only.
+    """
+
+    _ANEW: ClassVar[tuple[str, ...]] = ()  # attributes that are computed when they are missing
+    _KEPT: ClassVar[tuple[str, ...]] = ()  # what functions gave, where these may stay behind
+    _FUNCTIONS: ClassVar[tuple[str, ...]] = ()  # attributes that may be or hold the caller's
+
+    def __getstate__(self) -> dict[str, Any]:
+        for name in self._KEPT:
+            getattr(self, name)
+        state = {name: value for name, value in vars(self).items() if name not in self._ANEW}
+        return state | {name: carried(state[name]) for name in self._FUNCTIONS if name in state}
+
+    def __copy__(self) -> Self:
+        other = type(self).__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        return other
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        other = type(self).__new__(type(self))
+        memo[id(self)] = other
+        kept = {name: value for name, value in vars(self).items() if name not in self._ANEW}
+        other.__dict__.update(deepcopy(kept, memo))
+        return other
+
+
+@dataclass(frozen=True)
+class LostFunction:
+    """Stands for what pickle could not carry; whoever calls it is told.
+
+    Attributes
+    ----------
+    name : str
+    """
+
+    name: str
+
+    def __call__(self, *_: Any) -> NoReturn:
+        """Raise an `InputError`."""
+        raise InputError(
+            f"{self.name} stayed in the process that it was made in, because pickle carries no "
+            "functions without a name that can be imported: define it at the top of a module, or "
+            "give it again"
+        )
+
+
+def carried(value: Any) -> Any:
+    """The value, with a `LostFunction` for each function in it that pickle cannot carry."""
+    if isinstance(value, np.ndarray | str | int | float | None):
+        return value
+    if type(value) in (list, tuple):
+        return type(value)(carried(part) for part in value)
+    try:
+        pickle.dumps(value)
+    except Exception:  # of every kind, depending on what it holds
+        return LostFunction(repr(value))
+    return value
+
+
+class PortableBasis:
+    """A Basis for pickle: what it was made of instead of its tables, which are many times larger.
+
+    Bodies that share one Basis share one of these, and again one Basis after they were sent.
+    """
+
+    def __init__(self, basis: Any) -> None:
+        self.basis = basis
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> PortableBasis:
+        return PortableBasis(deepcopy(self.basis, memo))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        basis = self.basis
+        return _rebuilt, (basis.mesh, basis.elem, basis.mapping, basis.dofs, basis.X, basis.W)
+
+
+def _rebuilt(mesh: Any, elem: Any, mapping: Any, dofs: Any, X: Any, W: Any) -> PortableBasis:
+    from skfem import Basis
+
+    return PortableBasis(Basis(mesh, elem, mapping=mapping, quadrature=(X, W), dofs=dofs))
