@@ -20,7 +20,8 @@ from .csr_scatter import scatter_matrix, scatter_vector
 from .dof_blocks import DofBlocks
 from .errors import InputError
 from .form_parameters import NotConstant, checked, constant_parts, words_of
-from .local_tensors import Coefficients, FormNotPointwise, Space, local_tensors
+from .local_tensors import Coefficients, Space, local_tensors
+from .pointwise_check import FormNotPointwise
 from .translation_invariance import orientations, why_not_element, why_not_mapping
 
 Integers = NDArray[np.integer]
@@ -106,10 +107,12 @@ def assemble(
     `skfem.ElementGlobal`, or whose ``gbasis`` neither scikit-fem nor this package wrote; for other
     forms, mappings and bases than the standard ones, and lists of bases.
 
-    A form must be what scikit-fem asks for: a formula that acts on each quadrature point alone. It
-    is called with other numbers of cells than the mesh has; an array over the cells that it holds
-    on to, instead of getting it as a parameter, does not fit then and leads to the slow path. What
-    cannot be seen is a form that gives something else at each call, or mixes cells.
+    A form must be what scikit-fem asks for: a formula that acts on each quadrature point alone, or
+    on those of each cell. It is called with other numbers of cells than the mesh has; an array over
+    the cells that it holds on to, instead of getting it as a parameter, does not fit then and leads
+    to the slow path. So does a form that gives other numbers for a cell among other cells, as with
+    ``w.k / w.k.max()``: chosen entries are computed again in several compositions, see
+    `pointwise_check`.
 
     The Jacobians of scikit-fem's isoparametric mapping have relative errors of about
     ``eps |x| / h``, other ones in each cell. All cells of a class get those of the first. That is

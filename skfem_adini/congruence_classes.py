@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .compiled_kernels import compiled
+
 Array = NDArray[np.float64]
 Integers = NDArray[np.integer]
 Words = NDArray[np.uint64]
@@ -55,10 +57,7 @@ def congruence_classes(points: Array, nodes: Integers, words: Words) -> Classes:
 
 @lru_cache
 def _compiled() -> Callable[..., Any]:
-    import numba
-
-    function: Callable[..., Any] = numba.njit(nogil=True, cache=True)(_label)
-    return function
+    return compiled(_label)
 
 
 def _label(points: Any, nodes: Any, words: Any) -> Any:

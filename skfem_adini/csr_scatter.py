@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from .compiled_kernels import compiled
 from .dof_blocks import DofBlocks
 
 Array = NDArray[Any]
@@ -50,8 +51,8 @@ def scatter_matrix(local: Array, labels: Integers, rows: DofBlocks, columns: Dof
     Threads share the blocks, so their number does not change the result. Indices have 32 bits until
     the matrix holds 2^31 entries.
     """
-    kernel = compiled("sum_rows")
-    first, *held = compiled("cells_of_blocks")(rows.of_cells, len(rows.start) - 1)
+    kernel = _kernel("sum_rows")
+    first, *held = _kernel("cells_of_blocks")(rows.of_cells, len(rows.start) - 1)
     masks, full = _masks(local, columns.local)
     counts = np.zeros(rows.size + 1, dtype=np.int64)
     follows = np.zeros(len(rows.start) - 1, dtype=np.bool_)
@@ -85,7 +86,7 @@ def scatter_matrix(local: Array, labels: Integers, rows: DofBlocks, columns: Dof
 def scatter_vector(local: Array, labels: Integers, rows: DofBlocks) -> Array:
     """Return the sum of the local vectors (classes, local rows) of all cells."""
     total = np.zeros(rows.size, dtype=local.dtype)
-    compiled("sum_vector")(rows.of_cells, rows.start, rows.local, labels, local, total)
+    _kernel("sum_vector")(rows.of_cells, rows.start, rows.local, labels, local, total)
     return total
 
 
@@ -129,12 +130,8 @@ def _in_threads(work: Callable[[int, int], None], shares: list[tuple[int, int]])
 
 
 @lru_cache
-def compiled(name: str) -> Callable[..., Any]:
-    """Return a kernel of this module, compiled without the global interpreter lock."""
-    import numba
-
-    function: Callable[..., Any] = numba.njit(nogil=True, cache=True)(_KERNELS[name])
-    return function
+def _kernel(name: str) -> Callable[..., Any]:
+    return compiled(_KERNELS[name])
 
 
 def _cells_of_blocks(of_cells: Any, blocks: int) -> Any:

@@ -260,7 +260,7 @@ def _oriented(table: TruthTable, edge: _Points) -> Array:
         given = given[..., 0] / np.where(length > 0, length, 1)
         given *= np.sign(np.sum(given * normals[:, here], axis=0))
         off = np.abs(given - normals[:, here]).max(axis=0)
-        if off.max() > _WRONG_GRADIENT:
+        if not off.max() <= _WRONG_GRADIENT:
             x, y = edge.points[:, here[off.argmax()]]
             raise InputError(
                 f"gradient: at ({x:.6g}, {y:.6g}) its direction differs by {off.max():.2g} from "

@@ -200,7 +200,7 @@ class ElementQuadAdiniCut(ElementH1):
                 scales.append(1.0)
         V = np.array(rows)
         self.unisolvence[cell] = 1 / max(np.linalg.svd(V, compute_uv=False)[-1], 1e-300)
-        if self.unisolvence[cell] > _SINGULAR:
+        if not self.unisolvence[cell] <= _SINGULAR:
             raise self._refusal(
                 cell,
                 f"its matrix is singular (1 / sigma_min = {self.unisolvence[cell]:.1e}), as always "
@@ -245,7 +245,7 @@ def _points_between(
     for k in range(1, count + 1):
         f = _along(a + (b - a) * k / (count + 1), normal, level_set)
         reach = 1e-9
-        while f(-reach) * f(reach) > 0:
+        while not f(-reach) * f(reach) <= 0:
             reach *= 4
             if reach > 0.6:
                 return None

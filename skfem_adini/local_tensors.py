@@ -15,6 +15,7 @@ from skfem.mapping import MappingAffine, MappingIsoparametric
 from .congruence_classes import Classes
 from .errors import InputError
 from .form_parameters import FormParameters, NotConstant
+from .pointwise_check import FormNotPointwise, check_pointwise
 from .translation_invariance import oriented
 
 Array = NDArray[Any]
@@ -23,10 +24,6 @@ Integers = NDArray[np.integer]
 # Quadrature points a call of the form: its temporary arrays stay in the second cache.
 _POINTS = 2**15
 _FIELDS = 2**20
-
-
-class FormNotPointwise(Exception):
-    """A form failed on part of the cells, or gave something else than one number for each point."""
 
 
 # Value, gradient, ... of all functions, (..., functions * cells, points), for each component.
@@ -128,46 +125,87 @@ def local_tensors(
     NotConstant
         The form used something that varies inside a cell.
     FormNotPointwise
-        The form raised, or did not return a number for each quadrature point.
+        The form raised, did not return a number for each quadrature point, or mixes the cells.
     """
     local = np.zeros((len(classes.representatives), *reversed(sizes)), dtype=form.dtype)
     flat = local.reshape(len(local), -1)
-    shape_of = shapes.labels[classes.representatives]
+    rows = _Rows(form, spaces, sizes, shapes, classes, cells, coefficients)
     points = spaces[0].W.size
-    order = np.argsort(shape_of, kind="stable")
+    order = np.argsort(rows.shape_of, kind="stable")
     step = max(1, _FIELDS // (max(sizes) * points))
-    evaluated: Integers = np.empty(0, dtype=int)
     for begin in range(0, len(order), step):
         some = order[begin : begin + step]
-        needed, place = np.unique(shape_of[some], return_inverse=True)
-        if not np.array_equal(needed, evaluated):
-            at = cells[shapes.representatives[needed]]
-            dx = spaces[0].measures(at)
-            fields = [spaces[0].fields(at, sizes[0])]
-            if len(spaces) == 2:
-                same = spaces[1] is spaces[0]
-                fields.append(fields[0] if same else spaces[1].fields(at, sizes[1]))
-            evaluated = needed
+        rows.prepare(some)
         for entries in _batches(len(some), flat.shape[1], max(1, _POINTS // points), len(cells)):
             member, entry = np.divmod(entries, flat.shape[1])
-            # A row for each test function, the trial functions along it.
-            indices = (entry,) if len(sizes) == 1 else np.divmod(entry, sizes[0])[::-1]
-            arguments = [
-                argument
-                for field, index in zip(fields, indices, strict=True)
-                for argument in _take(field, index * len(needed) + place[member])
-            ]
-            values = classes.representatives[some[member]]
-            parameters = FormParameters(
-                coefficients.numbers
-                | {name: _at(parts, values) for name, parts in coefficients.fields.items()},
-                coefficients.withheld,
-            )
-            flat[some[member], entry] = _integrate(form, arguments, parameters, dx[place[member]])
+            flat[some[member], entry] = np.sum(rows.densities(some[member], entry), axis=1)
+    check_pointwise(rows, flat, sizes, rows.coefficients_of_classes(), len(cells))
     return local
 
 
-def _integrate(form: Any, arguments: list[Any], w: FormParameters, dx: Array) -> Array:
+class _Rows:
+    """Integrands of chosen entries of the local tensors of chosen classes."""
+
+    def __init__(
+        self, form: Any, spaces: Sequence[Space], sizes: Sequence[int], shapes: Classes,
+        classes: Classes, cells: Integers, coefficients: Coefficients,
+    ) -> None:  # fmt: skip
+        self._form, self._spaces, self._sizes = form, spaces, sizes
+        self._cells, self._coefficients = cells, coefficients
+        self._of_shapes, self._of_classes = shapes.representatives, classes.representatives
+        self.shape_of = shapes.labels[classes.representatives]
+        self._needed: Integers = np.empty(0, dtype=int)
+
+    def coefficients_of_classes(self) -> Array:
+        """Return the coefficients as numbers, shape (numbers, classes)."""
+        numbers = [np.zeros((0, len(self._of_classes)))]
+        for parts in self._coefficients.fields.values():
+            for part in parts:
+                if part is not None:
+                    chosen = part[..., self._of_classes, 0].reshape(-1, len(self._of_classes))
+                    numbers += [chosen.real, chosen.imag] if np.iscomplexobj(chosen) else [chosen]
+        return np.concatenate(numbers)
+
+    def prepare(self, classes: Integers) -> None:
+        """Evaluate the functions in the cells of some classes."""
+        needed = np.unique(self.shape_of[classes])
+        if np.array_equal(needed, self._needed):
+            return
+        at = self._cells[self._of_shapes[needed]]
+        spaces, sizes = self._spaces, self._sizes
+        self._dx = spaces[0].measures(at)
+        self._fields = [spaces[0].fields(at, sizes[0])]
+        if len(spaces) == 2:
+            same = spaces[1] is spaces[0]
+            self._fields.append(self._fields[0] if same else spaces[1].fields(at, sizes[1]))
+        self._needed = needed
+
+    def densities(self, classes: Integers, entry: Integers) -> Array:
+        """Return the integrands times the weights, shape (rows, points), in one call of the form.
+
+        Parameters
+        ----------
+        classes, entry
+            Class and number of the entry for each row; the classes are among those prepared.
+        """
+        # A row for each test function, the trial functions along it.
+        indices = (entry,) if len(self._sizes) == 1 else np.divmod(entry, self._sizes[0])[::-1]
+        place = np.searchsorted(self._needed, self.shape_of[classes])
+        arguments = [
+            argument
+            for field, index in zip(self._fields, indices, strict=True)
+            for argument in _take(field, index * len(self._needed) + place)
+        ]
+        values = self._of_classes[classes]
+        fields = self._coefficients.fields.items()
+        parameters = FormParameters(
+            self._coefficients.numbers | {name: _at(parts, values) for name, parts in fields},
+            self._coefficients.withheld,
+        )
+        return _density(self._form, arguments, parameters, self._dx[place])
+
+
+def _density(form: Any, arguments: list[Any], w: FormParameters, dx: Array) -> Array:
     try:
         density = form.form(*arguments, w) * dx
     except NotConstant:
@@ -178,7 +216,7 @@ def _integrate(form: Any, arguments: list[Any], w: FormParameters, dx: Array) ->
         raise NotConstant(w._refused)
     if np.shape(density) != dx.shape:
         raise FormNotPointwise(f"it returned an array of shape {np.shape(density)}")
-    return np.asarray(np.sum(density, axis=1))
+    return np.asarray(density)
 
 
 def _batches(members: int, entries: int, step: int, cells: int) -> Iterator[Integers]:

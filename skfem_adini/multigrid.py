@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, cg
 
-from .errors import InputError, MissingDependency, NotConverged
+from .errors import MissingDependency, NotConverged
 from .near_null_space import NearNullSpace
 
 Array = NDArray[np.float64]
@@ -94,13 +94,9 @@ class Multigrid:
 
         Raises
         ------
-        InputError
-            The load is not finite.
         NotConverged
             The residual does not come below `tol`.
         """
-        if not np.isfinite(b).all():
-            raise InputError("b: the load holds NaN or infinity")
         loads = b[:, None] if b.ndim == 1 else b
         columns = [self._solve_one(np.ascontiguousarray(column)) for column in loads.T]
         # Set at once: threads that share the object never see a number half counted.

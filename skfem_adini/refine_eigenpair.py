@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from skfem import CellBasis, ElementVector
 
+from .dof_numbers import dof_numbers
 from .errors import InputError
 from .exact_matrices import exact_matrix
+from .real_numbers import real_array
 
 Array = NDArray[np.float64]
 LongArray = NDArray[np.longdouble]
@@ -55,8 +59,9 @@ def refine_eigenpair(
     Parameters
     ----------
     basis
-        Basis with Adini's element in 2-D or 3-D, on axis-parallel rectangles or boxes. The
-        coordinates of its mesh count with their binary values.
+        Basis with Adini's element in 2-D or 3-D, on axis-parallel rectangles or boxes; with
+        ``elements=`` the integrals are those over these cells. The coordinates of its mesh count
+        with their binary values.
     x
         Eigenvector, for instance from `lowest_eigenpairs`, shape (basis.N,).
     fixed
@@ -73,7 +78,8 @@ def refine_eigenpair(
     Raises
     ------
     InputError
-        Another element, cells that are no boxes, an x of wrong shape, or no eigenvector.
+        Another element, a basis of facets, cells that are no boxes, an x of wrong shape, complex
+        or no eigenvector, fixed dofs that do not exist.
 
     Examples
     --------
@@ -86,7 +92,11 @@ def refine_eigenpair(
     >>> print(f"{float(pair.value / np.pi**2 - 1):.3e}")
     1.641e-09
     """
-    x = np.asarray(x, dtype=float)
+    if not isinstance(basis, CellBasis) or isinstance(basis.elem, ElementVector):
+        raise InputError(f"basis: expected a skfem.Basis of cells, got {type(basis).__name__}")
+    if not (isinstance(tol, Real) and float(tol) > 0):
+        raise InputError(f"tol: expected a positive number, got {tol!r}")
+    x = real_array("x", x)
     if x.shape != (basis.N,) or not np.isfinite(x).all() or not x.any():
         raise InputError(f"x: expected a finite vector of shape ({basis.N},) that is not zero")
     dim = basis.mesh.dim()
@@ -97,6 +107,8 @@ def refine_eigenpair(
     volume = np.prod(sides, axis=0)
 
     local = x[dofs].astype(np.longdouble) * scale
+    if not local.any():
+        raise InputError("x: it is zero in all cells of the basis")
     free_of_mean = local.copy()
     free_of_mean[:: dim + 1] -= local[:: dim + 1].mean(axis=0)
     numerators, denominator = exact_matrix(dim)
@@ -114,10 +126,11 @@ def refine_eigenpair(
     diagonal = np.zeros(basis.N, dtype=np.longdouble)
     np.add.at(diagonal, dofs, np.diag(numerators)[:, None] * scale**2 * (volume / denominator))
     if fixed is not None:
-        force[np.asarray(fixed)] = 0.0
+        force[dof_numbers("fixed", fixed, basis.N)] = 0.0
+    met = diagonal > 0  # the others belong to no cell of the basis
     size = np.sqrt(mass) * max(abs(value), 1 / volume.sum() ** (2 / dim))
-    residual = float(np.sqrt(np.sum(force**2 / diagonal)) / size)
-    if residual > tol:
+    residual = float(np.sqrt(np.sum(force[met] ** 2 / diagonal[met])) / size)
+    if not residual <= tol:
         raise InputError(
             f"x: its residual is {residual:.1e}, more than tol={tol:.0e}, so it is no eigenvector "
             "of -div(grad u); pass fixed= for essential conditions or compute it more accurately"
@@ -137,7 +150,10 @@ def _box_cells(basis: Any) -> tuple[NDArray[np.integer], LongArray]:
             f"basis: expected a cell basis of Adini's element with the dofs {names}, got "
             f"{type(basis.elem).__name__}"
         )
-    corners = basis.mesh.p[:, basis.mesh.t]
+    cells = slice(None) if basis.tind is None else basis.tind
+    corners = basis.mesh.p[:, basis.mesh.t[:, cells]]
+    if not corners.size:
+        raise InputError("basis: it has no cells")
     low, high = corners.min(axis=1, keepdims=True), corners.max(axis=1, keepdims=True)
     at_high = corners > 0.5 * (low + high)
     distance = np.abs(corners - np.where(at_high, high, low)).max()
@@ -145,7 +161,7 @@ def _box_cells(basis: Any) -> tuple[NDArray[np.integer], LongArray]:
     rank = np.tensordot(powers, at_high, axes=1)
     order = np.argsort(rank, axis=0)
     complete = (np.sort(rank, axis=0) == np.arange(2**dim)[:, None]).all()
-    if not complete or distance > _RECTANGLE * np.min(high - low):
+    if not complete or not distance <= _RECTANGLE * np.min(high - low):
         raise InputError("basis: a cell of its mesh is no axis-parallel rectangle or box")
     dofs = basis.element_dofs.reshape(2**dim, dim + 1, -1)
     dofs = np.take_along_axis(dofs, order[:, None, :], axis=0)

@@ -12,6 +12,7 @@ from .errors import InputError, MissingDependency
 from .multigrid import Multigrid
 from .near_null_space import NearNullSpace
 from .pardiso import DEFINITE, INDEFINITE, Pardiso, PardisoError, has_pardiso
+from .real_numbers import real_array, real_matrix
 from .superlu import SuperLUFactor
 
 Array = NDArray[np.float64]
@@ -73,13 +74,15 @@ def factorize(
     Returns
     -------
     Factorization
-        Its method ``solve(b)`` takes loads of shape (n,) or (n, loads).
+        Its method ``solve(b)`` takes loads of shape (n,) or (n, loads), real or complex. Threads
+        may share it, and it can be copied and pickled: a copy factors A anew where it must.
 
     Raises
     ------
     InputError
-        A is not square, not finite, not symmetric, singular, or (PARDISO) not definite; ``"amg"``
-        without a fitting `near_null`, with `definite` false, or a `tol` that is not in (0, 1).
+        A is not real, square, finite and symmetric, or singular, or (PARDISO) not definite; a load
+        that is not finite; ``"amg"`` without a fitting `near_null`, with `definite` false, or a
+        `tol` that is not in (0, 1).
     MissingDependency
         PARDISO or pyamg was asked for and is not installed.
 
@@ -109,18 +112,18 @@ def factorize(
         raise InputError(f"solver: expected 'auto', 'pardiso', 'superlu' or 'amg', got {solver!r}")
     if solver == "pardiso" and not has_pardiso():
         raise MissingDependency("PARDISO needs pypardiso: pip install 'skfem-adini[mkl]'")
-    A = sparse.csr_array(A, dtype=float)
+    A = real_matrix("A", A)
     if A.shape[0] != A.shape[1] or A.shape[0] == 0:
         raise InputError(f"A: expected a square matrix, got shape {A.shape}")
     if not np.isfinite(A.data).all():
         raise InputError("A: the matrix holds NaN or infinity")
     scale = sparse.diags_array(_scale(A, definite))
     scaled = sparse.csr_array(scale @ A @ scale)
-    if np.abs(scaled - scaled.T).max() > _SYMMETRIC:
+    if not np.abs(scaled - scaled.T).max() <= _SYMMETRIC:
         raise InputError("A: the matrix is not symmetric")
     if solver == "amg":
         modes = _scaled_modes(near_null, scale.diagonal(), definite)
-        if not 0 < tol < 1 or max_iterations < 1:
+        if not 0 < tol < 1 or not max_iterations >= 1:
             raise InputError(
                 f"tol, max_iterations: expected a number in (0, 1) and a positive one, got {tol!r} "
                 f"and {max_iterations!r}"
@@ -181,10 +184,15 @@ class _Scaled:
     def iterations(self) -> int:
         return self._factors.iterations
 
-    def solve(self, b: ArrayLike) -> Array:
-        b = np.asarray(b, dtype=float)
+    def solve(self, b: ArrayLike) -> Any:
+        b = np.asarray(b)
+        if np.iscomplexobj(b):
+            return np.asarray(self.solve(b.real) + 1j * self.solve(b.imag))
+        b = real_array("b", b)
         if b.ndim not in (1, 2) or len(b) != len(self._scale):
             raise InputError(f"b: expected {len(self._scale)} rows, got shape {b.shape}")
+        if not np.isfinite(b).all():
+            raise InputError("b: the load holds NaN or infinity")
         scale = self._scale if b.ndim == 1 else self._scale[:, None]
         return scale * self._factors.solve(scale * b)
 

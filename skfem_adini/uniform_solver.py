@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
+from .dof_numbers import dof_numbers
 from .errors import InputError
+from .real_numbers import real_array
 from .uniform_symbols import continuous_eigenvalue, extended_eigenvalue
 from .uniform_transforms import BlockDiagonalGrid
 
@@ -146,6 +148,8 @@ class UniformSolver:
                 f"got {type(basis.elem).__name__}"
             )
         p = basis.mesh.p
+        if not np.isfinite(p).all():
+            raise InputError("basis: a coordinate of its mesh is NaN or infinite")
         origin, lengths = p.min(axis=1), np.ptp(p, axis=1)
         rounding = _UNIFORM * np.abs(p).max()
         shape = [int(np.sum(np.diff(np.sort(row)) > rounding)) for row in p]
@@ -154,7 +158,7 @@ class UniformSolver:
         filled = np.zeros([n + 1 for n in shape], dtype=int)
         np.add.at(filled, tuple(index), 1)
         complete = (filled == 1).all() and basis.mesh.nelements == np.prod(shape)
-        if np.abs(p - places).max() > rounding or not complete:
+        if not np.abs(p - places).max() <= rounding or not complete:
             raise InputError("basis: its mesh is no uniform grid of a full box")
         solver = cls(shape, lengths, bc, k, c)
         solver._nodes[tuple(index)] = np.arange(p.shape[1])
@@ -178,7 +182,7 @@ class UniformSolver:
         x
             Dofs or loads, shape (size,).
         """
-        x = np.asarray(x, dtype=float)
+        x = real_array("x", x)
         if x.shape != (self.size,):
             raise InputError(f"x: expected shape ({self.size},), got {x.shape}")
         return np.moveaxis(x.reshape(self._nodes.size, -1)[self._nodes], -1, 0)
@@ -191,7 +195,7 @@ class UniformSolver:
         values
             Shape (dim + 1, n_x + 1, n_y + 1) or (dim + 1, n_x + 1, n_y + 1, n_z + 1).
         """
-        values = np.asarray(values, dtype=float)
+        values = real_array("values", values)
         if values.shape != self._blocks.shape:
             raise InputError(f"values: expected shape {self._blocks.shape}, got {values.shape}")
         x = np.empty((self._nodes.size, len(values)))
@@ -224,7 +228,7 @@ class UniformSolver:
             raise InputError("f: the load holds NaN or infinity")
         if self._blocks.singular:
             total, size = load[0].sum(), np.abs(load[0]).sum()
-            if abs(total) > _BALANCED * size:
+            if not abs(total) <= _BALANCED * size:
                 raise InputError(
                     f"f: the loads of u sum to {total:.3e}, but without reaction (c = 0) they must "
                     "balance for u_n = 0; subtract the mean of the source or set c"
@@ -250,11 +254,9 @@ class UniformSolver:
             constants of the pure Neumann problem by its next eigenvalue, so that the operator is
             definite and also serves systems in which these dofs are unknowns.
         """
-        chosen = np.arange(self.size) if dofs is None else np.asarray(dofs, dtype=int)
-        if chosen.ndim != 1 or np.unique(chosen).size != chosen.size:
+        chosen = np.arange(self.size) if dofs is None else dof_numbers("dofs", dofs, self.size)
+        if np.unique(chosen).size != chosen.size:
             raise InputError("dofs: expected a list of different dof numbers")
-        if chosen.size and not 0 <= chosen.min() <= chosen.max() < self.size:
-            raise InputError(f"dofs: expected numbers from 0 to {self.size - 1}")
         fixed = self._blocks.fixed()
         diagonal = np.broadcast_to(self._blocks.diagonal(), (*fixed.shape[1:], len(fixed)))
         jacobi = np.where(fixed, 1.0 / np.moveaxis(diagonal, -1, 0), 0.0)

@@ -1,0 +1,127 @@
+"""Whether a form gives the same numbers for a cell whichever cells come with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+Integers = NDArray[np.integer]
+
+_CLASSES = 8
+_ENTRIES = 4
+_OTHERS = 300  # rows of one class around the others: no mean, quantile or deviation resists them
+# Of the sum of the moduli over the points. Equal operations on equal numbers differ by a few
+# roundings at most, where vector instructions or BLAS take them in another order.
+_ROUNDING = 1e-11
+
+
+class FormNotPointwise(Exception):
+    """A form failed on part of the cells, mixed them, or gave not one number for each point."""
+
+
+class Rows(Protocol):
+    """Integrands of entries of the local tensors of classes of cells."""
+
+    def prepare(self, classes: Integers) -> None:
+        """Make ready for these classes."""
+        ...
+
+    def densities(self, classes: Integers, entry: Integers) -> Array:
+        """Return the integrands, shape (rows, points), from one call of the form."""
+        ...
+
+
+class _Batch(NamedTuple):
+    classes: Integers
+    entries: Integers
+
+
+def check_pointwise(
+    rows: Rows, found: Array, sizes: Sequence[int], coefficients: Array, cells: int
+) -> None:
+    """Compute chosen entries again, in batches of other composition, order and length.
+
+    A statistic of the cells of a batch (largest value, mean, norm, quantile, order, sum, number) is
+    another one in each of these: every chosen class alone, which includes those with the smallest
+    and the largest value of every coefficient; all of them among many cells of the class with the
+    smallest value, or with the largest; an entry repeated, without any other; and the order
+    reversed. A form that uses one gives other numbers there, unless it does not matter.
+
+    Parameters
+    ----------
+    rows
+        To compute entries with.
+    found
+        All entries as found so far, shape (classes, entries).
+    sizes
+        Number of trial and of test functions, or of test functions.
+    coefficients
+        Numbers of the classes, shape (numbers, classes).
+    cells
+        Number of cells in the mesh, which a batch must not have.
+
+    Raises
+    ------
+    FormNotPointwise
+        An entry comes out differently.
+    """
+    rng = np.random.default_rng(0)
+    chosen, extreme = _chosen(coefficients, rng)
+    rows.prepare(chosen)
+    entries = _entries(sizes, rng)
+    with np.errstate(all="ignore"):  # statistics of equal numbers divide by zero
+        for batch in _batches(chosen, extreme, entries, rng):
+            if len(batch.classes) == cells:
+                batch = _Batch(*(np.append(part, part[-1]) for part in batch))
+            density = rows.densities(*batch)
+            size = np.abs(density).sum(axis=1).max()
+            there = found[batch.classes, batch.entries]
+            if not np.allclose(
+                density.sum(axis=1), there, rtol=0, atol=_ROUNDING * size, equal_nan=True
+            ):
+                raise FormNotPointwise(
+                    "it gives other numbers for a cell among other cells, as a reduction over the "
+                    "cells does"
+                )
+
+
+def _chosen(coefficients: Array, rng: np.random.Generator) -> tuple[Integers, Integers]:
+    """Return the classes to look at, and those with extreme coefficients."""
+    classes = coefficients.shape[1]
+    varying = coefficients[np.ptp(coefficients, axis=1) > 0] if coefficients.size else coefficients
+    extreme = np.array([varying.argmin(axis=1), varying.argmax(axis=1)]).T.ravel()
+    extreme = extreme[np.sort(np.unique(extreme, return_index=True)[1])][:_CLASSES]
+    more = rng.permutation(classes)[: max(2, _CLASSES - extreme.size)]
+    return np.unique(np.append(extreme, more if varying.size else more[:2])), extreme
+
+
+def _entries(sizes: Sequence[int], rng: np.random.Generator) -> Integers:
+    """Return entries on the diagonal of a local matrix, and others."""
+    count = int(np.prod(sizes))
+    diagonal = rng.permutation(min(sizes))[: _ENTRIES // 2] * (sizes[0] + 1)
+    return np.append(diagonal if len(sizes) == 2 else [], rng.permutation(count)[:_ENTRIES]).astype(
+        int
+    )
+
+
+def _batches(
+    chosen: Integers, extreme: Integers, entries: Integers, rng: np.random.Generator
+) -> Iterator[_Batch]:
+    one = np.ones(3, dtype=int)
+    for entry in entries[:2]:
+        yield _Batch(chosen[0] * one, entry * one)
+    for label in chosen:
+        yield _Batch(np.full(entries.size, label), entries)
+    everything = _Batch(np.repeat(chosen, entries.size), np.tile(entries, chosen.size))
+    yield _Batch(everything.classes[::-1], everything.entries[::-1])
+    for label in extreme:
+        others = np.full(_OTHERS, label)
+        order = rng.permutation(everything.classes.size + _OTHERS)
+        yield _Batch(
+            np.append(everything.classes, others)[order],
+            np.append(everything.entries, entries[rng.integers(entries.size, size=_OTHERS)])[order],
+        )

@@ -1,0 +1,150 @@
+"""Machine code kept on disk: never of an older package, and not needed."""
+
+import os
+import shutil
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import skfem_adini
+
+PACKAGE = Path(skfem_adini.__file__).parent
+KERNELS = """
+import sys
+from skfem_adini import callee, caller
+from skfem_adini.compiled_kernels import compiled
+
+def compilations(kernel):
+    return sum(kernel.stats.cache_misses.values())
+
+callee.inner = compiled(callee.inner)
+outer = compiled(caller.outer)
+print(outer(3.0), compilations(outer) + compilations(callee.inner))
+"""
+ASSEMBLE = """
+import numpy as np
+from skfem import MeshQuad
+from skfem.models.poisson import mass
+from skfem_adini import ElementQuadAdini, assemble
+K = assemble(mass, MeshQuad().refined(2), ElementQuadAdini(), fallback=False)
+one = np.zeros(K.shape[0])
+one[::3] = 1
+print(round(one @ K @ one, 12))
+"""
+CUT = """
+from skfem import LinearForm, MeshQuad
+from skfem_adini import CutDomain, ElementQuadAdini
+mesh = MeshQuad().refined(2)
+domain = CutDomain(mesh, lambda x: (x[0] - .5)**2 + (x[1] - .5)**2 - .09)
+load = domain.assemble(LinearForm(lambda v, w: v), ElementQuadAdini())
+print(load[::3].sum())
+"""
+
+
+@pytest.fixture
+def package(tmp_path):
+    """A copy of the package with a kernel that calls another one."""
+    home = tmp_path / "skfem_adini"
+    shutil.copytree(PACKAGE, home, ignore=shutil.ignore_patterns("__pycache__"))
+    (home / "caller.py").write_text(
+        "from . import callee\n\ndef outer(x):\n    return callee.inner(x)\n"
+    )
+    (home / "callee.py").write_text("def inner(x):\n    return x + 1\n")
+    return home
+
+
+def run(package, script, **environment):
+    paths = [str(package.parent), str(PACKAGE.parent)]
+    clean = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, cwd=package.parent,
+        env=clean | {"PYTHONPATH": os.pathsep.join(paths)} | environment,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
+def test_a_changed_kernel_is_compiled_anew_with_its_callers(package):
+    """The caller kept the old formula of what it calls."""
+    assert run(package, KERNELS) == ["4.0", "2"]
+    assert run(package, KERNELS) == ["4.0", "0"]
+    (package / "callee.py").write_text("def inner(x):\n    return x + 2\n")
+    assert run(package, KERNELS) == ["5.0", "2"]
+
+
+def test_files_changed_while_a_process_runs(package):
+    """What it compiles later from the code it has loaded is not kept as that of the new files."""
+    change = "import pathlib; pathlib.Path(callee.__file__).write_text('def inner(x): return 7.0')"
+    script = KERNELS.replace("\n\ndef compilations", f"\n{change}\n\ndef compilations")
+    assert run(package, script)[0] == "4.0"
+    assert run(package, KERNELS)[0] == "7.0"
+
+
+def test_damaged_files_are_compiled_anew(package):
+    run(package, KERNELS)
+    files = [*package.glob("__pycache__/*.nb?")]
+    assert len(files) >= 4
+    for file in files:
+        content = file.read_bytes()
+        file.write_bytes(content[: len(content) // 2])
+    assert run(package, KERNELS) == ["4.0", "2"]
+    assert run(package, KERNELS) == ["4.0", "0"]
+
+
+def nowhere(package):
+    """Let neither the package's folder nor the user's hold what numba keeps, not even for root."""
+    shutil.rmtree(package / "__pycache__", ignore_errors=True)
+    (package / "__pycache__").write_text("in the way")
+    nothing = os.path.join(os.devnull, "home")
+    return {"HOME": nothing, "XDG_CACHE_HOME": nothing, "LOCALAPPDATA": nothing}
+
+
+def test_assemble_where_no_folder_can_be_written(package):
+    """A RuntimeError of numba's came before: "no locator available for file"."""
+    assert run(package, ASSEMBLE, **nowhere(package)) == ["1.0"]
+
+
+@pytest.mark.slow
+def test_cut_domains_where_no_folder_can_be_written(package):
+    (area,) = run(package, CUT, **nowhere(package))
+    assert float(area) == pytest.approx(0.09 * np.pi, rel=1e-4)
+
+
+@pytest.mark.slow
+def test_a_changed_rule_of_cut_cells(package):
+    """`height_rule` is called by `cut_boxes`, whose code on disk kept the old weights."""
+    (area,) = run(package, CUT)
+    rules = package / "cut_kernels.py"
+    before = "row[3] = geometry[2] * geometry[3] * w"
+    assert before in rules.read_text()
+    rules.write_text(rules.read_text().replace(before, "row[3] = 0 * geometry[3] * w"))
+    assert float(run(package, CUT)[0]) < 0.9 * float(area)
+
+
+def test_a_full_disk(monkeypatch):
+    from numba.core.caching import FunctionCache
+
+    from skfem_adini.compiled_kernels import compiled
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(FunctionCache, "save_overload", full)
+
+    def plus_one(x):
+        return x + 1
+
+    assert compiled(plus_one)(2.0) == 3.0
+
+
+def test_kernels_asked_for_in_threads():
+    from skfem_adini import compiled_kernels
+
+    compiled_kernels.compiled_cut_boxes.cache_clear()
+    with ThreadPoolExecutor(8) as pool:
+        found = {pool.submit(compiled_kernels.compiled_cut_boxes).result() for _ in range(8)}
+    assert len(found) == 1
