@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from cip.errors import InputError, MissingDependency
 from cip.sample import sample
 from cip.schemes import moments
 from cip.state import State
+from cip.whole_file import write_whole
 
 if TYPE_CHECKING:
     from cip.solver import Solver
@@ -206,7 +206,10 @@ class Trajectory:
         OSError
             No space left, or no right to write; snapshots written before stay.
         """
-        series = Path(path)
+        try:
+            series = Path(path)
+        except TypeError:
+            raise InputError(f"path={path!r}: expected the name of a series") from None
         if series.suffix != ".pvd":
             raise InputError(f"path: expected a name that ends in .pvd, got {series.name!r}")
         series.parent.mkdir(parents=True, exist_ok=True)
@@ -218,7 +221,7 @@ class Trajectory:
             written.append(series.with_name(name))
             lines.append(f'    <DataSet timestep="{state.t!r}" file="{name}"/>')
         lines += ["  </Collection>", "</VTKFile>", ""]
-        series.write_text("\n".join(lines))
+        write_whole(series, "\n".join(lines))
         return [series, *written]
 
     def plot(self, ax: Any = None, places: Sequence[int] | None = None) -> Any:
@@ -246,13 +249,7 @@ def _written(mesh: Any, path: Path) -> None:
     writer.SetDataModeToBinary()
     writer.WriteToOutputStringOn()
     writer.Write()
-    temporary = path.with_name(f"tmp{os.getpid()}_{path.name}")
-    try:
-        temporary.write_text(writer.GetOutputString())
-        os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+    write_whole(path, writer.GetOutputString())
 
 
 def total_variation(state: State) -> float:
