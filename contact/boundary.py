@@ -40,6 +40,9 @@ class BoundaryProblem:
         that is so for one component of two, its row has no compliance.
     held : ndarray, shape (m, dim - 1)
         Tangential displacement where it is prescribed.
+    K : ndarray, shape (k, k), optional
+        Stiffness of the motions a, where these are more than rigid (`contact.stiffness_form`):
+        ``C^T l + K a = s``.
     """
 
     W: Array
@@ -50,6 +53,7 @@ class BoundaryProblem:
     normal: Index
     tangent: Index
     held: Array
+    K: Array | None = None
 
     @property
     def can_touch(self) -> NDArray[np.bool_]:
@@ -132,6 +136,8 @@ def residual(problem: BoundaryProblem, mu: Array, t: Array, a: Array, bound: Arr
     live = problem.tangent >= 0
     friction = np.where(live, t - project(np.where(live, t + u_t, 0.0), bound), 0.0)
     balance = problem.C.T @ problem.forces(mu, t) - problem.s
+    if problem.K is not None:
+        balance = balance + problem.K @ a
     worst = max(np.abs(part).max(initial=0.0) for part in (contact, friction, balance))
     return float(worst) / problem.scale(mu, t)
 
@@ -153,5 +159,7 @@ def rounding(problem: BoundaryProblem, forces: Array, a: Array, size: float) -> 
     # W is positive definite with a diagonal of about one: no entry is larger.
     moved = np.abs(problem.v0) + l.sum() + C @ np.abs(a)
     balanced = C.T @ l + np.abs(problem.s)
+    if problem.K is not None:
+        balanced = balanced + np.abs(problem.K) @ np.abs(a)
     terms = (float(part.max(initial=0.0)) for part in (moved, balanced, gap))
     return _ROUNDING * float(np.finfo(float).eps) * max(terms) / size

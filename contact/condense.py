@@ -13,12 +13,14 @@ from scipy import sparse
 from contact.blas_threads import one_blas_thread
 from contact.boundary import BoundaryProblem, Friction
 from contact.dense_arrays import HostArrays
-from contact.dissection import cell_graph, nested_dissection
+from contact.elimination_order import elimination_order
 from contact.errors import Infeasible, InputError, Unbounded
+from contact.free_motions import free_motions, unseen_motion
 from contact.held import by_friction_alone
+from contact.held_factor import held_factor
 from contact.methods import Options, solve_boundary
 from contact.newton import Forces, Report
-from contact.rigid_modes import describe_motion, reduced_echelon, rigid_modes
+from contact.rigid_modes import describe_motion
 from contact.rows import live_rows
 from contact.schur import schur_factor
 
@@ -66,24 +68,28 @@ class CondensedContact:
     def __init__(self, body: Any, rows: ContactRows, solver: str = "auto") -> None:
         self.rows = rows
         T, _ = body.constraint
-        # Free unknowns are displacements: a derivative is multiplied by its length, so that no
-        # unit of length sets values and derivatives apart.
-        columns, picked, per_length = T.tocsc(), body.picked.tocsc(), 1.0 / body.lengths[1]
-        self._leading = picked.indices[picked.indptr[:-1]]
-        self._T = sparse.csr_array(T @ sparse.diags_array(per_length))
         if T.nnz == T.shape[1] and np.all(T.data == 1.0):
-            free = columns.indices
+            free = T.tocsc().indices
             S = body.stiffness[free][:, free]
         else:
             S = sparse.csr_array(T.T @ body.stiffness @ T)
+        # Unknowns of unit stiffness: no unit of length, and no shape of a cell, sets values and
+        # derivatives apart, or the directions. Powers of two leave the digits as they are.
+        diagonal = S.diagonal()
+        exponent = np.round(-0.5 * np.log2(np.where(diagonal > 0, diagonal, 1.0)))
+        self._unit = np.ldexp(1.0, exponent.astype(np.int64))
+        self._T = sparse.csr_array(T @ sparse.diags_array(self._unit))
+        S = sparse.csr_array(S)
+        S.data *= np.repeat(self._unit, np.diff(S.indptr)) * self._unit[S.indices]
         self._prescribe(body)
         G, tangents = sparse.csr_array(rows.G @ self._T), sparse.csr_array(rows.T @ self._T)
         B = self._choose(G, tangents, live_rows(rows.G, body), live_rows(rows.T, body))
-        self._factor = schur_factor(S, self._boundary, self._elimination_order, solver)
         self._B = sparse.csr_array(B[:, self._boundary])
-        self._per_length = per_length[self._boundary]
+        modes = free_motions(body) / self._unit[:, None]
+        self._refuse(unseen_motion(modes, modes[self._boundary]))
+        self._factor = schur_factor(S, self._boundary, lambda: elimination_order(body), solver)
         with one_blas_thread(self.size):
-            self._condense(self._free_modes())
+            self._condense(modes[self._boundary], modes)
 
     def _choose(
         self,
@@ -125,47 +131,13 @@ class CondensedContact:
         other._prescribe(body)
         return other
 
-    def _elimination_order(self) -> NDArray[np.int64]:
-        """Free unknowns in the nested-dissection order of their mesh entities."""
-        entity, points, cells = self.body.entities
-        count = points.shape[1]
-        rank = np.empty(count, dtype=np.int64)
-        rank[nested_dissection(cell_graph(cells, count), points)] = np.arange(count)
-        return np.argsort(rank[entity[self._leading]], kind="stable").astype(np.int64)
-
-    def _free_modes(self) -> Array:
-        """Rigid motions that the supports leave free, in free unknowns, shape (nfree, k)."""
-        modes = rigid_modes(self.body)
-        T, picked = self.body.constraint[0], self.body.picked
-        of_dof, of_free = (lengths[:, None] for lengths in self.body.lengths)
-        held = of_dof * (modes - T @ (picked.T @ modes))
-        size = np.linalg.norm(of_dof * modes, axis=0)
-        _, singular, V = np.linalg.svd(held / size, full_matrices=False)
-        plain = reduced_echelon(V[singular < 1e-9] / size)  # translations stay translations
-        free: Array = picked.T @ (modes @ plain.T)
-        return free * of_free
-
-    def _condense(self, modes: Array) -> None:
+    def _condense(self, N: Array, modes: Array) -> None:
+        """Compliance of the rows; N the rigid motions of the boundary, modes those of all."""
         arrays = self._arrays
-        S_b = self._scaled_schur()
-        N = modes[self._boundary]
-        if modes.shape[1]:
+        if N.shape[1]:
             N, R = np.linalg.qr(N)
-            if np.abs(np.diag(R)).min() < 1e-10 * np.abs(R).max():
-                loose = modes @ np.linalg.svd(modes[self._boundary])[2][-1]
-                raise self._not_held(loose)
-            self._modes = np.linalg.solve(R.T, modes.T).T
-            on_device = arrays.put(N)
-            S_b = S_b + S_b.diagonal().mean() * (on_device @ on_device.T)
-        else:
-            self._modes = modes
-        try:
-            self._L = arrays.cholesky(S_b)
-        except np.linalg.LinAlgError:
-            raise InputError(
-                "stiffness: the condensed stiffness is not positive definite; the material or "
-                "the mesh is not admissible"
-            ) from None
+            modes = np.linalg.solve(R.T, modes.T).T
+        self._L, self.thin = held_factor(arrays, self._scaled_schur, N)
         W = arrays.gram(arrays.solve(self._L, arrays.dense(self._B.T)))
         diagonal = arrays.get(W.diagonal())
         if "thesis" in self.rows.functional.split(","):  # rank 2N + 2: see REGULARISATION
@@ -181,7 +153,8 @@ class CondensedContact:
         W /= arrays.put(scale)
         W /= arrays.put(scale)[:, None]
         self._W = arrays.matrix(W)
-        self._N = N * float(np.mean(scale))  # balance then reads in the units of scaled forces
+        # Balance then reads in the units of scaled forces.
+        self._N, self._modes = N * float(np.mean(scale)), modes * float(np.mean(scale))
         self._C = (self._B @ self._N) / scale[:, None]
 
     @property
@@ -223,6 +196,30 @@ class CondensedContact:
         Infeasible
             A point whose normal displacement is prescribed lies behind the obstacle.
         """
+        fixed_n, fixed_t = self._given(gap, slip_from, motion)
+        reduced = self.reduce(load)
+        v0 = self._B @ self._flexed(reduced)
+        live_n, live_t = self._normal >= 0, self._tangent >= 0
+        v0[self._normal[live_n]] += fixed_n[live_n]
+        v0[self._tangent[live_t]] += fixed_t[live_t]
+        scale = self.point_scale
+        R, per_unit = self._driven(motion, self._scale)
+        force = np.zeros(0) if motion is None else motion.force[motion.free]
+        return BoundaryProblem(
+            W=self._W,
+            v0=v0 / self._scale,
+            C=np.hstack((self._C, R)) if R.size else self._C,
+            s=np.concatenate((self._resultants(load), per_unit * force)),
+            gap=gap / scale,
+            normal=self._normal,
+            tangent=self._tangent,
+            held=fixed_t / scale[:, None],
+        )
+
+    def _given(
+        self, gap: Array, slip_from: Array | None, motion: ObstacleMotion | None
+    ) -> tuple[Array, Array]:
+        """Displacements of the points that supports and obstacles prescribe, (m,), (m, dim - 1)."""
         fixed_n, fixed_t = self._fixed_normal, self._fixed_tangent
         largest = float(np.abs(fixed_t).max(initial=0.0))
         if motion is not None:
@@ -234,9 +231,8 @@ class CondensedContact:
             largest = max(largest, float(np.abs(slip_from).max(initial=0.0)))
         fixed_t = np.where(self._stiff & (np.abs(fixed_t) <= 1e-12 * largest), 0.0, fixed_t)
         prescribed = self._normal < 0
-        round_off = 1e-12 * float(
-            np.ptp(self.body.trace.mesh.p, axis=1).max()
-        )  # of the coordinates
+        # Rounding of the coordinates.
+        round_off = 1e-12 * float(np.ptp(self.body.trace.mesh.p, axis=1).max())
         through = prescribed & (fixed_n - gap > round_off)
         if np.any(through):
             i = int(np.flatnonzero(through)[0])
@@ -244,34 +240,17 @@ class CondensedContact:
                 f"obstacle: contact point {i} at {self.rows.x_nominal[:, i]} is fixed at normal "
                 f"displacement {fixed_n[i]:.6g}, beyond its gap {gap[i]:.6g}"
             )
-        reduced = self.reduce(load)
-        v0 = self._B @ self._flexed(reduced)
-        live_n, live_t = self._normal >= 0, self._tangent >= 0
-        v0[self._normal[live_n]] += fixed_n[live_n]
-        v0[self._tangent[live_t]] += fixed_t[live_t]
-        scale = self.point_scale
-        R, per_unit = self._driven(motion)
-        force = np.zeros(0) if motion is None else motion.force[motion.free]
-        return BoundaryProblem(
-            W=self._W,
-            v0=v0 / self._scale,
-            C=np.hstack((self._C, R)) if R.size else self._C,
-            s=np.concatenate((self._N.T @ reduced, per_unit * force)),
-            gap=gap / scale,
-            normal=self._normal,
-            tangent=self._tangent,
-            held=fixed_t / scale[:, None],
-        )
+        return fixed_n, fixed_t
 
-    def _driven(self, motion: ObstacleMotion | None) -> tuple[Array, Array]:
+    def _driven(self, motion: ObstacleMotion | None, scale: Array) -> tuple[Array, Array]:
         """Columns of C for the free motions of obstacles, and physical over scaled motion."""
         if motion is None or not np.any(motion.free):
-            return np.zeros((self._scale.size, 0)), np.zeros(0)
-        free, R = motion.free, np.zeros((self._scale.size, int(motion.free.sum())))
+            return np.zeros((scale.size, 0)), np.zeros(0)
+        free, R = motion.free, np.zeros((scale.size, int(motion.free.sum())))
         live_n, live_t = self._normal >= 0, self._tangent >= 0
         R[self._normal[live_n]] = -motion.normal[live_n][:, free]
         R[self._tangent[live_t]] = -motion.tangent[live_t.ravel()][:, free]
-        R /= self._scale[:, None]
+        R /= scale[:, None]
         size = np.abs(R).max(axis=0)
         per_unit = 1.0 / np.where(size > 0, size, 1.0)
         return R * per_unit, per_unit
@@ -296,7 +275,7 @@ class CondensedContact:
         if motion is None:
             return None
         found = motion.prescribed.copy()
-        found[motion.free] = self._driven(motion)[1] * forces.a[self._N.shape[1] :]
+        found[motion.free] = self._driven(motion, self._scale)[1] * forces.a[self._N.shape[1] :]
         return found
 
     def solve(
@@ -324,10 +303,14 @@ class CondensedContact:
         half = arrays.solve(self._L, arrays.put(r[:, None]))
         return np.asarray(arrays.get(arrays.solve(self._L, half, transposed=True)))[:, 0]
 
+    def _resultants(self, load: Array) -> Array:
+        """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
+        work: Array = self._modes.T @ (self._T.T @ load)
+        return work
+
     def _scaled_schur(self) -> Any:
         """S_b on the device, a copy."""
-        per_length = self._arrays.put(self._per_length)
-        return per_length[:, None] * self._factor.schur * per_length
+        return 1.0 * self._factor.schur
 
     @property
     def stiffness(self) -> Array:
@@ -336,7 +319,7 @@ class CondensedContact:
 
     def reduce(self, load: Array) -> Array:
         """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
-        return self._per_length * self._factor.reduce(self._free_load(load))
+        return self._factor.reduce(self._free_load(load))
 
     def restrict(self, rows: sparse.csr_array) -> Array:
         """Rows of all dofs in the contact boundary's unknowns, shape (nrows, nb)."""
@@ -345,13 +328,11 @@ class CondensedContact:
 
     def expand(self, load: Array, z_b: Array) -> Array:
         """Displacement of all dofs from the contact boundary's unknowns."""
-        T, u0 = self.body.constraint
-        z = self._factor.expand(self._free_load(load), self._per_length * z_b)
-        u: Array = T @ z + u0
-        return u
+        u: Array = self._T @ self._factor.expand(self._free_load(load), z_b)
+        return u + self.body.constraint[1]
 
     def _free_load(self, load: Array) -> Array:
-        free: Array = self.body.constraint[0].T @ (load - self._lifted)
+        free: Array = self._T.T @ (load - self._lifted)
         return free
 
     def not_held(self, a: Array) -> Unbounded:
@@ -378,13 +359,28 @@ class CondensedContact:
             "friction alone, and the pressure may be too small for that"
         )
 
+    def _refuse(self, motion: Array | None) -> None:
+        if motion is not None:
+            raise self._not_held(motion)
+
     def _not_held(self, motion: Array) -> Unbounded:
         name, u = self._motion_of(motion)
+        work, f = float(self.body.f @ u), self.body.f
+        idle = abs(work) <= 1e-12 * float(np.abs(f) @ np.abs(u))
+        lack = ", and no load says how far it goes" if idle else " that could balance the loads"
         return Unbounded(
-            f"the body is not held: {name} meets no resistance that "
-            "could balance the loads; fix a displacement that it moves, or add friction or an "
-            "obstacle that stops it",
+            f"the body is not held: {name} meets no resistance{lack}; fix a displacement that it "
+            "moves, or add friction or an obstacle that stops it",
             u / np.abs(u).max(),
+        )
+
+    def at_the_limit(self, a: Array) -> Unbounded:
+        """The error that names a rigid motion a which friction just holds, however far it goes."""
+        name, u = self._motion_of(self._modes @ a[: self._modes.shape[1]])
+        return Unbounded(
+            f"the slip is undetermined: the loads are at the limit of what friction holds, and "
+            f"{name} may go on for ever; load less, add friction or a support",
+            u / (np.abs(u).max() or 1.0),
         )
 
     def _motion_of(self, motion: Array) -> tuple[str, Array]:

@@ -14,6 +14,7 @@ from contact.boundary import BoundaryProblem, Friction
 from contact.condense import CondensedContact
 from contact.dense_arrays import HostArrays
 from contact.errors import NotConverged
+from contact.free_motions import RIGID, unseen_motion
 from contact.held import check_held
 from contact.methods import Options
 from contact.newton import Forces, Report
@@ -69,8 +70,10 @@ class CondensedLayers(CondensedContact):
         self._factor: Any = SlabDoubling(
             body.columns, body.cell_rows, free[0], free[1], own[self._boundary], arrays
         )
+        bottom, everywhere = self._free_motions()
+        self._refuse(unseen_motion(everywhere, bottom[self._boundary]))
         with one_blas_thread(self.size):
-            self._condense(self._bottom_modes())
+            self._condense(bottom[self._boundary], everywhere)
 
     def _prescribe(self, body: Any) -> None:
         self.body: Any = body
@@ -87,8 +90,8 @@ class CondensedLayers(CondensedContact):
         self._fixed_normal = rows.G[:, :size] @ bottom
         self._fixed_tangent = (rows.T[:, :size] @ bottom).reshape(rows.gap.size, 1)
 
-    def _bottom_modes(self) -> Array:
-        """Rigid motions that the supports leave free, in free unknowns of the bottom row."""
+    def _free_motions(self) -> tuple[Array, Array]:
+        """Rigid motions that the supports leave free: free unknowns of the bottom row, all dofs."""
         body = self.body
         held = body.prescribed[0]
         node, kind = np.divmod(held, PER_NODE)
@@ -100,9 +103,11 @@ class CondensedLayers(CondensedContact):
         size = np.array([1.0, 1.0, 0.5 * np.hypot(body.width, body.height)])
         scaled = np.vstack((length * of_held / size, np.zeros((3, 3))))
         _, singular, V = np.linalg.svd(scaled, full_matrices=False)
-        self._plain = reduced_echelon(V[singular < 1e-9 * np.sqrt(max(held.size, 1))] / size)
-        free: Array = self._T.T @ (self._all @ self._plain.T) / (self._T**2).sum(axis=0)[:, None]
-        return free
+        plain = reduced_echelon(V[singular < RIGID * np.sqrt(max(held.size, 1))] / size).T
+        free: Array = self._T.T @ (self._all @ plain) / (self._T**2).sum(axis=0)[:, None]
+        everywhere = self._of_all_dofs(plain)
+        everywhere[held] = 0.0
+        return free, everywhere
 
     def solve(
         self,
@@ -160,15 +165,34 @@ class CondensedLayers(CondensedContact):
         return load if self._lifted is None else load - self._lifted
 
     def _motion_of(self, motion: Array) -> tuple[str, Array]:
-        """Name and all dofs of a rigid motion in free unknowns of the bottom row."""
+        """Name and all dofs of a rigid motion given on them."""
         body = self.body
         # Known by what it does to the bottom row.
-        seen, free = self._T @ motion, np.diff(self._T.indptr) > 0
+        seen, free = motion[: body.row_size], np.diff(self._T.indptr) > 0
         rigid: Any = np.linalg.lstsq(self._all[free], seen[free], rcond=None)[0]
         name = describe_motion(body.trace, rigid_modes(body.trace) @ _about(rigid, body))
-        x = np.tile(np.repeat(body.x, PER_NODE), body.node_rows)
-        y = np.repeat(body.y, body.row_size)
-        return name, _motions(x, y, body) @ rigid
+        return name, self._of_all_dofs(rigid)
+
+    def _of_all_dofs(self, rigid: Array) -> Array:
+        """A rigid motion, or several as columns, on every dof of the block."""
+        x = np.tile(np.repeat(self.body.x, PER_NODE), self.body.node_rows)
+        y = np.repeat(self.body.y, self.body.row_size)
+        return _motions(x, y, self.body) @ rigid
+
+    def _resultants(self, load: Array) -> Array:
+        """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
+        work: Array = self._modes.T @ load
+        return work
+
+    def _scaled_schur(self) -> Any:
+        """S_b on the device, a copy."""
+        per_length = self._arrays.put(self._per_length)
+        return per_length[:, None] * self._factor.schur * per_length
+
+    def reduce(self, load: Array) -> Array:
+        """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        carried: Array = self._per_length * self._factor.reduce(self._free_load(load))
+        return carried
 
 
 def _motions(

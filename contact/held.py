@@ -9,6 +9,7 @@ from contact.boundary import Array, BoundaryProblem, Friction
 from gpu import Infeasible
 
 _DIRECTIONS = 16  # of the slip in 3-D, over half a turn
+_NOTHING = 1e-9  # relative; ten times what a certificate of 1e-10 leaves of forces and motions
 
 
 def check_held(problem: BoundaryProblem, law: Friction | None) -> None:
@@ -92,6 +93,45 @@ def by_friction_alone(problem: BoundaryProblem) -> Array | None:
         return None
     motion: Array = found.x[:k] - found.x[k:]
     return motion if problem.s @ motion > 1e-4 * float(np.abs(problem.s).max()) else None
+
+
+def undetermined_slip(
+    problem: BoundaryProblem, law: Friction | None, mu: Array, t: Array
+) -> Array | None:
+    """A rigid motion that goes on for ever under the forces (mu, t) of a solution, or None.
+
+    It leaves loaded points in touch, sticking ones at rest, and moves those whose friction is at
+    its bound the way that this points: the loads are at the limit of what friction holds, and how
+    far the body has slipped does not follow from them.
+    """
+    k, force = problem.s.size, float(max(mu.max(initial=0.0), np.abs(t).max(initial=0.0)))
+    if k == 0 or law is None or force == 0.0:
+        return None
+    g, size = law.bound(mu), np.linalg.norm(t, axis=1)
+    live = problem.tangent >= 0
+    yields = live.any(axis=1) & (g > _NOTHING * force) & (size >= g * (1.0 - _NOTHING))
+    sticks = live & ((g > _NOTHING * force) & ~yields)[:, None]
+    loaded = (problem.normal >= 0) & (mu > _NOTHING * force)
+    V = np.where(live[:, :, None], problem.C[problem.tangent], 0.0)[yields]
+    b = t[yields] / size[yields, None]
+    along = np.einsum("pi,pik->pk", b, V)
+    across = V - b[:, :, None] * along[:, None, :]
+    held = np.vstack(
+        (
+            problem.C[problem.normal[loaded]],
+            problem.C[problem.tangent[sticks]],
+            across.reshape(-1, k),
+            np.zeros((k, k)),
+        )
+    )
+    largest = float(np.abs(problem.C).max())
+    _, singular, motions = np.linalg.svd(held, full_matrices=False)
+    for motion in motions[singular <= _NOTHING * largest]:
+        slip = along @ motion
+        reach = _NOTHING * largest
+        if np.any(np.abs(slip) > reach) and (np.all(slip >= -reach) or np.all(slip <= reach)):
+            return np.asarray(motion)
+    return None
 
 
 def _directions(count: int) -> list[Array]:

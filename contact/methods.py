@@ -19,7 +19,7 @@ from contact.held import check_held
 from contact.loops import fixed_point, progress, tresca_loop
 from contact.newton import Forces, Iteration, Report, semismooth_newton
 from contact.proximal_point import proximal_point
-from gpu import GpuError
+from gpu import GpuError, Infeasible
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ _OFFERED: dict[str | None, tuple[str, ...]] = {
 }
 Given = Callable[[Array, Forces], Forces]
 # The boundary problem is solved further than the certificate asks, which sees it through the body.
-_INNER = 1e-2
+INNER = 1e-2
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def solve_boundary(
         By how much the method misses the friction law by design, relative to the largest force.
     """
     check_held(problem, law)
-    tol = options.tol * _INNER
+    tol = options.tol * INNER
     method = options.method
     peer = method[3:] if method.startswith("qp:") else None
     if start is None and method == "newton":
@@ -134,7 +134,15 @@ def solve_boundary(
     form = "damped" if method == "pdas" else "switched"
 
     def given(bound: Array, near: Forces, note: Report = lambda iteration: None) -> Forces:
-        """Solve with given friction."""
+        """Solve with given friction; where that cannot hold the loads, Coulomb's still may."""
+        try:
+            return of_given(bound, near, note)
+        except Infeasible as error:
+            if law is None or not law.coulomb:
+                raise
+            raise NotConverged("the friction of the last step cannot hold the loads") from error
+
+    def of_given(bound: Array, near: Forces, note: Report) -> Forces:
         if three_d or method == "pdas":
             return _given_friction(problem, bound, near, form, tol, note)
         return signorini(problem, bound=bound, start=near, tol=tol, peer=peer, report=note)

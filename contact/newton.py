@@ -261,9 +261,12 @@ def _step(
     if k:
         # The balance of loads, with a proximal term that vanishes at convergence: it keeps the
         # step well defined while too few points hold the body.
-        weak = 1e-9 * float(np.abs(problem.C).max()) ** 2
+        weak = np.full(k, 1e-9 * float(np.abs(problem.C).max()) ** 2)
         A[n:, :n] = problem.C[rows].T
-        A[n:, n:] = weak * np.eye(k)
+        if problem.K is not None:
+            weak[np.diag(problem.K) > 0] = 0.0  # elastic motions hold themselves
+            A[n:, n:] = problem.K
+        A[np.arange(n, n + k), np.arange(n, n + k)] += weak
         rhs[n:] = problem.s + weak * now.a
     last = np.concatenate((problem.forces(now.mu, now.t)[rows], now.a))
     # Solved for the change: the rounding of a step is that of its own size, and the next step

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import LinAlgError
 
 from contact.boundaries import ContactBoundaries
 from contact.condense import CondensedContact
 from contact.errors import InputError, NotConverged
+from contact.held import undetermined_slip
 from contact.methods import Options
 from contact.nested_start import start_forces
 from contact.newton import Iteration
@@ -22,7 +25,9 @@ from contact.result import ContactResult, certify
 from contact.rigid import ObstacleMotion
 from contact.rows import ContactRows
 from contact.settled import settled
+from contact.small_displacements import warn_of_large_displacements
 from contact.solid import Solid
+from contact.stiffness_form import solved_stiffly
 from contact.system import ContactSystem
 from gpu import Infeasible as QPInfeasible
 from gpu import InputError as QPInputError
@@ -33,6 +38,8 @@ Friction = float | ArrayLike | Callable[[Array], ArrayLike] | Sequence[Any]
 Laws = tuple[Gap, Friction, str | None]
 logger = logging.getLogger(__name__)
 _SAME: Any = object()
+STIFF = ("newton", "pdas", "tresca_loop")  # methods that may end in the stiffness form
+THOROUGH = 50  # iterations allowed from which on a failure is not the caller's impatience
 
 
 @settled("make a new ContactProblem", "body", "boundary", "functional", "solver")
@@ -332,6 +339,9 @@ class ContactProblem(Portable):
             if isinstance(warm, ContactResult):
                 warm = start_forces(warm, system, boundary, scale)
             forces, slack = condensed.solve(boundary, law, options, warm, line)
+            endless = undetermined_slip(boundary, law, forces.mu, forces.t)
+            if endless is not None:
+                raise condensed.at_the_limit(endless)
             return forces, slack, condensed.recover(load, boundary, forces)
 
         try:
@@ -347,23 +357,26 @@ class ContactProblem(Portable):
                 f"semidefinite ({error}); choose another functional, or refine"
             ) from error
         except (QPNotConverged, NotConverged) as error:
+            if condensed.thin and options.max_iterations >= THOROUGH:
+                with suppress(NotConverged, LinAlgError):
+                    return solved_stiffly(system, condensed, options, None, report, history)
             boundary = condensed.boundary_problem(
                 system.load, system.rows.gap, system.slip_from, system.motion
             )
             raise NotConverged(f"{error}{condensed.doubt(boundary)}", tuple(history)) from error
+        motion = condensed.obstacle_motion(system.motion, forces)
         u, mu, t = state
         result = ContactResult(
-            system,
-            u,
-            mu,
-            t,
-            options.method,
-            tuple(history),
-            condensed.obstacle_motion(system.motion, forces),
-            options.tol,
-            slack,
+            system, u, mu, t, options.method, tuple(history), motion, options.tol, slack
         )
-        certify(result, options.tol, slack)
+        try:
+            certify(result, options.tol, slack)
+        except NotConverged:
+            if options.method in STIFF:
+                with suppress(NotConverged, LinAlgError):
+                    return solved_stiffly(system, condensed, options, result, report, history)
+            raise
+        warn_of_large_displacements(result)
         return result
 
 

@@ -150,8 +150,3 @@ class ObstacleMotion:
         """Contact forces on the free motions plus the given forces: zero in equilibrium."""
         on_obstacle = self.normal.T @ mu + self.tangent.T @ t.ravel()
         return np.asarray((on_obstacle + self.force)[self.free])
-
-    def size(self, mu: Array, t: Array) -> Array:
-        """Sum of the moduli of what cancels in `unbalanced`."""
-        terms = abs(self.normal).T @ np.abs(mu) + abs(self.tangent).T @ np.abs(t.ravel())
-        return np.asarray((terms + np.abs(self.force))[self.free])

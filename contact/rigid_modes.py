@@ -134,7 +134,7 @@ def describe_motion(body: ElasticBody, u: Array) -> str:
         return f"a translation along {direction}"
     if dim == 2:
         centre = _middle(where) + np.array([-shift[1], shift[0]]) / turn[0]
-        centre[np.abs(centre) < 1e-9 * reach] = 0.0
+        centre[np.abs(centre) < 1e-5 * reach] = 0.0  # six digits are printed
         return f"a rotation about ({centre[0]:.6g}, {centre[1]:.6g})"
     vector = np.array([turn[2], -turn[1], turn[0]])
     return f"a rotation about the axis {np.round(vector / np.linalg.norm(vector), 4)}"

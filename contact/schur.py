@@ -76,8 +76,9 @@ def schur_factor(
 
 def _singular() -> InputError:
     return InputError(
-        "stiffness: the part inside the contact boundary is not positive definite; a piece of the "
-        "mesh is neither fixed nor connected to the contact boundary, or E or nu is not admissible"
+        "stiffness: the part inside the contact boundary is not positive definite; cells are too "
+        "slender for the digits of the matrix, parts of the mesh hang together by a hinge alone, "
+        "or E or nu is not admissible"
     )
 
 

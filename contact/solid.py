@@ -39,6 +39,8 @@ class Solid(Portable, ABC):
     plane: str | None
     _f: Array
     _supports: list[Any]
+    if TYPE_CHECKING:
+        stiffness: Any
     _material: Any = None
     _FUNCTIONS: ClassVar[tuple[str, ...]] = ("_supports",)
 
@@ -95,6 +97,11 @@ class Solid(Portable, ABC):
         u, contact, load : ndarray, shape (ndofs,)
             Displacement; contact forces with the opposite sign; applied loads.
         """
+
+    def internal(self, u: Array) -> Array:
+        """Internal forces S u of a displacement, shape (ndofs,)."""
+        forces: Array = self.stiffness @ u
+        return forces
 
     @abstractmethod
     def reach(self, u: Array) -> float:
@@ -226,7 +233,7 @@ class BasisSolid(Solid):
         """Largest force at a free dof that nothing balances, and largest of those that cancel."""
         T, _ = self.constraint
         _, lengths = self.lengths
-        force = self.stiffness @ u + contact - load
+        force = self.internal(u) + contact - load
         terms = self.absolute_stiffness @ np.abs(u) + np.abs(load)
         return _largest(T.T @ force / lengths), _largest(abs(T.T @ terms) / lengths)
 
@@ -241,11 +248,24 @@ class BasisSolid(Solid):
         """E with ``E^T T = I``, so that ``z = E^T (u - u0)``: T, whose columns are orthonormal."""
         return self.constraint[0]
 
-    def reach(self, u: Array) -> float:
-        """Largest displacement at a node; where all are zero, of derivatives times their length."""
+    def internal(self, u: Array) -> Array:
+        """Internal forces S u; the mean translation is left out, which causes rounding alone."""
+        at_rest, values = u.copy(), self._are_values
+        for c in range(self.dim):
+            own = values & (np.arange(u.size) % self.dim == c)
+            at_rest[own] -= u[own].mean()
+        forces: Array = self.stiffness @ at_rest
+        return forces
+
+    @property
+    def _are_values(self) -> NDArray[np.bool_]:
         if self._values is None:
             self._values = value_dofs(self._itself)
-        return _largest(u[self._values]) or _largest(self.lengths[0] * u)
+        return self._values
+
+    def reach(self, u: Array) -> float:
+        """Largest displacement at a node; where all are zero, of derivatives times their length."""
+        return _largest(u[self._are_values]) or _largest(self.lengths[0] * u)
 
     def support_error(self, u: Array) -> float:
         """Largest deviation from a prescribed displacement, derivatives times their length."""

@@ -89,7 +89,9 @@ class ContactSystem:
         -------
         dict
             ``equilibrium``: largest unbalanced force at a free dof over the largest force that
-            cancels there; ``support``: violation of the prescribed displacements;
+            cancels there; ``balance``: what is left of the sum of all loads, reactions and contact
+            forces over the sum of their moduli; ``support``: violation of the prescribed
+            displacements;
             ``penetration``, ``sign``, ``complementarity``: the contact law; ``cone``, ``slip``:
             |t| <= g, and t = P_g(t + c u_t) with the slip increment u_t. Lengths are relative to
             the largest displacement (or what a contact force alone would cause, should that be
@@ -111,6 +113,7 @@ class ContactSystem:
         returned = t - project(t + size / length * u_t, g)
         result = {
             "equilibrium": unbalanced / (cancelling or 1.0),
+            "balance": self._unbalanced(u, contact),
             "support": self.body.support_error(u) / length,
             "penetration": _largest(np.maximum(through, 0.0)) / length,
             "sign": _largest(np.maximum(-mu, 0.0)) / size,
@@ -119,12 +122,37 @@ class ContactSystem:
             "slip": _largest(returned[live]) / size,
         }
         if self.motion is not None and np.any(self.motion.free):
-            result["obstacle"] = float(
-                np.max(np.abs(self.motion.unbalanced(mu, t)) / (self.motion.size(mu, t) + 1e-300))
-            )
+            result["obstacle"] = self._unbalanced_obstacle(self.motion, mu, t)
         if any(np.isnan(value) for value in result.values()):
             raise InputError("kkt: the state (u, mu, t) holds NaN")
         return result
+
+    def _unbalanced(self, u: Array, contact: Array) -> float:
+        """Missing part of the resultant of all forces.
+
+        Where cells are slender, forces of neighbours cancel that are many times larger than what
+        the body bears, and `equilibrium` is relative to those.
+        """
+        body = self.body
+        given = body.total(np.abs(self.load)) + body.total(np.abs(contact))
+        if not np.any(given):  # supports alone hold each other
+            return 0.0
+        reactions = body.at_supports(body.internal(u) + contact - self.load)
+        size = _largest(given + body.total(np.abs(reactions)))
+        return _largest(body.total(self.load + reactions - contact)) / size
+
+    def _unbalanced_obstacle(self, motion: ObstacleMotion, mu: Array, t: Array) -> float:
+        """What is left of the forces on free motions, over all contact forces with their arms.
+
+        A component in which nothing pushes bears rounding alone, and is not measured by itself.
+        """
+        free = motion.free
+        arms = np.maximum(
+            np.abs(motion.normal).max(axis=0, initial=0.0),
+            np.abs(motion.tangent).max(axis=0, initial=0.0),
+        )
+        size = arms * (np.abs(mu).sum() + np.abs(t).sum()) + np.abs(np.nan_to_num(motion.force))
+        return _largest(motion.unbalanced(mu, t) / np.where(size > 0, size, 1.0)[free])
 
     def energy(self, u: Array) -> float:
         """Potential energy ``u^T S u / 2 - f^T u``, without friction."""

@@ -180,6 +180,7 @@ def test_after_is_a_step(make):
     assert np.abs(result.u - history.results[-1].u).max() < 1e-10 * np.abs(result.u).max()
 
 
+@pytest.mark.filterwarnings("ignore:displacements reach")
 def test_body_force_and_supports_as_functions_of_time(make):
     """Without contact a step is linear elasticity under that step's data."""
     body = make.block(6, sides=()).fix("top", "y", lambda x: 0.1 * x[0])
