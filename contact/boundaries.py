@@ -15,7 +15,7 @@ from contact.cut_arc import ArcGap, CutArc
 from contact.errors import InputError, evaluated
 from contact.gap import GapRule
 from contact.obstacles import ClosestPoint, Gap
-from contact.placement import check_placement
+from contact.placement import check_placement, outward_normals
 from contact.rigid import ObstacleMotion, Rigid
 from contact.rigid_modes import rigid_field
 from contact.rows import ContactRows, contact_boundary
@@ -99,7 +99,10 @@ class ContactBoundaries:
         gaps = [rule(o) for rule, o in zip(self.rules, plain, strict=True)]
         size = float(np.ptp(self.body.mesh.p, axis=1).max())
         for rule, o, gap in zip(self.rules, plain, gaps, strict=True):
-            check_placement(o, gap, rule.x, rule.normals, size)
+            n = rule.normals
+            if isinstance(o, ClosestPoint) and not isinstance(rule, ArcGap):  # n are directions
+                n = outward_normals(self.body.mesh, rule.x)
+            check_placement(o, gap, rule.x, n, size)
         return np.concatenate(gaps)
 
     def _check_directions(self, obstacles: list[Gap]) -> None:

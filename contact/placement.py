@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
+from skfem import FacetBasis, Mesh
 
 from contact.errors import InputError, warn
 from contact.obstacles import ClosestPoint, Cylinder, Plane, Sphere
@@ -68,6 +70,15 @@ def check_placement(obstacle: Any, gap: Array, x: Array, n: Array, size: float) 
             "size of the body; a gap is positive where there is one, and a Plane's normal points "
             "towards the body"
         )
+
+
+def outward_normals(mesh: Mesh, x: Array) -> Array:
+    """Outward normals of the boundary facets nearest to places x, (dim, ...)."""
+    basis = FacetBasis(mesh, mesh.elem(), facets=mesh.boundary_facets(), intorder=1)
+    middle = np.asarray(basis.global_coordinates()).mean(axis=2)
+    near = KDTree(middle.T).query(x.reshape(x.shape[0], -1).T)[1]
+    normals: Array = np.asarray(basis.normals).mean(axis=2)[:, near].reshape(x.shape)
+    return normals
 
 
 def _check_facing(plane: Plane, n: Array) -> None:
