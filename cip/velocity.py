@@ -77,6 +77,7 @@ class Velocity:
         self._c, self._jacobian, self._hessian = c, jacobian, hessian
         self.steady = bool(steady)
         self._formulas: tuple[Formula, ...] | None = None
+        self._box: Box = ()
         for name, value in {"jacobian": jacobian, "hessian": hessian}.items():
             if value is not None and not (callable(value) and callable(c)):
                 raise InputError(f"{name}: expected a callable beside a callable c, got {value!r}")
@@ -138,6 +139,10 @@ class Velocity:
         new.__dict__.update({name: deepcopy(value, memo) for name, value in self.__dict__.items()})
         return new
 
+    def _where(self, dim: int) -> Box:
+        """Where a callable is tried: on the last grid, else on a unit box."""
+        return self._box if len(self._box) == dim else [(0.0, 1.0)] * dim
+
     def _portable(self, value: Any, dim: int | None = None) -> Any:
         """A callable of all components, or of one on a grid of `dim` directions."""
 
@@ -145,13 +150,12 @@ class Velocity:
             found = {}
             for n in (1, 2, 3) if dim is None else (dim,):
                 names = (*COORDINATES[:n], *(() if self.steady else ("t",)))
-                unit = [(0.0, 1.0)] * n
                 if dim is None:
-                    formulas = _traced(value, unit, not self.steady)
+                    formulas = _traced(value, self._where(n), not self.steady)
                     if formulas is not None:
                         found[names] = [formula.expression for formula in formulas]
                 else:
-                    formula = Formula.of(value, unit, "c", not self.steady)
+                    formula = Formula.of(value, self._where(n), "c", not self.steady)
                     if formula.exact:
                         found[names] = [formula.expression]
             return found
@@ -161,12 +165,12 @@ class Velocity:
     @property
     def exact(self) -> bool:
         """Whether every component is a formula; in 1-D for a callable before it meets a grid."""
-        unit = [(0.0, 1.0)] * max(self.dim, 1)
-        formulas = self._formulas or _traced(self._c, unit, not self.steady)
+        formulas = self._formulas or _traced(self._c, self._where(self.dim or 1), not self.steady)
         return formulas is not None and all(formula.exact for formula in formulas)
 
     def on(self, grid: Grid) -> tuple[Formula, ...]:
         """One `Formula` for each component on this grid."""
+        self._box = grid.bounds
         if self._formulas is not None:
             return self._check(self._formulas, grid)
         if callable(self._c):

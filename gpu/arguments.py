@@ -45,7 +45,7 @@ def whole(name: str, value: Any, least: float, most: float = np.inf) -> int:
         raise InputError(f"{name}={shown(value)}: expected a whole number")
     if not least <= value <= most:
         upper = "" if most == np.inf else f" to {most:.0f}"
-        raise InputError(f"{name}={value}: expected a whole number from {least:.0f}{upper}")
+        raise InputError(f"{name}={shown(value)}: expected a whole number from {least:.0f}{upper}")
     return int(value)
 
 
@@ -61,6 +61,8 @@ def is_finite_number(value: Any) -> bool:
 
 def shown(value: Any) -> str:
     """A value as a message shows it: of what is large its type."""
+    if isinstance(value, int) and abs(value) > 1e18:
+        return "a whole number beyond 1e18"
     if isinstance(value, int | float | complex | np.number | str | None):
         return f"{value!r:.60}"
     return type(value).__name__

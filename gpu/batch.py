@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from gpu.arguments import flag, unmasked
+from gpu.arguments import flag, shown, unmasked
 from gpu.errors import GpuError, InputError
 from gpu.problem import QPFactor
 from gpu.qp import solve_qp
@@ -91,7 +91,7 @@ def _rows(name: str, value: Any) -> int:
     dense = dense and hasattr(value, "__len__")
     if not dense and not (isinstance(value, Sequence) and not isinstance(value, str | bytes)):
         raise InputError(
-            f"{name} is of type {type(value).__name__}: it must hold one vector for each problem, "
-            "in a list or in the rows of a dense array"
+            f"{name} is {shown(value)}: it must hold one vector for each problem, in a list or in "
+            "the rows of a dense array"
         )
     return len(value)

@@ -122,6 +122,13 @@ def test_planes_with_every_option_survive():
     assert isinstance(copied[0], State)
 
 
+def test_a_function_of_another_place_than_the_unit_box():
+    solver = Solver(Grid((-4, -2), 8, periodic=True), lambda x: np.sqrt(-1 - x))
+    copied = pickle.loads(pickle.dumps(solver))
+    assert copied.velocity.exact
+    assert copied.velocity.on(solver.grid)[0].exact
+
+
 def test_a_function_that_cannot_be_kept_says_so():
     solver = Solver(Grid((0, 1), 32, periodic=True), lambda x: np.where(x > 0.5, 1.0, 1.0))
     with pytest.raises(InputError, match=r"velocity: .* cannot be pickled.*top of a module"):

@@ -1,0 +1,240 @@
+"""Elements, obstacles, laws, planes, dimensions and supports at random: what a user reads holds.
+
+The certificate says that the discrete equations are met. Here is checked what is read from a
+result: forces balance, pressure pushes and acts where the gap is closed, the shear stays within the
+bound, the stress in the body meets the pressure on it, and a turned, mirrored, shifted or rescaled
+problem has the turned, mirrored, shifted or rescaled result.
+"""
+
+import numpy as np
+import pytest
+from skfem import (
+    ElementHex1,
+    ElementHex2,
+    ElementQuad1,
+    ElementQuad2,
+    ElementTetP1,
+    ElementTetP2,
+    ElementTriP1,
+    ElementTriP2,
+)
+
+from contact import (
+    ClosestPoint,
+    ContactProblem,
+    Cylinder,
+    ElasticBody,
+    Parabola,
+    Plane,
+    Rigid,
+    SignedDistance,
+    Sphere,
+)
+from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
+
+PLANAR = [
+    ElementQuadAdini,
+    ElementQuadBFS,
+    ElementTriP1,
+    ElementTriP2,
+    ElementQuad1,
+    ElementQuad2,
+]
+SOLID = [ElementHex1, ElementHex2, ElementTetP1, ElementTetP2, ElementHexAdini]
+OBSTACLES = ["plane", "round", "hollow", "parabola", "distance", "number", "callable"]
+
+
+def draw(seed):
+    """One problem in its first place, as a dict."""
+    rng = np.random.default_rng([seed, 16])
+    dim = 3 if rng.random() < 0.25 else 2
+    law = rng.choice(["none", "coulomb", "tresca"])
+    return {
+        "dim": dim,
+        "element": (SOLID if dim == 3 else PLANAR)[rng.integers(5 if dim == 3 else 6)],
+        "obstacle": str(rng.choice(OBSTACLES)),
+        "wrap": str(rng.choice(["", "", "closest", "rigid"])),
+        "law": str(law),
+        "friction": float(rng.choice([0.1, 0.4, 0.9])),
+        "plane": str(rng.choice(["strain", "stress"])),
+        "nu": float(rng.choice([0.0, 0.3, 0.45])),
+        "graded": bool(rng.random() < 0.5),
+        "push": float(rng.choice([0.01, 0.03, 0.06])),
+        "drag": float(rng.choice([0.0, 0.02])),
+        "tilt": float(rng.choice([0.0, 0.03])),
+        "load": bool(rng.random() < 0.5),
+        "weight": bool(rng.random() < 0.3),
+        "rng": rng,
+    }
+
+
+class Place:
+    """A motion of space: x -> length Q x + shift, stresses times E."""
+
+    def __init__(self, dim, Q=None, shift=0.0, length=1.0, E=2.0):
+        self.Q = np.eye(dim) if Q is None else Q
+        self.shift, self.length, self.E = np.zeros(dim) + shift, length, E
+
+    def there(self, x):
+        shift = self.shift.reshape(-1, *(1,) * (np.ndim(x) - 1))
+        return self.length * np.tensordot(self.Q, x, axes=1) + shift
+
+    def home(self, x):
+        shift = self.shift.reshape(-1, *(1,) * (np.ndim(x) - 1))
+        return np.tensordot(self.Q.T, x - shift, axes=1) / self.length
+
+
+def obstacle(case, place):
+    """Touched by the bottom, x_last = 0, once it is pushed down."""
+    dim, kind = case["dim"], case["obstacle"]
+    up, middle = np.eye(dim)[-1], np.array([0.45, 0.4, 0.0])[3 - dim :]
+    if dim == 2:
+        middle = np.array([0.45, 0.0])
+    shape = Sphere if dim == 3 else Cylinder
+    if kind == "plane":
+        slope = up + 0.05 * np.eye(dim)[0]
+        made = Plane(place.there(middle - 0.005 * up), place.Q @ slope)
+    elif kind == "round":
+        made = shape(place.there(middle - 2.0 * up), 2.0 * place.length)
+    elif kind == "hollow":
+        made = shape(place.there(middle + 3.0 * up), 3.005 * place.length, hollow=True)
+    elif kind == "parabola":
+        made = Parabola(place.there(middle), 2.0 * place.length, 0.005 * place.length)
+    elif kind == "distance":
+        centre = middle - 2.0 * up
+        made = SignedDistance(
+            lambda x: place.length * (np.linalg.norm(place.home(x) - centre[:, None], axis=0) - 2.0)
+        )
+    elif kind == "number":
+        made = 0.01 * place.length
+    else:
+        made = lambda x: place.length * 0.3 * (place.home(x)[0] - 0.4) ** 2  # noqa: E731
+    if case["wrap"] == "closest" and kind in ("plane", "round", "hollow", "distance"):
+        made = ClosestPoint(made)
+    if case["wrap"] == "rigid":
+        made = Rigid(made, displacement=tuple(0.01 * place.length * (place.Q @ up)))
+    return made
+
+
+def solve(make, case, place):
+    dim, element = case["dim"], case["element"]
+    n = {2: 6, 3: 3}[dim]
+    ticks = np.linspace(0, 1, n + 1) ** (1.4 if case["graded"] else 1.0)
+    first = make.box(element, *(ticks,) * dim)
+    mesh = make.remesh(first, place.there(first.p))
+    plane = {"plane": case["plane"]} if dim == 2 else {}
+    body = ElasticBody.from_mesh(mesh, element(), E=place.E, nu=case["nu"], **plane)
+    hold = "top"
+
+    def moved(x, c):
+        home = place.home(x)
+        u = np.zeros_like(home)
+        u[0], u[-1] = case["drag"], -case["push"] - case["tilt"] * home[0]
+        return place.length * np.tensordot(place.Q[c], u, axes=1)
+
+    for c in range(dim):
+        body.fix(hold, c, lambda x, c=c: moved(x, c))
+    if case["load"]:
+        pull = np.zeros(dim)
+        pull[0], pull[-1] = -0.004, 0.002
+        body.load("right", place.E * (place.Q @ pull))
+    if case["weight"]:
+        body.body_force(place.E / place.length * (place.Q @ (-0.003 * np.eye(dim)[-1])))
+    friction, law = case["friction"], case["law"]
+    if law == "none":
+        friction, law = 0.0, "coulomb"
+    elif law == "tresca":
+        friction = friction * 0.02 * place.E
+    return ContactProblem(body, "bottom", obstacle(case, place), friction, law).solve()
+
+
+def check(result, case):
+    """What holds for every result."""
+    system, dim = result.system, case["dim"]
+    assert max(result.kkt.values()) < 1e-10
+    unit = float(np.max(system.body.E)) * case["length"] ** (dim - 1)
+    tiny = 1e-6 * unit
+    balance = result.balance()
+    left = np.abs(balance["load"] + balance["support"] + balance["contact"]).max()
+    # Where a body moves rigidly no force but rounding is left to compare with.
+    assert left < 1e-9 * max(*(np.abs(balance[k]).max() for k in balance if k != "residual"), tiny)
+    length, top = np.abs(result.u).max(), max(result.pressure.max(), 1e-300)
+    assert result.pressure.min() >= -1e-9 * top
+    assert result.gap.min() >= -1e-9 * length  # nothing penetrates
+    touching = result.pressure > 1e-6 * top
+    assert np.abs(result.gap[touching]).max(initial=0.0) < 1e-8 * length
+    assert np.all(result.pressure[result.gap > 1e-6 * length] <= 1e-8 * top)
+    size = np.linalg.norm(result.shear, axis=1)
+    if system.law is None:
+        assert not size.any()
+    else:
+        bound = system.bound(result.mu) / system.rows.weights
+        assert np.all(size <= bound + 1e-8 * max(top, bound.max()))
+    # The traction integrates to the force, part by part.
+    rows = system.rows
+    traction = -result.pressure * rows.normals
+    traction += np.einsum("mj,djm->dm", result.shear, rows.tangents)
+    force = traction @ rows.weights
+    scale = max(np.abs(result.resultant).max(), 1e-300)
+    # A row of `ClosestPoint` sees directions that differ along its facets.
+    near = 0.05 if case["wrap"] == "closest" and case["obstacle"] != "plane" else 1e-9
+    assert np.abs(force - result.resultant).max() < near * scale
+    # Weights sum to the boundary: a unit square or interval in its own unit of length.
+    assert rows.weights.sum() == pytest.approx(case["length"] ** (dim - 1), rel=1e-10)
+
+
+def stress_meets_pressure(result, case, place):
+    """Mean normal stress just above the bottom against mean pressure: of the size of a cell."""
+    dim, n = case["dim"], 24
+    rng = np.random.default_rng(0)
+    points = rng.uniform(0.02, 0.98, (dim, n * n))
+    points[-1] = 0.02
+    sigma = result.stress(place.there(points))
+    normal = -place.Q[:, -1]
+    pushed = -np.einsum("i,ijk,j->k", normal, sigma, normal).mean()
+    mean = result.contact_force / result.system.rows.weights.sum()
+    largest = max(result.pressure.max(), np.abs(sigma).max())
+    assert abs(pushed - mean) < 0.2 * largest
+
+
+def another(rng, dim, straight):
+    """A random place: turned or mirrored, shifted, in other units."""
+    Q = np.linalg.qr(rng.normal(size=(dim, dim)))[0]  # of either orientation
+    if straight:  # quarter turns and mirrors
+        Q = np.eye(dim)[rng.permutation(dim)] * rng.choice([-1.0, 1.0], dim)
+    length = 10.0 ** rng.integers(-6, 4)
+    shift = length * rng.uniform(-3, 3, dim)
+    return Place(dim, Q, shift, length, 2.0 * 10.0 ** rng.integers(-3, 12))
+
+
+def run(make, seed):
+    case = draw(seed)
+    rng, dim = case.pop("rng"), case["dim"]
+    first = Place(dim)
+    reference = solve(make, case, first)
+    check(reference, case | {"length": 1.0})
+    if case["wrap"] != "closest" and reference.contact_force > 1e-3:
+        stress_meets_pressure(reference, case, first)
+    place = another(rng, dim, case["element"] is ElementQuadBFS)
+    result = solve(make, case, place)
+    check(result, case | {"length": place.length})
+    points = rng.uniform(0.02, 0.98, (dim, 30))
+    theirs = place.length * np.tensordot(place.Q, reference.sample(points), axes=1)
+    ours = result.sample(place.there(points))
+    # Rounding of the geometry times the condition of the body.
+    assert np.abs(ours - theirs).max() < 1e-7 * np.abs(theirs).max()
+    unit = place.E / 2.0 * place.length ** (dim - 1)
+    force = unit * (place.Q @ reference.resultant)
+    assert np.abs(result.resultant - force).max() < 1e-6 * max(np.abs(force).max(), 1e-6 * unit)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_problem(seed, make):
+    run(make, seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(10))
+def test_a_thousand_random_problems(part, make):
+    for seed in range(100 * part, 100 * part + 100):
+        run(make, 1000 + seed)
