@@ -14,22 +14,21 @@ name            numbers                              passes    remark
                                                                pressure, a third off at the ends
 ``bernstein``   Bernstein (control-net) coefficients yes       no penetration between the points:
                                                                the trace lies in their convex hull
-``gauss``       values at two Gauss points           yes       may penetrate between the points;
-                                                               quadratic traces: refused on curves
+``gauss``       values at two Gauss points           yes       may penetrate between the points
 ``centroid``    one a vertex: its share of the mean  yes       may penetrate between the points
 ``thesis``      3N + 1 points at thirds              --        rank 2N + 2: reproduction only
 ==============  ===================================  ========  =====================================
 
 For Adini and BFS the trace is a C1 cubic spline. Where two facets continue each other the vertex
-number is a mean of its two neighbours and is dropped; what remains has full rank 2N + 2. On a curve
-of straight facets the same numbers are means of what both facets read, see `contact.shares`.
+number is a mean of its two neighbours and is dropped; what remains has full rank 2N + 2.
 
 Quadratic elements cannot use vertex and midpoint values: the mean of a quadratic triangle weighs
 its vertices with zero, so forces there have no pressure (and in their neighbourhood no sign).
-All Bernstein coefficients of a face weigh the same, 1/6 on triangles and 1/9 on quadrilaterals. On
-the facets of a curve ``bernstein`` is one number a vertex instead, see `contact.shares`. Two Gauss
-points a facet leave the alternating multiplier +, -, +, - all but without effect on a quadratic
-trace: on a curve it takes over the pressure of triangles and the shear of all.
+All Bernstein coefficients of a face weigh the same, 1/6 on triangles and 1/9 on quadrilaterals.
+
+On the facets of a curve ``bernstein`` is one number a vertex, see `contact.shares`. Two Gauss
+points a facet cannot be trusted there: pressure and shear oscillate by a fifth on any mesh.
+``gauss`` on a boundary with a curve is ``bernstein``, and ``thesis`` is refused.
 
 A face of the Adini brick has three numbers a vertex, u and its slopes along the face. Control
 points along the edges would be four, points of Gauss four a face: rows that depend on each other.
@@ -184,10 +183,10 @@ _GAUSS_SQUARE = FacetFunctional(
 )
 _QUADRATIC_LINE = _line("bernstein", [0.0, 0.5, 1.0], _QUADRATIC, (0, -1, 1), reduced=True)
 
-_CUBIC_LINE = _line("bernstein", _THIRDS, _CUBIC, (0, -1, -1, 1), smooth=True)
+_CUBIC_LINE = _line("bernstein", _THIRDS, _CUBIC, (0, -1, -1, 1), smooth=True, reduced=True)
 _CUBIC_LINES = (
     _CUBIC_LINE,
-    replace(_GAUSS_LINE, trace=_CUBIC_LINE),
+    replace(_GAUSS_LINE, trace=_CUBIC_LINE, straight=True),
     _NODAL_LINE,
     replace(_NODAL_LINE, name="centroid", mean=True),
 )

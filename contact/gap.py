@@ -66,19 +66,14 @@ class GapRule:
         open_ = np.isinf(at)
         value = np.einsum("fsp,fp->fs", shares.C, np.where(open_, 0.0, at))
         blind = np.einsum("fsp,fp->fs", shares.C != 0, open_.astype(float)) > 0
-        own, lent = ~shares.lent, shares.lent & ~blind
+        own = ~shares.lent
 
-        def total(part: Array, where: NDArray[np.bool_]) -> Array:
-            return np.bincount(shares.number[where], part[where], count).astype(np.float64)
+        def total(part: Array) -> Array:
+            return np.bincount(shares.number[own], part[own], count).astype(np.float64)
 
-        held = total(shares.omega, own)
-        gap = total(value, own) / held
-        extra = total(shares.omega, lent)
-        beside = np.where(extra > 0, total(value, lent) / np.where(extra > 0, extra, 1.0), gap)
-        # Where the outline is straight a gap with a kink or a step is read by its own facet alone.
-        gap += extra / (held + extra) * np.clip(beside - gap, -shares.reach, shares.reach)
-
-        unseen = total(blind.astype(float), own) > 0
+        # A neighbour reads the same where it is smooth; a kink or a step is the facet's own.
+        gap = total(value) / total(shares.omega)
+        unseen = total(blind.astype(float)) > 0
         alone = np.bincount(shares.number[own], minlength=count) == 1
         gap[unseen & alone] = np.inf
         # In a corner the facets' normals meet the obstacle far apart, or not at all: the gap is

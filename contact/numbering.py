@@ -16,8 +16,7 @@ def numbering(outline: Outline, form: FacetFunctional) -> tuple[Index, int]:
     """Contact point of each facet's values, shape (nfacets, nvalues), and how many there are.
 
     -1 for one that others take the place of, see `contact.shares`: a value at a vertex that two
-    facets pass without a corner, where the trace is smooth, or at the end of a curve; on a facet of
-    a curve all that quadratic traces have besides the corners.
+    straight facets pass, where the trace is smooth, and on a facet of a curve all but the corners.
     """
     count, ends = outline.facets.size, outline.corners.T
     carried = form.shared
@@ -30,7 +29,8 @@ def numbering(outline: Outline, form: FacetFunctional) -> tuple[Index, int]:
     carrier = np.array(entity, dtype=np.int64).reshape(-1, count).T
     curved = outline.curved[:, None]
     if form.smooth:
-        carrier = np.where(outline.continued | (outline.ends & curved), -1, carrier)
+        straight = ~curved & ~outline.curved[outline.beyond[0]]
+        carrier = np.where(outline.continued & straight, -1, carrier)
     elif form.reduced:
         carrier = np.where(curved & (np.arange(carrier.shape[1]) >= ends.shape[0]), -1, carrier)
     kept, inverse = np.unique(carrier, return_inverse=True)

@@ -97,12 +97,6 @@ class Outline:
         return np.asarray((tilt > 0.5 * CURVED).any(axis=1))
 
     @cached_property
-    def ends(self) -> NDArray[np.bool_]:
-        """Corners of facets that no other facet shares, shape (nfacets, ncorners)."""
-        vertex, place = self._vertices
-        return np.asarray(np.bincount(place.ravel(), minlength=vertex.size) == 1)[place]
-
-    @cached_property
     def continued(self) -> NDArray[np.bool_]:
         """Corners of facets, in 2-D, where exactly one other continues, (nfacets, ncorners)."""
         vertex, place = self._vertices

@@ -16,13 +16,12 @@ in arc length it is :math:`(l_g c_f + l_f c_g) / (l_f + l_g)` there, with c_f an
 either side. So f reads, besides its own :math:`c_f`, the number of its neighbour as
 :math:`c_g = ((l_f + l_g) c_v - l_g c_f) / l_f`, which on a straight line is what g reads. A turn at
 the vertex makes the two differ a little, and three numbers a facet would all but depend on each
-other, as the trace tells them apart by the turn alone. At the end of a curve the value is one with
-the number next to it, as it would be at a plane of symmetry.
+other, as the trace tells them apart by the turn alone.
 
-Quadratic traces have numbers between the vertices. On a curve of straight facets these contradict
-those at the vertices: a displacement that is smooth on the curve differs by the facet's sagitta
-times its gradient, and a pressure that enforces both is wrong by the turn of a facet. There the N_k
-are the hats of the vertices and c_k^e the projection of v onto them; all see the same sagitta.
+On the facets of a curve, which turn by more than noise does, numbers between the vertices and at
+them contradict each other: a displacement that is smooth on the curve differs by the facet's
+sagitta times its gradient, and a pressure that enforces both is wrong by the turn of a facet. There
+the N_k are the hats of the vertices, c_k^e the projection of v onto them: all see one sagitta.
 """
 
 from __future__ import annotations
@@ -58,8 +57,6 @@ class Shares:
     weights : ndarray, shape (m,)
     x : ndarray, shape (dim, m)
         Mean places of the N_k.
-    reach : ndarray, shape (m,)
-        Length within which what a neighbour reads may differ for the turn of the facets.
     mean : bool
         The numbers are the vertices' shares of the mean (``centroid``) instead.
     hub : ndarray of int, shape (nfacets, nvalues)
@@ -74,7 +71,6 @@ class Shares:
     omega: Array
     weights: Array
     x: Array
-    reach: Array
     mean: bool
     hub: Index
     mix: Array
@@ -109,28 +105,23 @@ class Shares:
         moments = np.einsum("fsq,cfq->cfs", N, at * dx)
         C = omega[:, :, None] * C
         lent, number = number < 0, number.copy()
-        reach = np.zeros(int(number.max()) + 1)
+        count = int(number.max()) + 1
         mix = np.repeat(np.eye(len(form.C))[None], len(number), axis=0)
-        if form.reduced:
-            number[lent] = np.broadcast_to(number[:, :1], number.shape)[lent]  # they hold nothing
-        elif lent.any():
+        own, nothing = number.copy(), lent & outline.curved[:, None]
+        number[nothing] = np.broadcast_to(number[:, :1], number.shape)[nothing]
+        if form.smooth:
             length, (beyond, corner) = dx.sum(axis=1), outline.beyond
-            own = number.copy()
             for end, (outer, inner) in enumerate(((0, 1), (-1, -2))):
-                merged = np.flatnonzero(lent[:, outer] & (beyond[:, end] < 0))
-                number[merged, outer], lent[merged, outer] = own[merged, inner], False
                 f = np.flatnonzero(lent[:, outer])
                 g = beyond[f, end]
                 number[f, outer] = own[g, np.where(corner[f, end] == 0, 1, -2)]
-                turn = outline.at_corners[:, f, end] - outline.at_corners[:, g, corner[f, end]]
-                reach[own[f, inner]] = length[f] * np.linalg.norm(turn, axis=0)
                 part = (length[g] / (length[f] + length[g]))[:, None]  # of c_f in c_v
                 mix[f, inner, outer], mix[f, outer, outer] = part[:, 0], 1.0 - part[:, 0]
                 C[f, outer] = omega[f, outer, None] * (form.C[outer] - part * form.C[inner])
                 C[f, inner] += part * omega[f, outer, None] * form.C[inner]
         omega, *moments = (np.einsum("fst,ft->fs", mix, part) for part in (omega, *moments))
         weights, *places = (
-            np.bincount(number.ravel(), part.ravel(), reach.size).astype(np.float64)
+            np.bincount(number.ravel(), part.ravel(), count).astype(np.float64)
             for part in (omega, *moments)
         )
         check_weights(weights, float(dx.sum()), form.name)
@@ -138,7 +129,7 @@ class Shares:
         hub = np.full(number.shape, -1)
         if form.mean or form.reduced:
             hub[:, form.corners] = np.where(outline.curved[:, None], outline.corners, -1)
-        return cls(number, lent, C, omega, weights, x, reach, form.mean, hub, mix)
+        return cls(number, lent, C, omega, weights, x, form.mean, hub, mix)
 
 
 def placed_on(shares: Shares, spline: Shares, values: Array) -> Array:
