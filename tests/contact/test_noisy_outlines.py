@@ -98,10 +98,13 @@ def test_weights_sum_to_the_boundary(make, case, seed, digits, angle):
     facets = body.facets("bottom")
     try:
         rows = contact_rows(body, facets, 0.0, functional)
-    except InputError as error:  # what is refused on curves, with noise that makes one
-        assert functional == "thesis"
-        assert "curved boundary" in str(error)
-        assert digits < 4
+    except InputError:  # refused on curves, with noise that makes one
+        refused = True
+        rows = None
+    else:
+        refused = False
+    assert not refused or (functional == "thesis" and digits < 4)
+    if refused:
         return
     exact = measure(body, facets)
     # Rounding; warped faces are integrated by Gauss points.
