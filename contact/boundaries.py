@@ -105,6 +105,16 @@ class ContactBoundaries:
             check_placement(o, gap, rule.x, n, size)
         return np.concatenate(gaps)
 
+    def rise(self, obstacle: Any) -> Array:
+        """How much wider each gap is at the curve that straight facets stand in for, shape (m,)."""
+        plain = [o.obstacle if isinstance(o, Rigid) else o for o in self._obstacles(obstacle)]
+        return np.concatenate(
+            [
+                rule.rise(o) if isinstance(rule, GapRule) else np.zeros(rule.order.size)
+                for rule, o in zip(self.rules, plain, strict=True)
+            ]
+        )
+
     def _check_directions(self, obstacles: list[Gap]) -> None:
         places = self._of_each(self.rows.x_nominal)
         for there, o, x in zip(self.directions, obstacles, places, strict=True):

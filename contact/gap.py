@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,8 @@ class GapRule:
         Sorts the contact points.
     offset : ndarray, shape (dim, m), optional
         From the vertex to the point, before sorting, of the functional ``centroid``.
+    raised : ndarray, shape (dim, nfacets, npoints), optional
+        Places on the curve over `x`, where facets stand in for one; see `Outline.raised`.
     """
 
     x: Array
@@ -44,6 +46,7 @@ class GapRule:
     sharp: NDArray[np.bool_]
     order: NDArray[np.int64]
     offset: Array | None = None
+    raised: Array | None = None
 
     def __call__(self, obstacle: Gap) -> Array:
         """Gap of every contact point, shape (m,); ``inf`` where there is no obstacle.
@@ -58,6 +61,14 @@ class GapRule:
         if self.offset is not None:
             return self._extrapolated(obstacle, self.offset)[self.order]
         return self._read(obstacle)[self.order]
+
+    def rise(self, obstacle: Gap) -> Array:
+        """How much wider the gap is at the curve that the facets stand in for, shape (m,)."""
+        if self.raised is None or not np.any(self.raised != self.x):
+            return np.zeros(self.order.size)
+        here, there = self(obstacle), replace(self, x=self.raised)(obstacle)
+        both = np.isfinite(here) & np.isfinite(there)
+        return np.where(both, np.where(both, there, 0.0) - np.where(both, here, 0.0), 0.0)
 
     def _read(self, obstacle: Gap) -> Array:
         """The mean of what the facets read."""

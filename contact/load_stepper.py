@@ -19,6 +19,7 @@ from contact.load_history import LoadHistory, LoadStep, as_path, checked_times
 from contact.methods import Options
 from contact.obstacles import Gap
 from contact.portable import Portable
+from contact.sagitta import warn_of_sagitta
 from contact.settled import settled
 from contact.time_factor import Factor, checked_factor, value_at
 
@@ -347,8 +348,11 @@ class LoadStepper(Portable):
         problem, system = self.problem, self._system_at(end, last)
         condensed = problem.condense().under(system.body)
         start = last if last is None else self._extrapolated(last, begin, end)
+        obstacle = problem.obstacle if self._obstacle is None else self._obstacle(end)
         try:
-            return problem.solve_system(system, condensed, self.options, start)
+            result = problem.solve_system(system, condensed, self.options, start)
+            warn_of_sagitta(result, problem.boundaries.rise(obstacle), condensed, self.options)
+            return result
         except NotConverged:
             if halvings == 0 or last is None:
                 raise

@@ -89,12 +89,17 @@ class Outline:
     @cached_property
     def curved(self) -> NDArray[np.bool_]:
         """Facets that stand for a piece of a curve or of a curved surface, shape (nfacets,)."""
+        tilt = np.maximum(*self._tilts)
+        return np.asarray((tilt > 0.5 * CURVED).any(axis=1))
+
+    @cached_property
+    def _tilts(self) -> tuple[Array, Array]:
+        """Turns from the facets' normals at corners: to the smooth ones, and to their middles'."""
         middle = self.normals(
             reference_corners(self.body.dim, self.corners.shape[1]).mean(1)[:, None]
         )
-        change = (self.turned - self.at_corners, middle - self.at_corners)
-        tilt = np.maximum(*(np.linalg.norm(c, axis=0) for c in change))
-        return np.asarray((tilt > 0.5 * CURVED).any(axis=1))
+        smooth, within = self.turned - self.at_corners, middle - self.at_corners
+        return np.linalg.norm(smooth, axis=0), np.linalg.norm(within, axis=0)
 
     @cached_property
     def continued(self) -> NDArray[np.bool_]:
@@ -180,13 +185,29 @@ class Outline:
         np.logical_or.at(sharp, at, bend < np.cos(0.5 * CORNER))
         return normals, np.where(sharp, 1.0, slant), sharp
 
-    @cached_property
-    def sagitta(self) -> Array:
-        """Height of the smooth surface over the middle of each facet, shape (nfacets,)."""
-        x = self.body.mesh.p[:, self.corners]
-        half = x.mean(axis=2, keepdims=True) - x
-        tilt = np.sum((self.turned - self.at_corners) * half, axis=0)
-        return np.asarray(0.5 * np.abs(tilt.mean(axis=1)))
+    def raised(self, x: Array, points: Array) -> Array:
+        """Places on the smooth surface over places of the facets that stand in for it.
+
+        Over a facet it is half the mean, by the hats, of the heights of the planes through its
+        corners along the smooth normals there: exact to second order on circles and spheres. A
+        facet whose corners do not lean one way, as beside a flat side or under noise, is itself,
+        and so is a curved one.
+
+        Parameters
+        ----------
+        x : ndarray, shape (dim, nfacets, n)
+        points : ndarray, shape (dim - 1, n)
+            The same places on the reference facet.
+        """
+        corner, change = self.body.mesh.p[:, self.corners], self.turned - self.at_corners
+        lean = np.sum(change * (corner - corner.mean(axis=2, keepdims=True)), axis=0)
+        bent = np.abs(lean.sum(axis=1)) > 0.999 * np.abs(lean).sum(axis=1)
+        bent &= np.abs(lean).min(axis=1) > 0.25 * np.abs(lean).max(axis=1)
+        between, within = (tilt.max(axis=1) for tilt in self._tilts)
+        bent &= within < 0.5 * between  # a facet of second order follows the curve itself
+        own = np.einsum("cfk,cfp->fkp", change, x) - np.sum(change * corner, axis=0)[..., None]
+        height = -0.5 * np.sum(own * hats(points, corner.shape[2]), axis=1)
+        return np.asarray(x + self.normals(points) * np.where(bent[:, None], height, 0.0))
 
     def _corner_weights(self) -> Array:
         """Weights of a facet's normal in those of its vertices, shape (nfacets, ncorners)."""

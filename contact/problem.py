@@ -24,6 +24,7 @@ from contact.portable import Portable
 from contact.result import ContactResult, certify
 from contact.rigid import ObstacleMotion
 from contact.rows import ContactRows
+from contact.sagitta import warn_of_sagitta
 from contact.settled import settled
 from contact.small_displacements import warn_of_large_displacements
 from contact.solid import Solid
@@ -300,7 +301,9 @@ class ContactProblem(Portable):
         start = after if start is None else start
         condensed = self.condense()
         system = self.system_of(self.body.snapshot(), after)
-        return self.solve_system(system, condensed, options, start, report)
+        result = self.solve_system(system, condensed, options, start, report)
+        warn_of_sagitta(result, self.boundaries.rise(self.obstacle), condensed, options)
+        return result
 
     def solve_system(
         self,

@@ -136,7 +136,10 @@ def contact_boundary(
         tangents = along_supports(trace.supported, tangents, body.constraint[0])
 
     order = along(outline, form, number, count)
-    rule = GapRule(trace.x, trace.normals, shares, x_nominal, normals, slant, sharp, order, offset)
+    raised = outline.raised(trace.x, np.asarray(at_points.X))
+    rule = GapRule(
+        trace.x, trace.normals, shares, x_nominal, normals, slant, sharp, order, offset, raised
+    )
     T = [trace.tangential(normals, tangents[:, j], sharp)[order] for j in range(body.dim - 1)]
     interleaved = np.arange(count * (body.dim - 1)).reshape(body.dim - 1, count).T.ravel()
     rows = ContactRows(

@@ -1,0 +1,215 @@
+"""A polygon that stands in for a curve, pressed on an exact obstacle: warned of where it matters.
+
+The rings of `test_curved_outlines`, shrunk into a bore or onto a shaft by a multiple of their
+facets' height h^2 / 8R beside the curve: Lame's pressure tells how far off the polygon's is.
+"""
+
+import warnings
+
+import numpy as np
+import pytest
+from skfem import (
+    ElementHex1,
+    ElementHex2,
+    ElementQuad1,
+    ElementQuad2,
+    ElementTetP2,
+    ElementTriP1,
+    ElementTriP2,
+    MeshQuad2,
+)
+
+from contact import (
+    ClosestPoint,
+    ContactProblem,
+    ContactWarning,
+    Cylinder,
+    ElasticBody,
+    LoadStepper,
+    Plane,
+    Rigid,
+    SignedDistance,
+)
+from skfem_adini import ElementQuadAdini
+
+pytestmark = pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
+
+A, B, NU = 1.0, 2.0, 0.3
+N = 8  # facets of the quarter
+SAGITTA = {"right": B * (np.pi / 2 / N) ** 2 / 8, "left": A * (np.pi / 2 / N) ** 2 / 8}
+
+
+def ring(make, element, n=N, curved=False, size=1.0):
+    """A quarter of the ring, held in its planes of symmetry."""
+    ticks = [np.linspace(A, B, max(2, n // 2) + 1), np.linspace(0, np.pi / 2, n + 1)]
+    solid = element in (ElementHex1, ElementHex2, ElementTetP2)
+    mesh = make.box(element, *ticks, *([np.array([0.0, 0.3])] if solid else []))
+    names = dict(mesh.boundaries)
+    mesh = MeshQuad2.from_mesh(mesh) if curved else mesh
+    place = mesh.doflocs.copy()
+    place[:2] = place[0] * np.array([np.cos(place[1]), np.sin(place[1])])
+    mesh = type(mesh)(size * place, mesh.t, sort_t=False).with_boundaries(names)
+    body = ElasticBody.from_mesh(mesh, element(), E=1.0, nu=NU)
+    ends = ("front", "back") if solid else ("bottom", "top")
+    body.fix(ends[0], "y").fix(ends[1], "x")
+    return body.fix(["bottom", "top"], "z") if solid else body
+
+
+def obstacle(side, d, size=1.0):
+    return (
+        Cylinder((0.0, 0.0, 0.0), size * (B - d), hollow=True)
+        if side == "right"
+        else Cylinder((0.0, 0.0, 0.0), size * (A + d))
+    )
+
+
+def plane_obstacle(side, d, size=1.0):
+    solid = obstacle(side, d, size)
+    return Cylinder(solid.centre[:2], solid.radius, hollow=solid.hollow)
+
+
+def lame(side, d):
+    E, nu, k = 1 / (1 - NU**2), NU / (1 - NU), (B**2 + A**2) / (B**2 - A**2)
+    return d * E / (B * (k - nu)) if side == "right" else d * E / (A * (k + nu))
+
+
+def solved(problem, **options):
+    """The result, and what was said of facets."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        result = problem.solve(**options)
+    return result, [str(w.message) for w in caught if issubclass(w.category, ContactWarning)]
+
+
+def error(result, exact):
+    w = result.system.rows.weights
+    return float(np.sqrt(np.sum(w * (result.pressure / exact - 1) ** 2) / w.sum()))
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("element", [ElementTriP2, ElementQuad2, ElementQuadAdini])
+def test_shrink_fit(element, side, make):
+    """Warned of where the pressure is off, by as much as it is; not where it is right."""
+    for ratio in (0.1, 1.0, 3.0, 10.0, 100.0):
+        d = ratio * SAGITTA[side]
+        problem = ContactProblem(ring(make, element), side, plane_obstacle(side, d), friction=0.2)
+        result, said = solved(problem)
+        off = error(result, lame(side, d))
+        assert len(said) == (ratio < 10)
+        assert (off > 0.2) == bool(said)
+        if said:
+            share = float(said[0].split("pressures are ")[1].split("%")[0]) / 100
+            assert share == pytest.approx(off, rel=0.05)
+            assert "second order" in said[0]
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_as_many_facets_as_the_warning_asks_for(side, make):
+    d = SAGITTA[side]
+    _, said = solved(ContactProblem(ring(make, ElementQuad2), side, plane_obstacle(side, d)))
+    times = int(said[0].split("facets ")[2].split(" times")[0])
+    finer = ring(make, ElementQuad2, times * N)
+    result, said = solved(ContactProblem(finer, side, plane_obstacle(side, d)))
+    assert not said
+    assert error(result, lame(side, d)) < 0.06
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("element", [ElementTriP1, ElementQuad1])
+def test_gaps_read_at_the_vertices(element, side, make):
+    """P1 and Q1 read it where the polygon lies on the curve: right, and nothing to warn of."""
+    for ratio in (0.1, 1.0):
+        d = ratio * SAGITTA[side]
+        problem = ContactProblem(ring(make, element), side, plane_obstacle(side, d))
+        result, said = solved(problem)
+        assert not said
+        mean = result.mu.sum() / result.system.rows.weights.sum()
+        assert mean == pytest.approx(lame(side, d), rel=0.06)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e3])
+@pytest.mark.parametrize(
+    ("element", "number"), [(ElementHex2, 1), (ElementTetP2, 1), (ElementHex1, 0)]
+)
+def test_rings_in_space(element, number, size, make):
+    d = 2.0 * (B * (np.pi / 2 / 4) ** 2 / 8)
+    body = ring(make, element, 4, size=size)
+    _, said = solved(ContactProblem(body, "right", obstacle("right", d, size)))
+    assert len(said) == number
+
+
+D = 2.0 * SAGITTA["right"]
+WRAPS = {
+    "closest": ClosestPoint(Cylinder((0.0, 0.0), B - D, hollow=True)),
+    "distance": SignedDistance(lambda x: B - D - np.hypot(*x)),
+    "function": lambda x: B - D - np.hypot(*x),
+    "still": Rigid(Cylinder((0.0, 0.0), B - D, hollow=True)),
+}
+
+
+@pytest.mark.parametrize("name", ["closest", "distance", "function", "still"])
+def test_whatever_gives_the_gap(name, make):
+    _, said = solved(ContactProblem(ring(make, ElementQuad2), "right", WRAPS[name]))
+    assert len(said) == 1
+
+
+@pytest.mark.parametrize("steps", [1.0, 50.0])
+def test_roller_that_moves(steps, make):
+    """A plane pressed against the ring as far as given: little of a facet's height, or much."""
+    body = ring(make, ElementQuad2, 24)
+    height = B * (np.pi / 2 / 24) ** 2 / 8
+    wall = Rigid(Plane((B, 0.0), (-1.0, 0.0)), displacement=(-steps * height, 0.0))
+    _, said = solved(ContactProblem(body, "right", wall))
+    assert len(said) == (steps == 1.0)
+
+
+def test_load_steps_are_warned_of_too(make):
+    problem = ContactProblem(ring(make, ElementQuad2), "right", plane_obstacle("right", D))
+    with pytest.warns(ContactWarning, match="stands for a curve"):
+        LoadStepper(problem).run([1.0])
+    free = ContactProblem(problem.body, "right", plane_obstacle("right", 50 * D))
+    stepper = LoadStepper(free).obstacle(lambda t: plane_obstacle("right", D / t))
+    with pytest.warns(ContactWarning, match="stands for a curve"):
+        stepper.run([1.0])
+
+
+@pytest.mark.parametrize("d", [1e-6, 1e-3, 0.1])
+def test_nothing_is_said_of_curved_cells(d, make):
+    body = ring(make, ElementQuad2, curved=True)
+    result, said = solved(ContactProblem(body, "right", plane_obstacle("right", d)))
+    assert not said
+    assert error(result, lame("right", d)) < 0.01
+
+
+@pytest.mark.parametrize("gap", [-1e-6, lambda x: -1e-6 + 0 * x[0]], ids=["number", "function"])
+def test_nothing_is_said_of_a_given_clearance(gap, make):
+    result, said = solved(ContactProblem(ring(make, ElementQuad2), "right", gap))
+    assert not said
+    assert error(result, lame("right", 1e-6)) < 0.01
+
+
+@pytest.mark.parametrize("element", [ElementTriP2, ElementQuad2, ElementQuadAdini])
+@pytest.mark.parametrize("corner", [0.0, 0.2, 0.5], ids=["square", "chamfer", "steep"])
+def test_nothing_is_said_of_flat_sides(element, corner, make):
+    """A block that touches by 1e-6 of its size, its lower edges broken by corners."""
+    ticks = np.linspace(0.0, 1.0, 9)
+    mesh = make.box(element, ticks, ticks)
+    p = mesh.p.copy()
+    edge = np.maximum(0.125 - np.minimum(p[0], 1 - p[0]), 0.0)
+    p[1] += corner * edge * (1 - p[1])
+    body = ElasticBody.from_mesh(make.remesh(mesh, p), element(), E=1.0, nu=0.3).fix("top", "xy")
+    result, said = solved(ContactProblem(body, "bottom", Plane((0.0, 1e-6), (0.0, 1.0)), 0.3))
+    assert result.contact_force > 0
+    assert not said
+
+
+def test_roller_under_a_load_is_not_warned_of(make):
+    """A small contact zone moves by the facets' height and its pressure stays: it is not off."""
+    body = ring(make, ElementQuad2, 48)
+    body.load("left", (0.02, 0.0))
+    result, said = solved(ContactProblem(body, "right", Plane((B, 0.0), (-1.0, 0.0))))
+    finer = ring(make, ElementQuad2, 96)
+    finer.load("left", (0.02, 0.0))
+    fine, _ = solved(ContactProblem(finer, "right", Plane((B, 0.0), (-1.0, 0.0))))
+    assert result.pressure.max() == pytest.approx(fine.pressure.max(), rel=0.05)
+    assert not said
