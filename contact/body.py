@@ -203,8 +203,9 @@ class ElasticBody(MaterialBody):
     ) -> Self:
         """Prescribe displacement components on a boundary.
 
-        For Adini elements the value and its tangential derivative are prescribed, never the
-        normal derivative.
+        For Adini elements the value and its tangential derivative are prescribed, the normal
+        derivative only where edges turn: a polygon that stands for a curve is held too stiffly, of
+        first order in its edges, see `skfem_adini.essential_constraints`.
 
         Parameters
         ----------

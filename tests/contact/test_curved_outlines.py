@@ -7,6 +7,7 @@ Goodier, Theory of Elasticity, 3rd ed., McGraw-Hill 1970, article 28).
 
 import numpy as np
 import pytest
+from scipy.sparse.linalg import spsolve
 from skfem import (
     ElementHex1,
     ElementHex2,
@@ -123,6 +124,24 @@ def test_ring_on_a_shaft(element, curved, make):
     assert rms[-1] < (0.03 if element in LINEAR else 0.01)
     assert order(facets, rms) > (1.1 if element in LINEAR else 1.2)
     assert shear[-1] < 0.03
+
+
+@pytest.mark.parametrize(("element", "curved"), [c for c in CASES if c[0] in PLANE], ids=ids)
+def test_errors_are_those_of_the_displacement(element, curved, make):
+    """Lame's pressure as a load, and what it displaces as a gap, give the pressure back.
+
+    So P1's error, of first order at the ends of the bore and of second between, is its own
+    displacement's, which a load without contact shows too.
+    """
+    body, loaded = ring(make, element, 12, curved), ring(make, element, 12, curved)
+    exact = lame("left")
+    loaded.load("left", lambda x: exact * x / np.linalg.norm(x, axis=0))
+    T, _ = loaded.constraint
+    u = T @ spsolve((T.T @ loaded.stiffness @ T).tocsc(), T.T @ loaded.f)
+    gap = ContactProblem(body, "left", 0.0).rows.G @ u
+    rms, _, _ = errors(ContactProblem(body, "left", gap).solve(), exact)
+    # The load is radial, the contact along the facets' normals: they differ by half a turn squared.
+    assert rms < (np.pi / 4 / 12) ** 2
 
 
 @pytest.mark.parametrize("functional", ["gauss", "centroid"])
