@@ -126,6 +126,44 @@ def test_ring_on_a_shaft(element, curved, make):
     assert shear[-1] < 0.03
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("element", "curved"), [c for c in CASES if c[0] in SOLID], ids=ids)
+def test_solid_ring_on_a_shaft(element, curved, make):
+    facets = [4, 8, 12]
+    rms = [solved(make, element, n, curved, "left")[0] for n in facets]
+    # Stresses of P1 are of first order, and the bore has few tetrahedra.
+    assert rms[-1] < (0.15 if element is ElementTetP1 else 0.01)
+    assert order(facets, rms) > (0.8 if element is ElementTetP1 else 1.2)
+
+
+@pytest.mark.parametrize(("element", "curved"), [c for c in CASES if c[0] in PLANE], ids=ids)
+def test_graded_facets(element, curved, make):
+    """Lengths of facets in the ratio of one to a hundred."""
+    facets, rms = [12, 24, 48], []
+    for n in facets:
+        length = 100 ** np.linspace(0, 1, n)
+        angles = 0.5 * np.pi * np.r_[0, np.cumsum(length)] / length.sum()
+        body = ring(make, element, n, curved, angles=angles)
+        rms.append(errors(ContactProblem(body, "right", -D, 0.3).solve(), lame("right"))[0])
+    assert rms[1] < 0.015
+    assert order(facets, rms) > 1.5
+
+
+@pytest.mark.parametrize(("size", "turn"), [(1e-6, 0.0), (1e3, 0.0), (1.0, np.pi / 2)])
+@pytest.mark.parametrize(("element", "curved"), [c for c in CASES if c[0] in PLANE], ids=ids)
+def test_units_and_directions(element, curved, size, turn, make):
+    """The same errors in any unit of length; turned, the planes of symmetry change places."""
+    found = []
+    for scale, angle in ((1.0, 0.0), (size, turn)):
+        body = ring(make, element, 6, curved, size=scale, turn=angle)
+        if angle:
+            body = ElasticBody.from_mesh(body.mesh, element(), E=1.0, nu=NU)
+            body.fix("bottom", "x").fix("top", "y")
+        result = ContactProblem(body, "right", -D * scale, 0.3).solve()
+        found.append(errors(result, lame("right")))
+    assert np.abs(np.diff(found, axis=0)).max() < 1e-10  # rounding of a factorisation
+
+
 @pytest.mark.parametrize(("element", "curved"), [c for c in CASES if c[0] in PLANE], ids=ids)
 def test_errors_are_those_of_the_displacement(element, curved, make):
     """Lame's pressure as a load, and what it displaces as a gap, give the pressure back.
