@@ -26,6 +26,7 @@ class Processor:
 AVX2 = ("X86_V3", "AVX2", "FMA3", "F16C", "AVX")
 # From the narrowest to the widest.
 PROCESSORS = (
+    Processor("Prescott", "x86-64", "SSE4_2", "SSE42", ()),
     Processor("Nehalem", "x86-64-v2", "SSE4_2", "SSE42", ()),
     Processor("Sandybridge", "sandybridge", "AVX", "AVX", ("AVX",)),
     Processor("Haswell", "haswell", "AVX2", "AVX2", AVX2),

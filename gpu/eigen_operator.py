@@ -14,6 +14,7 @@ from scipy.sparse import linalg as sparse_linalg
 
 from gpu.arguments import unmasked
 from gpu.arrays import array_module, cupy, to_host
+from gpu.device_lu import device_lu
 from gpu.errors import InputError
 from gpu.modulus_source import SOURCE as MODULUS
 
@@ -205,9 +206,9 @@ def factorized(A: Any, xp: Any) -> Callable[[Any], Any] | None:
             return splu(csc_matrix(A)).solve
         except RuntimeError:
             return None
-    from cupyx.scipy.linalg import lu_factor, lu_solve
+    from cupyx.scipy.linalg import lu_solve
 
-    device = lu_factor(A, check_finite=False)
+    device = device_lu(A)
     U = xp.triu(device[0])
     if _singular(to_host(xp.diag(U)), to_host(xp.abs(U).max(axis=0))):
         return None

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -14,10 +12,10 @@ from scipy.sparse.linalg import splu
 
 from gpu.arguments import unmasked
 from gpu.arrays import array_module, cupy, to_host
+from gpu.device_lu import device_lu
 from gpu.errors import InputError
 
 EPS = float(np.finfo(float).eps)
-_filters = threading.Lock()  # of warnings, which all threads share
 
 
 @dataclass(frozen=True)
@@ -189,12 +187,9 @@ def factor(A: Any, explicit: bool = False) -> Factors | None:
         return _by_parts(
             A, lambda x: getrs(lu, pivots, x)[0], lambda x: getrs(lu, pivots, x, trans=1)[0]
         )
-    from cupyx.scipy.linalg import lu_factor, lu_solve
+    from cupyx.scipy.linalg import lu_solve
 
-    with _filters, warnings.catch_warnings():
-        # An exact zero on the diagonal is what is looked for below.
-        warnings.simplefilter("ignore", RuntimeWarning)
-        device = lu_factor(A, check_finite=False)
+    device = device_lu(A)
     if _singular(to_host(xp.abs(xp.diag(device[0])))):
         return None
     if explicit:
