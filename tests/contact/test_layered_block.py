@@ -184,6 +184,7 @@ def test_prescribed_penetration_is_infeasible():
         ContactProblem(block, "bottom", 0.0).solve()
 
 
+@pytest.mark.filterwarnings("ignore:displacements reach")  # E of one under loads of two
 def test_load_history_and_driven_obstacle_as_with_a_basis():
     histories, driven = [], []
     for kind in (lambda b: b, LayeredBlock.elastic):

@@ -249,7 +249,7 @@ def test_bad_level_sets_are_refused(name):
     [
         (np.zeros(2), np.ones(2), 4, "lower, upper"),
         (np.zeros((2, 1)), np.zeros((2, 1)), 4, "positive sides"),
-        (np.zeros((2, 1)), np.full((2, 1), np.nan), 4, "finite corners"),
+        (np.zeros((2, 1)), np.full((2, 1), np.nan), 4, "finite"),
         (np.zeros((2, 1)), np.ones((2, 1)), 0, "q: expected"),
         (np.zeros((2, 1)), np.ones((2, 1)), 4.5, "q: expected"),
     ],
