@@ -183,8 +183,9 @@ class PardisoSchur(_Forward):
         diagonal[boundary] += shift
         shifted.setdiag(diagonal)
         # Parallel nested dissection, the quicker analysis with a Schur block; two-level
-        # factorisation; Schur complement with the factors kept for partial solves.
-        parameters = {1: 3, 23: 1, 35: 2}
+        # factorisation; solutions by one thread, since several add up in the order in which they
+        # come; Schur complement with the factors kept for partial solves.
+        parameters = {1: 3, 23: 1, 24: 1, 35: 2}
         self._boundary = boundary
         block = np.zeros((boundary.size, boundary.size))
         try:

@@ -11,7 +11,7 @@ from scipy import linalg, sparse
 
 from gpu.arguments import is_finite_number, shown, unmasked
 from gpu.arrays import array_module, to_host
-from gpu.device_lu import device_lu
+from gpu.device_lu import device_solver
 from gpu.errors import InputError
 from gpu.hamiltonian_balance import balance
 from gpu.sparse_factor import is_positive_definite
@@ -222,12 +222,7 @@ def solve(M: Any, right: Any) -> Any:
         if info > 0:
             raise np.linalg.LinAlgError("singular matrix")
         return lapack.dgetrs(lu, pivots, right)[0]
-    from cupyx.scipy.linalg import lu_solve
-
-    device = device_lu(M)
-    if not bool(device[0].diagonal().all()):
-        raise np.linalg.LinAlgError("singular matrix")
-    return lu_solve(device, right, check_finite=False)
+    return device_solver(M)(right)
 
 
 def _full(M: Any) -> Any:

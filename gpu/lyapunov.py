@@ -10,7 +10,7 @@ from scipy import linalg
 
 from gpu.arrays import array_module
 from gpu.denormals import filled
-from gpu.device_lu import device_lu
+from gpu.device_lu import device_solver
 from gpu.lqr_problem import solve
 from gpu.ordered_schur import eigenvalues_of
 from gpu.state_matrix import EPS
@@ -150,9 +150,4 @@ def _inverse(M: Any) -> Callable[[Any], Any]:
         if info > 0:
             raise np.linalg.LinAlgError("singular matrix")
         return lambda x: linalg.lapack.dgetrs(lu, pivots, x)[0]
-    from cupyx.scipy.linalg import lu_solve
-
-    device = device_lu(M)
-    if not bool(device[0].diagonal().all()):
-        raise np.linalg.LinAlgError("singular matrix")
-    return lambda x: lu_solve(device, x, check_finite=False)
+    return device_solver(M)

@@ -10,7 +10,7 @@ import sys
 import threading
 import weakref
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -89,6 +89,7 @@ class Pardiso:
         if upper.nnz >= 2**31:
             raise AdiniError(f"PARDISO: {upper.nnz} entries are too many for 32-bit indices")
         self._kind, self._factored = kind, False
+        self._threads = 1  # of the analysis, and so of all that follows
         self._phases: tuple[int, ...] = ()  # that led to the factors
         self._anew: tuple[int, ...] = ()  # those that a copy has still to repeat
         self._lock = threading.Lock()
@@ -185,9 +186,9 @@ class Pardiso:
             b,
             x,
         )
-        # Several threads add up the parts of a solution in the order in which they come, so that
-        # its last bits change from call to call; those of the factors do not.
-        with _one_thread() if phase in _SOLUTIONS else nullcontext():
+        if phase in _ANALYSES:
+            self._threads = _threads()
+        with _held_to(self._threads):
             _library()(
                 *(
                     ctypes.byref(ctypes.c_int32(value))
@@ -289,13 +290,23 @@ def _library() -> Any:
     return function
 
 
+def _threads() -> int:
+    """Threads that MKL may take for the calling thread."""
+    from pypardiso import ps
+
+    return int(ps.libmkl["MKL_Get_Max_Threads"]())
+
+
 @contextmanager
-def _one_thread() -> Iterator[None]:
-    """Hold MKL to one thread for what the calling thread asks of it."""
+def _held_to(threads: int) -> Iterator[None]:
+    """Give MKL the threads that the factors were laid out for.
+
+    With another number the two-level factors are read wrongly, without a word.
+    """
     from pypardiso import ps
 
     set_threads = ps.libmkl["MKL_Set_Num_Threads_Local"]
-    before = set_threads(ctypes.c_int(1))
+    before = set_threads(ctypes.c_int(threads))
     try:
         yield
     finally:

@@ -78,3 +78,26 @@ def test_a_copy_outlives_its_original(solver, make):
     del original
     gc.collect()
     assert same(fields(other.solve()), expected)
+
+
+@pytest.mark.skipif(not has_pardiso(), reason="pypardiso is not installed")
+@pytest.mark.parametrize(("then", "later"), [(2, 1), (1, 2)])
+def test_threads_of_mkl_that_change_after_the_factorisation(then, later, make):
+    """Read with another number of threads, two-level factors gave wrong displacements."""
+    import ctypes
+
+    from pypardiso import ps
+
+    set_threads = ps.libmkl["MKL_Set_Num_Threads_Local"]
+    before = set_threads(ctypes.c_int(then))
+    try:
+        condensed = problem(make, "pardiso", 48).condense()
+        set_threads(ctypes.c_int(later))
+        load = condensed.body.f
+        u = condensed.expand(load, np.linalg.solve(condensed.stiffness, condensed.reduce(load)))
+    finally:
+        set_threads(ctypes.c_int(before))
+    assert np.isfinite(u).all()
+    T, _ = condensed.body.constraint
+    rest = T.T @ (condensed.body.stiffness @ u - load)
+    assert np.abs(rest).max() < 1e-10 * np.abs(load).max()
