@@ -73,16 +73,8 @@ class Outline:
         """Smooth normals at the corners of each facet, its own at real corners; as `at_corners`."""
         vertex, place = self._vertices
         weight, own = self._corner_weights(), self.at_corners
-        total = np.zeros((own.shape[0], vertex.size))
-        for c in range(own.shape[0]):
-            np.add.at(total[c], place, weight * own[c])
-        scale = np.zeros(vertex.size)
-        np.add.at(scale, place, weight)
-        size = np.linalg.norm(total, axis=0)
-        mean = total / np.where(size > 1e-9 * scale, size, np.inf)
-        bend = np.sum(mean[:, place] * own, axis=0)  # cosine of half the turn
-        sharp = np.zeros(vertex.size, dtype=bool)
-        np.logical_or.at(sharp, place, bend < np.cos(0.5 * CORNER))
+        mean = _unit_sums(weight * own, place, vertex.size)
+        sharp = _sharp(own.reshape(own.shape[0], -1), place.ravel(), mean)
         mean = self._within_supports(mean, vertex)
         return np.where(sharp[place], own, mean[:, place])
 
@@ -180,9 +172,7 @@ class Outline:
         if np.any(length < 1e-9):
             raise InputError("boundary: facets with opposite normals meet at a contact point")
         normals /= length
-        bend = np.sum(own[:, used] * normals[:, at], axis=0)
-        sharp = np.zeros(count, dtype=bool)
-        np.logical_or.at(sharp, at, bend < np.cos(0.5 * CORNER))
+        sharp = _sharp(own[:, used], at, normals)
         return normals, np.where(sharp, 1.0, slant), sharp
 
     def raised(self, x: Array, points: Array) -> Array:
@@ -233,6 +223,27 @@ class Outline:
             turned[c, held & (np.abs(normals[c]) < NEARLY)] = 0.0
         size = np.linalg.norm(turned, axis=0)
         return turned / np.where(size > 0, size, 1.0)
+
+
+def _unit_sums(v: Array, at: Index, count: int) -> Array:
+    """Sums of vectors at places, of unit length; zero where they cancel."""
+    total = np.array([np.bincount(at.ravel(), c.ravel(), count) for c in v])
+    scale = np.bincount(at.ravel(), np.linalg.norm(v, axis=0).ravel(), count)
+    size = np.linalg.norm(total, axis=0)
+    return total / np.where(size > 1e-9 * scale, size, np.inf)
+
+
+def _sharp(normals: Array, at: Index, mean: Array) -> NDArray[np.bool_]:
+    """Where normals of facets that meet are half the turn of a real corner off their mean.
+
+    Of two facets it is the plain mean, half the turn off each however long they are.
+    """
+    dim, count = mean.shape
+    mean = _unit_sums(normals, at, count) if dim == 2 else mean
+    bend = np.sum(normals * mean[:, at], axis=0)
+    sharp = np.zeros(count, dtype=bool)
+    np.logical_or.at(sharp, at, bend < np.cos(0.5 * CORNER))
+    return sharp
 
 
 def reference_corners(dim: int, count: int) -> Array:

@@ -207,9 +207,9 @@ def check_uniform_state(make, seed):
     limit = 0.03 if q.curved else 1e-6 if q.element in ADINI else 1e-8
     normals = Outline(body, body.facets("bottom")).at_corners[:, :, 0]
     turns = np.linalg.norm(np.diff(normals[:, np.argsort(middles(body))], axis=1), axis=0)
-    if not q.curved and turns.max() > 2 * np.sin(CORNER / 4):
-        # A corner has one point, which cannot press both sides evenly; between facets of very
-        # different length half the turn makes one.
+    if not q.curved and turns.max() > 2 * np.sin(CORNER / (2 if body.dim == 2 else 4)):
+        # A corner has one point, which cannot press both sides evenly; in space half the turn
+        # makes one between facets of very different size.
         limit = 0.2
     assert (rms if q.curved else np.abs(off).max()) < limit, seed
     if not q.curved and body.dim == 2:
@@ -219,7 +219,7 @@ def check_uniform_state(make, seed):
     assert np.abs(result.balance()["residual"]).max() < 1e-9, seed
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", [*range(30), 770])  # the last: long beside short at a large turn
 def test_uniform_pressure(seed, make):
     """Every straight polygon, noisy, kinked or graded, is pressed evenly to round-off."""
     check_uniform_state(make, seed)
