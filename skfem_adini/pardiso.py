@@ -188,7 +188,9 @@ class Pardiso:
         )
         if phase in _ANALYSES:
             self._threads = _threads()
-        with _held_to(self._threads):
+        # Only two-level factors are laid out for a number of threads; solutions are made by one.
+        alone = phase in _SOLUTIONS and not self._given_iparm[23]
+        with _held_to(1 if alone else self._threads):
             _library()(
                 *(
                     ctypes.byref(ctypes.c_int32(value))
