@@ -27,7 +27,7 @@ def test_numbers(run) -> None:
     np.testing.assert_allclose(result.resultant, [-0.2958, 2.0266], atol=2e-3)
     assert result.pressure.max() == pytest.approx(0.613, abs=0.006)
     counts = np.bincount(result.status, minlength=3)
-    # On a curve a contact point is a vertex: 22 of them touch.
+    # On a curve a contact point is a vertex: 15 of them touch.
     assert counts[Status.STICK] >= 8
     assert counts[Status.SLIP] >= 4
 
