@@ -55,7 +55,13 @@ class Outline:
         mapping, mesh = self.body.basis.mapping, self.body.mesh
         cells = mesh.f2t[0, self.facets]
         x = mapping.G(points, find=self.facets)
-        inside = mapping.invF(x, tind=cells)
+        try:
+            inside = mapping.invF(x, tind=cells)
+        except Exception as error:  # scikit-fem raises the bare class from its Newton iteration
+            raise InputError(
+                f"boundary: places of a facet are not found in its cell ({error}); it is bent or "
+                "graded too strongly"
+            ) from error
         return np.asarray(mapping.normals(inside, cells, self.facets, mesh.t2f))
 
     @cached_property
