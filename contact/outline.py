@@ -80,7 +80,7 @@ class Outline:
         vertex, place = self._vertices
         weight, own = self._corner_weights(), self.at_corners
         mean = _unit_sums(weight * own, place, vertex.size)
-        sharp = _sharp(own.reshape(own.shape[0], -1), place.ravel(), mean)
+        sharp = _sharp(own.reshape(own.shape[0], -1), place.ravel(), vertex.size)
         mean = self._within_supports(mean, vertex)
         return np.where(sharp[place], own, mean[:, place])
 
@@ -178,7 +178,7 @@ class Outline:
         if np.any(length < 1e-9):
             raise InputError("boundary: facets with opposite normals meet at a contact point")
         normals /= length
-        sharp = _sharp(own[:, used], at, normals)
+        sharp = _sharp(own[:, used], at, count)
         return normals, np.where(sharp, 1.0, slant), sharp
 
     def raised(self, x: Array, points: Array) -> Array:
@@ -239,16 +239,18 @@ def _unit_sums(v: Array, at: Index, count: int) -> Array:
     return total / np.where(size > 1e-9 * scale, size, np.inf)
 
 
-def _sharp(normals: Array, at: Index, mean: Array) -> NDArray[np.bool_]:
-    """Where normals of facets that meet are half the turn of a real corner off their mean.
+def _sharp(normals: Array, at: Index, count: int) -> NDArray[np.bool_]:
+    """Where two of the facets that meet turn by more than a corner does, however large they are.
 
-    Of two facets it is the plain mean, half the turn off each however long they are.
+    A mean of their normals does not tell: it leans to the small ones, and is up to all of the turn
+    off the others'.
     """
-    dim, count = mean.shape
-    mean = _unit_sums(normals, at, count) if dim == 2 else mean
-    bend = np.sum(normals * mean[:, at], axis=0)
-    sharp = np.zeros(count, dtype=bool)
-    np.logical_or.at(sharp, at, bend < np.cos(0.5 * CORNER))
+    order = np.argsort(at, kind="stable")
+    at, normals = at[order], normals[:, order]
+    sharp, limit = np.zeros(count, dtype=bool), np.cos(CORNER)
+    for ahead in range(1, int(np.bincount(at).max())):
+        turn = np.sum(normals[:, ahead:] * normals[:, :-ahead], axis=0)
+        sharp[at[ahead:][(at[ahead:] == at[:-ahead]) & (turn < limit)]] = True
     return sharp
 
 
