@@ -198,6 +198,12 @@ class PardisoSchur(_Forward):
             raise ContactError(str(error)) from error
         self.schur = 0.5 * (block + block.T) - np.diag(shift)
 
+    def _forward(self, load: Vector) -> Vector:
+        if self._pardiso.pending:
+            # What is remembered belongs to the factors of the original or of the parent process.
+            self._known = ()
+        return super()._forward(load)
+
     def _eliminate(self, load: Vector) -> Vector:
         halfway = np.zeros_like(load)
         self._pardiso(331, np.ascontiguousarray(load), halfway)

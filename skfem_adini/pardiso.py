@@ -56,7 +56,9 @@ class Pardiso:
 
     PARDISO works in that memory while it solves, so threads that share an object take turns. A
     copy, deep copy or pickle has memory of its own: it repeats the factorisation when it is first
-    used. A forked process inherits the factors, as they are between two calls.
+    used. A forked process inherits the factors, as they are between two calls, and works with one
+    thread: libgomp's do not survive a fork, and a child that waits for them hangs. Two-level
+    factors (iparm[23]) that were laid out for several threads are therefore repeated there.
 
     Parameters
     ----------
@@ -136,6 +138,11 @@ class Pardiso:
                 self._repeat()
             self._run(phase, b, x)
 
+    @property
+    def pending(self) -> bool:
+        """Whether the factors are still to be made; other partial solutions do not fit them."""
+        return bool(self._anew)
+
     def _repeat(self) -> None:
         """Factor the matrix of the object that this is a copy of."""
         for phase in self._anew:
@@ -212,6 +219,13 @@ class Pardiso:
             self._handle[:] = 0
             self._factored, self._phases = False, ()
 
+    def _enter_child(self) -> None:
+        """Go on in a forked process, with one thread."""
+        if self._threads > 1 and self._given_iparm[23] and self._phases:
+            self._anew, self._phases, self._factored = self._phases, (), False
+            self._handle[:] = 0  # the parent's memory, of which the child has a copy it cannot read
+        self._threads = 1
+
     def __getstate__(self) -> dict[str, Any]:
         """What a copy needs: the matrix and how it was factored, but neither memory nor lock."""
         with self._lock:
@@ -241,6 +255,7 @@ class Pardiso:
 _alive: weakref.WeakSet[Pardiso] = weakref.WeakSet()
 _registering = threading.Lock()
 _held: list[Pardiso] = []
+_forked = False
 
 
 def _watch(solver: Pardiso) -> None:
@@ -262,9 +277,17 @@ def _after_fork() -> None:
     _registering.release()
 
 
+def _after_fork_in_child() -> None:
+    global _forked
+    _forked = True
+    for solver in _held:
+        solver._enter_child()
+    _after_fork()
+
+
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(
-        before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork
+        before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork_in_child
     )
 
 
@@ -293,7 +316,9 @@ def _library() -> Any:
 
 
 def _threads() -> int:
-    """Threads that MKL may take for the calling thread."""
+    """Threads that MKL may take for the calling thread; one in a forked process."""
+    if _forked:
+        return 1
     from pypardiso import ps
 
     return int(ps.libmkl["MKL_Get_Max_Threads"]())
