@@ -60,7 +60,7 @@ class Shares:
     mean : bool
         The numbers are the vertices' shares of the mean (``centroid``) instead.
     hub : ndarray of int, shape (nfacets, nvalues)
-        Vertex of the values that stand for what surrounds a vertex of a curve; else -1.
+        Vertex of the values that stand for it or for its surroundings; else -1.
     mix : ndarray, shape (nfacets, nvalues, nvalues)
         Takes the polynomials of one facet to the N_k.
     """
@@ -127,8 +127,8 @@ class Shares:
         check_weights(weights, float(dx.sum()), form.name)
         x = np.array(places) / weights
         hub = np.full(number.shape, -1)
-        if form.mean or form.reduced:
-            hub[:, form.corners] = np.where(outline.curved[:, None], outline.corners, -1)
+        if form.corners.size:
+            hub[:, form.corners] = np.where(lent[:, form.corners], -1, outline.corners)
         return cls(number, lent, C, omega, weights, x, form.mean, hub, mix)
 
 

@@ -83,8 +83,9 @@ class TraceRows:
     def supported(self) -> sparse.csr_array:
         """Rows of a scalar trace that supports hold where they hold the contact point.
 
-        What stands for the surroundings of a curve's vertex is held where the vertex is: on a plane
-        of symmetry nothing slides, as the other half would say.
+        What stands for the surroundings of a vertex is held where the vertex is. A mean over the
+        facets on this side of a plane of symmetry may slide along them, that of both sides cannot:
+        the other half moves the other way.
         """
         hub = self.shares.hub
         k, place = np.unique(self.shares.number[hub >= 0], return_index=True)
