@@ -4,6 +4,8 @@
 of a `State` there by a profile; `run` gives a `Trajectory`. Every failure is a `CipError`.
 """
 
+from importlib.metadata import version
+
 from cip.errors import (
     CipError,
     InputError,
@@ -34,3 +36,10 @@ __all__ = [
     "Trajectory",
     "Velocity",
 ]
+
+__version__ = version("skfem-adini")
+
+
+def __dir__() -> list[str]:
+    """The public names, without the modules behind them."""
+    return [*__all__, "__version__"]

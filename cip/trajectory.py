@@ -43,6 +43,12 @@ class Diagnostics:
     l1: Array
     l2: Array
 
+    def __repr__(self) -> str:
+        return (
+            f"Diagnostics({self.t.size} snapshots, mass {self.mass[0]:.6g} to {self.mass[-1]:.6g}, "
+            f"values in [{self.minimum.min():.6g}, {self.maximum.max():.6g}])"
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:

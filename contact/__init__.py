@@ -1,5 +1,7 @@
 """Frictional contact of elastic bodies with rigid obstacles, on scikit-fem."""
 
+from importlib.metadata import version
+
 from contact.body import ElasticBody
 from contact.condense import CondensedContact
 from contact.cross_check import CrossCheck, cross_check
@@ -55,3 +57,10 @@ __all__ = [
     "cross_check",
     "uniqueness",
 ]
+
+__version__ = version("skfem-adini")
+
+
+def __dir__() -> list[str]:
+    """The public names, without the modules behind them."""
+    return [*__all__, "__version__"]

@@ -69,6 +69,14 @@ class LoadHistory:
     results: tuple[ContactResult, ...] = ()
     damage: InputError | None = None
 
+    def __repr__(self) -> str:
+        if not len(self):
+            return "LoadHistory(no step)"
+        return (
+            f"LoadHistory({len(self)} steps from t = {self.times[0]:.6g} to {self.times[-1]:.6g}; "
+            f"the last: {self.results[-1]!r})"
+        )
+
     def __len__(self) -> int:
         return len(self.results)
 

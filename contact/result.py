@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from contact.elasticity import stress
 from contact.errors import InputError, NotConverged, numbers
 from contact.newton import Iteration
+from contact.summary import as_html, as_text, counts, facts, vector
 from contact.system import ContactSystem
 
 Array = NDArray[np.float64]
@@ -66,6 +67,16 @@ class ContactResult:
     motion: Array | None = None
     tol: float | None = None
     slack: float = 0.0
+
+    def __repr__(self) -> str:
+        return f"ContactResult({counts(self)}; resultant {vector(self.resultant)})"
+
+    def summary(self) -> str:
+        """What was solved, what came out and how well it is proved, in ten lines."""
+        return as_text(facts(self), type(self).__name__)
+
+    def _repr_html_(self) -> str:
+        return as_html(facts(self), type(self).__name__)
 
     @property
     def x(self) -> Array:

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 Direction = Callable[[Array], Array]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ContactRows:
     """The contact boundary, discretised: m points, each with a normal and dim - 1 tangents.
 

@@ -44,6 +44,11 @@ class Solid(Portable, ABC):
     _material: Any = None
     _FUNCTIONS: ClassVar[tuple[str, ...]] = ("_supports",)
 
+    def __repr__(self) -> str:
+        element = vars(self).get("element")
+        of = f" of {type(element).__name__}" if element is not None else ""
+        return f"{type(self).__name__}({self.dim}-D, {self.f.size} unknowns{of})"
+
     @property
     def f(self) -> Array:
         """Load on every dof, shape (ndofs,)."""

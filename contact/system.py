@@ -16,7 +16,7 @@ from contact.rows import ContactRows
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ContactSystem:
     """Equilibrium ``S u + G^T mu + T^T t = f`` and the laws at the contact points.
 

@@ -7,6 +7,8 @@ and `lqe` the gains of regulators. Each runs on the host or on a device, where i
 result carries residuals recomputed from the problem, and every failure is a `GpuError`.
 """
 
+from importlib.metadata import version
+
 from gpu.batch import batch_solve_qp
 from gpu.box_qp import Step
 from gpu.eigs import eigs
@@ -56,3 +58,10 @@ __all__ = [
     "solve_qp",
     "svds",
 ]
+
+__version__ = version("skfem-adini")
+
+
+def __dir__() -> list[str]:
+    """The public names, without the modules behind them."""
+    return [*__all__, "__version__"]

@@ -52,7 +52,7 @@ def dual_problem(
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FilterResult(LQRResult):
     """The gain L of a filter, shape (n, p), in the place of K, and the covariance in that of S."""
 

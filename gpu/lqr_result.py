@@ -54,6 +54,9 @@ class LowRankValue:
     Z: Any
     M: Any
 
+    def __repr__(self) -> str:
+        return f"LowRankValue(shape {self.shape}, rank {self.rank})"
+
     @property
     def shape(self) -> tuple[int, int]:
         """(n, n)."""
@@ -137,6 +140,13 @@ class LQRResult:
     solves: int = 0
     info: dict[str, Any] = field(default_factory=dict)
     problem: Any = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        stable = "stable" if self.stable else "not stable"
+        return (
+            f"{type(self).__name__}({self.method!r}, K of shape {self.K.shape}, {stable}, abscissa "
+            f"{self.abscissa:.6g}, residual {self.residual:.1e}, {self.iterations} iterations)"
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         given = () if self.problem is None else (self.problem.state.A, self.problem.weight.Q)

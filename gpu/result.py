@@ -86,6 +86,13 @@ class QPResult:
     active_rows: Any = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
     path: str = "active set"
 
+    def __repr__(self) -> str:
+        return (
+            f"QPResult({self.status.name}, {self.x.size} variables, "
+            f"{np.count_nonzero(self.active)} at a bound, {self.path} in {self.iterations} steps, "
+            f"{self.kkt})"
+        )
+
     def residuals(
         self,
         P: ArrayLike | QPFactor,

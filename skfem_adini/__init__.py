@@ -1,5 +1,7 @@
 """Adini finite elements for scikit-fem."""
 
+from importlib.metadata import version
+
 from .adini_extension import AdiniExtension
 from .assemble import assemble
 from .cut_domain import BoundaryBasis, CutDomain
@@ -76,3 +78,10 @@ __all__ = [
     "to_pyvista",
     "von_mises",
 ]
+
+__version__ = version("skfem-adini")
+
+
+def __dir__() -> list[str]:
+    """The public names, without the modules behind them."""
+    return [*__all__, "__version__"]

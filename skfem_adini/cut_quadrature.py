@@ -58,6 +58,13 @@ class CutQuadrature:
     normals: Array
     parts: Indices
 
+    def __repr__(self) -> str:
+        return (
+            f"CutQuadrature({len(self.full)} cells, {np.count_nonzero(self.full)} of them inside, "
+            f"{np.count_nonzero(self.cut)} cut; {self.weights.size} points inside and "
+            f"{self.boundary_weights.size} on the boundary)"
+        )
+
     @cached_property
     def cut(self) -> NDArray[np.bool_]:
         """Which cells are neither full nor empty."""

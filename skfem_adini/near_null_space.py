@@ -33,6 +33,9 @@ class NearNullSpace:
     modes: Array
     vertex: Indices
 
+    def __repr__(self) -> str:
+        return "NearNullSpace({1} modes of {0} unknowns)".format(*self.modes.shape)
+
 
 def near_null_space(basis: Any, dofs: Any = None) -> NearNullSpace:
     r"""Return the functions without energy of a scalar equation or of an elastic body.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
 
@@ -38,7 +38,7 @@ class RefinedEigenpair:
     """
 
     value: np.longdouble
-    vector: Array
+    vector: Array = field(repr=False)
     residual: float
 
 

@@ -1,0 +1,65 @@
+"""A contact result in a few lines, for people: a summary, and the same as a table of HTML."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import Any
+
+import numpy as np
+
+
+def counts(result: Any) -> str:
+    """How many contact points are open, stick and slip."""
+    free, stick, slip = np.bincount(result.status, minlength=3)[:3]
+    return f"{result.mu.size} points: {free} open, {stick} stick, {slip} slip"
+
+
+def facts(result: Any) -> dict[str, str]:
+    """What a reader wants to know first, by its name.
+
+    Parameters
+    ----------
+    result : ContactResult
+    """
+    system, kkt = result.system, result.kkt
+    highest = int(np.argmax(result.pressure)) if result.mu.size else None
+    worst = max(kkt, key=lambda name: kkt[name])
+    law = system.law
+    if law is not None:
+        low, high = np.min(system.friction), np.max(system.friction)
+        strength = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+        law = f"{law}, " + ("friction " if law == "coulomb" else "bound as a force ") + strength
+    return {
+        "body": repr(system.body),
+        "law": law or "without friction",
+        "functional": system.rows.functional,
+        "solved by": f"{result.method}, {len(result.history)} iterations",
+        "contact": counts(result),
+        "resultant": vector(result.resultant),
+        "pressure": "no point"
+        if highest is None
+        else f"at most {result.pressure[highest]:.6g}, at {vector(result.x[:, highest])}",
+        "displacement": f"at most {system.body.reach(result.u):.6g}",
+        "certificate": f"no residual above {kkt[worst]:.1e} ({worst})",
+    }
+
+
+def as_text(rows: dict[str, str], title: str) -> str:
+    """Lines of names and values."""
+    width = max(map(len, rows))
+    return "\n".join([title, *(f"  {name:<{width}}  {value}" for name, value in rows.items())])
+
+
+def as_html(rows: dict[str, str], title: str) -> str:
+    """The table that notebooks show."""
+    body = "".join(
+        f"<tr><th style='text-align: left'>{escape(name)}</th><td>{escape(value)}</td></tr>"
+        for name, value in rows.items()
+    )
+    return f"<table><caption>{escape(title)}</caption>{body}</table>"
+
+
+def vector(values: Any) -> str:
+    """Six digits of each component; one that is rounding beside the largest is 0."""
+    rounding = 1e-12 * np.abs(values).max()
+    return "(" + ", ".join(f"{v:.6g}" if abs(v) > rounding else "0" for v in values) + ")"
