@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem import CellBasis, MeshQuad
+from skfem import CellBasis, Dofs, MeshQuad
 from skfem.assembly.form.form import Form
 from skfem.element import DiscreteField, Element
 from skfem.refdom import RefQuad
 
+from .cut_form_check import CutSample
 from .cut_polygon import Polygon
 from .cut_quadrature import CutQuadrature, cut_quadrature
 from .errors import InputError
@@ -227,17 +228,35 @@ class CutDomain:
         form
             BilinearForm, LinearForm or Functional; with the bases of :meth:`basis` the same by
             hand.
+            They must act on each quadrature point alone: cells come in several batches, with
+            points of weight zero among the others.
         elem, intorder
             For :meth:`basis`.
         fields
-            Numbers handed to the form.
+            Numbers and vectors of dofs handed to the form.
+
+        Raises
+        ------
+        InputError
+            No form; a form that reduces over the cells, as with ``w.x / w.x.max()``, or takes the
+            mean over the points of a cell.
         """
         if not isinstance(form, Form):
             raise InputError(
                 f"form: expected a BilinearForm, LinearForm or Functional, got "
                 f"{type(form).__name__}"
             )
-        return sum(form.assemble(basis, **fields) for basis in self.groups(elem, intorder))
+        total, sample = 0, CutSample(form)
+        for basis in self.groups(elem, intorder):
+            parameters = {
+                name: basis.interpolate(value) if np.ndim(value) == 1 else value
+                for name, value in fields.items()
+            }
+            total = total + form.assemble(basis, **parameters)
+            sample.add(basis, parameters)
+        if self.cut.size:
+            sample.check()
+        return total
 
     def groups(self, elem: Any, intorder: int | None = None) -> Iterator[CellBasis]:
         """Yield bases whose integrals add up to those over the domain.
@@ -246,8 +265,9 @@ class CutDomain:
         together, because padding would fill up the others.
         """
         _check_element(elem)
+        dofs = Dofs(self.mesh, elem)
         if self.full.size:
-            yield CellBasis(self.mesh, elem, intorder=intorder, elements=self.full)
+            yield CellBasis(self.mesh, elem, intorder=intorder, elements=self.full, dofs=dofs)
         rule = self.quadrature
         count = np.bincount(rule.cells, minlength=self.mesh.t.shape[1])
         bound = int(2 ** np.floor(np.log2(count[count > 0].min()))) if count.any() else 0
@@ -257,7 +277,7 @@ class CutDomain:
             if keep.any():
                 places = rule.cells[keep], rule.points[:, keep], rule.weights[keep]
                 cells, X, W, _ = self._padded(*places)
-                yield CellBasis(self.mesh, elem, quadrature=(X, W), elements=cells)
+                yield CellBasis(self.mesh, elem, quadrature=(X, W), elements=cells, dofs=dofs)
 
     def on_active_cells(self) -> CutDomain:
         """Return the same domain on the mesh of its active cells alone, in their order."""

@@ -91,3 +91,12 @@ class FieldOnDemand(DiscreteField):
     grad4 = _derivative(4)
     grad5 = _derivative(5)
     grad6 = _derivative(6)
+
+
+def existing_parts(field: DiscreteField) -> list[Array | None]:
+    """Return the tuple of a field without the derivatives that nobody has asked for yet."""
+    others = range(1, max(_ORDERS) + 1)
+    if not isinstance(field, FieldOnDemand):
+        return [np.asarray(field), *(field.get(n) for n in others)]
+    made = field.__dict__["made"]
+    return [np.asarray(field), *(made.get(_ORDERS.get(n)) for n in others)]

@@ -194,7 +194,7 @@ class _Rows:
         arguments = [
             argument
             for field, index in zip(self._fields, indices, strict=True)
-            for argument in _take(field, index * len(self._needed) + place)
+            for argument in rows_of(field, index * len(self._needed) + place)
         ]
         values = self._of_classes[classes]
         fields = self._coefficients.fields.items()
@@ -261,7 +261,8 @@ def _vectors(part: Array, dim: int, cells: int) -> Array:
     return vectors.reshape(dim, *part.shape[:-2], -1, part.shape[-1])
 
 
-def _take(fields: Fields, rows: Integers) -> list[DiscreteField]:
+def rows_of(fields: Fields, rows: Integers) -> list[DiscreteField]:
+    """Return some of the functions in some of the cells, as a form gets them."""
     return [
         DiscreteField(*(None if part is None else part.take(rows, axis=-2) for part in parts))
         for parts in fields

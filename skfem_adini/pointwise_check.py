@@ -16,7 +16,7 @@ _ENTRIES = 4
 _OTHERS = 300  # rows of one class around the others: no mean, quantile or deviation resists them
 # Of the sum of the moduli over the points. Equal operations on equal numbers differ by a few
 # roundings at most, where vector instructions or BLAS take them in another order.
-_ROUNDING = 1e-11
+ROUNDING = 1e-11
 
 
 class FormNotPointwise(Exception):
@@ -81,7 +81,7 @@ def check_pointwise(
             size = np.abs(density).sum(axis=1).max()
             there = found[batch.classes, batch.entries]
             if not np.allclose(
-                density.sum(axis=1), there, rtol=0, atol=_ROUNDING * size, equal_nan=True
+                density.sum(axis=1), there, rtol=0, atol=ROUNDING * size, equal_nan=True
             ):
                 raise FormNotPointwise(
                     "it gives other numbers for a cell among other cells, as a reduction over the "
