@@ -65,7 +65,7 @@ def hamiltonian_inverse(
     Returns
     -------
     LinearOperator, shape (2 n, 2 n)
-        With its transpose (``rmatvec``); of CuPy where A is.
+        With its transpose (``rmatvec``); of CuPy where A is. Copies and pickles factor anew.
 
     Raises
     ------
@@ -108,6 +108,7 @@ class InverseHamiltonian:
         if not is_finite_number(scale) or np.iscomplexobj(scale) or not scale > 0.0:
             raise InputError("scale: expected one positive number")
         self.state, self.solves = state, 0
+        self._arguments = state, B, weight, scale
         self._B, self._Q, self._scale = B * np.sqrt(scale), weight, scale
         self._refine = False
         self._feedback: _Feedback | None = None
@@ -149,6 +150,10 @@ class InverseHamiltonian:
                 f"the Hamiltonian has an eigenvalue that is zero to working precision: {_GIVE}"
             )
         self.solves = 0
+
+    def __reduce__(self) -> Any:
+        # Factors cannot be copied; a copy factors anew.
+        return type(self), self._arguments
 
     @property
     def zero_modes(self) -> int:
@@ -236,9 +241,10 @@ class InverseHamiltonian:
         if self.state.xp is np:
             return LinearOperator(
                 shape,
-                matvec=lambda v: self.apply(v.reshape(-1)),
-                rmatvec=lambda v: self.apply_transposed(v.reshape(-1)),
+                matvec=self.apply,
+                rmatvec=self.apply_transposed,
                 matmat=self.apply,
+                rmatmat=self.apply_transposed,
                 dtype=float,
             )
         from cupyx.scipy.sparse.linalg import (

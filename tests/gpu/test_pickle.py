@@ -1,13 +1,15 @@
 """Results, factors and errors go to other processes and come back the same."""
 
 import copy
+import inspect
 import pickle
 
 import numpy as np
 import pytest
 from scipy import sparse
-from scipy.sparse.linalg import LinearOperator
+from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
+import gpu
 from gpu import (
     GpuError,
     Infeasible,
@@ -18,6 +20,7 @@ from gpu import (
     Unbounded,
     batch_solve_qp,
     eigs,
+    hamiltonian_inverse,
     lqe,
     lqr,
     solve_qp,
@@ -139,3 +142,56 @@ def test_factors_of_pardiso_refuse(again):
     with pytest.raises(TypeError, match="PARDISO"):
         again(factor)
     np.testing.assert_allclose(factor.solve(np.ones(3)), 1.0)
+
+
+STEPS = -np.arange(1.0, 7.0)
+CHAIN = sparse.diags_array([np.ones(5), -3 * np.ones(6), np.ones(5)], offsets=[-1, 0, 1]).tocsc()
+INVERSES = {
+    "diagonal": lambda B: hamiltonian_inverse(STEPS, B, 1.0),
+    "dense": lambda B: hamiltonian_inverse(np.diag(STEPS) + 0.1, B, np.eye(6)),
+    "sparse": lambda B: hamiltonian_inverse(CHAIN, B, 2.0, np.eye(2)),
+    "mass and scale": lambda B: hamiltonian_inverse(CHAIN, B, 1.0, E=2.0 * CHAIN, scale=3.0),
+    "zero mode": lambda B: hamiltonian_inverse(STEPS + 1.0, B, 1.0),
+    "factored as a whole": lambda B: hamiltonian_inverse(np.diag(np.ones(5), 1), B, 1.0),
+    "operator": lambda B: hamiltonian_inverse(
+        aslinearoperator(np.diag(STEPS)), B, 1.0, inverse=aslinearoperator(np.diag(1 / STEPS))
+    ),
+}
+
+
+@pytest.mark.parametrize("again", COPIES.values(), ids=COPIES)
+@pytest.mark.parametrize("kind", INVERSES)
+def test_inverse_hamiltonians(kind, again):
+    """The operator held functions that pickle cannot carry; copies factor anew."""
+    rng = np.random.default_rng(0)
+    B, V = rng.standard_normal((6, 2)), rng.standard_normal((12, 3))
+    operator = INVERSES[kind](B)
+    other = again(operator)
+    for apply in ("matvec", "rmatvec"):
+        for v in (V[:, 0], V[:, :1]):
+            np.testing.assert_array_equal(getattr(other, apply)(v), getattr(operator, apply)(v))
+    np.testing.assert_array_equal(other @ V, operator @ V)
+    np.testing.assert_allclose(other @ V, np.transpose([operator.matvec(v) for v in V.T]), 1e-9)
+    np.testing.assert_allclose(other.H @ V, np.transpose([operator.rmatvec(v) for v in V.T]), 1e-9)
+
+
+def public_objects():
+    P, q = np.diag([1.0, 2.0]), np.array([-1.0, 1.0])
+    result = solve_qp(P, q, lb=0.0)
+    low = lqr(LONG, np.ones((49, 1)), np.ones((1, 49)), 1.0, factored=True)
+    found = [result, result.kkt, result.status, *result.history[:1], QPFactor(P), low, low.S]
+    return {type(value).__name__: value for value in found}
+
+
+@pytest.mark.parametrize("again", COPIES.values(), ids=COPIES)
+@pytest.mark.parametrize("name", [n for n in gpu.__all__ if inspect.isclass(getattr(gpu, n))])
+def test_every_public_class(name, again):
+    kind = getattr(gpu, name)
+    if issubclass(kind, Exception):
+        raised = {type(error): error for error in failures()}
+        value = raised[kind] if kind in raised else kind("P: not so")
+    else:
+        value = public_objects()[name]
+    other = again(value)
+    assert type(other) is kind
+    assert str(other) == str(value) or " at 0x" in str(value)
