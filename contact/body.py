@@ -32,7 +32,7 @@ from contact.portable import PortableBasis
 from contact.rigid_modes import dof_lengths
 from contact.selection import select_components, select_facets
 from contact.settled import settled
-from contact.sound_cells import check_cells
+from contact.sound_cells import check_cells, check_rectangles
 from contact.vector_element import GRADIENT_DOFS, vector_element
 from skfem_adini import InputError as AdiniInputError
 from skfem_adini import (
@@ -110,6 +110,7 @@ class ElasticBody(MaterialBody):
                 f"{basis.mesh.dim()}; both must be 2 or both 3"
             )
         check_cells(basis.mesh)
+        check_rectangles(basis.mesh, basis.elem.elem)
         self.basis, self.dim, self.element = basis, basis.elem.dim, basis.elem.elem
         self._portable = PortableBasis(basis)
         self._set_material(E=E, nu=nu, plane=plane, dilatation=dilatation)

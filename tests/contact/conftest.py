@@ -1,6 +1,8 @@
 """Bodies, contact problems and independent measures shared by the tests of this folder."""
 
 import functools
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,6 +24,9 @@ from skfem import (
 
 from contact import ContactProblem, ElasticBody, Plane
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
+
+# The suite imports test modules by path; `traction_of_the_body` lies beside them.
+sys.path.insert(0, str(Path(__file__).parent))
 
 # A graded side, no two cells alike; 0 and 1 are its ends.
 GRADED = np.array([0.0, 0.13, 0.2, 0.41, 0.55, 0.8, 0.86, 1.0])

@@ -1,106 +1,28 @@
-"""Random outlines, smooth, graded, kinked and noisy: fields as a user sees them, 0 wrong.
+"""Random outlines, smooth, graded, kinked and noisy, pressed evenly: fields as a user sees them.
 
-Two measures that know nothing of the functional: states of uniform stress, whose pressure is a
-number, and Q2 on curved cells, twice as many.
+States of uniform stress are exact in every element. Pressure and shear then are numbers, whatever
+the functional, and what the stresses of the body ask of its boundary is the same.
 """
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from skfem import (
-    ElementHex1,
-    ElementHex2,
-    ElementQuad1,
-    ElementQuad2,
-    ElementTetP1,
-    ElementTetP2,
-    ElementTriP1,
-    ElementTriP2,
-    MeshHex2,
-    MeshQuad2,
-    MeshTet2,
-    MeshTri2,
-)
+from random_bodies import ADINI, BFS, PLANE, SECOND, SOLID, body_of, outline, ticks, turned
+from skfem import ElementHex1, ElementHex2
+from traction_of_the_body import mismatch
 
-from contact import ContactProblem, Cylinder, ElasticBody, Plane
+from contact import ContactProblem, InputError, NotConverged, Status
 from contact.outline import Outline
-from skfem_adini import ElementHexAdini, ElementQuadAdini
+from skfem_adini import ElementHexAdini
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning"),
     pytest.mark.filterwarnings("ignore::contact.ContactWarning"),
 ]
 
-PLANE = [ElementTriP1, ElementTriP2, ElementQuad1, ElementQuad2, ElementQuadAdini]
-SOLID = [ElementTetP1, ElementTetP2, ElementHex1, ElementHex2, ElementHexAdini]
 CORNER = 0.9  # rad
-ADINI = (ElementQuadAdini, ElementHexAdini)
-SECOND = {  # of those elements that hold linear fields on curved cells
-    ElementTriP2: MeshTri2,
-    ElementQuad2: MeshQuad2,
-    ElementTetP2: MeshTet2,
-    ElementHex2: MeshHex2,
-}
-
-
-def outline(kind, bend):
-    """Lower side of a body: places and outward normals as functions of s in [0, 1]."""
-
-    def curve(s):
-        angle = bend * (2 * s - 1)
-        return {
-            "line": lambda: (s, 0.0 * s),
-            "arc": lambda: (np.sin(angle), 1 - np.cos(angle)),
-            "ellipse": lambda: (1.3 * np.sin(angle), 0.7 * (1 - np.cos(angle))),
-            "hollow": lambda: (1.5 * np.sin(angle), 1.5 * (np.cos(angle) - 1)),
-            "wavy": lambda: (s, 0.008 * bend * np.cos(4 * np.pi * s)),
-        }[kind]()
-
-    def both(s):
-        step = 1e-5
-        ahead, behind = np.array(curve(s + step)), np.array(curve(s - step))
-        tangent = (ahead - behind) / np.linalg.norm(ahead - behind, axis=0)
-        return np.array(curve(s)), np.array([tangent[1], -tangent[0]])
-
-    return both
-
-
-def ticks(rng, n, grading):
-    """Ends of facets in [0, 1], neighbours of ratios up to `grading`."""
-    size = grading ** rng.uniform(0, 1, n) if grading > 1 else np.ones(n)
-    return np.concatenate(([0.0], np.cumsum(size) / size.sum()))
-
-
-def body_of(
-    make, element, shape, s, layers, curved=False, noise=None, kink=(0, 0), size=1.0, E=1.0, nu=0.3
-):
-    """A body above the outline, as thick as .6; `noise` displaces vertices of the outline."""
-    solid = element in SOLID
-    r = np.linspace(0.0, 1.0, layers + 1)
-    mesh = make.box(element, s, *([np.array([0.0, 0.3])] if solid else []), r)
-    names = dict(mesh.boundaries)
-    mesh = SECOND[element].from_mesh(mesh) if curved else mesh
-    place = mesh.doflocs.copy()
-    c, n = shape(place[0])
-    place[0], place[-1] = c - 0.6 * place[-1] * n
-    low = mesh.doflocs[-1] == 0.0
-    if noise is not None:
-        for axis, part in zip((0, -1), noise, strict=True):
-            place[axis, low] += np.interp(mesh.doflocs[0, low], s, part)
-    place[-1] += np.tan(kink[1]) * np.maximum(mesh.doflocs[0] - kink[0], 0.0)
-    mesh = type(mesh)(size * place, mesh.t, sort_t=False).with_boundaries(names)
-    return ElasticBody.from_mesh(mesh, element(), E=E, nu=nu)
-
-
-def turned(body, angle, shift):
-    """The body rotated in the plane of its first and last axis, and shifted."""
-    mesh, (c, s) = body.mesh, (np.cos(angle), np.sin(angle))
-    place = mesh.doflocs.copy()
-    first, last = place[0].copy(), place[-1].copy()
-    place[0], place[-1] = c * first - s * last + shift[0], s * first + c * last + shift[1]
-    mesh = type(mesh)(place, mesh.t, sort_t=False).with_boundaries(dict(mesh.boundaries))
-    return ElasticBody.from_mesh(mesh, type(body.element)(), E=float(body.E), nu=float(body.nu))
 
 
 def uniform_case(seed):
@@ -121,7 +43,7 @@ def uniform_case(seed):
     if kind == "line":
         turn = 10.0 ** rng.uniform(-12, np.log10(np.pi / 3)) * rng.choice([0.0, 1.0])
         kink = (s[rng.integers(1, n)], turn * rng.choice([-1.0, 1.0]))
-    return SimpleNamespace(
+    case = SimpleNamespace(
         element=element,
         kind=kind,
         bend=rng.uniform(0.05, 1.0),
@@ -136,7 +58,22 @@ def uniform_case(seed):
         angle=rng.uniform(0, 2 * np.pi) * rng.choice([0.0, 1.0]),
         shift=rng.uniform(-3, 3, 2) * rng.choice([0.0, 1.0]),
         layers=int(rng.integers(1, 4)),
+        rough=None,
+        friction=None,
     )
+    more = np.random.default_rng([seed, 18])
+    if not solid and kind == "line" and more.random() < 0.5:
+        quarters = 0.5 * np.pi * more.integers(4)
+        vars(case).update(element=BFS[more.integers(2)], curved=False, move=0 * move)
+        vars(case).update(noise=0.0, kink=(0.0, 0.0), angle=quarters)
+    if solid and not curved and more.random() < 0.5:
+        across = int(more.integers(2, 5))
+        rough = noise * more.standard_normal((n + 1, across))
+        rough[[0, -1]] = 0.0
+        case.rough = rough
+    if more.random() < 0.3:
+        case.friction = [(0.5, "coulomb"), (1e-4, "tresca")][more.integers(2)]
+    return case
 
 
 def uniform_state(make, seed):
@@ -144,7 +81,7 @@ def uniform_state(make, seed):
     q = uniform_case(seed)
     shape = outline(q.kind, q.bend)
     straight = body_of(
-        make, q.element, shape, q.s, q.layers, q.curved, q.move, q.kink, q.size, q.E, q.nu
+        make, q.element, shape, q.s, q.layers, q.curved, q.move, q.kink, q.size, q.E, q.nu, q.rough
     )
     body = turned(straight, q.angle, q.size * q.shift)
     middle = body.mesh.p.mean(axis=1)
@@ -158,8 +95,14 @@ def uniform_state(make, seed):
     for side in ("left", "right"):
         body.load(side, tuple(-p * side_normal(body, side)))
     probe = ContactProblem(body, "bottom", 0.0)
-    exact = linear_dofs(body, -strain, middle)
-    result = ContactProblem(body, "bottom", probe.rows.G @ exact).solve()
+    exact = linear_dofs(body, -strain * np.eye(body.dim), middle)
+    gap = probe.rows.G @ exact
+    result = ContactProblem(body, "bottom", gap).solve()
+    if q.friction is not None:
+        # What has slipped without friction stays where it is with it: no shear, and no slip.
+        value, law = q.friction
+        value = value * q.E if law == "tresca" else value
+        result = ContactProblem(body, "bottom", gap, value, law).solve(after=result)
     return q, result, p
 
 
@@ -170,21 +113,18 @@ def side_normal(body, side):
     return normals[:, 0]
 
 
-def linear_dofs(body, factor, middle):
-    """Dofs of the displacement factor (x - middle)."""
-    u = np.zeros(body.basis.N)
-    where = body.basis.doflocs
+def linear_dofs(body, H, middle, shift=None):
+    """Dofs of the displacement H (x - middle) + shift."""
+    u, where = np.zeros(body.basis.N), body.basis.doflocs
+    shift = np.zeros(body.dim) if shift is None else shift
+    kind = body.basis.elem.elem
+    slopes = isinstance(kind, ADINI + BFS)
     for i, dofs in enumerate(body.basis.element_dofs):
-        c, kind = i % body.dim, body.basis.elem.elem
-        if isinstance(kind, ADINI):
-            derivative = (i // body.dim) % (1 + body.dim)
-            u[dofs] = (
-                factor * (where[c, dofs] - middle[c])
-                if derivative == 0
-                else factor * (derivative == 1 + c)
-            )
-        else:
-            u[dofs] = factor * (where[c, dofs] - middle[c])
+        c, derivative = i % body.dim, (i // body.dim) % kind.nodal_dofs if slopes else 0
+        if derivative == 0:
+            u[dofs] = H[c] @ (where[:, dofs] - middle[:, None]) + shift[c]
+        elif derivative <= body.dim:
+            u[dofs] = H[c, derivative - 1]
     return u
 
 
@@ -204,12 +144,20 @@ def check_uniform_state(make, seed):
     rms = float(np.sqrt(np.sum(w * off**2) / w.sum()))
     # Curved cells integrate normals that vary to their own order, at worst 65:1 graded. What fixes
     # a cubic along a kinked side is told apart by the kink alone, and loses as many digits.
-    limit = 0.03 if q.curved else 1e-6 if q.element in ADINI else 1e-8
+    limit = 0.03 if q.curved else 1e-6 if q.element in ADINI + BFS else 1e-8
+    if q.rough is not None and q.element in (ElementHex1, ElementHex2, ElementHexAdini):
+        limit = max(limit, q.noise / np.diff(q.s).min())  # and so do facets that are twisted
     normals = Outline(body, body.facets("bottom")).at_corners[:, :, 0]
     turns = np.linalg.norm(np.diff(normals[:, np.argsort(middles(body))], axis=1), axis=0)
-    if not q.curved and turns.max() > 2 * np.sin(CORNER / 2):
+    corner = not q.curved and turns.max() > 2 * np.sin(CORNER / 2)
+    if corner:
         limit = 0.2  # a corner has one point, which cannot press both sides evenly
     assert (rms if q.curved else np.abs(off).max()) < limit, seed
+    if not corner:
+        assert max(mismatch(result, "bottom")) < limit, seed
+    if q.friction is not None:
+        assert np.abs(result.shear).max() < limit * p, seed
+        assert corner or not np.any(result.status == Status.SLIP), seed
     if not q.curved and body.dim == 2:
         x = body.mesh.p[:, body.mesh.facets[:, body.facets("bottom")]]
         measure = np.linalg.norm(x[:, 1] - x[:, 0], axis=0).sum()
@@ -224,108 +172,80 @@ def test_uniform_pressure(seed, make):
     check_uniform_state(make, seed)
 
 
+def check_sheared_state(make, seed):
+    """Pressure and shear at once on a straight side, where friction holds it and where it slips.
+
+    The strain leaves the side where it is: below the bound of friction it sticks. At the bound it
+    slips by as much as the other side has moved besides.
+    """
+    q, rng = uniform_case(seed), np.random.default_rng([seed, 19])
+    noise = 10.0 ** rng.uniform(-14, -3) * np.diff(q.s).min() * rng.choice([0.0, 1.0])
+    noise = 0.0 if q.element in BFS else noise
+    move = noise * rng.standard_normal((2, q.s.size))
+    move[:, [0, -1]] = 0.0
+    straight = outline("line", 0.0)
+    body = body_of(
+        make, q.element, straight, q.s, q.layers, q.curved, move, (0, 0), q.size, q.E, q.nu
+    )
+    body = turned(body, q.angle, (0.0, 0.0))
+    dim, (c, s) = body.dim, (np.cos(q.angle), np.sin(q.angle))
+    Q = np.eye(dim)
+    Q[np.ix_((0, -1), (0, -1))] = [[c, -s], [s, c]]
+    strain, shear = 1e-3, 1e-3 * rng.uniform(-0.5, 0.5, dim - 1)
+    if q.element in SOLID and rng.random() < 0.3:
+        shear[1] = 0.0
+    H = np.zeros((dim, dim))
+    H[:-1, -1], H[-1, -1] = shear, -strain
+    lam, mu = q.E * q.nu / ((1 + q.nu) * (1 - 2 * q.nu)), q.E / (2 * (1 + q.nu))
+    sigma = Q @ (lam * np.trace(H) * np.eye(dim) + mu * (H + H.T)) @ Q.T
+    p, t = strain * (lam + 2 * mu), mu * np.linalg.norm(shear)
+    slips, law = rng.random() < 0.5, str(rng.choice(["coulomb", "tresca"]))
+    bound = t if slips else t * rng.uniform(1.2, 3.0)
+    slide = rng.uniform(0.1, 2.0) * strain * q.size * slips
+    along = Q[:, :-1] @ shear / np.linalg.norm(shear)
+    for i in range(dim):
+        body.fix("top", i, lambda x, i=i: np.tensordot((Q @ H @ Q.T)[i], x, 1) + slide * along[i])
+    for side in ("left", "right", "front", "back")[: 2 * dim - 2]:
+        body.load(side, tuple(sigma @ side_normal(body, side)))
+    friction = bound / p if law == "coulomb" else bound
+    exact = linear_dofs(body, Q @ H @ Q.T, np.zeros(dim), slide * along)
+    gap = ContactProblem(body, "bottom", 0.0).rows.G @ exact
+    result = ContactProblem(body, "bottom", gap, friction, law).solve()
+    # Facets that noise turns take part of the pressure for shear.
+    near = 1e-6 + 100 * noise / np.diff(q.s).min()
+    shears = np.einsum("mj,cjm->cm", result.shear, result.system.rows.tangents)
+    assert np.abs(result.pressure / p - 1).max() < near, seed
+    assert np.abs(shears + t * along[:, None]).max() < near * p, seed
+    slip = np.einsum("mj,cjm->cm", result.slip, result.system.rows.tangents)
+    assert np.abs(slip - slide * along[:, None]).max() < near * strain * q.size, seed
+    assert np.all(result.status == (Status.SLIP if slips else Status.STICK)) or noise > 0, seed
+    assert max(mismatch(result, "bottom")) < near, seed
+    assert np.abs(result.balance()["residual"]).max() < 1e-9, seed
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_uniform_shear(seed, make):
+    """Straight sides that stick or slip under one pressure and one shear."""
+    check_sheared_state(make, seed)
+
+
+@pytest.mark.parametrize("element", BFS)
+@pytest.mark.parametrize("kind", ["arc", "hollow", "wavy", "kinked"])
+def test_rectangles_follow_no_curve(element, kind, make):
+    """Bogner, Fox and Schmit's element is one of rectangles along the axes: others are refused."""
+    with pytest.raises(InputError, match="no rectangles with sides parallel to the axes"):
+        body_of(make, element, outline(kind, 0.5), np.linspace(0, 1, 5), 2)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(10))
-def test_uniform_pressure_of_one_thousand(part, make):
+@pytest.mark.parametrize("check", [check_uniform_state, check_sheared_state])
+def test_uniform_states_of_one_thousand(check, part, make):
     for seed in range(100 * part, 100 * part + 100):
         try:
-            check_uniform_state(make, seed)
-        except Exception as error:  # scikit-fem's own inverse of strongly graded curved cells
-            if "Newton iteration didn't converge" not in str(error):
+            check(make, seed)
+        except (InputError, NotConverged) as error:
+            # Facets of 100 : 1 in one body, which scikit-fem's own inverse of curved cells does not
+            # find, or whose digits do not hold the balance.
+            if not re.search("bent or graded too strongly|make them squarer", str(error)):
                 raise
-
-
-def pressed_case(seed):
-    """A smooth outline, an obstacle and a law, to be solved on any mesh."""
-    rng = np.random.default_rng([seed, 17])
-    element = PLANE[rng.integers(5)]
-    law = rng.choice(["none", "tresca", "coulomb"])
-    kind = rng.choice(["line", "arc", "ellipse", "hollow", "wavy"])
-    obstacle = rng.choice(
-        {"hollow": ["cylinder", "number"], "line": ["number"]}.get(
-            kind, ["plane", "bore", "cylinder", "number"] if kind != "wavy" else ["number"]
-        )
-    )
-    return SimpleNamespace(
-        element=element,
-        kind=kind,
-        obstacle=obstacle,
-        law=None if law == "none" else str(law),
-        friction={"none": 0.0, "tresca": 0.02, "coulomb": rng.uniform(0.1, 0.8)}[law],
-        bend=rng.uniform(0.4, 0.9),
-        curved=bool(element in SECOND and rng.random() < 0.3),
-        noise=10.0 ** rng.uniform(-14, -6) * rng.choice([0.0, 1.0]),
-        push=rng.uniform(0.03, 0.06),
-        slide=rng.uniform(-0.02, 0.02),
-        size=10.0 ** rng.uniform(-6, 3),
-        angle=rng.uniform(0, 2 * np.pi) * rng.choice([0.0, 1.0]),
-        rng=rng,
-    )
-
-
-def pressed(make, q, element, n, curved, noise):
-    """Result with n facets, and the arc lengths of its points along the curve, in [0, 1]."""
-    s = np.linspace(0, 1, n + 1)
-    move = noise * np.random.default_rng(n).standard_normal((2, n + 1))
-    shape = outline(q.kind, q.bend)
-    body = body_of(make, element, shape, s, max(6, n // 2), curved, move, size=q.size)
-    body = turned(body, q.angle, (0.0, 0.0))
-    c, sn = np.cos(q.angle), np.sin(q.angle)
-    R = np.array([[c, -sn], [sn, c]])
-    move = q.size * R @ np.array([q.slide, -q.push])
-    body.fix("top", "x", move[0]).fix("top", "y", move[1])
-    at = {"plane": (0, 0), "bore": (0, 2.0), "cylinder": (0, -1.0)}
-    radius = 1.5 if q.kind == "hollow" else 1.0
-    centre = (0.0, -1.5) if q.kind == "hollow" else at.get(q.obstacle, (0, 0))
-    centre = q.size * R @ np.array(centre)
-    against = {
-        "plane": lambda: Plane(centre, R @ np.array([0.0, 1.0])),
-        "bore": lambda: Cylinder(centre, 2.0 * q.size, hollow=True),
-        "cylinder": lambda: Cylinder(centre, radius * q.size),
-        "number": lambda: 0.0,
-    }[q.obstacle]()
-    laws = (q.friction, q.law) if q.law else (0.0,)
-    return ContactProblem(body, "bottom", against, *laws).solve(), shape, R
-
-
-def fields(found, q, bins=6):
-    """Resultant and its parts along the outline, in the body's own frame."""
-    result, shape, R = found
-    x = R.T @ result.x / q.size
-    s = np.linspace(-0.02, 1.02, 4001)
-    c = shape(s)[0]
-    at = s[np.argmin((x[0][:, None] - c[0]) ** 2 + (x[1][:, None] - c[1]) ** 2, axis=1)]
-    # Forces spread by hats as wide as a bin, so that a point's own place matters little.
-    knots = np.linspace(0, 1, bins + 1)
-    hat = np.maximum(1 - np.abs(at[:, None] - knots) * bins, 0.0)
-    force = np.array([hat.T @ result.mu, hat.T @ (-result.t[:, 0])])
-    return R.T @ result.resultant / q.size, force / q.size
-
-
-def check_pressed(make, seed):
-    """Against curved Q2 cells on twice as many facets."""
-    q = pressed_case(seed)
-    found = pressed(make, q, q.element, 16, q.curved, q.noise)
-    force, parts = fields(found, q)
-    finer, of_finer = fields(pressed(make, q, ElementQuad2, 32, True, 0.0), q)
-    total = np.abs(of_finer[0]).sum()
-    # What 16 facets leave of an approach of some hundredths: their height is a thousandth.
-    assert np.linalg.norm(force - finer) < 0.06 * np.linalg.norm(finer), seed
-    normal, tangential = np.abs(parts - of_finer).sum(axis=1) / total
-    linear = q.element is ElementTriP1  # five facets of constant strain across a narrow zone
-    assert normal < (0.15 if linear else 0.08), seed
-    assert tangential < (0.15 if linear else 0.1), seed
-    assert np.abs(found[0].balance()["residual"]).max() < 1e-9, seed
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_finer_meshes_agree(seed, make):
-    """Smooth outlines on planes, in bores, on shafts and by numbers, under each law."""
-    check_pressed(make, seed)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("part", range(10))
-def test_finer_meshes_agree_on_four_hundred(part, make):
-    for seed in range(40 * part, 40 * part + 40):
-        check_pressed(make, seed)

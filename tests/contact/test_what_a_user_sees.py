@@ -2,8 +2,8 @@
 
 The certificate says that the discrete equations are met. Here is checked what is read from a
 result: forces balance, pressure pushes and acts where the gap is closed, the shear stays within the
-bound, the stress in the body meets the pressure on it, and a turned, mirrored, shifted or rescaled
-problem has the turned, mirrored, shifted or rescaled result.
+bound, pressure and shear are the traction that the stresses of the body beside them have, and a
+turned, mirrored, shifted or rescaled problem has the turned, mirrored, shifted or rescaled result.
 """
 
 import numpy as np
@@ -18,6 +18,7 @@ from skfem import (
     ElementTriP1,
     ElementTriP2,
 )
+from traction_of_the_body import mismatch
 
 from contact import (
     ClosestPoint,
@@ -116,9 +117,9 @@ def obstacle(case, place):
     return made
 
 
-def solve(make, case, place):
+def solve(make, case, place, refined=1):
     dim, element = case["dim"], case["element"]
-    n = {2: 6, 3: 3}[dim]
+    n = refined * {2: 6, 3: 3}[dim]
     ticks = np.linspace(0, 1, n + 1) ** (1.4 if case["graded"] else 1.0)
     first = make.box(element, *(ticks,) * dim)
     mesh = make.remesh(first, place.there(first.p))
@@ -183,18 +184,26 @@ def check(result, case):
     assert rows.weights.sum() == pytest.approx(case["length"] ** (dim - 1), rel=1e-10)
 
 
-def stress_meets_pressure(result, case, place):
-    """Mean normal stress just above the bottom against mean pressure: of the size of a cell."""
-    dim, n = case["dim"], 24
-    rng = np.random.default_rng(0)
-    points = rng.uniform(0.02, 0.98, (dim, n * n))
+def stress_meets_pressure(make, result, case, place, refine):
+    """Pressure and shear against the traction of the body, whose means reach from facet to facet.
+
+    Facets across which most of the zone lies leave more than a tenth, and twice as many less. The
+    mean normal stress just above the bottom differs from the mean pressure by the size of a cell.
+    """
+    normal = -place.Q[:, -1:]
+    points = np.random.default_rng(0).uniform(0.02, 0.98, (case["dim"], 576))
     points[-1] = 0.02
     sigma = result.stress(place.there(points))
-    normal = -place.Q[:, -1]
-    pushed = -np.einsum("i,ijk,j->k", normal, sigma, normal).mean()
+    pushed = -np.einsum("il,ijk,jl->k", normal, sigma, normal).mean()
     mean = result.contact_force / result.system.rows.weights.sum()
-    largest = max(result.pressure.max(), np.abs(sigma).max())
-    assert abs(pushed - mean) < 0.2 * largest
+    # One stress in cells of a third of the height says less.
+    near = 0.3 if case["element"] is ElementTetP1 else 0.2
+    near *= max(result.pressure.max(), np.abs(sigma).max())
+    assert abs(pushed - mean) < near or case["wrap"] == "closest"
+    coarse = mismatch(result, "bottom", normal)
+    if max(coarse) > 0.1 and refine:
+        fine = mismatch(solve(make, case, place, 2), "bottom", normal)
+        assert np.all(np.array(fine) < np.maximum(0.1, 0.85 * np.array(coarse)))
 
 
 def another(rng, dim, straight):
@@ -207,14 +216,14 @@ def another(rng, dim, straight):
     return Place(dim, Q, shift, length, 2.0 * 10.0 ** rng.integers(-3, 12))
 
 
-def run(make, seed):
+def run(make, seed, thorough=True):
     case = draw(seed)
     rng, dim = case.pop("rng"), case["dim"]
     first = Place(dim)
     reference = solve(make, case, first)
     check(reference, case | {"length": 1.0})
-    if case["wrap"] != "closest" and reference.contact_force > 1e-3:
-        stress_meets_pressure(reference, case, first)
+    if reference.contact_force > 1e-3:
+        stress_meets_pressure(make, reference, case, first, thorough or dim == 2)
     place = another(rng, dim, case["element"] is ElementQuadBFS)
     result = solve(make, case, place)
     check(result, case | {"length": place.length})
@@ -230,7 +239,7 @@ def run(make, seed):
 
 @pytest.mark.parametrize("seed", range(40))
 def test_random_problem(seed, make):
-    run(make, seed)
+    run(make, seed, thorough=False)
 
 
 @pytest.mark.slow
