@@ -35,9 +35,7 @@ from contact.settled import settled
 from contact.sound_cells import check_cells, check_rectangles
 from contact.vector_element import GRADIENT_DOFS, vector_element
 from skfem_adini import InputError as AdiniInputError
-from skfem_adini import (
-    essential_constraints,
-)
+from skfem_adini import essential_constraints
 
 Field = float | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]
 
@@ -116,7 +114,7 @@ class ElasticBody(MaterialBody):
         self._set_material(E=E, nu=nu, plane=plane, dilatation=dilatation)
         self.f = np.zeros(basis.N)
         self.check_unchanged()
-        self._supports: list[tuple[NDArray[np.int64], int, Callable[..., Any]]] = []
+        self._supports: list[tuple[NDArray[np.int64], int, Callable[..., Any], bool]] = []
 
     @classmethod
     def from_mesh(
@@ -201,12 +199,11 @@ class ElasticBody(MaterialBody):
         boundary: str | Sequence[str] | ArrayLike,
         components: str | int | Sequence[int] | None = None,
         value: Field = 0.0,
+        smooth: bool | None = None,
     ) -> Self:
         """Prescribe displacement components on a boundary.
 
-        For Adini elements the value and its tangential derivative are prescribed, the normal
-        derivative only where edges turn: a polygon that stands for a curve is held too stiffly, of
-        first order in its edges, see `skfem_adini.essential_constraints`.
+        For Adini elements value and tangential derivative, the normal derivative in corners only.
 
         Parameters
         ----------
@@ -214,6 +211,9 @@ class ElasticBody(MaterialBody):
         components : "x", "y", "z", "xy", ..., numbers, or None for all
         value : float or callable x -> array of shape x.shape[1:]
             The displacement; x has shape (dim, npoints).
+        smooth : bool, optional
+            Adini only: facets that turn by less than .9 stand for a curve. Else the value gives the
+            whole gradient where they turn, right if it is a field. Default: if it is a number.
 
         Returns
         -------
@@ -228,7 +228,10 @@ class ElasticBody(MaterialBody):
         facets = self.facets(boundary)
         function = function_of_places("value", value) if callable(value) else _constant(value)
         chosen = select_components(self.dim, components)
-        self._supports = [*self._supports, *((facets, c, function) for c in chosen)]
+        if not isinstance(smooth, bool | None):
+            raise InputError(f"smooth={smooth!r}: expected True, False or None")
+        smooth = not callable(value) if smooth is None else smooth
+        self._supports = [*self._supports, *((facets, c, function, smooth) for c in chosen)]
         for derived in ("constraint", "lengths"):
             self.__dict__.pop(derived, None)
         return self
@@ -309,15 +312,16 @@ class ElasticBody(MaterialBody):
                     self.basis,
                     [
                         (facets, [function if c == d else None for d in range(self.dim)])
-                        for facets, c, function in self._supports
+                        for facets, c, function, _ in self._supports
                     ],
+                    smooth=[smooth for *_, smooth in self._supports],
                 )
             except AdiniInputError as error:
                 raise InputError(str(error)) from error
             return sparse.csr_array(T), u0
         u0 = np.full(self.basis.N, np.nan)
         size = 0.0
-        for facets, component, function in self._supports:
+        for facets, component, function, _ in self._supports:
             dofs = self.basis.get_dofs(facets).flatten()
             dofs = dofs[dofs % self.dim == component]
             value = evaluated("value", function, self.basis.doflocs[:, dofs])

@@ -290,7 +290,9 @@ class CutBody(ElasticBody):
         place = single[first], column
         return sparse.csr_array(sparse.coo_array((np.ones(column.size), place), shape=P.shape))
 
-    def fix(self, boundary: Any, components: Any = None, value: Field = 0.0) -> Self:
+    def fix(
+        self, boundary: Any, components: Any = None, value: Field = 0.0, smooth: bool | None = None
+    ) -> Self:
         """Prescribe displacement components on mesh lines; see `ElasticBody.fix`."""
         if isinstance(boundary, CutArc):
             raise InputError(
@@ -299,7 +301,7 @@ class CutBody(ElasticBody):
             )
         for derived in ("extension", "picked"):
             self.__dict__.pop(derived, None)
-        return super().fix(boundary, components, value)
+        return super().fix(boundary, components, value, smooth)
 
 
 def _of_active(name: str, value: ArrayLike, count: int, active: Any) -> Array:

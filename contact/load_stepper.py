@@ -175,15 +175,18 @@ class LoadStepper(Portable):
         at_rest._supports = []
         at_rest.fix(boundary, components, value)  # checks the value
         moved = at_rest._supports
-        for place, c, _ in moved:
-            if not any(c == d and np.array_equal(place, f) for f, d, _ in body._supports):
+        for place, c, *_ in moved:
+            if not any(c == d and np.array_equal(place, f) for f, d, *_ in body._supports):
                 raise InputError(
                     f"move: the body is not fixed on boundary {boundary!r} in component "
                     f"{'xyz'[c]}; fix it first, with body.fix({boundary!r}, ...)"
                 )
         at_rest._supports = [
-            next((m for m in moved if m[1] == c and np.array_equal(m[0], f)), (f, c, _still))
-            for f, c, _ in body._supports
+            next(
+                ((f, c, m[2], smooth) for m in moved if m[1] == c and np.array_equal(m[0], f)),
+                (f, c, _still, smooth),
+            )
+            for f, c, _, smooth in body._supports
         ]
         for derived in ("constraint", "prescribed"):
             at_rest.__dict__.pop(derived, None)

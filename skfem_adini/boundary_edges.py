@@ -79,7 +79,13 @@ def imposed_components(components: int | Sequence[int] | None, count: int) -> li
 
 
 def facet_vertices(mesh: Any, facets: Any) -> Indices:
-    """Return the vertices (2 or 4, facets) of facets given in any way scikit-fem knows.
+    """Return the vertices (2 or 4, facets) of facets; see `facet_numbers`."""
+    vertices: Indices = mesh.facets[:, facet_numbers(mesh, facets)]
+    return vertices
+
+
+def facet_numbers(mesh: Any, facets: Any) -> Indices:
+    """Return the sorted numbers of facets given in any way scikit-fem knows.
 
     Facets may be given by indices, boundary name, callable of the midpoints, or a set of these;
     None stands for the whole boundary.
@@ -107,7 +113,7 @@ def facet_vertices(mesh: Any, facets: Any) -> Indices:
             f"facets: expected whole numbers from 0 to {mesh.facets.shape[1] - 1}, got an "
             f"array of {index.dtype}{span}"
         )
-    return mesh.facets[:, np.unique(index)]
+    return np.unique(index)
 
 
 def sample(value: Value, points: Array, count: int) -> Array:
@@ -191,3 +197,24 @@ class BoundaryEdges:
     def points(self, s: Array) -> Array:
         """Return the points at the fractions s of every edge, shape (dim, edges, points)."""
         return self.first[:, :, None] * (1 - s) + self.last[:, :, None] * s
+
+    def along(self, normals: Array) -> tuple[Array, Array]:
+        """Unit tangents at both ends, turned at right angles to the normals of the vertices.
+
+        Parameters
+        ----------
+        normals
+            Of all vertices of the mesh, shape (dim, vertices); the edge's own tangent where zero.
+        """
+        first, last = (
+            self.tangent - n * np.sum(n * self.tangent, axis=0)
+            for n in normals[:, self.vertices].swapaxes(0, 1)
+        )
+        return first / np.linalg.norm(first, axis=0), last / np.linalg.norm(last, axis=0)
+
+    def curve(self, s: Array, ends: tuple[Array, Array]) -> Array:
+        """Return points as `points` does, on the cubics with these tangents at the ends."""
+        bumps = s * (1 - s) ** 2, -(s**2) * (1 - s)
+        turns = ((end - self.tangent) * self.length for end in ends)
+        bent = sum(turn[:, :, None] * bump for turn, bump in zip(turns, bumps, strict=True))
+        return np.asarray(self.points(s) + bent)

@@ -12,7 +12,7 @@ from .boundary_edges import (
     Array,
     BoundaryEdges,
     Value,
-    facet_vertices,
+    facet_numbers,
     imposed_components,
     sample,
     vertex_dofs,
@@ -20,6 +20,7 @@ from .boundary_edges import (
 from .boundary_trace import BoundaryTrace
 from .sparse_solve import factorize
 from .trace_directions import TraceDirections
+from .vertex_normals import NOISE, vertex_normals
 
 
 def project_trace(
@@ -72,8 +73,11 @@ def project_trace(
     dofs = vertex_dofs(basis)
     chosen = imposed_components(components, dofs.shape[1])
     mesh = basis.mesh
-    vertices = facet_vertices(mesh, facets)
+    chosen_facets = facet_numbers(mesh, facets)
+    vertices = mesh.facets[:, chosen_facets]
     edges = BoundaryEdges.of(mesh, vertices)
+    noise = np.full(chosen_facets.size, NOISE)
+    tangents = edges.along(vertex_normals(mesh, chosen_facets, noise))
 
     trace = BoundaryTrace.of(mesh, vertices)
     functions, dx = trace.functions, trace.dx
@@ -83,7 +87,7 @@ def project_trace(
     x = np.zeros(dofs.size)
     for c in chosen:
         directions = TraceDirections(dofs, mesh.dim())
-        directions.add(c, edges)
+        directions.add(c, edges, tangents)
         _, seen, _ = directions.split()
         local = np.concatenate([dofs[: 1 + mesh.dim(), c, node] for node in vertices])
         rows, columns = np.broadcast_arrays(local[:, None], local[None])

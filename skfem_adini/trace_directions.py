@@ -17,8 +17,8 @@ class TraceDirections:
     r"""Orthonormal directions of the vertex dofs, sorted by what a set of edges sees of them.
 
     At a vertex the edges see u and the gradient along the eigenvectors of
-    :math:`\sum_k t_k t_k^T` with non-zero eigenvalue: one when the edges lie in one line (they
-    turn by less than 1e-6), two when they lie in one plane, three otherwise.
+    :math:`\sum_k t_k t_k^T` with non-zero eigenvalue: one when the tangents lie in one line, two
+    when they lie in one plane, three otherwise.
 
     Parameters
     ----------
@@ -39,10 +39,10 @@ class TraceDirections:
         self.dim = dim
         self.projector = np.zeros((*dofs.shape[1:], dim, dim))
 
-    def add(self, component: int, edges: BoundaryEdges) -> None:
-        """Count in the tangents of edges for one component."""
-        outer = np.einsum("ie,je->eij", edges.tangent, edges.tangent)
-        for node in edges.vertices:
+    def add(self, component: int, edges: BoundaryEdges, tangents: tuple[Array, Array]) -> None:
+        """Count in the tangents of edges at their ends for one component."""
+        for node, tangent in zip(edges.vertices, tangents, strict=True):
+            outer = np.einsum("ie,je->eij", tangent, tangent)
             np.add.at(self.projector[component], node, outer)
 
     def split(self) -> tuple[sp.csc_array, sp.csc_array, Array]:
