@@ -35,6 +35,8 @@ class GapRule:
         From the vertex to the point, before sorting, of the functional ``centroid``.
     raised : ndarray, shape (dim, nfacets, npoints), optional
         Places on the curve over `x`, where facets stand in for one; see `Outline.raised`.
+    aside : pair of ndarray, shape (dim, m), optional
+        Normals that the gap is read along, and those of the rows; see `contact.unequal_facets`.
     """
 
     x: Array
@@ -47,6 +49,7 @@ class GapRule:
     order: NDArray[np.int64]
     offset: Array | None = None
     raised: Array | None = None
+    aside: tuple[Array, Array] | None = None
 
     def __call__(self, obstacle: Gap) -> Array:
         """Gap of every contact point, shape (m,); ``inf`` where there is no obstacle.
@@ -59,8 +62,10 @@ class GapRule:
         if isinstance(obstacle, np.ndarray | list | tuple):
             return self._given(obstacle)
         if self.offset is not None:
-            return self._extrapolated(obstacle, self.offset)[self.order]
-        return self._read(obstacle)[self.order]
+            gap = self._extrapolated(obstacle, self.offset)
+        else:
+            gap = self._read(obstacle)
+        return (gap + self._turned(obstacle))[self.order]
 
     def rise(self, obstacle: Gap) -> Array:
         """How much wider the gap is at the curve that the facets stand in for, shape (m,)."""
@@ -94,6 +99,18 @@ class GapRule:
             where = self.x_nominal[:, seek], self.mean_normals[:, seek]
             gap[seek] = evaluate_gap(obstacle, *where) * self.slant[seek]
         return gap
+
+    def _turned(self, obstacle: Gap) -> Array:
+        """By how much the gap is longer along the normals of the rows, before sorting."""
+        longer = np.zeros(self.order.size)
+        if self.aside is not None:
+            turned = np.flatnonzero(np.abs(self.aside[1] - self.aside[0]).max(axis=0) > 1e-12)
+            where = self.x_nominal[:, turned]
+            one, two = (evaluate_gap(obstacle, where, n[:, turned]) for n in self.aside)
+            both = np.isfinite(one) & np.isfinite(two)
+            one, two = np.where(both, one, 0.0), np.where(both, two, 0.0)
+            longer[turned] = self.slant[turned] * (two - one)
+        return longer
 
     def _extrapolated(self, obstacle: Gap, offset: Array) -> Array:
         """d plus its slope times the offset, as for the displacement; exact for quadratic d."""

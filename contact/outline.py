@@ -156,8 +156,8 @@ class Outline:
         -------
         normals : ndarray, shape (dim, m)
             Means of the smooth normals, of unit length.
-        slant : ndarray, shape (m,)
-            Length of the mean of the facets' own normals, 1 where they are one and in corners.
+        own : ndarray, shape (dim, m)
+            Means of the facets' own normals, shorter where these differ, but in corners.
         sharp : ndarray of bool, shape (m,)
             Facets meet in a real corner.
 
@@ -173,21 +173,34 @@ class Outline:
             total = [np.bincount(at, (size * c)[used], count) for c in v]
             return np.array(total) / np.bincount(at, size[used], count)
 
-        normals, slant = mean(self.smooth(own, points)), np.linalg.norm(mean(own), axis=0)
+        normals = mean(self.smooth(own, points))
         length = np.linalg.norm(normals, axis=0)
         if np.any(length < 1e-9):
             raise InputError("boundary: facets with opposite normals meet at a contact point")
         normals /= length
         sharp = _sharp(own[:, used], at, count)
-        return normals, np.where(sharp, 1.0, slant), sharp
+        return normals, np.where(sharp, normals, mean(own)), sharp
+
+    @cached_property
+    def bent(self) -> NDArray[np.bool_]:
+        """Straight facets whose corners lean one way, pieces of a curve, shape (nfacets,).
+
+        Not one beside a flat side, nor one under noise; and one of second order follows the curve
+        itself.
+        """
+        corner, change = self.body.mesh.p[:, self.corners], self.turned - self.at_corners
+        lean = np.sum(change * (corner - corner.mean(axis=2, keepdims=True)), axis=0)
+        bent = np.abs(lean.sum(axis=1)) > 0.999 * np.abs(lean).sum(axis=1)
+        bent &= np.abs(lean).min(axis=1) > 0.25 * np.abs(lean).max(axis=1)
+        between, within = (tilt.max(axis=1) for tilt in self._tilts)
+        return np.asarray(bent & (within < 0.5 * between))
 
     def raised(self, x: Array, points: Array) -> Array:
         """Places on the smooth surface over places of the facets that stand in for it.
 
         Over a facet it is half the mean, by the hats, of the heights of the planes through its
         corners along the smooth normals there: exact to second order on circles and spheres. A
-        facet whose corners do not lean one way, as beside a flat side or under noise, is itself,
-        and so is a curved one.
+        facet that is not `bent` is itself.
 
         Parameters
         ----------
@@ -196,11 +209,7 @@ class Outline:
             The same places on the reference facet.
         """
         corner, change = self.body.mesh.p[:, self.corners], self.turned - self.at_corners
-        lean = np.sum(change * (corner - corner.mean(axis=2, keepdims=True)), axis=0)
-        bent = np.abs(lean.sum(axis=1)) > 0.999 * np.abs(lean).sum(axis=1)
-        bent &= np.abs(lean).min(axis=1) > 0.25 * np.abs(lean).max(axis=1)
-        between, within = (tilt.max(axis=1) for tilt in self._tilts)
-        bent &= within < 0.5 * between  # a facet of second order follows the curve itself
+        bent = self.bent
         own = np.einsum("cfk,cfp->fkp", change, x) - np.sum(change * corner, axis=0)[..., None]
         height = -0.5 * np.sum(own * hats(points, corner.shape[2]), axis=1)
         return np.asarray(x + self.normals(points) * np.where(bent[:, None], height, 0.0))

@@ -20,6 +20,7 @@ from contact.obstacles import Gap
 from contact.outline import Outline
 from contact.shares import Shares, placed_on
 from contact.trace_rows import TraceRows
+from contact.unequal_facets import Leaning
 
 Array = NDArray[np.float64]
 Direction = Callable[[Array], Array]
@@ -126,11 +127,17 @@ def contact_boundary(
         derivatives = body.scalar_dofs.nodal_dofs[1 : 1 + body.dim, outline.corners[facet, slot]]
         offset = trace.scalar[np.arange(count)[None], derivatives].toarray()
         x_nominal = x_nominal + offset
-    normals, slant, sharp = outline.mean_normals(form.nominal, number, shares.omega)
+    normals, own, sharp = outline.mean_normals(form.nominal, number, shares.omega)
+    slant = np.linalg.norm(own, axis=0)
+    G, aside = trace.normal(normals, sharp), None
     if direction is not None:
         normals = direction(x_nominal)
     else:
         normals = within_supports(trace.supported, normals, body.constraint[0])
+        leaning = Leaning.of(outline, form, shares)
+        G = sparse.csr_array(G + leaning.rows(body.scalar_dofs.nodal_dofs[0], G.shape))
+        read, turned = normals if form.mean else own / slant, own + leaning.turn(count)
+        aside = read, turned / np.linalg.norm(turned, axis=0)
     tangents = tangent_frame(normals)
     if body.dim == 3:
         tangents = along_supports(trace.supported, tangents, body.constraint[0])
@@ -138,12 +145,22 @@ def contact_boundary(
     order = along(outline, form, number, count)
     raised = outline.raised(trace.x, np.asarray(at_points.X))
     rule = GapRule(
-        trace.x, trace.normals, shares, x_nominal, normals, slant, sharp, order, offset, raised
+        trace.x,
+        trace.normals,
+        shares,
+        x_nominal,
+        normals,
+        slant,
+        sharp,
+        order,
+        offset,
+        raised,
+        aside,
     )
     T = [trace.tangential(normals, tangents[:, j], sharp)[order] for j in range(body.dim - 1)]
     interleaved = np.arange(count * (body.dim - 1)).reshape(body.dim - 1, count).T.ravel()
     rows = ContactRows(
-        trace.normal(normals, sharp)[order],
+        G[order],
         sparse.csr_array(sparse.vstack(T))[interleaved],
         np.full(count, np.inf),
         shares.weights[order],
