@@ -28,8 +28,8 @@ All Bernstein coefficients of a face weigh the same, 1/6 on triangles and 1/9 on
 
 On the facets of a curve ``bernstein`` is one number a vertex, see `contact.shares`. Two Gauss
 points a facet cannot be trusted there: pressure and shear oscillate by a fifth on any mesh.
-``gauss`` on a boundary with a curve is ``bernstein``, and ``thesis`` is refused. Where facets differ
-in length see `contact.unequal_facets`; ``nodal`` of Adini stays 1.5 % off there.
+``gauss`` on a boundary with a curve is ``bernstein``, and ``thesis`` is refused. Where facets
+differ in length see `contact.unequal_facets`; ``nodal`` of Adini stays 1.5 % off there.
 
 Linear triangles and tetrahedra have pressures of first order, their own consistent reactions:
 cells with one diagonal leave .026 of the largest on a roller of 24 facets a quarter, jagged ones
