@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse.linalg import spsolve
 from skfem import ElementQuad2
 
-from contact import ContactProblem, ElasticBody, InputError, LoadStepper
+from contact import ContactProblem, ElasticBody, InputError, LoadStepper, Plane
 from skfem_adini import ElementHexAdini, ElementQuadAdini
 
 pytestmark = pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
@@ -140,3 +140,44 @@ def test_a_moving_support_on_a_curve(value, make):
     moved.move("left", "y", value)
     at_once = ContactProblem(body().fix("left", "y", 0.1), "right", 5.0).solve()
     assert np.abs(moved.run([1.0])[-1].u - at_once.u).max() < 1e-9 * np.abs(at_once.u).max()
+
+
+def ring_on_a_plane(make, element, whole, noise):
+    """A ring held inside and pressed into a plane by .05; its right half, or all of it."""
+    start, turns = -np.pi / 2, (4 if whole else 2)
+    ticks = np.linspace(1, 2, 4), start + np.linspace(0, turns * np.pi / 2, 10 * turns + 1)
+    mesh = make.box(element, *ticks)
+    r, angle = mesh.p
+    p = r * np.array([np.cos(angle), np.sin(angle)])
+    p[1] += noise * np.sin(50 * p[1])
+    first = np.arange(r.size)
+    if whole:  # its ends are one
+        end = np.flatnonzero(angle > angle.max() - 1e-9)
+        first[end] = [np.flatnonzero((r == r[k]) & (angle < start + 1e-9))[0] for k in end]
+    kept, place = np.unique(first, return_inverse=True)
+    mesh = type(mesh)(p[:, kept], place[mesh.t]).with_boundaries(
+        {
+            "inner": lambda x: np.hypot(*x) < 1.1,
+            "outer": lambda x: np.hypot(*x) > 1.9,
+            **({} if whole else {"cut": lambda x: np.abs(x[0]) < 1e-9}),
+        }
+    )
+    body = ElasticBody.from_mesh(mesh, element(), E=1.0, nu=NU).fix("inner")
+    return body if whole else body.fix("cut", "x")
+
+
+@pytest.mark.filterwarnings("ignore::contact.ContactWarning")  # both are the same coarse polygon
+@pytest.mark.parametrize("noise", [0.0, 1e-7, 1e-3])
+@pytest.mark.parametrize("element", [ElementQuadAdini, ElementQuad2])
+def test_half_a_ring_on_a_plane(element, noise, make):
+    """The whole ring says the same: force, friction and pressure."""
+    found = []
+    for whole in (True, False):
+        body = ring_on_a_plane(make, element, whole, noise)
+        result = ContactProblem(body, "outer", Plane((0.0, -1.95), (0.0, 1.0)), 0.4).solve()
+        rows = result.system.rows
+        shear = np.sum(rows.tangents[0, 0] * result.t[:, 0] * (rows.x_nominal[0] > 1e-9))
+        found.append((result.resultant[1] / (1 + whole), shear, result.pressure.max()))
+    # Adini's slope across the plane is free in the half.
+    limit = 1e-9 if element is ElementQuad2 else 5e-3
+    assert np.abs(np.divide(*found) - 1).max() < limit
