@@ -16,13 +16,14 @@ from contact.dense_arrays import HostArrays
 from contact.elimination_order import elimination_order
 from contact.errors import Infeasible, InputError, Unbounded
 from contact.free_motions import free_motions, unseen_motion
-from contact.held import by_friction_alone
+from contact.held import LIMIT, at_the_limit, by_friction_alone
 from contact.held_factor import held_factor
 from contact.methods import Options, solve_boundary
 from contact.newton import Forces, Report
 from contact.rigid_modes import describe_motion
-from contact.rows import live_rows
-from contact.schur import schur_factor
+from contact.rows import live_rows, without_rounding
+from contact.schur import SchurFactor, schur_factor
+from contact.strain_factor import factor_of_strains, strains_can_be_factored
 
 if TYPE_CHECKING:
     from contact.rigid import ObstacleMotion
@@ -64,9 +65,11 @@ class CondensedContact:
     """
 
     _arrays = HostArrays()
+    _factor: SchurFactor
+    slender: bool = False
 
     def __init__(self, body: Any, rows: ContactRows, solver: str = "auto") -> None:
-        self.rows = rows
+        self.rows, self.slender = rows, body.slender
         T, _ = body.constraint
         if T.nnz == T.shape[1] and np.all(T.data == 1.0):
             free = T.tocsc().indices
@@ -77,17 +80,25 @@ class CondensedContact:
         # derivatives apart, or the directions. Powers of two leave the digits as they are.
         diagonal = S.diagonal()
         exponent = np.round(-0.5 * np.log2(np.where(diagonal > 0, diagonal, 1.0)))
-        self._unit = np.ldexp(1.0, exponent.astype(np.int64))
-        self._T = sparse.csr_array(T @ sparse.diags_array(self._unit))
+        unit = np.ldexp(1.0, exponent.astype(np.int64))
+        self._T = sparse.csr_array(T @ sparse.diags_array(unit))
         S = sparse.csr_array(S)
-        S.data *= np.repeat(self._unit, np.diff(S.indptr)) * self._unit[S.indices]
+        S.data *= np.repeat(unit, np.diff(S.indptr)) * unit[S.indices]
         self._prescribe(body)
-        G, tangents = sparse.csr_array(rows.G @ self._T), sparse.csr_array(rows.T @ self._T)
+        G, tangents = (sparse.csr_array(part @ self._T) for part in (rows.G, rows.T))
+        if self.slender:
+            G, tangents = (without_rounding(A, body.lengths[1] / unit) for A in (G, tangents))
         B = self._choose(G, tangents, live_rows(rows.G, body), live_rows(rows.T, body))
         self._B = sparse.csr_array(B[:, self._boundary])
-        modes = free_motions(body) / self._unit[:, None]
+        modes = free_motions(body) / unit[:, None]
         self._refuse(unseen_motion(modes, modes[self._boundary]))
-        self._factor = schur_factor(S, self._boundary, lambda: elimination_order(body), solver)
+        if strains_can_be_factored(body, S.shape[0]):
+            self._factor, change, back = factor_of_strains(body, self._T, self._boundary)
+            self._T = sparse.csr_array(self._T @ change)
+            self._B = sparse.csr_array(B @ change[:, self._boundary])
+            modes = back @ modes
+        else:
+            self._factor = schur_factor(S, self._boundary, lambda: elimination_order(body), solver)
         with one_blas_thread(self.size):
             self._condense(modes[self._boundary], modes)
 
@@ -121,7 +132,7 @@ class CondensedContact:
     def _prescribe(self, body: Any) -> None:
         u0, rows = body.constraint[1], self.rows
         self.body: Any = body
-        self._lifted: Any = body.stiffness @ u0 if u0.any() else np.zeros_like(u0)
+        self._lifted: Any = body.internal(u0) if u0.any() else np.zeros_like(u0)
         self._fixed_normal = rows.G @ u0
         self._fixed_tangent = (rows.T @ u0).reshape(rows.gap.size, body.dim - 1)
 
@@ -347,16 +358,16 @@ class CondensedContact:
             )
         return self._not_held(self._modes @ a[:k])
 
-    def doubt(self, problem: BoundaryProblem) -> str:
-        """What may be the matter where no solution was found, to end the message with."""
-        a = by_friction_alone(problem)
-        k = self._modes.shape[1]
+    def doubt(self, problem: BoundaryProblem, law: Friction | None) -> str:
+        """What may be the matter where there is no solution; raises at the limit of friction."""
+        limit, a, k = at_the_limit(problem, law), by_friction_alone(problem), self._modes.shape[1]
+        if limit is not None:
+            raise self.at_the_limit(limit)
         if a is None or np.abs(a[k:]).max(initial=0.0) > np.abs(a[:k]).max(initial=0.0):
             return ""
-        name, _ = self._motion_of(self._modes @ a[:k])
         return (
-            f"; or there is no equilibrium: {name}, which the loads drive, meets the resistance of "
-            "friction alone, and the pressure may be too small for that"
+            f"; or there is no equilibrium: {self._motion_of(self._modes @ a[:k])[0]} is driven by "
+            "the loads, friction alone resists it, and the pressure may be too small for that"
         )
 
     def _refuse(self, motion: Array | None) -> None:
@@ -378,8 +389,8 @@ class CondensedContact:
         """The error that names a rigid motion a which friction just holds, however far it goes."""
         name, u = self._motion_of(self._modes @ a[: self._modes.shape[1]])
         return Unbounded(
-            f"the slip is undetermined: the loads are at the limit of what friction holds, and "
-            f"{name} may go on for ever; load less, add friction or a support",
+            f"the slip is undetermined: the loads are within {LIMIT:.0e} of the limit of what "
+            f"friction holds, and {name} may go on for ever; load less, add friction or a support",
             u / (np.abs(u).max() or 1.0),
         )
 

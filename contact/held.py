@@ -9,6 +9,8 @@ from contact.boundary import Array, BoundaryProblem, Friction
 from gpu import Infeasible
 
 _DIRECTIONS = 16  # of the slip in 3-D, over half a turn
+_CUTS = 30  # rounds of cutting planes, each of which makes moduli four times as exact
+LIMIT = 1e-6  # share of the friction within which loads count as those that it just holds
 _NOTHING = 1e-9  # relative; ten times what a certificate of 1e-10 leaves of forces and motions
 
 
@@ -22,9 +24,9 @@ def check_held(problem: BoundaryProblem, law: Friction | None) -> None:
     .. math::
         s^T a > \sum_i g_i |v_{t,i}|, \qquad v_{n,i} + F_i |v_{t,i}| \le 0 .
 
-    It is found by a linear program in a; in 3-D the modulus is bounded from above by a polygon,
-    so that what is found is always a certificate. Motions that no contact row sees are refused
-    whatever the loads: they would be undetermined.
+    It is found by a linear program in a; in 3-D the modulus is bounded from below by a polygon,
+    with further sides where a motion violates it (Kelley's cutting planes). Motions that no contact
+    row sees are refused whatever the loads: they would be undetermined.
 
     Raises
     ------
@@ -50,11 +52,7 @@ def check_held(problem: BoundaryProblem, law: Friction | None) -> None:
     place = np.full(touch.size, -1)
     place[points] = np.arange(points.size)
     V_t = np.where(live[points][:, :, None], problem.C[problem.tangent[points]], 0.0)
-    moduli = [
-        np.hstack((sign * V_t.swapaxes(1, 2) @ direction, -np.eye(points.size)))
-        for direction in _directions(problem.tangent.shape[1])
-        for sign in (1.0, -1.0)
-    ]
+    size = float(np.abs(problem.C).max())
     contact = np.hstack((normal, np.zeros((int(touch.sum()), points.size))))
     price = np.zeros(points.size)
     if law is not None and law.coulomb:
@@ -63,16 +61,44 @@ def check_held(problem: BoundaryProblem, law: Friction | None) -> None:
         contact[both, k + at] = law.value[points[at]]
     elif law is not None:
         price = law.value[points]
-    of_a, of_w = np.split(np.vstack((*moduli, contact)) / np.abs(problem.C).max(), [k], axis=1)
-    A = np.vstack(
-        (np.hstack((of_a, -of_a, of_w)), np.r_[np.ones(2 * k), np.zeros(points.size)][None])
-    )
     gain = np.concatenate((problem.s, -problem.s, -price))
-    found = linprog(-gain, A_ub=A, b_ub=np.r_[np.zeros(A.shape[0] - 1), 1.0], method="highs")
-    # A gain this small could be round-off of the program.
-    if found.x is not None and gain @ found.x > 1e-7 * float(np.abs(problem.s).max()):
+    total = np.r_[np.ones(2 * k), np.zeros(points.size)][None]
+    cuts = [
+        np.hstack((sign * V_t.swapaxes(1, 2) @ direction, -np.eye(points.size)))
+        for direction in _directions(problem.tangent.shape[1])
+        for sign in (1.0, -1.0)
+    ]
+    for _ in range(_CUTS):
+        of_a, of_w = np.split(np.vstack((*cuts, contact)) / size, [k], axis=1)
+        A = np.vstack((np.hstack((of_a, -of_a, of_w)), total))
+        found = linprog(-gain, A_ub=A, b_ub=np.r_[np.zeros(A.shape[0] - 1), 1.0], method="highs")
+        # A gain this small could be round-off of the program. The cuts make moduli too small and
+        # the gain too large: without one, the body is held.
+        if found.x is None or gain @ found.x <= 1e-7 * float(np.abs(problem.s).max()):
+            return
         motion = found.x[:k] - found.x[k : 2 * k]
-        raise Infeasible("no admissible contact forces balance the loads", motion)
+        v = V_t @ motion
+        length = np.linalg.norm(v, axis=1)
+        short = np.maximum(length - found.x[2 * k :], 0.0) / size
+        worth = np.abs(found.ineqlin.marginals[: len(cuts) * points.size])
+        if short @ worth.reshape(len(cuts), points.size).sum(axis=0) <= 0.1 * (gain @ found.x):
+            raise Infeasible("no admissible contact forces balance the loads", motion)
+        b = np.divide(v, length[:, None], out=np.zeros_like(v), where=length[:, None] > 0)
+        cuts.append(np.hstack((np.einsum("pi,pik->pk", b, V_t), -np.eye(points.size))))
+
+
+def at_the_limit(problem: BoundaryProblem, law: Friction | None) -> Array | None:
+    """A rigid motion that friction less a share of `LIMIT` could not resist, or None.
+
+    How far the body slips before it comes to rest then hangs on digits that no load has.
+    """
+    if law is None:
+        return None
+    try:
+        check_held(problem, Friction((1.0 - LIMIT) * law.value, law.coulomb))
+    except Infeasible as error:
+        return np.asarray(error.certificate)
+    return None
 
 
 def by_friction_alone(problem: BoundaryProblem) -> Array | None:
@@ -135,9 +161,8 @@ def undetermined_slip(
 
 
 def _directions(count: int) -> list[Array]:
-    """Unit directions, scaled so that the largest product with v is at least its length."""
+    """Unit directions, over half a turn."""
     if count == 1:
         return [np.ones(1)]
     angles = np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-    reach = np.cos(0.5 * np.pi / _DIRECTIONS)
-    return [np.array([np.cos(angle), np.sin(angle)]) / reach for angle in angles]
+    return [np.array([np.cos(angle), np.sin(angle)]) for angle in angles]

@@ -11,6 +11,7 @@ import numpy as np
 from contact.boundary import Array
 from contact.dense_arrays import HostArrays
 from contact.errors import InputError
+from contact.strain_factor import LARGEST
 
 # Of the mean stiffness: what resists less, by rounding alone, is shifted. The solution of such a
 # thin body is a start for `contact.stiffness_form`, which needs no factor.
@@ -40,5 +41,6 @@ def held_factor(arrays: HostArrays, stiffness: Callable[[], Any], N: Array) -> t
             return L, bool(pivots.size and pivots.min() < THIN * pivots.max())
     raise InputError(
         "stiffness: the condensed stiffness is not positive definite; the material or the mesh is "
-        "not admissible"
+        "not admissible, or cells are too slender for its digits: make them squarer, or fewer (up "
+        f"to {LARGEST} unknowns the strains are factored instead, with twice the digits)"
     )

@@ -28,7 +28,7 @@ from contact.sagitta import warn_of_sagitta
 from contact.settled import settled
 from contact.small_displacements import warn_of_large_displacements
 from contact.solid import Solid
-from contact.stiffness_form import solved_stiffly
+from contact.stiffness_form import fits, refined, solved_stiffly
 from contact.system import ContactSystem
 from gpu import Infeasible as QPInfeasible
 from gpu import InputError as QPInputError
@@ -360,18 +360,18 @@ class ContactProblem(Portable):
                 f"semidefinite ({error}); choose another functional, or refine"
             ) from error
         except (QPNotConverged, NotConverged) as error:
-            if condensed.thin and options.max_iterations >= THOROUGH:
+            if (condensed.thin or condensed.slender) and options.max_iterations >= THOROUGH:
                 with suppress(NotConverged, LinAlgError):
                     return solved_stiffly(system, condensed, options, None, report, history)
-            boundary = condensed.boundary_problem(
-                system.load, system.rows.gap, system.slip_from, system.motion
-            )
-            raise NotConverged(f"{error}{condensed.doubt(boundary)}", tuple(history)) from error
-        motion = condensed.obstacle_motion(system.motion, forces)
-        u, mu, t = state
+            given = system.load, system.rows.gap, system.slip_from, system.motion
+            doubt = condensed.doubt(condensed.boundary_problem(*given), law)
+            raise NotConverged(f"{error}{doubt}", tuple(history)) from error
+        (u, mu, t), motion = state, condensed.obstacle_motion(system.motion, forces)
         result = ContactResult(
             system, u, mu, t, options.method, tuple(history), motion, options.tol, slack
         )
+        if condensed.slender and fits(condensed) and options.method in STIFF:
+            return refined(system, condensed, options, result, report, history)
         try:
             certify(result, options.tol, slack)
         except NotConverged:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.cell_finder import find_cells, places_in
+from contact.cell_strains import has_slender_cells, internal_forces
 from contact.errors import InputError, numbers
 from contact.portable import Portable, PortableBasis
 from contact.rigid_modes import rigid_modes, value_dofs
@@ -159,6 +160,7 @@ class BasisSolid(Solid):
     _ANEW = ("stiffness", "absolute_stiffness", "lengths", "entities", "_live", "_give")
     _KEPT: ClassVar[tuple[str, ...]] = ("constraint",)
     _values: NDArray[np.bool_] | None = None
+    _slender: bool | None = None
 
     if TYPE_CHECKING:
 
@@ -254,13 +256,25 @@ class BasisSolid(Solid):
         return self.constraint[0]
 
     def internal(self, u: Array) -> Array:
-        """Internal forces S u; the mean translation is left out, which causes rounding alone."""
+        """Internal forces S u; the mean translation is left out, which causes rounding alone.
+
+        Of slender cells they are made from the strains, see `contact.cell_strains`.
+        """
+        if self.slender:
+            return internal_forces(self, u)
         at_rest, values = u.copy(), self._are_values
         for c in range(self.dim):
             own = values & (np.arange(u.size) % self.dim == c)
             at_rest[own] -= u[own].mean()
         forces: Array = self.stiffness @ at_rest
         return forces
+
+    @property
+    def slender(self) -> bool:
+        """Whether cells are too slender for sums of forces by the assembled matrix."""
+        if self._slender is None:
+            self._slender = has_slender_cells(self.mesh)
+        return self._slender
 
     @property
     def _are_values(self) -> NDArray[np.bool_]:

@@ -1,0 +1,149 @@
+"""Cells up to a million times as long as wide: solved to the digits that displacements hold."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from skfem import (
+    ElementHex1,
+    ElementHex2,
+    ElementQuad1,
+    ElementQuad2,
+    ElementTriP1,
+    ElementTriP2,
+    MeshTri,
+)
+
+from contact import ContactProblem, ElasticBody, NotConverged, Plane
+from contact.cell_strains import internal_forces, strain_rows
+from skfem_adini import ElementQuadAdini, ElementQuadBFS
+
+ELEMENTS = [
+    ElementTriP1,
+    ElementTriP2,
+    ElementQuad1,
+    ElementQuad2,
+    ElementQuadAdini,
+    ElementQuadBFS,
+]
+MODULUS = 2.0 / (1 - 0.3**2)  # of plane strain, E = 2
+
+
+def held(make, element, ratio, wide, pushed, E=2.0):
+    """A column or a plate between a wall at its left and the floor: uniform uniaxial stress."""
+    x, y = np.linspace(0, 1, 5), np.linspace(0, 0.5, 3) * (1 / ratio if wide else ratio)
+    body = ElasticBody.from_mesh(make.box(element, x, y), element(), E=E, nu=0.3)
+    body.fix("left", "x").load("top", (0.0, -0.5 * E))
+    if pushed:
+        body.fix("top", "y", -0.5 / MODULUS * 2 * y[-1])
+    return ContactProblem(body, "bottom", 0.0)
+
+
+@pytest.mark.parametrize("pushed", [True, False], ids=["pushed", "loaded"])
+@pytest.mark.parametrize("wide", [True, False], ids=["plate", "column"])
+@pytest.mark.parametrize("element", ELEMENTS, ids=lambda e: e.__name__)
+def test_uniaxial_stress(element, wide, pushed, make):
+    ratio = 1e6
+    result = held(make, element, ratio, wide, pushed).solve()
+    body = result.system.body
+    x, y = body.mesh.p
+    u_x, u_y = result.u[body.basis.nodal_dofs[:2]]
+    assert max(result.kkt.values()) < 1e-10
+    assert np.abs(result.balance()["residual"]).max() < 1e-10
+    assert abs(result.contact_force - 1.0) < 1e-10
+    np.testing.assert_allclose(u_y, -y / MODULUS, atol=1e-12 * y.max())
+    np.testing.assert_allclose(u_x, 0.3 / 0.7 / MODULUS * x, atol=1e-12)
+    # Rounding of u_y, seen as shear by cells r times as high as wide and in the pressure of
+    # each point, though not in their sum, by the square of r.
+    np.testing.assert_allclose(result.pressure, 1.0, atol=1e-12 if wide else 1e-15 * ratio**2)
+
+
+@pytest.mark.parametrize("ratio", [1e4, 1e6])
+@pytest.mark.parametrize("element", ELEMENTS, ids=lambda e: e.__name__)
+def test_plate_held_by_contact_alone(element, ratio, make):
+    x, y = np.linspace(0, 1, 17), np.linspace(0, 1 / 8 / ratio, 3)
+    body = ElasticBody.from_mesh(make.box(element, x, y), element(), E=2.0, nu=0.3)
+    body.load("top", lambda x: np.array([0.1 + 0 * x[0], -2.0 - x[0]]))
+    result = ContactProblem(body, "bottom", 0.0, 0.4).solve()
+    assert max(result.kkt.values()) < 1e-12
+    assert abs(result.contact_force / 2.5 - 1.0) < 1e-12
+    assert abs(result.resultant[0] / -0.1 - 1.0) < 1e-12
+    np.testing.assert_allclose(result.centre_of_pressure[0, 0], 0.5 + 1 / 30, rtol=2 / ratio)
+
+
+@pytest.mark.parametrize("element", ELEMENTS, ids=lambda e: e.__name__)
+def test_column_held_by_contact_alone(element, make):
+    """Friction holds the foot: far from it the stress is uniform."""
+    x, y = np.linspace(0, 1, 5), np.linspace(0, 0.5e4, 3)
+    body = ElasticBody.from_mesh(make.box(element, x, y), element(), E=2.0, nu=0.3)
+    result = ContactProblem(body.load("top", (0.0, -1.0)), "bottom", 0.0, 0.4).solve()
+    u_x, u_y = result.u[body.basis.nodal_dofs[:2]]
+    assert max(result.kkt.values()) < 1e-10
+    np.testing.assert_allclose(u_y, -body.mesh.p[1] / MODULUS, atol=0.1 * 0.5)
+    # It stands upright: bending resists by the fourth power of 1 / ratio.
+    assert np.abs(u_x - u_x.mean()).max() < 0.25
+
+
+def test_what_bends_by_rounding_is_refused(make):
+    """A column whose bending resists by 1e-24 of its other stiffness: u_x was 1e4 widths."""
+    x, y = np.linspace(0, 1, 5), np.linspace(0, 0.5e6, 3)
+    body = ElasticBody.from_mesh(make.box(ElementQuadBFS, x, y), ElementQuadBFS(), E=2.0, nu=0.3)
+    with pytest.raises(NotConverged, match=r"too slender.*squarer"):
+        ContactProblem(body.load("top", (0.0, -1.0)), "bottom", 0.0, 0.4).solve()
+
+
+@pytest.mark.parametrize("element", [ElementHex1, ElementHex2], ids=lambda e: e.__name__)
+def test_plate_in_space(element, make):
+    ticks = np.linspace(0, 1, 4 if element is ElementHex1 else 3)
+    for loose in (True, False):
+        mesh = make.box(element, ticks, ticks, np.array([0, 0.5, 1.0]) / 4e6)
+        body = ElasticBody.from_mesh(mesh, element(), E=2.0, nu=0.3)
+        body.load("top", (0.1 * loose, 0.05 * loose, -1.0))
+        if not loose:
+            body.fix("left", "x").fix("front", "y")
+        result = ContactProblem(body, "bottom", 0.0, 0.4 * loose).solve()
+        assert abs(result.contact_force - 1.0) < 1e-12
+        if not loose:
+            np.testing.assert_allclose(result.pressure, 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("element", [ElementTriP1, ElementTriP2], ids=lambda e: e.__name__)
+def test_plate_that_lies_askew(element):
+    """Directions that are stiff and soft are those of the plate, not of the axes."""
+    turn = np.array([[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]])
+    y = np.linspace(0, 1 / 8 / 1e4, 3)
+    mesh = MeshTri.init_tensor(np.linspace(0, 1, 9), y).with_boundaries(
+        {"bottom": lambda x: x[1] == 0, "top": lambda x: x[1] == y[-1]}
+    )
+    body = ElasticBody.from_mesh(
+        replace(mesh, doflocs=turn @ mesh.doflocs), element(), E=2.0, nu=0.3
+    )
+    body.load("top", turn @ (0.1, -2.5))
+    result = ContactProblem(body, "bottom", Plane((0.0, 0.0), tuple(turn[:, 1])), 0.4).solve()
+    along, normal = turn.T @ result.resultant
+    # Places are rounded by 1e-16 of the length, 1e-11 of a thickness of 1e-5.
+    np.testing.assert_allclose([along, normal], [-0.1, 2.5], rtol=1e-9)
+
+
+@pytest.mark.parametrize("dilatation", ["pointwise", "mean"])
+@pytest.mark.parametrize("plane", ["strain", "stress"])
+@pytest.mark.parametrize("nu", [-0.4, 0.0, 0.45])
+def test_strains_make_the_stiffness(nu, plane, dilatation, make):
+    """On squares the products with the strains and with the matrix are the same."""
+    if dilatation == "mean" and nu < 0:
+        pytest.skip("the part with lambda has no root")
+    x = np.array([0, 0.3, 1.0])
+    body = ElasticBody.from_mesh(
+        make.box(ElementQuad1, x, x),
+        ElementQuad1(),
+        E=2.0,
+        nu=nu,
+        plane=plane,
+        dilatation=dilatation,
+    )
+    u = np.random.default_rng(0).standard_normal(body.basis.N)
+    A, dofs = strain_rows(body), body.basis.element_dofs.T
+    by_rows = np.zeros(u.size)
+    np.add.at(by_rows, dofs, np.einsum("crm,cr->cm", A, np.einsum("crm,cm->cr", A, u[dofs])))
+    np.testing.assert_allclose(by_rows, body.stiffness @ u, atol=1e-13)
+    np.testing.assert_allclose(internal_forces(body, u), body.stiffness @ u, atol=1e-13)
