@@ -57,13 +57,11 @@ class ElasticBody(MaterialBody):
 
     The data flow is `basis -> stiffness S, load f, conditions C x = c`; each is an attribute.
     E, nu, plane, dilatation and f may be set anew, and problems follow; results keep theirs.
-    Cells may be a million times as long as wide in bodies of up to 3000 unknowns; a column of them
-    on a floor alone ten thousand times as high. Beyond that a solution may be refused.
 
     Parameters
     ----------
     basis : Basis
-        A basis of ``ElementVector(...)`` in two or three dimensions.
+        Of ``ElementVector(...)``, 2-D or 3-D; how slender cells may be: `contact.cell_strains`.
     E : float or ndarray, shape (ncells,)
         Young's modulus, positive.
     nu : float or ndarray, shape (ncells,)

@@ -4,6 +4,10 @@ In a cell of sides h and r h entries of the stiffness are r^2 apart, and forces 
 are small differences of large terms: a product with the assembled matrix leaves rounding of
 :math:`r^2` machine precisions. The strains of the cell are differences of displacements at its own
 nodes; made first, and multiplied by the stress afterwards, they lose a factor r.
+
+Bodies of up to 3000 unknowns are factored and refined so, and solved up to r = 1e6; a column that
+stands on a floor alone, whose bending resists by r^-4 of the rest, up to 1e4 and, where digits
+last, beyond. Other solutions are refused by an error that speaks of slender cells.
 """
 
 from __future__ import annotations
