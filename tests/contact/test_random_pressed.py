@@ -116,8 +116,9 @@ def check_pressed(make, seed):
     linear = q.element in (ElementTriP1, ElementTetP1)
     assert normal < (0.15 if linear else 0.08), seed
     assert tangential < (0.15 if linear else 0.1), seed
-    # Means that reach from facet to facet; in space they do at the rims as well.
-    assert max(mismatch(found[0], "bottom")) < (0.1 if q.element in SOLID else 0.05), seed
+    # Means that reach from facet to facet; in space over the rims, at a kink around it as well.
+    near = 0.1 if q.element in SOLID or q.kind == "kinked" else 0.05
+    assert max(mismatch(found[0], "bottom")) < near, seed
     assert np.abs(found[0].balance()["residual"]).max() < 1e-9, seed
 
 
