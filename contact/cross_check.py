@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,10 @@ from scipy import sparse
 from contact.cones import solve_cones
 from contact.errors import InputError
 from contact.peers import solve_with
+from contact.problem import ContactProblem
 from contact.result import ContactResult
 from contact.system import ContactSystem
 from contact.unit_program import UnitProgram
-
-if TYPE_CHECKING:
-    from contact.problem import ContactProblem
 
 Array = NDArray[np.float64]
 
@@ -129,6 +127,12 @@ def cross_check(
     MissingDependency
         The solver is not installed.
     """
+    for name, given, kind in (
+        ("problem", problem, ContactProblem),
+        ("result", result, ContactResult),
+    ):
+        if not isinstance(given, kind):
+            raise InputError(f"{name}: expected a {kind.__name__}, got {type(given).__name__}")
     system, body, dim = result.system, result.system.body, result.system.body.dim
     cones = dim == 3 and system.law is not None
     if cones and solver != "clarabel":

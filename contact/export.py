@@ -63,6 +63,9 @@ def boundary_grid(result: ContactResult) -> Any:
         import pyvista
     except ImportError as error:  # pragma: no cover - a core dependency
         raise MissingDependency("VTK export needs pyvista: pip install pyvista") from error
+    for name, forces in (("mu", result.mu), ("t", result.t)):
+        if not np.all(np.isfinite(forces)):
+            raise InputError(f"{name}: the result holds NaN or infinity, which is not written")
     rows = result.system.rows
     dim, m = rows.x.shape
     points = np.zeros((m, 3))

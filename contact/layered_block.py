@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _SIDES = ("left", "right", "top")
-_GIVEN = ("plane", "layers", "lengths", "sides", "top", "width", "height", "columns", "cells")
+_GIVEN = ("plane", "layers", "lengths", "sides", "top", "width", "height", "columns")
 
 
 @settled("make a new LayeredBlock", *_GIVEN)
@@ -100,7 +100,7 @@ class LayeredBlock(Solid):
         self.columns = read_columns(columns, self.width, self.layers[0])
         self.node_rows = 1 + sum(layer.cells for layer in self.layers)
         self.row_size = PER_NODE * (self.columns + 1)
-        self.cells = [
+        self._cells = [
             ElasticBody.from_mesh(
                 grid(
                     np.array([0.0, self.width / self.columns]), np.array([0.0, l.height / l.cells])
@@ -146,7 +146,7 @@ class LayeredBlock(Solid):
     def body_force(self, force: Field) -> Self:
         """Add a volume force (force per volume); see `ElasticBody.body_force`."""
         f = self.f.copy()
-        for layer, cell in zip(self.layers, self.cells, strict=True):
+        for layer, cell in zip(self.layers, self._cells, strict=True):
             for row in range(layer.cells):  # strip by strip: no Basis of the whole body
                 low = layer.bottom + row * layer.height / layer.cells
                 strip = self._strip(np.array([low, low + layer.height / layer.cells]), cell)
@@ -175,14 +175,14 @@ class LayeredBlock(Solid):
         y = self.y
         if name in ("top", "bottom"):
             at = slice(-2, None) if name == "top" else slice(0, 2)
-            strip = self._strip(y[at], self.cells[-1 if name == "top" else 0], intorder=1)
+            strip = self._strip(y[at], self._cells[-1 if name == "top" else 0], intorder=1)
             start = self.f.size - strip.f.size if name == "top" else 0
             return strip, start + np.arange(strip.f.size)
         i = np.array([0, 1] if name == "left" else [self.columns - 1, self.columns])
         nodes = (self.columns + 1) * np.arange(y.size)[:, None] + i
         dofs = PER_NODE * nodes.ravel()[:, None] + np.arange(PER_NODE)
         # Its material is not looked at: edges serve supports and tractions.
-        return self._body(grid(self.x[i], y), self.cells[0], intorder=1), dofs.ravel()
+        return self._body(grid(self.x[i], y), self._cells[0], intorder=1), dofs.ravel()
 
     def _strip(self, y: Array, cell: ElasticBody, intorder: int | None = None) -> ElasticBody:
         """One row of cells between two heights."""
@@ -283,7 +283,7 @@ class LayeredBlock(Solid):
     def cell_rows(self) -> list[CellRows]:
         """Element matrix and number of cell rows of each layer, from the bottom up."""
         found = []
-        for cell, layer in zip(self.cells, self.layers, strict=True):
+        for cell, layer in zip(self._cells, self.layers, strict=True):
             dofs = cell.basis.element_dofs[:, 0]
             found.append(CellRows(cell.stiffness.toarray()[np.ix_(dofs, dofs)], layer.cells))
         return found
@@ -344,7 +344,7 @@ class LayeredBlock(Solid):
 
     def material(self, points: Array) -> tuple[Array, Array, Array]:
         """Lame parameters lambda and mu, and Poisson's ratio, at points."""
-        table = np.array([[float(c.lam), float(c.mu), float(c.nu)] for c in self.cells])
+        table = np.array([[float(c.lam), float(c.mu), float(c.nu)] for c in self._cells])
         lam, mu, nu = table[self._locate(points)[0]].T
         return lam, mu, nu
 
@@ -362,7 +362,7 @@ class LayeredBlock(Solid):
     def _local(self, u: Array, points: Array) -> Any:
         """For each layer and local basis function: points in it, the function, its dof's values."""
         at, columns, rows = self._locate(points)
-        for k, (layer, cell) in enumerate(zip(self.layers, self.cells, strict=True)):
+        for k, (layer, cell) in enumerate(zip(self.layers, self._cells, strict=True)):
             here = np.flatnonzero(at == k)
             if here.size == 0:
                 continue

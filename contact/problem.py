@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import LinAlgError
 
 from contact.boundaries import ContactBoundaries
+from contact.certify import certify
 from contact.condense import CondensedContact
 from contact.errors import InputError, NotConverged
 from contact.held import undetermined_slip
@@ -21,7 +22,7 @@ from contact.nested_start import start_forces
 from contact.newton import Iteration
 from contact.obstacles import Gap
 from contact.portable import Portable
-from contact.result import ContactResult, certify
+from contact.result import ContactResult
 from contact.rigid import ObstacleMotion
 from contact.rows import ContactRows
 from contact.sagitta import warn_of_sagitta

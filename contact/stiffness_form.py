@@ -19,11 +19,12 @@ import numpy as np
 from scipy.linalg import LinAlgError, block_diag
 
 from contact.boundary import Array, BoundaryProblem, Friction
+from contact.certify import certify
 from contact.errors import NotConverged
 from contact.methods import INNER, Options
 from contact.newton import Forces, Iteration, Report, semismooth_newton
 from contact.proximal_point import proximal_point
-from contact.result import ContactResult, certify
+from contact.result import ContactResult
 
 if TYPE_CHECKING:
     from contact.condense import CondensedContact

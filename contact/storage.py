@@ -214,7 +214,7 @@ def _told(path: Path) -> Iterator[None]:
 
 def _certify(result: ContactResult, consequence: str) -> None:
     """Certify a result again, on whatever processor: residuals near their limit may round up."""
-    from contact.result import certify
+    from contact.certify import certify
 
     tol = default_tolerance(result.method) if result.tol is None else result.tol
     try:
