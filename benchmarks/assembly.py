@@ -44,8 +44,8 @@ from skfem.models.poisson import laplace
 from skfem.refdom import RefQuad
 
 from skfem_adini import ElementQuadAdini, UniformSolver, assemble, essential_dofs, factorize
-from skfem_adini.exact_matrices import exact_matrix
-from skfem_adini.pardiso import has_pardiso
+from skfem_adini.solvers.exact_matrices import exact_matrix
+from skfem_adini.solvers.pardiso import has_pardiso
 
 TARGETS = {
     "basis": 12.0,

@@ -29,9 +29,9 @@ from scipy.sparse.linalg import splu, spsolve
 from skfem import MeshQuad
 
 from contact import ContactProblem, ContactResult, ElasticBody, Plane, cross_check
-from contact.dissection import cell_graph, nested_dissection
+from contact.condensation.dissection import cell_graph, nested_dissection
 from skfem_adini import ElementQuadAdini
-from skfem_adini.pardiso import has_pardiso
+from skfem_adini.solvers.pardiso import has_pardiso
 
 OBSTACLE, FRICTION = Plane((0, -0.03), (0, 1)), 0.9
 PEERS = ("osqp", "piqp", "clarabel")

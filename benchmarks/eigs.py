@@ -44,7 +44,7 @@ from scipy.sparse.linalg import eigs as arpack
 
 from gpu import NotConverged
 
-module = importlib.import_module("gpu.eigs")
+module = importlib.import_module("gpu.eigenvalues.eigs")
 eigs = module.eigs
 
 K, TOL = 10, 1e-10
@@ -182,7 +182,7 @@ def on_host(n: int) -> dict[str, Any]:
 
 def steps(n: int, cp: Any, rate: float, size: int = 40) -> dict[str, float]:
     """One Arnoldi step: in one launch with its product, or with a library product."""
-    from gpu.arnoldi_kernels import FusedSteps
+    from gpu.eigenvalues.krylov.device_steps import FusedSteps
 
     A = separated(n, cp)
     V, rows = cp.zeros((size + 1, n)), cp.zeros((size, 2, size + 2))

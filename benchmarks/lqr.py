@@ -25,9 +25,9 @@ import numpy as np
 from machine import describe
 
 from gpu import lqr
-from gpu.hamiltonian_lqr import solve as algorithm5
-from gpu.lqr_problem import check_lqr
-from gpu.reduced_lqr import solve as reduced
+from gpu.riccati.methods.hamiltonian import solve as algorithm5
+from gpu.riccati.methods.reduced.reduced import solve as reduced
+from gpu.riccati.problem.lqr_problem import check_lqr
 
 ROOT = Path(__file__).parents[1]
 # Seconds of Table 6.2, four cores and one GPU (GeForce GT 640M LE), by L and N.

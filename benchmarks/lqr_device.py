@@ -23,10 +23,10 @@ import numpy as np
 from machine import describe
 
 from gpu import lqr
-from gpu.doubling import double
-from gpu.hamiltonian_balance import balance, scaled_hamiltonian
-from gpu.lqr_problem import check_lqr
-from gpu.reduced_lqr import solve as reduced
+from gpu.riccati.methods.doubling import double
+from gpu.riccati.methods.reduced.reduced import solve as reduced
+from gpu.riccati.problem.lqr_problem import check_lqr
+from gpu.riccati.problem.standard_form import balance, scaled_hamiltonian
 
 ROOT = Path(__file__).parents[1]
 

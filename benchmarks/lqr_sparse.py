@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from gpu.lqr_problem import check_lqr
-from gpu.reduced_lqr import solve
+from gpu.riccati.methods.reduced.reduced import solve
+from gpu.riccati.problem.lqr_problem import check_lqr
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 

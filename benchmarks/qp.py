@@ -32,9 +32,9 @@ import numpy as np
 from machine import describe
 
 from gpu import QPResult, solve_qp
-from gpu.dense import cholesky
-from gpu.general_qp import minimise
-from gpu.problem import check_problem
+from gpu.arrays.dense import cholesky
+from gpu.qp.data.qp_problem import check_problem
+from gpu.qp.interior_point.minimise import minimise
 
 # Rows of A and G in Figure 6.1; the larger sizes continue the last ratio.
 FIGURE = {400: (40, 40), 800: (80, 80), 1600: (80, 40), 3200: (160, 40), 6400: (160, 80)}

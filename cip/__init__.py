@@ -15,11 +15,11 @@ from cip.errors import (
     NotFinite,
     NotSupported,
 )
+from cip.formulas.velocity import Velocity
 from cip.grid import Grid
-from cip.solver import Solver
-from cip.state import State
-from cip.trajectory import Diagnostics, Trajectory
-from cip.velocity import Velocity
+from cip.output.trajectory import Diagnostics, Trajectory
+from cip.solver.solver import Solver
+from cip.stages.state import State
 
 __all__ = [
     "CipError",

@@ -1,7 +1,7 @@
 """The one door to numba: kernel modules are plain Python that this compiles when first used.
 
 Kernel modules keep to a small part of Python (numbers, flat arrays, if, for, tuples of results), so
-that `cip.device_source` can translate the very same functions to C for the device. They are
+that `cip.engines.cuda_source` can translate the very same functions to C for the device. They are
 imported where they are used, never by `import cip`.
 """
 
@@ -115,7 +115,7 @@ def _kept(function: Callable[..., Any], **options: Any) -> Any:
 def _state_of_the_package() -> str:
     """A hash of all its code: numba itself does not notice when a kernel changes that is called."""
     state = sha256()
-    for module in sorted(Path(__file__).parent.glob("*.py")):
+    for module in sorted(Path(__file__).parent.glob("**/*.py")):
         state.update(module.read_bytes())
     return state.hexdigest()[:12]
 

@@ -2,10 +2,12 @@
 
 from importlib.metadata import version
 
-from contact.body import ElasticBody
-from contact.condense import CondensedContact
-from contact.cross_check import CrossCheck, cross_check
-from contact.cut_body import CutBody
+from contact.body.cut_body import CutBody
+from contact.body.elastic_body import ElasticBody
+from contact.body.layers.layered_block import LayeredBlock
+from contact.checks.cross_check import CrossCheck, cross_check
+from contact.checks.uniqueness import Uniqueness, uniqueness
+from contact.condensation.sparse import CondensedContact
 from contact.errors import (
     ContactError,
     ContactWarning,
@@ -15,16 +17,14 @@ from contact.errors import (
     NotConverged,
     Unbounded,
 )
-from contact.layered_block import LayeredBlock
-from contact.load_history import LoadHistory, LoadStep
-from contact.load_stepper import LoadStepper
-from contact.newton import Iteration
-from contact.obstacles import ClosestPoint, Cylinder, Parabola, Plane, Sphere
-from contact.problem import ContactProblem
-from contact.result import ContactResult, Status
-from contact.rigid import Rigid
-from contact.signed_distance import SignedDistance
-from contact.uniqueness import Uniqueness, uniqueness
+from contact.histories.load_history import LoadHistory, LoadStep
+from contact.histories.load_stepper import LoadStepper
+from contact.laws.semismooth_newton import Iteration
+from contact.obstacles.rigid import Rigid
+from contact.obstacles.shapes import ClosestPoint, Cylinder, Parabola, Plane, Sphere
+from contact.obstacles.signed_distance import SignedDistance
+from contact.problem.contact_problem import ContactProblem
+from contact.result.contact_result import ContactResult, Status
 
 __all__ = [
     "ClosestPoint",

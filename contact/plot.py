@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from contact.errors import InputError, numbers
 
 if TYPE_CHECKING:
-    from contact.result import ContactResult
+    from contact.result.contact_result import ContactResult
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ def plot_tractions(
     result : ContactResult
     ax : matplotlib Axes, optional
     abscissa : ndarray, shape (m,), optional
-        What to plot against; default the arc length, see `contact.contact_runs.arc_length`.
+        What to plot against; default the arc length, see `contact.output.contact_runs.arc_length`.
     xlabel : str, optional
 
     Returns
@@ -41,8 +41,8 @@ def plot_tractions(
     InputError
         Not axes; in 3-D an abscissa, or axes without a third dimension.
     """
-    from contact.contact_runs import arc_length
-    from contact.result import Status
+    from contact.output.contact_runs import arc_length
+    from contact.result.contact_result import Status
 
     if result.x.shape[0] != 2:
         if abscissa is not None:

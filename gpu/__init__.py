@@ -9,9 +9,8 @@ result carries residuals recomputed from the problem, and every failure is a `Gp
 
 from importlib.metadata import version
 
-from gpu.batch import batch_solve_qp
-from gpu.box_qp import Step
-from gpu.eigs import eigs
+from gpu.eigenvalues.eigs import eigs
+from gpu.eigenvalues.svds import svds
 from gpu.errors import (
     GpuError,
     Infeasible,
@@ -22,15 +21,16 @@ from gpu.errors import (
     RiccatiError,
     Unbounded,
 )
-from gpu.hamiltonian import hamiltonian_inverse
-from gpu.kkt import KKT
-from gpu.lqr import care, lqe, lqr
-from gpu.lqr_result import LowRankValue, LQRResult
-from gpu.problem import QPFactor
-from gpu.qp import solve_qp
-from gpu.qpsolvers_backend import register_qpsolvers
-from gpu.result import QPResult, Status
-from gpu.svds import svds
+from gpu.qp.active_set.box import Step
+from gpu.qp.batch import batch_solve_qp
+from gpu.qp.data.kkt import KKT
+from gpu.qp.data.qp_problem import QPFactor
+from gpu.qp.data.qp_result import QPResult, Status
+from gpu.qp.qpsolvers_backend import register_qpsolvers
+from gpu.qp.solve_qp import solve_qp
+from gpu.riccati.lqr import care, lqe, lqr
+from gpu.riccati.lqr_result import LowRankValue, LQRResult
+from gpu.riccati.methods.hamiltonian_inverse import hamiltonian_inverse
 
 __all__ = [
     "KKT",

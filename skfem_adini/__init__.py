@@ -2,17 +2,25 @@
 
 from importlib.metadata import version
 
-from .adini_extension import AdiniExtension
-from .assemble import assemble
-from .cut_domain import BoundaryBasis, CutDomain
-from .cut_polygon import Polygon
-from .cut_quadrature import CutQuadrature, cut_quadrature
-from .element_hex_adini import ElementHexAdini
-from .element_quad_adini import ElementQuadAdini
-from .element_quad_adini_cut import ElementQuadAdiniCut, UnisolvenceWarning
-from .element_quad_adini_weighted import ElementQuadAdiniWeighted
-from .element_quad_bfs import ElementQuadBFS
-from .errors import (
+from skfem_adini.assembly.assemble import assemble
+from skfem_adini.conditions.essential_constraints import essential_constraints
+from skfem_adini.conditions.essential_dofs import essential_dofs
+from skfem_adini.conditions.hanging_constraints import hanging_constraints
+from skfem_adini.conditions.project_trace import project_trace
+from skfem_adini.curved.adini_extension import AdiniExtension
+from skfem_adini.curved.cut_domain import BoundaryBasis, CutDomain
+from skfem_adini.curved.element_quad_adini_cut import ElementQuadAdiniCut, UnisolvenceWarning
+from skfem_adini.curved.element_quad_adini_weighted import ElementQuadAdiniWeighted
+from skfem_adini.curved.ghost_penalty import ghost_penalty
+from skfem_adini.curved.nitsche import nitsche
+from skfem_adini.curved.quadrature.cut_quadrature import CutQuadrature, cut_quadrature
+from skfem_adini.curved.quadrature.level_set import FieldLevelSet, LevelSet
+from skfem_adini.curved.quadrature.polygon import Polygon
+from skfem_adini.curved.refined_at_boundary import refined_at_boundary
+from skfem_adini.elements.element_hex_adini import ElementHexAdini
+from skfem_adini.elements.element_quad_adini import ElementQuadAdini
+from skfem_adini.elements.element_quad_bfs import ElementQuadBFS
+from skfem_adini.errors import (
     AdiniError,
     InputError,
     MissingDependency,
@@ -20,21 +28,13 @@ from .errors import (
     ReducedOrderWarning,
     UnresolvedWarning,
 )
-from .essential_constraints import essential_constraints
-from .essential_dofs import essential_dofs
-from .ghost_penalty import ghost_penalty
-from .hanging_constraints import hanging_constraints
-from .level_set import FieldLevelSet, LevelSet
-from .lowest_eigenpairs import lowest_eigenpairs
-from .near_null_space import NearNullSpace, near_null_space
-from .nitsche import nitsche
-from .nodal_fields import nodal_gradient, nodal_stress, von_mises
-from .output import save, to_pyvista
-from .project_trace import project_trace
-from .refine_eigenpair import RefinedEigenpair, refine_eigenpair
-from .refined_at_boundary import refined_at_boundary
-from .sparse_solve import factorize
-from .uniform_solver import UniformSolver
+from skfem_adini.output.nodal_fields import nodal_gradient, nodal_stress, von_mises
+from skfem_adini.output.vtk_fields import save, to_pyvista
+from skfem_adini.solvers.factorize import factorize
+from skfem_adini.solvers.lowest_eigenpairs import lowest_eigenpairs
+from skfem_adini.solvers.near_null_space import NearNullSpace, near_null_space
+from skfem_adini.solvers.refine_eigenpair import RefinedEigenpair, refine_eigenpair
+from skfem_adini.uniform.solver import UniformSolver
 
 __all__ = [
     "AdiniError",

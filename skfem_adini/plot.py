@@ -9,11 +9,11 @@ from scipy import sparse
 from skfem import CellBasis
 from skfem.refdom import RefQuad
 
-from .adini_extension import AdiniExtension
-from .boundary_edges import scalar_element
-from .cut_domain import CutDomain
-from .errors import InputError, MissingDependency
-from .finite_numbers import finite_numbers
+from skfem_adini.arguments.finite_numbers import finite_numbers
+from skfem_adini.conditions.boundary_edges import scalar_element
+from skfem_adini.curved.adini_extension import AdiniExtension
+from skfem_adini.curved.cut_domain import CutDomain
+from skfem_adini.errors import InputError, MissingDependency
 
 _POINTS = 25
 _LATTICE = 6

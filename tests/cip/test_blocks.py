@@ -8,8 +8,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cip import Grid, Solver, Velocity, cpu, line_kernels, line_profiles, plane_kernels
+from cip import Grid, Solver, Velocity
+from cip.engines import cpu_loops
 from cip.jit import loop_over
+from cip.profiles import line_kernels, line_profiles, plane_kernels
 
 locate: Any = getattr(line_profiles.locate, "py_func", line_profiles.locate)
 
@@ -76,13 +78,13 @@ def test_blocks_are_the_node_functions(profile, regular, form):
     widths = grid.widths
     ends, advect = tuple(map(int, grid.periodic)), int(form == "advection")
     if profile == "cubic":
-        loop_over(cpu.run_line, node=line_kernels.node_cubic)(
+        loop_over(cpu_loops.run_line, node=line_kernels.node_cubic)(
             0, 301, m, expected, feet, widths[0], grid.nodes[0], *ends,
             advect, 0,
         )  # fmt: skip
     else:
         node = getattr(plane_kernels, f"node_{profile}")
-        loop_over(cpu.run_plane, node=node)(
+        loop_over(cpu_loops.run_plane, node=node)(
             0, grid.nodes[0], m, expected, feet, *widths, grid.size, *grid.nodes, *ends,
             advect, 0,
         )  # fmt: skip

@@ -50,7 +50,7 @@ def uneven(periodic):
 
 def test_quartics_between_the_nodes():
     """The slopes that csl4 finds, at walls too, make its profile exact for quartics."""
-    from cip.sample import sample
+    from cip.output.sample import sample
 
     grid = uneven(False)
     state = solver_of("csl4", grid, [1.0, 1.0], boundary=0.0).state(quartic)

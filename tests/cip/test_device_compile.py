@@ -3,9 +3,9 @@
 import pytest
 from device_cases import CASES, solver_of
 
-from cip.device import OPTIONS, device_source
-from cip.schemes import LIMITER_CODES
-from gpu.kernels import ARCHITECTURES
+from cip.engines.cuda_engine import OPTIONS, device_source
+from cip.profiles.catalogue import LIMITER_CODES
+from gpu.cuda.catalogue import ARCHITECTURES
 
 # The form and the place of the feet are constants in a kernel: advection holds what transport has.
 KERNELS = [

@@ -5,17 +5,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from cip import (
-    Grid,
-    Solver,
-    Velocity,
-    cpu,
-    jit,
-    line_blocks,
-    line_kernels,
-    path_loops,
-    plane_blocks,
-)
+from cip import Grid, Solver, Velocity, jit
+from cip.engines import cpu_loops, line_blocks, path_loops, plane_blocks
+from cip.profiles import line_kernels
 
 SCRIPT = """
 import numba
@@ -45,7 +37,7 @@ def test_the_next_process_compiles_nothing():
     grid, velocity = Grid((0, 1), 8, periodic=True), Velocity.from_expression("cos(t)")
     solver = Solver(grid, velocity, profile="linear")
     solver.step(solver.state("x1"), 0.1)
-    path = os.pathsep.join([str(Path(cpu.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+    path = os.pathsep.join([str(Path(jit.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     output = subprocess.run(
         [sys.executable, "-c", SCRIPT], env={**os.environ, "PYTHONPATH": path}, check=True,
         capture_output=True,
@@ -75,14 +67,14 @@ def test_one_path_serves_all_grids_and_solvers():
 
 def test_names_say_which_code_they_are():
     loops = [
-        jit.loop_over(cpu.run_line, node=getattr(line_kernels, f"node_{profile}"))
+        jit.loop_over(cpu_loops.run_line, node=getattr(line_kernels, f"node_{profile}"))
         for profile in ("linear", "cubic")
     ]
     names = [loop.py_func.__qualname__ for loop in loops]
     assert names[0].startswith("run_line_node_linear_")
     assert names[1].startswith("run_line_node_cubic_")
     assert all(name.endswith(jit._state_of_the_package()) for name in names)
-    assert jit.loop_over(cpu.run_line, node=line_kernels.node_cubic) is loops[1]
+    assert jit.loop_over(cpu_loops.run_line, node=line_kernels.node_cubic) is loops[1]
 
 
 def test_no_folder_to_write_to(monkeypatch):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from device_cases import CASES, solver_of
 
-from cip.device import device_source
-from cip.schemes import LIMITER_CODES
+from cip.engines.cuda_engine import device_source
+from cip.profiles.catalogue import LIMITER_CODES
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler")

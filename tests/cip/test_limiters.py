@@ -51,7 +51,7 @@ def test_bounds_leave_fine_profiles_alone(profile):
 @given(seed=st.integers(0, 10**6))
 def test_rational_profile_with_means(seed):
     """It takes both end values and the mean, monotone in monotone cells however steep."""
-    from cip.conservative_profiles import csl2
+    from cip.profiles.conservative_profiles import csl2
 
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(-1, 1, 2)
@@ -81,7 +81,7 @@ def test_rational_profile_with_means(seed):
 
 def test_rational_profile_beside_a_jump():
     """Flat on one side, steep on the other: end values and slopes to rounding, no false extrema."""
-    from cip.line_profiles import rational
+    from cip.profiles.line_profiles import rational
 
     s = np.concatenate([[0.0], 10.0 ** np.arange(-16.0, -1), np.linspace(0.1, 0.9, 9)])
     s = np.sort(np.concatenate([s, 1 - s]))

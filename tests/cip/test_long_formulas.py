@@ -3,7 +3,7 @@
 import numpy as np
 
 from cip import Grid, Solver, Velocity
-from cip.expression import ordered
+from cip.formulas.expression import ordered
 
 WAVES = 200
 

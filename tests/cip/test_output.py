@@ -119,7 +119,7 @@ def test_samples_in_two_and_three_dimensions():
         solver = Solver(grid, [1.0] * dim, profile=profile, splitting=splitting)
         state = solver.state(field)
         points = rng.uniform(0, 1, (dim, 30))
-        from cip.sample import sample
+        from cip.output.sample import sample
 
         np.testing.assert_allclose(sample(state, points), field(*points), atol=tolerance)
     with pytest.raises(InputError, match="outside"):
@@ -241,7 +241,7 @@ def test_interrupted_runs_keep_their_snapshots(signal):
 
 def test_callback_sees_every_step(caplog):
     seen = []
-    with caplog.at_level("INFO", logger="cip.run"):
+    with caplog.at_level("INFO", logger="cip.solver.time_loop"):
         run_of(callback=lambda state: seen.append(state.t), progress=True)
     assert len(seen) == 17
     assert seen[-1] == 0.5

@@ -8,7 +8,7 @@ from problems import order
 from scipy.integrate import solve_ivp
 
 from cip import Grid, Solver, Velocity
-from cip.jets import LOG_DETERMINANT
+from cip.characteristics.flow_derivatives import LOG_DETERMINANT
 
 PI = np.pi
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cip import Grid, Solver, Velocity
-from cip.jets import Composite, foot
+from cip.characteristics.flow_derivatives import Composite, foot
 
 
 def bell(x, y):

@@ -6,8 +6,8 @@ import sympy
 from problems import foot_inside, order, speed
 
 from cip import Grid, Solver, Velocity
-from cip.characteristics import integrate
-from cip.jets import System, foot
+from cip.characteristics.feet import integrate
+from cip.characteristics.flow_derivatives import System, foot
 
 TEXTS = [
     "x1**3*sin(x2) - exp(-t)*x2/(2 + x1**2)",
@@ -164,8 +164,8 @@ def test_substeps_of_a_velocity_that_changes_between_two_counts(text, shift):
 @pytest.mark.slow
 def test_compiled_feet_of_a_vortex_between_the_sampled_nodes(monkeypatch):
     """Against NumPy's feet, whose sub-steps are found on all nodes; a sample of four sees none."""
-    monkeypatch.setattr("cip.kernels._COMPILE_FROM", 0)
-    monkeypatch.setattr("cip.stage._SAMPLE", 4)
+    monkeypatch.setattr("cip.engines.engine._COMPILE_FROM", 0)
+    monkeypatch.setattr("cip.stages.stage._SAMPLE", 4)
     bell = "exp(-200*((x1-0.3)**2 + (x2-0.6)**2))"
     field = Velocity.from_expression(f"-9*(x2-0.6)*{bell}", f"9*(x1-0.3)*{bell}")
     solver = Solver(Grid((0, 1), (20, 20), periodic=True), field, profile="adini")

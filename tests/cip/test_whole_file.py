@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cip import Grid, InputError, Solver
-from cip.whole_file import write_whole
+from cip.output.whole_file import write_whole
 
 
 def test_threads_under_one_name(tmp_path):
@@ -23,7 +23,7 @@ def test_links_are_not_followed(tmp_path, monkeypatch):
     victim.write_text("precious")
     (tmp_path / "one").symlink_to(victim)
     write_whole(tmp_path / "one", "new")
-    monkeypatch.setattr("cip.whole_file.token_hex", lambda n: "guessed")
+    monkeypatch.setattr("cip.output.whole_file.token_hex", lambda n: "guessed")
     (tmp_path / "tmpguessed").symlink_to(victim)
     with pytest.raises(FileExistsError):
         write_whole(tmp_path / "two", "new")

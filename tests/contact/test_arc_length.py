@@ -17,7 +17,7 @@ from skfem import (
 )
 
 from contact import ContactProblem, Cylinder, ElasticBody, InputError, LayeredBlock
-from contact.contact_runs import arc_length
+from contact.output.contact_runs import arc_length
 from contact.plot import face_pressure
 from skfem_adini import ElementHexAdini, ElementQuadAdini
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from contact import ContactProblem, blas_threads
-from contact.blas_threads import one_blas_thread
+from contact import ContactProblem
+from contact.arrays import blas_threads
+from contact.arrays.blas_threads import one_blas_thread
 
 threadpoolctl = pytest.importorskip("threadpoolctl")
 

@@ -12,7 +12,7 @@ import skfem
 from skfem import Basis, ElementQuad2, ElementVector, MeshQuad
 
 from contact import ContactProblem, ContactResult, ElasticBody, InputError
-from contact.archive import checksum
+from contact.output.archive import checksum
 from skfem_adini import ElementQuadBFS
 
 

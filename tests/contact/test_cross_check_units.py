@@ -13,7 +13,7 @@ from skfem import (
 )
 
 from contact import ContactProblem, ElasticBody, Parabola, Plane, Rigid, cross_check
-from contact.peers import solve_with
+from contact.laws.qp_peers import solve_with
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
 PLANAR = [
@@ -130,7 +130,7 @@ def test_verdicts(make, monkeypatch):
     from dataclasses import replace
 
     problem, result = make.solved()
-    module = importlib.import_module("contact.cross_check")
+    module = importlib.import_module("contact.checks.cross_check")
     assert cross_check(problem, replace(result, u=1.01 * result.u)).verdict == "disagrees"
 
     def gives_up(*program):

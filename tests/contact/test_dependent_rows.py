@@ -9,8 +9,8 @@ import pytest
 from skfem import ElementTriP2
 
 from contact import ContactProblem, cross_check
-from contact.active_set import signorini
-from contact.boundary import BoundaryProblem
+from contact.condensation.boundary_problem import BoundaryProblem
+from contact.laws.active_set import signorini
 from gpu import NotConverged
 
 

@@ -7,7 +7,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from skfem import ElementTetP1, ElementTriP1, MeshTet, MeshTri
 
-from contact.dissection import nested_dissection
+from contact.condensation.dissection import nested_dissection
 
 
 def grid(*counts):

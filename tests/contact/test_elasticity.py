@@ -20,7 +20,7 @@ from skfem import (
 from skfem.models.elasticity import lame_parameters, linear_elasticity, plane_stress
 
 from contact import ContactProblem, ElasticBody, InputError
-from contact.elasticity import lame, stress
+from contact.body.elasticity import lame, stress
 from skfem_adini import ElementQuadAdini
 
 PLANAR = {

@@ -29,7 +29,7 @@ from contact import (
     Unbounded,
     cross_check,
 )
-from contact.mesh_file import read_mesh
+from contact.body.mesh_file import read_mesh
 from skfem_adini import ElementQuadAdini
 
 NAN, INF = np.nan, np.inf

@@ -13,7 +13,7 @@ from contact import (
     Status,
     Unbounded,
 )
-from contact.rigid_modes import rigid_modes
+from contact.body.rigid_modes import rigid_modes
 from skfem_adini import ElementQuadAdini
 
 ELEMENTS = [ElementQuadAdini, ElementTriP2, ElementQuad1, ElementTetP1, ElementHex1]

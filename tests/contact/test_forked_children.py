@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from skfem_adini.pardiso import has_pardiso
+from skfem_adini.solvers.pardiso import has_pardiso
 
 pytestmark = [
     pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system"),
@@ -20,7 +20,8 @@ import numpy as np
 from skfem import Basis, ElementQuad1, MeshQuad
 from skfem.models.poisson import laplace, mass
 from contact import ContactProblem, ElasticBody, Plane
-from skfem_adini import factorize, pardiso
+from skfem_adini import factorize
+from skfem_adini.solvers import pardiso
 
 assert pardiso._threads() == 2
 basis = Basis(MeshQuad().refined(5), ElementQuad1())

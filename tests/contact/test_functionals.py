@@ -18,7 +18,7 @@ from skfem import (
 )
 
 from contact import ContactProblem, ElasticBody, Parabola, Plane
-from contact.rows import contact_rows, tangent_frame
+from contact.rows.discretise import contact_rows, tangent_frame
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
 FULL_RANK = [

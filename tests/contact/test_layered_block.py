@@ -15,8 +15,8 @@ from contact import (
     Rigid,
     Unbounded,
 )
-from contact.dense_arrays import arrays_on
-from contact.plane_newton import plane_newton
+from contact.arrays.dense_arrays import arrays_on
+from contact.laws.device_newton import plane_newton
 
 
 def _supported(n):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from skfem import ElementQuad1, ElementTriP2, MeshQuad
 
-from contact import ContactProblem, ElasticBody, InputError, loops
+from contact import ContactProblem, ElasticBody, InputError
+from contact.laws import tresca_loop
 from skfem_adini import ElementQuadAdini
 
 # Relative difference of u to the default method: certificates at 1e-10, 1e-7 for QP solvers.
@@ -101,13 +102,13 @@ def iterates(monkeypatch):
     """Solve by the fixed point; return the history and the displacement after every step."""
 
     def run(problem, **options):
-        forces, step = [], loops.signorini
+        forces, step = [], tresca_loop.signorini
 
         def recorded(*args, **keys):
             forces.append(step(*args, **keys))
             return forces[-1]
 
-        monkeypatch.setattr(loops, "signorini", recorded)
+        monkeypatch.setattr(tresca_loop, "signorini", recorded)
         history = problem.solve("fixed_point", **options).history
         condensed, load = problem.condense(), problem.system.load
         boundary = condensed.boundary_problem(load, problem.rows.gap)

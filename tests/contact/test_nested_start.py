@@ -5,9 +5,9 @@ import pytest
 from skfem import ElementHex1, ElementQuad1, ElementQuad2, ElementTriP2
 
 from contact import ContactProblem, ElasticBody, LayeredBlock, Parabola, Plane, Rigid
-from contact.boundary import BoundaryProblem, Friction
-from contact.coarse_start import CoarseProblem
-from contact.newton import Forces
+from contact.condensation.boundary_problem import BoundaryProblem, Friction
+from contact.laws.coarse_start import CoarseProblem
+from contact.laws.semismooth_newton import Forces
 from skfem_adini import ElementQuadAdini
 
 FRICTION = [0.0, 0.3, 0.9, 1.5, 3.0]

@@ -19,7 +19,7 @@ from skfem import (
 )
 
 from contact import ContactProblem, ElasticBody, InputError
-from contact.rows import contact_rows
+from contact.rows.discretise import contact_rows
 from skfem_adini import ElementHexAdini, ElementQuadAdini
 
 pytestmark = pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")

@@ -15,7 +15,7 @@ from contact import (
     SignedDistance,
     Sphere,
 )
-from contact.obstacles import evaluate_gap
+from contact.obstacles.shapes import evaluate_gap
 
 number = st.floats(-3.0, 3.0)
 size = st.floats(0.1, 3.0)

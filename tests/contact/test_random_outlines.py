@@ -15,7 +15,7 @@ from skfem import ElementHex1, ElementHex2
 from traction_of_the_body import mismatch
 
 from contact import ContactProblem, InputError, NotConverged, Status
-from contact.outline import Outline
+from contact.rows.outline import Outline
 from skfem_adini import ElementHexAdini
 
 pytestmark = [

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.linalg import LinAlgError
 
-from contact.boundary import BoundaryProblem, Friction
+from contact.condensation.boundary_problem import BoundaryProblem, Friction
 from contact.errors import ContactError
-from contact.methods import Options, solve_boundary
+from contact.laws.methods import Options, solve_boundary
 from gpu import GpuError
 
 # What `solve` promises by default: the solvers aim a hundred times lower.

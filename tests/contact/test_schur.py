@@ -6,12 +6,12 @@ from scipy import sparse
 from skfem import ElementHex1, ElementQuad1, ElementTetP1, ElementTriP2
 
 from contact import ContactProblem, ElasticBody, InputError
-from contact import schur as schur_module
+from contact.body.rigid_modes import rigid_modes
+from contact.condensation import schur as schur_module
+from contact.condensation.schur import SuperLUSchur, schur_factor
 from contact.errors import MissingDependency
-from contact.rigid_modes import rigid_modes
-from contact.schur import SuperLUSchur, schur_factor
 from skfem_adini import ElementQuadAdini
-from skfem_adini.pardiso import has_pardiso
+from skfem_adini.solvers.pardiso import has_pardiso
 
 SOLVERS = [
     "superlu",

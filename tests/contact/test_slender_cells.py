@@ -15,7 +15,7 @@ from skfem import (
 )
 
 from contact import ContactProblem, ElasticBody, NotConverged, Plane
-from contact.cell_strains import internal_forces, strain_rows
+from contact.body.cell_strains import internal_forces, strain_rows
 from skfem_adini import ElementQuadAdini, ElementQuadBFS
 
 ELEMENTS = [

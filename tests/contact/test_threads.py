@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from contact import ContactProblem
-from skfem_adini.pardiso import has_pardiso
+from skfem_adini.solvers.pardiso import has_pardiso
 
 SOLVERS = [
     "superlu",

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from skfem import ElementHex1, ElementTetP1
 
 from contact import ContactProblem, ElasticBody, Plane, Sphere, Status
-from contact.rows import contact_rows
+from contact.rows.discretise import contact_rows
 
 ELEMENTS = [ElementHex1, ElementTetP1]
 FRICTION = [0.1, 0.3, 0.9, 3.0]

@@ -7,7 +7,7 @@ from example_scripts import load
 from skfem import Basis, ElementTriP2, FacetBasis, MeshTri2
 
 from contact import ElasticBody
-from contact.mesh_file import read_mesh
+from contact.body.mesh_file import read_mesh
 
 NAMES = {"mount", "flank", "contact", "bore"}
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gpu import eigs
-from gpu.arnoldi import Arnoldi
+from gpu.eigenvalues.krylov.arnoldi import Arnoldi
 
 
 def unitary(n, rng, c=0.5):
@@ -37,7 +37,9 @@ def stays_orthogonal(monkeypatch, A, k, xp=np, **options):
             errors.append(float(xp.abs(V @ V.T - xp.eye(len(V))).max()))
             super().rotate(Q, residual, first)
 
-    monkeypatch.setattr(importlib.import_module("gpu.krylov_schur"), "Arnoldi", Watched)
+    monkeypatch.setattr(
+        importlib.import_module("gpu.eigenvalues.krylov.krylov_schur"), "Arnoldi", Watched
+    )
     w, v = eigs(xp.asarray(A), k, **options)
     assert kept[-1].matvecs > 500
     assert len(errors) > 5

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from gpu import InputError
-from gpu.arnoldi_steps import ArnoldiSteps
+from gpu.eigenvalues.krylov.arnoldi_steps import ArnoldiSteps
 
 pytestmark = pytest.mark.gpu
 
@@ -18,7 +18,7 @@ def cupy():
 
 
 def start(cupy, A, size, seed=0):
-    from gpu.arnoldi_kernels import FusedSteps
+    from gpu.eigenvalues.krylov.device_steps import FusedSteps
 
     V = cupy.full((size + 1, len(A)), np.nan)
     v = np.random.default_rng(seed).standard_normal(len(A))
@@ -116,7 +116,7 @@ def test_invariant_space_leaves_a_beta_of_round_off(cupy):
 @pytest.mark.parametrize("n", [300, 70001])
 def test_random_start(cupy, n):
     """Unit vectors orthogonal to those before them; normal entries, another seed another vector."""
-    from gpu.arnoldi_kernels import FusedSteps
+    from gpu.eigenvalues.krylov.device_steps import FusedSteps
 
     V, rows = cupy.full((6, n), np.nan), cupy.full((5, 2, 7), np.nan)
     fused = FusedSteps(V, rows)
@@ -174,7 +174,7 @@ def test_views_that_the_kernel_cannot_read(cupy):
 
 @pytest.mark.parametrize(("n", "count", "kept"), [(1000, 40, 28), (33, 7, 1), (4001, 192, 190)])
 def test_rotation_in_place(cupy, n, count, kept):
-    from gpu.ritz_pairs import rotate, turns
+    from gpu.eigenvalues.krylov.ritz_pairs import rotate, turns
 
     rng = np.random.default_rng(n)
     V = rng.standard_normal((count + 1, n))
@@ -188,7 +188,7 @@ def test_rotation_in_place(cupy, n, count, kept):
 
 def test_vectors_and_residuals_of_pairs(cupy):
     """Real values, both members of a pair, a single member, and a mass matrix."""
-    from gpu.ritz_pairs import pairs_with_residuals
+    from gpu.eigenvalues.krylov.ritz_pairs import pairs_with_residuals
 
     rng = np.random.default_rng(5)
     n, c = 700, 6
@@ -217,7 +217,7 @@ def test_vectors_and_residuals_of_pairs(cupy):
 
 
 def test_largest_modulus(cupy):
-    from gpu.eigen_operator import as_matrix
+    from gpu.eigenvalues.operator import as_matrix
 
     A = np.random.default_rng(6).standard_normal((333, 333))
     A[17, 300] = -40.0

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gpu import lqr
-from gpu.lyapunov import lyapunov_solver
+from gpu.riccati.proof.lyapunov import lyapunov_solver
 
 
 @settings(max_examples=15)

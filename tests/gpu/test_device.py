@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gpu import Infeasible, InputError, QPFactor, Unbounded, solve_qp
-from gpu.dense import gram, lower_solve
-from gpu.device_triangle import DeviceTriangle
+from gpu.arrays.dense import gram, lower_solve
+from gpu.arrays.device_triangle import DeviceTriangle
 
 pytestmark = pytest.mark.gpu
 if importlib.util.find_spec("cupy") is None:

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy.sparse.linalg import LinearOperator
 
 from gpu import NotConverged, eigs
-from gpu.arnoldi import Arnoldi
-from gpu.challenge import unbeaten
-from gpu.spectrum_order import ORDERS, edge_of, rank_of
+from gpu.eigenvalues.krylov.arnoldi import Arnoldi
+from gpu.eigenvalues.krylov.challenge import unbeaten
+from gpu.eigenvalues.schur.order import ORDERS, edge_of, rank_of
 
 
 def compressed(values, locked, condition, seed):

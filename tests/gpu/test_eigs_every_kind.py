@@ -12,7 +12,7 @@ import pytest
 from scipy import linalg
 from scipy.optimize import linear_sum_assignment
 
-from gpu.eigs import eigs
+from gpu.eigenvalues.eigs import eigs
 
 EPS = np.finfo(float).eps
 RANK = {
@@ -28,7 +28,7 @@ RANK = {
 @pytest.fixture(autouse=True)
 def iterate(monkeypatch):
     """Matrices from order 129 on go through the iteration, as larger ones do by default."""
-    monkeypatch.setattr(importlib.import_module("gpu.eigs"), "DENSE", 128)
+    monkeypatch.setattr(importlib.import_module("gpu.eigenvalues.eigs"), "DENSE", 128)
 
 
 def similar(rng, D, condition):

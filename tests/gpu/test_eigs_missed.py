@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse.linalg import LinearOperator
 
-from gpu.eigs import eigs
+from gpu.eigenvalues.eigs import eigs
 
 RANK = {
     "LM": np.abs,
@@ -26,7 +26,7 @@ RANK = {
 def iterate():
     with pytest.MonkeyPatch.context() as patch:
         for name in ("DENSE", "PRODUCTS"):
-            patch.setattr(importlib.import_module("gpu.eigs"), name, 0)
+            patch.setattr(importlib.import_module("gpu.eigenvalues.eigs"), name, 0)
         yield
 
 

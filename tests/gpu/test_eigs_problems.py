@@ -18,7 +18,7 @@ N = 200
 @pytest.fixture(autouse=True)
 def iterate(monkeypatch):
     """Matrices from order 129 on go through the iteration, as larger ones do by default."""
-    for name in ("gpu.eigs", "gpu.svds"):
+    for name in ("gpu.eigenvalues.eigs", "gpu.eigenvalues.svds"):
         monkeypatch.setattr(importlib.import_module(name), "DENSE", 128)
 
 

@@ -15,8 +15,8 @@ from gpu import (
     register_qpsolvers,
     solve_qp,
 )
-from gpu.problem import check_problem
-from gpu.qp import _proximal
+from gpu.qp.data.qp_problem import check_problem
+from gpu.qp.solve_qp import _proximal
 
 
 def random(seed, n=30, l=20, m=4):

@@ -5,9 +5,9 @@ import pytest
 from scipy import sparse
 
 from gpu import hamiltonian_inverse
-from gpu.hamiltonian_lqr import solve as algorithm5
-from gpu.lqr_problem import check_lqr
-from gpu.reduced_lqr import solve as reduced
+from gpu.riccati.methods.hamiltonian import solve as algorithm5
+from gpu.riccati.methods.reduced.reduced import solve as reduced
+from gpu.riccati.problem.lqr_problem import check_lqr
 
 pytestmark = pytest.mark.gpu
 

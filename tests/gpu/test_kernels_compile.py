@@ -6,7 +6,7 @@ others in the slow lane, since that takes five times as long.
 
 import pytest
 
-from gpu.kernels import ARCHITECTURES, OPTIONS, SOURCES
+from gpu.cuda.catalogue import ARCHITECTURES, OPTIONS, SOURCES
 
 QUICK = ("--Ofast-compile=max",)
 

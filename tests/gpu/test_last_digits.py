@@ -7,10 +7,10 @@ import pytest
 from scipy import sparse
 
 from gpu import solve_qp
-from gpu.extended_precision import Triple, extended
-from gpu.last_digits import absolute, closed, last_digits
-from gpu.least_multipliers import least_multipliers
-from gpu.problem import check_problem
+from gpu.qp.data.qp_problem import check_problem
+from gpu.qp.interior_point.extended_precision import Triple, extended
+from gpu.qp.last_digits import absolute, closed, last_digits
+from gpu.qp.least_multipliers import least_multipliers
 
 
 def checked(P, q, G=None, h=None, A=None, b=None, lb=None, ub=None):

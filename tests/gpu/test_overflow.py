@@ -7,13 +7,13 @@ import pytest
 from scipy import sparse
 
 from gpu import GpuError, NotConverged, QPFactor, eigs, lqr, solve_qp, svds
-from gpu.eigen_certificate import certify
-from gpu.eigen_operator import as_matrix
-from gpu.kkt import kkt_residuals
-from gpu.lqr_problem import check_lqr
-from gpu.problem import check_problem
-from gpu.program import residuals
-from gpu.riccati_residual import riccati_residual
+from gpu.eigenvalues.certificate import certify
+from gpu.eigenvalues.operator import as_matrix
+from gpu.qp.data.kkt import kkt_residuals
+from gpu.qp.data.program import residuals
+from gpu.qp.data.qp_problem import check_problem
+from gpu.riccati.problem.lqr_problem import check_lqr
+from gpu.riccati.proof.residual import riccati_residual
 
 SLOW = pytest.mark.slow
 STORED = {"dense": np.asarray, "sparse": sparse.csr_array}

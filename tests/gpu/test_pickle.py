@@ -26,7 +26,7 @@ from gpu import (
     solve_qp,
     svds,
 )
-from gpu.sparse_factor import PardisoFactor, has_pardiso
+from gpu.arrays.sparse_factor import PardisoFactor, has_pardiso
 
 A, B = np.diag([-1.0, -2.0, -3.0]), np.ones((3, 1))
 LONG = sparse.csr_array(np.diag(-np.arange(1.0, 50.0)))

@@ -6,10 +6,10 @@ from scipy import sparse
 from scipy.optimize import linprog
 
 from gpu import Infeasible, InputError, NotConverged, QPFactor, batch_solve_qp, solve_qp
-from gpu.general_qp import minimise
-from gpu.presolve import presolve
-from gpu.program import Program
-from gpu.result import Status
+from gpu.qp.data.program import Program
+from gpu.qp.data.qp_result import Status
+from gpu.qp.interior_point.minimise import minimise
+from gpu.qp.interior_point.presolve import presolve
 
 INF = np.inf
 
@@ -144,7 +144,7 @@ def test_large_multipliers_do_not_hide_a_gap():
     # Multipliers of 1e12 that cancel: y'r and z'b are large, the objective is not.
     p = program([[1.0, 1.0]], [0.0], [0.0], [0.0, 0.0], [INF, INF], [1.0, 1.0])
     wide = Program(p.P, p.q + 1.0, p.C, p.row_low + 2.0, p.row_high + 2.0, p.lb + 1.0 - 1e-3, p.ub)
-    from gpu.program import residuals
+    from gpu.qp.data.program import residuals
 
     x, big = np.array([1.0, 1.0]), 1e12
     y = np.array([big])

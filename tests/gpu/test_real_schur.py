@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import linalg
 
-from gpu import real_schur as module
-from gpu import schur_kernels
-from gpu.ordered_schur import eigenvalues_of, ordered_schur
-from gpu.real_schur import real_schur
+from gpu.eigenvalues.schur import real_schur as module
+from gpu.eigenvalues.schur import schur_kernels
+from gpu.eigenvalues.schur.ordered_schur import eigenvalues_of, ordered_schur
+from gpu.eigenvalues.schur.real_schur import real_schur
 
 EPS = np.finfo(float).eps
 

@@ -8,7 +8,7 @@ from scipy import sparse
 from scipy.optimize import linprog
 
 from gpu import Unbounded, solve_qp
-from gpu.program import Program
+from gpu.qp.data.program import Program
 
 STORED = {"dense": np.asarray, "sparse": sparse.csr_array}
 

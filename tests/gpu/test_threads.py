@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from gpu import QPFactor, arnoldi_kernels, eigs, lqe, lqr, solve_qp, svds
-from gpu.real_schur import real_schur
-from gpu.sparse_factor import PardisoFactor, SuperLUFactor, has_pardiso
+from gpu import QPFactor, eigs, lqe, lqr, solve_qp, svds
+from gpu.arrays.sparse_factor import PardisoFactor, SuperLUFactor, has_pardiso
+from gpu.eigenvalues.krylov import device_steps
+from gpu.eigenvalues.schur.real_schur import real_schur
 
 WORKERS = 8
 
@@ -119,7 +120,7 @@ def test_a_launch_is_granted_the_memory_it_asks_for(monkeypatch):
     refused = []
 
     class Kernel:
-        max_dynamic_shared_size_bytes = arnoldi_kernels.SHARED
+        max_dynamic_shared_size_bytes = device_steps.SHARED
 
         def __call__(self, grid, block, arguments, shared_mem):
             time.sleep(1e-4)
@@ -127,12 +128,12 @@ def test_a_launch_is_granted_the_memory_it_asks_for(monkeypatch):
                 refused.append(shared_mem)
 
     kernel = Kernel()
-    monkeypatch.setattr(arnoldi_kernels, "_kernel", lambda name: kernel)
-    monkeypatch.setattr(arnoldi_kernels, "_granted", {})
+    monkeypatch.setattr(device_steps, "_kernel", lambda name: kernel)
+    monkeypatch.setattr(device_steps, "_granted", {})
     barrier = threading.Barrier(WORKERS)
 
     def launches(size):
-        steps = object.__new__(arnoldi_kernels.FusedSteps)
+        steps = object.__new__(device_steps.FusedSteps)
         steps._device, steps._blocks, steps._arrived = 0, 1, 0
         barrier.wait()
         for _ in range(20):

@@ -252,7 +252,7 @@ def test_slightly_different_cells_are_told_apart(shift):
 
 @pytest.mark.parametrize("threads", [2, 3])
 def test_threads_do_not_change_a_bit(threads, monkeypatch):
-    from skfem_adini import csr_scatter
+    from skfem_adini.assembly import csr_scatter
 
     mesh, element = permuted(MeshQuad().refined(4)), ElementQuadAdini()
     alone = assemble(laplace, mesh, element)
@@ -264,7 +264,7 @@ def test_threads_do_not_change_a_bit(threads, monkeypatch):
 
 
 def test_long_integers_where_32_bits_do_not_suffice(monkeypatch):
-    from skfem_adini import csr_scatter
+    from skfem_adini.assembly import csr_scatter
 
     assert csr_scatter.index_type(2**31 - 1, 5) is np.int32
     assert csr_scatter.index_type(2**31, 5) is np.int64
@@ -275,8 +275,8 @@ def test_long_integers_where_32_bits_do_not_suffice(monkeypatch):
 
 
 def scatter_long(mesh, element):
-    from skfem_adini.csr_scatter import scatter_matrix
-    from skfem_adini.dof_blocks import DofBlocks
+    from skfem_adini.assembly.csr_scatter import scatter_matrix
+    from skfem_adini.assembly.dof_blocks import DofBlocks
 
     basis = Basis(mesh, element)
     local = np.swapaxes(laplace.elemental(basis).tolocal(), 1, 2).copy()

@@ -63,7 +63,7 @@ def test_forms_that_vary_inside_a_cell(name, caplog, capsys):
     fields = {"varying": VARYING, "dofs": np.random.default_rng(1).random(BASIS.N)}
     if name in ("items", "unpacked", "copied"):
         fields = {}
-    with caplog.at_level(logging.DEBUG, logger="skfem_adini.assemble"):
+    with caplog.at_level(logging.DEBUG, logger="skfem_adini.assembly.assemble"):
         found = assemble(form, MESH, ELEMENT, verbose=True, **fields)
     assert same(found, asm(form, BASIS, **fields))
     assert "by scikit-fem" in caplog.text
@@ -78,7 +78,7 @@ def test_a_constant_integrand_is_fine():
 
 
 def test_unused_fields_do_not_matter(caplog):
-    with caplog.at_level(logging.DEBUG, logger="skfem_adini.assemble"):
+    with caplog.at_level(logging.DEBUG, logger="skfem_adini.assembly.assemble"):
         found = assemble(laplace, MESH, ELEMENT, fallback=False, varying=VARYING)
     assert same(found, asm(laplace, BASIS))
     assert "classes of 15 cells" in caplog.text

@@ -10,14 +10,8 @@ from scipy import sparse
 from skfem import Basis, LinearForm, MeshQuad
 from skfem.models.poisson import laplace, mass
 
-from skfem_adini import (
-    ElementQuadAdini,
-    InputError,
-    MissingDependency,
-    UniformSolver,
-    factorize,
-    sparse_solve,
-)
+from skfem_adini import ElementQuadAdini, InputError, MissingDependency, UniformSolver, factorize
+from skfem_adini.solvers import factorize as sparse_solve
 
 HAS_PARDISO = importlib.util.find_spec("pypardiso") is not None
 SOLVERS = [

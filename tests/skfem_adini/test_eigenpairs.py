@@ -16,7 +16,7 @@ from skfem_adini import (
     lowest_eigenpairs,
     refine_eigenpair,
 )
-from skfem_adini.pardiso import has_pardiso
+from skfem_adini.solvers.pardiso import has_pardiso
 
 FINE = MeshQuad().refined(3)
 SOLVERS = [

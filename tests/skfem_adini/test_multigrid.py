@@ -23,9 +23,9 @@ from skfem_adini import (
     essential_constraints,
     essential_dofs,
     factorize,
-    multigrid,
     near_null_space,
 )
+from skfem_adini.solvers import multigrid
 
 pytest.importorskip("pyamg", reason="multigrid is optional")
 

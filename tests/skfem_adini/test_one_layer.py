@@ -7,7 +7,7 @@ import pytest
 
 import skfem_adini
 
-MODULES = sorted(Path(skfem_adini.__file__).parent.glob("*.py"))
+MODULES = sorted(Path(skfem_adini.__file__).parent.glob("**/*.py"))
 SOLVERS = {"splu", "spilu", "spsolve", "factorized", "cg", "gmres", "minres", "solve", "pypardiso"}
 ALLOWED = {
     "superlu": {"splu"},

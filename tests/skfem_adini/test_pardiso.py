@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import sparse
 
-from skfem_adini import AdiniError, factorize, pardiso
+from skfem_adini import AdiniError, factorize
+from skfem_adini.solvers import pardiso
 
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("pypardiso") is None, reason="no pypardiso"

@@ -15,14 +15,8 @@ import pytest
 from skfem import Basis, MeshHex, MeshQuad
 from skfem.models.poisson import laplace, mass
 
-from skfem_adini import (
-    ElementHexAdini,
-    ElementQuadAdini,
-    UniformSolver,
-    factorize,
-    near_null_space,
-    pardiso,
-)
+from skfem_adini import ElementHexAdini, ElementQuadAdini, UniformSolver, factorize, near_null_space
+from skfem_adini.solvers import pardiso
 
 HAS_PARDISO = importlib.util.find_spec("pypardiso") is not None
 PARDISO = pytest.mark.skipif(not HAS_PARDISO, reason="no pypardiso")

@@ -11,7 +11,7 @@ from skfem import Basis, BilinearForm, MeshHex, MeshQuad
 from skfem.models.poisson import mass
 
 from skfem_adini import ElementHexAdini, ElementQuadAdini, UniformSolver
-from skfem_adini.exact_matrices import exact_matrix
+from skfem_adini.solvers.exact_matrices import exact_matrix
 
 # Relative errors of the Dirichlet eigenvalue (1, 1), from an independent derivation of the symbol.
 PUBLISHED = {

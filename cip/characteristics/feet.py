@@ -1,0 +1,368 @@
+"""Feet of the characteristics and their derivatives, integrated backward together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cip.characteristics.flow_derivatives import Jet, System
+from cip.errors import InputError, LeftDomain, NotConverged, NotFinite
+from cip.formulas.formula import Formula
+from cip.grid import Grid
+from cip.reals import real_number
+
+Array = NDArray[np.float64]
+
+# Error of the feet in cells and of their derivatives relative to their size: below the rounding of
+# a float64 profile after some hundred steps, above that of the velocity's own evaluation.
+TOLERANCE = 1e-10
+MAX_SUBSTEPS = 8192
+# Displacements that kernels can count in whole numbers of 32 bits.
+MOST_CELLS = 2.0**30
+# A foot this little outside (in cells) is on the wall.
+_ON_WALL = 1e-9
+
+
+@dataclass(frozen=True)
+class Exits:
+    """Characteristics that begin on the wall: where, how long before the end of the step, and how.
+
+    Attributes
+    ----------
+    nodes : ndarray of int
+        Their place among the points.
+    ages : ndarray
+        Time between the wall and the node.
+    points : tuple of ndarray
+        Coordinates on the wall.
+    axis, side : ndarray of int
+        Direction normal to the wall, and 0 for its lower or 1 for its upper end.
+    jets : dict
+        Derivatives of the foot at the wall.
+    """
+
+    nodes: NDArray[np.int64]
+    ages: Array
+    points: tuple[Array, ...]
+    axis: NDArray[np.int64]
+    side: NDArray[np.int64]
+    jets: dict[Jet, Array]
+
+
+@dataclass(frozen=True)
+class Feet:
+    """Displacements (in the coordinates) and derivatives of the feet of all points."""
+
+    jets: dict[Jet, Array]
+    exits: Exits | None
+    substeps: int
+
+
+def integrate(
+    grid: Grid,
+    formulas: Sequence[Formula],
+    system: System,
+    points: Sequence[Array],
+    t_end: float,
+    dt: float,
+    tolerance: float = TOLERANCE,
+) -> Feet:
+    r"""Follow the characteristics through `points` from `t_end` back to `t_end` - `dt`.
+
+    The classical Runge-Kutta method with equal sub-steps, as many as make the estimate of its error
+    (the difference to half as many, over 15) smaller than the tolerance everywhere. Of a velocity
+    that depends on t one sub-step more is taken than twice as many: two numbers that divide each
+    other would both miss what has their period. A path that meets a wall of a direction that is not
+    periodic ends there.
+
+    Parameters
+    ----------
+    grid : Grid
+    formulas : sequence of Formula
+        The velocity.
+    system : System
+        The unknowns.
+    points : sequence of ndarray
+        Coordinates, one array for each direction, all of one shape.
+    t_end, dt : float
+    tolerance : float
+
+    Returns
+    -------
+    Feet
+        Arrays of the flattened points.
+
+    Raises
+    ------
+    NotFinite
+        The velocity or a path is NaN or infinite, with the node and the time.
+    NotConverged
+        More than 8192 sub-steps would be needed.
+    """
+    # Lengths for differences, which formulas do not need.
+    exact = all(formula.exact for formula in formulas)
+    clock = 1.0 if exact else time_scale(grid, formulas, t_end)
+    steps = (*grid.spacing, *([1.0] * (3 - grid.dim)), clock)
+    functions = {}
+    for formula in formulas:
+        functions.update(formula.functions(system.rates, steps))
+    rates = system.evaluator(functions)
+    flat = [np.ravel(x) for x in points]
+    run = _Run(grid, system, rates, flat, t_end, dt)
+    count = run.first_guess()
+    coarse = run.follow(count)
+    one_more = int(not all(formula.steady for formula in formulas))
+    while True:
+        count = 2 * count + one_more
+        fine = run.follow(count)
+        if run.difference(coarse, fine) <= 15.0 * tolerance:
+            break
+        if 2 * count > MAX_SUBSTEPS:
+            raise NotConverged(
+                f"characteristics: after {count} sub-steps over dt = {dt:.6g} from t = {t_end:.6g} "
+                f"the error estimate is {run.difference(coarse, fine) / 15.0:.1e} cells, above "
+                f"{tolerance:.1e}; is the velocity smooth? Take a smaller dt"
+            )
+        coarse = fine
+    return Feet(*fine, count)
+
+
+def time_scale(grid: Grid, formulas: Sequence[Formula], t: float) -> float:
+    """A time in which the field changes little at a point: the shortest through a cell."""
+    speed = 0.0
+    points = grid.mesh()
+    for formula, h in zip(formulas, grid.spacing, strict=True):
+        values = formula.derivative((0, 0, 0, 0), (1.0,) * 4)(
+            *points, *([np.zeros(())] * (3 - grid.dim)), t
+        )
+        finite = np.abs(values[np.isfinite(values)])
+        speed = max(speed, float(finite.max(initial=0.0)) / h)
+    return 1.0 / speed if speed > 0.0 else min(grid.spacing)
+
+
+def check_inside(grid: Grid, exits: Exits | None, allowed: set[tuple[int, int]], t: float) -> None:
+    """Raise `LeftDomain` when a path ends at a wall without boundary data."""
+    if exits is None:
+        return
+    for axis, side in sorted({(int(a), int(s)) for a, s in zip(exits.axis, exits.side)}):  # noqa: B905
+        if (axis, side) in allowed:
+            continue
+        first = int(np.flatnonzero((exits.axis == axis) & (exits.side == side))[0])
+        where = ", ".join(f"{x[first]:.6g}" for x in exits.points)
+        wall = f"{'xyz'[axis]}{'-+'[side]}"
+        raise LeftDomain(
+            f"boundary: the characteristic of {_place(grid, int(exits.nodes[first]))} at t = "
+            f"{t:.6g} comes in through the wall {wall!r} at ({where}), t = "
+            f"{t - exits.ages[first]:.6g}, where no data is given; "
+            f"pass boundary={{{wall!r}: value}}"
+        )
+
+
+def _place(grid: Grid, node: int) -> str:
+    from cip.grid import node_name
+
+    return node_name(grid, node % grid.size)
+
+
+_Result = tuple[dict[Jet, Array], "Exits | None"]
+
+
+class _Run:
+    def __init__(
+        self, grid: Grid, system: System, rates: object, flat: list[Array], t_end: float, dt: float
+    ) -> None:
+        self.grid, self.system, self.flat, self.dt = grid, system, flat, dt
+        self.t_end = np.float64(t_end)  # Python's own numbers raise where NumPy's give infinity
+        self.rates = rates
+        self.size = flat[0].size
+        self.walls = [axis for axis in system.moving if not grid.periodic[axis]]
+
+    def first_guess(self) -> int:
+        y = self._start(np.arange(self.size))
+        with np.errstate(all="ignore"):
+            steepest = 0.0
+            for jet, rate in zip(self.system.jets, self._rates(y, self.flat, 0.0), strict=True):
+                if sum(jet.orders) == 1 and jet.component < 3:
+                    steepest = max(steepest, float(np.max(np.abs(rate))))
+        if not np.isfinite(steepest):
+            steepest = 0.0  # `follow` finds the node and says so
+        return int(np.clip(np.ceil(2.0 * steepest * self.dt), 1, MAX_SUBSTEPS // 4))
+
+    @np.errstate(all="ignore")  # `_check` names what is not finite
+    def follow(self, count: int) -> _Result:
+        result = self._start(np.arange(self.size))
+        active = np.arange(self.size)
+        y, base = result.copy(), self.flat
+        found: list[tuple[NDArray[Any], ...]] = []
+        step = self.dt / count
+        for n in range(count):
+            tau = n * step
+            moved = self._advance(y, base, tau, np.full(active.size, step))
+            self._check(moved, active, tau + step)
+            if self.walls:
+                outside = self._outside(moved, base) > 0.0
+                if outside.any():
+                    part, where = y[:, outside], [x[outside] for x in base]
+                    crossed = self._beyond_each(moved[:, outside], where) > _ON_WALL
+                    age, at = self._to_the_wall(part, where, crossed, tau, step)
+                    self._check(at, active[outside], tau + step)
+                    found.append((active[outside], age, at, crossed))
+                    keep = ~outside
+                    result[:, active[keep]] = moved[:, keep]
+                    active, moved = active[keep], moved[:, keep]
+                    base = [x[keep] for x in base]
+            y = moved
+        result[:, active] = y
+        exits = self._exits(found, result) if found else None
+        return dict(zip(self.system.jets, result, strict=True)), exits
+
+    def difference(self, coarse: _Result, fine: _Result) -> float:
+        """Largest change of a foot in cells and of a derivative relative to the largest."""
+        aged = np.zeros((2, self.size))
+        for row, (_, exits) in zip(aged, (coarse, fine), strict=True):
+            if exits is not None:
+                row[exits.nodes] = exits.ages
+        same = (aged[0] > 0) == (aged[1] > 0)
+        worst = float(np.max(np.abs(aged[0] - aged[1])[same], initial=0.0)) / self.dt
+        for jet in self.system.jets:
+            change = np.max(np.abs(coarse[0][jet] - fine[0][jet])[same], initial=0.0)
+            if sum(jet.orders) == 0 and jet.component < 3:
+                largest = self.grid.spacing[jet.component]
+                # Rounding of a foot many cells away.
+                change -= 1e-15 * np.max(np.abs(fine[0][jet]), initial=0.0)
+            else:
+                largest = max(1.0, float(np.max(np.abs(fine[0][jet]), initial=0.0)))
+            worst = max(worst, float(change / largest))
+        return worst
+
+    def _start(self, index: NDArray[np.int64]) -> Array:
+        y = np.empty((len(self.system.jets), index.size))
+        for row, jet in zip(y, self.system.jets, strict=True):
+            row[:] = self.system.start(jet)
+        return y
+
+    def _rates(self, y: Array, base: Sequence[Array], tau: Array | float) -> list[Array]:
+        point: list[Array] = []
+        moving = list(self.system.moving)
+        for axis in range(3):
+            if axis >= self.grid.dim:
+                point.append(np.zeros(()))
+            elif axis in moving:
+                point.append(base[axis] + y[moving.index(axis)])
+            else:
+                point.append(base[axis])
+        return list(self.rates(*point, self.t_end - tau, *y))  # type: ignore[operator]
+
+    def _advance(self, y: Array, base: Sequence[Array], tau: float, step: Array) -> Array:
+        """One step of the classical Runge-Kutta method, of a length for each point."""
+        k1 = _stack(self._rates(y, base, tau), y)
+        k2 = _stack(self._rates(y + 0.5 * step * k1, base, tau + 0.5 * step), y)
+        k3 = _stack(self._rates(y + 0.5 * step * k2, base, tau + 0.5 * step), y)
+        k4 = _stack(self._rates(y + step * k3, base, tau + step), y)
+        return y + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+
+    def _outside(self, y: Array, base: Sequence[Array]) -> Array:
+        """How many cells beyond the nearest wall; not positive inside."""
+        worst = self._beyond_each(y, base).max(axis=(0, 1))
+        return np.where(worst > _ON_WALL, worst, np.minimum(worst, 0.0))
+
+    def _to_the_wall(
+        self, y: Array, base: list[Array], crossed: NDArray[np.bool_], tau: float, step: float
+    ) -> tuple[Array, Array]:
+        """The part of the step that ends on the wall, by the Illinois rule of false position.
+
+        Of the walls only those that the step has crossed: others a path may follow.
+        """
+
+        def outside(y: Array) -> Array:
+            worst: Array = np.where(crossed, self._beyond_each(y, base), -np.inf).max(axis=(0, 1))
+            return worst
+
+        low, high = np.zeros(y.shape[1]), np.full(y.shape[1], step)
+        f_low = np.minimum(outside(y), 0.0)
+        f_high = outside(self._advance(y, base, tau, high))
+        age = np.where(f_low == 0.0, 0.0, high)
+        # No closer than the coordinates at the walls can say, in cells.
+        far = [max(map(abs, self.grid.bounds[a])) / self.grid.spacing[a] for a in self.walls]
+        close = max(1e-13, 8.0 * np.finfo(float).eps * max(far))
+        for _ in range(60):
+            width = f_high - f_low
+            age = np.where(width > 0, low - f_low * (high - low) / np.where(width > 0, width, 1), 0)
+            at = self._advance(y, base, tau, age)
+            beyond = outside(at)
+            if np.all((np.abs(beyond) <= close) | (high - low <= 1e-15 * step)):
+                break
+            right = beyond > 0.0
+            f_low = np.where(right, 0.5 * f_low, beyond)
+            f_high = np.where(right, beyond, 0.5 * f_high)
+            low, high = np.where(right, low, age), np.where(right, age, high)
+        return tau + age, self._advance(y, base, tau, age)
+
+    def _beyond_each(self, y: Array, base: Sequence[Array]) -> Array:
+        """How many cells beyond the lower and the upper wall of each direction."""
+        beyond = np.full((3, 2, y.shape[1]), -np.inf)
+        for axis in self.walls:
+            x = base[axis] + y[self.system.moving.index(axis)]
+            low, high = self.grid.bounds[axis]
+            beyond[axis] = np.stack([low - x, x - high]) / self.grid.spacing[axis]
+        return beyond
+
+    def _exits(self, found: list[tuple[NDArray[Any], ...]], result: Array) -> Exits:
+        nodes, ages, at, crossed = (np.concatenate(part, axis=-1) for part in zip(*found))  # noqa: B905
+        points = [x[nodes] for x in self.flat]
+        distance = np.full((3, 2, nodes.size), np.inf)
+        for place, axis in enumerate(self.system.moving):
+            points[axis] = points[axis] + at[place]
+            if axis in self.walls:
+                low, high = self.grid.bounds[axis]
+                distance[axis, 0] = np.abs(points[axis] - low) / self.grid.spacing[axis]
+                distance[axis, 1] = np.abs(points[axis] - high) / self.grid.spacing[axis]
+        # In a corner, and along a wall, the nearest wall may be one that the path does not cross.
+        distance[~crossed] = np.inf
+        wall = np.argmin(distance.reshape(6, -1), axis=0)
+        for axis in self.walls:
+            for side in (0, 1):
+                hit = wall == 2 * axis + side
+                points[axis] = np.where(hit, self.grid.bounds[axis][side], points[axis])
+        result[:, nodes] = at
+        jets = dict(zip(self.system.jets, at, strict=True))
+        return Exits(nodes, ages, tuple(points), wall // 2, wall % 2, jets)
+
+    def _check(self, y: Array, index: NDArray[np.int64], tau: float) -> None:
+        bad = ~np.isfinite(y).all(axis=0)
+        if bad.any():
+            node = int(index[np.argmax(bad)])
+            raise NotFinite(
+                f"velocity: the characteristic of {_place(self.grid, node)} is not finite at t = "
+                f"{self.t_end - tau:.6g} (from t = {self.t_end:.6g} backward); the velocity or a "
+                "derivative of it overflows or is undefined there"
+            )
+        for row, axis in zip(y, self.system.moving, strict=False):
+            far = np.abs(row) > MOST_CELLS * self.grid.spacing[axis]
+            if self.grid.periodic[axis] and far.any():
+                node = int(index[np.argmax(far)])
+                raise NotFinite(
+                    f"velocity: the characteristic of {_place(self.grid, node)} goes more than "
+                    f"{MOST_CELLS:.0e} cells from t = {self.t_end:.6g} back to t = "
+                    f"{self.t_end - tau:.6g}, too far to tell places in a cell apart; take a "
+                    "smaller dt"
+                )
+
+
+def _stack(rates: list[Array], like: Array) -> Array:
+    out = np.empty_like(like)
+    for row, rate in zip(out, rates, strict=True):
+        row[:] = rate
+    return out
+
+
+def check_step(dt: float, name: str = "dt") -> float:
+    """A positive, finite time step."""
+    value = real_number(dt, f"{name}: expected a positive number")
+    if not np.isfinite(value) or value <= 0.0:
+        raise InputError(f"{name}: expected a positive, finite time, got {dt!r}")
+    return value

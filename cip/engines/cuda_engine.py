@@ -1,0 +1,245 @@
+"""Stages on a CUDA device: the kernels translated to C, compiled by NVRTC through CuPy."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cip.engines.cuda_source import prelude, translate
+from cip.engines.engine import Kernels
+from cip.engines.path_kernel import COARSE, LEFT, box_of, path_source
+from cip.errors import InputError, MissingDependency
+from cip.stages.stage import Stage, StageFeet
+from cip.stages.state import State
+
+if TYPE_CHECKING:
+    from cip.solver.solver import Solver
+
+# Passed to NVRTC.
+OPTIONS = ("--std=c++14",)
+_COMPONENTS = 16
+_HEAD = "#define DEVICE static __device__ __forceinline__\n"
+
+_LINE_PLACE = """
+    const index o = blockIdx.x * blockDim.x + threadIdx.x;
+    if (o >= size) return;
+    const index q = o % inner, row = o / inner, i = row % n, base = row / n * (n * inner) + q;
+"""
+_PLANE_PLACE = """
+    const index j = blockIdx.x * blockDim.x + threadIdx.x;
+    const index i = blockIdx.y * blockDim.y + threadIdx.y;
+    if (i >= nx || j >= ny) return;
+    const index o = i * ny + j;
+"""
+
+
+def device_source(
+    stage: Stage, name: str, limiter: int, computed: bool, real: str, index: str
+) -> str:
+    """CUDA C of the kernel ``run`` of a stage; what is fixed for a solver is a constant in it.
+
+    Parameters
+    ----------
+    stage : Stage
+    name : str
+        Node function.
+    limiter : int
+    computed : bool
+        Whether the kernel computes the feet.
+    real, index : str
+        C types.
+    """
+    # Kernel modules are Python that numba compiles; here only their text is needed.
+    from cip.profiles import (
+        conservative_kernels,
+        conservative_profiles,
+        line_kernels,
+        line_profiles,
+        plane_kernels,
+    )
+
+    modules: list[Any] = [line_profiles, plane_kernels, line_kernels]
+    if stage.conservative:
+        modules = [line_profiles, conservative_profiles, conservative_kernels]
+    entries = [name]
+    grid, uniform = stage.grid, all(stage.grid.uniform)
+    if computed:
+        rounding = float(np.finfo(np.float64 if real == "double" else np.float32).eps)
+        box = box_of(grid, stage.system, stage.limit, rounding)
+        modules.append(path_source(stage.system, stage.jets, box))
+        entries.append("path")
+    parameters = ["const real* __restrict__ m", "real* __restrict__ out"]
+    if computed:
+        parameters += [f"const real* __restrict__ line{axis}" for axis in range(grid.dim)]
+        parameters += ["const real t", "const real step", "const index count", "int* said"]
+    else:
+        parameters.append("const real* __restrict__ feet")
+    constants, place, call = _plane(grid) if stage.axis is None else _line(stage)
+    body = [place]
+    if uniform:
+        widths = enumerate(float(width[0]) for width in grid.widths)
+        body += [f"    const real h{axis} = (real){width!r};" for axis, width in widths]
+    else:
+        parameters += [f"const real* __restrict__ h{axis}" for axis in range(grid.dim)]
+    foot, stride, base = ("feet", "size", "o")
+    if computed:
+        foot, stride, base = ("foot", "1", "0")
+        x = ["(real)0"] * 3
+        for axis, index_of in enumerate(_indices(grid)):
+            x[axis] = f"line{axis}[{index_of}]"
+        body.append(f"    real foot[{_COMPONENTS}];")
+        body.append(f"    const index found = path(foot, {', '.join(x)}, t, step, count);")
+        # A byte for each thing said: nobody reads what others write.
+        body.append("    if (found != 0) ((unsigned char*)said)[found - 1] = 1;")
+    tail = f"{int(stage.advect)}, {limiter}"
+    if stage.conservative:
+        parameters += ["const real low", "const real high", "const real slack"]
+        call = call.replace("{feet}", "feet")
+        tail = f"{limiter}, low, high, slack"
+    call = call.replace("{feet}", f"{foot}, {stride}, {base}")
+    body.append(f"    {name}(m, out, {call}, {tail});")
+    head = f'extern "C" __global__ void run({", ".join(parameters)}) {{'
+    return "\n".join(
+        [
+            _HEAD + prelude(real, index, uniform),
+            *constants,
+            translate(modules, *entries),
+            head,
+            *body,
+            "}",
+            "",
+        ]
+    )
+
+
+def _plane(grid: Any) -> tuple[list[str], str, str]:
+    (nx, ny), (px, py) = grid.nodes, map(int, grid.periodic)
+    constants = _constants(size=grid.size, nx_=nx, ny_=ny)
+    place = f"    const index size = size_, nx = nx_, ny = ny_;{_PLANE_PLACE}"
+    return constants, place, f"{{feet}}, h0, h1, size, o, i, j, nx, ny, {px}, {py}"
+
+
+def _line(stage: Stage) -> tuple[list[str], str, str]:
+    grid, axis = stage.grid, stage.axis
+    assert axis is not None
+    inner = int(np.prod(grid.nodes[axis + 1 :]))
+    constants = _constants(size=grid.size, inner_=inner, n_=grid.nodes[axis])
+    place = f"    const index size = size_, inner = inner_, n = n_;{_LINE_PLACE}"
+    periodic = int(grid.periodic[axis])
+    call = f"{{feet}}, h{axis}, size, {grid.dim}, {axis}, o, base, inner, n, {periodic}, i"
+    return constants, place, call
+
+
+def _constants(size: int, **others: int) -> list[str]:
+    named = {"size_": size, **others}
+    return [f"#define {name} ((index){value})" for name, value in named.items()]
+
+
+def _indices(grid: Any) -> list[str]:
+    """Index of node o in each direction."""
+    found = []
+    for axis in range(grid.dim):
+        after = int(np.prod(grid.nodes[axis + 1 :]))
+        found.append(f"o / (index){after} % (index){grid.nodes[axis]}")
+    return found
+
+
+@cache
+def _compiled(source: str) -> Any:
+    import cupy
+
+    return cupy.RawModule(code=source, options=OPTIONS).get_function("run")
+
+
+class DeviceKernels(Kernels):
+    """Runs the stages with CuPy; states stay on the device."""
+
+    def __init__(self, solver: Solver) -> None:
+        super().__init__(solver)
+        try:
+            import cupy
+        except ImportError as error:
+            raise MissingDependency(
+                "backend='cupy' needs CuPy: pip install cupy-cuda12x (or cupy-cuda13x), by the "
+                "CUDA version of the driver"
+            ) from error
+        try:
+            cupy.cuda.runtime.getDeviceCount()
+        except cupy.cuda.runtime.CUDARuntimeError as error:
+            raise InputError(
+                f"backend='cupy': no CUDA device answers ({error}); take backend='cpu' here"
+            ) from error
+        self._cupy = cupy
+        self._compiled: dict[Any, Any] = {}
+        self._certain: set[Any] = set()
+        grid = solver.grid
+        widths = [] if all(grid.uniform) else grid.widths  # else constants in the kernels
+        self._widths = [cupy.asarray(width.astype(self.dtype)) for width in widths]
+        self._lines = [cupy.asarray(line.astype(self.dtype)) for line in grid.coordinates]
+        self._real = "double" if self.dtype == np.float64 else "float"
+        self._index = "int" if 16 * grid.size < 2**31 else "long long"
+        self._whole = np.int32 if self._index == "int" else np.int64
+
+    def place(self, state: State) -> State:
+        """The state in a CuPy array of the solver's precision."""
+        data = self._cupy.ascontiguousarray(self._cupy.asarray(state.data, dtype=self.dtype))
+        return State(self.grid, state.profile, data, state.t)
+
+    def feet(self, feet: StageFeet) -> StageFeet:
+        """Feet on the device, in the solver's precision."""
+        data = self._cupy.asarray(feet.data.astype(self.dtype))
+        return StageFeet(data, feet.exits, feet.t_start, feet.t_end)
+
+    def empty(self, data: Any) -> Any:
+        """Room for the new moments."""
+        return self._cupy.empty_like(data)
+
+    def correct(self, flat: Any, places: Any, values: Any, add: bool) -> None:
+        """Write or add values at flat places."""
+        where = self._cupy.asarray(places)
+        what = self._cupy.asarray(values.astype(self.dtype))
+        if add:
+            self._cupy.add.at(flat, where, what)
+        else:
+            flat[where] = what
+
+    def launch(self, stage: Stage, m: Any, out: Any, feet: Any) -> None:
+        """One kernel over all nodes with stored feet; flat arrays."""
+        arguments = [m, out, feet, *self._widths]
+        if stage.conservative:
+            limits = (*self.bounds(stage), self.solver.bounds_tolerance)
+            arguments += [self.dtype.type(value) for value in limits]
+        self._start(stage, False, arguments)
+
+    def launch_path(
+        self, stage: Stage, m: Any, out: Any, t_end: float, dt: float, count: int
+    ) -> int:
+        """One kernel that computes the feet too; what its paths say."""
+        said = self._cupy.zeros(1, np.int32)
+        real = self.dtype.type
+        clock = [real(t_end), real(dt / count), self._whole(count), said]
+        self._start(stage, True, [m, out, *self._lines, *clock, *self._widths])
+        part = (stage.axis, dt, count)
+        if part in self._certain:
+            return 0
+        left, coarse = (int(byte != 0) for byte in said.get().view(np.uint8)[:2])
+        found = LEFT * left | COARSE * coarse
+        if self.solver.steady and not found:
+            self._certain.add(part)  # the same feet in every step: the host need not wait for them
+        return found
+
+    def _start(self, stage: Stage, computed: bool, arguments: list[Any]) -> None:
+        key = (stage.axis, computed)
+        kernel = self._compiled.get(key)
+        if kernel is None:
+            source = device_source(
+                stage, self.name(stage), self.limiter, computed, self._real, self._index
+            )
+            kernel = self._compiled[key] = _compiled(source)
+        if stage.axis is None:
+            nx, ny = self.grid.nodes
+            kernel((-(-ny // 64), -(-nx // 4)), (64, 4), tuple(arguments))
+        else:
+            kernel((-(-self.grid.size // 256),), (256,), tuple(arguments))

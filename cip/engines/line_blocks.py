@@ -1,0 +1,140 @@
+"""The cubic profile on one line on the CPU without limiter, a short block of nodes at a time.
+
+As `cip.engines.plane_blocks`, for the same reason: places, ends of the cells, profile in three
+loops. Where all feet of a block lie equally many whole cells from their nodes, which for smooth
+velocities is nearly everywhere, the cells follow each other and the profile reads their ends where
+they are.
+"""
+
+from __future__ import annotations
+
+from math import floor
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from cip.engines.cpu_loops import address
+from cip.jit import Array, Index, Out, Real, kernel, loop, room
+from cip.profiles.line_kernels import move_cubic
+from cip.profiles.line_profiles import cubic, locate
+
+_BLOCK = 128
+
+numbers = room(_BLOCK)
+
+
+@kernel
+def offsets(feet: Array, o: Index, count: Index, at: Out, inside: Out) -> tuple[Index, Index]:
+    """Whole cells from `count` nodes to their feet, least and most of them; places in the cells."""
+    low = floor(feet[o])
+    high = low
+    for q in range(count):
+        f = floor(feet[o + q])
+        at[q] = f
+        inside[q] = feet[o + q] - f
+        low = min(low, f)
+        high = max(high, f)
+    return low, high
+
+
+@kernel
+def places(
+    feet: Array, o: Index, count: Index, n: Index, periodic: Index, at: Out, inside: Out
+) -> None:
+    """Cells of the feet of `count` nodes and the places in them."""
+    for q in range(count):
+        k, _right, s = locate(o + q, feet[o + q], n, periodic)
+        at[q] = k
+        inside[q] = s
+
+
+@kernel
+def ends(m: Array, n: Index, h: Array, uniform: Index, count: Index, at: Array, near: Out) -> None:
+    """Values and slopes at both ends of the cells, then their widths."""
+    for q in range(count):
+        k = at[q]
+        r = k + 1
+        if r == n:
+            r = 0
+        near[q] = m[k]
+        near[_BLOCK + q] = m[r]
+        near[2 * _BLOCK + q] = m[n + k]
+        near[3 * _BLOCK + q] = m[n + r]
+        if uniform == 0:
+            near[4 * _BLOCK + q] = h[k]
+
+
+@kernel
+def near_ends(
+    m: Array, n: Index, h: Array, uniform: Index, count: Index, first: Index, at: Array, near: Out
+) -> None:
+    """The same for cells counted from node to node from `first` on, none at the seam."""
+    for q in range(count):
+        k = first + q + at[q]
+        near[q] = m[k]
+        near[_BLOCK + q] = m[k + 1]
+        near[2 * _BLOCK + q] = m[n + k]
+        near[3 * _BLOCK + q] = m[n + k + 1]
+        if uniform == 0:
+            near[4 * _BLOCK + q] = h[k]
+
+
+@kernel
+def cubic_block(
+    near: Array, inside: Array, feet: Array, n: Index, o: Index, count: Index, advect: Index,
+    out: Out,
+) -> None:  # fmt: skip
+    """The new values and slopes of a block."""
+    for q in range(count):
+        width = near[4 * _BLOCK + q]
+        va = width * near[2 * _BLOCK + q]
+        vb = width * near[3 * _BLOCK + q]
+        value, slope = cubic(near[q], near[_BLOCK + q], va, vb, inside[q])
+        move_cubic(value, slope / width, feet, n, o + q, advect, out, n, o + q)
+
+
+@kernel
+def cubic_row(
+    m: Array, k: Index, width: Real, inside: Array, feet: Array, n: Index, o: Index, count: Index,
+    advect: Index, out: Out,
+) -> None:  # fmt: skip
+    """The same for cells of one width that follow each other from number k on."""
+    cells = 1.0 / width
+    for q in range(count):
+        va = width * m[n + k + q]
+        vb = width * m[n + k + q + 1]
+        value, slope = cubic(m[k + q], m[k + q + 1], va, vb, inside[q])
+        move_cubic(value, cells * slope, feet, n, o + q, advect, out, n, o + q)
+
+
+def end_room(dtype: DTypeLike, h: Array) -> Any:
+    """Room for the ends of a block of cells, with the width of the first cell."""
+    near = np.empty(5 * _BLOCK, dtype)
+    near[4 * _BLOCK :] = h[0]
+    return near
+
+
+@loop
+def run_cubic(
+    start: Index, stop: Index, m: Array, out: Out, feet: Array, h: Array, n: Index,
+    periodic: Index, advect: Index, uniform: Index, near: Out,
+) -> None:  # fmt: skip
+    """Nodes start..stop of the line."""
+    at, inside = numbers(np.empty(1, np.int64)), numbers(m)
+    m, out, feet, h, near = address(m), address(out), address(feet), address(h), address(near)
+    for o in range(start, stop, _BLOCK):
+        count = min(_BLOCK, stop - o)
+        low, high = offsets(feet, o, count, at, inside)
+        first = o
+        if periodic == 1:
+            first = o - (o + low) // n * n
+        if first + low < 0 or first + high + count >= n:
+            places(feet, o, count, n, periodic, at, inside)
+            ends(m, n, h, uniform, count, at, near)
+            cubic_block(near, inside, feet, n, o, count, advect, out)
+        elif low == high and uniform == 1:
+            cubic_row(m, first + low, h[0], inside, feet, n, o, count, advect, out)
+        else:
+            near_ends(m, n, h, uniform, count, first, at, near)
+            cubic_block(near, inside, feet, n, o, count, advect, out)

@@ -1,0 +1,288 @@
+"""Scalar functions of space and time with their derivatives, from text, callables or arrays."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cip.errors import InputError
+from cip.formulas.expression import COORDINATES, Expression, opaque, ordered, traced
+from cip.formulas.parsing import parse
+from cip.formulas.pointwise_check import Box, Samples, alike, check_pointwise
+from cip.formulas.straight_line_code import numpy_function
+from cip.grid import Grid
+from cip.reals import real_array, real_number
+
+Array = NDArray[np.float64]
+Orders = tuple[int, int, int, int]
+
+# A time like any other, at which callables are tried.
+_CLOCK = 0.3779644730092272
+# Sixth-order central differences: the step is a quarter of the spacing, so that their error stays
+# below that of the profiles on every grid and rounding costs 4 eps / h.
+_STEP = 0.25
+_STENCIL = ((1, 45.0 / 60.0), (2, -9.0 / 60.0), (3, 1.0 / 60.0))
+
+
+class Formula:
+    """A function f(x1, .., t): exact derivatives where its formula is known, else differences.
+
+    Parameters
+    ----------
+    expression : Expression
+        The formula, or an opaque node that stands for `known`.
+    dim : int
+    known : dict, optional
+        Callables of (x1, .., t): the value, orders (0, 0, 0, 0), and given derivatives.
+    """
+
+    def __init__(
+        self,
+        expression: Expression,
+        dim: int,
+        known: dict[Orders, Callable[..., Any]] | None = None,
+    ) -> None:
+        self.expression, self.dim, self.known = expression, dim, known or {}
+
+    @classmethod
+    def of(
+        cls, value: Any, box: Box, name: str, time: bool = False, sparse: bool = False
+    ) -> Formula:
+        """From a number, a text, or a callable of the coordinates (and of t, if `time`).
+
+        `box` is where a callable must be defined; `sparse` points broadcast.
+        """
+        dim = len(box)
+        names = [*COORDINATES[:dim], *(["t"] if time else [])]
+        if isinstance(value, str):
+            expression = parse(value, name)
+        elif callable(value):
+            expression = traced(value, names)  # type: ignore[assignment]
+            if expression is None or not agree([expression], value, box, time):
+                formula = cls.by_values(value, dim, name, time)
+                formula.check_pointwise(box, name, time, sparse)
+                return formula
+        else:
+            kinds = f"{name}: expected a number, a text or a callable"
+            expression = parse(repr(real_number(value, kinds)), name)
+        unknown = expression.variables() - {*COORDINATES[:dim], "t"}
+        if unknown:
+            raise InputError(f"{name}: {sorted(unknown)} occur, but the grid has {dim} directions")
+        return cls(expression, dim)
+
+    @classmethod
+    def by_values(
+        cls,
+        function: Callable[..., Any],
+        dim: int,
+        name: str,
+        time: bool = False,
+        derivatives: dict[Orders, Callable[..., Any]] | None = None,
+        hint: str = "",
+    ) -> Formula:
+        """From a callable that is known by its values (and by some of its derivatives)."""
+        arguments = ", ".join([*COORDINATES[:dim], *(["t"] if time else [])])
+
+        def checked(original: Callable[..., Any]) -> Callable[..., Any]:
+            def values(*point: Any) -> Array:
+                point = (*point[:dim], *(point[3:] if time else ()))
+                try:
+                    with np.errstate(all="ignore"):
+                        result = real_array(original(*point), name)
+                except InputError:
+                    raise
+                except Exception as error:  # whatever a user's function raises
+                    raise InputError(
+                        f"{name}: called with the arrays {arguments} it raised "
+                        f"{type(error).__name__}: {error}{hint}"
+                    ) from error
+                shape = np.broadcast_shapes(*(np.shape(x) for x in point))
+                fits = result.ndim <= len(shape) and all(
+                    n in (1, m) for n, m in zip(result.shape[::-1], shape[::-1], strict=False)
+                )
+                if result.dtype.kind not in "fiub" or not fits:
+                    raise InputError(
+                        f"{name}: called with the arrays {arguments} it must return real values "
+                        f"of shape {shape}, got {result.dtype} of shape {result.shape}"
+                    )
+                return result.astype(float, copy=False)
+
+            return values
+
+        known = {(0, 0, 0, 0): checked(function)}
+        known.update({orders: checked(given) for orders, given in (derivatives or {}).items()})
+        return cls(opaque(_label(name, known), (0, 0, 0, 0)), dim, known)
+
+    def check_pointwise(self, box: Box, name: str, time: bool, sparse: bool = False) -> None:
+        """Raise `InputError` where a callable is no function of the place."""
+        for known in self.known.values():
+            samples = Samples(box, sparse, _CLOCK if time else None)
+
+            def values(*point: Any, known: Callable[..., Any] = known) -> Any:
+                return known(*padded(point, self.dim, time))
+
+            check_pointwise(values, samples, name)
+
+    @property
+    def exact(self) -> bool:
+        """Whether all derivatives come from a formula."""
+        return not self.known
+
+    @property
+    def steady(self) -> bool:
+        """Whether t does not occur; a function known by its values counts as steady."""
+        return not self.exact or "t" not in self.expression.variables()
+
+    def functions(self, nodes: Sequence[Expression], steps: Sequence[float]) -> dict[str, Any]:
+        """What the opaque nodes among `nodes` are called and how to compute them."""
+        found = {}
+        for node in ordered(list(nodes)):
+            if node.op == "opaque" and node.value[0] == self._name:
+                orders = node.value[1]
+                label = f"{self._name}_{''.join(map(str, orders))}"
+                found[label] = self._opaque(orders, steps)
+        return found
+
+    def derivative(self, orders: Orders, steps: Sequence[float]) -> Callable[..., Array]:
+        """A partial derivative as a function of (x1, x2, x3, t).
+
+        `steps` are the lengths over which the function changes little, in x1, x2, x3 and t.
+        """
+        node = self.expression
+        for name, order in zip(COORDINATES, orders, strict=True):
+            for _ in range(order):
+                node = node.derivative(name)
+        return self.evaluator(node, steps)
+
+    def evaluator(self, node: Expression, steps: Sequence[float]) -> Callable[..., Array]:
+        """Any formula built from this one as a function of (x1, x2, x3, t)."""
+        compute = numpy_function([node], COORDINATES, self.functions([node], steps))
+
+        def values(*point: Any) -> Array:
+            # As arrays: Python's own numbers raise where NumPy's give infinity.
+            with np.errstate(all="ignore"):
+                result = np.asarray(compute(*map(np.asarray, point))[0], dtype=float)
+            shape = np.broadcast_shapes(*(np.shape(x) for x in point))
+            return np.array(np.broadcast_to(result, shape))
+
+        return values
+
+    @property
+    def _name(self) -> str:
+        return str(self.expression.value[0]) if self.expression.op == "opaque" else ""
+
+    def _opaque(self, orders: Orders, steps: Sequence[float]) -> Callable[..., Array]:
+        if orders in self.known:
+            return self.known[orders]
+        place = max(q for q in range(4) if orders[q])
+        i, j, k, l = (order - (q == place) for q, order in enumerate(orders))
+        return _difference(self._opaque((i, j, k, l), steps), place, _STEP * steps[place])
+
+
+def padded(point: Sequence[Any], dim: int, time: bool) -> list[Any]:
+    """x1, x2, x3 and t from the coordinates of a grid and, if `time`, the last."""
+    clock = point[-1] if time else np.zeros(())
+    return [*point[:dim], *([np.zeros(())] * (3 - dim)), clock]
+
+
+def agree(
+    formulas: Sequence[Expression], function: Callable[..., Any], box: Box, time: bool
+) -> bool:
+    """Whether a callable, called on two samples, says what it said when it was traced."""
+    compute = numpy_function(formulas, COORDINATES)
+    finite = False
+    for point in Samples(box, t=_CLOCK if time else None):
+        with np.errstate(all="ignore"):
+            expected = compute(*map(np.asarray, padded(point, len(box), time)))
+            try:
+                called = function(*point)
+                found = [called] if len(formulas) == 1 and np.ndim(called) < 2 else list(called)
+                found = [real_array(one, "") for one in found]
+            except Exception:  # whatever a user's function raises
+                return False
+        if len(found) != len(formulas):
+            return False
+        for one, other in zip(found, expected, strict=True):
+            if one.ndim > 1 or one.size not in (1, point[0].size):
+                return False
+            # A formula is the same operations but for powers and factors, to some roundings.
+            if not alike(one, other, 1e-9).all():
+                return False
+            finite = finite or bool(np.isfinite(one).any())
+    return finite
+
+
+def _difference(function: Callable[..., Any], place: int, step: float) -> Callable[..., Array]:
+    def slope(*point: Any) -> Array:
+        total: Any = 0.0
+        for k, weight in _STENCIL:
+            ahead, behind = list(point), list(point)
+            ahead[place] = point[place] + k * step
+            behind[place] = point[place] - k * step
+            total = total + weight * (np.asarray(function(*ahead)) - np.asarray(function(*behind)))
+        return total / step
+
+    return slope
+
+
+def spline(values: Any, grid: Grid, name: str) -> Formula:
+    """The interpolating quintic tensor spline of nodal values, periodic where the grid is."""
+    from scipy.interpolate import NdBSpline, make_interp_spline
+
+    array = real_array(values, name)
+    if array.dtype.kind not in "fiu" or array.shape != grid.nodes:
+        raise InputError(
+            f"{name}: expected real values at the nodes, shape {grid.nodes}, got {array.dtype} of "
+            f"shape {array.shape}"
+        )
+    if not np.isfinite(array).all():
+        at = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise InputError(f"{name}: NaN or infinity at node {at}")
+    coefficients, knots = array.astype(float), []
+    degree = [5 if n >= 6 else 3 for n in grid.cells]
+    for axis in range(grid.dim):
+        if grid.periodic[axis]:
+            first = np.take(coefficients, [0], axis=axis)
+            coefficients = np.concatenate([coefficients, first], axis=axis)
+        one = make_interp_spline(
+            grid.edges[axis],
+            coefficients,
+            k=degree[axis],
+            axis=axis,
+            bc_type="periodic" if grid.periodic[axis] else None,
+        )
+        coefficients = np.moveaxis(np.asarray(one.c), 0, axis)
+        knots.append(one.t)
+    interpolant = NdBSpline(tuple(knots), coefficients, tuple(degree))
+
+    def derivative(orders: Orders) -> Callable[..., Any]:
+        def evaluate(*point: Any) -> Any:
+            shape = np.broadcast_shapes(*(np.shape(x) for x in point[: grid.dim]))
+            places = []
+            for axis, x in enumerate(point[: grid.dim]):
+                low, high = grid.bounds[axis]
+                x = np.broadcast_to(x, shape)
+                inside = low + (x - low) % (high - low) if grid.periodic[axis] else x
+                places.append(np.clip(inside, low, high))
+            return interpolant(np.stack(places, axis=-1), nu=orders[: grid.dim])
+
+        return evaluate
+
+    every = [
+        (i, j, k, 0)
+        for i in range(4)
+        for j in range(4 if grid.dim > 1 else 1)
+        for k in range(4 if grid.dim > 2 else 1)
+        if i + j + k <= 3
+    ]
+    known = {orders: derivative(orders) for orders in every}
+    return Formula(opaque(_label(name, known), (0, 0, 0, 0)), grid.dim, known)
+
+
+def _label(name: str, known: dict[Orders, Callable[..., Any]]) -> str:
+    """What generated code calls a function."""
+    return f"{re.sub(r'[^A-Za-z0-9]', '_', name)}_{id(known)}"

@@ -1,0 +1,87 @@
+"""Formulas from texts."""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable
+from typing import Any
+
+from cip.errors import InputError
+from cip.formulas.expression import (
+    COORDINATES,
+    RULES,
+    Expression,
+    apply,
+    constant,
+    ordered,
+    variable,
+)
+
+_ALIASES = {"x": "x1", "y": "x2", "z": "x3"}
+_CONSTANTS = {"pi": math.pi, "e": math.e}
+_OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+}
+
+
+def parse(text: str, name: str = "expression") -> Expression:
+    """The formula that a text in x1, x2, x3 (or x, y, z) and t says.
+
+    The grammar is Python's arithmetic with ``+ - * / **``, numbers, pi, e, and sin, cos, tan,
+    arcsin, arccos, arctan, sinh, cosh, tanh, exp, log, sqrt, abs and sign.
+    """
+    if not isinstance(text, str):
+        raise InputError(f"{name}: expected a text such as 'x2 * sin(t)', got {text!r}")
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+        found = _parsed(tree, text, name)
+    except InputError:
+        raise
+    except SyntaxError as error:
+        raise InputError(f"{name}: {text!r} is not a formula: {error.msg}") from error
+    except (ValueError, OverflowError) as error:
+        raise InputError(f"{name}: {text!r} is not a formula: {error}") from error
+    except (RecursionError, MemoryError) as error:
+        raise InputError(
+            f"{name}: a text of {len(text)} characters, nested too deeply to be read; pass a "
+            "callable, whose sums may be as long as you like"
+        ) from error
+    if any(node.op == "constant" and not math.isfinite(node.value) for node in ordered([found])):
+        raise InputError(
+            f"{name}: {text!r} holds a number that is not finite: an overflow, a division by zero, "
+            "or a root or logarithm of a number that has none"
+        )
+    return found
+
+
+def _parsed(tree: ast.expr, text: str, name: str) -> Expression:
+    if isinstance(tree, ast.Constant) and isinstance(tree.value, int | float):
+        return constant(tree.value)
+    if isinstance(tree, ast.Name):
+        if tree.id in _CONSTANTS:
+            return constant(_CONSTANTS[tree.id])
+        known = _ALIASES.get(tree.id, tree.id)
+        if known in COORDINATES:
+            return variable(known)
+        raise InputError(f"{name}: {tree.id!r} in {text!r} is none of x1, x2, x3, t, pi, e")
+    if isinstance(tree, ast.BinOp) and type(tree.op) in _OPERATORS:
+        left, right = _parsed(tree.left, text, name), _parsed(tree.right, text, name)
+        found: Expression = _OPERATORS[type(tree.op)](left, right)
+        return found
+    if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub | ast.UAdd):
+        inner = _parsed(tree.operand, text, name)
+        return -inner if isinstance(tree.op, ast.USub) else inner
+    if isinstance(tree, ast.Call) and isinstance(tree.func, ast.Name) and not tree.keywords:
+        if tree.func.id in RULES and len(tree.args) == 1:
+            return apply(tree.func.id, _parsed(tree.args[0], text, name))
+        raise InputError(
+            f"{name}: {tree.func.id!r} in {text!r} is no known function of one argument; "
+            f"known are {', '.join(RULES)}"
+        )
+    raise InputError(f"{name}: {ast.unparse(tree)!r} in {text!r} is not arithmetic")

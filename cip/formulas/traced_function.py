@@ -1,0 +1,77 @@
+"""Callables that a pickle can hold: functions without a name go as the formula that was traced."""
+
+from __future__ import annotations
+
+import operator
+import pickle
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from cip.errors import InputError
+from cip.formulas.expression import Expression, ordered
+
+_OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "**": operator.pow,
+}
+
+
+class TracedFunction:
+    """The formulas that a callable computes, as a callable of numbers, arrays or formulas.
+
+    Parameters
+    ----------
+    outputs : dict
+        By the names of the arguments: the formulas that it returns, or the one.
+    """
+
+    def __init__(self, outputs: dict[tuple[str, ...], Sequence[Expression]]) -> None:
+        self._outputs = {names: tuple(formulas) for names, formulas in outputs.items()}
+
+    def __call__(self, *point: Any) -> Any:
+        """What the callable returned for these arguments."""
+        fitting = [names for names in self._outputs if len(names) == len(point)]
+        if not fitting:
+            raise TypeError(f"it was traced with {sorted(map(len, self._outputs))} arguments")
+        known, formulas = dict(zip(fitting[0], point, strict=True)), self._outputs[fitting[0]]
+        values: dict[Expression, Any] = {}
+        for node in ordered(formulas):
+            args = [values[argument] for argument in node.args]
+            if node.op == "constant":
+                values[node] = node.value
+            elif node.op == "variable":
+                values[node] = known[node.value]
+            else:
+                values[node] = (_OPERATORS.get(node.op) or getattr(np, node.op))(*args)
+        found = tuple(values[formula] for formula in formulas)
+        return found if len(found) > 1 else found[0]
+
+
+def portable(
+    value: Any, name: str, trace: Callable[[], dict[tuple[str, ...], Sequence[Expression]]]
+) -> Any:
+    """The value itself where a pickle can hold it, else what `trace` finds, as a callable.
+
+    Raises
+    ------
+    InputError
+        A callable that can be neither pickled nor traced.
+    """
+    if not callable(value):
+        return value
+    try:
+        pickle.dumps(value)
+    except Exception:  # whatever it and what it holds raise
+        found = trace()
+        if not found:
+            raise InputError(
+                f"{name}: {value!r} cannot be pickled, and it is no formula that could be kept in "
+                "its place; define it with def at the top of a module"
+            ) from None
+        return TracedFunction(found)
+    return value

@@ -1,0 +1,276 @@
+"""Velocity fields with exact derivatives where a formula is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import deepcopy
+from typing import Any
+
+import numpy as np
+
+from cip.errors import InputError
+from cip.formulas.clock import clock_of, timed, with_time
+from cip.formulas.expression import COORDINATES, raised, traced
+from cip.formulas.formula import Formula, Orders, agree, spline
+from cip.formulas.parsing import parse
+from cip.formulas.pointwise_check import Box
+from cip.formulas.traced_function import portable
+from cip.grid import Grid
+from cip.reals import real_number
+
+_ORDERS: tuple[Orders, ...] = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0))
+
+
+class Velocity:
+    """The velocity c of u_t + c . grad u = 0 or p_t + div(c p) = 0.
+
+    Parameters
+    ----------
+    c : callable, array_like, or a sequence of these
+        A callable takes the coordinates as arrays, ``c(x1, x2)``, and t last if not `steady`; it
+        returns one array for each component. A callable that is plain arithmetic of NumPy
+        functions is traced once: its derivatives are exact and it is compiled for CPU and GPU.
+        Any other callable is used by its values; it must be a function of the place, so a mean or
+        a shift of the array it gets is refused. Arrays are nodal values, one for each component,
+        interpolated by quintic splines; they are steady.
+    jacobian : callable, optional
+        ``jacobian(x1, x2)[i][k]`` = dc_i / dx_k, for callables that cannot be traced; default
+        sixth-order differences.
+    hessian : callable, optional
+        ``hessian(x1, x2)[i][k][l]``, likewise.
+    steady : bool, optional
+        Whether c does not depend on t; default: unless it has an argument ``t`` (or ``time``) with
+        a default, which it then gets.
+
+    Raises
+    ------
+    InputError
+        Naming what is wrong with an argument.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cip import Velocity
+    >>> Velocity(lambda x: x - x**3).exact
+    True
+    >>> swirl = Velocity.from_expression("sin(pi*x1)**2 * sin(2*pi*x2) * cos(pi*t)", "0")
+    >>> swirl.dim, swirl.steady
+    (2, False)
+    """
+
+    def __init__(
+        self,
+        c: Any,
+        jacobian: Callable[..., Any] | None = None,
+        hessian: Callable[..., Any] | None = None,
+        steady: bool | None = None,
+    ) -> None:
+        several = isinstance(c, list | tuple)
+        if steady is None:
+            steady = not any(map(clock_of, c if several else [c]))
+            if not steady:  # parts that do not know t may stand beside those that do
+                c = [with_time(part) for part in c] if several else with_time(c)
+                jacobian, hessian = with_time(jacobian), with_time(hessian)
+        elif not steady:
+            c = [timed(part) for part in c] if several else timed(c)
+            jacobian, hessian = timed(jacobian), timed(hessian)
+        self._c, self._jacobian, self._hessian = c, jacobian, hessian
+        self.steady = bool(steady)
+        self._formulas: tuple[Formula, ...] | None = None
+        self._box: Box = ()
+        for name, value in {"jacobian": jacobian, "hessian": hessian}.items():
+            if value is not None and not (callable(value) and callable(c)):
+                raise InputError(f"{name}: expected a callable beside a callable c, got {value!r}")
+        if callable(c):
+            self.dim = 0  # known when a grid is
+        elif isinstance(c, str):
+            raise InputError("c: for a text use Velocity.from_expression")
+        else:
+            parts = _components(c)
+            self.dim = len(parts)
+            if not steady and any(np.ndim(part) > 0 for part in parts):
+                raise InputError("steady: velocities given by arrays are steady")
+
+    @classmethod
+    def from_expression(cls, *components: str | float) -> Velocity:
+        """The velocity with these formulas in x1, x2, x3 (or x, y, z) and t as components.
+
+        Parameters
+        ----------
+        *components : str or float
+            One for each direction, for instance ``"x2", "-x1"``: arithmetic (``+ - * / **``) of
+            these variables, numbers, pi and e, with sin, cos, tan, arcsin, arccos, arctan, sinh,
+            cosh, tanh, exp, log, sqrt, abs and sign.
+
+        Raises
+        ------
+        InputError
+            A text that is anything else, or whose numbers overflow.
+        """
+        if not 1 <= len(components) <= 3:
+            raise InputError(f"components: expected 1 to 3 formulas, got {len(components)}")
+        self = cls([0.0] * len(components))
+        formulas = []
+        for q, text in enumerate(components):
+            if isinstance(text, int | float | np.integer | np.floating):
+                text = repr(float(text))
+            expression = parse(text, f"component {q + 1}")
+            formulas.append(Formula(expression, len(components)))
+            if expression.variables() - {*COORDINATES[: len(components)], "t"}:
+                raise InputError(
+                    f"component {q + 1}: {text!r} holds a coordinate beyond x{len(components)}"
+                )
+        self._formulas = tuple(formulas)
+        self.steady = all(formula.steady for formula in formulas)
+        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = dict(self.__dict__)
+        for name in ("_c", "_jacobian", "_hessian"):
+            value = state[name]
+            if isinstance(value, list):
+                state[name] = [self._portable(part, len(value)) for part in value]
+            else:
+                state[name] = self._portable(value)
+        return state
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Velocity:
+        new = object.__new__(type(self))
+        new.__dict__.update({name: deepcopy(value, memo) for name, value in self.__dict__.items()})
+        return new
+
+    def _where(self, dim: int) -> Box:
+        """Where a callable is tried: on the last grid, else on a unit box."""
+        return self._box if len(self._box) == dim else [(0.0, 1.0)] * dim
+
+    def _portable(self, value: Any, dim: int | None = None) -> Any:
+        """A callable of all components, or of one on a grid of `dim` directions."""
+
+        def trace() -> dict[tuple[str, ...], Any]:
+            found = {}
+            for n in (1, 2, 3) if dim is None else (dim,):
+                names = (*COORDINATES[:n], *(() if self.steady else ("t",)))
+                if dim is None:
+                    formulas = _traced(value, self._where(n), not self.steady)
+                    if formulas is not None:
+                        found[names] = [formula.expression for formula in formulas]
+                else:
+                    formula = Formula.of(value, self._where(n), "c", not self.steady)
+                    if formula.exact:
+                        found[names] = [formula.expression]
+            return found
+
+        return portable(value, "velocity", trace)
+
+    @property
+    def exact(self) -> bool:
+        """Whether every component is a formula; in 1-D for a callable before it meets a grid."""
+        formulas = self._formulas or _traced(self._c, self._where(self.dim or 1), not self.steady)
+        return formulas is not None and all(formula.exact for formula in formulas)
+
+    def on(self, grid: Grid) -> tuple[Formula, ...]:
+        """One `Formula` for each component on this grid."""
+        self._box = grid.bounds
+        if self._formulas is not None:
+            return self._check(self._formulas, grid)
+        if callable(self._c):
+            formulas = _traced(self._c, grid.bounds, not self.steady)
+            return self._check(formulas or self._by_values(grid), grid)
+        parts = _components(self._c)
+        if len(parts) != grid.dim:
+            raise InputError(
+                f"velocity: {len(parts)} components on a grid of {grid.dim} directions"
+            )
+        return tuple(
+            Formula.of(part, grid.bounds, f"c{q + 1}", not self.steady)
+            if callable(part) or isinstance(part, str) or np.ndim(part) == 0
+            else spline(part, grid, f"c{q + 1}")
+            for q, part in enumerate(parts)
+        )
+
+    def _check(self, formulas: tuple[Formula, ...], grid: Grid) -> tuple[Formula, ...]:
+        if len(formulas) != grid.dim:
+            raise InputError(
+                f"velocity: {len(formulas)} components on a grid of {grid.dim} directions"
+            )
+        return formulas
+
+    def _by_values(self, grid: Grid) -> tuple[Formula, ...]:
+        dim = grid.dim
+
+        def part(q: int) -> Callable[..., Any]:
+            def values(*point: Any) -> Any:
+                result = self._c(*point)
+                parts = (result,) if dim == 1 and np.ndim(result) <= np.ndim(point[0]) else result
+                if len(parts) != dim:
+                    raise InputError(f"c: returned {len(parts)} components, expected {dim}")
+                return parts[q]
+
+            return values
+
+        def entry(function: Callable[..., Any], *place: int) -> Callable[..., Any]:
+            def values(*point: Any) -> Any:
+                result = function(*point)
+                if dim == 1 and np.ndim(result) <= np.ndim(point[0]):
+                    return result
+                for q in place:
+                    result = result[q]
+                return result
+
+            return values
+
+        hint = "; a velocity that depends on t is Velocity(c, steady=False)" if self.steady else ""
+        formulas = []
+        for q in range(dim):
+            known: dict[Orders, Callable[..., Any]] = {}
+            for k in range(dim):
+                if self._jacobian is not None:
+                    known[_ORDERS[k]] = entry(self._jacobian, q, k)
+                for l in range(k, dim):
+                    if self._hessian is not None:
+                        known[raised(_ORDERS[k], l)] = entry(self._hessian, q, k, l)
+            name, time = f"c{q + 1}", not self.steady
+            formulas.append(Formula.by_values(part(q), dim, name, time, known, hint))
+            formulas[-1].check_pointwise(grid.bounds, name, time)
+        return tuple(formulas)
+
+
+def _components(c: Any) -> list[Any]:
+    if isinstance(c, bool | int | float | np.number) or (isinstance(c, np.ndarray) and not c.ndim):
+        return [real_number(c, "c")]
+    if isinstance(c, np.ndarray):
+        return [c] if c.ndim == 1 or c.ndim != len(c) + 1 else list(c)
+    if isinstance(c, Sequence):
+        if len(c) > 3 and all(np.ndim(part) == 0 and not callable(part) for part in c):
+            return [np.asarray(c)]
+        if not 1 <= len(c) <= 3:
+            raise InputError(f"c: expected 1 to 3 components, got {len(c)}")
+        return list(c)
+    raise InputError(f"c: expected a callable or arrays, got {type(c).__name__}")
+
+
+def _traced(c: Any, box: Box, time: bool) -> tuple[Formula, ...] | None:
+    if not callable(c):
+        return None
+    dim = len(box)
+    names = [*COORDINATES[:dim], *(["t"] if time else [])]
+    found = []
+    for q in range(dim):
+
+        def part(*point: Any, q: int = q) -> Any:
+            result = c(*point)
+            if isinstance(result, tuple | list | np.ndarray) and np.ndim(result) == 1:
+                if len(result) != dim:
+                    raise TypeError("wrong number of components")
+                return result[q]
+            if dim > 1:
+                raise TypeError("one component only")
+            return result
+
+        expression = traced(part, names)
+        if expression is None:
+            return None
+        found.append(expression)
+    if not agree(found, c, box, time):
+        return None
+    return tuple(Formula(expression, dim) for expression in found)

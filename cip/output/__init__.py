@@ -1,0 +1,6 @@
+"""What a run leaves: snapshots, diagnostics, samples, pictures.
+
+In: states at the output times.
+Out: `Trajectory`; values between the nodes, files, animations.
+Start: `trajectory`.
+"""

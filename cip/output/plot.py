@@ -1,0 +1,116 @@
+"""Pictures and animations of trajectories; matplotlib is imported where it is used."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cip.errors import InputError
+
+if TYPE_CHECKING:
+    from cip.output.trajectory import Trajectory
+
+# Points a cell at which curves are drawn: the profile bends inside its cells.
+_PER_CELL = 4
+
+
+def plot_trajectory(
+    trajectory: Trajectory, ax: Any = None, places: Sequence[int] | None = None
+) -> Any:
+    """Draw snapshots by their profiles: curves in one dimension, a map of one in two.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    ax : matplotlib Axes, optional
+    places : sequence of int, optional
+        Which snapshots; default all, in two dimensions the last.
+
+    Returns
+    -------
+    matplotlib Axes
+    """
+    grid = trajectory.solver.grid
+    if grid.dim == 3:
+        raise InputError("plot: three dimensions; use to_pyvista() or save('run.pvd')")
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        _, ax = plt.subplots(figsize=(6, 4), layout="constrained")
+    if grid.dim == 2:
+        place = -1 if places is None else places[-1]
+        state = trajectory[place]
+        image = ax.pcolormesh(*grid.coordinates, state["u"].T, shading="nearest", cmap="viridis")
+        ax.figure.colorbar(image, ax=ax, label="u")
+        ax.set(xlabel="x", ylabel="y", title=f"t = {state.t:.4g}", aspect="equal")
+        return ax
+    x = _fine(grid.bounds[0], grid.cells[0])
+    for place in range(len(trajectory)) if places is None else places:
+        state = trajectory[place]
+        ax.plot(x, trajectory.sample(x, place), lw=1.2, label=f"t = {state.t:.4g}")
+    ax.set(xlabel="x", ylabel="u")
+    ax.legend(frameon=False, fontsize=8)
+    return ax
+
+
+def animate_trajectory(
+    trajectory: Trajectory, path: str | Path | None = None, fps: int = 20
+) -> Any:
+    """Animate the snapshots.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        In one or two dimensions.
+    path : path, optional
+        Where to write it, ending in .gif.
+    fps : int
+
+    Returns
+    -------
+    matplotlib.animation.FuncAnimation
+    """
+    import matplotlib.pyplot as plt
+    from matplotlib.animation import FuncAnimation
+
+    grid = trajectory.solver.grid
+    if grid.dim == 3:
+        raise InputError("animate: three dimensions; use save('run.pvd') and ParaView")
+    if path is not None and Path(path).suffix != ".gif":
+        raise InputError(f"path: expected a name that ends in .gif, got {str(path)!r}")
+    figure, ax = plt.subplots(figsize=(6, 4), layout="constrained")
+    values = [state["u"] for state in trajectory.states]
+    low, high = float(min(map(np.min, values))), float(max(map(np.max, values)))
+    if grid.dim == 1:
+        x = _fine(grid.bounds[0], grid.cells[0])
+        (line,) = ax.plot(x, trajectory.sample(x, 0))
+        room = 0.05 * max(high - low, 1e-300)
+        ax.set(xlabel="x", ylabel="u", ylim=(low - room, high + room))
+    else:
+        image = ax.pcolormesh(
+            *grid.coordinates, values[0].T, shading="nearest", vmin=low, vmax=high
+        )
+        figure.colorbar(image, ax=ax, label="u")
+        ax.set(xlabel="x", ylabel="y", aspect="equal")
+
+    def draw(place: int) -> tuple[Any, ...]:
+        ax.set_title(f"t = {trajectory[place].t:.4g}")
+        if grid.dim == 1:
+            line.set_ydata(trajectory.sample(x, place))
+            return (line,)
+        image.set_array(values[place].T)
+        return (image,)
+
+    animation = FuncAnimation(figure, draw, frames=len(trajectory), interval=1000 / fps, blit=False)
+    if path is not None:
+        animation.save(str(path), writer="pillow", fps=fps)
+        plt.close(figure)
+    return animation
+
+
+def _fine(bounds: tuple[float, float], cells: int) -> NDArray[np.float64]:
+    return np.linspace(*bounds, _PER_CELL * cells + 1)

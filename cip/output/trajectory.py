@@ -1,0 +1,282 @@
+"""What a run leaves: snapshots, diagnostics, samples, and ways out to other tools."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cip.errors import InputError, MissingDependency
+from cip.output.sample import sample
+from cip.output.whole_file import write_whole
+from cip.profiles.catalogue import moments
+from cip.stages.state import State
+
+if TYPE_CHECKING:
+    from cip.solver.solver import Solver
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    r"""Sums over the grid at every snapshot, with the weight w of each node (`Grid.weights`).
+
+    Attributes
+    ----------
+    t, mass, total_variation, minimum, maximum, l1, l2 : ndarray
+        `mass` is that of `State.mass`; `l1` is ``sum w |u|``, `l2` is sqrt(sum w u^2); the total
+        variation is the sum over all lines of ``|u_{i+1} - u_i|``, times the widths across the
+        line.
+    """
+
+    t: Array
+    mass: Array
+    total_variation: Array
+    minimum: Array
+    maximum: Array
+    l1: Array
+    l2: Array
+
+    def __repr__(self) -> str:
+        return (
+            f"Diagnostics({self.t.size} snapshots, mass {self.mass[0]:.6g} to {self.mass[-1]:.6g}, "
+            f"values in [{self.minimum.min():.6g}, {self.maximum.max():.6g}])"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Snapshots of a run.
+
+    Attributes
+    ----------
+    states : tuple of State
+        In host memory, the start first.
+    solver : Solver
+    dt : float
+        Length of the full steps.
+    interrupted : bool
+        Whether the run was stopped before its end; the last state is where it stood.
+    """
+
+    states: tuple[State, ...]
+    solver: Solver
+    dt: float
+    interrupted: bool = False
+
+    def __repr__(self) -> str:
+        first, last = self.states[0], self.states[-1]
+        left = ", interrupted" if self.interrupted else ""
+        return (
+            f"Trajectory({len(self)} snapshots of {self.solver.profile!r} on {first.grid} from t = "
+            f"{first.t:.6g} to {last.t:.6g}, dt = {self.dt:.6g}{left})"
+        )
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+    def __getitem__(self, place: int) -> State:
+        return self.states[place]
+
+    @property
+    def final(self) -> State:
+        """The last snapshot."""
+        return self.states[-1]
+
+    @property
+    def times(self) -> Array:
+        """Times of the snapshots."""
+        return np.array([state.t for state in self.states])
+
+    @property
+    def diagnostics(self) -> Diagnostics:
+        """Mass, total variation, extrema and norms of every snapshot."""
+        rows = []
+        for state in self.states:
+            u = np.asarray(state["u"], dtype=float)
+            w = state.grid.weights
+            rows.append(
+                (
+                    state.t,
+                    state.mass,
+                    total_variation(state),
+                    u.min(),
+                    u.max(),
+                    np.sum(w * np.abs(u)),
+                    np.sqrt(np.sum(w * u**2)),
+                )
+            )
+        return Diagnostics(*np.array(rows, dtype=float).T)
+
+    def sample(self, points: ArrayLike, place: int = -1) -> Array:
+        """The field of one snapshot between the nodes, by its profile.
+
+        Parameters
+        ----------
+        points : array_like
+            Coordinates, shape (dim, ...); in one dimension (...) will do.
+        place : int
+            Number of the snapshot, default the last.
+
+        Returns
+        -------
+        ndarray
+            Shape (...). See `cip.output.sample.sample` for the profile that a splitting stands for.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from cip import Grid, Solver
+        >>> solver = Solver(Grid((0, 1), 20, periodic=True), 1.0)
+        >>> run = solver.run(solver.state(lambda x: np.sin(2 * np.pi * x)), 1.0, dt=0.05)
+        >>> print(f"{run.sample([0.013])[0]:.4f}")  # the exact value is 0.0816
+        0.0816
+        """
+        return sample(self.states[place], points)
+
+    def to_xarray(self) -> Any:
+        """An xarray.Dataset: each moment over t and the coordinates, diagnostics over t.
+
+        In directions in which a moment is a mean its coordinate is ``x_cell``, the middle of the
+        cell, likewise ``y_cell`` and ``z_cell``.
+        """
+        try:
+            xarray = importlib.import_module("xarray")
+        except ImportError as error:
+            raise MissingDependency("to_xarray needs xarray: pip install xarray") from error
+        grid, first = self.solver.grid, self.states[0]
+        axes = ["x", "y", "z"][: grid.dim]
+        data, coordinates = {}, {"t": self.times}
+        coordinates.update(zip(axes, grid.coordinates, strict=True))
+        for moment in moments(first.profile, grid.dim):
+            places = list(axes)
+            for axis in moment.averaged:
+                places[axis] += "_cell"
+                coordinates[places[axis]] = grid.edges[axis][:-1] + 0.5 * grid.widths[axis]
+            values = np.stack([state[moment.name] for state in self.states])
+            data[moment.name] = (["t", *places], values)
+        found = self.diagnostics
+        for name in ("mass", "total_variation", "minimum", "maximum", "l1", "l2"):
+            data[name] = (["t"], getattr(found, name))
+        attributes = {"profile": self.solver.profile, "form": self.solver.form, "dt": self.dt}
+        return xarray.Dataset(data, coordinates, attributes)
+
+    def to_pyvista(self, place: int = -1) -> Any:
+        """One snapshot as a pyvista grid, a periodic direction closed by its first nodes again.
+
+        The mean over cells is data of the cells. A mean in some of the directions only stands at
+        the node where its cells begin, NaN where none begins.
+        """
+        import pyvista
+
+        state = self.states[place]
+        grid = state.grid
+        lines = [*grid.edges, *([np.zeros(1)] * (3 - grid.dim))]
+        mesh = pyvista.RectilinearGrid(*lines)
+        for moment in moments(state.profile, grid.dim):
+            values = np.asarray(state[moment.name])
+            if len(moment.averaged) == grid.dim:
+                mesh.cell_data[moment.name] = values.ravel(order="F")
+                continue
+            for axis, periodic in enumerate(grid.periodic):
+                if periodic:
+                    values = np.concatenate([values, np.take(values, [0], axis)], axis)
+                elif axis in moment.averaged:
+                    none = np.full_like(np.take(values, [0], axis), np.nan)
+                    values = np.concatenate([values, none], axis)
+            mesh.point_data[moment.name] = values.ravel(order="F")
+        mesh.field_data["t"] = [state.t]
+        return mesh
+
+    def save(self, path: str | Path) -> list[Path]:
+        """Write every snapshot as .vtr and the series as .pvd, for pyvista and ParaView.
+
+        Parameters
+        ----------
+        path : path
+            Name of the series, ending in .pvd; the snapshots stand beside it.
+
+        Returns
+        -------
+        list of Path
+            The series first.
+
+        Raises
+        ------
+        OSError
+            No space left, or no right to write; snapshots written before stay.
+        """
+        try:
+            series = Path(path)
+        except TypeError:
+            raise InputError(f"path={path!r}: expected the name of a series") from None
+        if series.suffix != ".pvd":
+            raise InputError(f"path: expected a name that ends in .pvd, got {series.name!r}")
+        series.parent.mkdir(parents=True, exist_ok=True)
+        written = []
+        lines = ['<VTKFile type="Collection" version="0.1">', "  <Collection>"]
+        for place, state in enumerate(self.states):
+            name = f"{series.stem}_{place:04d}.vtr"
+            _written(self.to_pyvista(place), series.with_name(name))
+            written.append(series.with_name(name))
+            lines.append(f'    <DataSet timestep="{state.t!r}" file="{name}"/>')
+        lines += ["  </Collection>", "</VTKFile>", ""]
+        write_whole(series, "\n".join(lines))
+        return [series, *written]
+
+    def plot(self, ax: Any = None, places: Sequence[int] | None = None) -> Any:
+        """Draw snapshots: curves in one dimension, a map of the last one in two."""
+        from cip.output.plot import plot_trajectory
+
+        return plot_trajectory(self, ax, places)
+
+    def animate(self, path: str | Path | None = None, fps: int = 20) -> Any:
+        """An animation of the snapshots, written to `path` (.gif) if given."""
+        from cip.output.plot import animate_trajectory
+
+        return animate_trajectory(self, path, fps)
+
+
+def _written(mesh: Any, path: Path) -> None:
+    """Write a rectilinear grid under its name once it is complete.
+
+    VTK's own writer ends the process when the disk is full; this is an OSError.
+    """
+    from vtkmodules.vtkIOXML import vtkXMLRectilinearGridWriter
+
+    writer = vtkXMLRectilinearGridWriter()
+    writer.SetInputData(mesh)
+    writer.SetDataModeToBinary()
+    writer.WriteToOutputStringOn()
+    writer.Write()
+    write_whole(path, writer.GetOutputString())
+
+
+def total_variation(state: State) -> float:
+    """Sum over all grid lines of the jumps, times the widths across them."""
+    grid, total = state.grid, 0.0
+    u = np.asarray(state["u"], dtype=float)
+    for axis in range(grid.dim):
+        line = u
+        if grid.periodic[axis]:
+            line = np.concatenate([u, np.take(u, [0], axis)], axis)
+        jumps = np.abs(np.diff(line, axis=axis)).sum(axis=axis)
+        for other in (b for b in range(grid.dim) if b != axis):
+            width = grid.widths[other]
+            share = (
+                0.5 * (width + np.roll(width, 1))
+                if grid.periodic[other]
+                else 0.5 * (np.append(width, 0.0) + np.append(0.0, width))
+            )
+            place = other - (other > axis)
+            shape = [1] * jumps.ndim
+            shape[place] = share.size
+            jumps = jumps * share.reshape(shape)
+        total += float(jumps.sum())
+    return total

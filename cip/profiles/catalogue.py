@@ -1,0 +1,114 @@
+"""The profiles: which moments each one carries and which derivatives of the feet it needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, Orders, foot
+from cip.errors import InputError
+
+LINE = ("linear", "piecewise_linear", "smoothed", "cubic", "quintic", "csl2", "csl4")
+PLANE = ("adini", "bicubic")
+CONSERVATIVE = ("csl2", "csl4")
+LIMITERS: dict[str, tuple[str, ...]] = {
+    "linear": (),
+    "piecewise_linear": (),
+    "smoothed": (),
+    "cubic": ("clamp", "eno", "rational"),
+    "quintic": ("clamp",),
+    "csl2": ("bounds", "rational"),
+    "csl4": ("bounds",),
+    "adini": ("clamp", "eno"),
+    "bicubic": ("clamp", "eno"),
+}
+LIMITER_CODES = {None: 0, "clamp": 1, "eno": 2, "rational": 3, "bounds": 4}
+_LETTERS = "xyz"
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A functional of the field at each node: a derivative, or a mean over cells.
+
+    Attributes
+    ----------
+    name : str
+    orders : tuple
+        Orders of the derivative.
+    averaged : tuple of int
+        Directions in which it is the mean over the cell that begins at the node.
+    """
+
+    name: str
+    orders: Orders
+    averaged: tuple[int, ...] = ()
+
+
+def _derivative(*axes: int) -> Moment:
+    orders = [0, 0, 0, 0]
+    for axis in axes:
+        orders[axis] += 1
+    name = "u" + ("_" + "".join(_LETTERS[axis] for axis in axes) if axes else "")
+    return Moment(name, (orders[0], orders[1], orders[2], 0))
+
+
+def carries_slopes(profile: str, dim: int) -> bool:
+    """Whether a conservative profile carries slopes beside values and means: csl4 on lines."""
+    return profile == "csl4" and dim == 1
+
+
+def moments(profile: str, dim: int) -> tuple[Moment, ...]:
+    """What a profile carries at every node of a grid."""
+    if not isinstance(profile, str):
+        raise InputError(f"profile: expected one of {', '.join(LINE + PLANE)}, got {profile!r}")
+    u = _derivative()
+    if profile == "linear":
+        return (u,)
+    if profile in ("piecewise_linear", "smoothed", "cubic"):
+        return (u, *(_derivative(axis) for axis in range(dim)))
+    if profile == "quintic":
+        pairs = [(_derivative(axis), _derivative(axis, axis)) for axis in range(dim)]
+        return (u, *(moment for pair in pairs for moment in pair))
+    if carries_slopes(profile, dim):
+        return (u, _derivative(0), Moment("mean", u.orders, (0,)))
+    if profile in CONSERVATIVE:
+        found = []
+        for bits in range(2**dim):
+            axes = tuple(axis for axis in range(dim) if bits >> axis & 1)
+            name = "u" if not axes else "mean_" + "".join(_LETTERS[axis] for axis in axes)
+            found.append(Moment("mean" if len(axes) == dim else name, u.orders, axes))
+        return tuple(found)
+    if profile in PLANE:
+        if dim != 2:
+            raise InputError(f"profile: {profile!r} is two-dimensional, the grid has {dim}")
+        base = (u, _derivative(0), _derivative(1))
+        return base if profile == "adini" else (*base, _derivative(0, 1))
+    raise InputError(f"profile: expected one of {', '.join(LINE + PLANE)}, got {profile!r}")
+
+
+def line_jets(profile: str, dim: int, axis: int, advect: bool) -> tuple[Jet, ...]:
+    """Components of the feet of a sweep, in the order in which the kernels read them."""
+    along = [foot(axis), foot(axis, axis), foot(axis, axis, axis), foot(axis, axis, axis, axis)]
+    if profile == "linear":
+        return tuple(along[: 1 + advect])
+    if profile in CONSERVATIVE:
+        return tuple(along[: 2 + carries_slopes(profile, dim)])
+    order = 2 if profile == "quintic" else 1
+    found = along[: 1 + order + advect]
+    for other in range(dim):
+        if other != axis:
+            found += [foot(axis, *([other] * q)) for q in range(1, order + 1)]
+            if advect:
+                found += [foot(axis, axis, *([other] * q)) for q in range(1, order + 1)]
+    return tuple(found)
+
+
+def plane_jets(profile: str, advect: bool) -> tuple[Jet, ...]:
+    """Components of the feet of a direct update; of log det until `determinant` is taken."""
+    found = [foot(0), foot(1), foot(0, 0), foot(0, 1), foot(1, 0), foot(1, 1)]
+    if profile == "bicubic":
+        found += [foot(0, 0, 1), foot(1, 0, 1)]
+    if advect:
+        found += [LOG_DETERMINANT, LOG_DETERMINANT.along(0), LOG_DETERMINANT.along(1)]
+        if profile == "bicubic":
+            found.append(LOG_DETERMINANT.along(0, 1))
+    return tuple(found)

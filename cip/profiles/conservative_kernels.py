@@ -1,0 +1,213 @@
+r"""One sweep along an axis for the conservative profiles: kernels for CPU and device.
+
+M = int p is transported, so the mean of a new cell is the integral of the old profile between the
+feet of its ends over its width: what leaves one cell enters the next, to rounding. The value at the
+node is J q(X) and its slope J^2 q'(X) + K q(X).
+
+In several dimensions a moment is a value or a mean in each direction: moment number ``bits`` is the
+mean in the directions whose bit is set. A sweep takes each pair (value, mean) along its axis with
+the velocity at the place (node or middle of the cell) of the other directions. Feet: X, X_a (CSL4
+on lines: X_aa) for each of these places.
+
+CSL4 carries slopes on lines. In several dimensions it takes the slope of a node from the values and
+means of the two cells beside it, exact for quartics: carried slopes would need all mixed ones, 27
+moments a node instead of 8.
+"""
+
+from __future__ import annotations
+
+from math import floor
+
+from cip.jit import Array, Index, Out, Real, Widths, kernel
+from cip.profiles.conservative_profiles import csl2, csl4
+from cip.profiles.line_profiles import cubic
+
+
+@kernel
+def cell_of(i: Index, d: Real, n: Index, periodic: Index) -> tuple[Index, Real]:
+    """Number of the cell of a foot, not wrapped into the period, and the place in it."""
+    f = floor(d)
+    s = d - f
+    k = i + f
+    if periodic == 0:
+        if k < 0:
+            k = 0
+            s = 0.0
+        if k > n - 2:
+            k = n - 2
+            s = 1.0
+    return k, s
+
+
+@kernel
+def slope_of(
+    m: Array, h: Widths, value: Index, mean: Index, stride: Index, n: Index, periodic: Index,
+    i: Index,
+) -> Real:  # fmt: skip
+    r"""Slope at node i of the quartic with the values and means of two cells: beside it, if it can.
+
+    With the integral M from the node and :math:`g(x) = (M(x) - M'(0) x) / x^2`, a cubic known with
+    its derivative at the other two nodes, the slope is :math:`M''(0) = 2 g(0)`.
+    """
+    first = i - 1
+    if periodic == 0:
+        first = min(max(first, 0), n - 3)
+    k0 = first
+    if k0 < 0:
+        k0 = k0 + n
+    k1 = k0 + 1
+    if k1 == n:
+        k1 = 0
+    k2 = k1 + 1
+    if k2 == n:
+        k2 = 0
+    h0 = h[k0]
+    h1 = h[k1]
+    mass0 = h0 * m[mean + k0 * stride]
+    mass1 = h1 * m[mean + k1 * stride]
+    p = m[value + i * stride]
+    if i == first + 1:
+        x1 = -h0
+        x2 = h1
+        f1 = m[value + k0 * stride]
+        f2 = m[value + k2 * stride]
+        mass0 = -mass0
+    elif i == first:
+        x1 = h0
+        x2 = h0 + h1
+        f1 = m[value + k1 * stride]
+        f2 = m[value + k2 * stride]
+        mass1 = mass0 + mass1
+    else:
+        x1 = -h0 - h1
+        x2 = -h1
+        f1 = m[value + k0 * stride]
+        f2 = m[value + k1 * stride]
+        mass0 = -mass0 - mass1
+        mass1 = -mass1
+    g1 = (mass0 / x1 - p) / x1
+    g2 = (mass1 / x2 - p) / x2
+    d1 = ((f1 - p) / x1 - 2.0 * g1) / x1
+    d2 = ((f2 - p) / x2 - 2.0 * g2) / x2
+    width = x2 - x1
+    g, _derivative = cubic(g1, g2, width * d1, width * d2, -x1 / width)
+    return 2.0 * g
+
+
+@kernel
+def profile(
+    m: Array, h: Widths, value: Index, slope: Index, mean: Index, stride: Index, n: Index,
+    periodic: Index, cell: Index, s: Real, order: Index, carried: Index,
+    limiter: Index, low: Real, high: Real, slack: Real,
+) -> tuple[Real, Real, Real]:  # fmt: skip
+    """Value, slope (per length) and integral from the left end of a cell, all at s."""
+    k = cell
+    if k < 0 or k >= n:
+        k = k % n
+    r = k + 1
+    if r == n:
+        r = 0
+    a = m[value + k * stride]
+    b = m[value + r * stride]
+    width = h[k]
+    if order == 2:
+        f0, f1, mass = csl2(a, b, m[mean + k * stride], s, limiter, low, high, slack)
+    else:
+        if carried == 1:
+            va = width * m[slope + k * stride]
+            vb = width * m[slope + r * stride]
+        else:
+            va = width * slope_of(m, h, value, mean, stride, n, periodic, k)
+            vb = width * slope_of(m, h, value, mean, stride, n, periodic, r)
+        f0, f1, mass = csl4(a, b, va, vb, m[mean + k * stride], s, limiter, low, high, slack)
+    return f0, f1 / width, mass * width
+
+
+@kernel
+def mass_of(m: Array, h: Widths, mean: Index, stride: Index, n: Index, cell: Index) -> Real:
+    """Integral over a whole cell."""
+    k = cell
+    if k < 0 or k >= n:
+        k = k % n
+    return m[mean + k * stride] * h[k]
+
+
+@kernel
+def node_csl(
+    m: Array, out: Out, feet: Array, h: Widths, size: Index, dim: Index, axis: Index,
+    o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
+    limiter: Index, low: Real, high: Real, slack: Real, order: Index,
+) -> None:  # fmt: skip
+    """All (value, mean) pairs along the sweep at one node and in the cell after it."""
+    nxt = i + 1
+    if nxt == n:
+        nxt = 0
+    bit = 1
+    for _ in range(axis):
+        bit = bit * 2
+    count = 1
+    for _ in range(dim):
+        count = count * 2
+    carried = 0
+    if order == 4 and dim == 1:
+        carried = 1
+    at = 0
+    for pair in range(count):
+        if (pair // bit) % 2 == 0:
+            value = pair * size + base
+            mean = (pair + bit) * size + base
+            slope = value
+            if carried == 1:
+                slope = size + base
+                mean = 2 * size + base
+            k1, s1 = cell_of(i, feet[at + o], n, periodic)
+            f0, f1, left = profile(
+                m, h, value, slope, mean, stride, n, periodic, k1, s1, order, carried,
+                limiter, low, high, slack,
+            )  # fmt: skip
+            J = feet[at + size + o]
+            out[pair * size + o] = J * f0
+            if carried == 1:
+                out[size + o] = J * J * f1 + feet[at + 2 * size + o] * f0
+            if periodic == 1 or i < n - 1:
+                k2, s2 = cell_of(i + 1, feet[at + base + nxt * stride], n, periodic)
+                _value, _slope, right = profile(
+                    m, h, value, slope, mean, stride, n, periodic, k2, s2, order, carried,
+                    limiter, low, high, slack,
+                )  # fmt: skip
+                if k1 == k2:
+                    mass = right - left
+                else:
+                    mass = mass_of(m, h, mean, stride, n, k1) - left + right
+                    for k in range(k1 + 1, k2):
+                        mass = mass + mass_of(m, h, mean, stride, n, k)
+                out[mean - base + o] = mass / h[i]
+            else:
+                out[mean - base + o] = 0.0
+            at = at + (2 + carried) * size
+
+
+@kernel
+def node_csl2(
+    m: Array, out: Out, feet: Array, h: Widths, size: Index, dim: Index, axis: Index,
+    o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
+    limiter: Index, low: Real, high: Real, slack: Real,
+) -> None:  # fmt: skip
+    """Values and means."""
+    node_csl(
+        m, out, feet, h, size, dim, axis, o, base, stride, n, periodic, i,
+        limiter, low, high, slack, 2,
+    )  # fmt: skip
+
+
+@kernel
+def node_csl4(
+    m: Array, out: Out, feet: Array, h: Widths, size: Index, dim: Index, axis: Index,
+    o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
+    limiter: Index, low: Real, high: Real, slack: Real,
+) -> None:  # fmt: skip
+    """Values, slopes and means of a line; values and means in several dimensions."""
+    node_csl(
+        m, out, feet, h, size, dim, axis, o, base, stride, n, periodic, i,
+        limiter, low, high, slack, 4,
+    )  # fmt: skip

@@ -1,0 +1,93 @@
+"""The time loop: steps that land exactly on every output time."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cip.errors import CipError, InputError
+from cip.output.trajectory import Trajectory
+from cip.reals import real_array, real_number
+from cip.stages.state import State
+
+if TYPE_CHECKING:
+    from cip.solver.solver import Solver
+
+_log = logging.getLogger(__name__)
+# Part of dt.
+_NO_STEP = 1e-9
+
+
+def run(
+    solver: Solver,
+    state: State,
+    t_end: float,
+    dt: float,
+    snapshots: int | Sequence[float] | None,
+    callback: Callable[[State], Any] | None,
+    progress: bool,
+) -> Trajectory:
+    """See `Solver.run`."""
+    times = output_times(state.t, t_end, snapshots)
+    if callback is not None and not callable(callback):
+        raise InputError(f"callback: expected a callable, got {callback!r}")
+    # A remainder that small is rounding of the times, no step of its own.
+    no_step = _NO_STEP + 4.0 * np.finfo(float).eps * max(abs(state.t), abs(times[-1])) / dt
+    if no_step > 0.01:
+        raise InputError(
+            f"dt: {dt:.6g} is lost in the rounding of t = {times[-1]:.6g}; count t from the start"
+        )
+    kernels = solver._kernels
+    kernels.forget()
+    state = kernels.place(state)
+    kept = [state.host()]
+    trajectory = Trajectory(tuple(kept), solver, dt)
+    try:
+        for target in times:
+            start = state.t
+            count = max(1, int(np.ceil((target - start) / dt - no_step)))
+            for k in range(count):
+                last = k == count - 1
+                length = target - (start + k * dt) if last else dt
+                if abs(length - dt) <= no_step * dt:
+                    length = dt
+                data = solver._advance(state, length).data
+                t = target if last else start + (k + 1) * dt
+                state = State(solver.grid, solver.profile, data, t)
+                if callback is not None:
+                    callback(state)
+            kept.append(state.host().require_finite())
+            trajectory = Trajectory(tuple(kept), solver, dt)
+            if progress:
+                _log.info("t = %.6g of %.6g, mass %.12g", state.t, times[-1], kept[-1].mass)
+    except (KeyboardInterrupt, StopIteration):
+        if state.t > kept[-1].t:
+            kept.append(state.host().require_finite())
+        return Trajectory(tuple(kept), solver, dt, interrupted=True)
+    except CipError as error:
+        error.trajectory = trajectory  # type: ignore[attr-defined]
+        raise
+    return trajectory
+
+
+def output_times(t: float, t_end: float, snapshots: int | Sequence[float] | None) -> list[float]:
+    """Times after t at which the run lands, the last one `t_end`."""
+    end = real_number(t_end, "t_end")
+    if not np.isfinite(end) or end <= t:
+        raise InputError(f"t_end: expected a time after t = {t:.6g}, got {t_end!r}")
+    if snapshots is None:
+        return [end]
+    if isinstance(snapshots, int | np.integer) and not isinstance(snapshots, bool):
+        if snapshots < 1:
+            raise InputError(f"snapshots: expected at least 1 interval, got {snapshots}")
+        return [float(time) for time in np.linspace(t, end, int(snapshots) + 1)[1:]]
+    times = real_array(snapshots, "snapshots").astype(float)
+    if times.ndim != 1 or not np.isfinite(times).all() or np.any(np.diff(times) <= 0):
+        raise InputError(f"snapshots: expected increasing times, got {snapshots!r}")
+    if times.size and not (t <= times[0] and times[-1] <= end):
+        raise InputError(f"snapshots: expected times from {t:.6g} to {end:.6g}, got {snapshots!r}")
+    inner = [float(time) for time in times if t < time < end]
+    return [*inner, end]

@@ -1,0 +1,294 @@
+"""One stage of a step: a sweep along an axis, or the direct update of a plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cip.characteristics.feet import TOLERANCE, Exits, check_inside, integrate, time_scale
+from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, Orders, System
+from cip.formulas.expression import COORDINATES, ordered
+from cip.formulas.formula import Formula
+from cip.grid import Grid
+from cip.profiles.catalogue import (
+    CONSERVATIVE,
+    PLANE,
+    carries_slopes,
+    line_jets,
+    moments,
+    plane_jets,
+)
+from cip.stages.walls import Wall, WallMoments
+
+Array = NDArray[np.float64]
+
+# Feet of unsteady velocities: error in cells.
+PATH_TOLERANCE = 1e-8
+# The first number of sub-steps is found on a sample of so many nodes; the kernels check each path.
+_SAMPLE = 1024
+# Operations of the equations that are worth compiling: the compilers' time grows faster than these,
+# NumPy's does not.
+_LONGEST = 600
+
+
+@dataclass(frozen=True)
+class StageFeet:
+    """Feet of a stage as the kernels read them, and the paths that begin on a wall.
+
+    Attributes
+    ----------
+    data : ndarray
+        Flat: one block of components for each place of the other directions (conservative
+        profiles) or one block alone.
+    exits : list
+        For each block, `Exits` or None.
+    t_start, t_end : float
+    """
+
+    data: Any
+    exits: list[Exits | None] = field(default_factory=list)
+    t_start: float = 0.0
+    t_end: float = 0.0
+
+    @property
+    def bounded(self) -> bool:
+        """Whether any path begins on a wall."""
+        return any(exits is not None for exits in self.exits)
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Values for flat places of the moments, written or added."""
+
+    places: NDArray[np.int64]
+    values: Array
+    add: bool
+
+
+class Stage:
+    """The motion along some directions over a part of the step.
+
+    Parameters
+    ----------
+    grid : Grid
+    velocity : tuple of Formula
+    profile : str
+    advect : bool
+    walls : dict
+        Boundary data.
+    axis : int or None
+        Direction of a sweep; None for the direct update of a plane.
+    begin, end : float
+        The part of the step that it covers.
+    """
+
+    def __init__(
+        self,
+        grid: Grid,
+        velocity: tuple[Formula, ...],
+        profile: str,
+        advect: bool,
+        walls: dict[Wall, Formula],
+        axis: int | None,
+        begin: float,
+        end: float,
+    ) -> None:
+        self.grid, self.velocity, self.profile, self.advect = grid, velocity, profile, advect
+        self.walls, self.axis, self.begin, self.end = walls, axis, begin, end
+        self.conservative = profile in CONSERVATIVE
+        self.carries_slopes = carries_slopes(profile, grid.dim)
+        self.moving = (0, 1) if axis is None else (axis,)
+        self.jets = (
+            plane_jets(profile, advect)
+            if axis is None
+            else line_jets(profile, grid.dim, axis, advect)
+        )
+        self.system = System([c.expression for c in velocity], self.moving, self.jets)
+        self._wall_moments: WallMoments | None = None
+
+    @property
+    def blocks(self) -> list[int]:
+        """For each block of feet, the moment that it moves (conservative profiles) or 0."""
+        if not self.conservative or self.axis is None:
+            return [0]
+        if self.carries_slopes:
+            return [0]
+        return [bits for bits in range(2**self.grid.dim) if not bits >> self.axis & 1]
+
+    def points(self, block: int) -> list[Array]:
+        """Coordinates of the points whose feet make a block."""
+        lines = []
+        for axis, line in enumerate(self.grid.coordinates):
+            if self.conservative and axis != self.axis and block >> axis & 1:
+                width = np.append(self.grid.widths[axis], self.grid.widths[axis][-1])[: line.size]
+                line = np.minimum(line + 0.5 * width, self.grid.bounds[axis][1])
+            lines.append(line)
+        return list(np.meshgrid(*lines, indexing="ij"))
+
+    def feet(self, t: float, dt: float) -> StageFeet:
+        """Integrate the characteristics of this part of the step [t, t + dt]."""
+        t_start, t_end = t + self.begin * dt, t + self.end * dt
+        length = (self.end - self.begin) * dt
+        rows, exits = [], []
+        for block in self.blocks:
+            points = self.points(block)
+            found = integrate(self.grid, self.velocity, self.system, points, t_end, length)
+            check_inside(self.grid, found.exits, set(self.walls), t_end)
+            rows.extend(self._components(found.jets, points))
+            exits.append(found.exits)
+        return StageFeet(np.concatenate(rows), exits, t_start, t_end)
+
+    def _components(self, jets: dict[Jet, Array], points: list[Array]) -> list[Array]:
+        """The jets in the order of the kernels, displacements counted in cells."""
+        index = np.indices(self.grid.nodes)
+        determinant = None
+        if LOG_DETERMINANT in self.jets:
+            determinant = np.exp(jets[LOG_DETERMINANT])
+        rows = []
+        for jet in self.jets:
+            row = jets[jet]
+            if jet.component < 3 and not any(jet.orders):
+                axis = jet.component
+                row = self.grid.index_displacement(
+                    axis, points[axis].ravel(), row, index[axis].ravel()
+                )
+            elif jet.component == 3 and determinant is not None:
+                row = determinant * _exponential(jet, jets)
+            rows.append(row)
+        return rows
+
+    def corrections(self, feet: StageFeet) -> list[Correction]:
+        """What to write where the characteristic begins on a wall: data and, for means, flux."""
+        if not feet.bounded:
+            return []
+        size = self.grid.size
+        wanted = [moment.orders for moment in moments(self.profile, self.grid.dim)]
+        if self.conservative:
+            wanted = [(0, 0, 0, 0), (1, 0, 0, 0)][: 1 + self.carries_slopes]
+        wall = self._data(wanted, feet.t_end)
+        found = []
+        for block, exits in zip(self.blocks, feet.exits, strict=True):
+            if exits is None:
+                continue
+            values = wall.values(exits, feet.t_end)
+            for q, row in enumerate(values):
+                found.append(Correction((block + q) * size + exits.nodes, row, False))
+            if self.conservative:
+                found += self._mass_from_walls(block, exits, wall, feet)
+        return found
+
+    def _mass_from_walls(
+        self, block: int, exits: Exits, wall: WallMoments, feet: StageFeet
+    ) -> list[Correction]:
+        """The kernel counts from the wall; add what came in before each path began."""
+        assert self.axis is not None
+        grid, axis, size = self.grid, self.axis, self.grid.size
+        mean = (2 if self.carries_slopes else block + (1 << axis)) * size
+        stride = int(np.prod(grid.nodes[axis + 1 :]))
+        missing = wall.flux(exits, feet.t_start, feet.t_end)
+        place = (exits.nodes // stride) % grid.nodes[axis]
+        after, before = place < grid.cells[axis], place > 0
+        widths = grid.widths[axis]
+        return [
+            Correction(mean + exits.nodes[after], missing[after] / widths[place[after]], True),
+            Correction(
+                mean + exits.nodes[before] - stride,
+                -missing[before] / widths[place[before] - 1],
+                True,
+            ),
+        ]
+
+    def substeps(self, t: float, dt: float) -> int:
+        """An even number of sub-steps, enough for a sample of the nodes.
+
+        What is steep may lie between them: kernels check each path and then take more.
+        """
+        t_end, length = t + self.end * dt, (self.end - self.begin) * dt
+        found = integrate(
+            self.grid, self.velocity, self.system, self._sample, t_end, length, self._tolerance
+        )
+        return found.substeps // 2 * 2  # where it is odd, half of one less has been tried
+
+    def part(self, dt: float) -> tuple[int | None, float, float, float]:
+        """What tells this part of a step of that length from others."""
+        return self.axis, self.begin, self.end, dt
+
+    @cached_property
+    def _sample(self) -> list[Array]:
+        every = max(1, int(np.ceil(self.grid.size / _SAMPLE)))
+        return [x.ravel()[::every] for x in self.points(0)]
+
+    @property
+    def _tolerance(self) -> float:
+        return TOLERANCE if all(c.steady for c in self.velocity) else PATH_TOLERANCE
+
+    @property
+    def limit(self) -> float:
+        """Largest defect of a path that a kernel computes (`cip.engines.path_kernel`), in cells."""
+        # Of unsteady velocities what a path on the sample may leave: 15 times its error.
+        return self._tolerance * (1.0 if self._tolerance == TOLERANCE else 16.0)
+
+    @cached_property
+    def compresses(self) -> bool:
+        """Whether the motion of a sweep alone has a divergence, which another may undo."""
+        if self.axis is None:
+            return False
+        slope = self.velocity[self.axis].expression.derivative(COORDINATES[self.axis])
+        return slope.op != "constant" or slope.value != 0.0
+
+    @property
+    def computable(self) -> bool:
+        """Whether a kernel can compute the feet itself, each node its own."""
+        return self.formula and not self.conservative
+
+    @cached_property
+    def formula(self) -> bool:
+        """Whether feet can be compiled: a formula, no longer than pays, on uniform directions."""
+        uniform = all(self.grid.uniform[axis] for axis in self.moving)
+        if not (uniform and all(c.exact for c in self.velocity)):
+            return False
+        return len(ordered(self.system.rates)) <= _LONGEST
+
+    def _data(self, orders: list[Orders], t: float) -> WallMoments:
+        if self._wall_moments is None:
+            grid = self.grid
+            scale = time_scale(grid, self.velocity, t)
+            steps = (*grid.spacing, *([1.0] * (3 - grid.dim)), scale)
+            self._wall_moments = WallMoments(
+                grid, self.velocity, self.moving, self.advect, self.walls, orders, steps
+            )
+        return self._wall_moments
+
+
+def _exponential(jet: Jet, jets: dict[Jet, Array]) -> Any:
+    """Derivative of exp(l) over exp(l), from those of l."""
+    axes = [axis for axis in range(3) for _ in range(jet.orders[axis])]
+    if not axes:
+        return 1.0
+    slopes = [jets[LOG_DETERMINANT.along(axis)] for axis in axes]
+    if len(axes) == 1:
+        return slopes[0]
+    return jets[jet] + slopes[0] * slopes[1]
+
+
+def stages(
+    grid: Grid,
+    velocity: tuple[Formula, ...],
+    profile: str,
+    advect: bool,
+    walls: dict[Wall, Formula],
+) -> list[Stage]:
+    """The stages of one step: one, or the symmetric sequence of Strang's splitting."""
+    if profile in PLANE:
+        return [Stage(grid, velocity, profile, advect, walls, None, 0.0, 1.0)]
+    last = grid.dim - 1
+    first = [(axis, 0.0, 0.5) for axis in range(last)]
+    order = [*first, (last, 0.0, 1.0), *((axis, 0.5, 1.0) for axis, _, _ in reversed(first))]
+    return [
+        Stage(grid, velocity, profile, advect, walls, axis, begin, end)
+        for axis, begin, end in order
+    ]

@@ -1,0 +1,218 @@
+r"""Data on the walls: moments of nodes whose characteristic begins there.
+
+Where the backward path of a node ends at the place b of a wall with the normal direction n at the
+time t*, the field near (b, t*) has the tangential and time derivatives of the data g and, by the
+equation itself, the normal one
+
+.. math::
+    u_n = -(g_t + c_s g_s [+ g \, \mathrm{div}\, c]) / c_n,
+
+and so on for higher ones (the Cauchy-Kovalevskaya procedure). The moments at the node then follow
+by the same chain rule as from an interior foot, with the derivatives of the path from (b, t*). In
+one dimension this is u_x = -g'(t*) / c(x).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cip.characteristics.feet import Exits
+from cip.characteristics.flow_derivatives import ZERO, Composite, Jet, Orders
+from cip.errors import InputError, NotSupported
+from cip.formulas.clock import timed
+from cip.formulas.expression import COORDINATES, Expression, opaque, ordered, rebuilt
+from cip.formulas.formula import Formula
+from cip.formulas.straight_line_code import numpy_function
+from cip.formulas.traced_function import portable
+from cip.grid import Grid
+
+Array = NDArray[np.float64]
+Wall = tuple[int, int]
+_FIELD = "w"
+
+
+def walls(boundary: Any, grid: Grid) -> dict[Wall, Formula]:
+    """The data of each wall that has some, from the argument `boundary` of the solver."""
+    if boundary is None:
+        return {}
+    if not isinstance(boundary, Mapping):
+        boundary = {
+            f"{'xyz'[axis]}{side}": boundary
+            for axis in range(grid.dim)
+            if not grid.periodic[axis]
+            for side in "-+"
+        }
+    known = {
+        f"{'xyz'[axis]}{'-+'[side]}": (axis, side) for axis in range(grid.dim) for side in (0, 1)
+    }
+    found = {}
+    for name, value in boundary.items():
+        if name not in known:
+            raise InputError(f"boundary: {name!r} is no wall; walls are {', '.join(known)}")
+        axis, side = known[name]
+        if grid.periodic[axis]:
+            raise InputError(f"boundary: data for {name!r}, but the grid is periodic there")
+        if value is None or (isinstance(value, str) and value == "outflow"):
+            continue
+        found[axis, side] = Formula.of(timed(value), grid.bounds, f"boundary {name!r}", time=True)
+    return found
+
+
+def portable_boundary(boundary: Any, grid: Grid) -> Any:
+    """The argument `boundary` of the solver as a pickle can hold it."""
+
+    def part(value: Any) -> Any:
+        def trace() -> dict[tuple[str, ...], Any]:
+            formula = Formula.of(timed(value), grid.bounds, "boundary", time=True)
+            names = (*COORDINATES[: grid.dim], "t")
+            return {names: [formula.expression]} if formula.exact else {}
+
+        return portable(value, "boundary", trace)
+
+    if isinstance(boundary, Mapping):
+        return {name: part(value) for name, value in boundary.items()}
+    return part(boundary)
+
+
+def check_split(data: Mapping[Wall, Formula], advect: bool) -> None:
+    """A splitting moves along one direction at a time: only what that keeps is exact."""
+    for (axis, side), formula in data.items():
+        node = formula.expression
+        if node.op != "constant" or (advect and node.value != 0.0):
+            needed = "zero" if advect else "constant"
+            raise NotSupported(
+                f"boundary: with splitting the data of the wall {'xyz'[axis]}{'-+'[side]} must be "
+                f"{needed}; take a direct profile ('adini', 'bicubic') for other data"
+            )
+
+
+class WallMoments:
+    """New moments at the nodes whose characteristic begins on a wall.
+
+    Parameters
+    ----------
+    grid : Grid
+    velocity : sequence of Formula
+    moving : sequence of int
+        Directions of motion.
+    advect : bool
+    data : dict
+        From `walls`.
+    orders : sequence of Orders
+        Derivatives wanted at the nodes.
+    steps : sequence of float
+        Spacings and a time, for differences of what is known by values only.
+    """
+
+    def __init__(
+        self,
+        grid: Grid,
+        velocity: Sequence[Formula],
+        moving: Sequence[int],
+        advect: bool,
+        data: Mapping[Wall, Formula],
+        orders: Sequence[Orders],
+        steps: Sequence[float],
+    ) -> None:
+        self._velocity, self._moving, self._advect = velocity, tuple(moving), advect
+        self._data, self._steps = data, steps
+        composite = Composite(moving, advect)
+        self._outputs = [composite.moment(order) for order in orders]
+        names = set().union(*(node.variables() for node in self._outputs))
+        self._fields = sorted(name for name in names if name.startswith("f"))
+        self._jets = sorted(name for name in names if name.startswith("j"))
+        self._combine = numpy_function(self._outputs, [*self._fields, *self._jets])
+
+    def values(self, exits: Exits, t_end: float) -> Array:
+        """One row for each moment, one column for each path that begins on a wall."""
+        result = np.zeros((len(self._outputs), exits.nodes.size))
+        for axis, side in self._data:
+            on = (exits.axis == axis) & (exits.side == side)
+            if not on.any():
+                continue
+            point = [x[on] for x in exits.points]
+            point += [np.zeros(())] * (3 - len(point))
+            jets = [exits.jets[Jet.named(name)][on] for name in self._jets]
+            with np.errstate(all="ignore"):  # `State.require_finite` names what is not
+                fields = self._wall(axis, side)(*point, t_end - exits.ages[on])
+                for row, value in zip(result, self._combine(*fields, *jets), strict=True):
+                    row[on] = value
+        return result
+
+    def flux(self, exits: Exits, t_start: float, t_end: float) -> Array:
+        """What came in through the wall from `t_start` until each path began, with its sign."""
+        result = np.zeros(exits.nodes.size)
+        places, weights = np.polynomial.legendre.leggauss(8)
+        for axis, side in self._data:
+            on = (exits.axis == axis) & (exits.side == side)
+            length = (t_end - exits.ages[on]) - t_start
+            point = [x[on] for x in exits.points]
+            point += [np.zeros(())] * (3 - len(point))
+            c = self._velocity[axis].derivative(ZERO, self._steps)
+            g = self._data[axis, side].derivative(ZERO, self._steps)
+            for place, weight in zip(places, weights, strict=True):
+                t = t_start + 0.5 * (1.0 + place) * length
+                result[on] += 0.5 * weight * length * c(*point, t) * g(*point, t)
+        return result
+
+    @lru_cache  # noqa: B019
+    def _wall(self, axis: int, side: int) -> Any:
+        formula = self._data[axis, side]
+        nodes = []
+        for name in self._fields:
+            i, j, k = (int(digit) for digit in name[2:])
+            nodes.append(self._on_wall(opaque(_FIELD, (i, j, k, 0)), axis, formula))
+        functions = formula.functions(nodes, self._steps)
+        for c in self._velocity:
+            functions.update(c.functions(nodes, self._steps))
+        return numpy_function(nodes, COORDINATES, functions)
+
+    def _on_wall(self, node: Expression, axis: int, formula: Formula) -> Expression:
+        """Replace derivatives of the field by those of the data on the wall."""
+        while True:
+            fields = [n for n in ordered([node]) if n.op == "opaque" and n.value[0] == _FIELD]
+            if not fields:
+                return node
+            table = {}
+            for field in fields:
+                orders = field.value[1]
+                if orders[axis] == 0:
+                    table[field] = _derivative(formula.expression, orders)
+                else:
+                    i, j, k, l = (order - (q == axis) for q, order in enumerate(orders))
+                    table[field] = _derivative(self._normal(axis), (i, j, k, l))
+            node = _substitute(node, table)
+
+    def _normal(self, axis: int) -> Expression:
+        field = opaque(_FIELD, ZERO)
+        rate = field.derivative("t")
+        for s in self._moving:
+            name = COORDINATES[s]
+            c = self._velocity[s].expression
+            if s != axis:
+                rate = rate + c * field.derivative(name)
+            if self._advect:
+                rate = rate + c.derivative(name) * field
+        return -rate / self._velocity[axis].expression
+
+
+def _derivative(node: Expression, orders: Orders) -> Expression:
+    for name, order in zip(COORDINATES, orders, strict=True):
+        for _ in range(order):
+            node = node.derivative(name)
+    return node
+
+
+def _substitute(root: Expression, table: Mapping[Expression, Expression]) -> Expression:
+    done: dict[Expression, Expression] = {}
+    for node in ordered([root]):
+        if node in table:
+            done[node] = table[node]
+        else:
+            done[node] = rebuilt(node, [done[argument] for argument in node.args])
+    return done[root]

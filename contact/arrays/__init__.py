@@ -1,0 +1,6 @@
+"""Dense algebra of a contact boundary on NumPy or CuPy, and its BLAS threads.
+
+In: dense arrays of either module.
+Out: factorisations and products under one name for each.
+Start: `dense_arrays`.
+"""

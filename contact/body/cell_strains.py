@@ -1,0 +1,99 @@
+r"""Strains cell by cell, for bodies whose cells are too slender for the digits of a matrix.
+
+In a cell of sides h and r h entries of the stiffness are r^2 apart, and forces that the body bears
+are small differences of large terms: a product with the assembled matrix leaves rounding of
+:math:`r^2` machine precisions. The strains of the cell are differences of displacements at its own
+nodes; made first, and multiplied by the stress afterwards, they lose a factor r.
+
+Bodies of up to 3000 unknowns are factored and refined so, and solved up to r = 1e6; a column that
+stands on a floor alone, whose bending resists by r^-4 of the rest, up to 1e4 and, where digits
+last, beyond. Other solutions are refused by an error that speaks of slender cells.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from skfem import Mesh
+
+    from contact.body.solid import BasisSolid
+
+Array = NDArray[np.float64]
+SLENDER = 300.0  # ratio of a cell's sides from which the matrix costs five digits
+
+
+def has_slender_cells(mesh: Mesh) -> bool:
+    """Whether a cell is `SLENDER` times as long as it is wide, in whatever direction."""
+    J = mesh.mapping().DF(mesh.elem.refdom.p.mean(axis=1)[:, None])[..., 0]
+    size = np.linalg.svd(J.transpose(2, 0, 1), compute_uv=False)
+    return bool(np.any(size[:, 0] > SLENDER * size[:, -1]))
+
+
+def strain_rows(body: BasisSolid) -> Array:
+    r"""Rows A of every cell with ``A^T A`` its stiffness, shape (ncells, nrows, ndofs a cell).
+
+    At each quadrature point the rows are :math:`L^T (\epsilon_{11}, \epsilon_{22}, \dots)`, with
+    :math:`L L^T = \lambda 1 1^T + 2 \mu I`, and :math:`2 \sqrt\mu\, \epsilon_{ij}`, times the root
+    of the weight. A mean dilatation keeps the part with lambda apart, one row a cell.
+    """
+    g, dim = _gradients(body), body.dim
+    _, cells, points, n = g.shape
+    lam, mu = np.broadcast_to(body.lam, cells), np.broadcast_to(body.mu, cells)
+    dx, mean = body.basis.dx, body.dilatation == "mean"
+    elastic = np.zeros((cells, dim, dim)) + (0.0 if mean else 1.0) * lam[:, None, None]
+    elastic += 2.0 * mu[:, None, None] * np.eye(dim)
+    L = np.linalg.cholesky(elastic)
+    rows = []
+    for a in range(dim):
+        row = np.zeros((cells, points, n, dim))
+        for b in range(a, dim):
+            row[..., b] = L[:, b, a, None, None] * g[b]
+        rows.append(row)
+    for a in range(dim):
+        for b in range(a):
+            row = np.zeros((cells, points, n, dim))
+            row[..., a] = np.sqrt(mu)[:, None, None] * g[b]
+            row[..., b] = np.sqrt(mu)[:, None, None] * g[a]
+            rows.append(row)
+    A = (np.stack(rows, axis=1) * np.sqrt(dx)[:, None, :, None, None]).reshape(cells, -1, n * dim)
+    if mean:
+        total = np.einsum("cq,acqn->cna", dx, g).reshape(cells, 1, n * dim)
+        A = np.hstack((A, np.sqrt(lam / dx.sum(axis=1))[:, None, None] * total))
+    return A
+
+
+def internal_forces(body: BasisSolid, u: Array) -> Array:
+    """Forces of a displacement on all dofs, ``S u``, shape (ndofs,)."""
+    g, dofs, dim = _gradients(body), body.basis.element_dofs.T, body.dim
+    local = u[dofs].reshape(len(dofs), -1, dim)
+    values = body._are_values[dofs].reshape(local.shape)
+    # Translations cause no strain; displacements from the cell's first node are exact.
+    local = local - np.where(values, local[:, :1], 0.0)
+    gradient = np.einsum("acqn,cnb->bacq", g, local)
+    stress = np.broadcast_to(body.mu, len(dofs))[:, None] * (gradient + gradient.swapaxes(0, 1))
+    dilatation = np.trace(gradient)
+    if body.dilatation == "mean":
+        dilatation = np.average(dilatation, axis=1, weights=body.basis.dx)[:, None]
+    for a in range(dim):
+        stress[a, a] += np.broadcast_to(body.lam, len(dofs))[:, None] * dilatation
+    forces = np.einsum("bacq,acqn->cnb", stress * body.basis.dx, g)
+    result = np.zeros(u.size)
+    np.add.at(result, dofs, forces.reshape(dofs.shape))
+    return result
+
+
+def _gradients(body: BasisSolid) -> Array:
+    """Gradient of each scalar basis function, shape (dim, ncells, npoints, nfunctions)."""
+    basis, dim = body.basis, body.dim
+    shape = (dim, *basis.dx.shape)
+    return np.stack(
+        [
+            np.broadcast_to(np.asarray(basis.basis[i][0].grad[0]), shape)
+            for i in range(0, basis.Nbfun, dim)
+        ],
+        axis=-1,
+    )

@@ -1,0 +1,318 @@
+"""An elastic body whose boundary cuts the cells of its mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any, NoReturn, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+from skfem import Basis, ElementVector, MeshQuad
+
+from contact.body.cut_arc import CutArc
+from contact.body.elastic_body import ElasticBody, Field
+from contact.body.elasticity import stiffness_matrix
+from contact.errors import InputError, array_of, evaluated, function_of_places, numbers
+from contact.settled import settled
+from skfem_adini import AdiniExtension, CutDomain, ElementQuadAdini, LevelSet, Polygon
+from skfem_adini import InputError as AdiniInputError
+
+Array = NDArray[np.float64]
+
+
+@settled("make a new CutBody", "domain", "threshold", "level_set")
+class CutBody(ElasticBody):
+    """An elastic body inside a level set, on a mesh of rectangles that need not fit it.
+
+    Adini elements on the cells that the body fills or cuts, integrals over what lies inside, and
+    the displacement of nodes outside that of a cell well inside (`AdiniExtension`): the matrices
+    are those of a mesh that fits, for any cut. Contact may occur on the curve, see `arc`, supports
+    on mesh lines.
+
+    Parameters
+    ----------
+    mesh : MeshQuad
+        Axis-parallel rectangles, graded or with hanging vertices if wanted.
+    level_set : callable, LevelSet or Polygon
+        Negative inside, see `skfem_adini.CutDomain`.
+    E, nu : float or ndarray, shape (ncells,)
+        Material, for each cell of the mesh if it varies.
+    plane : {"strain", "stress"}
+    threshold : float
+        Share of a cell inside from which it is good, see `skfem_adini.AdiniExtension`.
+    q : int
+        Gauss points in each direction in cut cells.
+
+    Attributes
+    ----------
+    domain : CutDomain
+        On the active cells, those partly or wholly inside; ``body.mesh`` are these.
+
+    Raises
+    ------
+    InputError
+        A mesh or a level set that `CutDomain` refuses, a domain too thin for the mesh, or a
+        material constant outside its range.
+
+    Notes
+    -----
+    A level set is a function, which no file holds, so `ContactResult.save` refuses a cut body.
+    Keep ``result.u``, ``result.mu`` and ``result.t`` in an archive of NumPy instead; with the
+    problem built again by the script that made it, ``ContactResult(problem.system_of(body), u, mu,
+    t, method, ())`` is the same result, and its `kkt` is recomputed. Pictures and values for
+    other programs come from `ContactResult.to_pyvista`.
+
+    Examples
+    --------
+    A half disk pressed by its flat side on a plane .02 below it:
+
+    >>> import numpy as np
+    >>> from contact import ContactProblem, Plane
+    >>> mesh = MeshQuad.init_tensor(np.linspace(-1.1, 1.1, 12), np.linspace(-1.1, 0, 7))
+    >>> disk = CutBody(mesh.with_defaults(), lambda x: x[0]**2 + x[1]**2 - 1, E=1.0, nu=0.3)
+    >>> disk = disk.fix("top", "x").fix("top", "y", -0.05)
+    >>> result = ContactProblem(disk, disk.arc(), Plane((0.0, -1.02), (0.0, 1.0))).solve()
+    >>> bool(abs(result.balance()["support"][1] + result.resultant[1]) < 1e-12)
+    True
+    """
+
+    _KEPT, _FUNCTIONS = ("constraint", "picked"), ("_supports", "level_set")
+    _slender = False  # integrals over parts of cells are in the matrix alone
+
+    def __init__(
+        self,
+        mesh: MeshQuad,
+        level_set: LevelSet | Polygon | Callable[[Array], Any],
+        E: ArrayLike,
+        nu: ArrayLike,
+        plane: str | None = "strain",
+        *,
+        threshold: float = 0.5,
+        q: int = 8,
+    ) -> None:
+        try:
+            whole = CutDomain(mesh, level_set, q=q)
+        except AdiniInputError as error:
+            raise InputError(str(error)) from error
+        self.domain, self.threshold = whole.on_active_cells(), threshold
+        self.level_set = level_set
+        E, nu = (
+            _of_active("E", E, mesh.nelements, whole.active),
+            _of_active("nu", nu, mesh.nelements, whole.active),
+        )
+        super().__init__(
+            Basis(self.domain.mesh, ElementVector(ElementQuadAdini(derivatives=1))), E, nu, plane
+        )
+        _ = self.extension
+
+    @classmethod
+    def from_mesh(cls, *args: Any, **options: Any) -> NoReturn:
+        """Refuse: the level set is needed as well."""
+        raise InputError("from_mesh: a CutBody is made as CutBody(mesh, level_set, E=, nu=)")
+
+    def arc(
+        self,
+        parts: int | Sequence[int] | None = None,
+        where: Callable[[Array], Any] | None = None,
+        spacing: float = 1.5,
+    ) -> CutArc:
+        """The curved boundary, or a part of it, for `ContactProblem` and `load`.
+
+        Parameters
+        ----------
+        parts : int or list of int, optional
+            Leaves of the level set or sides of the polygon.
+        where : callable, optional
+            Function of points (2, n) that returns which of them belong to the arc.
+        spacing : float
+            Distance of the contact points, in cell sizes along the arc. Below 1 the multipliers
+            become unstable, see `contact.body.cut_arc`.
+
+        Raises
+        ------
+        InputError
+            No boundary there, or a spacing that is not positive.
+        """
+        distance = numbers("spacing", spacing)
+        if distance.shape != () or not 0 < distance < np.inf:
+            raise InputError(f"spacing={spacing!r}: expected a positive number")
+        if where is not None:
+            where = function_of_places("where", where)
+        listed: Any = None if parts is None else array_of("parts", parts)
+        try:
+            basis = self.domain.boundary(self.element, listed)
+        except AdiniInputError as error:
+            raise InputError(str(error)) from error
+        x, normals = np.asarray(basis.global_coordinates()), np.asarray(basis.normals)
+        real = basis.dx > 0
+        if where is not None:
+            chosen = np.asarray(where(x[:, real]))
+            if chosen.dtype != bool or chosen.shape != (int(real.sum()),):
+                raise InputError(
+                    f"where: expected {int(real.sum())} booleans, one a point, got shape "
+                    f"{chosen.shape} of {chosen.dtype}"
+                )
+            real[real] = chosen
+        if not real.any():
+            raise InputError("where: holds on no point of the boundary")
+        cell, _ = np.nonzero(real)
+        corners = self.mesh.p[:, self.mesh.t[:, basis.tind]]
+        tangent = np.abs(normals[::-1][:, real]) / np.ptp(corners, axis=1)[:, cell]
+        values = np.stack([np.asarray(field[0])[real] for field in basis.basis], axis=1)
+        columns = self.scalar_dofs.element_dofs[:, basis.tind[cell]].T
+        rows = np.repeat(np.arange(cell.size), columns.shape[1])
+        shape = cell.size, self.scalar_dofs.N
+        trace = sparse.coo_array((values.ravel(), (rows, columns.ravel())), shape=shape)
+        number, part = self._numbered(basis, parts)
+        return CutArc(
+            self,
+            number[real],
+            x[:, real],
+            normals[:, real],
+            basis.dx[real],
+            1.0 / np.hypot(*tangent),
+            part[real],
+            sparse.csr_array(trace),
+            float(spacing),
+        )
+
+    def _numbered(self, basis: Any, parts: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Number and part of the rule's points in the padded order of a basis."""
+        rule = self.domain.quadrature
+        keep = np.arange(rule.parts.size)
+        if parts is not None:
+            keep = keep[np.isin(rule.parts, np.atleast_1d(np.asarray(parts)))]
+        cells = rule.boundary_cells[keep]
+        start = np.searchsorted(cells, basis.tind)
+        slots = np.minimum(start[:, None] + np.arange(basis.dx.shape[1]), keep.size - 1)
+        return keep[slots], rule.parts[keep[slots]]
+
+    def load(self, boundary: Any, traction: Field) -> Self:
+        """Add a surface traction on an arc, or on facets of cells that lie wholly inside.
+
+        Parameters
+        ----------
+        boundary : CutArc, str, list of str or array of facet numbers
+        traction : array of shape (2,) or callable x -> array of shape (2, n)
+
+        Raises
+        ------
+        InputError
+            A facet of a cut cell, or a traction of the wrong shape.
+        """
+        if not isinstance(boundary, CutArc):
+            self.whole_facets(boundary)
+            return super().load(boundary, traction)
+        value = evaluated("traction", traction, boundary.x)
+        if value.ndim == 1:
+            value = value[:, None]
+        if value.shape not in ((2, 1), boundary.x.shape) or not np.all(np.isfinite(value)):
+            raise InputError(f"traction: expected 2 finite components, got shape {value.shape}")
+        self.f = self.f + boundary.integral(np.broadcast_to(value, boundary.x.shape))
+        return self
+
+    def whole_facets(self, boundary: Any) -> NDArray[np.int64]:
+        """Facet numbers of a boundary, none of which a cut cell has.
+
+        Raises
+        ------
+        InputError
+            A facet that may lie partly outside the body.
+        """
+        facets = self.facets(boundary)
+        cells = self.mesh.f2t[0, facets]
+        beside = facets[~self.domain.quadrature.full[cells]]
+        if beside.size:
+            x, y = self.mesh.p[:, self.mesh.facets[:, beside[0]]].mean(axis=1)
+            raise InputError(
+                f"boundary: the facet at ({x:.6g}, {y:.6g}) belongs to a cut cell and may lie "
+                "partly outside; leave such facets out, or describe the side by the level set"
+            )
+        return facets
+
+    def body_force(self, force: Field) -> Self:
+        """Add a volume force (force per volume); see `ElasticBody.body_force`."""
+        for basis in self.domain.groups(self.basis.elem):
+            self.f = self.f + self._load_vector(basis, force, "force")
+        return self
+
+    def clipped(self, grid: Any) -> Any:
+        """The part of a pyvista grid inside, its boundary straight within each of its cells.
+
+        Parameters
+        ----------
+        grid : pyvista.UnstructuredGrid
+            Of linear cells, fine enough for the curve.
+        """
+        x = np.asarray(grid.points, dtype=float).T[:2]
+        if isinstance(self.level_set, Polygon):
+            a, b = self.level_set.start[:, :, None], self.level_set.end[:, :, None]
+            along = np.sum((x[:, None] - a) * (b - a), axis=0) / np.sum((b - a) ** 2, axis=0)
+            foot = a + np.clip(along, 0.0, 1.0) * (b - a)
+            distance = np.hypot(*(x[:, None] - foot)).min(axis=0)
+            value = np.where(self.level_set.contains(x), -distance, distance)
+        else:
+            value = np.asarray(self.level_set(x[:, :, None]), dtype=float).ravel()
+        grid.point_data["level_set"] = value
+        return grid.clip_scalar(scalars="level_set", value=0.0)
+
+    @cached_property
+    def stiffness(self) -> sparse.csr_array:
+        """S over the part of the cells inside, all dofs of the active cells."""
+        total = sparse.csr_array((self.basis.N, self.basis.N))
+        for basis in self.domain.groups(self.basis.elem):
+            lam, mu = (value[basis.tind] if value.ndim else value for value in (self.lam, self.mu))
+            total = total + stiffness_matrix(basis, lam, mu)
+        return sparse.csr_array(total)
+
+    @cached_property
+    def extension(self) -> AdiniExtension:
+        """The extension under the supports."""
+        essential = self._supported() if self._supports else None
+        try:
+            return AdiniExtension(self.basis, self.domain, self.threshold, essential)
+        except AdiniInputError as error:
+            raise InputError(str(error)) from error
+
+    @cached_property
+    def constraint(self) -> tuple[sparse.csr_array, Array]:
+        """P and x0 of the extension: supports and the nodes outside together."""
+        return sparse.csr_array(self.extension.P), self.extension.x0
+
+    @cached_property
+    def picked(self) -> sparse.csr_array:
+        """E with ``E^T P = I``: every free unknown is a dof of its own."""
+        P = self.constraint[0]
+        single = np.flatnonzero(np.diff(P.indptr) == 1)
+        single = single[P.data[P.indptr[single]] == 1.0]
+        column, first = np.unique(P.indices[P.indptr[single]], return_index=True)
+        place = single[first], column
+        return sparse.csr_array(sparse.coo_array((np.ones(column.size), place), shape=P.shape))
+
+    def fix(
+        self, boundary: Any, components: Any = None, value: Field = 0.0, smooth: bool | None = None
+    ) -> Self:
+        """Prescribe displacement components on mesh lines; see `ElasticBody.fix`."""
+        if isinstance(boundary, CutArc):
+            raise InputError(
+                "boundary: displacements are prescribed on mesh lines; for a curve add "
+                "skfem_adini.nitsche to the stiffness matrix"
+            )
+        for derived in ("extension", "picked"):
+            self.__dict__.pop(derived, None)
+        return super().fix(boundary, components, value, smooth)
+
+
+def _of_active(name: str, value: ArrayLike, count: int, active: Any) -> Array:
+    """Material of the active cells from a number or from values of all cells."""
+    given = numbers(name, value)
+    if given.shape == (count,):
+        return np.asarray(given[active])
+    if given.shape:
+        raise InputError(
+            f"{name}: expected a number or one value for each of the {count} cells, got shape "
+            f"{given.shape}"
+        )
+    return given

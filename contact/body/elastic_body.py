@@ -1,0 +1,386 @@
+"""An elastic body: mesh, element, material, supports and loads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+from skfem import (
+    Basis,
+    ElementVector,
+    FacetBasis,
+    Mesh,
+)
+
+from contact.body.boundary_names import select_components, select_facets
+from contact.body.cell_check import check_cells, check_rectangles
+from contact.body.elasticity import stiffness_matrix
+from contact.body.material import MaterialBody
+from contact.body.mesh_file import read_mesh
+from contact.body.rigid_modes import dof_lengths
+from contact.body.vector_element import DEFAULT_ELEMENT, GRADIENT_DOFS, vector_element
+from contact.errors import InputError, evaluated, function_of_places, numbers
+from contact.portable import PortableBasis
+from contact.settled import settled
+from skfem_adini import InputError as AdiniInputError
+from skfem_adini import essential_constraints
+
+Field = float | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]
+
+
+@settled("make a new body", "basis", "dim", "element")
+class ElasticBody(MaterialBody):
+    """A linearly elastic body, discretised by any scikit-fem vector basis.
+
+    The data flow is `basis -> stiffness S, load f, conditions C x = c`; each is an attribute.
+    E, nu, plane, dilatation and f may be set anew, and problems follow; results keep theirs.
+
+    Parameters
+    ----------
+    basis : Basis
+        Of ``ElementVector(...)``, 2-D or 3-D; how slender cells may be:
+        `contact.body.cell_strains`.
+    E : float or ndarray, shape (ncells,)
+        Young's modulus, positive.
+    nu : float or ndarray, shape (ncells,)
+        Poisson's ratio, in (-1, 1/2); how near to 1/2: see `contact.body.elasticity`.
+    plane : {"strain", "stress"}
+        Two dimensions only.
+    dilatation : {"pointwise", "mean"}
+        "mean" takes the change of volume of each Q1 cell by its mean: these then stand nearly
+        incompressible materials, see `stiffness_matrix`. Other elements are "pointwise".
+
+    Raises
+    ------
+    InputError
+        Not a vector basis, or a material constant outside its range.
+
+    Examples
+    --------
+    A unit square held at its left side and pulled at its right one:
+
+    >>> from skfem import Basis, ElementQuad1, ElementVector, MeshQuad
+    >>> mesh = MeshQuad().refined(2).with_defaults()
+    >>> body = ElasticBody(Basis(mesh, ElementVector(ElementQuad1())), E=1.0, nu=0.0)
+    >>> body = body.fix("left", "xy").load("right", (0.1, 0.0))
+    >>> bool(abs(body.f.sum() - 0.1) < 1e-12)
+    True
+    """
+
+    def __init__(
+        self,
+        basis: Basis,
+        E: ArrayLike,
+        nu: ArrayLike,
+        plane: str | None = "strain",
+        dilatation: str = "pointwise",
+    ) -> None:
+        if not isinstance(basis, Basis) or not isinstance(basis.elem, ElementVector):
+            raise InputError(
+                "basis: expected a skfem Basis(mesh, ElementVector(element)), got "
+                f"{type(getattr(basis, 'elem', basis)).__name__}"
+            )
+        if basis.elem.dim != basis.mesh.dim() or basis.elem.dim not in (2, 3):
+            raise InputError(
+                f"basis: {basis.elem.dim} displacement components on a mesh of dimension "
+                f"{basis.mesh.dim()}; both must be 2 or both 3"
+            )
+        check_cells(basis.mesh)
+        check_rectangles(basis.mesh, basis.elem.elem)
+        self.basis, self.dim, self.element = basis, basis.elem.dim, basis.elem.elem
+        self._portable = PortableBasis(basis)
+        self._set_material(E=E, nu=nu, plane=plane, dilatation=dilatation)
+        self.f = np.zeros(basis.N)
+        self.check_unchanged()
+        self._supports: list[tuple[NDArray[np.int64], int, Callable[..., Any], bool]] = []
+
+    @classmethod
+    def from_mesh(
+        cls,
+        mesh: Mesh | str | Path,
+        element: Any = None,
+        *,
+        E: ArrayLike,
+        nu: ArrayLike,
+        plane: str | None = "strain",
+        dilatation: str = "pointwise",
+    ) -> Self:
+        """Build a body from a mesh or from a mesh file with named boundaries.
+
+        Parameters
+        ----------
+        mesh : Mesh, str or Path
+            A scikit-fem mesh, or a file that meshio reads (.msh, .vtu, .xdmf, ...). Physical
+            groups become the names of boundaries.
+        element : Element, optional
+            Scalar or vector element. Default: P2 triangles, Q2 quadrilaterals, P1 tetrahedra,
+            Q1 hexahedra; on meshes of second order P2 and Q2.
+        E, nu, plane, dilatation
+            As for the class.
+
+        Raises
+        ------
+        InputError
+            The file is missing, truncated or holds no mesh of dimension 2 or 3.
+        """
+        mesh = read_mesh(mesh) if isinstance(mesh, str | Path) else mesh
+        if not isinstance(mesh, Mesh):
+            raise InputError(f"mesh: expected a Mesh or a path, got {type(mesh).__name__}")
+        if element is None:
+            if type(mesh).__name__ not in DEFAULT_ELEMENT:
+                raise InputError(f"element: no default for {type(mesh).__name__}; pass one")
+            element = DEFAULT_ELEMENT[type(mesh).__name__]()
+        element = vector_element(element, mesh)
+        check_cells(mesh)
+        try:
+            basis = Basis(mesh, element)
+        except AdiniInputError as error:
+            raise InputError(str(error)) from error
+        return cls(basis, E, nu, plane, dilatation)
+
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh of the basis."""
+        mesh: Mesh = self.basis.mesh
+        return mesh
+
+    @cached_property
+    def stiffness(self) -> sparse.csr_array:
+        """S of ``a(u, v) = int sigma(u) : eps(v)``, all dofs, shape (ndofs, ndofs)."""
+        self.check_unchanged()
+        mean = self.dilatation == "mean"
+        return stiffness_matrix(self.basis, self.lam, self.mu, mean)
+
+    @cached_property
+    def absolute_stiffness(self) -> sparse.csr_array:
+        """``|S|`` entry by entry, against which residuals are judged; shares its pattern with S."""
+        S = self.stiffness
+        return sparse.csr_array((np.abs(S.data), S.indices, S.indptr), shape=S.shape)
+
+    @cached_property
+    def scalar_dofs(self) -> Any:
+        """Dof numbering of the scalar element; vector dof = dim * scalar dof + component."""
+        from skfem.assembly import Dofs
+
+        return Dofs(self.mesh, self.element)
+
+    def facets(self, boundary: str | Sequence[str] | ArrayLike) -> NDArray[np.int64]:
+        """Facet numbers of a boundary of this body; see
+        `contact.body.boundary_names.select_facets`.
+        """
+        return select_facets(self.mesh, boundary)
+
+    def whole_facets(self, boundary: str | Sequence[str] | ArrayLike) -> NDArray[np.int64]:
+        """Facets that the body fills: all of them, unless its boundary cuts cells."""
+        return self.facets(boundary)
+
+    def fix(
+        self,
+        boundary: str | Sequence[str] | ArrayLike,
+        components: str | int | Sequence[int] | None = None,
+        value: Field = 0.0,
+        smooth: bool | None = None,
+    ) -> Self:
+        """Prescribe displacement components on a boundary.
+
+        For Adini elements value and tangential derivative, the normal derivative in corners only.
+
+        Parameters
+        ----------
+        boundary : str, list of str or array of facet numbers
+        components : "x", "y", "z", "xy", ..., numbers, or None for all
+        value : float or callable x -> array of shape x.shape[1:]
+            The displacement; x has shape (dim, npoints).
+        smooth : bool, optional
+            Adini only: facets that turn by less than .9 stand for a curve. Else the value gives the
+            whole gradient where they turn, right if it is a field. Default: if it is a number.
+
+        Returns
+        -------
+        ElasticBody
+            Itself, for chaining.
+
+        Raises
+        ------
+        InputError
+            Unknown boundary or component, a value that is not finite.
+        """
+        facets = self.facets(boundary)
+        function = function_of_places("value", value) if callable(value) else _constant(value)
+        chosen = select_components(self.dim, components)
+        if not isinstance(smooth, bool | None):
+            raise InputError(f"smooth={smooth!r}: expected True, False or None")
+        smooth = not callable(value) if smooth is None else smooth
+        self._supports = [*self._supports, *((facets, c, function, smooth) for c in chosen)]
+        for derived in ("constraint", "lengths"):
+            self.__dict__.pop(derived, None)
+        return self
+
+    def load(self, boundary: str | Sequence[str] | ArrayLike, traction: Field) -> Self:
+        """Add a surface traction (force per area) on a boundary.
+
+        Parameters
+        ----------
+        boundary : str, list of str or array of facet numbers
+        traction : array of shape (dim,) or callable x -> array of shape (dim, ...)
+
+        Returns
+        -------
+        ElasticBody
+            Itself, for chaining.
+        """
+        basis = FacetBasis(self.mesh, self.basis.elem, facets=self.facets(boundary))
+        self.f = self.f + self._load_vector(basis, traction, "traction")
+        return self
+
+    def body_force(self, force: Field) -> Self:
+        """Add a volume force (force per volume).
+
+        Parameters
+        ----------
+        force : array of shape (dim,) or callable x -> array of shape (dim, ...)
+        """
+        self.f = self.f + self._load_vector(self.basis, force, "force")
+        return self
+
+    def _load_vector(self, basis: Any, density: Field, name: str) -> NDArray[np.float64]:
+        self.check_unchanged()
+        x = np.asarray(basis.global_coordinates())
+        value = evaluated(name, density, x)
+        if value.ndim == 0 or value.shape[0] != self.dim:
+            raise InputError(
+                f"{name}: expected {self.dim} components, got an array of shape {value.shape}"
+            )
+        value = value.reshape(value.shape + (1,) * (x.ndim - value.ndim))
+        try:
+            value = np.broadcast_to(value, (self.dim, *x.shape[1:]))
+        except ValueError:
+            raise InputError(
+                f"{name}: shape {value.shape} does not fit points of shape {x.shape}"
+            ) from None
+        if not np.all(np.isfinite(value)):
+            raise InputError(f"{name}: holds values that are not finite")
+        result = np.zeros(self.basis.N)
+        for i in range(basis.Nbfun):
+            c = i % self.dim  # only this component of an ElementVector function is not zero
+            density_i = basis.basis[i][0][c] * value[c] * basis.dx
+            np.add.at(result, basis.element_dofs[i], density_i.sum(axis=1))
+        return result
+
+    @cached_property
+    def constraint(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
+        """All prescribed displacements as ``u = T z + u0`` with free unknowns z.
+
+        Returns
+        -------
+        T : csr_array, shape (ndofs, nfree)
+        u0 : ndarray, shape (ndofs,)
+
+        Raises
+        ------
+        InputError
+            Two prescriptions contradict each other.
+        """
+        return self._supported()
+
+    def _supported(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
+        if not self._supports:
+            return sparse.eye_array(self.basis.N, format="csr"), np.zeros(self.basis.N)
+        if isinstance(self.element, GRADIENT_DOFS):
+            try:
+                T, u0 = essential_constraints(
+                    self.basis,
+                    [
+                        (facets, [function if c == d else None for d in range(self.dim)])
+                        for facets, c, function, _ in self._supports
+                    ],
+                    smooth=[smooth for *_, smooth in self._supports],
+                )
+            except AdiniInputError as error:
+                raise InputError(str(error)) from error
+            return sparse.csr_array(T), u0
+        u0 = np.full(self.basis.N, np.nan)
+        size = 0.0
+        for facets, component, function, _ in self._supports:
+            dofs = self.basis.get_dofs(facets).flatten()
+            dofs = dofs[dofs % self.dim == component]
+            value = evaluated("value", function, self.basis.doflocs[:, dofs])
+            if value.shape != dofs.shape or not np.all(np.isfinite(value)):
+                raise InputError(
+                    f"value: expected {dofs.size} finite numbers, got shape {value.shape}"
+                )
+            size = max(size, float(np.abs(value).max(initial=0.0)))
+            if np.any(np.abs(u0[dofs] - value) > 1e-10 * size):
+                raise InputError("value: two prescribed displacements differ where they meet")
+            u0[dofs] = value
+        free = np.isnan(u0)
+        unit = sparse.eye_array(self.basis.N, format="csr")
+        return sparse.csr_array(unit[:, free]), np.where(free, 0.0, u0)
+
+    def under(self, f: NDArray[np.float64], u0: NDArray[np.float64]) -> Self:
+        """The same body, its matrices shared, under other loads and prescribed displacements.
+
+        Parameters
+        ----------
+        f, u0 : ndarray, shape (ndofs,)
+            u0 meets the same supports as ``constraint[1]``.
+        """
+        _ = self.stiffness, self.absolute_stiffness, self.lengths
+        other = copy(self)
+        other.f, other.constraint = f, (self.constraint[0], u0)
+        return other
+
+    @cached_property
+    def lengths(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """What turns each dof, and each free unknown, into a displacement; see `dof_lengths`."""
+        of_dof = dof_lengths(self)
+        columns = self.picked.tocsc()
+        return of_dof, of_dof[columns.indices[columns.indptr[:-1]]]
+
+    @cached_property
+    def entities(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+        """Dofs grouped by the mesh entity that carries them, for ordering and for rigid modes.
+
+        Returns
+        -------
+        entity : ndarray, shape (ndofs,)
+            Number of the vertex, edge, facet or cell of each dof.
+        points : ndarray, shape (dim, nentities)
+        cells : ndarray, shape (nentities a cell, ncells)
+            Entities of each cell.
+        """
+        dofs, mesh = self.basis.dofs, self.mesh
+        tables = (
+            (dofs.nodal_dofs, mesh.p),
+            (dofs.edge_dofs, None if self.dim == 2 else mesh.p[:, mesh.edges].mean(axis=1)),
+            (dofs.facet_dofs, mesh.p[:, mesh.facets].mean(axis=1)),
+            (dofs.interior_dofs, mesh.p[:, mesh.t].mean(axis=1)),
+        )
+        entity = np.full(self.basis.N, -1, dtype=np.int64)
+        start, points = 0, []
+        for table, where in tables:
+            if table is None or table.shape[0] == 0 or where is None:
+                continue
+            entity[table] = start + np.arange(table.shape[1])
+            points.append(where[:, : table.shape[1]])
+            start += table.shape[1]
+        cells = entity[self.basis.element_dofs[:: self.dim]]
+        first = np.flatnonzero(np.r_[True, np.any(cells[1:] != cells[:-1], axis=1)])
+        return entity, np.hstack(points), cells[first]
+
+
+def _constant(value: Any) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+    number = numbers("value", value)
+    if number.shape != () or not np.isfinite(number):
+        raise InputError(f"value={value!r}: expected a finite number or a callable")
+    return partial(_everywhere, float(number))
+
+
+def _everywhere(number: float, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.full(x.shape[1:], number)

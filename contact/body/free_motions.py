@@ -1,0 +1,42 @@
+"""Rigid motions that the supports of a body leave free."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from contact.body.rigid_modes import reduced_echelon, rigid_modes
+from contact.condensation.boundary_problem import Array
+
+RIGID = 1e-12  # share of a rigid motion that supports, or a boundary, see by rounding alone
+
+
+def free_motions(body: Any) -> Array:
+    """Rigid motions that no support of a body with a Basis resists, in z of ``u = T z + u0``.
+
+    Shape (nfree, k); translations are kept apart from rotations where that can be.
+    """
+    modes = rigid_modes(body)
+    T, picked = body.constraint[0], body.picked
+    of_dof = body.lengths[0][:, None]
+    held = of_dof * (modes - T @ (picked.T @ modes))
+    size = np.linalg.norm(of_dof * modes, axis=0)
+    _, singular, V = np.linalg.svd(held / size, full_matrices=False)
+    plain = reduced_echelon(V[singular < RIGID] / size)
+    free: Array = picked.T @ (modes @ plain.T)
+    return free
+
+
+def unseen_motion(modes: Array, on_boundary: Array) -> Array | None:
+    """A combination of modes, shape (n, k), that is zero on the boundary, or None.
+
+    A piece of the body that is neither held nor connected to the contact boundary moves so. It is
+    found before anything is factored: whether a pivot of it comes out as zero is left to rounding.
+    """
+    size = np.linalg.norm(modes, axis=0)
+    if not size.size:
+        return None
+    _, singular, V = np.linalg.svd(on_boundary / size)
+    seen = singular.size == size.size and singular[-1] > RIGID * singular[0]
+    return None if seen else modes @ (V[-1] / size)

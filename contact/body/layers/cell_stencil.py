@@ -1,0 +1,87 @@
+"""The stiffness of rows of equal cells, applied cell by cell."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.arrays.dense_arrays import HostArrays
+from contact.condensation.slab_doubling import PER_NODE, CellRows
+
+Array = NDArray[np.float64]
+_CHUNK = 1 << 17  # cells whose dofs are gathered at a time
+
+
+class CellStencil:
+    """``S @ u`` and |S| |u| for layers of equal cells; only element matrices are stored.
+
+    Parameters
+    ----------
+    columns : int
+    layers : list of CellRows
+        From the bottom up.
+    arrays : HostArrays
+        Where to compute; vectors come from the host and go back there.
+    """
+
+    def __init__(self, columns: int, layers: list[CellRows], arrays: HostArrays) -> None:
+        self.columns, self.layers, self.arrays = columns, layers, arrays
+
+    def __matmul__(self, u: Array) -> Array:
+        """Forces of all dofs."""
+        on_device = self.arrays.xp.asarray(u).reshape(-1, self.columns + 1, PER_NODE)
+        return np.asarray(self.arrays.get(self._apply(on_device, absolute=False))).ravel()
+
+    def residual(
+        self, u: Array, external: Array, size: Array, held: NDArray[np.int64], cell: float
+    ) -> tuple[float, float]:
+        """Largest component of ``S u + external`` and of ``|S| |u| + size`` at the free dofs.
+
+        Parameters
+        ----------
+        u, external, size : ndarray, shape (ndofs,)
+        held : ndarray of int
+            Dofs that do not count.
+        cell : float
+            Length by which derivatives become displacements, and their forces are divided.
+        """
+        xp = self.arrays.xp
+        shape = (-1, self.columns + 1, PER_NODE)
+        per_length = xp.asarray([1.0, 1.0] + [1.0 / cell] * 4)
+        dofs, place = xp.asarray(u).reshape(shape), xp.asarray(held)
+        largest = []
+        for values, more, absolute in ((dofs, external, False), (xp.abs(dofs), size, True)):
+            force = self._apply(values, absolute) + xp.asarray(more).reshape(shape)
+            force *= per_length
+            force.ravel()[place] = 0.0
+            largest.append(float(xp.abs(force).max()))
+        return largest[0], largest[1]
+
+    def _apply(self, u: Any, absolute: bool) -> Any:
+        xp, n = self.arrays.xp, self.columns
+        force = xp.zeros_like(u)
+        step = max(1, _CHUNK // n) if xp is np else u.shape[0]
+        first = 0
+        for layer in self.layers:
+            K = xp.asarray(np.abs(layer.stiffness) if absolute else layer.stiffness)
+            for low in range(first, first + layer.height, step):
+                high = min(low + step, first + layer.height)
+                below, above = slice(low, high), slice(low + 1, high + 1)
+                corners = (
+                    (below, slice(0, n)),
+                    (below, slice(1, n + 1)),
+                    (above, slice(1, n + 1)),
+                    (above, slice(0, n)),
+                )
+                cells = xp.concatenate([u[c] for c in corners], axis=2)
+                if not absolute:
+                    # No force comes from a translation: without it, rounding is that of strains.
+                    values = cells.reshape(high - low, n, 4, PER_NODE)[..., :2]
+                    values -= values[:, :, :1].copy()
+                local = (cells.reshape(-1, 4 * PER_NODE) @ K).reshape(cells.shape)
+                for k, c in enumerate(corners):
+                    force[c] += local[:, :, PER_NODE * k : PER_NODE * (k + 1)]
+            first += layer.height
+        return force

@@ -1,0 +1,400 @@
+"""A rectangle of layers of equal Adini cells: the body for structured condensation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from skfem import Basis, ElementVector, MeshQuad
+
+from contact.arrays.dense_arrays import HostArrays, arrays_on
+from contact.body.boundary_names import select_components
+from contact.body.elastic_body import ElasticBody, Field
+from contact.body.layers.bottom_row import LowestRow
+from contact.body.layers.cell_stencil import CellStencil
+from contact.body.layers.layers import grid, read_columns, read_layers, read_lengths, read_sides
+from contact.body.material import checked_plane
+from contact.body.solid import Solid
+from contact.condensation.slab_doubling import PER_NODE, CellRows
+from contact.errors import InputError
+from contact.rows.discretise import live_rows
+from contact.settled import settled
+from skfem_adini import ElementQuadAdini
+
+if TYPE_CHECKING:
+    from contact.condensation.sparse import CondensedContact
+    from contact.rows.discretise import ContactRows
+
+Array = NDArray[np.float64]
+
+_SIDES = ("left", "right", "top")
+_GIVEN = ("plane", "layers", "lengths", "sides", "top", "width", "height", "columns")
+
+
+@settled("make a new LayeredBlock", *_GIVEN)
+class LayeredBlock(Solid):
+    """A rectangle of horizontal layers, each of equal Adini cells and of one material.
+
+    The same body as an `ElasticBody` on the same mesh (`elastic` builds it), but without a Basis
+    and without a sparse matrix: `ContactProblem` condenses it by
+    `contact.condensation.slab_doubling`, on the CPU or with ``problem.condense(device="cuda")`` on
+    a GPU. Contact may occur on its "bottom".
+
+    Node (i, j), counted from the bottom left, carries dofs ``6 ((columns + 1) j + i) + k``, k
+    running over ``u, v, u_x, v_x, u_y, v_y``.
+
+    Parameters
+    ----------
+    lengths : float or (float, float)
+        Width, or width and height; the height must be the sum of the layers'. The bottom left
+        corner lies at the origin.
+    layers : sequence of (height, cells, E, nu)
+        From the bottom up: height, number of cell rows, Young's modulus, Poisson's ratio.
+    sides : str, pair of str or None
+        Displacement components fixed on both sides, e.g. "y"; or on the left and the right one,
+        e.g. ("xy", None).
+    top : str or None
+        Components fixed on the top.
+    columns : int, optional
+        Number of cells in a row. Default: cells of the first layer as square as can be.
+    plane : {"strain", "stress"}
+
+    Raises
+    ------
+    InputError
+        A malformed argument; the message names it.
+
+    Examples
+    --------
+    A soft layer under a stiff one, pressed on a foundation .01 below it:
+
+    >>> from contact import ContactProblem, LayeredBlock
+    >>> block = LayeredBlock(1.0, [(0.25, 4, 1.0, 0.4), (0.75, 12, 10.0, 0.3)], sides="x")
+    >>> result = ContactProblem(block.load("top", (0.0, -1.0)), "bottom", 0.01, 0.3).solve()
+    >>> round(float(result.resultant[1]), 6)
+    1.0
+    """
+
+    _ANEW, _KEPT = ("stiffness", "_edges", "arrays"), ("prescribed", "trace")
+    arrays = HostArrays()
+
+    def __init__(
+        self,
+        lengths: float | Sequence[float],
+        layers: Sequence[tuple[float, int, float, float]],
+        sides: str | Sequence[str | None] | None = None,
+        top: str | None = None,
+        *,
+        columns: int | None = None,
+        plane: str | None = "strain",
+    ) -> None:
+        self.dim, self.plane = 2, checked_plane(plane, 2)
+        self.lengths, self.sides, self.top = lengths, sides, top
+        self.layers = read_layers(layers)
+        self.width, self.height = read_lengths(lengths, self.layers)
+        self.columns = read_columns(columns, self.width, self.layers[0])
+        self.node_rows = 1 + sum(layer.cells for layer in self.layers)
+        self.row_size = PER_NODE * (self.columns + 1)
+        self._cells = [
+            ElasticBody.from_mesh(
+                grid(
+                    np.array([0.0, self.width / self.columns]), np.array([0.0, l.height / l.cells])
+                ),
+                ElementQuadAdini(),
+                E=l.E,
+                nu=l.nu,
+                plane=self.plane,
+            )
+            for l in self.layers
+        ]
+        self.f: Array = np.zeros(self.node_rows * self.row_size)
+        self._supports: list[tuple[str, int, Field]] = []
+        for boundary, components in zip(_SIDES, (*read_sides(sides), top), strict=True):
+            if components is not None:
+                self.fix(boundary, components)
+
+    def fix(
+        self,
+        boundary: str,
+        components: str | int | Sequence[int] | None = None,
+        value: Field = 0.0,
+    ) -> Self:
+        """Prescribe displacement components on "left", "right" or "top"; see `ElasticBody.fix`."""
+        for name in self._names(boundary):
+            edge, _ = self._edge(name)
+            edge.fix(edge.facets(name), components, value)  # checks
+            chosen = select_components(2, components)
+            self._supports = [*self._supports, *((name, c, value) for c in chosen)]
+        self.__dict__.pop("prescribed", None)
+        self.__dict__.pop("trace", None)
+        return self
+
+    def load(self, boundary: str, traction: Field) -> Self:
+        """Add a surface traction on "left", "right", "top" or "bottom"; see `ElasticBody.load`."""
+        f = self.f.copy()
+        for name in self._names(boundary, (*_SIDES, "bottom")):
+            edge, dofs = self._edge(name)
+            f[dofs] += edge.load(edge.facets(name), traction).f
+        self.f = f
+        return self
+
+    def body_force(self, force: Field) -> Self:
+        """Add a volume force (force per volume); see `ElasticBody.body_force`."""
+        f = self.f.copy()
+        for layer, cell in zip(self.layers, self._cells, strict=True):
+            for row in range(layer.cells):  # strip by strip: no Basis of the whole body
+                low = layer.bottom + row * layer.height / layer.cells
+                strip = self._strip(np.array([low, low + layer.height / layer.cells]), cell)
+                first = (layer.first + row) * self.row_size
+                f[first : first + strip.f.size] += strip.body_force(force).f
+        self.f = f
+        return self
+
+    def _names(self, boundary: Any, known: tuple[str, ...] = _SIDES) -> list[str]:
+        names = [boundary] if isinstance(boundary, str) else boundary
+        if not isinstance(names, list | tuple) or not names or any(n not in known for n in names):
+            raise InputError(
+                f"boundary={boundary!r}: a LayeredBlock offers {', '.join(map(repr, known))} here"
+            )
+        return list(names)
+
+    def _edge(self, name: str) -> tuple[ElasticBody, NDArray[np.int64]]:
+        """One line of cells along an edge, as a body without supports, and its dofs in this one."""
+        edges = self.__dict__.setdefault("_edges", {})
+        body, dofs = edges.get(name) or edges.setdefault(name, self._build_edge(name))
+        fresh = copy(body)
+        fresh._supports = []
+        return fresh, dofs
+
+    def _build_edge(self, name: str) -> tuple[ElasticBody, NDArray[np.int64]]:
+        y = self.y
+        if name in ("top", "bottom"):
+            at = slice(-2, None) if name == "top" else slice(0, 2)
+            strip = self._strip(y[at], self._cells[-1 if name == "top" else 0], intorder=1)
+            start = self.f.size - strip.f.size if name == "top" else 0
+            return strip, start + np.arange(strip.f.size)
+        i = np.array([0, 1] if name == "left" else [self.columns - 1, self.columns])
+        nodes = (self.columns + 1) * np.arange(y.size)[:, None] + i
+        dofs = PER_NODE * nodes.ravel()[:, None] + np.arange(PER_NODE)
+        # Its material is not looked at: edges serve supports and tractions.
+        return self._body(grid(self.x[i], y), self._cells[0], intorder=1), dofs.ravel()
+
+    def _strip(self, y: Array, cell: ElasticBody, intorder: int | None = None) -> ElasticBody:
+        """One row of cells between two heights."""
+        return self._body(grid(self.x, y), cell, intorder)
+
+    def _body(self, mesh: MeshQuad, cell: ElasticBody, intorder: int | None) -> ElasticBody:
+        basis = Basis(mesh, ElementVector(ElementQuadAdini(1)), intorder=intorder)
+        return ElasticBody(basis, E=cell.E, nu=cell.nu, plane=self.plane)
+
+    @property
+    def x(self) -> Array:
+        """Abscissae of the nodes, shape (columns + 1,)."""
+        return np.linspace(0.0, self.width, self.columns + 1)
+
+    @property
+    def y(self) -> Array:
+        """Heights of the node rows, shape (node_rows,)."""
+        parts = [l.bottom + np.linspace(0.0, l.height, l.cells + 1)[1:] for l in self.layers]
+        return np.concatenate(([0.0], *parts))
+
+    @cached_property
+    def prescribed(self) -> tuple[NDArray[np.int64], Array]:
+        """Dofs with a prescribed displacement, ascending, and its values.
+
+        Raises
+        ------
+        InputError
+            Two prescriptions contradict each other.
+        """
+        dofs, values = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+        for name in _SIDES:
+            own = [(c, value) for b, c, value in self._supports if b == name]
+            if own:
+                edge, place = self._edge(name)
+                for c, value in own:
+                    edge.fix(edge.facets(name), c, value)
+                T, u0 = edge.constraint
+                held = np.diff(T.indptr) == 0
+                dofs.append(place[held])
+                values.append(u0[held])
+        where, value = np.concatenate(dofs), np.concatenate(values)
+        found, first, inverse = np.unique(where, return_index=True, return_inverse=True)
+        # A derivative is compared as the displacement it makes along a cell.
+        cell = np.tile([1.0, 1.0, *[self.cell_size] * 4], 1)[found % PER_NODE]
+        size = float(np.abs(value * cell[inverse]).max(initial=0.0))
+        if np.any(np.abs(value - value[first][inverse]) * cell[inverse] > 1e-10 * size):
+            raise InputError("value: two prescribed displacements differ where they meet")
+        return found, value[first]
+
+    @property
+    def cell_size(self) -> float:
+        """Mean cell size: square root of the mean area."""
+        return float(np.sqrt(self.width * self.height / (self.columns * (self.node_rows - 1))))
+
+    @cached_property
+    def trace(self) -> ElasticBody:
+        """The lowest row of cells with the sides' supports; its dofs are this body's first."""
+        edge, _ = self._edge("bottom")
+        basis, bottom = copy(edge.basis), {"bottom": edge.facets("bottom")}
+        basis.mesh = replace(edge.mesh, _boundaries=bottom)  # contact is offered there only
+        strip = LowestRow(basis, E=edge.E, nu=edge.nu, plane=self.plane)
+        for name, c, value in self._supports:
+            if name != "top" or self.node_rows == 2:
+                strip.fix(edge.facets(name), c, value)
+        return strip
+
+    def embedded(self, rows: ContactRows) -> ContactRows:
+        """Rows of the lowest row of cells on all dofs."""
+
+        def widened(B: sparse.csr_array) -> sparse.csr_array:
+            return sparse.csr_array((B.data, B.indices, B.indptr), shape=(B.shape[0], self.f.size))
+
+        return replace(rows, G=widened(rows.G), T=widened(rows.T))
+
+    def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
+        """Rows that the supports leave something of; see `contact.rows.discretise.live_rows`."""
+        return live_rows(sparse.csr_array(rows[:, : self.trace.f.size]), self.trace)
+
+    def condense(self, rows: ContactRows, solver: str, device: str) -> CondensedContact:
+        """Reduce the body to its contact boundary by slab doubling."""
+        from contact.condensation.layers import CondensedLayers
+
+        if solver != "auto":
+            raise InputError(
+                f"solver={solver!r}: a LayeredBlock is condensed without sparse factorisation; "
+                "leave 'auto', or use block.elastic()"
+            )
+        self.arrays = arrays_on(device)
+        self.__dict__.pop("stiffness", None)
+        return CondensedLayers(self, rows, self.arrays)
+
+    @cached_property
+    def stiffness(self) -> CellStencil:
+        """S as ``S @ u``, cell by cell; no matrix is built."""
+        return CellStencil(self.columns, self.cell_rows, self.arrays)
+
+    @property
+    def cell_rows(self) -> list[CellRows]:
+        """Element matrix and number of cell rows of each layer, from the bottom up."""
+        found = []
+        for cell, layer in zip(self._cells, self.layers, strict=True):
+            dofs = cell.basis.element_dofs[:, 0]
+            found.append(CellRows(cell.stiffness.toarray()[np.ix_(dofs, dofs)], layer.cells))
+        return found
+
+    @property
+    def constraint(self) -> tuple[sparse.csr_array, Array]:
+        """T and u0 of ``u = T z + u0``, as `ElasticBody.constraint`; built anew on every call."""
+        dofs, values = self.prescribed
+        u0, free = np.zeros(self.f.size), np.ones(self.f.size, dtype=bool)
+        u0[dofs], free[dofs] = values, False
+        return sparse.csr_array(sparse.eye_array(self.f.size, format="csc")[:, free]), u0
+
+    def under(self, f: Array, u0: Array) -> Self:
+        """The same body under other loads and other values of the same supports."""
+        other = copy(self)
+        dofs, _ = self.prescribed
+        other.f, other.prescribed = f, (dofs, u0[dofs])
+        return other
+
+    def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
+        """Largest force at a free dof that nothing balances, and largest of those that cancel."""
+        return self.stiffness.residual(
+            u, contact - load, np.abs(load), self.prescribed[0], self.cell_size
+        )
+
+    def reach(self, u: Array) -> float:
+        """Largest displacement at a node."""
+        return float(np.abs(u.reshape(-1, PER_NODE)[:, :2]).max())
+
+    def support_error(self, u: Array) -> float:
+        """Largest deviation from a prescribed displacement, derivatives times their length."""
+        dofs, values = self.prescribed
+        length = np.where(dofs % PER_NODE < 2, 1.0, self.cell_size)
+        return float(np.abs(length * (u[dofs] - values)).max(initial=0.0))
+
+    def at_supports(self, forces: Array) -> Array:
+        """The part of forces on all dofs that acts where a displacement is prescribed."""
+        dofs, _ = self.prescribed
+        return np.asarray(np.bincount(dofs, forces[dofs], forces.size), dtype=np.float64)
+
+    def total(self, forces: Array) -> Array:
+        """Resultant of forces on all dofs, shape (2,)."""
+        return np.array([forces[0::PER_NODE].sum(), forces[1::PER_NODE].sum()])
+
+    def displacement(self, u: Array, points: Array) -> Array:
+        """Displacement at points, by the element's own interpolation, shape (2, npoints)."""
+        value = np.zeros((2, points.shape[1]))
+        for at, field, own in self._local(u, points):
+            value[:, at] += np.asarray(field)[:, 0] * own
+        return value
+
+    def gradient(self, u: Array, points: Array) -> Array:
+        """Its gradient d u_i / d x_j at points, shape (2, 2, npoints)."""
+        value = np.zeros((2, 2, points.shape[1]))
+        for at, field, own in self._local(u, points):
+            value[:, :, at] += np.asarray(field.grad)[:, :, 0] * own
+        return value
+
+    def material(self, points: Array) -> tuple[Array, Array, Array]:
+        """Lame parameters lambda and mu, and Poisson's ratio, at points."""
+        table = np.array([[float(c.lam), float(c.mu), float(c.nu)] for c in self._cells])
+        lam, mu, nu = table[self._locate(points)[0]].T
+        return lam, mu, nu
+
+    def _locate(self, points: Array) -> tuple[NDArray[np.int64], Array, Array]:
+        """Layer of each point, and its place in units of that layer's cells."""
+        x, y = points
+        slack = 1e-12 * max(self.width, self.height)
+        outside = (x < -slack) | (x > self.width + slack) | (y < -slack) | (y > self.height + slack)
+        if np.any(outside):
+            raise InputError(f"points: {points[:, np.argmax(outside)]} lies outside the block")
+        bottoms, size = np.array([(l.bottom, l.height / l.cells) for l in self.layers]).T
+        at = np.clip(np.searchsorted(bottoms, y, side="right") - 1, 0, None)
+        return at, x * self.columns / self.width, (y - bottoms[at]) / size[at]
+
+    def _local(self, u: Array, points: Array) -> Any:
+        """For each layer and local basis function: points in it, the function, its dof's values."""
+        at, columns, rows = self._locate(points)
+        for k, (layer, cell) in enumerate(zip(self.layers, self._cells, strict=True)):
+            here = np.flatnonzero(at == k)
+            if here.size == 0:
+                continue
+            i = np.clip(columns[here].astype(np.int64), 0, self.columns - 1)
+            j = np.clip(rows[here].astype(np.int64), 0, layer.cells - 1)
+            X = np.stack((columns[here] - i, rows[here] - j))
+            corner = (self.columns + 1) * (layer.first + j) + i
+            above = self.columns + 1
+            nodes = (corner, corner + 1, corner + above + 1, corner + above)
+            basis = cell.basis
+            for local in range(basis.Nbfun):
+                field = basis.elem.gbasis(basis.mapping, X, local)[0]
+                yield here, field, u[PER_NODE * nodes[local // PER_NODE] + local % PER_NODE]
+
+    def elastic(self) -> ElasticBody:
+        """The same body with a mesh and a Basis, loads and supports included; dofs as here."""
+        mesh = grid(self.x, self.y)
+        cells = [self.columns * layer.cells for layer in self.layers]
+        E, nu = (np.repeat([getattr(l, key) for l in self.layers], cells) for key in ("E", "nu"))
+        body = ElasticBody.from_mesh(mesh, ElementQuadAdini(), E=E, nu=nu, plane=self.plane)
+        for name, c, value in self._supports:
+            body.fix(name, c, value)
+        body.f = self.f.copy()
+        return body
+
+    @property
+    def basis(self) -> Any:
+        """None is built: an `InputError` that names the way out."""
+        raise InputError(
+            "a LayeredBlock has no mesh and no Basis, which this needs; block.elastic() is the "
+            "same body with them, and result.sample(points) evaluates the solution anywhere"
+        )
+
+    mesh = element = basis

@@ -1,0 +1,157 @@
+"""Rigid motions of a body in the dofs of its element, and their names."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from contact.errors import InputError
+
+if TYPE_CHECKING:
+    from contact.body.elastic_body import ElasticBody
+
+Array = NDArray[np.float64]
+
+_VALUE, _MIXED = -1, -2
+_KINDS = {"u": _VALUE, "u_x": 0, "u_y": 1, "u_z": 2, "u_xy": _MIXED}
+
+
+def rigid_modes(body: ElasticBody) -> Array:
+    """Rigid motions of every connected piece, shape (ndofs, npieces * dim (dim + 1) / 2).
+
+    Translations first, then rotations about the piece's middle, u_a = -x_b and u_b = x_a for
+    a < b. The prescribed displacements are not looked at.
+
+    Raises
+    ------
+    InputError
+        A dof of the element is neither a value, a first derivative nor u_xy.
+    """
+    entity, points, cells = body.entities
+    pieces, piece = _pieces(cells, points.shape[1])
+    kind = _kind_of_dof(body)
+    dim, ndofs = body.dim, body.basis.N
+    component = np.arange(ndofs) % dim
+    modes = []
+    for k in range(pieces):
+        inside = piece[entity] == k
+        x = body.basis.doflocs - _middle(points[:, piece == k])[:, None]
+        modes += [inside * (component == c) * (kind == _VALUE) * 1.0 for c in range(dim)]
+        for a in range(dim):
+            for b in range(a + 1, dim):
+                rotation = np.zeros(ndofs)
+                for moving, along, sign in ((a, b, -1.0), (b, a, 1.0)):
+                    here = inside & (component == moving)
+                    rotation += here * (kind == _VALUE) * sign * x[along]
+                    rotation += here * (kind == along) * sign
+                modes.append(rotation)
+    return np.array(modes).T
+
+
+def rigid_field(body: ElasticBody, centre: Array) -> Array:
+    """Rigid motions of all of space in the body's dofs, shape (ndofs, dim (dim + 1) / 2).
+
+    Translations, then rotations about `centre`: counter-clockwise in 2-D, about x, y, z in 3-D.
+    """
+    kind, dim = _kind_of_dof(body), body.dim
+    component = np.arange(body.basis.N) % dim
+    x = body.basis.doflocs - centre[:, None]
+    columns = [((component == c) & (kind == _VALUE)) * 1.0 for c in range(dim)]
+    for a, b in ((0, 1),) if dim == 2 else ((1, 2), (2, 0), (0, 1)):
+        rotation = np.zeros(body.basis.N)
+        for moving, along, sign in ((a, b, -1.0), (b, a, 1.0)):
+            here = component == moving
+            rotation += here * (kind == _VALUE) * sign * x[along]
+            rotation += here * (kind == along) * sign
+        columns.append(rotation)
+    return np.array(columns).T
+
+
+def _pieces(cells: NDArray[np.int64], count: int) -> tuple[int, NDArray[np.int32]]:
+    """Number of connected pieces of the mesh, and the piece of each entity."""
+    first = np.repeat(cells[:1], cells.shape[0] - 1, axis=0).ravel()
+    ones = np.ones(first.size, dtype=np.int8)
+    links = sparse.coo_array((ones, (first, cells[1:].ravel())), shape=(count, count))
+    found: tuple[int, NDArray[np.int32]] = connected_components(links.tocsr(), directed=False)
+    return found
+
+
+def _middle(points: Array) -> Array:
+    middle: Array = 0.5 * (points.min(axis=1) + points.max(axis=1))
+    return middle
+
+
+def _kind_of_dof(body: ElasticBody) -> NDArray[np.int64]:
+    """-1 for a value, i for the derivative along x_i, -2 for a mixed second derivative."""
+    dofs = body.basis.dofs
+    kind = np.full(body.basis.N, -2, dtype=np.int64)
+    names = iter(body.basis.elem.dofnames)
+    for table in (dofs.nodal_dofs, dofs.facet_dofs, dofs.edge_dofs, dofs.interior_dofs):
+        for row in () if table is None else table:
+            name = next(names).split("^")[0]
+            if name not in _KINDS:
+                raise InputError(
+                    f"element {type(body.element).__name__}: its dof {name!r} is neither a value, "
+                    "a first derivative nor u_xy, which contact needs for rigid motions"
+                )
+            kind[row] = _KINDS[name]
+    return kind
+
+
+def value_dofs(body: ElasticBody) -> NDArray[np.bool_]:
+    """Dofs that are displacements, not derivatives, shape (ndofs,)."""
+    return np.asarray(_kind_of_dof(body) == _VALUE)
+
+
+def dof_lengths(body: ElasticBody) -> Array:
+    """Length that turns each dof into a displacement: 1 for values, the mean cell size otherwise.
+
+    Shape (ndofs,). Residuals and norms over dofs of several kinds are taken in these units.
+    """
+    cell = float(body.basis.dx.sum() / body.mesh.nelements) ** (1 / body.dim)
+    kind = _kind_of_dof(body)
+    return np.where(kind == _VALUE, 1.0, np.where(kind == _MIXED, cell**2, cell))
+
+
+def describe_motion(body: ElasticBody, u: Array) -> str:
+    """Name a rigid motion, e.g. "a translation along x" or "a rotation about (0, 1)"."""
+    modes = rigid_modes(body)
+    dim, per_piece = body.dim, body.dim * (body.dim + 1) // 2
+    coefficient = np.linalg.lstsq(modes, u, rcond=None)[0].reshape(-1, per_piece)
+    k = int(np.argmax(np.abs(coefficient).max(axis=1)))
+    shift, turn = coefficient[k, :dim], coefficient[k, dim:]
+    entity, points, _ = body.entities
+    where = points[:, np.unique(entity[np.abs(modes[:, k * per_piece]) > 0])]
+    reach = float(np.ptp(where, axis=1).max())
+    if np.abs(turn).max() * reach < 1e-8 * np.abs(shift).max():
+        axis = int(np.argmax(np.abs(shift)))
+        pure = np.abs(np.delete(shift, axis)).max() < 1e-8 * abs(shift[axis])
+        direction = "xyz"[axis] if pure else str(np.round(shift / np.linalg.norm(shift), 4))
+        return f"a translation along {direction}"
+    if dim == 2:
+        centre = _middle(where) + np.array([-shift[1], shift[0]]) / turn[0]
+        centre[np.abs(centre) < 1e-5 * reach] = 0.0  # six digits are printed
+        return f"a rotation about ({centre[0]:.6g}, {centre[1]:.6g})"
+    vector = np.array([turn[2], -turn[1], turn[0]])
+    return f"a rotation about the axis {np.round(vector / np.linalg.norm(vector), 4)}"
+
+
+def reduced_echelon(rows: Array) -> Array:
+    """Reduced row echelon form: as many zeros as the span of the rows allows."""
+    rows, done = rows.copy(), 0
+    for column in range(rows.shape[1]):
+        if done == rows.shape[0]:
+            break
+        best = done + int(np.argmax(np.abs(rows[done:, column])))
+        if np.abs(rows[best, column]) < 1e-9 * np.abs(rows).max():
+            continue
+        rows[[done, best]] = rows[[best, done]]
+        rows[done] /= rows[done, column]
+        others = np.arange(rows.shape[0]) != done
+        rows[others] -= np.outer(rows[others, column], rows[done])
+        done += 1
+    return rows

@@ -1,0 +1,349 @@
+"""What contact asks of an elastic body, and how a body with a Basis answers."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from copy import copy
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.body.cell_finder import find_cells, places_in
+from contact.body.cell_strains import has_slender_cells, internal_forces
+from contact.body.rigid_modes import rigid_modes, value_dofs
+from contact.errors import InputError, numbers
+from contact.portable import Portable, PortableBasis
+
+if TYPE_CHECKING:
+    from skfem import Basis, Mesh
+
+    from contact.condensation.sparse import CondensedContact
+    from contact.rows.discretise import ContactRows
+
+Array = NDArray[np.float64]
+
+
+class Solid(Portable, ABC):
+    """An elastic body under loads and supports, as contact sees it.
+
+    Attributes
+    ----------
+    dim : int
+    plane : {"strain", "stress", None}
+    f : ndarray, shape (ndofs,)
+        Load on every dof.
+    """
+
+    dim: int
+    plane: str | None
+    _f: Array
+    _supports: list[Any]
+    if TYPE_CHECKING:
+        stiffness: Any
+    _material: Any = None
+    _FUNCTIONS: ClassVar[tuple[str, ...]] = ("_supports",)
+
+    def __repr__(self) -> str:
+        element = vars(self).get("element")
+        of = f" of {type(element).__name__}" if element is not None else ""
+        return f"{type(self).__name__}({self.dim}-D, {self.f.size} unknowns{of})"
+
+    @property
+    def f(self) -> Array:
+        """Load on every dof, shape (ndofs,)."""
+        return self._f
+
+    @f.setter
+    def f(self, value: Array) -> None:
+        given = numbers("f", value)
+        expected = self._f.shape if "_f" in self.__dict__ else given.shape
+        if given.shape != expected or given.ndim != 1 or not np.all(np.isfinite(given)):
+            raise InputError(
+                f"f: expected finite numbers of shape {expected}, one a dof, got shape "
+                f"{given.shape}" + ("" if np.all(np.isfinite(given)) else " with NaN or infinity")
+            )
+        self._f = given
+
+    def check_unchanged(self) -> None:
+        """Raise an `InputError` where the loads were edited in place to what cannot be."""
+        if not np.all(np.isfinite(self._f)):
+            raise InputError("f: the load vector holds values that are not finite")
+
+    def snapshot(self) -> Self:
+        """The body as it is now, for a result: later loads and supports do not reach it."""
+        other = copy(self)
+        other._f = self._f.copy()
+        return other
+
+    @property
+    @abstractmethod
+    def trace(self) -> Any:
+        """A body with a Basis whose dofs are the first of this one's and hold its boundary."""
+
+    @abstractmethod
+    def embedded(self, rows: ContactRows) -> ContactRows:
+        """Rows of the `trace` on all dofs of this body."""
+
+    @abstractmethod
+    def condense(self, rows: ContactRows, solver: str, device: str) -> CondensedContact:
+        """Reduce the body to its contact boundary."""
+
+    @abstractmethod
+    def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
+        """Rows that the supports leave something of; see `contact.rows.discretise.live_rows`."""
+
+    @abstractmethod
+    def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
+        """Largest force at a free dof that nothing balances, and largest of those that cancel.
+
+        Parameters
+        ----------
+        u, contact, load : ndarray, shape (ndofs,)
+            Displacement; contact forces with the opposite sign; applied loads.
+        """
+
+    def internal(self, u: Array) -> Array:
+        """Internal forces S u of a displacement, shape (ndofs,)."""
+        forces: Array = self.stiffness @ u
+        return forces
+
+    @abstractmethod
+    def reach(self, u: Array) -> float:
+        """Largest displacement at a node: derivatives among the dofs have other units."""
+
+    @abstractmethod
+    def support_error(self, u: Array) -> float:
+        """Largest deviation from a prescribed displacement."""
+
+    @abstractmethod
+    def at_supports(self, forces: Array) -> Array:
+        """The part of forces on all dofs that acts where a displacement is prescribed."""
+
+    @abstractmethod
+    def total(self, forces: Array) -> Array:
+        """Resultant of forces on all dofs, shape (dim,)."""
+
+    @abstractmethod
+    def displacement(self, u: Array, points: Array) -> Array:
+        """Displacement at points, by the element's own interpolation, shape (dim, npoints)."""
+
+    @abstractmethod
+    def gradient(self, u: Array, points: Array) -> Array:
+        """Its gradient d u_i / d x_j at points, shape (dim, dim, npoints)."""
+
+    @abstractmethod
+    def material(self, points: Array) -> tuple[Array, Array, Array]:
+        """Lame parameters lambda and mu, and Poisson's ratio, at points."""
+
+    def mean_dilatation(self, u: Array) -> Array | None:
+        """Mean div u of each cell where that makes the stress, shape (ncells,); else None."""
+        return None
+
+    def give(self, forces: Array) -> float:
+        """Largest displacement that one of the forces alone would cause; 0 where it is unknown."""
+        return 0.0
+
+
+class BasisSolid(Solid):
+    """A `Solid` with a scikit-fem Basis: sparse matrices, scikit-fem's element finder."""
+
+    basis: Basis
+    lam: Array
+    mu: Array
+    nu: Array
+    dilatation: str
+    _live: tuple[sparse.csr_array, sparse.csr_array, NDArray[np.bool_]] | None = None
+    _give: tuple[sparse.csr_array, Array] | None = None
+    _portable: PortableBasis
+    _ANEW = ("stiffness", "absolute_stiffness", "lengths", "entities", "_live", "_give")
+    _KEPT: ClassVar[tuple[str, ...]] = ("constraint",)
+    _values: NDArray[np.bool_] | None = None
+    _slender: bool | None = None
+
+    if TYPE_CHECKING:
+
+        @property
+        def mesh(self) -> Mesh:
+            """The mesh of the basis."""
+            ...
+
+        @property
+        def stiffness(self) -> sparse.csr_array:
+            """S, all dofs."""
+            ...
+
+        @property
+        def absolute_stiffness(self) -> sparse.csr_array:
+            """|S| entry by entry."""
+            ...
+
+        @property
+        def constraint(self) -> tuple[sparse.csr_array, Array]:
+            """T and u0 of u = T z + u0."""
+            ...
+
+        @property
+        def lengths(self) -> tuple[Array, Array]:
+            """Length of each dof and of each free unknown."""
+            ...
+
+    def snapshot(self) -> Self:
+        """The body as it is now, its matrices shared."""
+        _ = self.stiffness, self.absolute_stiffness, self.lengths
+        return super().snapshot()
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = super().__getstate__()
+        del state["basis"]
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.basis = self._portable.basis
+
+    @property
+    def trace(self) -> Self:
+        """The body itself."""
+        return self
+
+    @property
+    def _itself(self) -> Any:
+        return self
+
+    def embedded(self, rows: ContactRows) -> ContactRows:
+        """The same rows."""
+        return rows
+
+    def condense(self, rows: ContactRows, solver: str, device: str) -> CondensedContact:
+        """Reduce the body to its contact boundary by a sparse factorisation."""
+        from contact.condensation.sparse import CondensedContact
+
+        if device != "cpu":
+            raise InputError(
+                f"device={device!r}: sparse factorisation runs on the 'cpu'; a `LayeredBlock` can "
+                "be condensed on 'cuda'"
+            )
+        return CondensedContact(self, rows, solver)
+
+    def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
+        """Rows that the supports leave something of; see `contact.rows.discretise.live_rows`."""
+        from contact.rows.discretise import live_rows
+
+        T = self.constraint[0]
+        if self._live is None or self._live[0] is not rows or self._live[1] is not T:
+            self._live = rows, T, live_rows(rows, self._itself)
+        return self._live[2]
+
+    def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
+        """Largest force at a free dof that nothing balances, and largest of those that cancel."""
+        T, _ = self.constraint
+        _, lengths = self.lengths
+        force = self.internal(u) + contact - load
+        terms = self.absolute_stiffness @ np.abs(u) + np.abs(load)
+        return _largest(T.T @ force / lengths), _largest(abs(T.T @ terms) / lengths)
+
+    def give(self, forces: Array) -> float:
+        """Largest displacement that one of the forces would cause, all other dofs held."""
+        if self._give is None or self._give[0] is not self.stiffness:
+            self._give = self.stiffness, self.lengths[0] / self.stiffness.diagonal()
+        return _largest(forces * self._give[1])
+
+    @property
+    def picked(self) -> sparse.csr_array:
+        """E with ``E^T T = I``, so that ``z = E^T (u - u0)``: T, whose columns are orthonormal."""
+        return self.constraint[0]
+
+    def internal(self, u: Array) -> Array:
+        """Internal forces S u; the mean translation is left out, which causes rounding alone.
+
+        Of slender cells they are made from the strains, see `contact.body.cell_strains`.
+        """
+        if self.slender:
+            return internal_forces(self, u)
+        at_rest, values = u.copy(), self._are_values
+        for c in range(self.dim):
+            own = values & (np.arange(u.size) % self.dim == c)
+            at_rest[own] -= u[own].mean()
+        forces: Array = self.stiffness @ at_rest
+        return forces
+
+    @property
+    def slender(self) -> bool:
+        """Whether cells are too slender for sums of forces by the assembled matrix."""
+        if self._slender is None:
+            self._slender = has_slender_cells(self.mesh)
+        return self._slender
+
+    @property
+    def _are_values(self) -> NDArray[np.bool_]:
+        if self._values is None:
+            self._values = value_dofs(self._itself)
+        return self._values
+
+    def reach(self, u: Array) -> float:
+        """Largest displacement at a node; where all are zero, of derivatives times their length."""
+        return _largest(u[self._are_values]) or _largest(self.lengths[0] * u)
+
+    def support_error(self, u: Array) -> float:
+        """Largest deviation from a prescribed displacement, derivatives times their length."""
+        T, u0 = self.constraint
+        return _largest(self.lengths[0] * (u - u0 - T @ (self.picked.T @ (u - u0))))
+
+    def at_supports(self, forces: Array) -> Array:
+        """The part of forces on all dofs that acts where a displacement is prescribed."""
+        T, _ = self.constraint
+        part: Array = forces - self.picked @ (T.T @ forces)
+        return part
+
+    def total(self, forces: Array) -> Array:
+        """Resultant of forces on all dofs, shape (dim,)."""
+        per_piece = self.dim * (self.dim + 1) // 2
+        sums = (rigid_modes(self._itself).T @ forces).reshape(-1, per_piece)
+        return np.asarray(sums[:, : self.dim].sum(axis=0))
+
+    def mean_dilatation(self, u: Array) -> Array | None:
+        """Mean div u of each cell where that makes the stress, shape (ncells,); else None."""
+        if self.dilatation != "mean":
+            return None
+        divergence = np.trace(np.asarray(self.basis.interpolate(u).grad))
+        return np.asarray(np.average(divergence, axis=1, weights=self.basis.dx))
+
+    def displacement(self, u: Array, points: Array) -> Array:
+        """Displacement at points, by the element's own interpolation, shape (dim, npoints)."""
+        cells = self.cells_of(points)
+        return sum(
+            (np.asarray(field)[..., 0] * u[dofs] for field, dofs in self._local(points, cells)),
+            start=np.zeros((self.dim, points.shape[1])),
+        )
+
+    def gradient(self, u: Array, points: Array) -> Array:
+        """Its gradient d u_i / d x_j at points, shape (dim, dim, npoints)."""
+        cells = self.cells_of(points)
+        return sum(
+            (field.grad[..., 0] * u[dofs] for field, dofs in self._local(points, cells)),
+            start=np.zeros((self.dim, self.dim, points.shape[1])),
+        )
+
+    def material(self, points: Array) -> tuple[Array, Array, Array]:
+        """Lame parameters lambda and mu, and Poisson's ratio, at points."""
+        cells, count = self.cells_of(points), self.mesh.nelements
+        lam, mu, nu = (np.broadcast_to(v, count)[cells] for v in (self.lam, self.mu, self.nu))
+        return lam, mu, nu
+
+    def _local(self, points: Array, cells: NDArray[np.int64]) -> Any:
+        """Each local basis function at the points, and its dof in the cell of each point."""
+        basis = self.basis
+        X = places_in(self.mesh, basis.mapping, points, cells)[:, :, None]
+        for i in range(basis.Nbfun):
+            field = basis.elem.gbasis(basis.mapping, X, i, tind=cells)[0]
+            yield field, basis.element_dofs[i, cells]
+
+    def cells_of(self, points: Array) -> NDArray[np.int64]:
+        """Number of the cell that each point lies in, shape (npoints,)."""
+        return find_cells(self.mesh, points)
+
+
+def _largest(x: Any) -> float:
+    return float(np.abs(x).max(initial=0.0))

@@ -1,0 +1,53 @@
+"""The vector element of a body, from what the caller gave."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import skfem
+from skfem import Mesh
+from skfem.element import Element, ElementVector
+
+from contact.errors import InputError
+from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
+
+_OURS = (ElementQuadAdini, ElementHexAdini, ElementQuadBFS)
+# Elements with u and its gradient at the vertices; scikit-fem has a class ElementQuadBFS as well.
+GRADIENT_DOFS = (*_OURS, skfem.ElementQuadBFS)
+# What a body of a mesh without an element gets, by the name of the mesh.
+DEFAULT_ELEMENT = {
+    "MeshTri1": skfem.ElementTriP2,
+    "MeshTri2": skfem.ElementTriP2,
+    "MeshQuad1": skfem.ElementQuad2,
+    "MeshQuad2": skfem.ElementQuad2,
+    "MeshTet1": skfem.ElementTetP1,
+    "MeshTet2": skfem.ElementTetP2,
+    "MeshHex1": skfem.ElementHex1,
+    "MeshHex2": skfem.ElementHex2,
+}
+
+
+def vector_element(element: Any, mesh: Mesh) -> ElementVector:
+    """Return an `ElementVector` of a scalar element, or the vector element itself.
+
+    Our scalar elements are made anew without Hessian: `ElementVector` would copy it into every
+    function, twice the time and the memory, and strains need none.
+
+    Raises
+    ------
+    InputError
+        No element, or one that does not live on the cells of the mesh.
+    """
+    if not isinstance(element, Element):
+        raise InputError(
+            f"element: expected one of scikit-fem's, such as ElementQuad2(), got {element!r}"
+        )
+    if type(element) in _OURS:
+        element = type(element)(derivatives=1)
+    if not isinstance(element, ElementVector):
+        element = ElementVector(element)
+    if element.refdom is not mesh.elem.refdom:
+        raise InputError(
+            f"element: {type(element.elem).__name__} does not live on {type(mesh).__name__}"
+        )
+    return element

@@ -1,0 +1,259 @@
+"""The same contact problem, solved by an independent QP solver and compared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.checks.cone_program import solve_cones
+from contact.checks.unit_program import UnitProgram
+from contact.errors import InputError
+from contact.laws.qp_peers import solve_with
+from contact.problem.contact_problem import ContactProblem
+from contact.result.contact_result import ContactResult
+from contact.result.contact_system import ContactSystem
+
+Array = NDArray[np.float64]
+
+
+AGREES = 1e-6  # relative difference up to which two answers are one, and residual of a good one
+# Unknowns of the contact boundary up to which the dense problem is handed over. In variables in
+# which its quadratic form is the identity peers reach 1e-8 and less, whatever the element.
+_DENSE = 2000
+
+
+@dataclass(frozen=True)
+class CrossCheck:
+    """How far an independent solver's answer is from ours.
+
+    Attributes
+    ----------
+    solver : str
+    size : int
+        Unknowns of the QP that was handed over.
+    displacement : float
+        Largest difference of u over the largest displacement; NaN where the peer gave no answer.
+    multipliers : float
+        Largest difference of a contact force over the largest contact force.
+    objective : float
+        Difference of the energies over the size of the larger.
+    seconds : float
+        Time of the peer.
+    residual : float
+        Largest of the peer's own residuals, as `ContactSystem.kkt` has them, with the friction
+        bound that it was given.
+    ours : float
+        Largest residual of the result.
+    """
+
+    solver: str
+    size: int
+    displacement: float
+    multipliers: float
+    objective: float
+    seconds: float
+    residual: float
+    ours: float
+
+    @property
+    def verdict(self) -> str:
+        """What follows from the numbers, in words.
+
+        =============================  ===========================================================
+        agrees                         both answers differ by 1e-6 at most
+        the peer did not converge      its own residual is larger than that: it says nothing
+        disagrees                      it meets the laws, and its answer is another one
+        =============================  ===========================================================
+        """
+        if max(self.displacement, self.multipliers) <= AGREES:
+            return "agrees"
+        if not self.residual <= AGREES:
+            return "the peer did not converge"
+        return "disagrees"
+
+    def __str__(self) -> str:
+        return (
+            f"{self.solver:>9} on {self.size} unknowns {self.verdict}: "
+            f"displacement {self.displacement:.1e}, multipliers {self.multipliers:.1e}, "
+            f"objective {self.objective:.1e}; residual of the peer {self.residual:.1e}, "
+            f"ours {self.ours:.1e} ({self.seconds:.2f} s)"
+        )
+
+
+def cross_check(
+    problem: ContactProblem,
+    result: ContactResult,
+    solver: str = "osqp",
+    *,
+    condensed: bool | None = None,
+) -> CrossCheck:
+    r"""Solve the problem again with another package and compare.
+
+    The peer gets, with free unknowns z and one slack s per friction row,
+
+    .. math::
+        \min_{z, s} \tfrac12 z^T S z - f^T z + g^T s \quad
+        \text{s.t.} \quad G z \le d, \; -s \le T z \le s ,
+
+    in variables and rows of unit size (`contact.checks.unit_program`): the units of length and
+    force are not seen. A Coulomb problem is checked at its solution: with the bound frozen at g = F
+    mu it is the given-friction problem that the solution must also solve.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+    result : ContactResult
+    solver : str
+        A solver of qpsolvers: "osqp" (polished), "proxqp", "piqp", "clarabel", ...
+    condensed : bool, optional
+        Hand over the dense problem on the contact boundary, or the full sparse one, on which
+        peers are slower and less accurate. Default: the dense one up to 2000 unknowns.
+
+    In 3-D the friction terms are cones, s_i >= |T_i z|, and the peer is Clarabel.
+
+    Returns
+    -------
+    CrossCheck
+        Its ``verdict`` says whether the peer agrees, or has not converged itself.
+
+    Raises
+    ------
+    InputError
+        Friction in three dimensions and not Clarabel, or a solver that qpsolvers does not know.
+    MissingDependency
+        The solver is not installed.
+    """
+    for name, given, kind in (
+        ("problem", problem, ContactProblem),
+        ("result", result, ContactResult),
+    ):
+        if not isinstance(given, kind):
+            raise InputError(f"{name}: expected a {kind.__name__}, got {type(given).__name__}")
+    system, body, dim = result.system, result.system.body, result.system.body.dim
+    cones = dim == 3 and system.law is not None
+    if cones and solver != "clarabel":
+        raise InputError(
+            "cross_check: friction in 3-D is a cone problem, not a QP; use solver='clarabel'"
+        )
+    if result.u.size != problem.body.basis.N or result.mu.size != problem.rows.gap.size:
+        raise InputError(
+            f"result: has {result.u.size} unknowns and {result.mu.size} contact points, the "
+            f"problem {problem.body.basis.N} and {problem.rows.gap.size}"
+        )
+    rows, (T, u0) = system.rows, system.body.constraint
+    boundary = problem.condense().under(system.body) if condensed is not False else None
+    if condensed is None and boundary is not None and boundary.unknowns > _DENSE:
+        boundary = None
+    usable = np.isfinite(rows.gap)
+    bound = system.bound(result.mu)
+    rubbing = bound > 0
+    if cones:  # friction of points whose whole slip is prescribed acts on supports alone
+        rubbing &= system.body.live(rows.T).reshape(result.t.shape).any(axis=1)
+    rubs = np.repeat(rubbing, dim - 1)
+    G: Any = rows.G[usable]
+    R: Any = rows.T[rubs]
+    gap, g, offset = rows.gap[usable] - G @ u0, bound[rubbing], R @ u0
+    if system.slip_from is not None:
+        offset = offset - system.slip_from.ravel()[rubs]
+    if system.motion is not None and result.motion is not None:  # checked at the motion found
+        w_n, w_t = system.motion.displacement(result.motion)
+        gap, offset = gap + w_n[usable], offset - w_t.ravel()[rubs]
+    S: Any
+    if boundary is not None:
+        S, f = boundary.stiffness, boundary.reduce(system.load)
+        G, R = boundary.restrict(G), boundary.restrict(R)
+    else:
+        S = sparse.csr_array(T.T @ system.body.stiffness @ T)
+        f = T.T @ (system.load - system.body.stiffness @ u0)
+        G, R = sparse.csr_array(G @ T), sparse.csr_array(R @ T)
+    keep_n, keep_t = _nonzero_rows(G), _nonzero_rows(R)
+    if cones:
+        keep_t = np.arange(R.shape[0])  # a row that supports hold still belongs to its cone
+    else:
+        g = g[keep_t]
+    G, gap, R, offset = G[keep_n], gap[keep_n], R[keep_t], offset[keep_t]
+
+    n, k = f.size, g.size
+    slips = R.shape[0] // k if k else 1  # of one point
+    unit = UnitProgram.of(S, f, G, R, slips)
+    gap, g = gap / unit.normal, g * unit.tangential
+    offset = offset.reshape(k, slips) / unit.tangential[:, None]
+    w: Any
+    if cones:
+        w, pressing, pushed, seconds = solve_cones(unit.P, unit.f, unit.G, gap, unit.R, offset, g)
+    else:
+        w, pressing, pushed, seconds = _solve_split(solver, unit, gap, offset.ravel(), g)
+    u, mu, t = np.full(result.u.size, np.nan), np.zeros(result.mu.size), np.zeros(result.t.size)
+    if w is not None:
+        z = unit.back @ w
+        u = boundary.expand(system.load, z) if boundary is not None else T @ z + u0
+    mu[np.flatnonzero(usable)[keep_n]] = pressing / unit.normal
+    pushed = pushed.reshape(k, slips) / unit.tangential[:, None]
+    t[np.flatnonzero(rubs)[keep_t]] = pushed.ravel()
+
+    def energy(u: Array) -> float:
+        slip = np.linalg.norm(system.slip_increment(system.relative(u, result.motion)[1]), axis=1)
+        return system.energy(u) + float(system.bound(result.mu) @ slip)
+
+    ours, theirs = energy(result.u), energy(u)
+    force = max(np.abs(result.mu).max(initial=0.0), np.abs(result.t).max(initial=0.0)) or 1.0
+    difference = max(
+        np.abs(mu - result.mu).max(initial=0.0), np.abs(t - result.t.ravel()).max(initial=0.0)
+    )
+    return CrossCheck(
+        solver=solver,
+        size=n + k,
+        displacement=body.reach(u - result.u) / (body.reach(result.u) or 1.0),
+        multipliers=float(difference / force),
+        objective=abs(ours - theirs) / max(abs(ours), abs(theirs), np.finfo(float).tiny),
+        seconds=seconds,
+        residual=_residual(system, bound, u, mu, t.reshape(result.t.shape), result.motion),
+        ours=max(result.kkt.values()),
+    )
+
+
+def _solve_split(
+    solver: str, unit: UnitProgram, gap: Array, offset: Array, g: Array
+) -> tuple[Array | None, Array, Array, float]:
+    """Given friction as a QP with a slack for the modulus of each slip: w, mu, t, seconds."""
+    n, k = unit.f.size, g.size
+    if sparse.issparse(unit.P):
+        one: Any = sparse.eye_array(k, format="csr")
+        none: Any = sparse.csr_array((n, k))
+        S: Any = unit.P
+        P: Any = sparse.vstack((sparse.hstack((S, none)), sparse.csr_array((k, n + k))))
+        H: Any = sparse.block_array(
+            [[unit.G, sparse.csr_array((gap.size, k))], [unit.R, -one], [-unit.R, -one]]
+        )
+    else:
+        one, none = np.eye(k), np.zeros((n, k))
+        P = np.block([[unit.P, none], [none.T, 0.0 * one]])
+        H = np.block([[unit.G, np.zeros((gap.size, k))], [unit.R, -one], [-unit.R, -one]])
+    h = np.concatenate((gap, -offset, offset))
+    solution, seconds = solve_with(solver, P, np.r_[-unit.f, g], H, h)
+    if solution.x is None or solution.z is None:
+        return None, np.full(gap.size, np.nan), np.full(k, np.nan), seconds
+    pushed = solution.z[gap.size : gap.size + k] - solution.z[gap.size + k :]
+    return solution.x[:n], solution.z[: gap.size], pushed, seconds
+
+
+def _residual(
+    system: ContactSystem, bound: Array, u: Array, mu: Array, t: Array, motion: Array | None
+) -> float:
+    """Largest residual of the peer's answer to the question that it was asked."""
+    if not all(np.all(np.isfinite(part)) for part in (u, mu, t)):
+        return float("nan")
+    law = None if system.law is None else "tresca"
+    asked = replace(system, law=law, friction=bound)
+    # The obstacles stand where the result has them; their balance is that of the same forces.
+    kkt = asked.kkt(u, mu, t, motion)
+    return max(value for name, value in kkt.items() if name not in ("obstacle", "balance"))
+
+
+def _nonzero_rows(rows: Any) -> NDArray[np.int64]:
+    size = np.asarray((rows * rows).sum(axis=1)).ravel()
+    return np.flatnonzero(size > 1e-24 * size.max(initial=0.0))

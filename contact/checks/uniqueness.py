@@ -1,0 +1,210 @@
+r"""Whether a frictional contact problem has other solutions: a proof, or a search.
+
+Given friction (Tresca) has one solution. Coulomb's law has one for small friction; for large
+friction discrete problems have several, none of them wrong (Klarbring 1990). Two things can be
+said of a discrete problem:
+
+*Proof.* With the compliance W of the contact points, in the scale of `BoundaryProblem`, let two
+solutions differ by the forces :math:`\delta = (\delta_\mu, \delta_t)`. The laws of contact and
+friction give :math:`\delta^T W \delta \le \sum_i F_i |\delta_{\mu, i}| |(W \delta)_{t, i}|`, and so
+:math:`\delta = 0` for
+
+.. math::
+    \max_i F_i < F^* = \bigl(\lambda_{\max}(E_n W^{-1} E_n^T)\,
+                 \lambda_{\max}(E_t W E_t^T)\bigr)^{-1/2},
+
+E_n and E_t picking the normal and the tangential rows. :math:`F^*` falls like :math:`\sqrt h` (so
+does the best bound known, Hild 2002); between it and the first second solution nothing is known.
+
+*Search.* The problem is solved again from starts far apart; what is found is certified.
+
+References
+----------
+A. Klarbring, Examples of non-uniqueness and non-existence of solutions to quasistatic contact
+problems with friction, Ingenieur-Archiv 60 (1990). P. Hild, On finite element uniqueness studies
+for Coulomb's frictional contact model, Int. J. Appl. Math. Comput. Sci. 12 (2002).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.condensation.boundary_problem import BoundaryProblem
+from contact.errors import InputError, NotConverged, Unbounded
+from contact.laws.methods import Options
+from contact.problem.contact_problem import ContactProblem
+from contact.result.contact_result import ContactResult
+
+Array = NDArray[np.float64]
+DISTINCT = 1e-6  # relative distance from which two certified solutions count as two
+
+
+@dataclass(frozen=True)
+class Uniqueness:
+    """What `uniqueness` found out.
+
+    Attributes
+    ----------
+    proven : bool
+        No other solution exists.
+    coefficient : float
+        F*: below it Coulomb's law has one solution, whatever the loads and the gap. ``inf`` for
+        given friction, and without friction; 0 where nothing is known, which is so for a body
+        held by contact alone and for driven obstacles.
+    others : tuple of ContactResult
+        Certified solutions that differ from the one given and from each other.
+    """
+
+    proven: bool
+    coefficient: float
+    others: tuple[ContactResult, ...]
+
+    def __str__(self) -> str:
+        if self.proven and np.isinf(self.coefficient):
+            return "unique: no friction depends on the pressure"
+        if self.proven:
+            return f"unique: proven for friction below {self.coefficient:.3g}"
+        found = f"{len(self.others)} other solutions found" if self.others else "no other one found"
+        return f"uniqueness is proven below friction {self.coefficient:.3g} only; {found}"
+
+
+def uniqueness(
+    problem: ContactProblem, result: ContactResult, *, starts: int = 20, seed: int = 0
+) -> Uniqueness:
+    """Prove that a result is the only solution, or look for others.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+    result : ContactResult
+        Of this problem, or a step of its load history.
+    starts : int
+        Solves from random forces besides those from rest and from full stick.
+    seed : int
+
+    Returns
+    -------
+    Uniqueness
+
+    Raises
+    ------
+    InputError
+        Not a problem and a result of it; `starts` or `seed` is not a whole number.
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, ElasticBody
+    >>> mesh = MeshQuad().refined(2).with_defaults()
+    >>> body = ElasticBody.from_mesh(mesh, E=2.0, nu=0.3).fix("left", "xy")
+    >>> problem = ContactProblem(body.load("top", (0.0, -0.1)), "bottom", 0.0, friction=0.05)
+    >>> uniqueness(problem, problem.solve()).proven
+    True
+    """
+    if not isinstance(problem, ContactProblem):
+        raise InputError(f"problem: expected a ContactProblem, got {type(problem).__name__}")
+    if not isinstance(result, ContactResult):
+        raise InputError(f"result: expected a ContactResult, got {type(result).__name__}")
+    if result.mu.shape != problem.rows.gap.shape:
+        raise InputError(
+            f"result: has {result.mu.size} contact points, the problem {problem.rows.gap.size}"
+        )
+    if not _same_stiffness(result.system.body, problem.body):
+        raise InputError(
+            "result: its body has another material or mesh than the problem's; solve the problem "
+            "as it is now"
+        )
+    for name, count in (("starts", starts), ("seed", seed)):
+        if isinstance(count, bool) or not isinstance(count, int) or count < 0:
+            raise InputError(f"{name}={count!r}: expected a whole number from 0")
+    system = result.system
+    condensed = problem.condense().under(system.body)
+    boundary = condensed.boundary_problem(
+        system.load, system.rows.gap, system.slip_from, system.motion
+    )
+    if system.law != "coulomb":
+        return Uniqueness(True, np.inf, ())
+    least = unique_below(boundary)
+    if float(np.max(system.friction)) < least:
+        return Uniqueness(True, least, ())
+    options = Options.checked(system.law, system.body.dim, "newton", None, None, None)
+    found = [result]
+    for mu, t in _starts(boundary, np.random.default_rng(seed), starts):
+        scale = condensed.point_scale
+        start = replace(result, mu=mu / scale, t=t / scale[:, None])
+        with suppress(NotConverged, Unbounded):
+            other = problem.solve_system(system, condensed, options, start)
+            if all(_apart(other, one) for one in found):
+                found.append(other)
+    return Uniqueness(False, least, tuple(found[1:]))
+
+
+def unique_below(problem: BoundaryProblem) -> float:
+    """F* of this module; 0 where rigid motions are free."""
+    if problem.s.size:
+        return 0.0
+    normal = problem.normal[problem.can_touch]
+    tangent = problem.tangent[problem.tangent >= 0]
+    tangent = tangent[problem.W.diagonal()[tangent] > 0]
+    if normal.size == 0 or tangent.size == 0:
+        return np.inf
+    compliance_t = problem.W[np.ix_(tangent, tangent)]
+    coupling = problem.W[np.ix_(normal, tangent)]
+    # The normal block of the inverse is that of the Schur complement.
+    rest = problem.W[np.ix_(normal, normal)] - coupling @ np.linalg.solve(compliance_t, coupling.T)
+    ratio = np.linalg.eigvalsh(rest)[0] / np.linalg.eigvalsh(compliance_t)[-1]
+    return float(np.sqrt(max(ratio, 0.0)))
+
+
+def _starts(
+    problem: BoundaryProblem, rng: np.random.Generator, count: int
+) -> Iterator[tuple[Array, Array]]:
+    """Forces to start from, in the problem's scale: none, full stick, random ones."""
+    yield problem.zeros()
+    pushed = problem.v0.copy()
+    live = problem.can_touch
+    pushed[problem.normal[live]] -= problem.gap[live]
+    stuck = np.linalg.lstsq(problem.W, pushed, rcond=None)[0]
+    mu, t = problem.zeros()
+    mu[live] = np.maximum(stuck[problem.normal[live]], 0.0)
+    t[problem.tangent >= 0] = stuck[problem.tangent[problem.tangent >= 0]]
+    yield mu, t
+    size = float(np.abs(pushed).max())
+    for _ in range(count):
+        reach = size * 10 ** rng.uniform(-1, 2)
+        yield (
+            np.where(live, reach * rng.random(live.size) * (rng.random(live.size) < 0.7), 0.0),
+            reach * rng.normal(size=problem.tangent.shape) * (problem.tangent >= 0),
+        )
+
+
+def _same_stiffness(one: Any, other: Any) -> bool:
+    """Whether two bodies answer alike, where their matrices are at hand."""
+    S: Any = one.stiffness
+    if one._material is other._material or not isinstance(S, sparse.csr_array):
+        return True
+    # Rounding of another machine, should the result come from a file.
+    return S.shape == other.stiffness.shape and bool(
+        abs(S - other.stiffness).max() <= 1e-12 * abs(S).max()
+    )
+
+
+def _apart(one: ContactResult, other: ContactResult) -> bool:
+    """Whether displacements or contact forces differ by more than rounding."""
+    body, forces = one.system.body, (one.contact_forces, other.contact_forces)
+    length = max(
+        *(body.reach(result.u) for result in (one, other)),
+        *(body.give(force) for force in forces),
+    )
+    size = max(body.give(force) for force in forces)  # in displacements: dofs have several units
+    return bool(
+        body.reach(one.u - other.u) > DISTINCT * length
+        or body.give(forces[0] - forces[1]) > DISTINCT * size
+    )

@@ -1,0 +1,165 @@
+"""The contact problem condensed to its boundary: a few dense arrays and the laws' residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+_ROUNDING = 10.0  # machine precisions: sums and solves of some hundred terms lose a digit
+
+
+@dataclass(frozen=True)
+class BoundaryProblem:
+    """Displacements of the contact points as a function of the contact forces.
+
+    With forces l = (mu, t) the displacements of the rows are ``v = v0 - W l + C a``. The rigid
+    motions a of a body that is held by contact alone balance the loads: ``C^T l = s``.
+
+    Every point is scaled by its own compliance, so that diag(W) is about one and the laws read
+    with unit scale, ``mu = max(0, mu + u_n - d)`` and ``t = P(t + u_t)``, where P projects onto
+    the ball of radius g: this is the local choice c_i = 1 / W_ii of the active-set constant.
+
+    Attributes
+    ----------
+    W : ndarray, shape (n, n)
+        Symmetric positive definite compliance of the live rows.
+    v0 : ndarray, shape (n,)
+        Displacement without contact forces (and without rigid motion).
+    C : ndarray, shape (n, k)
+    s : ndarray, shape (k,)
+    gap : ndarray, shape (m,)
+        ``inf`` where contact is impossible.
+    normal : ndarray of int, shape (m,)
+        Row of each point's normal; -1 where the normal displacement is prescribed.
+    tangent : ndarray of int, shape (m, dim - 1)
+        Rows of each point's tangents; -1 where the tangential displacement is prescribed. Where
+        that is so for one component of two, its row has no compliance.
+    held : ndarray, shape (m, dim - 1)
+        Tangential displacement where it is prescribed.
+    K : ndarray, shape (k, k), optional
+        Stiffness of the motions a, where these are more than rigid
+        (`contact.problem.stiffness_form`): ``C^T l + K a = s``.
+    """
+
+    W: Array
+    v0: Array
+    C: Array
+    s: Array
+    gap: Array
+    normal: Index
+    tangent: Index
+    held: Array
+    K: Array | None = None
+
+    @property
+    def can_touch(self) -> NDArray[np.bool_]:
+        """Points with a live normal row and an obstacle within reach, shape (m,)."""
+        return (self.normal >= 0) & np.isfinite(self.gap)
+
+    def zeros(self) -> tuple[Array, Array]:
+        """Forces (mu, t) that are all zero."""
+        return np.zeros(self.gap.size), np.zeros(self.tangent.shape)
+
+    def forces(self, mu: Array, t: Array) -> Array:
+        """Stack point forces into one vector of the live rows."""
+        stacked = np.zeros(self.v0.size)
+        stacked[self.normal[self.normal >= 0]] = mu[self.normal >= 0]
+        stacked[self.tangent[self.tangent >= 0]] = t[self.tangent >= 0]
+        return stacked
+
+    def displacements(self, mu: Array, t: Array, a: Array) -> tuple[Array, Array]:
+        """Normal and tangential displacement of every point, shapes (m,) and (m, dim - 1)."""
+        v = self.v0 - self.W @ self.forces(mu, t) + self.C @ a
+        u_n = np.where(self.normal >= 0, v[self.normal], 0.0)
+        u_t = np.where(self.tangent >= 0, v[self.tangent], self.held)
+        return u_n, u_t
+
+    def penetration(self, u_n: Array) -> Array:
+        """u_n - d where contact is possible, minus infinity elsewhere."""
+        return np.where(self.can_touch, u_n - self.gap, -np.inf)
+
+    def scale(self, mu: Array, t: Array) -> float:
+        """Size against which residuals are judged: the largest force, or what could cause one."""
+        overlap = np.maximum(-self.gap, 0.0)
+        causes = (float(np.abs(part).max(initial=0.0)) for part in (self.v0, self.s, overlap))
+        tiny = 1e-12 * max(*causes, np.finfo(float).tiny)
+        return max(float(mu.max(initial=0.0)), float(np.abs(t).max(initial=0.0)), tiny)
+
+    def energy(self, mu: Array, t: Array, a: Array) -> float:
+        """Potential energy up to a constant: l^T W l / 2 - s^T a."""
+        forces = self.forces(mu, t)
+        return float(0.5 * forces @ self.W @ forces - self.s @ a)
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Coulomb's law, ``value`` being the coefficient F, or a given bound g, ``value`` itself.
+
+    Attributes
+    ----------
+    value : ndarray, shape (m,)
+    coulomb : bool
+    """
+
+    value: Array
+    coulomb: bool
+
+    def bound(self, mu: Array) -> Array:
+        """Friction bound g of every point for the normal forces mu, shape (m,)."""
+        return self.value * np.maximum(mu, 0.0) if self.coulomb else self.value
+
+
+def project(q: Array, g: Array) -> Array:
+    """Project each row of q, shape (m, dim - 1), onto the ball of radius g, shape (m,)."""
+    length = np.linalg.norm(q, axis=1)
+    factor = np.where(length > g, g / np.where(length > 0, length, 1.0), 1.0)
+    return q * factor[:, None]
+
+
+def residual(problem: BoundaryProblem, mu: Array, t: Array, a: Array, bound: Array) -> float:
+    """Largest violation of the contact and the friction law, relative to the largest force.
+
+    Parameters
+    ----------
+    problem : BoundaryProblem
+    mu, t, a : ndarray
+        Forces and rigid motion.
+    bound : ndarray, shape (m,)
+        Friction bound g, for Coulomb F mu.
+    """
+    u_n, u_t = problem.displacements(mu, t, a)
+    contact = mu - np.maximum(0.0, mu + problem.penetration(u_n))
+    live = problem.tangent >= 0
+    friction = np.where(live, t - project(np.where(live, t + u_t, 0.0), bound), 0.0)
+    balance = problem.C.T @ problem.forces(mu, t) - problem.s
+    if problem.K is not None:
+        balance = balance + problem.K @ a
+    worst = max(np.abs(part).max(initial=0.0) for part in (contact, friction, balance))
+    return float(worst) / problem.scale(mu, t)
+
+
+def rounding(problem: BoundaryProblem, forces: Array, a: Array, size: float) -> float:
+    """What `residual` cannot fall below: rounding of the terms that cancel in it, over the size.
+
+    Parameters
+    ----------
+    problem : BoundaryProblem
+    forces : ndarray, shape (n,)
+        Of the live rows.
+    a : ndarray, shape (k,)
+    size : float
+        Of the forces, that of `BoundaryProblem.scale`.
+    """
+    l, C = np.abs(forces), np.abs(problem.C)
+    gap = np.where(np.isfinite(problem.gap), np.abs(problem.gap), 0.0)
+    # W is positive definite with a diagonal of about one: no entry is larger.
+    moved = np.abs(problem.v0) + l.sum() + C @ np.abs(a)
+    balanced = C.T @ l + np.abs(problem.s)
+    if problem.K is not None:
+        balanced = balanced + np.abs(problem.K) @ np.abs(a)
+    terms = (float(part.max(initial=0.0)) for part in (moved, balanced, gap))
+    return _ROUNDING * float(np.finfo(float).eps) * max(terms) / size

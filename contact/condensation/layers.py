@@ -1,0 +1,212 @@
+"""Condensation of layers of equal cells onto their bottom by slab doubling."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext, suppress
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.arrays.blas_threads import one_blas_thread
+from contact.arrays.dense_arrays import HostArrays
+from contact.body.free_motions import RIGID, unseen_motion
+from contact.body.rigid_modes import describe_motion, reduced_echelon, rigid_modes
+from contact.condensation.boundary_problem import BoundaryProblem, Friction
+from contact.condensation.slab_doubling import PER_NODE, SlabDoubling
+from contact.condensation.sparse import CondensedContact
+from contact.errors import NotConverged
+from contact.laws.device_newton import INNER, plane_newton
+from contact.laws.load_balance import check_held
+from contact.laws.methods import Options
+from contact.laws.semismooth_newton import Forces, Report
+
+if TYPE_CHECKING:
+    from contact.body.layers.layered_block import LayeredBlock
+    from contact.rows.discretise import ContactRows
+
+Array = NDArray[np.float64]
+
+
+class CondensedLayers(CondensedContact):
+    """A `LayeredBlock` and its contact rows, reduced to a dense problem on the bottom.
+
+    What differs from `CondensedContact` is how the Schur complement comes about, and that the
+    dense matrices may lie on a GPU.
+
+    Parameters
+    ----------
+    body : LayeredBlock
+    rows : ContactRows
+    arrays : HostArrays
+        Where to compute.
+
+    Raises
+    ------
+    InputError
+        The bottom is fixed entirely.
+    """
+
+    def __init__(self, body: LayeredBlock, rows: ContactRows, arrays: HostArrays) -> None:
+        self.rows, self._arrays = rows, arrays
+        size, held = body.row_size, body.prescribed[0]
+        free = np.ones((2, size), dtype=bool)  # of all node rows but the top, and of the top
+        free[0, held[held < size]] = False
+        top = body.f.size - size
+        free[1, held[held >= top] - top] = False
+        own = np.flatnonzero(free[0])
+        per_length = 1.0 / np.tile([1.0, 1.0, *[body.cell_size] * 4], body.columns + 1)[own]
+        self._T = sparse.csr_array((per_length, (own, np.arange(own.size))), shape=(size, own.size))
+        self._prescribe(body)
+        B = self._choose(
+            sparse.csr_array(rows.G[:, :size] @ self._T),
+            sparse.csr_array(rows.T[:, :size] @ self._T),
+            body.live(rows.G),
+            body.live(rows.T),
+        )
+        self._B = sparse.csr_array(B[:, self._boundary])
+        self._per_length = per_length[self._boundary]
+        self._factor: Any = SlabDoubling(
+            body.columns, body.cell_rows, free[0], free[1], own[self._boundary], arrays
+        )
+        bottom, everywhere = self._free_motions()
+        self._refuse(unseen_motion(everywhere, bottom[self._boundary]))
+        with one_blas_thread(self.size):
+            self._condense(bottom[self._boundary], everywhere)
+
+    def _prescribe(self, body: Any) -> None:
+        self.body: Any = body
+        dofs, values = body.prescribed
+        self._u0 = np.zeros(body.f.size) if values.any() else None
+        self._lifted: Any = None
+        size = body.row_size
+        bottom = np.zeros(size)
+        bottom[dofs[dofs < size]] = values[dofs < size]
+        if self._u0 is not None:
+            self._u0[dofs] = values
+            self._lifted = body.stiffness @ self._u0
+        rows = self.rows
+        self._fixed_normal = rows.G[:, :size] @ bottom
+        self._fixed_tangent = (rows.T[:, :size] @ bottom).reshape(rows.gap.size, 1)
+
+    def _free_motions(self) -> tuple[Array, Array]:
+        """Rigid motions that the supports leave free: free unknowns of the bottom row, all dofs."""
+        body = self.body
+        held = body.prescribed[0]
+        node, kind = np.divmod(held, PER_NODE)
+        j, i = np.divmod(node, body.columns + 1)
+        self._all = _motions(np.repeat(body.x, PER_NODE), 0.0, body)
+        of_held = _motions(body.x[i], body.y[j], body, kind)
+        length = np.where(kind < 2, 1.0, body.cell_size)[:, None]
+        # Of unit displacement each: translations, and the turn at the end of the diagonal.
+        size = np.array([1.0, 1.0, 0.5 * np.hypot(body.width, body.height)])
+        scaled = np.vstack((length * of_held / size, np.zeros((3, 3))))
+        _, singular, V = np.linalg.svd(scaled, full_matrices=False)
+        plain = reduced_echelon(V[singular < RIGID * np.sqrt(max(held.size, 1))] / size).T
+        free: Array = self._T.T @ (self._all @ plain) / (self._T**2).sum(axis=0)[:, None]
+        everywhere = self._of_all_dofs(plain)
+        everywhere[held] = 0.0
+        return free, everywhere
+
+    def solve(
+        self,
+        problem: BoundaryProblem,
+        law: Friction | None,
+        options: Options,
+        start: Forces | None,
+        report: Report,
+    ) -> tuple[Forces, float]:
+        """Newton's method on the device; should it stall, or for other methods, on the host."""
+        with one_blas_thread(self.size):
+            if options.method == "newton" and self._arrays.xp is not np:
+                check_held(problem, law)
+                with suppress(NotConverged, np.linalg.LinAlgError):
+                    forces = plane_newton(
+                        problem,
+                        self._arrays,
+                        law,
+                        start,
+                        tol=INNER * options.tol,
+                        max_iterations=options.max_iterations,
+                        report=report,
+                    )
+                    return forces, 0.0
+            return super().solve(problem, law, options, start, report)
+
+    def blas_threads(self) -> AbstractContextManager[None]:
+        """All of them but for the boundary problem: recovery multiplies large matrices."""
+        return nullcontext()
+
+    def restrict(self, rows: Any) -> Array:
+        """Rows of all dofs in the contact boundary's unknowns, shape (nrows, nb)."""
+        own: Array = (rows[:, : self.body.row_size] @ self._T)[:, self._boundary].toarray()
+        return own
+
+    def expand(self, load: Array, z_b: Array) -> Array:
+        """Displacement of all dofs from the contact boundary's unknowns."""
+        u: Array = self._factor.expand(self._free_load(load), self._per_length * z_b)
+        if self._u0 is not None:
+            u += self._u0
+        return u
+
+    def unbalanced(self, load: Array, u: Array, mu: Array, t: Array) -> Array:
+        """Forces on free dofs that nothing balances.
+
+        A slab of n rows resists smooth motions by 1/n^2 of its largest entries: rounding of these
+        is seen in the balance of forces at n^2 times the machine precision. Cell by cell it is not.
+        """
+        rows, body = self.rows, self.body
+        rest: Array = load - (rows.G.T @ mu + rows.T.T @ t.ravel()) - body.stiffness @ u
+        rest[body.prescribed[0]] = 0.0
+        return rest
+
+    def _free_load(self, load: Array) -> Array:
+        return load if self._lifted is None else load - self._lifted
+
+    def _motion_of(self, motion: Array) -> tuple[str, Array]:
+        """Name and all dofs of a rigid motion given on them."""
+        body = self.body
+        # Known by what it does to the bottom row.
+        seen, free = motion[: body.row_size], np.diff(self._T.indptr) > 0
+        rigid: Any = np.linalg.lstsq(self._all[free], seen[free], rcond=None)[0]
+        name = describe_motion(body.trace, rigid_modes(body.trace) @ _about(rigid, body))
+        return name, self._of_all_dofs(rigid)
+
+    def _of_all_dofs(self, rigid: Array) -> Array:
+        """A rigid motion, or several as columns, on every dof of the block."""
+        x = np.tile(np.repeat(self.body.x, PER_NODE), self.body.node_rows)
+        y = np.repeat(self.body.y, self.body.row_size)
+        return _motions(x, y, self.body) @ rigid
+
+    def _resultants(self, load: Array) -> Array:
+        """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
+        work: Array = self._modes.T @ load
+        return work
+
+    def _scaled_schur(self) -> Any:
+        """S_b on the device, a copy."""
+        per_length = self._arrays.put(self._per_length)
+        return per_length[:, None] * self._factor.schur * per_length
+
+    def reduce(self, load: Array) -> Array:
+        """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        carried: Array = self._per_length * self._factor.reduce(self._free_load(load))
+        return carried
+
+
+def _motions(
+    x: Array, y: Array | float, body: LayeredBlock, kind: NDArray[np.int64] | None = None
+) -> Array:
+    """Both translations and the turn about the middle on dofs at given places, shape (n, 3)."""
+    if kind is None:
+        kind = np.arange(x.size) % PER_NODE
+    x, y = x - 0.5 * body.width, y - 0.5 * body.height
+    turn = np.select([kind == 0, kind == 1, kind == 3, kind == 4], [-y + 0 * x, x, 1.0, -1.0], 0.0)
+    return np.column_stack((kind == 0, kind == 1, turn)).astype(np.float64)
+
+
+def _about(motion: Array, body: LayeredBlock) -> Array:
+    """The same motion with its turn about the middle of the lowest row of cells."""
+    drop = 0.5 * (body.height - body.y[1])
+    return motion + np.array([drop * motion[2], 0.0, 0.0])

@@ -1,0 +1,224 @@
+"""One sparse factorisation that leaves the dense Schur complement of the contact boundary."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.errors import ContactError, InputError, MissingDependency
+from skfem_adini.solvers.pardiso import DEFINITE, Pardiso, PardisoError, has_pardiso
+from skfem_adini.solvers.superlu import SuperLUFactor
+
+Vector = NDArray[np.float64]
+
+
+class SchurFactor(Protocol):
+    """A factorisation of S with the unknowns split into inner ones I and boundary ones b.
+
+    ``schur`` is S_bb - S_bI S_II^-1 S_Ib, shape (nb, nb). `reduce` carries a load to the boundary,
+    `expand` returns all unknowns from the boundary's. Only S_II must be positive definite: a body
+    that is held by contact alone has a singular S and a sound Schur complement.
+    """
+
+    schur: Vector
+
+    def reduce(self, load: Vector) -> Vector:
+        """f_b - S_bI S_II^-1 f_I, shape (nb,)."""
+        ...
+
+    def expand(self, load: Vector, z_b: Vector) -> Vector:
+        """All unknowns, shape (n,): z_I = S_II^-1 (f_I - S_Ib z_b) beside the given z_b."""
+        ...
+
+
+def schur_factor(
+    stiffness: sparse.csr_array,
+    boundary: NDArray[np.int64],
+    order: Callable[[], NDArray[np.int64]],
+    solver: str = "auto",
+) -> SchurFactor:
+    """Factor once and keep the boundary's Schur complement.
+
+    Parameters
+    ----------
+    stiffness : csr_array, shape (n, n)
+        Symmetric; its block without the boundary must be positive definite.
+    boundary : ndarray, shape (nb,)
+        Ascending indices of the unknowns to keep.
+    order : callable () -> ndarray, shape (n,)
+        Fill-reducing elimination order, asked for by SuperLU only; PARDISO finds its own.
+    solver : {"auto", "pardiso", "superlu"}
+        "auto" takes PARDISO when pypardiso is importable.
+
+    Raises
+    ------
+    InputError
+        Unknown solver, or the inner block is not positive definite.
+    MissingDependency
+        PARDISO asked for and not installed.
+    """
+    if solver not in ("auto", "pardiso", "superlu"):
+        raise InputError(f"solver={solver!r}: expected 'auto', 'pardiso' or 'superlu'")
+    if solver == "pardiso" and not has_pardiso():
+        raise MissingDependency("PARDISO needs pypardiso: pip install 'skfem-adini[mkl]'")
+    # S may be singular (a floating body). A shift of the boundary block makes it definite; the
+    # Schur complement carries it along unchanged and gives it back.
+    shift = np.abs(stiffness.diagonal()[boundary])
+    nothing_inside = boundary.size == stiffness.shape[0]  # PARDISO then reports lack of memory
+    if solver == "superlu" or nothing_inside or not has_pardiso():
+        return SuperLUSchur(stiffness, boundary, order(), shift)
+    return PardisoSchur(stiffness, boundary, shift)
+
+
+def _singular() -> InputError:
+    return InputError(
+        "stiffness: the part inside the contact boundary is not positive definite; cells are too "
+        "slender for the digits of the matrix, parts of the mesh hang together by a hinge alone, "
+        "or E or nu is not admissible"
+    )
+
+
+KEPT = 6  # loads whose elimination is remembered
+
+
+class _Forward:
+    """Remembers what forward elimination made of the last loads.
+
+    `reduce` and `expand` both need it. Only the very same load is looked up, so that no result
+    depends on what was solved before it or in another thread. The pairs are never changed, and
+    threads put another tuple in place at once.
+    """
+
+    _known: tuple[tuple[Vector, Vector], ...] = ()
+
+    def _eliminate(self, load: Vector) -> Vector:
+        raise NotImplementedError
+
+    def _forward(self, load: Vector) -> Vector:
+        known = self._known
+        for before, eliminated in known:
+            if np.array_equal(before, load):
+                return eliminated
+        found = self._eliminate(load)
+        found.setflags(write=False)
+        self._known = ((load.copy(), found), *known[: KEPT - 1])
+        return found
+
+
+class SuperLUSchur(_Forward):
+    """SuperLU in a given order, boundary last: the trailing block of L U is the complement."""
+
+    def __init__(
+        self,
+        stiffness: sparse.csr_array,
+        boundary: NDArray[np.int64],
+        order: NDArray[np.int64],
+        shift: Vector,
+    ) -> None:
+        n, nb = stiffness.shape[0], boundary.size
+        on_boundary = np.zeros(n, dtype=bool)
+        on_boundary[boundary] = True
+        self._order = np.concatenate((order[~on_boundary[order]], boundary))
+        self._boundary = boundary
+        permuted = sparse.csc_matrix(stiffness[self._order][:, self._order])
+        diagonal = permuted.diagonal()
+        diagonal[n - nb :] += shift
+        permuted.setdiag(diagonal)
+        try:
+            self._lu = SuperLUFactor(permuted, "NATURAL", 0.0)
+        except RuntimeError as error:  # SuperLU: exactly singular
+            raise _singular() from error
+        tail = np.arange(n - nb, n)
+        if not (
+            np.array_equal(self._lu.factors.perm_c[tail], tail)
+            and np.array_equal(self._lu.factors.perm_r[tail], tail)
+        ):
+            raise ContactError("SuperLU moved the contact boundary; please report the mesh")
+        upper = self._lu.factors.U  # a copy of the whole factor, the price of SciPy's interface
+        block = upper[:, n - nb :][n - nb :].toarray()
+        pivots = upper.diagonal()
+        if not np.all(pivots > 1e-14 * np.abs(pivots).max(initial=0.0)):
+            raise _singular()
+        # L = U^T D^-1 for a symmetric matrix factored without row exchanges.
+        self._shifted = block.T @ (block / np.diag(block)[:, None])
+        self._shifted = 0.5 * (self._shifted + self._shifted.T)
+        self.schur = self._shifted - np.diag(shift)
+
+    def _eliminate(self, load: Vector) -> Vector:
+        """S_bI S_II^-1 f_I, from a solve without load on the boundary."""
+        inner = load[self._order]
+        inner[load.size - self._boundary.size :] = 0.0
+        carried: Vector = -self._shifted @ self._lu.solve(inner)[load.size - self._boundary.size :]
+        return carried
+
+    def reduce(self, load: Vector) -> Vector:
+        """Carry a load to the boundary: f_b - S_bI S_II^-1 f_I."""
+        carried: Vector = load[self._boundary] - self._forward(load)
+        return carried
+
+    def expand(self, load: Vector, z_b: Vector) -> Vector:
+        """Return all unknowns from the boundary's."""
+        inner = load[self._order]
+        inner[load.size - z_b.size :] = self._shifted @ z_b + self._forward(load)
+        z = np.empty_like(load)
+        z[self._order] = self._lu.solve(inner)
+        z[self._boundary] = z_b
+        return z
+
+
+class PardisoSchur(_Forward):
+    """MKL PARDISO's own partial factorisation (Schur complement control).
+
+    Reference: Intel oneMKL developer reference, ``pardiso`` parameter iparm[35].
+    """
+
+    def __init__(
+        self, stiffness: sparse.csr_array, boundary: NDArray[np.int64], shift: Vector
+    ) -> None:
+        shifted, diagonal = stiffness.copy(), stiffness.diagonal()
+        diagonal[boundary] += shift
+        shifted.setdiag(diagonal)
+        # Parallel nested dissection, the quicker analysis with a Schur block; two-level
+        # factorisation; solutions by one thread, since several add up in the order in which they
+        # come; Schur complement with the factors kept for partial solves.
+        parameters = {1: 3, 23: 1, 24: 1, 35: 2}
+        self._boundary = boundary
+        block = np.zeros((boundary.size, boundary.size))
+        try:
+            self._pardiso = Pardiso(shifted, DEFINITE, parameters, chosen=boundary)
+            self._pardiso(11)
+            self._pardiso(22, x=block)
+        except PardisoError as error:
+            if error.pivot:
+                raise _singular() from error
+            raise ContactError(str(error)) from error
+        self.schur = 0.5 * (block + block.T) - np.diag(shift)
+
+    def _forward(self, load: Vector) -> Vector:
+        if self._pardiso.pending:
+            # What is remembered belongs to the factors of the original or of the parent process.
+            self._known = ()
+        return super()._forward(load)
+
+    def _eliminate(self, load: Vector) -> Vector:
+        halfway = np.zeros_like(load)
+        self._pardiso(331, np.ascontiguousarray(load), halfway)
+        return halfway
+
+    def reduce(self, load: Vector) -> Vector:
+        """Carry a load to the boundary: f_b - S_bI S_II^-1 f_I."""
+        carried: Vector = self._forward(load)[self._boundary]
+        return carried
+
+    def expand(self, load: Vector, z_b: Vector) -> Vector:
+        """Return all unknowns from the boundary's."""
+        halfway = self._forward(load).copy()
+        halfway[self._boundary] = z_b
+        z = np.zeros_like(load)
+        self._pardiso(333, halfway, z)
+        z[self._boundary] = z_b
+        return z

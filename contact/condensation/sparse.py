@@ -1,0 +1,399 @@
+"""Condensation of the body onto its contact boundary by one sparse factorisation."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from copy import copy
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.arrays.blas_threads import one_blas_thread
+from contact.arrays.dense_arrays import HostArrays
+from contact.body.free_motions import free_motions, unseen_motion
+from contact.body.rigid_modes import describe_motion
+from contact.condensation.boundary_problem import BoundaryProblem, Friction
+from contact.condensation.elimination_order import elimination_order
+from contact.condensation.held_factor import held_factor
+from contact.condensation.schur import SchurFactor, schur_factor
+from contact.condensation.strain_factor import factor_of_strains, strains_can_be_factored
+from contact.errors import Infeasible, InputError, Unbounded
+from contact.laws.load_balance import LIMIT, at_the_limit, by_friction_alone
+from contact.laws.methods import Options, solve_boundary
+from contact.laws.semismooth_newton import Forces, Report
+from contact.obstacles.rigid import ObstacleMotion
+from contact.rows.discretise import ContactRows, live_rows, without_rounding
+
+Array = NDArray[np.float64]
+
+# Added to the compliance of the dissertation's dependent rows, relative to its largest entry:
+# picks the multipliers of least norm. They remain unstable; the functional is for reproduction.
+REGULARISATION = 1e-10
+
+
+class CondensedContact:
+    """A body and its contact rows, reduced to a dense problem on the contact boundary.
+
+    Everything here depends on the stiffness, the supports and the rows alone; loads, gaps and
+    friction come later, so one condensation serves a whole load history.
+
+    Parameters
+    ----------
+    body : ElasticBody
+    rows : ContactRows
+    solver : {"auto", "pardiso", "superlu"}
+        Sparse factorisation; see `contact.condensation.schur`.
+
+    Raises
+    ------
+    InputError
+        The contact boundary is fixed entirely.
+    Unbounded
+        A piece of the body is neither fixed nor connected to the contact boundary.
+
+    Notes
+    -----
+    With the contact boundary's unknowns z_b (those that a row touches) and their Schur complement
+    S_b, the compliance of the rows B is ``W = B S_b^-1 B^T``. A body held by contact alone has
+    rigid motions N with S_b N = 0: then S_b + rho N N^T takes the place of S_b, and the motion N a
+    is an unknown of its own, with the balance of loads ``N^T (r - B^T l) = 0``.
+    """
+
+    _arrays = HostArrays()
+    _factor: SchurFactor
+    slender: bool = False
+
+    def __init__(self, body: Any, rows: ContactRows, solver: str = "auto") -> None:
+        self.rows, self.slender = rows, body.slender
+        T, _ = body.constraint
+        if T.nnz == T.shape[1] and np.all(T.data == 1.0):
+            free = T.tocsc().indices
+            S = body.stiffness[free][:, free]
+        else:
+            S = sparse.csr_array(T.T @ body.stiffness @ T)
+        # Unknowns of unit stiffness: no unit of length, and no shape of a cell, sets values and
+        # derivatives apart, or the directions. Powers of two leave the digits as they are.
+        diagonal = S.diagonal()
+        exponent = np.round(-0.5 * np.log2(np.where(diagonal > 0, diagonal, 1.0)))
+        unit = np.ldexp(1.0, exponent.astype(np.int64))
+        self._T = sparse.csr_array(T @ sparse.diags_array(unit))
+        S = sparse.csr_array(S)
+        S.data *= np.repeat(unit, np.diff(S.indptr)) * unit[S.indices]
+        self._prescribe(body)
+        G, tangents = (sparse.csr_array(part @ self._T) for part in (rows.G, rows.T))
+        if self.slender:
+            G, tangents = (without_rounding(A, body.lengths[1] / unit) for A in (G, tangents))
+        B = self._choose(G, tangents, live_rows(rows.G, body), live_rows(rows.T, body))
+        self._B = sparse.csr_array(B[:, self._boundary])
+        modes = free_motions(body) / unit[:, None]
+        self._refuse(unseen_motion(modes, modes[self._boundary]))
+        if strains_can_be_factored(body, S.shape[0]):
+            self._factor, change, back = factor_of_strains(body, self._T, self._boundary)
+            self._T = sparse.csr_array(self._T @ change)
+            self._B = sparse.csr_array(B @ change[:, self._boundary])
+            modes = back @ modes
+        else:
+            self._factor = schur_factor(S, self._boundary, lambda: elimination_order(body), solver)
+        with one_blas_thread(self.size):
+            self._condense(modes[self._boundary], modes)
+
+    def _choose(
+        self,
+        G: sparse.csr_array,
+        tangents: sparse.csr_array,
+        live_n: NDArray[np.bool_],
+        live_t: NDArray[np.bool_],
+    ) -> sparse.csr_array:
+        """Number the live rows and the unknowns that they touch; the live rows."""
+        if not live_n.any() and not live_t.any():
+            raise InputError(
+                "boundary: every displacement of the contact boundary is prescribed; "
+                "fix less of it or choose another contact boundary"
+            )
+        self._normal = np.where(live_n, np.cumsum(live_n) - 1, -1)
+        # Where supports prescribe one component of the slip, it still turns the friction: its row
+        # has no compliance. Where they prescribe all of it, friction acts on supports alone.
+        alive = live_t.reshape(live_n.size, -1)
+        self._stiff: NDArray[np.bool_] = ~alive & np.any(alive, axis=1, keepdims=True)
+        seen = self._stiff.ravel() | live_t
+        tangents = sparse.csr_array(sparse.diags_array(live_t.astype(float)) @ tangents)
+        tangents.eliminate_zeros()
+        number = live_n.sum() + np.cumsum(seen) - 1
+        self._tangent = np.where(seen, number, -1).reshape(alive.shape)
+        B = sparse.vstack([G[live_n], tangents[seen]], format="csr")
+        self._boundary = np.unique(B.indices).astype(np.int64)
+        return B
+
+    def _prescribe(self, body: Any) -> None:
+        u0, rows = body.constraint[1], self.rows
+        self.body: Any = body
+        self._lifted: Any = body.internal(u0) if u0.any() else np.zeros_like(u0)
+        self._fixed_normal = rows.G @ u0
+        self._fixed_tangent = (rows.T @ u0).reshape(rows.gap.size, body.dim - 1)
+
+    def under(self, body: Any) -> CondensedContact:
+        """The same factorisation for a body that `ElasticBody.under` made of this one."""
+        other = copy(self)
+        other._prescribe(body)
+        return other
+
+    def _condense(self, N: Array, modes: Array) -> None:
+        """Compliance of the rows; N the rigid motions of the boundary, modes those of all."""
+        arrays = self._arrays
+        if N.shape[1]:
+            N, R = np.linalg.qr(N)
+            modes = np.linalg.solve(R.T, modes.T).T
+        self._L, self.thin = held_factor(arrays, self._scaled_schur, N)
+        W = arrays.gram(arrays.solve(self._L, arrays.dense(self._B.T)))
+        diagonal = arrays.get(W.diagonal())
+        if "thesis" in self.rows.functional.split(","):  # rank 2N + 2: see REGULARISATION
+            i = arrays.xp.arange(diagonal.size)
+            W[i, i] += REGULARISATION * diagonal.max()
+        # One length for each point, so that its friction ball stays a ball.
+        scale = np.empty(self._B.shape[0])
+        for rows in np.column_stack((self._normal, self._tangent)):
+            live = rows[rows >= 0]
+            own = diagonal[live][diagonal[live] > 0]
+            scale[live] = np.sqrt(own.mean()) if own.size else 1.0
+        self._scale = scale
+        W /= arrays.put(scale)
+        W /= arrays.put(scale)[:, None]
+        self._W = arrays.matrix(W)
+        # Balance then reads in the units of scaled forces.
+        self._N, self._modes = N * float(np.mean(scale)), modes * float(np.mean(scale))
+        self._C = (self._B @ self._N) / scale[:, None]
+
+    @property
+    def size(self) -> int:
+        """Order of the largest dense matrix."""
+        return max(self._B.shape)
+
+    @property
+    def unknowns(self) -> int:
+        """Number of the contact boundary's unknowns."""
+        return self._B.shape[1]
+
+    @property
+    def point_scale(self) -> Array:
+        """Physical force = scaled force / point_scale; physical displacement = scaled * it."""
+        first = np.maximum(self._normal, self._tangent.max(axis=1))
+        return np.where(first >= 0, self._scale[np.maximum(first, 0)], 1.0)
+
+    def boundary_problem(
+        self,
+        load: Array,
+        gap: Array,
+        slip_from: Array | None = None,
+        motion: ObstacleMotion | None = None,
+    ) -> BoundaryProblem:
+        """The dense problem for one load vector and one gap.
+
+        Parameters
+        ----------
+        load : ndarray, shape (ndofs,)
+        gap : ndarray, shape (m,)
+        slip_from : ndarray, shape (m, dim - 1), optional
+            Tangential displacement that counts as zero, see `ContactSystem`.
+        motion : ObstacleMotion, optional
+            Prescribed motions shift the displacements, free ones are unknowns of a.
+
+        Raises
+        ------
+        Infeasible
+            A point whose normal displacement is prescribed lies behind the obstacle.
+        """
+        fixed_n, fixed_t = self._given(gap, slip_from, motion)
+        reduced = self.reduce(load)
+        v0 = self._B @ self._flexed(reduced)
+        live_n, live_t = self._normal >= 0, self._tangent >= 0
+        v0[self._normal[live_n]] += fixed_n[live_n]
+        v0[self._tangent[live_t]] += fixed_t[live_t]
+        scale = self.point_scale
+        R, per_unit = self._driven(motion, self._scale)
+        force = np.zeros(0) if motion is None else motion.force[motion.free]
+        return BoundaryProblem(
+            W=self._W,
+            v0=v0 / self._scale,
+            C=np.hstack((self._C, R)) if R.size else self._C,
+            s=np.concatenate((self._resultants(load), per_unit * force)),
+            gap=gap / scale,
+            normal=self._normal,
+            tangent=self._tangent,
+            held=fixed_t / scale[:, None],
+        )
+
+    def _given(
+        self, gap: Array, slip_from: Array | None, motion: ObstacleMotion | None
+    ) -> tuple[Array, Array]:
+        """Displacements of the points that supports and obstacles prescribe, (m,), (m, dim - 1)."""
+        fixed_n, fixed_t = self._fixed_normal, self._fixed_tangent
+        largest = float(np.abs(fixed_t).max(initial=0.0))
+        if motion is not None:
+            w_n, w_t = motion.displacement(motion.prescribed)
+            fixed_n, fixed_t = fixed_n - w_n, fixed_t - w_t
+            largest = max(largest, float(np.abs(w_t).max(initial=0.0)))
+        if slip_from is not None:
+            fixed_t = fixed_t - slip_from
+            largest = max(largest, float(np.abs(slip_from).max(initial=0.0)))
+        fixed_t = np.where(self._stiff & (np.abs(fixed_t) <= 1e-12 * largest), 0.0, fixed_t)
+        prescribed = self._normal < 0
+        # Rounding of the coordinates.
+        round_off = 1e-12 * float(np.ptp(self.body.trace.mesh.p, axis=1).max())
+        through = prescribed & (fixed_n - gap > round_off)
+        if np.any(through):
+            i = int(np.flatnonzero(through)[0])
+            raise Infeasible(
+                f"obstacle: contact point {i} at {self.rows.x_nominal[:, i]} is fixed at normal "
+                f"displacement {fixed_n[i]:.6g}, beyond its gap {gap[i]:.6g}"
+            )
+        return fixed_n, fixed_t
+
+    def _driven(self, motion: ObstacleMotion | None, scale: Array) -> tuple[Array, Array]:
+        """Columns of C for the free motions of obstacles, and physical over scaled motion."""
+        if motion is None or not np.any(motion.free):
+            return np.zeros((scale.size, 0)), np.zeros(0)
+        free, R = motion.free, np.zeros((scale.size, int(motion.free.sum())))
+        live_n, live_t = self._normal >= 0, self._tangent >= 0
+        R[self._normal[live_n]] = -motion.normal[live_n][:, free]
+        R[self._tangent[live_t]] = -motion.tangent[live_t.ravel()][:, free]
+        R /= scale[:, None]
+        size = np.abs(R).max(axis=0)
+        per_unit = 1.0 / np.where(size > 0, size, 1.0)
+        return R * per_unit, per_unit
+
+    def recover(
+        self, load: Array, problem: BoundaryProblem, forces: Forces
+    ) -> tuple[Array, Array, Array]:
+        """Displacement of all dofs and physical forces: (u, mu, t)."""
+        stacked = problem.forces(forces.mu, forces.t) / self._scale
+        reduced = self.reduce(load) - self._B.T @ stacked
+        of_body = forces.a[: self._N.shape[1]]
+        z_b = self._flexed(reduced) + self._N @ of_body
+        scale = self.point_scale
+        return self.expand(load, z_b), forces.mu / scale, forces.t / scale[:, None]
+
+    def unbalanced(self, load: Array, u: Array, mu: Array, t: Array) -> Array | None:
+        """Forces on free dofs that nothing balances, where a step of refinement is worth it."""
+        return None
+
+    def obstacle_motion(self, motion: ObstacleMotion | None, forces: Forces) -> Array | None:
+        """Motions of the obstacles in physical units, prescribed and found, shape (k,)."""
+        if motion is None:
+            return None
+        found = motion.prescribed.copy()
+        found[motion.free] = self._driven(motion, self._scale)[1] * forces.a[self._N.shape[1] :]
+        return found
+
+    def solve(
+        self,
+        problem: BoundaryProblem,
+        law: Friction | None,
+        options: Options,
+        start: Forces | None,
+        report: Report,
+    ) -> tuple[Forces, float]:
+        """Solve the dense problem where its matrix lies; see
+        `contact.laws.methods.solve_boundary`.
+        """
+        return solve_boundary(problem, law, options, start, self.point_scale, report)
+
+    def blas_threads(self) -> AbstractContextManager[None]:
+        """Threads of BLAS while a problem is solved, recovered and certified.
+
+        Its vectors are long and its matrices small: a second thread gains nothing there, and would
+        contend with PARDISO's for the cores.
+        """
+        return one_blas_thread(self.size)
+
+    def _flexed(self, r: Array) -> Array:
+        """Displacement of the boundary's unknowns under forces r on them."""
+        arrays = self._arrays
+        half = arrays.solve(self._L, arrays.put(r[:, None]))
+        return np.asarray(arrays.get(arrays.solve(self._L, half, transposed=True)))[:, 0]
+
+    def _resultants(self, load: Array) -> Array:
+        """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
+        work: Array = self._modes.T @ (self._T.T @ load)
+        return work
+
+    def _scaled_schur(self) -> Any:
+        """S_b on the device, a copy."""
+        return 1.0 * self._factor.schur
+
+    @property
+    def stiffness(self) -> Array:
+        """Schur complement S_b of the contact boundary's unknowns, shape (nb, nb)."""
+        return np.asarray(self._arrays.get(self._scaled_schur()))
+
+    def reduce(self, load: Array) -> Array:
+        """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        return self._factor.reduce(self._free_load(load))
+
+    def restrict(self, rows: sparse.csr_array) -> Array:
+        """Rows of all dofs in the contact boundary's unknowns, shape (nrows, nb)."""
+        reduced: Array = (rows @ self._T)[:, self._boundary].toarray()
+        return reduced
+
+    def expand(self, load: Array, z_b: Array) -> Array:
+        """Displacement of all dofs from the contact boundary's unknowns."""
+        u: Array = self._T @ self._factor.expand(self._free_load(load), z_b)
+        return u + self.body.constraint[1]
+
+    def _free_load(self, load: Array) -> Array:
+        free: Array = self._T.T @ (load - self._lifted)
+        return free
+
+    def not_held(self, a: Array) -> Unbounded:
+        """The error that names the rigid motion a."""
+        k = self._modes.shape[1]
+        if np.abs(a[k:]).max(initial=0.0) > np.abs(a[:k]).max(initial=0.0):
+            return Unbounded(
+                "the obstacle is not held: contact forces cannot balance the force or moment given "
+                "to its `Rigid`; hold a component of its motion, turn the force towards the body, "
+                "or add friction",
+                np.zeros_like(self.body.f),
+            )
+        return self._not_held(self._modes @ a[:k])
+
+    def doubt(self, problem: BoundaryProblem, law: Friction | None) -> str:
+        """What may be the matter where there is no solution; raises at the limit of friction."""
+        limit, a, k = at_the_limit(problem, law), by_friction_alone(problem), self._modes.shape[1]
+        if limit is not None:
+            raise self.at_the_limit(limit)
+        if a is None or np.abs(a[k:]).max(initial=0.0) > np.abs(a[:k]).max(initial=0.0):
+            return ""
+        return (
+            f"; or there is no equilibrium: {self._motion_of(self._modes @ a[:k])[0]} is driven by "
+            "the loads, friction alone resists it, and the pressure may be too small for that"
+        )
+
+    def _refuse(self, motion: Array | None) -> None:
+        if motion is not None:
+            raise self._not_held(motion)
+
+    def _not_held(self, motion: Array) -> Unbounded:
+        name, u = self._motion_of(motion)
+        work, f = float(self.body.f @ u), self.body.f
+        idle = abs(work) <= 1e-12 * float(np.abs(f) @ np.abs(u))
+        lack = ", and no load says how far it goes" if idle else " that could balance the loads"
+        return Unbounded(
+            f"the body is not held: {name} meets no resistance{lack}; fix a displacement that it "
+            "moves, or add friction or an obstacle that stops it",
+            u / np.abs(u).max(),
+        )
+
+    def at_the_limit(self, a: Array) -> Unbounded:
+        """The error that names a rigid motion a which friction just holds, however far it goes."""
+        name, u = self._motion_of(self._modes @ a[: self._modes.shape[1]])
+        return Unbounded(
+            f"the slip is undetermined: the loads are within {LIMIT:.0e} of the limit of what "
+            f"friction holds, and {name} may go on for ever; load less, add friction or a support",
+            u / (np.abs(u).max() or 1.0),
+        )
+
+    def _motion_of(self, motion: Array) -> tuple[str, Array]:
+        """Name and all dofs of a rigid motion in free unknowns."""
+        u: Array = self._T @ motion
+        return describe_motion(self.body, u), u

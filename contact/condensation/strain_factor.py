@@ -1,0 +1,150 @@
+r"""Schur complement of the contact boundary from the strains, without the stiffness.
+
+With the rows A of all strains, ``S = A^T A``, and the inner unknowns first,
+
+.. math:: A = Q \begin{pmatrix} R_{II} & R_{Ib} \\ & R_{bb} \end{pmatrix}, \qquad
+          S_b = R_{bb}^T R_{bb} .
+
+Householder's factorisation of A loses digits like its condition, the root of that of S: in a
+column of cells a thousand times as high as wide Cholesky's factor of S breaks down where it bends.
+
+References
+----------
+A. Bjoerck, Numerical Methods for Least Squares Problems, SIAM 1996, section 2.4.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.linalg import qr, solve_triangular
+
+from contact.body.cell_strains import strain_rows
+from contact.body.solid import BasisSolid
+from contact.errors import InputError
+
+Array = NDArray[np.float64]
+_APART = 16.0  # ratio of stiffnesses, as singular values, whose directions are told apart
+LARGEST = 3000  # unknowns whose dense factor takes some ten seconds
+
+
+class StrainFactor:
+    """A `contact.condensation.schur.SchurFactor` of a body of moderate size with slender cells.
+
+    Parameters
+    ----------
+    body : BasisSolid
+    T : csr_array, shape (ndofs, nfree)
+        Free unknowns z of ``u = T z``.
+    boundary : ndarray, shape (nb,)
+        Ascending indices of the unknowns to keep.
+
+    Raises
+    ------
+    InputError
+        A motion of the inner unknowns alone causes no strain.
+    """
+
+    def __init__(self, body: BasisSolid, T: sparse.csr_array, boundary: NDArray[np.int64]) -> None:
+        cells: Array = np.asarray(np.linalg.qr(strain_rows(body), mode="r"))
+        count, rows, local = cells.shape
+        place = np.repeat(body.basis.element_dofs.T, rows, axis=0)
+        start = local * np.arange(count * rows + 1)
+        A = sparse.csr_array(
+            (cells.ravel(), place.ravel(), start), shape=(count * rows, T.shape[0])
+        )
+        inner = np.ones(T.shape[1], dtype=bool)
+        inner[boundary] = False
+        self._inner, self._boundary = np.flatnonzero(inner), boundary
+        order = np.concatenate((self._inner, boundary))
+        R = np.zeros((order.size, order.size))
+        found = qr((A @ T[:, order]).toarray(), mode="r", overwrite_a=True, check_finite=False)[0]
+        R[: len(found)] = found[: order.size]
+        k = self._inner.size
+        self._R_II, self._R_Ib, self._R_bb = R[:k, :k], R[:k, k:], R[k:, k:]
+        self.schur: Array = self._R_bb.T @ self._R_bb
+        if not np.all(np.diag(self._R_II) != 0):
+            raise InputError("stiffness: parts of the mesh hang together by a hinge alone")
+
+    def equilibrate(self, node: NDArray[np.int64]) -> tuple[sparse.csr_array, sparse.csr_array]:
+        """Take new unknowns y, of unit stiffness, with ``z = U y`` at the boundary.
+
+        A thin body resists bending by less than the stretch of its boundary by the fourth power of
+        its slenderness, and would by rounding alone: the directions in which it is stiff and soft,
+        those of each node, are kept apart.
+
+        Parameters
+        ----------
+        node : ndarray of int, shape (nb,)
+            The same number for unknowns that are components of one vector.
+
+        Returns
+        -------
+        U : csr_array, shape (nb, nb)
+        inverse : csr_array, shape (nb, nb)
+        """
+        nb = self._boundary.size
+        U, inverse = sparse.lil_array((nb, nb)), sparse.lil_array((nb, nb))
+        R_bb = np.empty_like(self._R_bb)
+        for number in np.unique(node):
+            own = np.flatnonzero(node == number)
+            _, size, turn = np.linalg.svd(self._R_bb[:, own], full_matrices=False)
+            if size[-1] * _APART > size[0]:
+                size, turn = np.linalg.norm(self._R_bb[:, own], axis=0), np.eye(own.size)
+            # Powers of two leave the digits as they are.
+            exponent = np.round(np.log2(np.where(size > 0, size, 1.0))).astype(np.int64)
+            R_bb[:, own] = np.ldexp(self._R_bb[:, own] @ turn.T, -exponent)
+            U[own[:, None], own] = np.ldexp(turn.T, -exponent)
+            inverse[own[:, None], own] = np.ldexp(turn.T, exponent).T
+        self._R_bb, self.schur, change = R_bb, R_bb.T @ R_bb, sparse.csr_array(U)
+        self._R_Ib = np.asarray(self._R_Ib @ change)
+        return change, sparse.csr_array(inverse)
+
+    def reduce(self, load: Array) -> Array:
+        """Carry a load to the boundary: f_b - S_bI S_II^-1 f_I."""
+        half = solve_triangular(self._R_II, load[self._inner], trans="T")
+        carried: Array = load[self._boundary] - self._R_Ib.T @ half
+        return carried
+
+    def expand(self, load: Array, z_b: Array) -> Array:
+        """Return all unknowns from the boundary's."""
+        half = solve_triangular(self._R_II, load[self._inner], trans="T") - self._R_Ib @ z_b
+        z = np.empty_like(load)
+        z[self._inner], z[self._boundary] = solve_triangular(self._R_II, half), z_b
+        return z
+
+
+def strains_can_be_factored(body: BasisSolid, unknowns: int) -> bool:
+    """Whether the body has slender cells, is of moderate size, and its energy a sum of squares."""
+    squares = body.dilatation == "pointwise" or bool(np.all(body.lam >= 0))
+    return body.slender and squares and unknowns <= LARGEST
+
+
+def factor_of_strains(
+    body: BasisSolid, T: sparse.csr_array, boundary: NDArray[np.int64]
+) -> tuple[StrainFactor, sparse.csr_array, sparse.csr_array]:
+    """Factor, and change to unknowns y whose boundary is of unit stiffness.
+
+    Parameters
+    ----------
+    body : BasisSolid
+    T : csr_array, shape (ndofs, nfree)
+    boundary : ndarray, shape (nb,)
+
+    Returns
+    -------
+    factor : StrainFactor
+        In the unknowns y.
+    change, back : csr_array, shape (nfree, nfree)
+        ``z = change y`` and its inverse.
+    """
+    factor, n, nb = StrainFactor(body, T, boundary), T.shape[1], boundary.size
+    node = np.arange(nb)
+    if T.nnz == n:  # an unknown is a dof, and dofs come in vectors
+        node = np.asarray(T.tocsc().indices[boundary] // body.dim, dtype=np.int64)
+    U, inverse = factor.equilibrate(node)
+    place = sparse.csr_array((np.ones(nb), (boundary, np.arange(nb))), shape=(n, nb))
+    rest = sparse.diags_array(1.0 - np.asarray(place.sum(axis=1)))
+    change, back = (sparse.csr_array(rest + place @ part @ place.T) for part in (U, inverse))
+    return factor, change, back

@@ -1,0 +1,279 @@
+"""A load history on disk: a folder whose files belong to one run, and show it."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from hashlib import sha256
+from pathlib import Path
+from secrets import token_hex
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.errors import InputError
+from contact.output.archive import DamagedFile, checksum, read_arrays, write_arrays
+from contact.result.stored_result import problem_arrays, rebuild, state_arrays
+from skfem_adini.output.complete_file import complete_file, remove_unfinished
+from skfem_adini.output.file_lock import try_lock
+
+if TYPE_CHECKING:
+    from contact.result.contact_result import ContactResult
+    from contact.result.contact_system import ContactSystem
+
+Array = NDArray[np.float64]
+_FORMAT = 2
+_STEP = re.compile(r"step_(\d{5,})\.npz")
+logger = logging.getLogger(__name__)
+
+
+class HistoryFolder:
+    """A folder with ``history.json``, ``problem.npz`` and one ``step_00001.npz`` a finished step.
+
+    Every file appears under its name only once it is complete, so that an interruption, a kill or
+    a full disk costs the step at hand and none before. ``history.json`` is made by one process
+    only, whoever else starts there, and gives the run a random name. It holds the checksum of the
+    problem; each step holds the name of the run, its number and time, and the checksum of the step
+    before: files of another run, or of another place in this one, are refused.
+
+    Attributes
+    ----------
+    path : Path
+    times : ndarray, shape (n,)
+        Of all steps that the run was asked for.
+    fingerprint : str
+        Of the problem, its loads and its motions.
+    damage : InputError or None
+        Why `finished` ended before the last file.
+    """
+
+    def __init__(self, path: Path, about: dict[str, Any]) -> None:
+        self.path, self.times = path, np.array(about["times"], dtype=float)
+        self.fingerprint, self._run = str(about["fingerprint"]), str(about["run"])
+        self._problem = self._before = str(about["problem"])
+        self.damage: InputError | None = None
+
+    @classmethod
+    def created(
+        cls, path: Path, times: Array, system: ContactSystem, fingerprint: str
+    ) -> HistoryFolder:
+        """Make the folder; `InputError` when it holds anything, or another process makes it."""
+        about = {
+            "format": _FORMAT,
+            "run": token_hex(16),
+            "times": times.tolist(),
+            "fingerprint": fingerprint,
+            "problem": checksum(problem_arrays(system)),
+        }
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            if any(path.iterdir()):
+                raise FileExistsError(path)
+            with complete_file(path / "history.json", exclusive=True) as file:
+                file.write(json.dumps(about | {"checksum": _digest(about)}).encode())
+        except (FileExistsError, NotADirectoryError) as error:
+            raise InputError(
+                f"path: {path} is not empty; resume it, or choose a new folder"
+            ) from error
+        return cls(path, about)
+
+    @classmethod
+    def opened(cls, path: Path) -> HistoryFolder:
+        """Find an existing folder; `InputError` when it is none."""
+        try:
+            about = json.loads((path / "history.json").read_text())
+            if about["format"] == 1:
+                raise ValueError(
+                    "format 1, of version 0.1.0, whose files do not show which run they are of; "
+                    "run it again in a new folder"
+                )
+            if about["format"] != _FORMAT:
+                raise ValueError(f"format {about['format']}, not {_FORMAT}")
+            if about.pop("checksum") != _digest(about):
+                raise ValueError("history.json was changed since it was written")
+            return cls(path, about)
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+            raise InputError(f"path: {path} holds no load history ({error})") from error
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other processes from writing here; the lock goes with this one, even killed.
+
+        Raises
+        ------
+        InputError
+            Another process, or another thread, is writing this history.
+        """
+        name = self.path / "history.json"
+        try:
+            descriptor = os.open(name, os.O_RDWR)
+        except PermissionError:
+            descriptor = os.open(name, os.O_RDONLY)
+        try:
+            if try_lock(descriptor) is False:
+                raise InputError(f"path: another process is writing the history in {self.path}")
+            yield
+        finally:
+            os.close(descriptor)
+
+    def write(self, k: int, result: ContactResult) -> None:
+        """Write step k, counted from zero, after all those before it.
+
+        Raises
+        ------
+        InputError
+            It lies there already.
+        """
+        place = {"run": self._run, "number": k + 1, "time": float(self.times[k])}
+        place |= {"before": self._before}
+        arrays = state_arrays(result) | {"place": np.array(json.dumps(place))}
+        try:
+            write_arrays(self._step(k), arrays, compress=False, exclusive=True)
+        except FileExistsError as error:
+            raise InputError(
+                f"path: {self._step(k)} appeared while this run was solving it; another process "
+                "writes there"
+            ) from error
+        self._before = checksum(arrays)
+
+    def finished(self, system: ContactSystem | None = None) -> Iterator[ContactResult]:
+        """The steps up to the first that is missing or cannot be read; that is logged.
+
+        Parameters
+        ----------
+        system : ContactSystem, optional
+            Of the problem at hand: the results then share its body and rows.
+
+        Raises
+        ------
+        InputError
+            A step can be read but is not this run's: of another one, of another place or time,
+            changed, or no solution of the problem.
+        """
+        last = max(self._steps(), default=0)
+        if last == 0:
+            return
+        shared = self._shared() if system is None else problem_arrays(system)
+        for k in range(self.times.size):
+            path = self._step(k)
+            try:
+                arrays, found = read_arrays(path)
+                self._check_place(path, k, arrays)
+                result = rebuild(path, shared | arrays, found is not None, system)
+            except InputError as error:
+                if path.is_file() and not isinstance(error, DamagedFile):
+                    raise
+                if last > k:
+                    self.damage = error
+                    logger.warning("%s; the history ends before it", error)
+                return
+            self._before, system = str(found), result.system
+            yield result
+
+    def prepare(self, count: int, system: ContactSystem) -> None:
+        """Make ready for the steps after the first `count`, the problem included.
+
+        Steps that lie there are set aside, and so is a problem that cannot be read; what killed
+        processes left is removed.
+        """
+        remove_unfinished(self.path)
+        for number in self._steps():
+            if number > count:
+                _set_aside(self._step(number - 1))
+        problem = self.path / "problem.npz"
+        if problem.exists():
+            try:
+                self._shared()
+            except DamagedFile:
+                _set_aside(problem)
+        if not problem.exists():
+            write_arrays(problem, problem_arrays(system))
+
+    def _shared(self) -> dict[str, Any]:
+        arrays, found = read_arrays(self.path / "problem.npz")
+        if found != self._problem:
+            raise InputError(f"path: {self.path / 'problem.npz'} is not the problem of this run")
+        return arrays
+
+    def _check_place(self, path: Path, k: int, arrays: dict[str, Any]) -> None:
+        try:
+            place = json.loads(str(arrays["place"]))
+            run, number, time, before = (place[n] for n in ("run", "number", "time", "before"))
+        except (KeyError, ValueError, TypeError) as error:
+            raise InputError(f"result file {path} is no step of a load history") from error
+        for name, found, expected in (
+            ("run", run, self._run),
+            ("number", number, k + 1),
+            ("time", time, float(self.times[k])),
+            ("step before", before, self._before),
+        ):
+            if found != expected:
+                raise InputError(
+                    f"result file {path} is not this run's step {k + 1}: its {name} is {found}, "
+                    f"not {expected}; move it away, and resume"
+                )
+
+    def _steps(self) -> list[int]:
+        """Numbers of the steps that have a file."""
+        found = (_STEP.fullmatch(path.name) for path in self.path.iterdir())
+        return sorted(int(match[1]) for match in found if match)
+
+    def _step(self, k: int) -> Path:
+        return self.path / f"step_{k + 1:05d}.npz"
+
+
+def _set_aside(path: Path) -> None:
+    other = path.with_name(f"aside_{token_hex(4)}_{path.name}")
+    path.rename(other)
+    logger.warning("%s is set aside as %s", path, other.name)
+
+
+def _digest(about: dict[str, Any]) -> str:
+    return sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()
+
+
+def fingerprint(system: ContactSystem, vectors: Sequence[Array]) -> str:
+    """SHA-256 of what makes two problems, with the loads and motions that vary in time, the same.
+
+    Raises
+    ------
+    InputError
+        A body that no file holds.
+    """
+    arrays = problem_arrays(system) | {"law": np.array(str(system.law))}
+    arrays |= {"load": system.load, "u0": system.body.constraint[1]}
+    arrays |= {"friction": system.friction, "gap": system.rows.gap}
+    if system.motion is not None:
+        arrays |= {f"motion/{name}": value for name, value in vars(system.motion).items()}
+    return checksum(arrays | {f"vector/{i}": vector for i, vector in enumerate(vectors)})
+
+
+def same_conditions(now: ContactSystem, then: ContactSystem) -> bool:
+    """Whether loads, supports, gaps, friction and obstacles of a step are those of another."""
+    pairs = [
+        (now.load, then.load),
+        (now.body.constraint[1], then.body.constraint[1]),
+        (now.rows.gap, then.rows.gap),
+        (now.friction, then.friction),
+    ]
+    if (now.motion is None) != (then.motion is None) or now.law != then.law:
+        return False
+    if now.motion is not None:
+        pairs += zip(vars(now.motion).values(), vars(then.motion).values(), strict=True)
+    return all(_same(a, b) for a, b in pairs)
+
+
+def _same(a: Array, b: Array) -> bool:
+    """Up to what a function of time may round differently."""
+    if a.shape != b.shape:
+        return False
+    finite = np.isfinite(b)
+    size = np.abs(b[finite]).max(initial=0.0)
+    return np.array_equal(a[~finite], b[~finite], equal_nan=True) and bool(
+        np.all(np.abs(a[finite] - b[finite]) <= 1e-9 * size)
+    )

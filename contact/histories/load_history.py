@@ -1,0 +1,172 @@
+"""The finished steps of a load history, in memory, on disk and as an animation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from contact.errors import InputError, numbers
+from contact.histories.history_folder import HistoryFolder
+from contact.output.vtk import body_grid, boundary_grid
+from skfem_adini.output.vtk_files import write_series
+
+if TYPE_CHECKING:
+    from contact.result.contact_result import ContactResult
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LoadStep:
+    """What a progress callback is told of a finished step.
+
+    Attributes
+    ----------
+    number, count : int
+        This step, from one, and how many the run has.
+    time : float
+    result : ContactResult
+    seconds : float
+    """
+
+    number: int
+    count: int
+    time: float
+    result: ContactResult
+    seconds: float
+
+    def __str__(self) -> str:
+        free, stick, slip = np.bincount(self.result.status, minlength=3)[:3]
+        return (
+            f"step {self.number:4d}/{self.count}   t = {self.time:<9.4g} contact force "
+            f"{self.result.contact_force:.4e}   open {free:4d}, stick {stick:4d}, slip {slip:4d}   "
+            f"{len(self.result.history):2d} iterations, {self.seconds:.2f} s"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class LoadHistory:
+    """The finished steps of a load history: a sequence of results, and their times.
+
+    ``history[0]`` is the result of the first step, ``history[1:3]`` a part of the history, and
+    ``for result in history`` runs through the steps.
+
+    Attributes
+    ----------
+    times : ndarray, shape (n,)
+    results : tuple of ContactResult
+        One a step, each with its own certificate.
+    damage : InputError or None
+        Of a history read from a folder: why it ends before the last file there.
+    """
+
+    times: Array = field(default_factory=lambda: np.zeros(0))
+    results: tuple[ContactResult, ...] = ()
+    damage: InputError | None = None
+
+    def __repr__(self) -> str:
+        if not len(self):
+            return "LoadHistory(no step)"
+        return (
+            f"LoadHistory({len(self)} steps from t = {self.times[0]:.6g} to {self.times[-1]:.6g}; "
+            f"the last: {self.results[-1]!r})"
+        )
+
+    def __len__(self) -> int:
+        return len(self.results)
+
+    def __iter__(self) -> Iterator[ContactResult]:
+        return iter(self.results)
+
+    @overload
+    def __getitem__(self, place: int) -> ContactResult: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> LoadHistory: ...
+
+    def __getitem__(self, place: int | slice) -> ContactResult | LoadHistory:
+        """The result of one step, counted from zero, or a part of the history."""
+        if isinstance(place, slice):
+            return LoadHistory(self.times[place], self.results[place])
+        return self.results[place]
+
+    def extended(self, time: float, result: ContactResult) -> LoadHistory:
+        """The history with one more step."""
+        return LoadHistory(np.append(self.times, time), (*self.results, result))
+
+    @property
+    def resultant(self) -> Array:
+        """Force of the obstacle on the body in each step, shape (n, dim)."""
+        return np.array([result.resultant for result in self.results])
+
+    def to_pvd(self, path: str | Path, subdivide: int | None = None) -> Path:
+        """Write the body, and beside it the contact boundary, as series that ParaView animates.
+
+        ``name.pvd`` lists ``name_0000.vtu``, ...; ``name_boundary.pvd`` lists the contact points,
+        ``name_boundary_0000.vtp``, .... In Python ``pyvista.get_reader("name.pvd")`` reads them.
+
+        Parameters
+        ----------
+        path : str or Path
+            Ends in .pvd.
+        subdivide : int, optional
+            As for `ContactResult.to_pyvista`.
+
+        Returns
+        -------
+        Path
+            The collection of the body.
+        """
+        path = as_path(path)
+        if path.suffix != ".pvd":
+            raise InputError(f"path: expected a name ending in .pvd, got {path.name!r}")
+        if not self.results:
+            raise InputError("history: has no finished step to write")
+        times = self.times.tolist()
+        write_series(
+            path.with_name(f"{path.stem}_boundary.pvd"),
+            ((t, boundary_grid(r)) for t, r in zip(times, self.results, strict=True)),
+        )
+        return write_series(
+            path, ((t, body_grid(r, subdivide)) for t, r in zip(times, self.results, strict=True))
+        )
+
+    @classmethod
+    def load(cls, path: str | Path) -> LoadHistory:
+        """Read the finished steps of a folder that `LoadStepper.run` wrote, complete or not.
+
+        Every step is certified again, as `ContactResult.load` does, and shown to be of this run. A
+        step that cannot be read ends the history before it, which is logged as a warning and told
+        in `damage`; `LoadStepper.resume` solves it again.
+
+        Raises
+        ------
+        InputError
+            No history lies there; a step is another run's or was changed; the problem is damaged.
+        """
+        folder = HistoryFolder.opened(as_path(path))
+        results = tuple(folder.finished())
+        return cls(folder.times[: len(results)], results, folder.damage)
+
+
+def checked_times(times: ArrayLike, done: Array) -> Array:
+    """Times of further steps; `InputError` unless they increase from the last of those done."""
+    schedule = numbers("times", times)
+    if schedule.ndim != 1 or schedule.size == 0 or not np.all(np.isfinite(schedule)):
+        raise InputError(f"times: expected finite numbers of shape (n,), got {schedule.shape}")
+    if np.any(np.diff(np.concatenate((done[-1:], schedule))) <= 0):
+        raise InputError("times: must increase, from the last finished step on")
+    return schedule
+
+
+def as_path(path: str | Path) -> Path:
+    """The path, or an `InputError` where none was given."""
+    try:
+        return Path(path)
+    except TypeError:
+        raise InputError(f"path={path!r}: expected the name of a file or folder") from None

@@ -1,0 +1,398 @@
+"""Load histories: steps that follow each other, because friction remembers the path."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from contact.errors import InputError, NotConverged, numbers
+from contact.histories.history_folder import HistoryFolder, fingerprint, same_conditions
+from contact.histories.load_history import LoadHistory, LoadStep, as_path, checked_times
+from contact.histories.time_factor import Factor, checked_factor, value_at
+from contact.laws.methods import Options
+from contact.obstacles.shapes import Gap
+from contact.portable import Portable
+from contact.problem.sagitta import warn_of_sagitta
+from contact.settled import settled
+
+if TYPE_CHECKING:
+    from contact.body.elastic_body import Field
+    from contact.problem.contact_problem import ContactProblem
+    from contact.result.contact_result import ContactResult
+    from contact.result.contact_system import ContactSystem
+
+Array = NDArray[np.float64]
+Boundary = str | Sequence[str] | ArrayLike
+Progress = Callable[["LoadStep"], None]
+logger = logging.getLogger(__name__)
+
+
+@settled("make a new LoadStepper", "problem")
+class LoadStepper(Portable):
+    r"""Quasi-static steps of a contact problem along a history of loads, supports and obstacles.
+
+    Friction depends on the path: in step k the slip that it opposes is the increment since the
+    last converged step (backward Euler in the load),
+
+    .. math::
+        |t^k| \le g^k, \qquad t^k = g^k\, \Delta u_t / |\Delta u_t| \ \text{where}\
+        \Delta u_t = u_t^k - u_t^{k-1} \ne 0,
+
+    with :math:`g = F p^k` (Coulomb) or given (Tresca), and :math:`u_t^0 = 0` in the state of rest.
+    The body is factored once for the whole history, each step starts from the last, and every step
+    is certified on its own.
+
+    Loads and supports of the body stay; `load`, `move`, `obstacle`, ... add what varies in time.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+    method, tol, max_iterations
+        Of each step, as for `ContactProblem.solve`.
+    halvings : int
+        How often a step that does not converge may be halved, at times between the given ones.
+
+    Attributes
+    ----------
+    history : LoadHistory
+        The finished steps, also after an interruption: `run` goes on from there.
+
+    References
+    ----------
+    P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, section 5.2.
+
+    Examples
+    --------
+    Pressed, then dragged to and fro; on the way back the shear force differs:
+
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    >>> body = body.fix("top", "xy")
+    >>> stepper = LoadStepper(ContactProblem(body, "bottom", 0.0, friction=0.5))
+    >>> _ = stepper.move("top", "y", -0.02)
+    >>> _ = stepper.move("top", "x", 0.1, lambda t: min(t, 2 - t))
+    >>> history = stepper.run([0.5, 1.0, 1.5])
+    >>> forward, _, back = (step.resultant[0] for step in history.results)
+    >>> bool(forward < 0 < back)
+    True
+    """
+
+    _FUNCTIONS = ("_loads", "_motions", "_obstacle")
+
+    def __init__(
+        self,
+        problem: ContactProblem,
+        *,
+        method: str = "newton",
+        tol: float | None = None,
+        max_iterations: int | None = None,
+        halvings: int = 4,
+    ) -> None:
+        from contact.problem.contact_problem import ContactProblem
+
+        if not isinstance(problem, ContactProblem):
+            raise InputError(f"problem: expected a ContactProblem, got {type(problem).__name__}")
+        if isinstance(halvings, bool) or not isinstance(halvings, int) or halvings < 0:
+            raise InputError(f"halvings={halvings!r}: expected a whole number from 0")
+        self.problem, self.halvings = problem, halvings
+        self.options = Options.checked(
+            problem.law, problem.body.dim, method, tol, max_iterations, None
+        )
+        self.history = LoadHistory()
+        self._supports = len(problem.body._supports)
+        self._loads: list[tuple[Array, Factor]] = []
+        self._motions: list[tuple[Array, Factor]] = []
+        self._obstacle: Callable[[float], Gap] | None = None
+
+    def load(self, boundary: Boundary, traction: Field, factor: Factor | None = None) -> Self:
+        """Add the traction ``factor(t) * traction`` on a boundary; see `ElasticBody.load`.
+
+        Parameters
+        ----------
+        boundary : str, list of str or array of facet numbers
+        traction : array of shape (dim,) or callable x -> array of shape (dim, ...)
+        factor : callable t -> float, optional
+            Default: t itself.
+        """
+        vector = self._unloaded().load(boundary, traction).f
+        self._loads.append((vector, checked_factor(factor)))
+        return self
+
+    def body_force(self, force: Field, factor: Factor | None = None) -> Self:
+        """Add the volume force ``factor(t) * force``; see `ElasticBody.body_force`."""
+        self._loads.append((self._unloaded().body_force(force).f, checked_factor(factor)))
+        return self
+
+    def load_vector(self, vector: ArrayLike, factor: Factor | None = None) -> Self:
+        """Add the load ``factor(t) * vector``, one number a dof, such as another body's ``f``."""
+        values = numbers("vector", vector)
+        if values.shape != self.problem.body.f.shape or not np.all(np.isfinite(values)):
+            raise InputError(
+                f"vector: expected {self.problem.body.f.size} finite numbers, got shape "
+                f"{values.shape}"
+            )
+        self._loads.append((values, checked_factor(factor)))
+        return self
+
+    def _unloaded(self) -> Any:
+        body = copy(self.problem.body)
+        body.f = np.zeros_like(body.f)
+        return body
+
+    def move(
+        self,
+        boundary: Boundary,
+        components: str | int | Sequence[int] | None = None,
+        value: Field = 1.0,
+        factor: Factor | None = None,
+    ) -> Self:
+        """Move supports: ``factor(t) * value`` comes on top of what the body prescribes there.
+
+        Parameters
+        ----------
+        boundary, components, value
+            As for `ElasticBody.fix`. The body must have been fixed on this very boundary in these
+            components.
+        factor : callable t -> float, optional
+            Default: t itself.
+
+        Raises
+        ------
+        InputError
+            There is no such support, or the motion contradicts another support.
+        """
+        body = self.problem.body
+        at_rest = copy(body)
+        at_rest._supports = []
+        at_rest.fix(boundary, components, value)  # checks the value
+        moved = at_rest._supports
+        for place, c, *_ in moved:
+            if not any(c == d and np.array_equal(place, f) for f, d, *_ in body._supports):
+                raise InputError(
+                    f"move: the body is not fixed on boundary {boundary!r} in component "
+                    f"{'xyz'[c]}; fix it first, with body.fix({boundary!r}, ...)"
+                )
+        at_rest._supports = [
+            next(
+                ((f, c, m[2], smooth) for m in moved if m[1] == c and np.array_equal(m[0], f)),
+                (f, c, _still, smooth),
+            )
+            for f, c, _, smooth in body._supports
+        ]
+        for derived in ("constraint", "prescribed"):
+            at_rest.__dict__.pop(derived, None)
+        self._motions.append((at_rest.constraint[1], checked_factor(factor)))
+        return self
+
+    def obstacle(self, of_time: Callable[[float], Gap]) -> Self:
+        """Let the obstacle vary: what `ContactProblem` takes as obstacle, as a function of time.
+
+        Parameters
+        ----------
+        of_time : callable t -> obstacle, number, array or callable
+            E.g. ``lambda t: Plane((0, -0.03 + 0.01 * t), (0, 1))``, or a `Rigid` whose motion or
+            force depends on t: friction then sees it move. A `ClosestPoint` must keep its
+            directions, those of the problem's own: within a `Rigid` it may move.
+        """
+        if not callable(of_time):
+            raise InputError(f"obstacle: expected a function of time, got {of_time!r}")
+        self._obstacle = of_time
+        return self
+
+    def step(self, time: float) -> ContactResult:
+        """Solve one step, the next of the history, and keep it.
+
+        Raises
+        ------
+        InputError
+            The time is not finite or not later than the last step's.
+        NotConverged
+            Not even steps halved `halvings` times converge; the history holds what was finished.
+        """
+        if len(self.problem.body._supports) != self._supports:
+            raise InputError(
+                "body: it was fixed elsewhere after the LoadStepper was made; make a new one"
+            )
+        times = self.history.times
+        if numbers("time", time).shape != () or not np.isfinite(time):
+            raise InputError(f"time={time!r}: expected a finite number")
+        if times.size and time <= times[-1]:
+            raise InputError(f"time={time!r}: the history has reached {times[-1]} already")
+        last = self.history.results[-1] if times.size else None
+        begin = float(times[-1]) if times.size else np.nan
+        result = self._advance(last, begin, float(time), self.halvings)
+        self.history = self.history.extended(float(time), result)
+        return result
+
+    def run(
+        self,
+        times: ArrayLike,
+        *,
+        path: str | Path | None = None,
+        progress: bool = False,
+        callback: Progress | None = None,
+    ) -> LoadHistory:
+        """Solve a step at each of the times.
+
+        Parameters
+        ----------
+        times : array, shape (n,)
+            Increasing, later than the steps that are finished.
+        path : str or Path, optional
+            A folder that gets a file for each finished step, for `resume` and
+            `LoadHistory.load`; new, or empty. One process writes there at a time.
+        progress : bool
+            Print a line for each step.
+        callback : callable, optional
+            Receives each `LoadStep`.
+
+        Returns
+        -------
+        LoadHistory
+
+        Raises
+        ------
+        InputError
+            Times that do not increase; a folder that holds another history.
+        NotConverged
+            See `step`.
+        OSError
+            A step could not be written. Steps written before it stay readable.
+        """
+        schedule = checked_times(times, self.history.times)
+        if path is None:
+            return self._run(schedule, None, progress, callback)
+        everything = np.concatenate((self.history.times, schedule))
+        system = self.problem.system
+        folder = HistoryFolder.created(as_path(path), everything, system, self._fingerprint())
+        with folder.locked():
+            folder.prepare(0, system)
+            for k in range(len(self.history)):
+                folder.write(k, self.history.results[k])
+            return self._run(schedule, folder, progress, callback)
+
+    def resume(
+        self,
+        path: str | Path,
+        *,
+        progress: bool = False,
+        callback: Progress | None = None,
+    ) -> LoadHistory:
+        """Take over the finished steps of an interrupted `run` and solve the others.
+
+        The stepper must be built as it was then: same problem, loads, motions.
+
+        Parameters
+        ----------
+        path : str or Path
+            The folder that was given to `run`.
+        progress, callback
+            As for `run`.
+
+        Raises
+        ------
+        InputError
+            No history lies there, or another problem's; a step is another run's or was changed;
+            another process is at it.
+        """
+        folder = HistoryFolder.opened(as_path(path))
+        another = InputError(
+            f"path: {path} holds the history of another problem (other mesh, material, contact "
+            "rows, gap, friction, loads or supports); build the stepper as it was"
+        )
+        if folder.fingerprint != self._fingerprint():
+            raise another
+        with folder.locked():
+            history = LoadHistory()
+            for t, result in zip(folder.times, folder.finished(self.problem.system), strict=False):
+                if not same_conditions(self._system_at(float(t), None), result.system):
+                    raise another  # another function of time
+                history = history.extended(float(t), result)
+            folder.prepare(len(history), self.problem.system)
+            self.history = history
+            left = folder.times[len(self.history) :]
+            logger.info("resuming after %d of %d steps", len(self.history), folder.times.size)
+            return self._run(left, folder, progress, callback)
+
+    def _run(
+        self,
+        schedule: Array,
+        folder: HistoryFolder | None,
+        progress: bool,
+        callback: Progress | None,
+    ) -> LoadHistory:
+        count = len(self.history) + schedule.size
+        for t in schedule:
+            begin = time.perf_counter()
+            result = self.step(float(t))
+            number = len(self.history)
+            if folder is not None:
+                folder.write(number - 1, result)
+            line = LoadStep(number, count, float(t), result, time.perf_counter() - begin)
+            logger.info("%s", line)
+            if progress:
+                print(line, flush=True)
+            if callback is not None:
+                callback(line)
+        return self.history
+
+    def _advance(
+        self, last: ContactResult | None, begin: float, end: float, halvings: int
+    ) -> ContactResult:
+        problem, system = self.problem, self._system_at(end, last)
+        condensed = problem.condense().under(system.body)
+        start = last if last is None else self._extrapolated(last, begin, end)
+        obstacle = problem.obstacle if self._obstacle is None else self._obstacle(end)
+        try:
+            result = problem.solve_system(system, condensed, self.options, start)
+            warn_of_sagitta(result, problem.boundaries.rise(obstacle), condensed, self.options)
+            return result
+        except NotConverged:
+            if halvings == 0 or last is None:
+                raise
+        middle = 0.5 * (begin + end)
+        logger.info("no convergence at t = %g: by way of t = %g", end, middle)
+        last = self._advance(last, begin, middle, halvings - 1)
+        return self._advance(last, middle, end, halvings - 1)
+
+    def _system_at(self, t: float, last: ContactResult | None) -> ContactSystem:
+        """The discrete system at a time, after the last step."""
+        obstacle = () if self._obstacle is None else (self._obstacle(t),)
+        return self.problem.system_of(self._body_at(t), last, *obstacle)
+
+    def _body_at(self, t: float) -> Any:
+        base = self.problem.body
+        f, u0 = base.f, base.constraint[1]
+        for vector, factor in self._loads:
+            f = f + value_at(factor, t) * vector
+        for vector, factor in self._motions:
+            u0 = u0 + value_at(factor, t) * vector
+        return base.under(f, u0)
+
+    def _extrapolated(self, last: ContactResult, begin: float, end: float) -> ContactResult:
+        """Where the last two steps point to: a start that spares about one Newton step."""
+        if len(self.history) < 2 or self.history.times[-1] != begin:
+            return last
+        before = self.history.results[-2]
+        ahead = (end - begin) / (begin - float(self.history.times[-2]))
+        if before.mu.shape != last.mu.shape or ahead > 2.0:
+            return last
+        mu = np.maximum(last.mu + ahead * (last.mu - before.mu), 0.0)
+        return replace(last, mu=mu, t=last.t + ahead * (last.t - before.t))
+
+    def _fingerprint(self) -> str:
+        vectors = [vector for vector, _ in (*self._loads, *self._motions)]
+        return fingerprint(self.problem.system, vectors)
+
+
+def _still(x: Array) -> Array:
+    return np.zeros(x.shape[1:])

@@ -1,0 +1,6 @@
+"""Contact and friction on the condensed problem: which point is open, sticks or slips.
+
+In: a `BoundaryProblem`, a friction law, a start.
+Out: `Forces` that satisfy the laws, with the history of the iteration.
+Start: `methods` chooses; `semismooth_newton` and `active_set` do most of the work.
+"""

@@ -1,0 +1,93 @@
+"""Start of a cold solve in two dimensions: the same problem with fewer contact points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.condensation.boundary_problem import BoundaryProblem, Friction
+from contact.laws.semismooth_newton import Forces
+
+GROUP = 4  # contact points that become one
+FEW = 100  # points from which on a coarser problem pays
+
+
+@dataclass(frozen=True)
+class CoarseProblem:
+    """A boundary problem whose points bear equal (scaled) forces in groups of neighbours.
+
+    Galerkin's condition for the complementary energy: with l = P L the compliance is P^T W P, and
+    displacements and gaps are sums over the group. The zones of contact, stick and slip of its
+    solution are those of the fine problem but for a few points, at the cost of a far smaller one.
+
+    Attributes
+    ----------
+    problem : BoundaryProblem
+    law : Friction or None
+    fine : BoundaryProblem
+    row : ndarray, shape (n,)
+        Coarse row of each fine row, -1 for those that bear no force.
+    share : ndarray, shape (rows of the coarse problem,)
+        Scaled force of a fine row over that of its coarse row.
+    """
+
+    problem: BoundaryProblem
+    law: Friction | None
+    fine: BoundaryProblem
+    row: NDArray[np.int64]
+    share: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, fine: BoundaryProblem, law: Friction | None) -> CoarseProblem | None:
+        """Group the points of a problem in two dimensions; None where that does not pay.
+
+        Points are numbered along the boundary, so that neighbours have neighbouring numbers.
+        """
+        m = fine.gap.size
+        if fine.tangent.shape[1] != 1 or m < FEW:
+            return None
+        group = np.arange(m) // GROUP
+        count = int(group[-1]) + 1
+        bears = np.column_stack((fine.can_touch, fine.tangent[:, 0] >= 0))
+        there = np.stack([np.bincount(group, bears[:, j], count) > 0 for j in (0, 1)], axis=1)
+        number = np.where(there.T, np.cumsum(there.T).reshape(2, count) - 1, -1).T
+        of_point = np.column_stack((fine.normal, fine.tangent[:, 0]))
+        row = np.full(fine.v0.size, -1)
+        row[of_point[bears]] = number[group][bears]
+
+        used = np.argsort(row, kind="stable")[np.count_nonzero(row < 0) :]
+        first = np.flatnonzero(np.diff(row[used], prepend=-1))
+        W = np.add.reduceat(fine.W[np.ix_(used, used)], first, axis=0)
+        W = np.add.reduceat(W, first, axis=1)
+        compliance = np.where(there, W.diagonal()[number], 0.0).sum(axis=1)
+        scale = np.sqrt(compliance / np.maximum(there.sum(axis=1), 1))  # one for each point
+        scale = np.where(scale > 0, scale, 1.0)
+        share = np.empty(first.size)
+        share[number[there]] = 1.0 / np.broadcast_to(scale[:, None], there.shape)[there]
+        gap = np.bincount(group, np.where(fine.can_touch, fine.gap, 0.0), count) / scale
+        problem = BoundaryProblem(
+            W=W * share * share[:, None],
+            v0=np.add.reduceat(fine.v0[used], first) * share,
+            C=np.add.reduceat(fine.C[used], first, axis=0) * share[:, None],
+            s=fine.s,
+            gap=np.where(there[:, 0], gap, np.inf),
+            normal=number[:, 0],
+            tangent=number[:, 1:],
+            held=(np.bincount(group, fine.held[:, 0], count) / scale)[:, None],
+        )
+        if law is not None:
+            mean = np.bincount(group, law.value, count) / np.bincount(group)
+            law = Friction(mean if law.coulomb else mean * scale, law.coulomb)
+        return cls(problem, law, fine, row, share)
+
+    def refined(self, forces: Forces) -> Forces:
+        """Forces of the fine problem from those of this one."""
+        coarse = self.share * self.problem.forces(forces.mu, forces.t)
+        stacked = np.where(self.row >= 0, coarse[self.row], 0.0)
+        mu, t = self.fine.zeros()
+        normal, tangent = self.fine.normal >= 0, self.fine.tangent >= 0
+        mu[normal] = stacked[self.fine.normal[normal]]
+        t[tangent] = stacked[self.fine.tangent[tangent]]
+        return Forces(mu, t, forces.a)

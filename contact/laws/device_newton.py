@@ -1,0 +1,153 @@
+r"""Newton's method for plane contact with friction where the matrix lies on a device.
+
+The laws and their linearisation are those of `contact.laws.semismooth_newton`, in two dimensions,
+where a contact point has one tangent: every row of the linear system is a multiple of a row of W
+plus a diagonal entry plus, for Coulomb's law, an entry in the column of the point's pressure. The
+rows that belong to a step are gathered, scaled and factored on the device; sets and residuals are
+computed on the host from products with W. There is no second line of defence here: the caller falls
+back on `contact.laws.methods`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.arrays.dense_arrays import HostArrays
+from contact.condensation.boundary_problem import BoundaryProblem, Friction, residual
+from contact.laws.semismooth_newton import (
+    NEAR,
+    PROXIMAL,
+    Forces,
+    Iteration,
+    Progress,
+    Report,
+    _Sets,
+)
+
+INNER = 1e-2  # of the certificate's tolerance: the body sees the boundary's residual enlarged
+START = 15  # active-set steps without friction to begin with
+
+
+def plane_newton(
+    problem: BoundaryProblem,
+    arrays: HostArrays,
+    law: Friction | None,
+    start: Forces | None,
+    *,
+    tol: float,
+    max_iterations: int,
+    report: Report = lambda iteration: None,
+) -> Forces:
+    """Solve for contact in two dimensions.
+
+    Parameters
+    ----------
+    problem : BoundaryProblem
+    arrays : HostArrays
+        Where ``problem.W`` lies.
+    law : Friction or None
+    start : Forces or None
+        None starts without friction, rigid motions on springs.
+    tol : float
+        On `contact.condensation.boundary_problem.residual`.
+    max_iterations : int
+    report : callable
+
+    Raises
+    ------
+    NotConverged, LinAlgError
+        The iteration stalls or meets a singular system.
+    """
+    none = Friction(np.zeros(problem.gap.size), coulomb=False)
+    weak = 1e-9 * float(np.abs(problem.C).max(initial=0.0)) ** 2
+    now = start or Forces(*problem.zeros(), np.zeros(problem.s.size))
+    if start is None and law is not None:
+        before: NDArray[np.bool_] | None = None
+        for step in range(1, START + 1):
+            sets = _Sets.of(problem, now, none)
+            if before is not None and np.array_equal(before, sets.active):
+                break
+            before = sets.active
+            now = _step(problem, arrays, now, sets, none, False, 1e7 * weak, anchored=False)
+            report(Iteration(step, "frictionless", int(sets.active.sum()), 0, 0, np.nan))
+    friction = none if law is None else law
+    size = residual(problem, now.mu, now.t, now.a, friction.bound(now.mu))
+    progress = Progress(tol)
+    for step in range(1, max_iterations + 1):
+        sets = _Sets.of(problem, now, friction)
+        now = _step(problem, arrays, now, sets, friction, size >= NEAR, weak)
+        size = residual(problem, now.mu, now.t, now.a, friction.bound(now.mu))
+        active, stick, slip = (int(kind.sum()) for kind in (sets.active, sets.stick, sets.slip))
+        report(Iteration(step, "newton" if law else "active set", active, stick, slip, size))
+        if progress.ended(problem, now, size):
+            break
+    return progress.best_of(problem, "newton")
+
+
+def _step(
+    problem: BoundaryProblem,
+    arrays: HostArrays,
+    now: Forces,
+    sets: _Sets,
+    friction: Friction,
+    damped: bool,
+    weak: float,
+    anchored: bool = True,
+) -> Forces:
+    """Solve the linearised laws for new forces and rigid motion.
+
+    With ``W l - C a = v`` in the rows, a slipping point has ``t - k u_t - F b mu = ...`` instead:
+    k = 0 in the exact Newton step, ``g / (|q| - g) (1 - a b)`` in the damped one.
+    """
+    xp, k = arrays.xp, problem.s.size
+    rub = np.flatnonzero((sets.stick | sets.slip) & (problem.tangent[:, 0] >= 0))
+    rows = np.concatenate((problem.normal[sets.active], problem.tangent[rub, 0]))
+    n_n, n = int(sets.active.sum()), rows.size
+    of_w, diagonal = np.ones(n), np.full(n, PROXIMAL)
+    rhs = problem.v0[rows] + PROXIMAL * problem.forces(now.mu, now.t)[rows]
+    rhs[:n_n] -= problem.gap[sets.active]
+
+    slip = np.flatnonzero(sets.slip[rub])
+    points, at = rub[slip], n_n + slip
+    q, g = sets.q[points, 0], sets.g[points]
+    b = np.sign(q)
+    if damped:
+        t = now.t[points, 0]
+        b_or_a = t / np.maximum(g, np.abs(t))
+        of_w[at] = g / (np.abs(q) - g) * (1.0 - b_or_a * b)
+    else:
+        b_or_a = b
+        of_w[at] = 0.0
+    diagonal[at] = 1.0
+    rhs[at] *= of_w[at]
+
+    A = xp.zeros((n + k, n + k))
+    chosen = xp.asarray(rows)
+    A[:n, :n] = arrays.values(problem.W)[chosen[:, None], chosen]
+    A[:n, :n] *= xp.asarray(of_w)[:, None]
+    i = xp.arange(n)
+    A[i, i] += xp.asarray(diagonal)
+    if friction.coulomb:
+        column = np.cumsum(sets.active) - 1
+        A[xp.asarray(at), xp.asarray(column[points])] -= xp.asarray(friction.value[points] * b_or_a)
+    else:
+        rhs[at] += g * b_or_a
+    if k:
+        A[:n, n:] = xp.asarray(-of_w[:, None] * problem.C[rows])
+        A[n:, :n] = xp.asarray(problem.C[rows].T)
+        A[n:, n:] = xp.asarray(weak * np.eye(k))
+        balance = problem.s + weak * now.a if anchored else problem.s
+        rhs = np.concatenate((rhs, balance))
+    mu, t_new = problem.zeros()
+    if n + k == 0:
+        return Forces(mu, t_new, np.zeros(0))
+    last = np.concatenate((problem.forces(now.mu, now.t)[rows], now.a))
+    left = xp.asarray(rhs) - A @ xp.asarray(last)
+    # Solved for the change, as in `contact.laws.semismooth_newton`.
+    solution = last + np.asarray(arrays.get(xp.linalg.solve(A, left)))
+    if not np.all(np.isfinite(solution)):
+        raise np.linalg.LinAlgError("singular Newton system")
+    mu[sets.active] = solution[:n_n]
+    t_new[rub, 0] = solution[n_n:n]
+    return Forces(mu, t_new, solution[n:])

@@ -1,0 +1,168 @@
+"""Whether contact forces can balance the loads on the free rigid motions of a body."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import linprog
+
+from contact.condensation.boundary_problem import Array, BoundaryProblem, Friction
+from gpu import Infeasible
+
+_DIRECTIONS = 16  # of the slip in 3-D, over half a turn
+_CUTS = 30  # rounds of cutting planes, each of which makes moduli four times as exact
+LIMIT = 1e-6  # share of the friction within which loads count as those that it just holds
+_NOTHING = 1e-9  # relative; ten times what a certificate of 1e-10 leaves of forces and motions
+
+
+def check_held(problem: BoundaryProblem, law: Friction | None) -> None:
+    r"""Raise the certificate of a rigid motion that no admissible contact forces resist.
+
+    A motion a moves the contact points by ``v = C a``. Forces within the laws,
+    :math:`\mu \ge 0` and :math:`|t| \le F \mu` or :math:`|t| \le g`, that balance the loads,
+    :math:`C^T l = s`, exist unless (Farkas) some motion has
+
+    .. math::
+        s^T a > \sum_i g_i |v_{t,i}|, \qquad v_{n,i} + F_i |v_{t,i}| \le 0 .
+
+    It is found by a linear program in a; in 3-D the modulus is bounded from below by a polygon,
+    with further sides where a motion violates it (Kelley's cutting planes). Motions that no contact
+    row sees are refused whatever the loads: they would be undetermined.
+
+    Raises
+    ------
+    gpu.Infeasible
+        Its certificate is the motion a.
+    """
+    k = problem.s.size
+    if k == 0:
+        return
+    touch = problem.can_touch
+    rubs = np.zeros(touch.size, dtype=bool)
+    if law is not None:
+        rubs = (law.value > 0) & (touch | (not law.coulomb))
+    live = (problem.tangent >= 0) & rubs[:, None]
+    normal, tangential = problem.C[problem.normal[touch]], problem.C[problem.tangent[live]]
+    seen = np.vstack((normal, tangential, np.zeros((k, k))))
+    _, singular, V = np.linalg.svd(seen, full_matrices=False)
+    if singular[-1] <= 1e-10 * float(np.abs(problem.C).max(initial=1e-300)):
+        raise Infeasible("no contact row sees this rigid motion", V[-1])
+
+    # Unknowns: a = a+ - a- with |a|_1 <= 1, which favours plain motions, and w_i >= |v_t,i|.
+    points = np.flatnonzero(live.any(axis=1))
+    place = np.full(touch.size, -1)
+    place[points] = np.arange(points.size)
+    V_t = np.where(live[points][:, :, None], problem.C[problem.tangent[points]], 0.0)
+    size = float(np.abs(problem.C).max())
+    contact = np.hstack((normal, np.zeros((int(touch.sum()), points.size))))
+    price = np.zeros(points.size)
+    if law is not None and law.coulomb:
+        both = np.flatnonzero(place[touch] >= 0)
+        at = place[touch][both]
+        contact[both, k + at] = law.value[points[at]]
+    elif law is not None:
+        price = law.value[points]
+    gain = np.concatenate((problem.s, -problem.s, -price))
+    total = np.r_[np.ones(2 * k), np.zeros(points.size)][None]
+    cuts = [
+        np.hstack((sign * V_t.swapaxes(1, 2) @ direction, -np.eye(points.size)))
+        for direction in _directions(problem.tangent.shape[1])
+        for sign in (1.0, -1.0)
+    ]
+    for _ in range(_CUTS):
+        of_a, of_w = np.split(np.vstack((*cuts, contact)) / size, [k], axis=1)
+        A = np.vstack((np.hstack((of_a, -of_a, of_w)), total))
+        found = linprog(-gain, A_ub=A, b_ub=np.r_[np.zeros(A.shape[0] - 1), 1.0], method="highs")
+        # A gain this small could be round-off of the program. The cuts make moduli too small and
+        # the gain too large: without one, the body is held.
+        if found.x is None or gain @ found.x <= 1e-7 * float(np.abs(problem.s).max()):
+            return
+        motion = found.x[:k] - found.x[k : 2 * k]
+        v = V_t @ motion
+        length = np.linalg.norm(v, axis=1)
+        short = np.maximum(length - found.x[2 * k :], 0.0) / size
+        worth = np.abs(found.ineqlin.marginals[: len(cuts) * points.size])
+        if short @ worth.reshape(len(cuts), points.size).sum(axis=0) <= 0.1 * (gain @ found.x):
+            raise Infeasible("no admissible contact forces balance the loads", motion)
+        b = np.divide(v, length[:, None], out=np.zeros_like(v), where=length[:, None] > 0)
+        cuts.append(np.hstack((np.einsum("pi,pik->pk", b, V_t), -np.eye(points.size))))
+
+
+def at_the_limit(problem: BoundaryProblem, law: Friction | None) -> Array | None:
+    """A rigid motion that friction less a share of `LIMIT` could not resist, or None.
+
+    How far the body slips before it comes to rest then hangs on digits that no load has.
+    """
+    if law is None:
+        return None
+    try:
+        check_held(problem, Friction((1.0 - LIMIT) * law.value, law.coulomb))
+    except Infeasible as error:
+        return np.asarray(error.certificate)
+    return None
+
+
+def by_friction_alone(problem: BoundaryProblem) -> Array | None:
+    """A rigid motion that the loads drive and that presses no contact point, or None.
+
+    Only friction resists it. Whether it suffices depends on the pressure, which the forces of
+    `check_held` may choose and the gap may not allow: there may be no equilibrium.
+    """
+    k, size = problem.s.size, float(np.abs(problem.C).max(initial=0.0))
+    if k == 0 or size == 0.0 or not np.any(problem.s):
+        return None
+    normal = problem.C[problem.normal[problem.can_touch]] / size
+    A = np.vstack((np.hstack((normal, -normal)), np.ones((1, 2 * k))))
+    # A curve through the contact points is nearly a circle where it is one.
+    b = np.r_[np.full(len(normal), 1e-6), 1.0]
+    found = linprog(-np.r_[problem.s, -problem.s], A_ub=A, b_ub=b, method="highs")
+    if found.x is None:
+        return None
+    motion: Array = found.x[:k] - found.x[k:]
+    return motion if problem.s @ motion > 1e-4 * float(np.abs(problem.s).max()) else None
+
+
+def undetermined_slip(
+    problem: BoundaryProblem, law: Friction | None, mu: Array, t: Array
+) -> Array | None:
+    """A rigid motion that goes on for ever under the forces (mu, t) of a solution, or None.
+
+    It leaves loaded points in touch, sticking ones at rest, and moves those whose friction is at
+    its bound the way that this points: the loads are at the limit of what friction holds, and how
+    far the body has slipped does not follow from them.
+    """
+    k, force = problem.s.size, float(max(mu.max(initial=0.0), np.abs(t).max(initial=0.0)))
+    if k == 0 or law is None or force == 0.0:
+        return None
+    g, size = law.bound(mu), np.linalg.norm(t, axis=1)
+    live = problem.tangent >= 0
+    yields = live.any(axis=1) & (g > _NOTHING * force) & (size >= g * (1.0 - _NOTHING))
+    sticks = live & ((g > _NOTHING * force) & ~yields)[:, None]
+    loaded = (problem.normal >= 0) & (mu > _NOTHING * force)
+    V = np.where(live[:, :, None], problem.C[problem.tangent], 0.0)[yields]
+    b = t[yields] / size[yields, None]
+    along = np.einsum("pi,pik->pk", b, V)
+    across = V - b[:, :, None] * along[:, None, :]
+    held = np.vstack(
+        (
+            problem.C[problem.normal[loaded]],
+            problem.C[problem.tangent[sticks]],
+            across.reshape(-1, k),
+            np.zeros((k, k)),
+        )
+    )
+    largest = float(np.abs(problem.C).max())
+    _, singular, motions = np.linalg.svd(held, full_matrices=False)
+    for motion in motions[singular <= _NOTHING * largest]:
+        slip = along @ motion
+        reach = _NOTHING * largest
+        if np.any(np.abs(slip) > reach) and (np.all(slip >= -reach) or np.all(slip <= reach)):
+            return np.asarray(motion)
+    return None
+
+
+def _directions(count: int) -> list[Array]:
+    """Unit directions, over half a turn."""
+    if count == 1:
+        return [np.ones(1)]
+    angles = np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    return [np.array([np.cos(angle), np.sin(angle)]) for angle in angles]

@@ -1,0 +1,79 @@
+"""Proximal point iteration: the robust way where Newton's method alone stalls."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import LinAlgError
+
+from contact.condensation.boundary_problem import BoundaryProblem, Friction, residual
+from contact.errors import NotConverged
+from contact.laws.semismooth_newton import ROUND_OFF, Forces, Report, semismooth_newton
+
+SOFTEST, STIFFEST = 1e3, 1e-9  # compliance delta; that of each row is one
+STEPS = 100
+
+
+def proximal_point(
+    problem: BoundaryProblem,
+    friction: Friction,
+    start: Forces,
+    *,
+    tol: float,
+    report: Report = lambda iteration: None,
+) -> Forces:
+    r"""Solve with each contact point on a spring that the next solve relaxes.
+
+    .. math::
+        W_k = W + \delta_k I, \qquad v_{0,k} = v_0 + \delta_k l_k
+
+    leaves the solution l where it is, and makes every step a well-conditioned problem for Newton's
+    method. The compliance delta falls by 4 after each success and rises by 4 after a failure. With
+    given friction the laws are the gradient of a convex energy, and the iteration converges for any
+    delta, whether or not the rows depend on each other; with Coulomb's law it is a heuristic.
+
+    Parameters
+    ----------
+    problem : BoundaryProblem
+    friction : Friction
+    start : Forces
+    tol : float
+        On the residual; what is within 100 times of it when the steps end counts as round-off.
+    report : callable
+
+    Raises
+    ------
+    NotConverged
+
+    References
+    ----------
+    R. T. Rockafellar, Monotone operators and the proximal point algorithm, SIAM J. Control Optim.
+    14 (1976), Theorem 1.
+    """
+    now = best = start
+    least, delta = np.inf, 0.1
+    for _ in range(STEPS):
+        shifted = replace(
+            problem,
+            W=problem.W + delta * np.eye(problem.v0.size),
+            v0=problem.v0 + delta * problem.forces(now.mu, now.t),
+        )
+        try:
+            now = semismooth_newton(
+                shifted, now, friction, tol=tol, phase=f"proximal {delta:.0e}", report=report
+            )
+        except (NotConverged, LinAlgError):
+            delta *= 4
+            if delta > SOFTEST:
+                break
+            continue
+        size = residual(problem, now.mu, now.t, now.a, friction.bound(now.mu))
+        if size < least:
+            best, least = now, size
+        if size <= tol:
+            break
+        delta = max(0.25 * delta, STIFFEST)
+    if least <= ROUND_OFF * tol:
+        return best
+    raise NotConverged(f"proximal point: residual {least:.1e} at best, tolerance {tol:.1e}")

@@ -1,0 +1,152 @@
+"""Rigid obstacles that move: by a given displacement, or as far as a given force pushes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.errors import InputError, array_of, numbers
+from contact.obstacles.shapes import Gap
+
+Array = NDArray[np.float64]
+Components = float | Sequence[float | None]
+
+
+@dataclass(frozen=True)
+class Rigid:
+    r"""A rigid obstacle with a motion of its own, ``w(x) = c + theta x (x - centre)``.
+
+    The contact law acts on the relative displacement: :math:`u_n - w_n \le d`, and friction on
+    :math:`u_t - w_t`. Every component of the translation c and of the rotation theta is either
+    prescribed or free; a free one is found such that the contact forces balance the given force or
+    moment. The theory is that of small motions: for a large way along a curved obstacle give the
+    obstacle in its new place.
+
+    Parameters
+    ----------
+    obstacle : obstacle, number, callable or array
+        Where the obstacle is before it moves.
+    displacement : sequence of float or None, optional
+        Translation, one number a direction. None, everywhere or in one direction: zero there, or
+        free if a force is given.
+    force : sequence of float or None, optional
+        External force on the obstacle, per unit depth in 2-D; None in directions in which it is
+        held. A force that presses a foundation below the body against it points up.
+    rotation : float (2-D) or sequence of 3 (3-D), optional
+        Prescribed rotation in radians, counter-clockwise; small.
+    moment : float (2-D) or sequence of 3 (3-D), optional
+        External moment on the obstacle about `centre`; it may then turn.
+    centre : sequence of float, optional
+        Default: the origin.
+
+    Raises
+    ------
+    InputError
+        Displacement and force for the same direction, wrong lengths, numbers that are not finite.
+
+    Examples
+    --------
+    A stamp pressed down on a block by a force of 2, held sideways and free to tilt:
+
+    >>> stamp = Rigid(0.0, force=(None, -2.0), moment=0.0, centre=(0.5, 1.0))
+    >>> stamp.components(2)[1].tolist()
+    [nan, -2.0, 0.0]
+    """
+
+    obstacle: Gap
+    displacement: Sequence[float | None] | None = None
+    force: Sequence[float | None] | None = None
+    rotation: Components | None = None
+    moment: Components | None = None
+    centre: Sequence[float] | None = None
+
+    def components(self, dim: int) -> tuple[Array, Array]:
+        """Prescribed motions and given forces, translations first; NaN for what is not given.
+
+        Parameters
+        ----------
+        dim : int
+
+        Returns
+        -------
+        motion, force : ndarray, shape (3,) in 2-D and (6,) in 3-D
+            Exactly one of both is NaN in each place.
+        """
+        turns = dim * (dim - 1) // 2
+        motion = np.concatenate(
+            (_read("displacement", self.displacement, dim), _read("rotation", self.rotation, turns))
+        )
+        force = np.concatenate(
+            (_read("force", self.force, dim), _read("moment", self.moment, turns))
+        )
+        both = np.flatnonzero(~np.isnan(motion) & ~np.isnan(force))
+        if both.size:
+            raise InputError(
+                f"Rigid: component {int(both[0])} of motion and force (translations first) has "
+                "both a prescribed value and a given force; leave one of them None"
+            )
+        motion = np.where(np.isnan(motion) & np.isnan(force), 0.0, motion)
+        return motion, force
+
+    def about(self, dim: int) -> Array:
+        """Centre of rotation, shape (dim,)."""
+        if self.centre is None:
+            return np.zeros(dim)
+        centre = numbers("centre", self.centre)
+        if centre.shape != (dim,) or not np.all(np.isfinite(centre)):
+            raise InputError(f"centre={self.centre!r}: expected {dim} finite numbers")
+        return centre
+
+
+def _read(name: str, given: Any, count: int) -> Array:
+    if given is None:
+        return np.full(count, np.nan)
+    values = np.atleast_1d(array_of(name, given))
+    if values.ndim != 1 or np.ma.is_masked(given):
+        raise InputError(f"{name}={given!r}: expected {count} finite numbers (or None)")
+    # None stands for "not given"; a NaN that the caller passes does not.
+    entries = [np.inf if v is not None and v != v else v for v in values.tolist()]
+    array = numbers(name, [np.nan if v is None else v for v in entries])
+    if array.shape != (count,) or np.any(np.isinf(array)):
+        raise InputError(f"{name}={given!r}: expected {count} finite numbers (or None)")
+    return array
+
+
+@dataclass(frozen=True)
+class ObstacleMotion:
+    """The motions of all obstacles, as the contact points see them.
+
+    Attributes
+    ----------
+    normal : ndarray, shape (m, k)
+        w_n of each contact point for unit motions, under the functional of the trace.
+    tangent : ndarray, shape (m * (dim - 1), k)
+    prescribed : ndarray, shape (k,)
+        NaN for a free motion.
+    force : ndarray, shape (k,)
+        External force or moment on a free motion; NaN elsewhere.
+    """
+
+    normal: Array
+    tangent: Array
+    prescribed: Array
+    force: Array
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Motions that a force drives, shape (k,)."""
+        return np.isnan(self.prescribed)
+
+    def displacement(self, motion: Array) -> tuple[Array, Array]:
+        """w_n (m,) and w_t (m, dim - 1) of the contact points; a NaN motion counts as zero."""
+        known = np.nan_to_num(motion)
+        return self.normal @ known, (self.tangent @ known).reshape(self.normal.shape[0], -1)
+
+    def unbalanced(self, mu: Array, t: Array) -> Array:
+        """Contact forces on the free motions plus the given forces: zero in equilibrium."""
+        on_obstacle = self.normal.T @ mu + self.tangent.T @ t.ravel()
+        return np.asarray((on_obstacle + self.force)[self.free])

@@ -1,0 +1,328 @@
+"""Rigid obstacles: the gap from a boundary point along the body's outward normal.
+
+An obstacle is anything that can be called as ``obstacle(x, n)`` with points and unit normals of
+shape (dim, ...) and returns the signed distance d along n at which the obstacle begins: positive
+where there is a gap, zero at touch, negative where body and obstacle overlap at rest (a press
+fit), and ``inf`` where the ray meets nothing. Contact then reads u_n <= d.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from contact.errors import InputError, evaluated, numbers
+from contact.obstacles.signed_distance import SignedDistance
+
+Array = NDArray[np.float64]
+Gap = Any  # an obstacle, a number, a callable x -> d, an array of one gap a point, or None
+
+
+def _vector(name: str, value: ArrayLike) -> Array:
+    array = numbers(name, value)
+    if array.ndim != 1 or array.size not in (2, 3) or not np.all(np.isfinite(array)):
+        raise InputError(f"{name}={value!r}: expected 2 or 3 finite numbers")
+    return array
+
+
+def _number(name: str, value: float) -> float:
+    number = numbers(name, value)
+    if number.shape != () or not np.isfinite(number):
+        raise InputError(f"{name}={value!r}: expected a finite number")
+    return float(number)
+
+
+def _positive(name: str, value: float) -> float:
+    if not _number(name, value) > 0:
+        raise InputError(f"{name}={value!r}: expected a positive number")
+    return float(value)
+
+
+def _flag(name: str, value: bool) -> bool:
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"{name}={value!r}: expected True or False")
+    return bool(value)
+
+
+def _keep(obstacle: Any, *names: str) -> None:
+    """Copy given vectors: an array that the caller edits later would not reach the gaps."""
+    for name in names:
+        value = getattr(obstacle, name)
+        if isinstance(value, list) or (isinstance(value, np.ndarray) and value.ndim):
+            object.__setattr__(
+                obstacle, name, tuple(value.tolist() if hasattr(value, "tolist") else value)
+            )
+
+
+def _column(vector: Array, like: Array) -> Array:
+    if vector.size != like.shape[0]:
+        raise InputError(f"obstacle of dimension {vector.size} against a body of {like.shape[0]}")
+    return vector.reshape((-1,) + (1,) * (like.ndim - 1))
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The half space behind a plane.
+
+    Parameters
+    ----------
+    point : sequence of float
+        Any point of the plane.
+    normal : sequence of float
+        Points out of the obstacle, towards the body; need not be a unit vector.
+
+    Examples
+    --------
+    >>> foundation = Plane((0.0, -0.03), (0.0, 1.0))
+    >>> foundation(np.array([[0.5], [0.0]]), np.array([[0.0], [-1.0]])).tolist()
+    [0.03]
+    """
+
+    point: Sequence[float]
+    normal: Sequence[float]
+
+    def __post_init__(self) -> None:
+        _keep(self, "point", "normal")
+
+    def __call__(self, x: Array, n: Array) -> Array:
+        """Return the gap along n from x; both of shape (dim, ...)."""
+        point, normal = _vector("point", self.point), _vector("normal", self.normal)
+        if not np.any(normal):
+            raise InputError("normal: the zero vector is no direction")
+        height = np.sum((x - _column(point, x)) * _column(normal, x), axis=0)
+        slope = -np.sum(n * _column(normal, x), axis=0)
+        facing = slope > 1e-12 * float(np.linalg.norm(normal))
+        return np.where(facing, height / np.where(facing, slope, 1.0), np.inf)
+
+    def distance(self, x: Array) -> tuple[Array, Array]:
+        """Signed distance of x and its gradient."""
+        point, normal = _vector("point", self.point), _vector("normal", self.normal)
+        if not np.any(normal):
+            raise InputError("normal: the zero vector is no direction")
+        unit = _column(normal / np.linalg.norm(normal), x)
+        return np.sum((x - _column(point, x)) * unit, axis=0), np.broadcast_to(unit, x.shape)
+
+
+def _first_meeting(x: Array, n: Array, radius: float) -> Array:
+    """Where the ray x + d n enters |x + d n| <= radius: the lesser root of a d^2 + 2 b d + c."""
+    a, b, c = np.sum(n * n, axis=0), np.sum(x * n, axis=0), np.sum(x * x, axis=0) - radius**2
+    discriminant = b**2 - a * c
+    ahead = (discriminant >= 0) & (a > 1e-24) & ((c < 0) | (b < 0))
+    root = np.sqrt(np.where(ahead, discriminant, 1.0))
+    # c / (root - b) is the same root without cancellation where b < 0.
+    towards = b < 0
+    near = np.where(towards, c, -b - root) / np.where(ahead, np.where(towards, root - b, a), 1.0)
+    return np.where(ahead, near, np.inf)
+
+
+def _round_gap(obstacle: Cylinder | Sphere, x: Array, n: Array) -> Array:
+    """Gap of places x about the centre. A hole ends where the ray, run backwards, would enter."""
+    radius = _positive("radius", obstacle.radius)
+    if not _flag("hollow", obstacle.hollow):
+        return _first_meeting(x, n, radius)
+    d = _first_meeting(x, -n, radius)
+    return np.where(np.isinf(d), np.inf, -d)
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A disk in two dimensions; in three, a cylinder of infinite length.
+
+    Parameters
+    ----------
+    centre : sequence of float
+    radius : float
+    axis : sequence of float
+        Three dimensions only: direction of the axis.
+    hollow : bool
+        The obstacle is what lies outside: a bore, with the body in it.
+
+    Examples
+    --------
+    >>> roller = Cylinder((0.0, -2.0), 1.5)
+    >>> roller(np.array([[0.0, 3.0], [0.0, 0.0]]), np.array([[0.0, 0.0], [-1.0, -1.0]])).tolist()
+    [0.5, inf]
+    >>> bore = Cylinder((0.0, 0.0), 1.5, hollow=True)
+    >>> bore(np.array([[0.0], [-1.0]]), np.array([[0.0], [-1.0]])).tolist()
+    [0.5]
+    """
+
+    centre: Sequence[float]
+    radius: float
+    axis: Sequence[float] = (0.0, 0.0, 1.0)
+    hollow: bool = False
+
+    def __post_init__(self) -> None:
+        _keep(self, "centre", "axis")
+
+    def __call__(self, x: Array, n: Array) -> Array:
+        """Return the gap along n from x; both of shape (dim, ...)."""
+        centre = _vector("centre", self.centre)
+        return _round_gap(self, self._across(x - _column(centre, x)), self._across(n))
+
+    def _across(self, x: Array) -> Array:
+        """The part of x across the axis."""
+        if x.shape[0] == 2:
+            return x
+        axis = _vector("axis", self.axis)
+        if axis.size != 3 or not np.any(axis):
+            raise InputError(f"axis={self.axis!r}: expected a direction of three components")
+        unit = _column(axis / np.linalg.norm(axis), x)
+        return np.asarray(x - unit * np.sum(x * unit, axis=0))
+
+    def distance(self, x: Array) -> tuple[Array, Array]:
+        """Signed distance of x and its gradient."""
+        centre = _column(_vector("centre", self.centre), x)
+        return _from_centre(self, self._across(x - centre))
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball.
+
+    Parameters
+    ----------
+    centre : sequence of float
+    radius : float
+    hollow : bool
+        The obstacle is what lies outside: a spherical hole, with the body in it.
+    """
+
+    centre: Sequence[float]
+    radius: float
+    hollow: bool = False
+
+    def __post_init__(self) -> None:
+        _keep(self, "centre")
+
+    def __call__(self, x: Array, n: Array) -> Array:
+        """Return the gap along n from x; both of shape (dim, ...)."""
+        return _round_gap(self, x - _column(_vector("centre", self.centre), x), n)
+
+    def distance(self, x: Array) -> tuple[Array, Array]:
+        """Signed distance of x and its gradient."""
+        centre = _column(_vector("centre", self.centre), x)
+        return _from_centre(self, x - centre)
+
+
+@dataclass(frozen=True)
+class Parabola:
+    """The parabolic gap ``offset + |x_t - apex_t|^2 / (2 radius)`` of Hertz's theory.
+
+    Parameters
+    ----------
+    apex : sequence of float
+    radius : float
+        Radius of curvature at the apex.
+    offset : float
+        Gap at the apex; negative for interference.
+    """
+
+    apex: Sequence[float]
+    radius: float
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        _keep(self, "apex")
+
+    def __call__(self, x: Array, n: Array) -> Array:
+        """Return the gap along n from x; both of shape (dim, ...)."""
+        x = x - _column(_vector("apex", self.apex), x)
+        tangential = np.sum(x * x, axis=0) - np.sum(x * n, axis=0) ** 2
+        return _number("offset", self.offset) + tangential / (2 * _positive("radius", self.radius))
+
+
+@dataclass(frozen=True)
+class ClosestPoint:
+    r"""Measure the gap to the closest point of an obstacle instead of along the body's normal.
+
+    With the signed distance phi of the obstacle, contact reads
+    :math:`-\nabla\phi \cdot u \le \phi`: the pressure acts along the normal of the *obstacle*,
+    which is what counts where the boundary is not parallel to it. Both readings agree to second
+    order in the angle between them.
+
+    Parameters
+    ----------
+    obstacle : Plane, Cylinder, Sphere or SignedDistance
+
+    Raises
+    ------
+    InputError
+        An obstacle without a distance of its own.
+
+    Examples
+    --------
+    >>> slope = Plane((0.0, -1.0), (3.0, 4.0))
+    >>> x, n = np.zeros((2, 1)), np.array([[0.0], [-1.0]])
+    >>> print(slope(x, n), ClosestPoint(slope)(x, n), ClosestPoint(slope).direction(x).ravel())
+    [1.] [0.8] [-0.6 -0.8]
+    """
+
+    obstacle: Any
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.obstacle, Plane | Cylinder | Sphere | SignedDistance):
+            raise InputError(
+                f"ClosestPoint: a {type(self.obstacle).__name__} has no distance; use a Plane, "
+                "Cylinder, Sphere or SignedDistance"
+            )
+
+    def __call__(self, x: Array, n: Array) -> Array:
+        """Return the signed distance of x, shape (...); n does not matter."""
+        return self.obstacle.distance(x)[0]
+
+    def direction(self, x: Array) -> Array:
+        """Unit vectors from x towards the closest point of the obstacle's surface, (dim, ...)."""
+        return -np.asarray(self.obstacle.distance(x)[1])
+
+
+def _from_centre(obstacle: Cylinder | Sphere, x: Array) -> tuple[Array, Array]:
+    """Distance of places x about the centre, and its gradient."""
+    radius, length = _positive("radius", obstacle.radius), np.linalg.norm(x, axis=0)
+    if np.any(length < 1e-12 * radius):
+        raise InputError("ClosestPoint: a contact point lies on the obstacle's centre")
+    outward = -1.0 if _flag("hollow", obstacle.hollow) else 1.0
+    return outward * (length - radius), outward * x / length
+
+
+def evaluate_gap(obstacle: Gap, x: Array, n: Array) -> Array:
+    """Gap of any obstacle at points x with outward normals n.
+
+    Parameters
+    ----------
+    obstacle : obstacle, number, callable x -> d, or None
+    x, n : ndarray, shape (dim, ...)
+
+    Returns
+    -------
+    ndarray, shape (...)
+
+    Raises
+    ------
+    InputError
+        NaN, minus infinity or a wrong shape.
+    """
+    if obstacle is None:
+        return np.full(x.shape[1:], np.inf)
+    if isinstance(obstacle, type):
+        raise InputError(
+            f"obstacle: {obstacle.__name__} is a class; give one, {obstacle.__name__}(...)"
+        )
+    known = (Plane, Cylinder, Sphere, Parabola, SignedDistance, ClosestPoint)
+    if isinstance(obstacle, known):
+        gap = obstacle(x, n)
+    else:
+        gap = evaluated("obstacle", obstacle, x)
+    try:
+        gap = np.broadcast_to(gap, x.shape[1:])
+    except ValueError:
+        raise InputError(
+            f"obstacle: gap of shape {gap.shape} for points of shape {x.shape[1:]}"
+        ) from None
+    if np.any(np.isnan(gap)) or np.any(np.isneginf(gap)):
+        raise InputError("obstacle: the gap holds NaN or minus infinity")
+    return np.array(gap)

@@ -1,0 +1,131 @@
+"""Arrays in a NumPy archive that shows whether it is whole and as it was written."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import math
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from contact.errors import InputError
+from contact.output.interrupts import uninterrupted
+from skfem_adini.output.complete_file import complete_file
+
+# Meshes and solutions shrink by less than 50; an archive that grows further is no result.
+_EXPANSION, _LARGE = 200, 1 << 26
+_COMPRESSION = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_CHECKSUM = "checksum"
+_HEADERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
+
+
+class DamagedFile(InputError):
+    """The file is cut short, or its bits have changed: it cannot be read."""
+
+
+def checksum(arrays: Mapping[str, Any]) -> str:
+    """SHA-256 of names, types, shapes and values.
+
+    It tells damage and edits, not forgery: whoever writes a new archive writes its checksum too.
+    """
+    digest = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.asarray(arrays[name])
+        digest.update(f"{name!r} {array.dtype.str} {array.shape} ".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def write_arrays(
+    path: Path, arrays: Mapping[str, Any], compress: bool = True, exclusive: bool = False
+) -> Path:
+    """Write an archive beside its place and move it there, complete or not at all.
+
+    Its `checksum` stands in it.
+
+    Parameters
+    ----------
+    path : Path
+    arrays : mapping of str to array
+    compress, exclusive : bool
+        `exclusive` leaves a file that lies there and raises `FileExistsError`.
+    """
+    with complete_file(path, exclusive=exclusive) as file, uninterrupted():
+        whole = {name: np.asarray(value) for name, value in arrays.items()}
+        whole[_CHECKSUM] = np.array(checksum(whole))
+        save: Any = np.savez_compressed if compress else np.savez
+        save(file, **whole)
+    return path
+
+
+def read_arrays(path: Path) -> tuple[dict[str, Any], str | None]:
+    """Read an archive and compare it with the checksum in it.
+
+    Returns
+    -------
+    arrays : dict of str to ndarray
+    checksum : str or None
+        None where the archive has none, as those of formats 1 and 2.
+
+    Raises
+    ------
+    DamagedFile
+        It is cut short or no archive of arrays: wrong sums, sizes that contradict each other.
+    InputError
+        It is missing, encrypted, larger than it could be, or was changed after it was written.
+    """
+    if not path.is_file():
+        raise InputError(f"result file {path} does not exist")
+    try:
+        with path.open("rb") as file, zipfile.ZipFile(file) as archive:
+            _check_sizes(path, archive)
+            arrays = {i.filename.removesuffix(".npy"): _array(archive, i) for i in archive.filelist}
+    except InputError:
+        raise
+    except Exception as error:  # zipfile and NumPy raise of every kind on what they cannot read
+        if isinstance(error, OSError) and error.errno != errno.EINVAL:  # a seek to nowhere
+            raise InputError(f"result file {path} cannot be read: {error}") from error
+        raise DamagedFile(f"result file {path} cannot be read: {error}") from error
+    given = arrays.pop(_CHECKSUM, None)
+    found = checksum(arrays)
+    if given is not None and str(given) != found:
+        raise InputError(
+            f"result file {path}: its arrays have another checksum than when they were written; "
+            "it was changed since"
+        )
+    return arrays, None if given is None else found
+
+
+def _check_sizes(path: Path, archive: zipfile.ZipFile) -> None:
+    """Refuse what must not even be unpacked."""
+    names = [info.filename for info in archive.filelist]
+    if len(set(names)) < len(names):
+        raise DamagedFile(f"result file {path} cannot be read: two of its arrays have one name")
+    if any(info.flag_bits & 1 for info in archive.filelist):
+        raise InputError(f"result file {path} is encrypted; unpack it and write it without")
+    if any(info.compress_type not in _COMPRESSION for info in archive.filelist):
+        raise InputError(f"result file {path} is packed in a way that NumPy does not write")
+    total, size = sum(info.file_size for info in archive.filelist), path.stat().st_size
+    if total > max(_LARGE, _EXPANSION * size):
+        raise InputError(
+            f"result file {path}: {size} bytes claim to unpack to {total}; no result does"
+        )
+
+
+def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Any:
+    with archive.open(info) as stream:
+        version = np.lib.format.read_magic(stream)
+        shape, fortran, dtype = _HEADERS[version](stream)
+        # Before memory is asked for: the header must fit what the archive says, checked above.
+        count = math.prod(shape) * dtype.itemsize
+        if dtype.kind not in "biufU" or count != info.file_size - stream.tell():
+            raise ValueError(f"{info.filename} is {dtype} of shape {shape}")
+        data = bytearray(stream.read())
+    return np.ndarray(shape, dtype, buffer=data, order="F" if fortran else "C")

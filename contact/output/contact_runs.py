@@ -1,0 +1,165 @@
+"""The contact boundary of a result as connected runs of facets, and places along them (2-D)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.body.cut_body import CutBody
+
+if TYPE_CHECKING:
+    from skfem import Mesh
+
+    from contact.result.contact_result import ContactResult
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+_PIECES = 16  # straight ones of a facet, which may be curved
+_NEAR = 1e-2  # of a facet's length: so near to its end a point is the vertex's
+_FACING = 0.1  # cosine below which the normals of a point and of a facet do not belong together
+
+
+def arc_length(result: ContactResult) -> tuple[Array, Index]:
+    """Place of each contact point along the boundary, and the number of its connected run.
+
+    Lengths are measured from the start of the boundary, where the first contact point need not
+    lie; each run begins where the one before ended, a closed one at the facet of its first point.
+
+    Parameters
+    ----------
+    result : ContactResult
+        In two dimensions.
+
+    Returns
+    -------
+    s : ndarray, shape (m,)
+    run : ndarray of int, shape (m,)
+    """
+    s, run = np.zeros(result.mu.size), np.zeros(result.mu.size, dtype=np.int64)
+    begin, count = 0.0, 0
+    for k in range(int(result.part.max()) + 1):
+        here = np.flatnonzero(result.part == k)
+        x = result.x[:, here]
+        if isinstance(result.system.body, CutBody):  # its knots begin where the curve does
+            steps = np.r_[0.0, np.linalg.norm(np.diff(x, axis=1), axis=0)]
+            s[here], run[here] = begin + np.cumsum(steps), count
+            begin, count = float(s[here[-1]]), count + 1
+            continue
+        nominal = result.x_nominal[:, here]
+        rows = result.system.rows
+        moved = "centroid" in rows.functional
+        lines = _lines(result.system.body.trace.mesh, nominal, rows.normals[:, here], moved)
+        away = np.array([line.project(nominal)[1] for line in lines])
+        own = np.argmin(away, axis=0)
+        for j in dict.fromkeys(own.tolist()):  # in the order of the contact points
+            mine = own == j
+            s[here[mine]] = begin + lines[j].along(x[:, mine], nominal[:, mine])
+            run[here[mine]] = count
+            begin, count = begin + lines[j].length, count + 1
+    return s, run
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A polyline; `starts` are the places along it where facets begin."""
+
+    points: Array
+    starts: Array
+    closed: bool
+
+    @property
+    def steps(self) -> Array:
+        return np.asarray(np.linalg.norm(np.diff(self.points, axis=1), axis=0))
+
+    @property
+    def length(self) -> float:
+        return float(self.steps.sum())
+
+    def project(self, x: Array) -> tuple[Array, Array]:
+        """Place of the nearest point of the line, and the distance from it."""
+        a, way, size = self.points[:, :-1], np.diff(self.points, axis=1), self.steps
+        before = np.cumsum(size) - size
+        place, away = np.empty(x.shape[1]), np.empty(x.shape[1])
+        for i in range(x.shape[1]):
+            t = np.clip(np.sum((x[:, i : i + 1] - a) * way, axis=0) / size**2, 0.0, 1.0)
+            far = np.linalg.norm(a + t * way - x[:, i : i + 1], axis=0)
+            j = int(np.argmin(far))
+            place[i], away[i] = before[j] + t[j] * size[j], far[j]
+        return place, away
+
+    def along(self, x: Array, nominal: Array) -> Array:
+        """Places of x, run through in the order of the nominal places."""
+        length, starts = self.length, self.starts
+        place, order = self.project(x)[0], self.project(nominal)[0]
+        if np.sum(np.sign(np.diff(order))) < 0:
+            place, order = length - place, length - order
+            starts = length - np.r_[starts[1:], length]
+        if not self.closed:
+            return place
+        slack = 1e-9 * length
+        first = starts[starts <= order[0] + slack].max(initial=0.0)
+        turned = np.mod(order - first + slack, length) - slack
+        aside = np.mod(place - order + 0.5 * length, length) - 0.5 * length
+        return np.clip(turned + aside, 0.0, length)
+
+
+def _lines(mesh: Mesh, nominal: Array, normals: Array, moved: bool) -> list[_Line]:
+    """The runs of the facets that the contact points belong to.
+
+    Points that were `moved` from their vertices may both have left the facet between them.
+    """
+    facets = mesh.boundary_facets()
+    s = np.linspace(0.0, 1.0, _PIECES + 1)[None]
+    curve = np.asarray(mesh.mapping().G(s, find=facets))
+    chord = curve[:, :, -1] - curve[:, :, 0]
+    size = np.linalg.norm(chord, axis=0)
+    outward = np.array([chord[1], -chord[0]]) / size
+    inside = mesh.p[:, mesh.t[:, mesh.f2t[0, facets]]].mean(axis=1)
+    outward *= np.sign(np.sum(outward * (curve[:, :, 0] - inside), axis=0))
+    ends = mesh.facets[:, facets]
+    touched = np.zeros((facets.size, 2), dtype=bool)
+    within = np.zeros(facets.size, dtype=bool)
+    for x, n in zip(nominal.T, normals.T, strict=True):
+        to = x[:, None, None] - curve
+        far = np.sqrt(np.min(np.sum(to * to, axis=0), axis=1))
+        facing = n @ outward > _FACING
+        near = np.flatnonzero((far < size / _PIECES) & facing)
+        for f in near:
+            line = _Line(curve[:, f], np.zeros(1), False)
+            place, away = (float(v[0]) for v in line.project(x[:, None]))
+            if away > _NEAR * size[f]:
+                continue
+            touched[f, 0] |= place < _NEAR * line.length
+            touched[f, 1] |= place > (1 - _NEAR) * line.length
+            within[f] |= _NEAR * line.length < place < (1 - _NEAR) * line.length
+    chosen = within | touched.all(axis=1)
+    if moved:
+        begun = np.bincount(ends[:, chosen].ravel(), minlength=mesh.nvertices) > 0
+        direction = outward[:, chosen].T @ outward
+        chosen |= begun[ends].all(axis=0) & np.any(direction > 1 - _FACING, axis=0)
+    return _chained(curve[:, chosen], ends[:, chosen])
+
+
+def _chained(curve: Array, ends: Index) -> list[_Line]:
+    """Facets put one after another."""
+    at: dict[int, list[int]] = {}
+    for f, pair in enumerate(ends.T.tolist()):
+        for v in pair:
+            at.setdefault(v, []).append(f)
+    left, lines = set(range(ends.shape[1])), []
+    loose = [v for v, around in at.items() if len(around) == 1]
+    while left:
+        vertex = next((v for v in loose if at[v][0] in left), int(ends[0, min(left)]))
+        begin, pieces = vertex, []
+        while ahead := [f for f in at[vertex] if f in left]:
+            left.discard(ahead[0])
+            forward = ends[0, ahead[0]] == vertex
+            pieces.append(curve[:, ahead[0], :: 1 if forward else -1])
+            vertex = int(ends[1 if forward else 0, ahead[0]])
+        sizes = [np.linalg.norm(np.diff(piece, axis=1), axis=0).sum() for piece in pieces]
+        joined = np.hstack([pieces[0][:, :1], *(piece[:, 1:] for piece in pieces)])
+        lines.append(_Line(joined, np.cumsum(sizes) - sizes, vertex == begin))
+    return lines

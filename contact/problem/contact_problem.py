@@ -1,0 +1,400 @@
+"""The contact problem: body, boundary, obstacle and friction law; choice of the method."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import LinAlgError
+
+from contact.body.solid import Solid
+from contact.condensation.sparse import CondensedContact
+from contact.errors import InputError, NotConverged
+from contact.laws.load_balance import undetermined_slip
+from contact.laws.methods import Options
+from contact.laws.semismooth_newton import Iteration
+from contact.obstacles.rigid import ObstacleMotion
+from contact.obstacles.shapes import Gap
+from contact.portable import Portable
+from contact.problem.nested_start import start_forces
+from contact.problem.sagitta import warn_of_sagitta
+from contact.problem.small_displacements import warn_of_large_displacements
+from contact.problem.stiffness_form import fits, refined, solved_stiffly
+from contact.result.certify import certify
+from contact.result.contact_result import ContactResult
+from contact.result.contact_system import ContactSystem
+from contact.rows.contact_boundaries import ContactBoundaries
+from contact.rows.discretise import ContactRows
+from contact.settled import settled
+from gpu import Infeasible as QPInfeasible
+from gpu import InputError as QPInputError
+from gpu import NotConverged as QPNotConverged
+
+Array = NDArray[np.float64]
+Friction = float | ArrayLike | Callable[[Array], ArrayLike] | Sequence[Any]
+Laws = tuple[Gap, Friction, str | None]
+logger = logging.getLogger(__name__)
+_SAME: Any = object()
+STIFF = ("newton", "pdas", "tresca_loop")  # methods that may end in the stiffness form
+THOROUGH = 50  # iterations allowed from which on a failure is not the caller's impatience
+
+
+@settled("make a new ContactProblem", "body", "boundary", "functional", "solver")
+@settled("set the obstacle, or make a new ContactProblem", "boundaries", "rows", "motion")
+class ContactProblem(Portable):
+    """Contact of an elastic body with a rigid obstacle, with or without friction.
+
+    Find u and contact forces (pressure p, shear) with equilibrium in the body and on the contact
+    boundary, with u_n the displacement along the outward normal and d the gap,
+
+    * Signorini: ``u_n <= d``, ``p >= 0``, ``p (u_n - d) = 0``;
+    * friction with bound g: ``|shear| <= g``, and ``shear = -g u_t / |u_t|`` where u_t is not 0;
+      Coulomb: ``g = F p``; Tresca: g is given. Where supports prescribe the whole tangential
+      displacement of a contact point, its friction would act on them alone and is left out.
+
+    Parameters
+    ----------
+    body : ElasticBody or LayeredBlock
+    boundary : str, list of str or array of facet numbers
+        The boundary where contact may occur. Together with a list of obstacles: a list of
+        boundaries, each with its own; friction and functional may then be lists as well.
+    obstacle : obstacle, Rigid, number, callable, array, None, or a list of these
+        See `contact.obstacles.shapes`. None: friction without a contact law, the problem (4.9).
+    friction : float, callable x -> array, or ndarray of shape (m,)
+        Coulomb: the coefficient. Tresca: the bound, a traction. Never negative.
+    law : {"coulomb", "tresca", None}
+        None is frictionless, as is friction = 0.
+    functional : str, optional
+        How multipliers meet the trace, see `contact.rows.functionals`.
+    solver : {"auto", "pardiso", "superlu"}
+        Sparse factorisation.
+
+    Raises
+    ------
+    InputError
+        A malformed argument; the message names it.
+
+    Examples
+    --------
+    A unit square pressed by its upper side on a foundation .03 below it:
+
+    >>> from skfem import MeshQuad
+    >>> from contact import ElasticBody
+    >>> from skfem_adini import ElementQuadAdini
+    >>> mesh = MeshQuad().refined(2).with_defaults()
+    >>> body = ElasticBody.from_mesh(mesh, ElementQuadAdini(), E=2.0, nu=0.3)
+    >>> body = body.fix("left", "x").load("top", (0.0, -1.0))
+    >>> result = ContactProblem(body, "bottom", 0.03, friction=0.4).solve()
+    >>> round(float(result.resultant[1]), 6)
+    1.0
+    """
+
+    _ANEW, _FUNCTIONS = ("_condensed",), ("_laws",)
+    _condensed: tuple[str, Any, CondensedContact] | None = None
+
+    def __init__(
+        self,
+        body: Solid,
+        boundary: str | Sequence[str] | ArrayLike,
+        obstacle: Gap,
+        friction: Friction = 0.0,
+        law: str | None = "coulomb",
+        functional: str | Sequence[str | None] | None = None,
+        solver: str = "auto",
+    ) -> None:
+        if not isinstance(body, Solid):
+            raise InputError(
+                f"body: expected an ElasticBody or a LayeredBlock, got {type(body).__name__}"
+            )
+        if not isinstance(solver, str):
+            raise InputError(f"solver={solver!r}: expected 'auto', 'pardiso' or 'superlu'")
+        self.body: Any = body
+        self.boundary, self.functional, self.solver = boundary, functional, solver
+        self.boundaries: ContactBoundaries
+        self.rows: ContactRows
+        self.motion: ObstacleMotion | None
+        self._discretise((obstacle, friction, law))
+
+    @property
+    def obstacle(self) -> Gap:
+        """The obstacle, or a list of them; may be set anew."""
+        return self._laws[0]
+
+    @obstacle.setter
+    def obstacle(self, obstacle: Gap) -> None:
+        self._discretise((obstacle, *self._laws[1:]))
+
+    @property
+    def friction(self) -> Array:
+        """Coefficient or bound of each contact point, shape (m,), read-only; may be set anew."""
+        return self._friction
+
+    @friction.setter
+    def friction(self, friction: Friction) -> None:
+        self._take((self._laws[0], friction, self._laws[2]), self.boundaries)
+
+    @property
+    def law(self) -> str | None:
+        """The friction law; None where there is no friction. It may be set anew."""
+        return self._laws[2] if np.any(self._friction > 0) else None
+
+    @law.setter
+    def law(self, law: str | None) -> None:
+        self._take((*self._laws[:2], law), self.boundaries)
+
+    def _discretise(self, laws: Laws) -> None:
+        """Make the contact rows; their frames follow the body's supports."""
+        self.body.check_unchanged()
+        supports = len(self.body._supports)
+        found = ContactBoundaries.of(self.body.trace, self.boundary, laws[0], self.functional)
+        gap, motion = found.gap(laws[0]), found.motion(laws[0])
+        self._take(laws, found)
+        rows = self.body.embedded(replace(found.rows, gap=gap))
+        self.__dict__.update(boundaries=found, rows=rows, motion=motion)
+        self._supports = supports
+        self._condensed = None
+
+    def _take(self, laws: Laws, boundaries: ContactBoundaries) -> None:
+        """Check obstacle, friction and law, and keep them."""
+        obstacle, given, law = laws
+        if law is not None and not (isinstance(law, str) and law in ("coulomb", "tresca")):
+            raise InputError(f"law={law!r}: expected 'coulomb', 'tresca' or None")
+        friction = boundaries.friction(given)
+        rubs = bool(np.any(friction > 0))
+        if law is None and rubs:
+            raise InputError(
+                "friction: law=None is contact without friction; leave friction out, or choose "
+                "law='coulomb' or 'tresca'"
+            )
+        if obstacle is None and not (law == "tresca" and rubs):
+            raise InputError(
+                "obstacle: None (no contact law) needs given friction, law='tresca' and friction "
+                "> 0; there is no pressure for Coulomb's law to act on"
+            )
+        friction.flags.writeable = False
+        self._laws, self._friction = laws, friction
+
+    def _follow_body(self) -> None:
+        self.body.check_unchanged()
+        if len(self.body._supports) != self._supports:
+            self._discretise(self._laws)
+
+    @property
+    def system(self) -> ContactSystem:
+        """The discrete system under the body's present loads."""
+        return self.system_of(self.body)
+
+    def system_of(
+        self, body: Solid, after: ContactResult | None = None, obstacle: Gap = _SAME
+    ) -> ContactSystem:
+        """The discrete system of a body under other loads, with another obstacle, after a step."""
+        self._follow_body()
+        rows, motion = self.rows, self.motion
+        if obstacle is not _SAME:
+            rows = replace(rows, gap=self.boundaries.gap(obstacle))
+            motion = self.boundaries.motion(obstacle)
+        friction = self.friction * rows.weights if self.law == "tresca" else self.friction
+        if after is not None:
+            _check_same(rows, after.system.rows)
+        slip_from = None if after is None else after.slip
+        return ContactSystem(body, rows, body.f, self.law, friction, slip_from, motion)
+
+    def condense(self, device: str | None = None) -> CondensedContact:
+        """Factor once; the result is kept and serves every later `solve`.
+
+        Parameters
+        ----------
+        device : {"cpu", "cuda"}, optional
+            Where to condense and to solve; default: where it was done before, else "cpu".
+            "cuda" needs a `LayeredBlock`, CuPy and a CUDA device.
+        """
+        self._follow_body()
+        if device is not None and not (isinstance(device, str) and device in ("cpu", "cuda")):
+            raise InputError(f"device={device!r}: expected 'cpu' or 'cuda'")
+        kept, material = self._condensed, self.body._material
+        if kept is None or kept[1] is not material or device not in (None, kept[0]):
+            where = device or ("cpu" if kept is None else kept[0])
+            kept = where, material, self.body.condense(self.rows, self.solver, where)
+            self._condensed = kept
+        return kept[2]
+
+    def solve(
+        self,
+        method: str = "newton",
+        *,
+        tol: float | None = None,
+        max_iterations: int | None = None,
+        start: ContactResult | None = None,
+        after: ContactResult | None = None,
+        eps: float | None = None,
+        callback: Callable[[Iteration], None] | None = None,
+        verbose: bool = False,
+    ) -> ContactResult:
+        """Solve and certify.
+
+        =============  ======================  ====================  ============================
+        method         frictionless            Tresca                Coulomb
+        =============  ======================  ====================  ============================
+        newton         primal-dual active set  radial-return Newton  monolithic Newton
+        pdas           primal-dual active set  damped Newton (4.16)  outer loop over (4.16)
+        fixed_point    --                      (4.12)                Algorithm 3
+        tresca_loop    --                      --                    outer loop over exact Tresca
+        qp:<solver>    the QP                  the split QP (2-D)    outer loop over it
+        =============  ======================  ====================  ============================
+
+        Parameters
+        ----------
+        method : str
+        tol : float, optional
+            Every residual of the certificate is at most this; see `ContactSystem.kkt`. Default
+            1e-10; ``fixed_point`` 1e-6 and ``qp:`` 1e-7. ``fixed_point`` may miss the friction
+            law by its regularisation eps besides.
+        max_iterations : int, optional
+            Default 2000 for ``fixed_point``, else 100.
+        start : ContactResult, optional
+            A neighbouring solution to start from: of other loads, another obstacle or friction, or
+            of a coarser mesh (nested iteration), whose tractions are interpolated.
+        after : ContactResult, optional
+            The last step of a load history: friction opposes the slip since then, and the solver
+            starts from there. See `LoadStepper`.
+        eps : float, optional
+            Only ``fixed_point``: slip below which friction is linear. Default 1e-5 of the
+            largest displacement of the contact boundary.
+        callback : callable, optional
+            Receives each `Iteration`.
+        verbose : bool
+            Print one line an iteration.
+
+        Returns
+        -------
+        ContactResult
+
+        Raises
+        ------
+        NotConverged
+            The certificate fails; nothing is returned.
+        Infeasible
+            A prescribed displacement contradicts the obstacle.
+        Unbounded
+            The body is not held; the message names the rigid motion.
+        InputError
+            A malformed argument.
+        """
+        for name, value in (("start", start), ("after", after)):
+            if value is not None and not isinstance(value, ContactResult):
+                raise InputError(f"{name}: expected a ContactResult, got {type(value).__name__}")
+        if callback is not None and not callable(callback):
+            raise InputError(f"callback={callback!r}: expected a function of an Iteration")
+        options = Options.checked(self.law, self.body.dim, method, tol, max_iterations, eps)
+
+        def report(line: Iteration) -> None:
+            logger.info("%s", line)
+            if verbose:
+                print(line)
+            if callback is not None:
+                callback(line)
+
+        start = after if start is None else start
+        condensed = self.condense()
+        system = self.system_of(self.body.snapshot(), after)
+        result = self.solve_system(system, condensed, options, start, report)
+        warn_of_sagitta(result, self.boundaries.rise(self.obstacle), condensed, options)
+        return result
+
+    def solve_system(
+        self,
+        system: ContactSystem,
+        condensed: CondensedContact,
+        options: Options,
+        start: ContactResult | None,
+        report: Callable[[Iteration], None] = lambda line: None,
+    ) -> ContactResult:
+        """Solve and certify one discrete system on a condensation of its body; see `solve`."""
+        history: list[Iteration] = []
+
+        def keep(line: Iteration) -> None:
+            history.append(line)
+            report(line)
+
+        with condensed.blas_threads():
+            return self._solved(system, condensed, options, start, keep, history)
+
+    def _solved(
+        self,
+        system: ContactSystem,
+        condensed: CondensedContact,
+        options: Options,
+        start: ContactResult | None,
+        report: Callable[[Iteration], None],
+        history: list[Iteration],
+    ) -> ContactResult:
+        scale = condensed.point_scale
+        law = system.scaled_friction(scale)
+
+        def solved(load: Array, warm: Any, line: Callable[[Iteration], None]) -> Any:
+            boundary = condensed.boundary_problem(
+                load, system.rows.gap, system.slip_from, system.motion
+            )
+            if isinstance(warm, ContactResult):
+                warm = start_forces(warm, system, boundary, scale)
+            forces, slack = condensed.solve(boundary, law, options, warm, line)
+            endless = undetermined_slip(boundary, law, forces.mu, forces.t)
+            if endless is not None:
+                raise condensed.at_the_limit(endless)
+            return forces, slack, condensed.recover(load, boundary, forces)
+
+        try:
+            forces, slack, state = solved(system.load, start, report)
+            rest = condensed.unbalanced(system.load, *state)
+            if rest is not None:  # one step of iterative refinement
+                forces, slack, state = solved(system.load + rest, forces, lambda line: None)
+        except QPInfeasible as error:
+            raise condensed.not_held(error.certificate) from error
+        except QPInputError as error:
+            raise InputError(
+                f"functional {self.rows.functional!r}: the compliance of its rows is not positive "
+                f"semidefinite ({error}); choose another functional, or refine"
+            ) from error
+        except (QPNotConverged, NotConverged) as error:
+            if (condensed.thin or condensed.slender) and options.max_iterations >= THOROUGH:
+                with suppress(NotConverged, LinAlgError):
+                    return solved_stiffly(system, condensed, options, None, report, history)
+            given = system.load, system.rows.gap, system.slip_from, system.motion
+            doubt = condensed.doubt(condensed.boundary_problem(*given), law)
+            raise NotConverged(f"{error}{doubt}", tuple(history)) from error
+        (u, mu, t), motion = state, condensed.obstacle_motion(system.motion, forces)
+        result = ContactResult(
+            system, u, mu, t, options.method, tuple(history), motion, options.tol, slack
+        )
+        if condensed.slender and fits(condensed) and options.method in STIFF:
+            return refined(system, condensed, options, result, report, history)
+        try:
+            certify(result, options.tol, slack)
+        except NotConverged:
+            if options.method in STIFF:
+                with suppress(NotConverged, LinAlgError):
+                    return solved_stiffly(system, condensed, options, result, report, history)
+            raise
+        warn_of_large_displacements(result)
+        return result
+
+
+def _check_same(rows: ContactRows, of_last: ContactRows) -> None:
+    """Raise an `InputError` unless the slip of a last step can be read in these rows."""
+    if of_last.T is rows.T:
+        return
+    size = float(np.ptp(rows.x_nominal, axis=1).max())
+    for name, ours, theirs, unit in (
+        ("places", rows.x_nominal, of_last.x_nominal, size),
+        ("tangents", rows.tangents, of_last.tangents, 1.0),
+    ):
+        if ours.shape != theirs.shape or np.abs(ours - theirs).max() > 1e-9 * unit:
+            raise InputError(
+                f"after: a result whose {of_last.gap.size} contact points have other {name} than "
+                f"the {rows.gap.size} of this problem is no step of its history"
+            )

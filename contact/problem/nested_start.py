@@ -1,0 +1,100 @@
+"""Start of a solve from another solution: of other loads, or of another mesh (nested)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from contact.condensation.boundary_problem import BoundaryProblem, Friction
+from contact.errors import InputError
+from contact.laws.semismooth_newton import Forces
+
+if TYPE_CHECKING:
+    from contact.result.contact_result import ContactResult
+    from contact.result.contact_system import ContactSystem
+
+Array = NDArray[np.float64]
+
+
+def start_forces(
+    result: ContactResult, system: ContactSystem, problem: BoundaryProblem, scale: Array
+) -> Forces:
+    """Contact forces near a solution, in the scale of a boundary problem.
+
+    Tractions of another mesh are interpolated; the rigid motions are those that bring the loaded
+    points closest to the obstacle and the sticking ones closest to where they stuck.
+
+    Parameters
+    ----------
+    result : ContactResult
+    system : ContactSystem
+        What is to be solved.
+    problem : BoundaryProblem
+        Its condensation.
+    scale : ndarray, shape (m,)
+        Physical force = scaled force / scale.
+
+    Raises
+    ------
+    InputError
+        The result is one of another dimension.
+    """
+    dims = result.x.shape[0], system.rows.x.shape[0]
+    if dims[0] != dims[1]:
+        raise InputError(
+            f"start: a result in {dims[0]} dimensions for a problem in {dims[1]}; start from a "
+            "solution of the same part"
+        )
+    rows, theirs = system.rows, result.system.rows
+    same = theirs.x_nominal.shape == rows.x_nominal.shape and np.allclose(
+        theirs.x_nominal, rows.x_nominal, rtol=0.0, atol=1e-9 * float(np.ptp(rows.x_nominal))
+    )
+    mu, t = (result.mu, result.t) if same else _interpolated(result, system)
+    mu, t = mu * scale, t * scale[:, None]
+    motion = np.zeros(problem.s.size)
+    if motion.size:
+        law = system.scaled_friction(scale)
+        motion = _motion(problem, mu, t, law)
+    return Forces(mu, t, motion)
+
+
+def _interpolated(result: ContactResult, system: ContactSystem) -> tuple[Array, Array]:
+    """Forces (mu, t) on the contact points of a system from the tractions of a result.
+
+    Each point takes the mean of the dim nearest ones on its contact boundary, weighted by the
+    inverse of their distances: linear interpolation between neighbours in two dimensions.
+    """
+    rows, theirs = system.rows, result.system.rows
+    shear = np.einsum("djm,mj->dm", theirs.tangents, result.shear)
+    traction = np.vstack((result.pressure, shear))
+    part = rows.part if rows.part.size else np.zeros(rows.gap.size, dtype=np.int64)
+    if part.max() != result.part.max():  # other boundaries: only places are left to go by
+        pairs = [(np.full(part.size, True), np.full(result.part.size, True))]
+    else:
+        pairs = [(part == k, result.part == k) for k in range(part.max() + 1)]
+    found = np.zeros((traction.shape[0], rows.gap.size))
+    for here, there in pairs:
+        near = min(rows.x.shape[0], int(there.sum()))
+        distance, index = cKDTree(theirs.x[:, there].T).query(
+            rows.x[:, here].T, k=range(1, near + 1)
+        )
+        share = 1.0 / np.maximum(distance, 1e-12 * float(np.ptp(theirs.x)))
+        share /= share.sum(axis=1, keepdims=True)
+        found[:, here] = np.sum(traction[:, there][:, index] * share, axis=2)
+    mu = found[0] * rows.weights
+    t = -np.einsum("djm,dm->mj", rows.tangents, found[1:]) * rows.weights[:, None]
+    return mu, t
+
+
+def _motion(problem: BoundaryProblem, mu: Array, t: Array, law: Friction | None) -> Array:
+    """Free rigid motions of the body and its obstacles by least squares, shape (k,)."""
+    u_n, u_t = problem.displacements(mu, t, np.zeros(problem.s.size))
+    loaded = problem.can_touch & (mu > 1e-9 * mu.max(initial=0.0))
+    g = np.zeros(mu.size) if law is None else law.bound(mu)
+    sticks = (problem.tangent >= 0) & (np.linalg.norm(t, axis=1) < 0.999 * g)[:, None]
+    at = np.concatenate((problem.normal[loaded], problem.tangent[sticks]))
+    off = np.concatenate(((problem.gap - u_n)[loaded], -u_t[sticks]))
+    return np.asarray(np.linalg.lstsq(problem.C[at], off, rcond=1e-9)[0])

@@ -1,0 +1,81 @@
+"""Whether a result hangs on the height of a curve over the straight facets that stand in for it."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError
+
+from contact.errors import ContactError, warn
+from contact.problem.nested_start import start_forces
+from gpu import GpuError
+
+if TYPE_CHECKING:
+    from contact.condensation.sparse import CondensedContact
+    from contact.laws.methods import Options
+    from contact.result.contact_result import ContactResult
+
+Array = NDArray[np.float64]
+
+_ERROR = 0.1  # of the pressures, in the mean: more is warned of
+_AIM = 0.05  # that the facets named in the warning leave
+
+
+def warn_of_sagitta(
+    result: ContactResult, rise: Array, condensed: CondensedContact, options: Options
+) -> None:
+    """Warn where the pressures on a polygon are not those on the curve that it stands for.
+
+    Facets of length h along a curve of radius R lie h^2 / 8R below it, so that the gap to an exact
+    cylinder is off by two thirds of that in the mean. How far the pressures are off hangs on the
+    overlap that contact removes, on what holds the body and on how far the contact reaches: the
+    condensed problem is solved once more, with the gaps of the curve, and tells.
+
+    Parameters
+    ----------
+    result : ContactResult
+    rise : ndarray, shape (m,)
+        How much wider each gap is at the curve, see `GapRule.rise`; zero where nothing is straight.
+    condensed : CondensedContact
+    options : Options
+
+    Warns
+    -----
+    ContactWarning
+        The pressures differ by more than a tenth, in the mean of their squares.
+    """
+    system, body = result.system, result.system.body
+    # Below this it is rounding of the coordinates.
+    if np.abs(rise).max(initial=0.0) <= 1e-14 * float(np.ptp(body.trace.mesh.p, axis=1).max()):
+        return
+    scale, w = condensed.point_scale, system.rows.weights
+    law = system.scaled_friction(scale)
+    # Where the curve's problem has no answer, there is none to differ from.
+    with suppress(ContactError, GpuError, LinAlgError), condensed.blas_threads():
+        boundary = condensed.boundary_problem(
+            system.load, system.rows.gap + rise, system.slip_from, system.motion
+        )
+        start = start_forces(result, system, boundary, scale)
+        forces, _ = condensed.solve(boundary, law, options, start, lambda line: None)
+        size = float(np.linalg.norm(np.sqrt(w) * forces.mu / scale / w))
+        change = float(np.linalg.norm(np.sqrt(w) * (forces.mu / scale / w - result.pressure)))
+        if change <= _ERROR * size or not max(change, size) > 0:
+            return
+        off = change / size if size > 0 else np.inf
+        # Where the curve touches and the polygon does not, the overlap tells how much is missing.
+        pressed = boundary.W @ boundary.forces(forces.mu, np.zeros_like(forces.t))
+        live = np.flatnonzero((forces.mu > 0) & (boundary.normal >= 0))
+        overlap = np.linalg.norm(pressed[boundary.normal[live]])
+        missing = np.linalg.norm((rise / scale)[live])
+        shorter = np.sqrt(max(min(off, 1e4), missing / overlap if overlap > 0 else 0.0) / _AIM)
+        found = f"are {off:.0%} off" if size > 0 else "should be zero"
+        warn(
+            f"the pressures {found} if the contact boundary stands for a curve: its straight "
+            f"facets lie up to {1.5 * np.abs(rise).max():.2g} beside it, too much for what they "
+            "overlap the obstacle; take cells of second order (MeshQuad2, MeshTri2, ...), facets "
+            f"{np.ceil(shorter):.0f} times as many along the curve, or give the gap at the "
+            "vertices as a number or an array"
+        )

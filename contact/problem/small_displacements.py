@@ -1,0 +1,31 @@
+"""Whether a result is one of the theory of small displacements."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from contact.errors import ContactWarning
+
+if TYPE_CHECKING:
+    from contact.result.contact_result import ContactResult
+
+
+def warn_of_large_displacements(result: ContactResult) -> None:
+    """Warn where the body moves farther than it is long: the linear theory says nothing then.
+
+    A body that its supports carry that far was meant to go there.
+    """
+    body = result.system.body
+    size = float(np.ptp(body.trace.mesh.p, axis=1).max())
+    reach = body.reach(result.u)
+    if reach > size + 2.0 * body.reach(body.constraint[1]):
+        warnings.warn(
+            f"displacements reach {reach:.3g}, {reach / size:.3g} times the size of the body: the "
+            "theory is that of small displacements; check the units of E and of the loads, the "
+            "place of the obstacle, and what holds the body",
+            ContactWarning,
+            stacklevel=2,
+        )

@@ -1,0 +1,248 @@
+r"""The condensed problem with the stiffness of its boundary in place of the compliance.
+
+Thin bodies that contact alone holds bend far more easily than they are compressed: in
+``v = v_0 - W l + C a`` displacements of bending cancel to those of compression, and with them the
+digits. Here the boundary's own unknowns z are kept beside the forces,
+
+.. math:: v = v_0 + B z + B N a, \qquad B^T l + S_b z = f_b, \qquad N^T B^T l = s ,
+
+so that what is in contact is held by equations and nothing cancels. The same Newton's method solves
+it, with a larger matrix.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.linalg import LinAlgError, block_diag
+
+from contact.condensation.boundary_problem import Array, BoundaryProblem, Friction
+from contact.errors import NotConverged
+from contact.laws.methods import INNER, Options
+from contact.laws.proximal_point import proximal_point
+from contact.laws.semismooth_newton import Forces, Iteration, Report, semismooth_newton
+from contact.result.certify import certify
+from contact.result.contact_result import ContactResult
+
+if TYPE_CHECKING:
+    from contact.condensation.sparse import CondensedContact
+    from contact.result.contact_system import ContactSystem
+
+
+_REFINEMENTS = 10
+_STEP = 1e-8  # residual of a change, which the next one lowers
+_SETTLED = 1e-6  # last change of a displacement, relative: six digits of it hold
+_LARGEST = 8000  # order of a matrix that takes 20 s and half a gigabyte to factor
+
+
+class StiffnessForm:
+    """A condensation of moderate size in its stiffness form.
+
+    Parameters
+    ----------
+    condensed : CondensedContact
+    system : ContactSystem
+        What is to be solved.
+
+    Raises
+    ------
+    NotConverged
+        Its matrix would be too large for a second attempt.
+    """
+
+    def __init__(self, condensed: CondensedContact, system: ContactSystem) -> None:
+        if not fits(condensed):
+            raise NotConverged(f"stiffness form: more than {_LARGEST} unknowns")
+        self._condensed, self._system = condensed, system
+        S, B = condensed.stiffness, condensed._B.toarray()
+        N = condensed._N
+        if N.shape[1]:  # no rounding of S_b resists rigid motions
+            unit = N / np.linalg.norm(N, axis=0)
+            B_z = B - (B @ unit) @ unit.T
+            S = S - unit @ (unit.T @ S)
+            S = S - (S @ unit) @ unit.T + S.diagonal().mean() * unit @ unit.T
+        else:
+            B_z = B
+        # Each point in units of its own compliance, all other unknowns held.
+        own, scale = (B**2) @ (1.0 / S.diagonal()), np.ones(B.shape[0])
+        for rows in np.column_stack((condensed._normal, condensed._tangent)):
+            live = rows[rows >= 0]
+            if np.any(own[live] > 0):
+                scale[live] = np.sqrt(own[live][own[live] > 0].mean())
+        self._scale, self._N = scale, N
+        first = np.maximum(condensed._normal, condensed._tangent.max(axis=1))
+        self.point_scale = np.where(first >= 0, scale[np.maximum(first, 0)], 1.0)
+        moved = B @ N / scale[:, None]
+        self._turn = 1.0 / np.maximum(np.abs(moved).max(axis=0, initial=0.0), 1e-300)
+        R, self._per_unit = condensed._driven(system.motion, scale)
+        self._elastic = S.shape[0]
+        rigid = moved.shape[1] + R.shape[1]
+        motion = system.motion
+        force = np.zeros(0) if motion is None else motion.force[motion.free]
+        _, fixed_t = condensed._given(system.rows.gap, system.slip_from, motion)
+        self._resting = np.concatenate(
+            (self._turn * condensed._resultants(system.load), self._per_unit * force)
+        )
+        self.problem = BoundaryProblem(
+            W=np.zeros((scale.size, scale.size)),
+            v0=np.zeros(scale.size),
+            C=np.hstack((B_z / scale[:, None], moved * self._turn, R)),
+            s=np.zeros(S.shape[0] + rigid),
+            gap=system.rows.gap / self.point_scale,
+            normal=condensed._normal,
+            tangent=condensed._tangent,
+            held=fixed_t / self.point_scale[:, None],
+            K=block_diag(S, np.zeros((rigid, rigid))),
+        )
+
+    def solve(
+        self, near: ContactResult | None, tol: float, report: Report
+    ) -> tuple[Any, Array | None]:
+        """Displacement and forces (u, mu, t), and the obstacles' motions, near those of a result.
+
+        The problem is solved for the change of a displacement, whose residual is formed from the
+        strains where cells are slender: what the factor lacks in digits, the next change adds.
+
+        Raises
+        ------
+        NotConverged, LinAlgError
+        """
+        system, scale = self._system, self.point_scale
+        motion = None if system.motion is None else system.motion.prescribed.copy()
+        u, last = self._condensed.body.constraint[1], np.inf
+        mu, t = self.problem.zeros()
+        if near is not None:
+            u, mu, t = near.u, near.mu, near.t
+            motion = None if near.motion is None else near.motion.copy()
+        problem, left = self._about(u, motion)
+        now = Forces(mu * scale, t * scale[:, None], np.zeros(problem.s.size))
+        if near is None:
+            now = replace(now, a=self._motions(problem, now.mu, now.t))
+        for _ in range(_REFINEMENTS):
+            now = self._change(problem, now, max(tol, _STEP), report)
+            du = self._condensed._T @ self._condensed._factor.expand(left, self._of_boundary(now.a))
+            u = u + du
+            if motion is not None and system.motion is not None:
+                found = self._per_unit * now.a[self._elastic + self._N.shape[1] :]
+                motion[system.motion.free] += found
+            size = system.body.reach(du)
+            # Rounding of the displacements, or of what an assembled matrix makes of them.
+            reach = system.body.reach(u)
+            if size <= np.finfo(float).eps * reach or size > 0.5 * last:
+                break
+            last = size
+            problem, left = self._about(u, motion)
+            now = replace(now, a=np.zeros(now.a.size))
+        if self._condensed.slender and size > _SETTLED * reach:
+            raise NotConverged(
+                f"refinement of the displacement ended with a change of {size / reach:.1e} of it: "
+                "the cells are too slender for the digits of their stiffness; make them squarer"
+            )
+        return (u, now.mu / scale, now.t / scale[:, None]), motion
+
+    def _about(self, u: Array, w: Array | None) -> tuple[BoundaryProblem, Array]:
+        """The problem for the change of a displacement u, and the load that u leaves."""
+        system, condensed = self._system, self._condensed
+        left = condensed._T.T @ (system.load - system.body.internal(u))
+        reduced = condensed._factor.reduce(left)
+        if self._N.shape[1]:
+            unit = self._N / np.linalg.norm(self._N, axis=0)
+            reduced = reduced - unit @ (unit.T @ reduced)
+        u_n, u_t = system.relative(u, w)
+        u_t, v0 = system.slip_increment(u_t), np.zeros(self._scale.size)
+        live_n, live_t = condensed._normal >= 0, condensed._tangent >= 0
+        v0[condensed._normal[live_n]] = u_n[live_n]
+        v0[condensed._tangent[live_t]] = u_t[live_t]
+        s = np.concatenate((reduced, self._resting))
+        return replace(self.problem, v0=v0 / self._scale, s=s), left
+
+    def _change(self, problem: BoundaryProblem, start: Forces, tol: float, note: Report) -> Forces:
+        scale = self.point_scale
+        law = self._system.scaled_friction(scale) or Friction(np.zeros(scale.size), coulomb=False)
+        try:
+            return semismooth_newton(
+                problem, start, law, tol=tol, max_iterations=50, phase="stiff newton", report=note
+            )
+        except (NotConverged, LinAlgError):
+            return proximal_point(problem, law, start, tol=tol, report=note)
+
+    def _of_boundary(self, a: Array) -> Array:
+        """The boundary's unknowns z of the motions a, elastic and rigid."""
+        z = a[: self._elastic]
+        if self._N.shape[1]:
+            unit = self._N / np.linalg.norm(self._N, axis=0)
+            z = z - unit @ (unit.T @ z)
+            rigid = a[self._elastic : self._elastic + self._N.shape[1]]
+            z = z + self._N @ (self._turn * rigid)
+        return z
+
+    def _motions(self, problem: BoundaryProblem, mu: Array, t: Array) -> Array:
+        """Motions a that given forces cause; rigid ones such that loaded points touch."""
+        n = self._elastic
+        assert problem.K is not None
+        a = np.zeros(problem.s.size)
+        left = problem.s - problem.C.T @ problem.forces(mu, t)
+        a[:n] = np.linalg.lstsq(problem.K[:n, :n], left[:n], rcond=1e-14)[0]
+        if a.size > n:
+            u_n, _ = problem.displacements(np.zeros_like(mu), np.zeros_like(t), a)
+            loaded = problem.can_touch & (mu > 0)
+            at = problem.normal[loaded]
+            off = (problem.gap - u_n)[loaded]
+            a[n:] = np.linalg.lstsq(problem.C[at, n:], off, rcond=1e-9)[0]
+        return a
+
+
+def fits(condensed: CondensedContact) -> bool:
+    """Whether the matrix of the stiffness form is of moderate size."""
+    return sum(condensed._B.shape) <= _LARGEST
+
+
+def solved_stiffly(
+    system: ContactSystem,
+    condensed: CondensedContact,
+    options: Options,
+    near: ContactResult | None,
+    report: Report,
+    history: list[Iteration],
+) -> ContactResult:
+    """Solve and certify in the stiffness form, near a result or from rest.
+
+    Raises
+    ------
+    NotConverged, LinAlgError
+    """
+    form = StiffnessForm(condensed, system)
+    (u, mu, t), motion = form.solve(near, INNER * options.tol, report)
+    result = ContactResult(system, u, mu, t, options.method, tuple(history), motion, options.tol)
+    certify(result, options.tol, 0.0)
+    return result
+
+
+def refined(
+    system: ContactSystem,
+    condensed: CondensedContact,
+    options: Options,
+    result: ContactResult,
+    report: Report,
+    history: list[Iteration],
+) -> ContactResult:
+    """The result for a body with slender cells, to the digits that its displacements can hold.
+
+    Raises
+    ------
+    NotConverged
+        These are too few.
+    """
+    try:
+        return solved_stiffly(system, condensed, options, result, report, history)
+    except (NotConverged, LinAlgError) as error:
+        remedy = (
+            ""
+            if "slender" in str(error)
+            else (
+                "; the cells are too slender for the digits of their stiffness, make them squarer"
+            )
+        )
+        raise NotConverged(f"{error}{remedy}", tuple(history)) from error

@@ -1,0 +1,6 @@
+"""The solution of a contact problem, which can prove itself.
+
+In: the discrete problem (`ContactSystem`) with displacement and forces.
+Out: `ContactResult`: residuals, tractions, status, stresses; the same from a file.
+Start: `contact_system` for what is proved, `contact_result` for how.
+"""

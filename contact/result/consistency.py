@@ -1,0 +1,146 @@
+"""What must hold between the parts of a problem and of a state beside their equations.
+
+A file may hold anything: these are the checks that its arrays fit each other before they are used.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.body.rigid_modes import rigid_modes
+from contact.errors import InputError
+
+if TYPE_CHECKING:
+    from contact.body.elastic_body import ElasticBody
+    from contact.result.contact_result import ContactResult
+    from contact.rows.discretise import ContactRows
+
+Array = NDArray[np.float64]
+# Of unit vectors and of rows that average a constant: rounding of a few dozen terms.
+_UNIT = 1e-9
+
+
+def check_mesh(p: Array, t: NDArray[np.int64], kind: Any) -> None:
+    """Vertices are finite and exist; scikit-fem looks at neither.
+
+    Raises
+    ------
+    InputError
+    """
+    dim, nodes = kind.elem.refdom.dim(), kind.elem.refdom.nnodes
+    _finite("p", p, (dim, None))
+    _whole("t", t, (nodes, None), p.shape[1])
+
+
+def check_problem(body: ElasticBody, rows: ContactRows) -> None:
+    """Shapes and ranges, and that the rows measure displacements along their own frames.
+
+    Raises
+    ------
+    InputError
+    """
+    mesh, dim, n = body.mesh, body.dim, body.basis.N
+    T, u0 = body.constraint
+    m = rows.G.shape[0]
+    for name, facets in (mesh.boundaries or {}).items():
+        _whole(f"boundary {name!r}", facets, (None,), mesh.nfacets)
+    for name, cells in (mesh.subdomains or {}).items():
+        _whole(f"subdomain {name!r}", cells, (None,), mesh.nelements)
+    _finite("u0", u0, (n,))
+    for name, matrix, shape in (
+        ("constraint", T, (n, None)),
+        ("rows.G", rows.G, (m, n)),
+        ("rows.T", rows.T, (m * (dim - 1), n)),
+    ):
+        _finite(name, matrix.data, (None,))
+        _check_shape(name, matrix, shape)
+    held = T.T @ T - sparse.eye_array(T.shape[1])  # `BasisSolid.picked`: orthonormal columns
+    if np.abs(held.data).max(initial=0.0) > _UNIT:
+        raise InputError("constraint: its columns are not orthonormal")
+    shapes: tuple[tuple[str, tuple[int, ...]], ...] = (
+        ("weights", (m,)),
+        ("x", (dim, m)),
+        ("x_nominal", (dim, m)),
+        ("normals", (dim, m)),
+        ("tangents", (dim, dim - 1, m)),
+    )
+    for name, expected in shapes:
+        _finite(f"rows.{name}", getattr(rows, name), expected)
+    _whole("rows.part", rows.part, (m,) if rows.part.size else (0,), m)
+    if not np.all(rows.weights > 0):
+        raise InputError("rows.weights: expected lengths or areas, positive")
+    frame = np.concatenate((rows.normals[:, None], rows.tangents), axis=1)
+    if np.abs(np.einsum("iam,ibm->abm", frame, frame) - np.eye(dim)[:, :, None]).max() > _UNIT:
+        raise InputError("rows: normals and tangents are no orthonormal frames")
+    modes = rigid_modes(body).reshape(n, -1, dim * (dim + 1) // 2)[:, :, :dim].sum(axis=1)
+    along = (rows.T @ modes).reshape(m, dim - 1, dim).transpose(2, 1, 0)
+    for moved, axis in (((rows.G @ modes).T, rows.normals), (along, rows.tangents)):
+        # Averages over facets that turn are nearly of length one, and never point backwards.
+        share = np.sum(moved * axis, axis=0)
+        if np.any(share <= 0) or np.any(np.linalg.norm(moved, axis=0) > 2):
+            raise InputError("rows: G and T do not measure displacements along the frames")
+
+
+def check_state(result: ContactResult) -> None:
+    """Shapes, numbers that are finite, friction that is not negative.
+
+    Raises
+    ------
+    InputError
+    """
+    system = result.system
+    body, gap = system.body, system.rows.gap
+    n, (m, columns) = body.basis.N, (system.rows.G.shape[0], body.dim - 1)
+    for name, value, shape in (
+        ("load", system.load, (n,)),
+        ("u0", body.constraint[1], (n,)),
+        ("u", result.u, (n,)),
+        ("mu", result.mu, (m,)),
+        ("multiplier_t", result.t, (m, columns)),
+        ("friction", system.friction, (m,)),
+        ("slip_from", system.slip_from, (m, columns)),
+    ):
+        if value is not None:
+            _finite(name, value, shape)
+    _check_shape("gap", gap, (m,))
+    if np.any(np.isnan(gap)) or np.any(np.isneginf(gap)):
+        raise InputError("gap: holds NaN or minus infinity")
+    if system.law not in ("coulomb", "tresca", None):
+        raise InputError(f"law={system.law!r}: expected 'coulomb', 'tresca' or None")
+    if np.any(system.friction < 0) or (system.law is None and np.any(system.friction > 0)):
+        raise InputError(f"friction: negative, or given without a law (law={system.law!r})")
+    if system.motion is not None and result.motion is not None:
+        k = result.motion.size
+        _finite("motion", result.motion, (k,))
+        _finite("motion.normal", system.motion.normal, (m, k))
+        _finite("motion.tangent", system.motion.tangent, (m * columns, k))
+        free = system.motion.free
+        _finite("motion.prescribed", system.motion.prescribed[~free], (k - int(free.sum()),))
+        _finite("motion.force", system.motion.force[free], (int(free.sum()),))
+        if np.any(result.motion[~free] != system.motion.prescribed[~free]):
+            raise InputError("motion: another one than prescribed")
+
+
+def _check_shape(name: str, array: Any, shape: tuple[int | None, ...]) -> None:
+    found = array.shape
+    if len(found) != len(shape) or any(
+        s not in (None, f) for s, f in zip(shape, found, strict=True)
+    ):
+        raise InputError(f"{name}: expected shape {shape}, got {found}")
+
+
+def _finite(name: str, array: Any, shape: tuple[int | None, ...]) -> None:
+    _check_shape(name, array, shape)
+    if array.dtype != np.float64 or not np.all(np.isfinite(array)):
+        raise InputError(f"{name}: holds values that are not finite, or no floats")
+
+
+def _whole(name: str, array: Any, shape: tuple[int | None, ...], count: int) -> None:
+    """Numbers of things of which there are `count`."""
+    _check_shape(name, array, shape)
+    if array.dtype.kind not in "iu" or (array.size and not 0 <= array.min() <= array.max() < count):
+        raise InputError(f"{name}: expected numbers from 0 to {count - 1}")

@@ -1,0 +1,163 @@
+"""The discrete contact problem: what a solver is given and what a result is proved against."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.condensation.boundary_problem import Friction, project
+from contact.errors import InputError
+from contact.obstacles.rigid import ObstacleMotion
+from contact.rows.discretise import ContactRows
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, repr=False)
+class ContactSystem:
+    """Equilibrium ``S u + G^T mu + T^T t = f`` and the laws at the contact points.
+
+    Attributes
+    ----------
+    body : Solid
+    rows : ContactRows
+        Its ``gap`` is the one in force.
+    load : ndarray, shape (ndofs,)
+    law : {"coulomb", "tresca", None}
+    friction : ndarray, shape (m,)
+        Coulomb: the coefficient F. Tresca: the bound g as a force, i.e. traction times weight.
+    slip_from : ndarray, shape (m, dim - 1), optional
+        Tangential displacement of the last converged step of a load history: friction opposes
+        the slip since then. None: at rest in the reference state.
+    motion : ObstacleMotion, optional
+        Of obstacles that move; displacements of contact points are then relative to them.
+    """
+
+    body: Any
+    rows: ContactRows
+    load: Array
+    law: str | None
+    friction: Array
+    slip_from: Array | None = None
+    motion: ObstacleMotion | None = None
+
+    def relative(self, u: Array, w: Array | None) -> tuple[Array, Array]:
+        """Normal (m,) and tangential (m, dim - 1) displacement relative to the obstacles.
+
+        Parameters
+        ----------
+        u : ndarray, shape (ndofs,)
+        w : ndarray, shape (k,), or None
+            Motions of the obstacles.
+        """
+        u_n = np.asarray(self.rows.G @ u)
+        u_t = np.asarray(self.rows.T @ u).reshape(u_n.size, -1)
+        if self.motion is None or w is None:
+            return u_n, u_t
+        w_n, w_t = self.motion.displacement(w)
+        return u_n - w_n, u_t - w_t
+
+    def slip_increment(self, u_t: Array) -> Array:
+        """Tangential displacement since the last step, that of the friction law, (m, dim - 1)."""
+        return u_t if self.slip_from is None else u_t - self.slip_from
+
+    def bound(self, mu: Array) -> Array:
+        """Friction bound g of every point for the normal forces mu, shape (m,)."""
+        return Friction(self.friction, self.law == "coulomb").bound(mu)
+
+    def scaled_friction(self, scale: Array) -> Friction | None:
+        """The friction law with forces multiplied by the scale of each point; None without."""
+        if self.law is None:
+            return None
+        coulomb = self.law == "coulomb"
+        return Friction(self.friction if coulomb else self.friction * scale, coulomb)
+
+    def kkt(self, u: Array, mu: Array, t: Array, w: Array | None = None) -> dict[str, float]:
+        """Relative residuals of every law, computed from the problem and (u, mu, t, w) alone.
+
+        Parameters
+        ----------
+        u, mu, t : ndarray
+            Displacement and contact forces.
+        w : ndarray, shape (k,), optional
+            Motions of the obstacles.
+
+        Returns
+        -------
+        dict
+            ``equilibrium``: largest unbalanced force at a free dof over the largest force that
+            cancels there; ``balance``: what is left of the sum of all loads, reactions and contact
+            forces over the sum of their moduli; ``support``: violation of the prescribed
+            displacements;
+            ``penetration``, ``sign``, ``complementarity``: the contact law; ``cone``, ``slip``:
+            |t| <= g, and t = P_g(t + c u_t) with the slip increment u_t. Lengths are relative to
+            the largest displacement (or what a contact force alone would cause, should that be
+            more), forces to the largest contact force. For obstacles driven by
+            forces besides ``obstacle``: what is left of those over what cancels there.
+        """
+        rows = self.rows
+        contact = rows.G.T @ mu + rows.T.T @ t.ravel()
+        unbalanced, cancelling = self.body.equilibrium(u, contact, self.load)
+        # Where forces cancel and nothing moves, displacements are the rounding of what they cause.
+        length = max(self.body.reach(u), self.body.give(contact)) or 1.0
+        size = max(float(np.abs(mu).max(initial=0.0)), float(np.abs(t).max(initial=0.0))) or 1.0
+        reachable = np.isfinite(rows.gap)
+        u_n, u_t = self.relative(u, w)
+        through = np.where(reachable, u_n - np.where(reachable, rows.gap, 0.0), -np.inf)
+        u_t = self.slip_increment(u_t)
+        g = self.bound(mu)
+        live = self.body.live(rows.T).reshape(t.shape)
+        returned = t - project(t + size / length * u_t, g)
+        result = {
+            "equilibrium": unbalanced / (cancelling or 1.0),
+            "balance": self._unbalanced(u, contact),
+            "support": self.body.support_error(u) / length,
+            "penetration": _largest(np.maximum(through, 0.0)) / length,
+            "sign": _largest(np.maximum(-mu, 0.0)) / size,
+            "complementarity": _largest(np.minimum(np.abs(mu) / size, np.abs(through) / length)),
+            "cone": _largest(np.maximum(np.linalg.norm(t, axis=1) - g, 0.0)) / size,
+            "slip": _largest(returned[live]) / size,
+        }
+        if self.motion is not None and np.any(self.motion.free):
+            result["obstacle"] = self._unbalanced_obstacle(self.motion, mu, t)
+        if any(np.isnan(value) for value in result.values()):
+            raise InputError("kkt: the state (u, mu, t) holds NaN")
+        return result
+
+    def _unbalanced(self, u: Array, contact: Array) -> float:
+        """Missing part of the resultant of all forces.
+
+        Where cells are slender, forces of neighbours cancel that are many times larger than what
+        the body bears, and `equilibrium` is relative to those.
+        """
+        body = self.body
+        given = body.total(np.abs(self.load)) + body.total(np.abs(contact))
+        if not np.any(given):  # supports alone hold each other
+            return 0.0
+        reactions = body.at_supports(body.internal(u) + contact - self.load)
+        size = _largest(given + body.total(np.abs(reactions)))
+        return _largest(body.total(self.load + reactions - contact)) / size
+
+    def _unbalanced_obstacle(self, motion: ObstacleMotion, mu: Array, t: Array) -> float:
+        """What is left of the forces on free motions, over all contact forces with their arms.
+
+        A component in which nothing pushes bears rounding alone, and is not measured by itself.
+        """
+        free = motion.free
+        arms = np.maximum(
+            np.abs(motion.normal).max(axis=0, initial=0.0),
+            np.abs(motion.tangent).max(axis=0, initial=0.0),
+        )
+        size = arms * (np.abs(mu).sum() + np.abs(t).sum()) + np.abs(np.nan_to_num(motion.force))
+        return _largest(motion.unbalanced(mu, t) / np.where(size > 0, size, 1.0)[free])
+
+    def energy(self, u: Array) -> float:
+        """Potential energy ``u^T S u / 2 - f^T u``, without friction."""
+        return float(0.5 * u @ (self.body.stiffness @ u) - self.load @ u)
+
+
+def _largest(x: Any) -> float:
+    return float(np.abs(x).max(initial=0.0))

@@ -1,0 +1,69 @@
+"""Stresses where engineers read them: at the vertices and as means of the cells."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.body.elasticity import stress
+from contact.body.vector_element import GRADIENT_DOFS
+from skfem_adini import nodal_stress as stress_of_dofs
+
+if TYPE_CHECKING:
+    from contact.body.elastic_body import ElasticBody
+    from contact.result.contact_result import ContactResult
+
+Array = NDArray[np.float64]
+
+
+def nodal_stress(result: ContactResult) -> Array:
+    """Stress at the vertices, shape (3, 3, nvertices).
+
+    Adini and BFS hold the gradient among their dofs. For other elements the stresses of the cells
+    around a vertex are evaluated there and averaged by the cells' sizes.
+    """
+    body = result.system.body
+    if isinstance(body.element, GRADIENT_DOFS):
+        plane: Any = body.plane or "strain"
+        return stress_of_dofs(body.basis, result.u, body.E, body.nu, plane)
+    mesh, size = body.mesh, body.basis.dx.sum(axis=1)
+    X = np.repeat(mesh.elem.refdom.p[:, None], mesh.nelements, axis=1)
+    at = _full(body, _stress_at(body, result.u, X), body.nu)
+    total, share = np.zeros((mesh.nvertices, 3, 3)), np.zeros(mesh.nvertices)
+    for corner, vertices in enumerate(mesh.t):
+        np.add.at(total, vertices, (at[..., corner] * size).transpose(2, 0, 1))
+        np.add.at(share, vertices, size)
+    return (total / share[:, None, None]).transpose(1, 2, 0)
+
+
+def cell_stress(result: ContactResult) -> Array:
+    """Mean stress of each cell, shape (3, 3, ncells)."""
+    body = result.system.body
+    dx = body.basis.dx
+    mean = np.sum(result.stress() * dx, axis=-1) / dx.sum(axis=1)
+    return _full(body, mean, body.nu)
+
+
+def _stress_at(body: ElasticBody, u: Array, X: Array) -> Array:
+    """Stress at reference points (dim, ncells, npoints) of every cell."""
+    gradient, everywhere = np.zeros((body.dim, body.dim, *X.shape[1:])), np.arange(X.shape[1])
+    for i, dofs in enumerate(body.basis.element_dofs):
+        field = body.basis.elem.gbasis(body.basis.mapping, X, i, tind=everywhere)[0]
+        gradient += np.asarray(field.grad) * u[dofs][:, None]
+    lam, mu = (value[:, None] if value.ndim else value for value in (body.lam, body.mu))
+    mean = body.mean_dilatation(u)
+    return stress(gradient, lam, mu, None if mean is None else mean[:, None])
+
+
+def _full(body: ElasticBody, sigma: Array, nu: Array) -> Array:
+    """Tensors with nine components: sigma_zz of plane strain is nu (sigma_xx + sigma_yy)."""
+    if body.dim == 3:
+        return sigma
+    full = np.zeros((3, 3, *sigma.shape[2:]))
+    full[:2, :2] = sigma
+    if body.plane == "strain":
+        ratio = nu.reshape(nu.shape + (1,) * (sigma.ndim - 3)) if nu.ndim else nu
+        full[2, 2] = ratio * np.trace(sigma)
+    return full

@@ -1,0 +1,328 @@
+"""Results on disk: one compressed NumPy archive that holds the whole discrete problem."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import skfem
+from scipy import sparse
+from skfem.generic_utils import OrientedBoundary
+
+from contact.body.cut_body import CutBody
+from contact.body.elastic_body import ElasticBody
+from contact.errors import InputError, NotConverged
+from contact.laws.methods import default_tolerance
+from contact.laws.semismooth_newton import Iteration
+from contact.obstacles.rigid import ObstacleMotion
+from contact.output.archive import DamagedFile, read_arrays, write_arrays
+from contact.result.consistency import check_mesh, check_problem, check_state
+from contact.result.contact_system import ContactSystem
+from contact.rows.discretise import ContactRows
+from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
+
+if TYPE_CHECKING:
+    from contact.result.contact_result import ContactResult
+
+_FORMAT, _BEFORE_CHECKSUMS = 3, 2
+_SPARSE = ("G", "T")
+_MESHES: dict[str, Any] = {
+    kind.__name__: kind
+    for kind in (
+        *(skfem.MeshTri1, skfem.MeshTri2, skfem.MeshQuad1, skfem.MeshQuad2),
+        *(skfem.MeshTet1, skfem.MeshTet2, skfem.MeshHex1, skfem.MeshHex2),
+    )
+}
+_ELEMENTS: dict[str, Any] = {
+    kind.__name__: kind
+    for kind in (
+        *(ElementQuadAdini, ElementHexAdini, ElementQuadBFS),
+        *(skfem.ElementTriP1, skfem.ElementTriP2, skfem.ElementQuad1, skfem.ElementQuad2),
+        *(skfem.ElementTetP1, skfem.ElementTetP2, skfem.ElementHex1, skfem.ElementHex2),
+    )
+}
+logger = logging.getLogger(__name__)
+
+
+def write(result: ContactResult, path: str | Path) -> Path:
+    """Write a result; the file appears under its name only once it is complete.
+
+    Raises
+    ------
+    InputError
+        See `ContactResult.save`.
+    """
+    path = _named(path)
+    arrays = problem_arrays(result.system) | state_arrays(result)
+    _certify(result, "result: it would be refused when it is read")
+    write_arrays(path, arrays)
+    return path
+
+
+def _named(path: str | Path) -> Path:
+    """The name with its suffix .npz."""
+    try:
+        path = Path(path)
+    except TypeError:
+        raise InputError(f"path={path!r}: expected the name of a file") from None
+    suffix = path.suffix
+    if suffix.lower() == ".npz":
+        return path
+    if suffix and not suffix[1:].isdecimal():  # "step.1" and "load_0.25" are names
+        raise InputError(
+            f"path: a result is an archive of NumPy, {path.with_suffix('.npz').name!r}; got "
+            f"{path.name!r}. For ParaView: result.to_pyvista().save('name.vtu')"
+        )
+    return path.with_name(path.name + ".npz")
+
+
+def problem_arrays(system: ContactSystem) -> dict[str, Any]:
+    """What all steps of a load history share: body, supports, contact rows."""
+    body = system.body
+    if isinstance(body, CutBody):
+        raise InputError(
+            "result: a CutBody holds a level set, a function, and cannot be saved; save u, mu and "
+            "t with numpy.savez, build the problem again from its script, and make "
+            "ContactResult(problem.system_of(body), u, mu, t, method, ()); its kkt is computed anew"
+        )
+    mesh, basis = body.mesh, body.basis
+    for what, known in ((body.element, _ELEMENTS), (mesh, _MESHES)):
+        name = type(what).__name__
+        if known.get(name) is not type(what):
+            raise InputError(
+                f"result: {type(what).__module__}.{name} cannot be saved; a file holds "
+                f"{', '.join(known)}"
+            )
+    again = skfem.Basis(mesh, basis.elem, quadrature=(basis.X, basis.W))
+    for ours, default in ((basis.dx, again.dx), (basis.element_dofs, again.element_dofs)):
+        if not np.array_equal(ours, default):
+            raise InputError(
+                "result: its basis has a mapping or a numbering of its own, which no file holds"
+            )
+    arrays: dict[str, Any] = {"p": mesh.doflocs, "t": mesh.t, "E": body.E, "nu": body.nu}
+    arrays |= {"quadrature/X": basis.X, "quadrature/W": basis.W}
+    boundaries, subdomains = mesh.boundaries or {}, mesh.subdomains or {}
+    for i, facets in enumerate(boundaries.values()):
+        arrays[f"boundary/{i}"] = np.asarray(facets)
+        if isinstance(facets, OrientedBoundary):
+            arrays[f"boundary/{i}/sides"] = facets.ori
+    arrays |= {f"subdomain/{i}": np.asarray(cells) for i, cells in enumerate(subdomains.values())}
+    _pack(arrays, "constraint", body.constraint[0])
+    for field in fields(ContactRows):
+        value = getattr(system.rows, field.name)
+        if field.name in _SPARSE:
+            _pack(arrays, f"rows/{field.name}", value)
+        elif field.name not in ("functional", "gap"):
+            arrays[f"rows/{field.name}"] = value
+    about = {
+        "format": _FORMAT,
+        "mesh": type(mesh).__name__,
+        "element": type(body.element).__name__,
+        "plane": body.plane,
+        "dilatation": body.dilatation,
+        "functional": system.rows.functional,
+        "boundaries": list(boundaries),
+        "subdomains": list(subdomains),
+    }
+    return arrays | {"about": np.array(json.dumps(about))}
+
+
+def state_arrays(result: ContactResult) -> dict[str, Any]:
+    """Loads, prescribed displacements, gap and solution of one step."""
+    system = result.system
+    arrays: dict[str, Any] = {
+        "load": system.load,
+        "u0": system.body.constraint[1],
+        "rows/gap": system.rows.gap,
+        "friction": system.friction,
+        "u": result.u,
+        "mu": result.mu,
+        "multiplier_t": result.t,
+    }
+    if system.slip_from is not None:
+        arrays["slip_from"] = system.slip_from
+    if system.motion is not None and result.motion is not None:
+        for field in fields(ObstacleMotion):
+            arrays[f"motion/{field.name}"] = getattr(system.motion, field.name)
+        arrays["motion"] = result.motion
+    step = {
+        "law": system.law,
+        "method": result.method,
+        "tol": result.tol,
+        "slack": result.slack,
+        "history": [asdict(line) for line in result.history],
+    }
+    return arrays | {"step": np.array(json.dumps(step))}
+
+
+def read(path: str | Path) -> ContactResult:
+    """Read a result written by `write`; see `ContactResult.load`."""
+    name = _named(path)
+    arrays, checksum = read_arrays(name)
+    return rebuild(name, arrays, checksum is not None)
+
+
+def rebuild(
+    path: Path, arrays: dict[str, Any], with_checksum: bool, near: ContactSystem | None = None
+) -> ContactResult:
+    """The result that the arrays of a file hold, certified anew.
+
+    Parameters
+    ----------
+    path : Path
+        For the messages.
+    arrays : dict
+        Those of `problem_arrays` and `state_arrays` together.
+    with_checksum : bool
+        Whether one was found beside them, and right.
+    near : ContactSystem, optional
+        Lends its body and rows.
+
+    Raises
+    ------
+    InputError
+    """
+    with _told(path):
+        result = _rebuild(arrays, with_checksum, near)
+        check_state(result)
+    _certify(result, f"result file {path}: its solution does not solve the problem beside it")
+    if not with_checksum:
+        logger.warning(
+            "%s has format %d, without a checksum: its residuals are right, but nothing shows "
+            "whether names, weights or gaps of open points were changed; save it again",
+            *(path, _BEFORE_CHECKSUMS),
+        )
+    return result
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Tell what arrays that contradict each other do to NumPy, scikit-fem and us."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"result file {path}: {error}") from error
+    except Exception as error:
+        raise DamagedFile(f"result file {path} cannot be read: {error!r}") from error
+
+
+def _certify(result: ContactResult, consequence: str) -> None:
+    """Certify a result again, on whatever processor: residuals near their limit may round up."""
+    from contact.result.certify import certify
+
+    tol = default_tolerance(result.method) if result.tol is None else result.tol
+    try:
+        certify(result, max(2 * tol, 1e-12), 2 * result.slack)
+    except NotConverged as error:
+        raise InputError(f"{consequence}: {error}") from error
+    logger.info("%s", result.certificate())
+
+
+def _rebuild(
+    arrays: dict[str, Any], with_checksum: bool, near: ContactSystem | None
+) -> ContactResult:
+    from contact.result.contact_result import ContactResult
+
+    about = json.loads(str(arrays["about"]))
+    if about["format"] != (_FORMAT if with_checksum else _BEFORE_CHECKSUMS):
+        beside = "with" if with_checksum else "without"
+        raise InputError(
+            f"it has format {about['format']}, {beside} a checksum; this version reads format "
+            f"{_FORMAT} with one and format {_BEFORE_CHECKSUMS}, of version 0.1.0, without"
+        )
+    step = json.loads(str(arrays["step"]))
+    if near is None:
+        body, rows = _rebuild_problem(arrays, about)
+        body.f = arrays["load"]
+    else:
+        body, rows = near.body.under(arrays["load"], arrays["u0"]), near.rows
+    rows = replace(rows, gap=arrays["rows/gap"])
+    motion = None
+    if "motion" in arrays:
+        parts = {field.name: arrays[f"motion/{field.name}"] for field in fields(ObstacleMotion)}
+        motion = ObstacleMotion(**parts)
+    system = ContactSystem(
+        body, rows, arrays["load"], step["law"], arrays["friction"], arrays.get("slip_from"), motion
+    )
+    # Format 2 did not keep the slack of `fixed_point`, the only method that has one.
+    unknown = 1e-3 if step["method"] == "fixed_point" and not with_checksum else 0.0
+    return ContactResult(
+        system,
+        arrays["u"],
+        arrays["mu"],
+        arrays["multiplier_t"],
+        step["method"],
+        tuple(Iteration(**line) for line in step["history"]),
+        arrays.get("motion"),
+        step.get("tol"),
+        step.get("slack", unknown),
+    )
+
+
+def _rebuild_problem(
+    arrays: dict[str, Any], about: dict[str, Any]
+) -> tuple[ElasticBody, ContactRows]:
+    for kind, known in (("mesh", _MESHES), ("element", _ELEMENTS)):
+        if about[kind] not in known:
+            raise InputError(f"{kind} {about[kind]!r} is none of {', '.join(known)}")
+    check_mesh(arrays["p"], arrays["t"], _MESHES[about["mesh"]])
+    mesh = _MESHES[about["mesh"]](arrays["p"], arrays["t"], sort_t=False)
+    boundaries = _boundaries(arrays, about)
+    if boundaries:
+        mesh = mesh.with_boundaries(boundaries)
+    if about.get("subdomains"):
+        cells = {name: arrays[f"subdomain/{i}"] for i, name in enumerate(about["subdomains"])}
+        mesh = mesh.with_subdomains(cells)
+    element = skfem.ElementVector(_ELEMENTS[about["element"]]())
+    rule = (arrays["quadrature/X"], arrays["quadrature/W"]) if "quadrature/X" in arrays else None
+    body = ElasticBody(
+        skfem.Basis(mesh, element, quadrature=rule),
+        arrays["E"],
+        arrays["nu"],
+        about["plane"],
+        about.get("dilatation", "pointwise"),
+    )
+    body.constraint = _unpack(arrays, "constraint"), arrays["u0"]
+    parts: dict[str, Any] = {
+        field.name: _unpack(arrays, f"rows/{field.name}")
+        if field.name in _SPARSE
+        else arrays[f"rows/{field.name}"]
+        for field in fields(ContactRows)
+        if field.name != "functional"
+    }
+    rows = ContactRows(**parts, functional=about["functional"])
+    check_problem(body, rows)
+    return body, rows
+
+
+def _boundaries(arrays: dict[str, Any], about: dict[str, Any]) -> dict[str, Any]:
+    if "boundaries" not in about:  # format 2
+        named = (name for name in arrays if name.startswith("boundary/"))
+        return {name.removeprefix("boundary/"): arrays[name] for name in named}
+    found = {}
+    for i, name in enumerate(about["boundaries"]):
+        facets, sides = arrays[f"boundary/{i}"], arrays.get(f"boundary/{i}/sides")
+        found[name] = facets if sides is None else OrientedBoundary(facets, sides)
+    return found
+
+
+def _pack(arrays: dict[str, Any], name: str, matrix: sparse.csr_array) -> None:
+    arrays |= {
+        f"{name}/data": matrix.data,
+        f"{name}/indices": matrix.indices,
+        f"{name}/indptr": matrix.indptr,
+        f"{name}/shape": np.array(matrix.shape),
+    }
+
+
+def _unpack(arrays: dict[str, Any], name: str) -> sparse.csr_array:
+    parts = tuple(arrays[f"{name}/{part}"] for part in ("data", "indices", "indptr"))
+    matrix = sparse.csr_array(parts, shape=tuple(arrays[f"{name}/shape"].tolist()))
+    matrix.check_format(full_check=True)  # products trust the indices
+    return matrix

@@ -1,0 +1,240 @@
+"""One or several contact boundaries, each with its obstacle, friction and functional."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.body.cut_arc import ArcGap, CutArc
+from contact.body.elastic_body import ElasticBody
+from contact.body.rigid_modes import rigid_field
+from contact.errors import InputError, evaluated
+from contact.obstacles.placement import check_placement, outward_normals
+from contact.obstacles.rigid import ObstacleMotion, Rigid
+from contact.obstacles.shapes import ClosestPoint, Gap
+from contact.rows.discretise import ContactRows, contact_boundary
+from contact.rows.gap_rule import GapRule
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ContactBoundaries:
+    """The contact boundaries of a body, discretised together.
+
+    Attributes
+    ----------
+    body : ElasticBody
+    rows : ContactRows
+        Of all boundaries, one after the other; without a gap.
+    rules : tuple of GapRule or ArcGap
+    several : bool
+        Obstacles and friction come as lists.
+    directions : tuple of (ndarray, shape (dim, m), or None)
+        Towards the closest points of a `ClosestPoint`; None where contact is along the normal.
+    """
+
+    body: ElasticBody
+    rows: ContactRows
+    rules: tuple[GapRule | ArcGap, ...]
+    several: bool
+    directions: tuple[Array | None, ...]
+
+    @classmethod
+    def of(
+        cls, body: ElasticBody, boundary: Any, obstacle: Any, functional: Any
+    ) -> ContactBoundaries:
+        """Discretise what `ContactProblem` was given.
+
+        Raises
+        ------
+        InputError
+            Lists of different lengths, or boundaries that share facets.
+        """
+        several = (
+            isinstance(boundary, list | tuple)
+            and isinstance(obstacle, list | tuple)
+            and not any(np.isscalar(b) and not isinstance(b, str) for b in boundary)
+        )
+        boundaries = list(boundary) if several else [boundary]
+        obstacles = list(obstacle) if several else [obstacle]
+        if len(boundaries) != len(obstacles) or not boundaries:
+            raise InputError(
+                f"obstacle: {len(obstacles)} obstacles for {len(boundaries)} boundaries; give one "
+                "for each, or one obstacle (not a list) for all of them together"
+            )
+        forms = _each("functional", functional, several, len(boundaries), shared=(str, type(None)))
+        places = [b if isinstance(b, CutArc) else body.whole_facets(b) for b in boundaries]
+        _refuse_overlap([p for p in places if not isinstance(p, CutArc)], "facet")
+        _refuse_overlap([p.index for p in places if isinstance(p, CutArc)], "point of the curve")
+        parts = [
+            _discretised(body, p, form, _direction(o))
+            for p, form, o in zip(places, forms, obstacles, strict=True)
+        ]
+        rows = parts[0][0] if len(parts) == 1 else _joined([rows for rows, _ in parts])
+        directions = tuple(
+            _towards(o, rows.x_nominal) for o, (rows, _) in zip(obstacles, parts, strict=True)
+        )
+        return cls(body, rows, tuple(rule for _, rule in parts), several, directions)
+
+    def _obstacles(self, obstacle: Any) -> list[Gap]:
+        if not self.several:
+            return [obstacle]
+        if not isinstance(obstacle, list | tuple) or len(obstacle) != len(self.rules):
+            raise InputError(
+                f"obstacle: expected a list of {len(self.rules)}, one for each boundary"
+            )
+        return list(obstacle)
+
+    def gap(self, obstacle: Any) -> Array:
+        """Gap of every contact point, shape (m,)."""
+        obstacles = self._obstacles(obstacle)
+        self._check_directions(obstacles)
+        plain = [o.obstacle if isinstance(o, Rigid) else o for o in obstacles]
+        gaps = [rule(o) for rule, o in zip(self.rules, plain, strict=True)]
+        size = float(np.ptp(self.body.mesh.p, axis=1).max())
+        for rule, o, gap in zip(self.rules, plain, gaps, strict=True):
+            n = rule.normals
+            if isinstance(o, ClosestPoint) and not isinstance(rule, ArcGap):  # n are directions
+                n = outward_normals(self.body.mesh, rule.x)
+            check_placement(o, gap, rule.x, n, size)
+        return np.concatenate(gaps)
+
+    def rise(self, obstacle: Any) -> Array:
+        """How much wider each gap is at the curve that straight facets stand in for, shape (m,)."""
+        plain = [o.obstacle if isinstance(o, Rigid) else o for o in self._obstacles(obstacle)]
+        return np.concatenate(
+            [
+                rule.rise(o) if isinstance(rule, GapRule) else np.zeros(rule.order.size)
+                for rule, o in zip(self.rules, plain, strict=True)
+            ]
+        )
+
+    def _check_directions(self, obstacles: list[Gap]) -> None:
+        places = self._of_each(self.rows.x_nominal)
+        for there, o, x in zip(self.directions, obstacles, places, strict=True):
+            now = _towards(o, x)
+            same = there is None and now is None
+            if there is not None and now is not None:
+                same = bool(np.abs(there - now).max() <= 1e-7)  # differences may be of a distance
+            if not same:
+                raise InputError(
+                    "obstacle: its contact forces act in other directions than those of the "
+                    "problem's obstacle, for which the contact boundary was discretised; make a "
+                    "new ContactProblem, or let Rigid(ClosestPoint(...), displacement=...) move"
+                )
+
+    def motion(self, obstacle: Any) -> ObstacleMotion | None:
+        """The motions of those obstacles that are `Rigid`; None when none is."""
+        rows, dim = self.rows, self.body.dim
+        blocks: list[tuple[Array, Array, Array, Array]] = []
+        start = 0
+        for rule, o in zip(self.rules, self._obstacles(obstacle), strict=True):
+            here = slice(start, start + rule.order.size)
+            start = here.stop
+            if not isinstance(o, Rigid):
+                continue
+            motion, force = o.components(dim)
+            unit = rigid_field(self.body, o.about(dim))
+            normal = np.zeros((rows.gap.size, unit.shape[1]))
+            normal[here] = rows.G[here] @ unit
+            along = slice(here.start * (dim - 1), here.stop * (dim - 1))
+            tangent = np.zeros((rows.T.shape[0], unit.shape[1]))
+            tangent[along] = rows.T[along] @ unit
+            blocks.append((normal, tangent, motion, force))
+        if not blocks:
+            return None
+        normals, tangents, motions, forces = zip(*blocks, strict=True)
+        return ObstacleMotion(
+            np.hstack(normals), np.hstack(tangents), np.concatenate(motions), np.concatenate(forces)
+        )
+
+    def friction(self, friction: Any) -> Array:
+        """Coefficient or bound of every contact point, shape (m,).
+
+        Raises
+        ------
+        InputError
+            Not finite, negative, or of a wrong shape.
+        """
+        if not self.several or not isinstance(friction, list | tuple):
+            return _values(friction, self.rows.x)
+        each = _each("friction", friction, True, len(self.rules), shared=())
+        places = self._of_each(self.rows.x)
+        return np.concatenate([_values(f, x) for f, x in zip(each, places, strict=True)])
+
+    def _of_each(self, x: Array) -> list[Array]:
+        """Places of all contact points, split by boundaries."""
+        return np.split(x, np.cumsum([rule.order.size for rule in self.rules])[:-1], axis=1)
+
+
+def _refuse_overlap(places: list[NDArray[np.int64]], name: str) -> None:
+    if places:
+        seen, counts = np.unique(np.concatenate(places), return_counts=True)
+        if np.any(counts > 1):
+            raise InputError(
+                f"boundary: {name} {int(seen[counts > 1][0])} belongs to two contact boundaries"
+            )
+
+
+def _discretised(
+    body: ElasticBody, place: Any, form: str | None, direction: Callable[[Array], Array] | None
+) -> tuple[ContactRows, GapRule | ArcGap]:
+    if not isinstance(place, CutArc):
+        return contact_boundary(body, place, form, direction)
+    if place.body is not body:
+        raise InputError("boundary: the arc belongs to another body; use body.arc() of this one")
+    return place.rows(form, direction)
+
+
+def _direction(obstacle: Any) -> Callable[[Array], Array] | None:
+    plain = obstacle.obstacle if isinstance(obstacle, Rigid) else obstacle
+    return plain.direction if isinstance(plain, ClosestPoint) else None
+
+
+def _towards(obstacle: Any, x: Array) -> Array | None:
+    direction = _direction(obstacle)
+    return None if direction is None else direction(x)
+
+
+def _each(name: str, given: Any, several: bool, count: int, shared: tuple[type, ...]) -> list[Any]:
+    if not several or isinstance(given, shared):
+        return [given] * count
+    if not isinstance(given, list | tuple) or len(given) != count:
+        raise InputError(f"{name}: expected one for all or a list of {count}, one a boundary")
+    return list(given)
+
+
+def _values(friction: Any, x: Array) -> Array:
+    value = evaluated("friction", friction, x)
+    if value.shape not in ((), x.shape[1:]):
+        raise InputError(
+            f"friction: expected a number or {x.shape[1]} values, one for each contact point, got "
+            f"shape {value.shape}"
+        )
+    if not np.all(np.isfinite(value)) or np.any(value < 0):
+        raise InputError("friction: must be finite and not negative")
+    return np.broadcast_to(value, x.shape[1:]).copy()
+
+
+def _joined(parts: list[ContactRows]) -> ContactRows:
+    names = dict.fromkeys(rows.functional for rows in parts)
+    first = parts[0]
+    return replace(
+        first,
+        G=sparse.vstack([rows.G for rows in parts], format="csr"),
+        T=sparse.vstack([rows.T for rows in parts], format="csr"),
+        gap=np.concatenate([rows.gap for rows in parts]),
+        weights=np.concatenate([rows.weights for rows in parts]),
+        x=np.hstack([rows.x for rows in parts]),
+        x_nominal=np.hstack([rows.x_nominal for rows in parts]),
+        normals=np.hstack([rows.normals for rows in parts]),
+        tangents=np.concatenate([rows.tangents for rows in parts], axis=2),
+        functional=",".join(names),
+        part=np.repeat(np.arange(len(parts)), [rows.gap.size for rows in parts]),
+    )

@@ -1,0 +1,228 @@
+"""Contact rows: normal and tangential displacement of a boundary as sparse functionals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from skfem import FacetBasis
+
+from contact.body.elastic_body import ElasticBody
+from contact.errors import InputError
+from contact.obstacles.shapes import Gap
+from contact.rows.frames import along_supports, norms, tangent_frame, within_supports
+from contact.rows.functionals import facet_functional
+from contact.rows.gap_rule import GapRule
+from contact.rows.numbering import along, first_occurrence, numbering
+from contact.rows.outline import Outline
+from contact.rows.shares import Shares, placed_on
+from contact.rows.trace_rows import TraceRows
+from contact.rows.unequal_facets import Leaning
+
+Array = NDArray[np.float64]
+# Of the largest entry of a row: a hundred times what cells a million times as long as wide leave.
+_ROUNDING = 1e-8
+Direction = Callable[[Array], Array]
+
+
+@dataclass(frozen=True, repr=False)
+class ContactRows:
+    """The contact boundary, discretised: m points, each with a normal and dim - 1 tangents.
+
+    Attributes
+    ----------
+    G : csr_array, shape (m, ndofs)
+        ``G u`` is the normal displacement u_n along the outward normal of the body.
+    T : csr_array, shape (m * (dim - 1), ndofs)
+        Tangential displacement; the rows of one point are consecutive.
+    gap : ndarray, shape (m,)
+        The gap d under the same functional; ``inf`` where there is no obstacle.
+    weights : ndarray, shape (m,)
+        Length or area of each point: a multiplier (a force) over its weight is a pressure.
+    x : ndarray, shape (dim, m)
+        Mean place of the functional's dual function: where the pressure is reported.
+    x_nominal : ndarray, shape (dim, m)
+    normals : ndarray, shape (dim, m)
+    tangents : ndarray, shape (dim, dim - 1, m)
+    functional : str
+    part : ndarray of int, shape (m,)
+        Number of the contact boundary of each point; empty where there is one only.
+    """
+
+    G: sparse.csr_array
+    T: sparse.csr_array
+    gap: Array
+    weights: Array
+    x: Array
+    x_nominal: Array
+    normals: Array
+    tangents: Array
+    functional: str
+    part: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+
+def contact_rows(
+    body: ElasticBody, facets: NDArray[np.int64], obstacle: Gap, functional: str | None
+) -> ContactRows:
+    """Discretise a contact boundary.
+
+    Parameters
+    ----------
+    body : ElasticBody
+    facets : ndarray of int
+    obstacle : obstacle, number, callable, array or None
+        See `contact.obstacles.shapes`; None means friction without a contact law, a gap of ``inf``.
+    functional : str or None
+        See `contact.rows.functionals`.
+
+    Raises
+    ------
+    InputError
+        The gap holds NaN or has a wrong shape; the element offers no such functional, or none that
+        can be trusted on a curve.
+    """
+    rows, rule = contact_boundary(body, facets, functional)
+    return replace(rows, gap=rule(obstacle))
+
+
+def contact_boundary(
+    body: ElasticBody,
+    facets: NDArray[np.int64],
+    functional: str | None,
+    direction: Direction | None = None,
+) -> tuple[ContactRows, GapRule]:
+    """Discretise a contact boundary whose obstacle comes later: rows, and how to read a gap.
+
+    Parameters
+    ----------
+    body, facets, functional
+        As for `contact_rows`.
+    direction : callable x -> n, optional
+        Unit vectors that take the place of the outward normals, see `ClosestPoint`.
+    """
+    form = facet_functional(body.element, functional)
+    outline = Outline(body, facets)
+    if form.straight and outline.curved.any():
+        if form.name != "gauss":
+            raise InputError(
+                f"functional={form.name!r}: cannot be trusted on a curved boundary; leave "
+                "functional out there"
+            )
+        form = facet_functional(body.element, None)
+    number, count = numbering(outline, form)
+    facet, slot = first_occurrence(number, count)
+    x_nominal = body.basis.mapping.G(form.nominal, find=facets)[:, facet, slot]
+
+    integrals = _facet_basis(body, facets, None)
+    at_points = integrals if form.mean else _facet_basis(body, facets, form.points)
+    shares = Shares.of(outline, form, number, integrals)
+    x = shares.x
+    if form.trace is not None:
+        spline = Shares.of(outline, form.trace, numbering(outline, form.trace)[0], integrals)
+        x = placed_on(shares, spline, form.trace.basis(form.points))
+    trace = TraceRows.of(outline, at_points, shares, direction)
+    offset = None
+    if form.mean:
+        derivatives = body.scalar_dofs.nodal_dofs[1 : 1 + body.dim, outline.corners[facet, slot]]
+        offset = trace.scalar[np.arange(count)[None], derivatives].toarray()
+        x_nominal = x_nominal + offset
+    normals, own, sharp = outline.mean_normals(form.nominal, number, shares.omega)
+    slant = np.linalg.norm(own, axis=0)
+    G, aside = trace.normal(normals, sharp), None
+    if direction is not None:
+        normals = direction(x_nominal)
+    else:
+        normals = within_supports(trace.supported, normals, body.constraint[0])
+        leaning = Leaning.of(outline, form, shares)
+        G = sparse.csr_array(G + leaning.rows(body.scalar_dofs.nodal_dofs[0], G.shape))
+        read, turned = normals if form.mean else own / slant, own + leaning.turn(count)
+        aside = read, turned / np.linalg.norm(turned, axis=0)
+    tangents = tangent_frame(normals)
+    if body.dim == 3:
+        tangents = along_supports(trace.supported, tangents, body.constraint[0])
+
+    order = along(outline, form, number, count)
+    raised = outline.raised(trace.x, np.asarray(at_points.X))
+    rule = GapRule(
+        trace.x,
+        trace.normals,
+        shares,
+        x_nominal,
+        normals,
+        slant,
+        sharp,
+        order,
+        offset,
+        raised,
+        aside,
+    )
+    T = [trace.tangential(normals, tangents[:, j], sharp)[order] for j in range(body.dim - 1)]
+    interleaved = np.arange(count * (body.dim - 1)).reshape(body.dim - 1, count).T.ravel()
+    rows = ContactRows(
+        G[order],
+        sparse.csr_array(sparse.vstack(T))[interleaved],
+        np.full(count, np.inf),
+        shares.weights[order],
+        x[:, order],
+        x_nominal[:, order],
+        normals[:, order],
+        tangents[:, :, order],
+        form.name,
+    )
+    return rows, rule
+
+
+def _facet_basis(body: ElasticBody, facets: NDArray[np.int64], points: Array | None) -> FacetBasis:
+    """Scalar trace at given reference points, or at Gauss points that integrate x * trace."""
+    rule = None if points is None else (points, np.ones(points.shape[1]))
+    return FacetBasis(
+        body.mesh,
+        body.element,
+        facets=facets,
+        dofs=body.scalar_dofs,
+        quadrature=rule,
+        intorder=None if rule else 2 * body.element.maxdeg + 2,
+        disable_doflocs=True,
+    )
+
+
+def live_rows(rows: sparse.csr_array, body: ElasticBody) -> NDArray[np.bool_]:
+    """Rows that the prescribed displacements leave something of.
+
+    Parameters
+    ----------
+    rows : csr_array, shape (nrows, ndofs)
+    body : ElasticBody
+
+    Returns
+    -------
+    ndarray of bool, shape (nrows,)
+    """
+    of_dof, of_free = body.lengths
+    left = rows @ body.constraint[0] @ sparse.diags_array(1.0 / of_free)
+    return norms(left) > 1e-9 * norms(rows @ sparse.diags_array(1.0 / of_dof))
+
+
+def without_rounding(rows: sparse.csr_array, lengths: Array) -> sparse.csr_array:
+    """Rows less the rounding of places on a facet, which reaches into the cell behind it.
+
+    Of slender cells that is many machine precisions, and would make unknowns of the far side part
+    of the boundary.
+
+    Parameters
+    ----------
+    rows : csr_array, shape (nrows, n)
+    lengths : ndarray, shape (n,)
+        What turns each unknown into a displacement.
+    """
+    size = np.abs(rows.data) / lengths[rows.indices]
+    row = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
+    largest = np.zeros(rows.shape[0])
+    np.maximum.at(largest, row, size)
+    kept = np.where(size > _ROUNDING * largest[row], rows.data, 0.0)
+    result = sparse.csr_array((kept, rows.indices, rows.indptr), shape=rows.shape)
+    result.eliminate_zeros()
+    return result

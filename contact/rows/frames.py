@@ -1,0 +1,118 @@
+"""Frames of contact points: tangents of the normals, turned to supports, and along the facets."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.rows.outline import NEARLY
+
+Array = NDArray[np.float64]
+
+
+def tangent_frame(normals: Array) -> Array:
+    """Orthonormal tangents of the unit normals of one contact boundary.
+
+    In two dimensions the tangent is the normal turned by +90 degrees: (1, 0) on a bottom edge. In
+    three the frame is a smooth function of the normal on all of the sphere but one point, the pole
+    (0, 0, 1) for a boundary whose mean normal has n_z <= 0, (0, 0, -1) for others: about that pole
+    frames turn twice, as they must somewhere on a closed surface. The first tangent lies in the
+    plane of x and z where n_y = 0, so (1, 0, 0) on horizontal faces. Friction knows no directions:
+    a turn of the frame changes the components of the shear, not the vector.
+
+    Parameters
+    ----------
+    normals : ndarray, shape (dim, m)
+
+    Returns
+    -------
+    ndarray, shape (dim, dim - 1, m)
+
+    References
+    ----------
+    T. Duff et al., Building an orthonormal basis, revisited, J. Comput. Graph. Tech. 6 (2017).
+
+    Examples
+    --------
+    >>> tangent_frame(np.array([[0.0], [-1.0]])).ravel().tolist()
+    [1.0, 0.0]
+    """
+    if normals.shape[0] == 2:
+        return np.array([[-normals[1]], [normals[0]]])
+    x, y, z = normals
+    sign = np.full(z.size, 1.0 if z.sum() > 1e-9 * z.size else -1.0)
+    square = x * x + y * y
+    sign[(square < 1e-290) & (sign * z < 0)] *= -1.0  # the pole itself
+    # -1 / (sign + z), which would cancel near that pole.
+    near = sign * z < 0
+    a = -sign * np.where(near, (1.0 + np.abs(z)) / np.where(near, square, 1.0), 1 / (1 + np.abs(z)))
+    b = x * y * a
+    first = np.array([1.0 + sign * x * x * a, sign * b, -sign * x])
+    second = np.array([b, sign + y * y * a, -y])
+    return np.stack([first, second], axis=1)
+
+
+def turned_tangents(tangents: Array, mean: Array, normals: Array) -> Array:
+    r"""Tangents taken along with their normal, :math:`t - (n \cdot t) (m + n) / (1 + m \cdot n)`.
+
+    Parameters
+    ----------
+    tangents : ndarray, shape (dim, dim - 1, ...)
+        Orthonormal to `mean`.
+    mean, normals : ndarray, shape (dim, ...)
+        Unit normals m of the tangents, and those n that they are turned to by the shortest way.
+    """
+    along = np.sum(normals[:, None] * tangents, axis=0)
+    size = 1.0 + np.sum(mean * normals, axis=0)
+    return np.asarray(tangents - (mean + normals)[:, None] * (along / size)[None])
+
+
+def within_supports(B: sparse.csr_array, normals: Array, T: sparse.csr_array) -> Array:
+    """Turn normals that all but lie in a plane of symmetry into it.
+
+    Where a curved boundary ends at a support along an axis, the mean normal is that of one side
+    only, off by half the turn of a facet; friction would act on what is left of the tangent.
+    """
+    dim = normals.shape[0]
+    turned = normals.copy()
+    for c in range(dim):
+        axis = np.zeros_like(normals)
+        axis[c] = 1.0
+        held = norms(directed(B, axis) @ T) <= 1e-9 * norms(B)
+        turned[c, held & (np.abs(normals[c]) < NEARLY)] = 0.0
+    return turned / np.linalg.norm(turned, axis=0)
+
+
+def along_supports(B: sparse.csr_array, tangents: Array, T: sparse.csr_array) -> Array:
+    """Turn the frames so that a prescribed tangential direction is one of their axes.
+
+    Where supports (a plane of symmetry, say) hold a contact point in one tangential direction
+    only, two rows in a general frame would depend on each other.
+    """
+    rows = [directed(B, tangents[:, j]) @ T for j in (0, 1)]
+    a, b, c = (
+        np.asarray(rows[i].multiply(rows[j]).sum(axis=1)).ravel()
+        for i, j in ((0, 0), (0, 1), (1, 1))
+    )
+    least = 0.5 * (a + c) - np.hypot(0.5 * (a - c), b)
+    angle = np.where(least < 1e-12 * (a + c), 0.5 * np.arctan2(2 * b, a - c), 0.0)
+    cos, sin = np.cos(angle), np.sin(angle)
+    first, second = tangents[:, 0], tangents[:, 1]
+    return np.stack([cos * first + sin * second, cos * second - sin * first], axis=1)
+
+
+def directed(B: sparse.csr_array, direction: Array) -> sparse.csr_array:
+    """Rows of ``direction . u`` from rows of the scalar trace."""
+    dim, coo = direction.shape[0], B.tocoo()
+    data = np.concatenate([coo.data * direction[c][coo.row] for c in range(dim)])
+    columns = np.concatenate([dim * coo.col + c for c in range(dim)])
+    rows = np.tile(coo.row, dim)
+    result = sparse.coo_array((data, (rows, columns)), shape=(B.shape[0], dim * B.shape[1])).tocsr()
+    result.eliminate_zeros()
+    return result
+
+
+def norms(rows: sparse.csr_array) -> Array:
+    """Euclidean norms of the rows."""
+    return np.sqrt(np.asarray(rows.multiply(rows).sum(axis=1), dtype=float).ravel())

@@ -1,0 +1,132 @@
+"""The gap between a contact boundary and an obstacle, under the functional of the trace."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.errors import InputError, numbers
+from contact.obstacles.shapes import Gap, evaluate_gap
+from contact.rows.shares import Shares
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GapRule:
+    """How a contact boundary reads a gap: with the same functional as the displacement.
+
+    Attributes
+    ----------
+    x, normals : ndarray, shape (dim, nfacets, npoints)
+        Evaluation points of each facet, and outward normals there.
+    shares : Shares
+    x_nominal, mean_normals : ndarray, shape (dim, m)
+        Of the contact points, before sorting.
+    slant : ndarray, shape (m,)
+        Length of the mean of the facets' normals at each, as in the rows: 1 where they are one.
+    sharp : ndarray of bool, shape (m,)
+        Facets meet there in a real corner.
+    order : ndarray of int, shape (m,)
+        Sorts the contact points.
+    offset : ndarray, shape (dim, m), optional
+        From the vertex to the point, before sorting, of the functional ``centroid``.
+    raised : ndarray, shape (dim, nfacets, npoints), optional
+        Places on the curve over `x`, where facets stand in for one; see `Outline.raised`.
+    aside : pair of ndarray, shape (dim, m), optional
+        Normals that the gap is read along, and those of the rows; see
+        `contact.rows.unequal_facets`.
+    """
+
+    x: Array
+    normals: Array
+    shares: Shares
+    x_nominal: Array
+    mean_normals: Array
+    slant: Array
+    sharp: NDArray[np.bool_]
+    order: NDArray[np.int64]
+    offset: Array | None = None
+    raised: Array | None = None
+    aside: tuple[Array, Array] | None = None
+
+    def __call__(self, obstacle: Gap) -> Array:
+        """Gap of every contact point, shape (m,); ``inf`` where there is no obstacle.
+
+        Raises
+        ------
+        InputError
+            NaN, minus infinity or a wrong shape.
+        """
+        if isinstance(obstacle, np.ndarray | list | tuple):
+            return self._given(obstacle)
+        if self.offset is not None:
+            gap = self._extrapolated(obstacle, self.offset)
+        else:
+            gap = self._read(obstacle)
+        return (gap + self._turned(obstacle))[self.order]
+
+    def rise(self, obstacle: Gap) -> Array:
+        """How much wider the gap is at the curve that the facets stand in for, shape (m,)."""
+        if self.raised is None or not np.any(self.raised != self.x):
+            return np.zeros(self.order.size)
+        here, there = self(obstacle), replace(self, x=self.raised)(obstacle)
+        both = np.isfinite(here) & np.isfinite(there)
+        return np.where(both, np.where(both, there, 0.0) - np.where(both, here, 0.0), 0.0)
+
+    def _read(self, obstacle: Gap) -> Array:
+        """The mean of what the facets read."""
+        shares, count = self.shares, self.order.size
+        at = evaluate_gap(obstacle, self.x, self.normals)
+        open_ = np.isinf(at)
+        value = np.einsum("fsp,fp->fs", shares.C, np.where(open_, 0.0, at))
+        blind = np.einsum("fsp,fp->fs", shares.C != 0, open_.astype(float)) > 0
+        own = ~shares.lent
+
+        def total(part: Array) -> Array:
+            return np.bincount(shares.number[own], part[own], count).astype(np.float64)
+
+        # A neighbour reads the same where it is smooth; a kink or a step is the facet's own.
+        gap = total(value) / total(shares.omega)
+        unseen = total(blind.astype(float)) > 0
+        alone = np.bincount(shares.number[own], minlength=count) == 1
+        gap[unseen & alone] = np.inf
+        # In a corner the facets' normals meet the obstacle far apart, or not at all: the gap is
+        # that along their mean.
+        seek = np.flatnonzero(~alone & (unseen | self.sharp))
+        if seek.size:
+            where = self.x_nominal[:, seek], self.mean_normals[:, seek]
+            gap[seek] = evaluate_gap(obstacle, *where) * self.slant[seek]
+        return gap
+
+    def _turned(self, obstacle: Gap) -> Array:
+        """By how much the gap is longer along the normals of the rows, before sorting."""
+        longer = np.zeros(self.order.size)
+        if self.aside is not None:
+            turned = np.flatnonzero(np.abs(self.aside[1] - self.aside[0]).max(axis=0) > 1e-12)
+            where = self.x_nominal[:, turned]
+            one, two = (evaluate_gap(obstacle, where, n[:, turned]) for n in self.aside)
+            both = np.isfinite(one) & np.isfinite(two)
+            one, two = np.where(both, one, 0.0), np.where(both, two, 0.0)
+            longer[turned] = self.slant[turned] * (two - one)
+        return longer
+
+    def _extrapolated(self, obstacle: Gap, offset: Array) -> Array:
+        """d plus its slope times the offset, as for the displacement; exact for quadratic d."""
+        vertex = self.x_nominal - offset
+        here, half, there = (
+            evaluate_gap(obstacle, vertex + part * offset, self.mean_normals)
+            for part in (0.0, 0.5, 1.0)
+        )
+        open_ = np.isinf(here) | np.isinf(half) | np.isinf(there)
+        here, half, there = (np.where(open_, 0.0, d) for d in (here, half, there))
+        return np.where(open_, np.inf, 4 * half - 2 * here - there)
+
+    def _given(self, obstacle: Gap) -> Array:
+        """One gap for each contact point, in their order."""
+        given, x = numbers("obstacle", obstacle), self.x_nominal
+        if given.shape not in ((), x.shape[1:]):
+            raise InputError(f"obstacle: {given.size} gaps given for {x.shape[1]} contact points")
+        return evaluate_gap(given, x, x)

@@ -1,0 +1,92 @@
+"""Contact points of a boundary: which values of its facets are one, and their order."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.rows.functionals import FacetFunctional
+from contact.rows.outline import Outline
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+def numbering(outline: Outline, form: FacetFunctional) -> tuple[Index, int]:
+    """Contact point of each facet's values, shape (nfacets, nvalues), and how many there are.
+
+    -1 for one that others take the place of, see `contact.rows.shares`: a value at a vertex that
+    two straight facets pass, where the trace is smooth, and on a facet of a curve all but the
+    corners.
+    """
+    count, ends = outline.facets.size, outline.corners.T
+    carried = form.shared
+    number = np.full((count, carried.size), -1, dtype=np.int64)
+    entity = [
+        ends[c] if isinstance(c, int) else _edge_key(ends[list(c)], outline.body.mesh.nvertices)
+        for c in form.vertex
+        if c != -1
+    ]
+    carrier = np.array(entity, dtype=np.int64).reshape(-1, count).T
+    curved = outline.curved[:, None]
+    if form.smooth:
+        straight = ~curved & ~outline.curved[outline.beyond[0]]
+        carrier = np.where(outline.continued & straight, -1, carrier)
+    elif form.reduced:
+        carrier = np.where(curved & (np.arange(carrier.shape[1]) >= ends.shape[0]), -1, carrier)
+    kept, inverse = np.unique(carrier, return_inverse=True)
+    dropped = int(kept.size > 0 and kept[0] < 0)
+    number[:, carried] = inverse.reshape(carrier.shape) - dropped
+    shared = kept.size - dropped
+    alone = np.broadcast_to(~carried & ~(curved & form.reduced), number.shape)
+    number[alone] = shared + np.arange(alone.sum())
+    return number, shared + int(alone.sum())
+
+
+def _edge_key(ends: Index, nvertices: int) -> Index:
+    """A number for each edge, the same from either side and above those of the vertices."""
+    low, high = np.sort(ends.astype(np.int64), axis=0)
+    return np.asarray(nvertices * (1 + low) + high)
+
+
+def first_occurrence(number: Index, count: int) -> tuple[Index, Index]:
+    """Facet and value that first bear the number of each contact point."""
+    first = np.zeros(count, dtype=np.int64)
+    flat = number.ravel()
+    used = np.flatnonzero(flat >= 0)[::-1]
+    first[flat[used]] = used
+    return np.divmod(first, number.shape[1])
+
+
+def along(outline: Outline, form: FacetFunctional, number: Index, count: int) -> Index:
+    """In two dimensions the points in the order in which the boundary is run through."""
+    mesh, ends = outline.body.mesh, outline.corners.T
+    if mesh.dim() == 3:
+        return np.arange(count)
+    length = np.linalg.norm(mesh.p[:, ends[1]] - mesh.p[:, ends[0]], axis=0)
+    at: dict[int, list[int]] = {}
+    for f, (a, b) in enumerate(ends.T.tolist()):
+        at.setdefault(a, []).append(f)
+        at.setdefault(b, []).append(f)
+    place = np.full(count, np.inf)
+    left = set(range(length.size))
+    arc = 0.0
+    starts = [v for v, around in at.items() if len(around) == 1]
+    starts.sort(key=lambda v: tuple(mesh.p[:, v]))
+    while left:
+        closed = int(ends[0, min(left)])
+        vertex: int = next((v for v in starts if at[v][0] in left), closed)
+        while True:
+            ahead = [f for f in at[vertex] if f in left]
+            if not ahead:
+                break
+            f = ahead[0]
+            left.discard(f)
+            forward = ends[0, f] == vertex
+            s = form.nominal[0] if forward else 1.0 - form.nominal[0]
+            used = number[f] >= 0
+            place[number[f][used]] = np.minimum(place[number[f][used]], arc + (s * length[f])[used])
+            arc += length[f]
+            vertex = int(ends[1, f] if forward else ends[0, f])
+        arc += 1e-9 * length.sum()
+    return np.argsort(place, kind="stable")

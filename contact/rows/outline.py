@@ -1,0 +1,281 @@
+"""How the facets of a boundary continue each other: turns, corners, and smooth normals.
+
+Straight facets along a curve have normals that jump at every vertex, by turns that refinement
+makes as small as one likes. What acts along the normal keeps the normals of the facets: a uniform
+pressure then loads a polygon as it must, and a polygon that shrinks keeps a gap of one size along
+each facet. Slip is measured along smooth tangents instead, for a polygon that shrinks moves along
+its facets, forth and back, by the size of the turn. The weights of N. Max (Weights for computing
+vertex normals from facet normals, J. Graphics Tools 4, 1999) make the normals at vertices exact on
+circles and spheres, whatever the facets' lengths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.body.elastic_body import ElasticBody
+from contact.errors import InputError
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+# Facets that turn by more meet in a real corner, by less they follow one curve: eight facets a
+# circle are a coarse circle, a hexagon has corners.
+CORNER = 0.9
+# Facets that turn by more, at their corners or within, belong to a curve; less is noise of straight
+# ones, and what it does to a pressure is of its size.
+CURVED = 1e-3
+NEARLY = np.sin(0.5 * CORNER)  # of the angle from a plane of symmetry: half the turn at its mirror
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Facets of a contact boundary, their normals, and how they meet.
+
+    Attributes
+    ----------
+    body : ElasticBody
+    facets : ndarray of int, shape (nfacets,)
+    """
+
+    body: ElasticBody
+    facets: Index
+
+    @cached_property
+    def corners(self) -> Index:
+        """Mesh vertices of each facet, in ring order, shape (nfacets, ncorners)."""
+        return np.asarray(self.body.mesh.facets[:, self.facets].T, dtype=np.int64)
+
+    def normals(self, points: Array) -> Array:
+        """Outward unit normals at points (dim - 1, n) of the reference facet, (dim, nfacets, n)."""
+        mapping, mesh = self.body.basis.mapping, self.body.mesh
+        cells = mesh.f2t[0, self.facets]
+        x = mapping.G(points, find=self.facets)
+        try:
+            inside = mapping.invF(x, tind=cells)
+        except Exception as error:  # scikit-fem raises the bare class from its Newton iteration
+            raise InputError(
+                f"boundary: places of a facet are not found in its cell ({error}); it is bent or "
+                "graded too strongly"
+            ) from error
+        return np.asarray(mapping.normals(inside, cells, self.facets, mesh.t2f))
+
+    @cached_property
+    def at_corners(self) -> Array:
+        """Normals of each facet at its own corners, shape (dim, nfacets, ncorners)."""
+        return self.normals(reference_corners(self.body.dim, self.corners.shape[1]))
+
+    @cached_property
+    def _vertices(self) -> tuple[Index, Index]:
+        vertex, place = np.unique(self.corners, return_inverse=True)
+        return vertex, place.reshape(self.corners.shape)
+
+    @cached_property
+    def turned(self) -> Array:
+        """Smooth normals at the corners of each facet, its own at real corners; as `at_corners`."""
+        vertex, place = self._vertices
+        weight, own = self._corner_weights(), self.at_corners
+        mean = _unit_sums(weight * own, place, vertex.size)
+        sharp = _sharp(own.reshape(own.shape[0], -1), place.ravel(), vertex.size)
+        mean = self._within_supports(mean, vertex)
+        return np.where(sharp[place], own, mean[:, place])
+
+    @cached_property
+    def curved(self) -> NDArray[np.bool_]:
+        """Facets that stand for a piece of a curve or of a curved surface, shape (nfacets,)."""
+        tilt = np.maximum(*self._tilts)
+        return np.asarray((tilt > 0.5 * CURVED).any(axis=1))
+
+    @cached_property
+    def _tilts(self) -> tuple[Array, Array]:
+        """Turns from the facets' normals at corners: to the smooth ones, and to their middles'."""
+        middle = self.normals(
+            reference_corners(self.body.dim, self.corners.shape[1]).mean(1)[:, None]
+        )
+        smooth, within = self.turned - self.at_corners, middle - self.at_corners
+        return np.linalg.norm(smooth, axis=0), np.linalg.norm(within, axis=0)
+
+    @cached_property
+    def continued(self) -> NDArray[np.bool_]:
+        """Corners of facets, in 2-D, where exactly one other continues, (nfacets, ncorners)."""
+        vertex, place = self._vertices
+        met = np.bincount(place.ravel(), minlength=vertex.size)
+        bend = np.zeros((self.body.dim, vertex.size))
+        for c in range(self.body.dim):
+            np.add.at(bend[c], place, self.at_corners[c])
+        # The sum of two unit vectors is twice the cosine of half the angle between them.
+        sharp = np.linalg.norm(bend, axis=0) < 2 * np.cos(0.5 * CORNER)
+        return np.asarray((met == 2) & ~sharp)[place]
+
+    @cached_property
+    def beyond(self) -> tuple[Index, Index]:
+        """The facet and its corner that continue each continued corner; -1 elsewhere."""
+        _, place = self._vertices
+        facet, corner = np.full((2, *place.shape), -1)
+        order = np.argsort(place.ravel(), kind="stable")
+        here = order[self.continued.ravel()[order]]
+        one, two = here[::2], here[1::2]
+        for a, b in ((one, two), (two, one)):
+            facet.ravel()[a], corner.ravel()[a] = np.divmod(b, place.shape[1])
+        return facet, corner
+
+    def smooth(self, normals: Array, points: Array) -> Array:
+        """Smooth normals at points of the facets.
+
+        The facets' own, and the change to the smooth normals at their corners, interpolated.
+
+        Parameters
+        ----------
+        normals : ndarray, shape (dim, nfacets, n)
+            Those of the facets at these points.
+        points : ndarray, shape (dim - 1, n)
+        """
+        change = (self.turned - self.at_corners) @ hats(points, self.corners.shape[1])
+        result: Array = normals + change
+        return result / np.linalg.norm(result, axis=0)
+
+    def mean_normals(
+        self, points: Array, number: Index, size: Array
+    ) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Normals of contact points that several facets share.
+
+        Parameters
+        ----------
+        points : ndarray, shape (dim - 1, nvalues)
+            Nominal places of a facet's values.
+        number : ndarray of int, shape (nfacets, nvalues)
+            Contact point of each value, -1 for none.
+        size : ndarray, shape (nfacets, nvalues)
+            Of the facet's share.
+
+        Returns
+        -------
+        normals : ndarray, shape (dim, m)
+            Means of the smooth normals, of unit length.
+        own : ndarray, shape (dim, m)
+            Means of the facets' own normals, shorter where these differ, but in corners.
+        sharp : ndarray of bool, shape (m,)
+            Facets meet in a real corner.
+
+        Raises
+        ------
+        InputError
+            Facets that lie back to back share a point.
+        """
+        used, own = number >= 0, self.normals(points)
+        at, count = number[used], int(number.max()) + 1
+
+        def mean(v: Array) -> Array:
+            total = [np.bincount(at, (size * c)[used], count) for c in v]
+            return np.array(total) / np.bincount(at, size[used], count)
+
+        normals = mean(self.smooth(own, points))
+        length = np.linalg.norm(normals, axis=0)
+        if np.any(length < 1e-9):
+            raise InputError("boundary: facets with opposite normals meet at a contact point")
+        normals /= length
+        sharp = _sharp(own[:, used], at, count)
+        return normals, np.where(sharp, normals, mean(own)), sharp
+
+    @cached_property
+    def bent(self) -> NDArray[np.bool_]:
+        """Straight facets whose corners lean one way, pieces of a curve, shape (nfacets,).
+
+        Not one beside a flat side, nor one under noise; and one of second order follows the curve
+        itself.
+        """
+        corner, change = self.body.mesh.p[:, self.corners], self.turned - self.at_corners
+        lean = np.sum(change * (corner - corner.mean(axis=2, keepdims=True)), axis=0)
+        bent = np.abs(lean.sum(axis=1)) > 0.999 * np.abs(lean).sum(axis=1)
+        bent &= np.abs(lean).min(axis=1) > 0.25 * np.abs(lean).max(axis=1)
+        between, within = (tilt.max(axis=1) for tilt in self._tilts)
+        return np.asarray(bent & (within < 0.5 * between))
+
+    def raised(self, x: Array, points: Array) -> Array:
+        """Places on the smooth surface over places of the facets that stand in for it.
+
+        Over a facet it is half the mean, by the hats, of the heights of the planes through its
+        corners along the smooth normals there: exact to second order on circles and spheres. A
+        facet that is not `bent` is itself.
+
+        Parameters
+        ----------
+        x : ndarray, shape (dim, nfacets, n)
+        points : ndarray, shape (dim - 1, n)
+            The same places on the reference facet.
+        """
+        corner, change = self.body.mesh.p[:, self.corners], self.turned - self.at_corners
+        bent = self.bent
+        own = np.einsum("cfk,cfp->fkp", change, x) - np.sum(change * corner, axis=0)[..., None]
+        height = -0.5 * np.sum(own * hats(points, corner.shape[2]), axis=1)
+        return np.asarray(x + self.normals(points) * np.where(bent[:, None], height, 0.0))
+
+    def _corner_weights(self) -> Array:
+        """Weights of a facet's normal in those of its vertices, shape (nfacets, ncorners)."""
+        x = self.body.mesh.p[:, self.corners]
+        if x.shape[0] == 2:
+            length = np.linalg.norm(x[:, :, 1] - x[:, :, 0], axis=0)
+            return np.repeat(1.0 / length[:, None], 2, axis=1)
+        ahead, behind = np.roll(x, -1, axis=2) - x, np.roll(x, 1, axis=2) - x
+        area = np.linalg.norm(np.cross(ahead, behind, axis=0), axis=0)
+        return np.asarray(area / (np.sum(ahead**2, axis=0) * np.sum(behind**2, axis=0)))
+
+    def _within_supports(self, normals: Array, vertex: Index) -> Array:
+        """Turn normals that all but lie in a plane of symmetry into it.
+
+        Where a curved boundary ends at a support along an axis, the mean normal is that of one side
+        only, off by half the turn of a facet; friction would act on what is left of the tangent.
+        """
+        body, turned = self.body, normals.copy()
+        T = body.constraint[0]
+        value = body.scalar_dofs.nodal_dofs[0, vertex]
+        for c in range(body.dim):
+            held = np.diff(T.indptr)[body.dim * value + c] == 0
+            turned[c, held & (np.abs(normals[c]) < NEARLY)] = 0.0
+        size = np.linalg.norm(turned, axis=0)
+        return turned / np.where(size > 0, size, 1.0)
+
+
+def _unit_sums(v: Array, at: Index, count: int) -> Array:
+    """Sums of vectors at places, of unit length; zero where they cancel."""
+    total = np.array([np.bincount(at.ravel(), c.ravel(), count) for c in v])
+    scale = np.bincount(at.ravel(), np.linalg.norm(v, axis=0).ravel(), count)
+    size = np.linalg.norm(total, axis=0)
+    return total / np.where(size > 1e-9 * scale, size, np.inf)
+
+
+def _sharp(normals: Array, at: Index, count: int) -> NDArray[np.bool_]:
+    """Where two of the facets that meet turn by more than a corner does, however large they are.
+
+    A mean of their normals does not tell: it leans to the small ones, and is up to all of the turn
+    off the others'.
+    """
+    order = np.argsort(at, kind="stable")
+    at, normals = at[order], normals[:, order]
+    sharp, limit = np.zeros(count, dtype=bool), np.cos(CORNER)
+    for ahead in range(1, int(np.bincount(at).max())):
+        turn = np.sum(normals[:, ahead:] * normals[:, :-ahead], axis=0)
+        sharp[at[ahead:][(at[ahead:] == at[:-ahead]) & (turn < limit)]] = True
+    return sharp
+
+
+def reference_corners(dim: int, count: int) -> Array:
+    """Corners of the reference facet in ring order, shape (dim - 1, count)."""
+    if dim == 2:
+        return np.array([[0.0, 1.0]])
+    ring = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]])
+    return ring if count == 4 else ring[:, [0, 1, 3]]
+
+
+def hats(points: Array, count: int) -> Array:
+    """Hat functions of the corners at points of the reference facet, shape (count, n)."""
+    if points.shape[0] == 1:
+        return np.vstack((1 - points[0], points[0]))
+    x, y = points
+    if count == 3:
+        return np.array([1 - x - y, x, y])
+    return np.array([(1 - x) * (1 - y), x * (1 - y), x * y, (1 - x) * y])

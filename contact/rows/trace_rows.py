@@ -1,0 +1,164 @@
+"""Rows of the displacement's trace: what the facets' shares make of its normal and tangents."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from skfem import FacetBasis
+
+from contact.rows.frames import directed, norms, turned_tangents
+from contact.rows.outline import Outline
+from contact.rows.shares import Shares
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TraceRows:
+    """The trace of a body on its contact facets, at the points of their functional.
+
+    Attributes
+    ----------
+    outline : Outline
+    shares : Shares
+    x : ndarray, shape (dim, nfacets, npoints)
+    normals, smooth : ndarray, shape (dim, nfacets, npoints)
+        Along which contact acts, the facets' own; and those that tangents belong to.
+    parts : ndarray, shape (nfacets, nvalues, npoints, nfunctions)
+        Of every scalar function at every point in every number of the facet.
+    dofs : ndarray of int, shape (nfacets, nfunctions)
+    """
+
+    outline: Outline
+    shares: Shares
+    x: Array
+    normals: Array
+    smooth: Array
+    parts: Array
+    dofs: NDArray[np.int64]
+
+    @classmethod
+    def of(
+        cls,
+        outline: Outline,
+        basis: FacetBasis,
+        shares: Shares,
+        direction: Callable[[Array], Array] | None,
+    ) -> TraceRows:
+        """Evaluate the trace.
+
+        Parameters
+        ----------
+        outline : Outline
+        basis : FacetBasis
+            Of the scalar element, at the points of the functional.
+        shares : Shares
+        direction : callable x -> n, optional
+            Unit vectors that take the place of the normals.
+        """
+        x, points = np.asarray(basis.global_coordinates()), np.asarray(basis.X)
+        values = np.stack([np.asarray(field[0]) for field in basis.basis], axis=-1)
+        dofs = np.asarray(basis.element_dofs.T, dtype=np.int64)
+        if shares.mean:
+            carried = outline.body.scalar_dofs.nodal_dofs[:, outline.corners]
+            mine = (dofs[:, None, :] == carried[..., None]).any(axis=0)
+            parts = (values * np.asarray(basis.dx)[..., None])[:, None] * mine[:, :, None]
+        else:
+            parts = shares.C[..., None] * values[:, None]
+        normals = np.asarray(basis.normals) if direction is None else direction(x)
+        smooth = outline.smooth(normals, points) if direction is None else normals
+        return cls(outline, shares, x, normals, smooth, parts, dofs)
+
+    @cached_property
+    def scalar(self) -> sparse.csr_array:
+        """Rows of a scalar trace, shape (m, scalar dofs)."""
+        return self._rows(self.parts.sum(axis=2)[None], 1)
+
+    @cached_property
+    def supported(self) -> sparse.csr_array:
+        """Rows of a scalar trace that supports hold where they hold the contact point.
+
+        What stands for the surroundings of a vertex is held where the vertex is. A mean over the
+        facets on this side of a plane of symmetry may slide along them, that of both sides cannot:
+        the other half moves the other way.
+        """
+        hub = self.shares.hub
+        k, place = np.unique(self.shares.number[hub >= 0], return_index=True)
+        value = self.outline.body.scalar_dofs.nodal_dofs[0, hub[hub >= 0][place]]
+        vertex = sparse.csr_array((np.ones(k.size), (k, value)), shape=self.scalar.shape)
+        rest = np.ones(self.scalar.shape[0])
+        rest[k] = 0.0
+        return sparse.csr_array(vertex + sparse.diags_array(rest) @ self.scalar)
+
+    def normal(self, normals: Array, sharp: NDArray[np.bool_]) -> sparse.csr_array:
+        """Rows of the normal displacement, shape (m, ndofs).
+
+        Parameters
+        ----------
+        normals : ndarray, shape (dim, m)
+            Means, which count in corners, where `sharp`.
+        sharp : ndarray of bool, shape (m,)
+        """
+        rows = self._rows(np.einsum("fspb,cfp->cfsb", self.parts, self.normals), self.dim)
+        return _chosen(sharp, directed(self.scalar, normals), rows)
+
+    def tangential(
+        self, normals: Array, tangents: Array, sharp: NDArray[np.bool_]
+    ) -> sparse.csr_array:
+        """Rows of the displacement along one tangent a contact point, shape (m, ndofs).
+
+        The tangents follow the smooth normals along the facets, except in corners and where
+        supports hold a point in the direction of its tangent.
+
+        Parameters
+        ----------
+        normals, tangents : ndarray, shape (dim, m)
+        sharp : ndarray of bool, shape (m,)
+        """
+        number = self.shares.number
+        mean, along = (
+            np.broadcast_to(v[:, number][..., None], (self.dim, *self.parts.shape[:3]))
+            for v in (normals, tangents)
+        )
+        here = np.broadcast_to(self.smooth[:, :, None], mean.shape)
+        turned = turned_tangents(along[:, None], mean, here)[:, 0]
+        rows = self._rows(np.einsum("fspb,cfsp->cfsb", self.parts, turned), self.dim)
+        rows = _chosen(sharp, directed(self.scalar, tangents), rows)
+        straight, T = directed(self.supported, tangents), self.outline.body.constraint[0]
+        return _chosen(norms(straight @ T) <= 1e-9 * norms(straight), straight, rows)
+
+    @property
+    def dim(self) -> int:
+        """Number of components."""
+        return self.outline.body.dim
+
+    def _rows(self, values: Array, components: int) -> sparse.csr_array:
+        """Sum the parts (components, nfacets, nvalues, nfunctions) of all facets."""
+        body, (_, facets, slots, functions) = self.outline.body, values.shape
+        shape = components, facets, slots, functions
+        number = np.broadcast_to(self.shares.number[None, :, :, None], shape)
+        component = np.arange(components)[:, None, None, None]
+        column = np.broadcast_to(components * self.dofs[None, :, None] + component, shape)
+        size = self.shares.weights.size, components * body.scalar_dofs.N
+        place = number.ravel(), column.ravel()
+        total = sparse.coo_array((values.ravel(), place), shape=size).tocsr()
+        result = sparse.csr_array(sparse.diags_array(1.0 / self.shares.weights) @ total)
+        length = body.lengths[0][body.dim * (result.indices // components)]
+        result.data[np.abs(result.data) < 1e-11 * length] = 0.0  # inverse-map dirt
+        result.eliminate_zeros()
+        return result
+
+
+def _chosen(
+    where: NDArray[np.bool_], rows: sparse.csr_array, other: sparse.csr_array
+) -> sparse.csr_array:
+    """Rows of the one where wanted, else of the other."""
+    pick, leave = (sparse.diags_array(part.astype(float)) for part in (where, ~where))
+    result = sparse.csr_array(pick @ rows + leave @ other)
+    result.eliminate_zeros()
+    return result

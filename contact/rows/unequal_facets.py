@@ -1,0 +1,148 @@
+r"""What facets of unequal size along a curve leave of a slide in the normal displacement.
+
+A contact point reads :math:`\bar n \cdot u`, the mean normal of its facets times the displacement
+at their vertex. Where one facet is longer than the other the mean is the normal of a place aside,
+:math:`\bar n = n + \beta t`, and what the body slides along the curve, u_t, counts as a way towards
+the obstacle: by :math:`\beta u_t`, of the first order in the facets' lengths, forth at one vertex
+and back at the next. Pressures answer with waves whose height no refinement lowers.
+
+The normals themselves must stay, for a uniform pressure loads a polygon along them. So each facet
+takes :math:`\omega_k (n_k - \tfrac1\omega \sum_j \omega_j n_j)` times one displacement, that of
+the place whose smooth normal is the facet's, its middle in 2-D, into the row of its corner k, n_k
+the smooth normals of its corners: the sum over its corners is zero, so that a uniform pressure does
+not feel it, and the sum over the facets of a vertex turns :math:`\bar n` into n, to second order.
+In two dimensions, and on rectangles, that is all.
+
+On triangles, whose plane's normal is not that of their middle, the theorem of Gauss adds what a
+straight edge ij leaves of a parabola, :math:`\nu l \, (n_i - n_j) \cdot (x_i - x_j) / 36`, with
+the edge's normal :math:`\nu`, away from the corner that it lies opposite to: what one of the edge's
+two triangles gains the other loses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.rows.functionals import FacetFunctional
+from contact.rows.outline import Outline
+from contact.rows.shares import Shares
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+# Shares of the mean read the displacement a sixth of a facet from the vertex: two thirds are left.
+_OF_MEAN = 2.0 / 3.0
+
+
+@dataclass(frozen=True)
+class Leaning:
+    """Displacements of vertices that the rows of contact points take besides.
+
+    Attributes
+    ----------
+    point, vertex : ndarray of int, shape (n,)
+    part : ndarray, shape (dim, n)
+        Vectors that the displacement of the vertex is multiplied by, weights divided out.
+    """
+
+    point: Index
+    vertex: Index
+    part: Array
+
+    @classmethod
+    def of(cls, outline: Outline, form: FacetFunctional, shares: Shares) -> Leaning:
+        """Those of a boundary's facets."""
+        dim, slot = outline.body.dim, form.corners
+        bent = np.flatnonzero(outline.bent & (slot.size > 0))
+        if not bent.size:
+            nowhere = np.zeros(0, dtype=np.int64)
+            return cls(nowhere, nowhere, np.zeros((dim, 0)))
+        corners, number = outline.corners[bent], shares.number[bent][:, slot]
+        normal, omega = outline.turned[:, bent], shares.omega[bent][:, slot]
+        mean = np.sum(omega * normal, axis=2) / omega.sum(axis=1)
+        part = omega * (normal - mean[:, :, None]) * (_OF_MEAN if shares.mean else 1.0)
+        count = corners.shape[1]
+        shape = len(bent), count, count
+        point = [np.broadcast_to(number[:, :, None], shape).ravel()]
+        vertex = [np.broadcast_to(corners[:, None], shape).ravel()]
+        share = _at_their_normals(normal, outline.at_corners[:, bent].mean(axis=2))
+        parts = [(part[..., None] * share[:, None]).reshape(dim, -1)]
+        if count == 3:
+            for k, v, moved in _edges(outline, corners, number, normal):
+                point.append(k)
+                vertex.append(v)
+                parts.append(moved)
+        k = np.concatenate(point)
+        return cls(k, np.concatenate(vertex), np.hstack(parts) / shares.weights[k])
+
+    def turn(self, count: int) -> Array:
+        """By how much the normals of the contact points turn, shape (dim, count)."""
+        return np.array([np.bincount(self.point, part, count) for part in self.part])
+
+    def rows(self, value: Index, shape: tuple[int, int]) -> sparse.csr_array:
+        """The rows.
+
+        Parameters
+        ----------
+        value : ndarray of int, shape (nvertices,)
+            Scalar dof of the value at each vertex.
+        shape : tuple of int
+        """
+        dim = len(self.part)
+        column = dim * value[self.vertex] + np.arange(dim)[:, None]
+        place = np.broadcast_to(self.point, column.shape).ravel(), column.ravel()
+        return sparse.coo_array((self.part.ravel(), place), shape=shape).tocsr()
+
+
+def _at_their_normals(normal: Array, own: Array) -> Array:
+    """Shares of the corners in the place where the smooth normal is the facet's own.
+
+    The nearest such place to the middle, shape (nfacets, ncorners): a polygon that shrinks evenly
+    does not slide there.
+
+    Parameters
+    ----------
+    normal : ndarray, shape (dim, nfacets, ncorners)
+    own : ndarray, shape (dim, nfacets)
+    """
+    count = normal.shape[2]
+    lean = normal - own[:, :, None]
+    lean = lean - np.sum(lean * own[:, :, None], axis=0) * own[:, :, None]
+    lean = lean.transpose(1, 0, 2)
+    lean = lean / np.linalg.norm(lean, axis=(1, 2), keepdims=True)
+    equations = np.concatenate((lean, np.full((len(lean), 1, count), 1.0)), axis=1)
+    wrong = np.concatenate((-lean.mean(axis=2), np.zeros((len(lean), 1))), axis=1)
+    # Directions that hardly curve say nothing.
+    off = np.einsum("fkc,fc->fk", np.linalg.pinv(equations, rcond=0.05), wrong)
+    off = np.where(np.abs(off).max(axis=1, keepdims=True) < 1.0, off, 0.0)
+    return np.asarray(off + 1.0 / count)
+
+
+def _edges(
+    outline: Outline, corners: Index, number: Index, normal: Array
+) -> list[tuple[Index, Index, Array]]:
+    """Parts of the corners that edges of triangles lie opposite to, on the edges' two ends."""
+    x = outline.body.mesh.p[:, corners]
+    across = np.cross(x[:, :, 1] - x[:, :, 0], x[:, :, 2] - x[:, :, 0], axis=0)
+    across /= np.linalg.norm(across, axis=0)
+    apex, i, j = np.arange(3), np.array([1, 2, 0]), np.array([2, 0, 1])
+    edge, step = x[..., j] - x[..., i], normal[..., j] - normal[..., i]
+    out = np.cross(edge, across[..., None], axis=0)  # l times nu
+    size = np.sum(edge * step, axis=0) / 36.0
+    ends = np.sort(np.stack((corners[:, i], corners[:, j])), axis=0).reshape(2, -1)
+    _, which, met = np.unique(ends, axis=1, return_inverse=True, return_counts=True)
+    which = which.ravel()
+    order = np.argsort(which, kind="stable")
+    one, two = order[met[which[order]] == 2].reshape(-1, 2).T
+    out, size = out.reshape(3, -1), size.ravel()
+    moved = 0.5 * (out[:, one] - out[:, two]) * 0.5 * (size[one] + size[two])
+    point = number[:, apex].ravel()
+    found = []
+    for end in ends:
+        found.append((point[one], end[one], -0.5 * moved))
+        found.append((point[two], end[one], 0.5 * moved))
+    return found

@@ -1,0 +1,160 @@
+"""Dense kernels on either side: SciPy's BLAS and LAPACK, or cuBLAS and cuSOLVER.
+
+NumPy brings a BLAS of its own; calls that alternate between the two make their thread pools wait
+for each other, which costs more than a product with a matrix of a thousand rows. On a device the
+libraries are called directly: `cupy.linalg.cholesky` copies, cleans and waits, which is twice the
+factorisation.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy.linalg.blas import dsymv
+from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
+
+from gpu.arrays.device_blas import MINUS, ONE, ZERO, DeviceBlas
+from gpu.cuda.symmetric import SOURCE as SYMMETRIC
+
+Array = Any  # numpy.ndarray or cupy.ndarray
+# Rows of a block, and columns up to which a triangular solve on a device takes blocks.
+BLOCK, FEW = 2048, 16
+TILE = 32  # of `gpu.cuda.symmetric`
+
+
+def symmetric_product(P: Array, x: Array) -> Array:
+    """``P x`` for a symmetric P in row-major order."""
+    return dsymv(1.0, P.T, x, lower=1) if isinstance(P, np.ndarray) else P @ x
+
+
+def cholesky(M: Array) -> Array:
+    """Lower factor of the symmetric M, which is overwritten; raises `LinAlgError`."""
+    L, check = cholesky_begun(M)
+    check()
+    return L
+
+
+def cholesky_begun(M: Array) -> tuple[Array, Callable[[], None]]:
+    """The same without waiting for a device, where what is called second raises the error."""
+    if not M.size:
+        return M, lambda: None
+    if isinstance(M, np.ndarray):
+        L, minor = dpotrf(M.T, lower=1, clean=0, overwrite_a=1)
+        _positive(minor)
+        return L, lambda: None
+    L, minor = _device_cholesky(M)
+    return L, lambda: _positive(int(minor))
+
+
+def _positive(minor: int) -> None:
+    if minor:
+        raise np.linalg.LinAlgError(f"leading minor {minor} is not positive")
+
+
+def cholesky_solve(L: Array, r: Array) -> Array:
+    """Solve ``L L' u = r``."""
+    if not isinstance(L, np.ndarray):
+        return lower_solve(L, lower_solve(L, r), transposed=True)
+    return dpotrs(L, r, lower=1)[0] if r.size else r
+
+
+def lower_solve(L: Array, r: Array, transposed: bool = False) -> Array:
+    """Solve ``L u = r`` or ``L' u = r``."""
+    if not r.size:
+        return r
+    if not isinstance(L, np.ndarray):
+        return _device_lower_solve(L, r, transposed)
+    return dtrtrs(L, r, lower=1, trans=int(transposed))[0]
+
+
+def _device_cholesky(M: Array) -> tuple[Array, Array]:
+    import cupy
+    from cupy.cuda import device
+    from cupy_backends.cuda.libs import cublas, cusolver
+
+    M = cupy.ascontiguousarray(M)
+    n, handle = len(M), device.get_cusolver_handle()
+    # Row-major memory is the column-major transpose, which is the same symmetric matrix.
+    size = cusolver.dpotrf_bufferSize(handle, cublas.CUBLAS_FILL_MODE_LOWER, n, M.data.ptr, n)
+    work, info = cupy.empty(size), cupy.empty((), dtype=cupy.int32)
+    cusolver.dpotrf(
+        handle, cublas.CUBLAS_FILL_MODE_LOWER, n, M.data.ptr, n, work.data.ptr, size, info.data.ptr
+    )
+    return M.T, info
+
+
+def _device_lower_solve(L: Array, r: Array, transposed: bool) -> Array:
+    import cupy
+
+    u = r.copy(order="F") if r.ndim == 2 else r.copy()
+    n, columns = len(L), 1 if r.ndim == 1 else r.shape[1]
+    assert L.flags.f_contiguous
+    # Few columns are a matter of memory: products with all that is below a block wait for less
+    # than the triangles of the library do.
+    block = BLOCK if 1 < columns <= FEW and not transposed else n
+    with DeviceBlas() as (cublas, handle):
+        operation = cublas.CUBLAS_OP_T if transposed else cublas.CUBLAS_OP_N
+        for i in range(0, n, block):
+            size = min(block, n - i)
+            corner, top, rest = L.data.ptr + 8 * i * (n + 1), u.data.ptr + 8 * i, n - i - size
+            cublas.dtrsm(
+                handle, cublas.CUBLAS_SIDE_LEFT, cublas.CUBLAS_FILL_MODE_LOWER, operation,
+                cublas.CUBLAS_DIAG_NON_UNIT, size, columns, ONE, corner, n, top, n,
+            )  # fmt: skip
+            if rest:
+                cublas.dgemm(
+                    handle, cublas.CUBLAS_OP_N, cublas.CUBLAS_OP_N, rest, columns, size,
+                    MINUS, corner + 8 * size, n, top, n, ONE, top + 8 * size, n,
+                )  # fmt: skip
+    return cupy.asarray(u)
+
+
+def gram(Y: Array) -> Array:
+    """``Y Y'`` for Y in row-major order; on a device by half of a product."""
+    if isinstance(Y, np.ndarray):
+        return Y @ Y.T
+    import cupy
+
+    Y = cupy.ascontiguousarray(Y)
+    rows, n = Y.shape
+    M = cupy.empty((rows, rows))
+    with DeviceBlas() as (cublas, handle):
+        cublas.dsyrk(
+            handle, cublas.CUBLAS_FILL_MODE_LOWER, cublas.CUBLAS_OP_T, rows, n, ONE, Y.data.ptr, n,
+            ZERO, M.data.ptr, rows,
+        )  # fmt: skip
+    # The lower triangle of columns is the upper one of rows.
+    return cupy.triu(M) + cupy.triu(M, 1).T
+
+
+def symmetric_and_finite(M: Array) -> bool:
+    """Whether a device matrix is its own transpose and has no NaN or infinity, in one pass."""
+    import cupy
+
+    M = cupy.ascontiguousarray(M)
+    wrong = cupy.zeros(1, dtype=cupy.int32)
+    blocks = -(-len(M) // TILE)
+    check = _symmetric_check()
+    check((blocks, blocks), (TILE, 8), (M, np.int64(len(M)), wrong))
+    return not int(wrong[0])
+
+
+@functools.cache
+def _symmetric_check() -> Any:
+    import cupy
+
+    return cupy.RawKernel(SYMMETRIC, "symmetric_check", options=("--std=c++17",))
+
+
+def scaled_symmetric(M: Array, scale: Array) -> Array:
+    """``D M D`` of a device matrix and a diagonal, in one pass."""
+    import cupy
+
+    product = cupy.ElementwiseKernel(
+        "float64 m, float64 row, float64 column", "float64 out", "out = m * row * column",
+        "gpu_scaled_symmetric",
+    )  # fmt: skip
+    return product(M, scale[:, None], scale)

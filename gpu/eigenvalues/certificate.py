@@ -1,0 +1,86 @@
+"""The proof that what `eigs` returns are eigenpairs: residuals recomputed from the matrices."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gpu.arrays.namespace import to_host
+from gpu.eigenvalues.operator import Matrix
+from gpu.errors import NotConverged
+
+CERTIFIED = 1e-11  # |A x - lambda M x| over |A| + |lambda| |M|
+
+
+def certify(
+    matrix: Matrix,
+    mass: Matrix | None,
+    values: Any,
+    vectors: Any,
+    tol: float,
+    scale: float,
+    squares: Any = None,
+) -> None:
+    """Raise unless every returned pair satisfies its equation.
+
+    Parameters
+    ----------
+    matrix, mass, tol
+        As `eigs` has them.
+    values : ndarray, shape (k,)
+        On the host.
+    vectors : array, shape (n, k)
+    scale : float
+        A lower bound of |A|, zero where none is known.
+    squares : array, shape (2, k), optional
+        Of the norms of ``A x - lambda M x`` and of ``A x``, where the vectors came with them.
+    """
+    unit = matrix.unit
+    scale = (scale or matrix.norm) * unit
+    # To the host at once: every look at a number on the device waits for it.
+    if squares is None:
+        xp = matrix.xp
+        left = _product(matrix, vectors * unit)
+        right = vectors if mass is None else _product(mass, vectors)
+        error = xp.linalg.norm(left - right * (xp.asarray(values) * unit), axis=0)
+        error, size = to_host(xp.stack([error, xp.linalg.norm(left, axis=0)]))
+    else:
+        error, size = np.sqrt(to_host(squares))
+    modulus = np.abs(values) * unit
+    allowed = (
+        CERTIFIED * (max(float(size.max()), scale) + modulus * (1.0 if mass is None else mass.norm))
+        + 10 * tol * modulus
+    )
+    good = np.isfinite(allowed) & (error <= allowed)
+    if not good.all():
+        with np.errstate(invalid="ignore"):  # of numbers that are none
+            worst = CERTIFIED * float((error[~good] / allowed[~good]).max())
+        kept = np.flatnonzero(good)
+        raise NotConverged(
+            f"{int((~good).sum())} of {len(values)} pairs fail their certificate: |A x - lambda x| "
+            f"reaches {worst:.1e} |A|",
+            eigenvalues=matrix.xp.asarray(values)[kept],
+            eigenvectors=vectors[:, kept],
+        )
+
+
+def _product(matrix: Matrix, X: Any) -> Any:
+    """``A X``; a real matrix meets the parts of complex vectors, as far as they are not zero."""
+    xp = matrix.xp
+    if not matrix.real or X.dtype.kind != "c":
+        return _multiplied(matrix, X)
+    imaginary = to_host(xp.any(X.imag != 0, axis=0))
+    parts = _multiplied(matrix, xp.concatenate((X.real, X.imag[:, imaginary]), axis=1))
+    product = parts[:, : X.shape[1]].astype(complex)
+    product[:, imaginary] += 1j * parts[:, X.shape[1] :]
+    return product
+
+
+def _multiplied(matrix: Matrix, X: Any) -> Any:
+    if matrix.explicit is not None:
+        return matrix.explicit @ X
+    product = matrix.xp.empty_like(X, dtype=matrix.dtype)
+    for j, x in enumerate(X.T):  # copied each: an operator may return the same array always
+        product[:, j] = matrix.apply(x.copy())
+    return product

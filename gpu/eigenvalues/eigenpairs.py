@@ -1,0 +1,76 @@
+"""Eigenvalues and vectors from a partial Schur form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gpu.eigenvalues.iteration_operator import EigenProblem
+from gpu.eigenvalues.krylov.arnoldi import Arnoldi
+from gpu.eigenvalues.operator import Matrix
+from gpu.eigenvalues.schur.order import best_first
+from gpu.eigenvalues.schur.ordered_schur import Rank
+
+
+class Pairs(NamedTuple):
+    """Values, best first, on the host and where the matrix is; vectors; what `certify` asks for."""
+
+    values: np.ndarray
+    there: Any
+    vectors: Any
+    squares: Any
+
+
+@dataclass
+class Eigenpairs:
+    """Those from the last Schur form that was asked for and its basis.
+
+    Attributes
+    ----------
+    matrix, mass : Matrix
+        M may be None.
+    problem : EigenProblem
+    rank : callable
+    k : int
+    """
+
+    matrix: Matrix
+    mass: Matrix | None
+    problem: EigenProblem
+    rank: Rank
+    k: int
+    _T: Any = None
+    _made: Pairs | None = None
+
+    def of(self, T: np.ndarray, basis: Arnoldi) -> Pairs:
+        """They are made once for each T: a device need not have finished what it does meanwhile."""
+        if T is self._T and self._made is not None:
+            return self._made
+        theta, Y = np.linalg.eig(T)
+        theta = theta.astype(complex)
+        values = self.problem.values(theta)
+        order = best_first(theta, self.rank, self.k, self.problem.dtype.kind == "f", values)
+        values, Y = values[order], Y[:, order]
+        if len(order) == self.k and self._fused():
+            from gpu.eigenvalues.krylov.ritz_pairs import pairs_with_residuals
+
+            mass = self.mass and self.mass.explicit
+            V = basis.V[: len(Y)]
+            made = Pairs(values, *pairs_with_residuals(V, Y, values, self.matrix.explicit, mass))
+        else:
+            made = Pairs(values, self.matrix.xp.asarray(values), basis.combine(Y), None)
+        self._T, self._made = T, made
+        return made
+
+    def _fused(self) -> bool:
+        """Whether vectors and residuals come from real products on the device."""
+        matrix, mass = self.matrix, self.mass
+        return (
+            matrix.xp is not np
+            and matrix.explicit is not None
+            and (mass is None or mass.explicit is not None)
+            and self.problem.dtype.kind == "f"
+            and matrix.unit == 1.0
+        )

@@ -1,0 +1,312 @@
+"""A few eigenvalues of a large general matrix, on the host or on a device."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+
+from gpu.arguments import choice, flag, is_finite_number, shown, unmasked, whole
+from gpu.arrays.namespace import array_module
+from gpu.eigenvalues.certificate import certify
+from gpu.eigenvalues.eigenpairs import Eigenpairs
+from gpu.eigenvalues.iteration_operator import EigenProblem, shifts, told_apart
+from gpu.eigenvalues.krylov.krylov_schur import FLOOR, RESTARTS, krylov_schur, room_for
+from gpu.eigenvalues.operator import Matrix, as_matrix, ordinary
+from gpu.eigenvalues.schur.order import ORDERS, best_first, edge_of, rank_of
+from gpu.eigenvalues.schur.ordered_schur import Rank
+from gpu.errors import GpuError, InputError, NotConverged
+
+DENSE = 256  # up to this order all eigenvalues are computed: quick, and nothing can be missed
+PRODUCTS = 128  # the same for operators, whose entries cost a product a column
+FALLBACK = 4096  # up to this one where the iteration does not converge and entries are stored
+
+
+def eigs(
+    A: Any,
+    k: int = 6,
+    M: Any = None,
+    sigma: Any = None,
+    which: str = "LM",
+    v0: Any = None,
+    ncv: int | None = None,
+    maxiter: int | None = None,
+    tol: float = 0.0,
+    return_eigenvectors: bool = True,
+    *,
+    restart: str = "krylov-schur",
+) -> Any:
+    r"""Find k eigenvalues and eigenvectors of ``A x = lambda x`` or ``A x = lambda M x``.
+
+    The signature is that of `scipy.sparse.linalg.eigs`; results live where A lives. Krylov-Schur
+    iteration with thick restarts; what has converged is challenged from random vectors before it
+    is returned, so that copies of repeated eigenvalues are found too (see `challenge.unbeaten` for
+    the probability that one is missed), and every returned pair has had its residual recomputed.
+
+    Parameters
+    ----------
+    A : array, sparse matrix or LinearOperator, shape (n, n), or callable x -> A x
+        Of NumPy and SciPy, or of CuPy; real or complex, computed in double precision. A callable
+        takes its order from `v0`.
+    k : int
+        From 1 to n.
+    M : array or sparse matrix, shape (n, n), optional
+        Must be invertible, or `sigma` be given.
+    sigma : number, optional
+        Eigenvalues nearest to sigma: the iteration runs with ``(A - sigma M)^-1 M``, whose
+        factors are computed once. Needs the entries of A.
+    which : {"LM", "SM", "LR", "SR", "LI", "SI"}
+        Largest or smallest modulus, real part, imaginary part (for real A its modulus). With
+        `sigma` it speaks of 1 / (lambda - sigma). "SM" with stored entries means ``sigma=0``.
+    v0 : array, shape (n,), optional
+        Start vector; a fixed random one by default.
+    ncv : int, optional
+        Dimension of the space, at least k + 3; default ``max(2 k + 20, 40)``, and half as much
+        again where some restarts have not been enough. The search for missed eigenvalues needs
+        about half as many vectors, or k, on top.
+    maxiter : int, optional
+        Restarts, of two products at least; by default enough for about 40 n products.
+    tol : float
+        Residual relative to \|lambda\|. The default, 0, asks for 100 rounding units of \|A\|, with
+        `sigma` of the inverse, which is also the most that can be had.
+    return_eigenvectors : bool
+    restart : {"krylov-schur", "implicit"}
+        "implicit" restarts by explicitly shifted QR steps on the Hessenberg matrix (Sorensen 1992,
+        Algorithm 6 of the dissertation): the same spaces in exact arithmetic, kept for comparison.
+
+    Returns
+    -------
+    w : ndarray, shape (k,)
+        Complex, best first; conjugate pairs side by side. A pair that k cuts gives its member of
+        positive imaginary part.
+    v : ndarray, shape (n, k)
+        Unit columns; not with ``return_eigenvectors=False``.
+
+    Raises
+    ------
+    InputError
+    NotConverged
+        With attributes ``eigenvalues`` and ``eigenvectors``: what did converge.
+    MissingDependency
+
+    Notes
+    -----
+    Matrices of order up to 256 (operators: 128) are decomposed fully, and so are those up to 4096
+    with stored entries whose iteration does not converge, unless `maxiter` was given; for "SI"
+    these always, and with `sigma` for "SM" and "LI" too, since a Krylov space is slow to see
+    values inside the spectrum; "SM" and "SI" with operators may raise NotConverged for that
+    reason. Far from normal, as a convection
+    operator is at large cell Peclet numbers, an eigenvalue is known to residual times condition
+    only; what is returned then are eigenvalues of a matrix within `tol` of A, and newcomers that
+    are better by less do not count as missed.
+
+    References
+    ----------
+    G. W. Stewart, A Krylov-Schur algorithm for large eigenproblems, SIAM J. Matrix Anal. Appl. 23
+    (2001). R. B. Lehoucq, D. C. Sorensen and C. Yang, ARPACK Users' Guide, SIAM 1998.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from gpu import eigs
+    >>> w, v = eigs(np.diag(np.arange(1.0, 301.0)), k=2)
+    >>> w.real.round(10)
+    array([300., 299.])
+    """
+    matrix, mass = as_matrix("A", A, v0), None if M is None else as_matrix("M", M)
+    n, xp = matrix.n, matrix.xp
+    k = whole("k", k, 1, n)
+    if mass is not None:
+        _matching(matrix, mass)
+        if mass.explicit is not None:
+            _ = mass.magnitude  # raises
+    start = None if v0 is None else start_vector(v0, n, xp)
+    choice("restart", restart, RESTARTS)
+    choice("which", which, ORDERS)
+    return_eigenvectors = flag("return_eigenvectors", return_eigenvectors)
+    if not isinstance(tol, int | float | np.floating) or not 0 <= tol < 1:
+        raise InputError(f"tol={tol!r}: expected a number from 0, below 1")
+    if maxiter is not None:
+        maxiter = whole("maxiter", maxiter, 1, np.inf)
+    size = max(2 * k + 20, 40) if ncv is None else whole("ncv", ncv, k + 2, np.inf)
+    size = max(size, k + 3)
+    if sigma is not None and not is_finite_number(sigma):
+        raise InputError(f"sigma={shown(sigma)}: expected a finite number")
+    if sigma is None and which == "SM" and _stored(matrix, mass):
+        sigma, which = 0.0, "LM"
+    sigma = float(np.real(sigma)) if sigma is not None and np.imag(sigma) == 0 else sigma
+    real = matrix.real and (mass is None or mass.real) and np.isrealobj(sigma)
+    rank = rank_of(which, real)
+    if start is not None and start.dtype.kind == "c" and real:
+        raise InputError("v0 is complex, but A, M and sigma are real: pass its real part")
+
+    # A lower bound of |A|; values where A is; of residuals, where the vectors came with them.
+    scale, there, squares = 0.0, None, None
+    stored = n <= FALLBACK and _stored(matrix, mass)
+    # The wanted may lie inside the spectrum, where a Krylov space is blind.
+    inner = which in ("SM", "SI") or (which == "LI" and real and sigma is not None)
+    small = DENSE if _stored(matrix, mass) else PRODUCTS
+    if n <= max(small, room_for(k, size)) or (inner and stored):
+        values, vectors = _decomposed(matrix, mass, sigma, rank, k)
+    else:
+        fallback = maxiter is None and stored
+        grown = size + size // 2
+        options: dict[str, Any] = {
+            "ncv": size,
+            "grown": grown if ncv is None and room_for(k, grown) < n else size,
+            "start": start,
+            "tol": tol,
+            "maxiter": maxiter
+            or max(20, n // 6 if fallback else 40 * n // max(3, (size - k) // 3)),
+            "restart": restart,
+            "edge": edge_of(which, real),
+            "inner": inner,
+        }
+        # To look at the entries takes as long as a product, and products tell of them too.
+        unseen = mass is None and sigma is None and matrix.explicit is not None
+        trial = replace(matrix, assumed=1.0) if unseen else matrix
+        found, pairs, reason = _iterated(trial, mass, sigma, k, rank, **options)
+        if unseen and reason is None and found.scale and ordinary(found.scale):
+            matrix = trial
+        elif unseen and matrix.unit != 1.0:
+            found, pairs, reason = _iterated(matrix, mass, sigma, k, rank, **options)
+        if fallback and (reason or not found.complete):
+            values, vectors = _decomposed(matrix, mass, sigma, rank, k)
+        elif reason:
+            raise reason
+        else:
+            if mass is None and sigma is None:
+                scale = found.scale / matrix.unit
+            values, there, vectors, squares = pairs.of(found.T, found.basis)
+            if not found.complete:
+                raise NotConverged(
+                    f"{len(values)} of {k} eigenvalues converged in {found.restarts} restarts "
+                    f"({found.matvecs} products) with ncv={size}; raise maxiter or ncv, loosen "
+                    "tol, or use sigma",
+                    eigenvalues=there,
+                    eigenvectors=vectors,
+                )
+    if squares is None:
+        vectors = xp.asarray(vectors)
+        vectors = vectors / xp.linalg.norm(vectors, axis=0)
+    try:
+        certify(matrix, mass, values, vectors, tol, scale, squares)
+    except NotConverged:
+        # Shift and invert loses digits where sigma lies much closer to one eigenvalue than to
+        # the others.
+        if maxiter is not None or not stored:
+            raise
+        values, vectors = _decomposed(matrix, mass, sigma, rank, k)
+        there = None
+        vectors = xp.asarray(vectors)
+        vectors = vectors / xp.linalg.norm(vectors, axis=0)
+        certify(matrix, mass, values, vectors, tol, scale)
+    values = xp.asarray(values) if there is None else there
+    return (values, vectors) if return_eigenvectors else values
+
+
+def _iterated(
+    matrix: Matrix, mass: Matrix | None, sigma: Any, k: int, rank: Rank, **options: Any
+) -> tuple[Any, Any, GpuError | None]:
+    """Outcome of the iteration, its pairs, and what forbids to use them.
+
+    Where sigma lies on an eigenvalue, rounding of its image drowns those of the others, and the
+    shift moves off it.
+    """
+    found = pairs = None
+    reason: GpuError = InputError(
+        f"A - sigma M cannot be factored for sigma={sigma} and values beside it: take another sigma"
+    )
+    for shift in shifts(matrix, mass, sigma):
+        problem = EigenProblem.of(matrix, mass, shift)
+        if problem is None:
+            continue
+        pairs = Eigenpairs(matrix, mass, problem, rank, k)
+        try:
+            with np.errstate(all="ignore"):  # what overflows shows in the coefficients
+                found = krylov_schur(
+                    problem.apply,
+                    matrix.n,
+                    k,
+                    rank,
+                    dtype=problem.dtype,
+                    xp=matrix.xp,
+                    matrix=problem.matrix,
+                    meanwhile=pairs.of,
+                    **options,
+                )
+                if sigma is None or not found.complete:
+                    return found, pairs, None
+                theta = found.values[:k]
+                away = np.abs(problem.values(theta) - sigma)
+            if told_apart(theta, FLOOR * found.scale, away, abs(shift - sigma)):
+                return found, pairs, None
+            reason = NotConverged(
+                f"sigma={sigma} lies too close to an eigenvalue to tell the next {k} apart, or "
+                "fewer are finite: move it by a small part of their distance, or ask for fewer"
+            )
+        except FloatingPointError as error:
+            reason = InputError(f"A: {error}")  # or powers of an inverse overflow
+    return found, pairs, reason
+
+
+def _decomposed(
+    matrix: Matrix, mass: Matrix | None, sigma: Any, rank: Rank, k: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """All eigenvalues by LAPACK on the host, the k best returned."""
+    unit = matrix.unit
+    full = matrix.dense() * unit  # LAPACK's own scaling does not bring all eigenvalues back
+    if not np.all(np.isfinite(full)):
+        raise InputError("A: A v is not finite")
+    if sigma is not None:
+        sigma = sigma * unit
+    if mass is None:
+        values, vectors = linalg.eig(full)
+        finite = np.ones(values.size, dtype=bool)
+    else:
+        (alpha, beta), vectors = linalg.eig(full, mass.dense(), homogeneous_eigvals=True)
+        finite = np.abs(beta) > 1e-14 * np.abs(beta).max()
+        if matrix.real and mass.real:  # pairs stay whole
+            first = (alpha.imag > 0).nonzero()[0]
+            finite[first] = finite[first + 1] = finite[first] & finite[first + 1]
+        if finite.sum() < k or (sigma is None and not finite.all()):
+            raise InputError(
+                f"M is singular: {int(finite.sum())} eigenvalues are finite; give sigma and k <= "
+                f"{int(finite.sum())}"
+            )
+        values = alpha[finite] / beta[finite]
+        vectors = vectors[:, finite]
+    key = values
+    if sigma is not None:
+        distance = values - sigma
+        tiny = 1e-300 + 1e-15 * np.abs(values).max(initial=0.0)
+        key = 1.0 / np.where(np.abs(distance) < tiny, tiny, distance)
+    real = matrix.real and (mass is None or mass.real) and np.isrealobj(sigma)
+    order = best_first(key, rank, k, real, values)
+    return values[order] / unit, vectors[:, order]
+
+
+def _stored(matrix: Matrix, mass: Matrix | None) -> bool:
+    return matrix.explicit is not None and (mass is None or mass.explicit is not None)
+
+
+def _matching(matrix: Matrix, mass: Matrix) -> None:
+    if mass.n != matrix.n:
+        raise InputError(f"M has order {mass.n}, A has {matrix.n}")
+    if mass.xp is not matrix.xp:
+        raise InputError("M and A live on different sides: move one of them")
+
+
+def start_vector(v0: Any, n: int, xp: Any) -> Any:
+    """A start vector that has been checked, where A is."""
+    if array_module(v0) is not xp:
+        raise InputError("v0 and A live on different sides: move one of them")
+    unmasked("v0", v0)
+    vector = xp.asarray(v0)
+    if vector.shape != (n,) or vector.dtype.kind not in "buifc":
+        raise InputError(f"v0 has shape {vector.shape}: expected ({n},)")
+    if not bool(xp.all(xp.isfinite(vector))) or not bool(xp.any(vector != 0)):
+        raise InputError("v0: expected finite numbers, not all zero")
+    return vector

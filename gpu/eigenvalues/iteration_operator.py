@@ -1,0 +1,125 @@
+"""The operator that `eigs` iterates with, and the way back from its eigenvalues."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gpu.eigenvalues.operator import Matrix, factorized
+from gpu.errors import InputError
+
+DROWNED = 1e-6  # rounding over the least wanted eigenvalue of the inverse
+APART = 1e3  # distance of the last wanted from sigma over that of the shift, or less than 1 / APART
+
+
+def shifts(matrix: Matrix, mass: Matrix | None, sigma: Any) -> Iterator[Any]:
+    """Sigma, and values beside it, by small parts of it and of A, for where it is an eigenvalue."""
+    yield sigma
+    if sigma is not None:
+        yield from (sigma * (1.0 + step) for step in (1e-9, 1e-7) if sigma)
+        size = (matrix.norm or 1.0) / (1.0 if mass is None else mass.norm or 1.0)
+        yield from (sigma + step * size for step in (1e-9, 1e-8, 1e-7))
+
+
+@dataclass(frozen=True)
+class EigenProblem:
+    """A or the inverse that is iterated with.
+
+    Attributes
+    ----------
+    apply : callable x -> product
+    dtype : numpy dtype
+    values : callable
+        From its eigenvalues to those that are wanted.
+    matrix : array or None
+        Its entries, where they are those of A.
+    """
+
+    apply: Callable[[Any], Any]
+    dtype: Any
+    values: Callable[[np.ndarray], np.ndarray]
+    matrix: Any = None
+
+    @classmethod
+    def of(cls, matrix: Matrix, mass: Matrix | None, shift: Any) -> EigenProblem | None:
+        """Factor what has to be; None where ``A - shift M`` has no factors.
+
+        Raises
+        ------
+        InputError
+            M is singular, or what has to be factored has no entries.
+        """
+        real = matrix.real and (mass is None or mass.real) and np.isrealobj(shift)
+        dtype = np.dtype(float if real else complex)
+        unit = matrix.unit
+        if shift is None and mass is None:
+            if unit == 1.0:
+                return cls(matrix.apply, dtype, lambda theta: theta, matrix.explicit)
+            return cls(lambda x: matrix.apply(x * unit), dtype, lambda theta: theta / unit)
+        if mass is not None and mass.explicit is None:
+            raise InputError("M: an operator cannot be factored; pass its entries")
+        if shift is None:
+            assert mass is not None
+            solve = factorized(mass.explicit, matrix.xp)
+            if solve is None:
+                raise InputError("M is singular: give sigma, so that A - sigma M is factored")
+            by_mass = solve
+            return cls(lambda x: by_mass(matrix.apply(x * unit)), dtype, lambda t: t / unit)
+        if matrix.explicit is None:
+            raise InputError(
+                "sigma: A is an operator and cannot be factored; pass eigs an operator of "
+                "(A - sigma)^-1 and take sigma + 1 / w"
+            )
+        solve = factorized(_shifted(matrix, mass, shift * unit, unit), matrix.xp)
+        if solve is None:
+            return None
+        if mass is None:
+            return cls(solve, dtype, lambda theta: shift + 1.0 / (theta * unit))
+        weigh, inverse = mass.apply, solve
+        return cls(lambda x: inverse(weigh(x)), dtype, lambda theta: shift + 1.0 / (theta * unit))
+
+
+def told_apart(theta: np.ndarray, rounding: float, away: np.ndarray, moved: float) -> bool:
+    """Whether eigenvalues of an inverse say which are nearest to sigma.
+
+    Parameters
+    ----------
+    theta : ndarray
+        The wanted ones.
+    rounding : float
+        That of the inverse, which an eigenvalue next to the shift makes large.
+    away : ndarray
+        Distances from sigma of the eigenvalues they belong to.
+    moved : float
+        That of the shift. What lies no farther from sigma may be nearer than what was found.
+    """
+    reach = float(away.max())
+    return bool(
+        rounding <= DROWNED * np.abs(theta).min()
+        and not (moved and moved < APART * reach < APART**2 * moved)
+    )
+
+
+def _shifted(matrix: Matrix, mass: Matrix | None, sigma: Any, unit: float) -> Any:
+    """``unit A - sigma M``, shaped like A."""
+    A, xp = matrix.explicit * unit, matrix.xp
+    if hasattr(A, "tocsr"):
+        if xp is np:
+            from scipy import sparse
+        else:
+            from cupyx.scipy import sparse  # type: ignore[no-redef]
+        B = sparse.identity(matrix.n, format="csr") if mass is None else mass.explicit
+        if not hasattr(B, "tocsr"):
+            return A.toarray() - sigma * B
+        return A - sigma * B
+    if mass is not None and hasattr(mass.explicit, "tocsr"):
+        return A - sigma * mass.explicit.toarray()
+    if mass is not None:
+        return A - sigma * mass.explicit
+    shifted = A.astype(np.result_type(A.dtype, type(sigma)))
+    places = xp.arange(matrix.n)
+    shifted[places, places] -= sigma
+    return shifted

@@ -1,0 +1,182 @@
+"""A search for eigenvalues that an iteration has missed, from a random vector beside its space."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from gpu.eigenvalues.krylov.arnoldi import Arnoldi
+from gpu.eigenvalues.schur.ordered_schur import Rank, ordered_schur, whole
+
+Edge = Callable[[float, np.ndarray], np.ndarray]
+
+INSIDE = 0.03  # residual of the best newcomer over its distance to the wanted: it lies inside
+THICK = 0.5  # of the searching space that outlives a restart
+FIRST = 3  # products before the first look
+SURE = 0.01  # by so little more than by chance would the random vector have to avoid what is missed
+LIKELY = 0.1  # the same where the best newcomer lies inside as well
+
+
+def unbeaten(
+    basis: Arnoldi,
+    locked: int,
+    worst: float,
+    rank: Rank,
+    edge: Edge | None,
+    *,
+    tol: float,
+    floor: float,
+    restarts: int,
+    patience: float,
+    meanwhile: Callable[[], Any] | None = None,
+) -> tuple[bool, int]:
+    r"""Whether no eigenvalue beside the locked space ranks above the wanted.
+
+    Let U be the locked rows and B the compression of A to what is orthogonal to them. Arnoldi
+    steps from a random unit vector r orthogonal to U give residual norms whose product belongs to
+    the monic polynomial p with the Ritz values for roots, those that restarts dropped included:
+
+    .. math::
+        |p(B) r| = \prod_j \beta_j .
+
+    An eigenvalue :math:`\mu` of B with left unit eigenvector y has
+    :math:`|y^* p(B) r| = |p(\mu)|\,|y^* r|`, whence
+
+    .. math::
+        |y^* r| \le \prod_j \beta_j \,/\, |p(\mu)| .
+
+    Once the right-hand side is below :math:`t / \sqrt n` wherever an eigenvalue would be wanted,
+    a missed one asks of r that it be orthogonal to y by :math:`t` times what is usual, whose
+    probability is :math:`\sqrt{2 / \pi}\,t`, however far from normal A is. The modulus of
+    p grows outwards from its roots, so that the edge of the wanted part of the plane is enough.
+
+    A small space may settle on an eigenvalue inside and see nothing else. Then that is left aside
+    too, and the search begins again from another vector.
+
+    Parameters
+    ----------
+    basis : Arnoldi
+        Its first `locked` rows span a space that is invariant to what the wanted are apart from
+        the rest. The rows beyond are overwritten.
+    locked : int
+    worst : float
+        Rank of the least wanted eigenvalue found.
+    rank, edge : callable
+        See `order`; without `edge` the residual of the best newcomer decides.
+    tol, floor : float
+        A newcomer of less residual than tol times its modulus, or than floor, has converged.
+    restarts : int
+        The most there may be.
+    patience : float
+        Products after which a newcomer inside is enough, whatever the probability: far from
+        normal, and beside copies of the last wanted, p does not grow in practice. Infinite where
+        nothing but probability is to end the search.
+    meanwhile : callable, optional
+        See `Arnoldi.sweep`, for the first.
+
+    Returns
+    -------
+    won : bool
+        Whether nothing better is there; otherwise rows `locked` and, where it is one of a pair,
+        `locked` + 1 span the best newcomer.
+    restarts : int
+        That were made.
+    """
+    first, room, n = locked, basis.size - locked, basis.V.shape[1]
+    basis.start(locked)
+    S = np.zeros((room, room), dtype=basis.V.dtype)
+    kept, goal, made = 0, min(FIRST, room), 0
+    begun = searched = basis.matvecs  # at all, and from this vector
+    betas = 0.0  # logarithm of their product
+    dropped = np.zeros(0, dtype=complex)
+    past = (0, 1.0)  # products, and residual of the best newcomer, at the last look
+    while True:
+        steps = basis.sweep(locked + kept, locked + goal, meanwhile)
+        meanwhile = None
+        if not steps.finite:
+            raise FloatingPointError(f"A v is not finite after {basis.matvecs} products")
+        ended = steps.ended
+        size = goal if ended is None else kept + ended + 1
+        steps.project(S, kept, size, locked)
+        beta = 0.0 if ended is not None else float(steps.betas[-1])
+        keep = int(THICK * room)
+        leading = keep + 1 if size == room else 1
+        T, Q, values = ordered_schur(S[:size, :size], rank, leading, basis.xp is not np)
+        best, products = whole(T, 1), basis.matvecs - searched
+        residual = beta * float(np.linalg.norm(Q[size - 1, :best]))
+        distance = worst - float(rank(values[:1])[0])
+        evidence = np.inf if distance >= -(1e-9 * abs(worst) + floor) else 0.0
+        if ended is None:
+            betas += float(np.log(steps.betas).sum())
+            roots = np.concatenate((values, dropped))
+            evidence = _evidence(worst, roots, edge) - betas if distance > 0 else 0.0
+        enough = 0.5 * np.log(n) - np.log(SURE)
+        converged = residual <= max(tol * float(np.abs(values[0])), floor)
+        inside = residual < INSIDE * distance or (
+            converged and distance >= -(1e-9 * abs(worst) + floor)
+        )
+        if evidence >= enough or (
+            inside
+            and (
+                evidence >= 0.5 * np.log(n) - np.log(LIKELY)
+                or basis.matvecs - begun >= patience
+                or (converged and distance <= 1e-6 * abs(worst) and patience < np.inf)
+            )
+        ):
+            return True, made
+        beaten = not inside and (converged or residual < -INSIDE * distance)
+        if beaten or made >= restarts:
+            basis.rotate(Q[:, :best], size, locked)
+            basis.V[first : first + best] = basis.V[locked : locked + best]
+            return False, made
+        if inside and converged and evidence <= 0.0 and 2 * (room - best) > basis.size - first:
+            # It has settled inside and sees nothing else: beside that, from another vector.
+            basis.rotate(Q[:, :best], size, locked)
+            locked, room = locked + best, room - best
+            basis.start(locked)
+            S[:] = 0.0
+            kept, goal, made, searched = 0, min(FIRST, room), made + 1, basis.matvecs
+            betas, dropped, past = 0.0, np.zeros(0, dtype=complex), (0, 1.0)
+            continue
+        need = _products_left(products, evidence, enough, past, residual, INSIDE * distance)
+        past = (products, residual)
+        if size < room:
+            S[size, size - 1] = beta
+            kept, goal = size, min(room, size + need)
+            continue
+        keep = whole(T, min(keep, room - 2))
+        basis.rotate(Q[:, :keep], size, locked)
+        dropped = np.concatenate((dropped, values[keep:]))
+        S[:] = 0.0
+        S[:keep, :keep], S[keep, :keep] = T[:keep, :keep], beta * Q[size - 1, :keep]
+        kept, made = keep, made + 1
+        goal = min(kept + need, room)
+
+
+def _evidence(worst: float, roots: np.ndarray, edge: Edge | None) -> float:
+    """Logarithm of the least \\|p\\| on the edge of what is wanted."""
+    if edge is None:
+        return np.inf
+    apart = np.abs(edge(worst, roots)[:, None] - roots)
+    with np.errstate(divide="ignore"):
+        return float(np.log(apart).sum(axis=1).min())
+
+
+def _products_left(
+    products: int,
+    evidence: float,
+    enough: float,
+    past: tuple[int, float],
+    residual: float,
+    target: float,
+) -> int:
+    """Products to the end at the rates so far, whichever of the two ways is the shorter."""
+    needs: list[Any] = []
+    if evidence > 0:
+        needs.append((enough - evidence) * products / evidence)
+    if past[0] and past[1] > residual > target > 0:
+        rate = np.log(past[1] / residual) / (products - past[0])
+        needs.append(np.log(residual / target) / rate)
+    return max(3, int(np.ceil(min(min(needs, default=np.inf), 1e9))))

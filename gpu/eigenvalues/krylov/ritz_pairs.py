@@ -1,0 +1,137 @@
+"""Ritz vectors on the device in few launches, for real arrays of CuPy."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+
+from gpu.arrays.device_blas import ONE, ZERO, DeviceBlas
+from gpu.cuda.ritz import SOURCE
+
+THREADS, WIDTH = 256, 32  # of a block that turns, and the columns it turns
+MOST = 192  # vectors whose columns fit into the 48 KiB that every block may have
+
+
+def turns(count: int) -> bool:
+    """Whether `rotate` can turn so many vectors."""
+    return count <= MOST
+
+
+def rotate(V: Any, Q: np.ndarray, residual: int) -> None:
+    """Replace the first rows of V by the columns of Q, the next by the `residual`-th, in place."""
+    n, (count, kept) = V.shape[1], Q.shape
+    turned = _moved(np.ascontiguousarray(Q.T))
+    blocks = -(-n // WIDTH)
+    sizes = np.int64(n), np.int32(count), np.int32(kept), np.int32(residual)
+    _kernel("ritz_rotate")((blocks,), (THREADS,), (V, turned, *sizes), shared_mem=8 * WIDTH * count)
+
+
+def pairs_with_residuals(
+    V: Any, Y: np.ndarray, values: np.ndarray, A: Any, M: Any
+) -> tuple[Any, Any, Any]:
+    r"""Values, vectors ``V^T Y`` and the squares of \|A x - lambda M x\| and of \|A x\|.
+
+    A real eigenvector and either member of a conjugate pair come from one or two real columns, so
+    that A is multiplied by real vectors only and by no more than k or k + 1.
+
+    Parameters
+    ----------
+    V : cupy.ndarray of float64, shape (c, n)
+        Rows.
+    Y : ndarray, shape (c, k)
+        Of unit columns; for conjugate values conjugate ones.
+    values : ndarray of complex128, shape (k,)
+    A, M : cupy.ndarray or sparse matrix
+        M may be None.
+
+    Returns
+    -------
+    values : cupy.ndarray of complex128, shape (k,)
+    vectors : cupy.ndarray of complex128, shape (n, k)
+    squares : cupy.ndarray, shape (2, k)
+        Nobody has waited for them.
+    """
+    import cupy
+
+    k, (c, n) = len(values), V.shape
+    columns, places = _real_columns(Y)
+    count = len(columns)
+    numbers = np.concatenate(
+        [values.view(float), columns.ravel(), values.real, values.imag, places.ravel()]
+    )
+    moved = _moved(numbers)
+    turned, pairs = moved[2 * k : 2 * k + count * c], moved[2 * k + count * c :]
+    X = _multiplied(V, turned, count, c, False)
+    left = _rows(A, X)
+    right = X if M is None else _rows(M, X)
+    vectors, squares = cupy.empty((k, n), dtype=complex), cupy.empty((2, k))
+    _kernel("ritz_residual")(
+        (k,), (1024,), (left, right, X, pairs, np.int64(n), np.int32(k), vectors, squares)
+    )
+    return moved[: 2 * k].view(complex), vectors.T, squares
+
+
+def _real_columns(Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The real columns that those of Y come from, by rows; for each of Y its real and imaginary
+    part among them (-1: none) and the sign of the latter."""
+    k = Y.shape[1]
+    places = np.array([np.arange(k), np.full(k, -1), np.ones(k)], dtype=float)
+    if Y.dtype.kind != "c" or not Y.imag.any():
+        return np.ascontiguousarray(Y.real.T), places
+    two = [*np.any(Y.imag, axis=0)]
+    conjugate = [False, *np.all(Y[:, 1:] == Y[:, :-1].conj(), axis=0)]
+    columns: list[np.ndarray] = []
+    taken = False  # as the conjugate of the one before
+    for j in range(k):
+        taken = two[j] and conjugate[j] and not taken
+        if taken:
+            places[:, j] = places[0, j - 1], places[1, j - 1], -1.0
+            continue
+        places[:2, j] = len(columns), len(columns) + 1 if two[j] else -1.0
+        columns += [Y[:, j].real, Y[:, j].imag] if two[j] else [Y[:, j].real]
+    return np.array(columns), places
+
+
+def _rows(A: Any, X: Any) -> Any:
+    """``X A^T`` by rows."""
+    import cupy
+
+    if hasattr(A, "tocsr"):
+        return cupy.ascontiguousarray((A @ X.T).T)
+    return _multiplied(A, X, len(X), len(A), True)
+
+
+def _multiplied(B: Any, X: Any, rows: int, inner: int, transposed: bool) -> Any:
+    """``X B`` or ``X B^T``."""
+    import cupy
+
+    n = B.shape[1]
+    product = cupy.empty((rows, n))
+    with DeviceBlas() as (cublas, handle):
+        # The library stores by columns: to it all three are their transposes.
+        operation = cublas.CUBLAS_OP_T if transposed else cublas.CUBLAS_OP_N
+        cublas.dgemm(
+            handle, operation, cublas.CUBLAS_OP_N, n, rows, inner, ONE, B.data.ptr, n, X.data.ptr,
+            inner, ZERO, product.data.ptr, n,
+        )  # fmt: skip
+    return product
+
+
+def _moved(values: np.ndarray) -> Any:
+    """A copy on the device, for which nobody waits; the driver has read the host's on return."""
+    import cupy
+
+    moved = cupy.empty(values.shape)
+    moved.data.copy_from_host_async(
+        values.ctypes.data, values.nbytes, cupy.cuda.get_current_stream()
+    )
+    return moved
+
+
+@functools.cache
+def _kernel(name: str) -> Any:
+    import cupy
+
+    return cupy.RawKernel(SOURCE, name, options=("--std=c++17",))

@@ -1,0 +1,221 @@
+"""What `eigs` multiplies by: the arguments A, M and sigma as one operator."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import linalg, sparse
+from scipy.linalg.blas import dasum
+from scipy.sparse import linalg as sparse_linalg
+
+from gpu.arguments import unmasked
+from gpu.arrays.device_lu import device_lu
+from gpu.arrays.namespace import array_module, cupy, to_host
+from gpu.cuda.modulus import SOURCE as MODULUS
+from gpu.errors import InputError
+
+BLOCK = 1 << 30  # entries, which the library counts in 32 bits
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """A square linear map on one side, host or device.
+
+    Attributes
+    ----------
+    n : int
+    real : bool
+    xp : module
+        numpy or cupy.
+    apply : callable x -> A x
+    explicit : array or sparse matrix or None
+        The entries, where there are any.
+    name : str
+        Of the argument, for messages.
+    assumed : float, optional
+        Taken for the `magnitude`; the entries are not looked at.
+    """
+
+    n: int
+    real: bool
+    xp: Any
+    apply: Callable[[Any], Any]
+    explicit: Any
+    name: str = "A"
+    assumed: float | None = None
+
+    @property
+    def dtype(self) -> Any:
+        """float64 or complex128."""
+        return np.dtype(float if self.real else complex)
+
+    @functools.cached_property
+    def magnitude(self) -> float:
+        """At least the largest modulus among the entries, at most twice the sum of all.
+
+        Raises
+        ------
+        InputError
+            They are not finite.
+        """
+        if self.assumed is not None:
+            return self.assumed
+        A = self.explicit
+        size = _magnitude(A.data if hasattr(A, "tocsr") else A, self.xp)
+        if not np.isfinite(size):
+            raise InputError(f"{self.name} holds NaN or infinity")
+        return size
+
+    @functools.cached_property
+    def norm(self) -> float:
+        """A lower bound of the spectral norm, the largest column; zero without stored entries."""
+        if self.explicit is None:
+            return 0.0
+        scaled = abs(self.explicit) * self.unit
+        squares = scaled.multiply(scaled) if hasattr(scaled, "tocsr") else scaled * scaled
+        return float(np.sqrt(float(squares.sum(axis=0).max()))) / self.unit
+
+    @functools.cached_property
+    def unit(self) -> float:
+        """Power of two that brings huge or tiny entries within reach of squares."""
+        if self.explicit is None:
+            probe = self.apply(self.xp.asarray(np.ones(self.n, dtype=self.dtype)))
+            size = float(self.xp.abs(probe).max())
+        else:
+            size = self.magnitude
+        if not np.isfinite(size) or ordinary(size):
+            return 1.0
+        return float(2.0 ** min(-np.floor(np.log2(size)), 1000.0))
+
+    def dense(self) -> np.ndarray:
+        """All entries, on the host, shape (n, n); by n products where none are stored."""
+        if self.explicit is None:
+            identity = self.xp.eye(self.n, dtype=self.dtype)
+            columns = [to_host(self.apply(column)) for column in identity]
+            return np.array(columns).reshape(self.n, self.n).T
+        full = self.explicit.toarray() if hasattr(self.explicit, "toarray") else self.explicit
+        return to_host(full)
+
+
+def ordinary(size: float) -> bool:
+    """Whether numbers of this size have squares within reach."""
+    return size == 0 or 1e-100 < size < 1e100
+
+
+def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
+    """Check an argument, but for its entries, and say how to multiply by it.
+
+    Parameters
+    ----------
+    name : str
+    A : array, sparse matrix or LinearOperator of NumPy, SciPy or CuPy, or callable x -> A x
+    start : array, shape (n,), optional
+        Gives a callable its order, and the module and dtype of what it works on.
+
+    Raises
+    ------
+    InputError
+    """
+    unmasked(name, A)
+    if callable(A) and not hasattr(A, "shape"):
+        xp = array_module(start)
+        start = xp.asarray([] if start is None else start)
+        if start.ndim != 1 or not start.size or start.dtype.kind not in "buifc":
+            raise InputError(
+                f"{name}: a callable has no shape; pass v0, numbers of shape (n,), to give it one"
+            )
+        real = start.dtype.kind != "c" and _real_result(name, A, start * 1.0)
+        return Matrix(start.size, real, xp, A, None)
+    shape = getattr(A, "shape", None)
+    if shape is None:
+        A = np.asarray(A)
+        shape = A.shape
+    if len(shape) != 2 or shape[0] != shape[1] or shape[0] == 0:
+        raise InputError(f"{name} has shape {tuple(shape)}: it must be square and not empty")
+    kind = np.dtype(A.dtype).kind if A.dtype is not None else "f"
+    if kind not in "buifc":
+        raise InputError(f"{name} holds {A.dtype}: expected numbers")
+    dtype = complex if kind == "c" else float
+    if hasattr(A, "matvec"):
+        xp = array_module(A)
+        return Matrix(int(shape[0]), kind != "c", xp, A.matvec, None)
+    if hasattr(A, "tocsr"):
+        xp = np if sparse.issparse(A) else cupy()
+        A = A.tocsr().astype(dtype)
+    else:
+        xp = array_module(A)
+        A = xp.ascontiguousarray(A, dtype=dtype)
+    return Matrix(int(shape[0]), kind != "c", xp, lambda x: A @ x, A, name)
+
+
+def _magnitude(entries: Any, xp: Any) -> float:
+    """See `Matrix`; NaN or infinite if an entry is. One pass over A costs as much as a product."""
+    if not entries.size:
+        return 0.0
+    if xp is np:
+        parts = entries.reshape(-1).view(float)
+        total = sum(dasum(parts[i : i + BLOCK]) for i in range(0, parts.size, BLOCK))
+        return total if np.isfinite(total) else float(np.abs(entries).max())
+    if entries.dtype.kind == "c":
+        return float(xp.abs(entries).max())
+    bits = xp.zeros(1, dtype=xp.uint64)
+    blocks = min(-(-entries.size // 1024), 1024)
+    _largest_kernel()((blocks,), (1024,), (entries, np.int64(entries.size), bits))
+    return float(bits.get().view(float)[0])
+
+
+@functools.cache
+def _largest_kernel() -> Any:
+    return cupy().RawKernel(MODULUS, "modulus_largest", options=("--std=c++17",))
+
+
+def _real_result(name: str, A: Callable[[Any], Any], x: Any) -> bool:
+    y = A(x)
+    if getattr(y, "shape", None) != x.shape:
+        raise InputError(
+            f"{name}: maps a vector of shape {x.shape} to {getattr(y, 'shape', type(y).__name__)}"
+        )
+    return bool(y.dtype.kind != "c")
+
+
+def factorized(A: Any, xp: Any) -> Callable[[Any], Any] | None:
+    """Solve with an explicit matrix by its LU factors; None where it is exactly singular."""
+    if xp is np:
+        if hasattr(A, "tocsr"):
+            try:
+                factors = sparse_linalg.splu(sparse.csc_matrix(A))
+            except RuntimeError:
+                return None
+            U = factors.U
+            return None if _singular(U.diagonal(), abs(U).max(axis=0).toarray()) else factors.solve
+        lapack: Any = linalg.get_lapack_funcs(("getrf", "getrs"), (A,))
+        getrf, getrs = lapack
+        lu, pivots, _ = getrf(A)
+        if _singular(np.diag(lu), np.abs(np.triu(lu)).max(axis=0)):
+            return None
+        return lambda x: getrs(lu, pivots, x)[0]
+    if hasattr(A, "tocsr"):
+        from cupyx.scipy.sparse import csc_matrix
+        from cupyx.scipy.sparse.linalg import splu
+
+        try:
+            return splu(csc_matrix(A)).solve
+        except RuntimeError:
+            return None
+    from cupyx.scipy.linalg import lu_solve
+
+    device = device_lu(A)
+    U = xp.triu(device[0])
+    if _singular(to_host(xp.diag(U)), to_host(xp.abs(U).max(axis=0))):
+        return None
+    return lambda x: lu_solve(device, x, check_finite=False)
+
+
+def _singular(pivots: np.ndarray, columns: np.ndarray) -> bool:
+    """Whether a pivot is rounding beside its column: solving would blow up what others say."""
+    limit = len(pivots) * np.finfo(float).eps * columns
+    return not bool(np.all(np.abs(pivots) > limit))

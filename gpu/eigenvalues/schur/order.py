@@ -1,0 +1,109 @@
+"""Which eigenvalues come first: the six meanings of ``which``."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gpu.eigenvalues.krylov.challenge import Edge
+from gpu.eigenvalues.schur.ordered_schur import Rank
+from gpu.errors import InputError
+
+EVENLY = 32  # points on the edge that do not depend on the values
+ROUNDING = 1e-14  # ranks are the same up to it
+CIRCLE = np.exp(2j * np.pi * np.arange(EVENLY) / EVENLY)
+LINE = np.linspace(-1.0, 1.0, EVENLY + 1)
+ORDERS = ("LM", "SM", "LR", "SR", "LI", "SI")
+
+
+def rank_of(which: str, real: bool) -> Rank:
+    """The rank function of `which`; equal for the two of a conjugate pair of a real matrix.
+
+    As in ARPACK, LI and SI go by the modulus of the imaginary part where A is real and by its sign
+    where A is complex.
+
+    Raises
+    ------
+    InputError
+    """
+    if which not in ORDERS:
+        raise InputError(f"which={which!r}: expected one of {', '.join(ORDERS)}")
+    sign = 1.0 if which[0] == "L" else -1.0
+    if which[1] == "M":
+        return lambda values: sign * np.abs(values)
+    if which[1] == "R":
+        return lambda values: sign * values.real
+    if real:
+        return lambda values: sign * np.abs(values.imag)
+    return lambda values: sign * values.imag
+
+
+def edge_of(which: str, real: bool) -> Edge:
+    """Points of the curve where the rank is that of the least wanted eigenvalue.
+
+    Parameters
+    ----------
+    which, real
+        As for `rank_of`.
+
+    Returns
+    -------
+    callable (worst, values) -> ndarray
+        Of the rank on the curve, and of values beyond it: the points that are nearest to them, and
+        some all along. Curves without end go as far as the largest of the values.
+    """
+    sign = 1.0 if which[0] == "L" else -1.0
+
+    def edge(worst: float, values: np.ndarray) -> np.ndarray:
+        size = np.abs(values)
+        if which[1] == "M":
+            return abs(worst) * np.concatenate((values[size > 0] / size[size > 0], CIRCLE))
+        along = LINE * size.max(initial=0.0)
+        if which[1] == "R":
+            return sign * worst + 1j * np.concatenate((values.imag, along))
+        along = np.concatenate((values.real, along))
+        upper = along + 1j * sign * worst
+        return np.concatenate((upper, upper.conj())) if real else upper
+
+    return edge
+
+
+def best_first(
+    values: np.ndarray, rank: Rank, k: int, paired: bool, shown: np.ndarray | None = None
+) -> np.ndarray:
+    """Places of the k best, best first; a conjugate pair stays together, plus before minus.
+
+    Parameters
+    ----------
+    values : ndarray
+        What `rank` speaks of.
+    rank : callable
+    k : int
+    paired : bool
+        Whether complex values come as conjugate pairs, one behind the other as LAPACK gives them.
+    shown : ndarray, optional
+        The eigenvalues themselves, where `values` are transformed.
+    """
+    shown = values if shown is None else shown
+    if not paired:
+        return np.argsort(-rank(values), kind="stable")[:k]
+    first, ranks = np.arange(values.size), rank(values)
+    members = values.imag.nonzero()[0]
+    leaders = np.delete(ranks, members[1::2]) if members.size else ranks
+    descend = leaders[:-1] - leaders[1:] > ROUNDING * np.abs(leaders[:-1])
+    if descend.all() and (shown.imag[members[::2]] > 0).all():
+        return first[:k]
+    # Equal pairs must not mix, nor rounding part the two of one: the first speaks for both.
+    first[members[1::2]] = members[::2]
+    keys = (-np.abs(shown.imag), -shown.real, _place(ranks))
+    return np.lexsort((-shown.imag, first, *(key[first] for key in keys)))[:k]
+
+
+def _place(rank: np.ndarray) -> np.ndarray:
+    """Descending places; ranks apart by round-off share one, so that pairs meet."""
+    order = np.argsort(-rank, kind="stable")
+    ranked = rank[order]
+    # Relative to the rank itself: beside an inverse of rounding all others would look equal.
+    apart = ROUNDING * np.abs(ranked[:-1])
+    place = np.empty(rank.size, dtype=np.int64)
+    place[order] = np.concatenate(([0], np.cumsum(-np.diff(ranked) > apart)))[: rank.size]
+    return place

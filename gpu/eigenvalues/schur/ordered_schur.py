@@ -1,0 +1,104 @@
+"""Schur form of the small projected matrix, its leading blocks in a wanted order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.linalg.lapack import dgees, dtrexc, zgees, ztrexc
+
+from gpu.eigenvalues.schur.real_schur import real_schur
+
+Array = np.ndarray
+Rank = Callable[[Array], Array]
+SMALL = 12  # up to this order LAPACK is quicker
+
+
+def eigenvalues_of(T: Array) -> Array:
+    """Diagonal eigenvalues of a Schur form, complex, in the order of its rows.
+
+    A conjugate pair of a real form sits in a block of two rows, positive imaginary part first.
+    """
+    values = T.diagonal().astype(complex)
+    if T.dtype.kind == "c":
+        return values
+    pair = T.diagonal(-1).nonzero()[0]
+    if not pair.size:
+        return values
+    # LAPACK's standard block: equal diagonal entries, off-diagonal ones of opposite sign.
+    imaginary = np.sqrt(np.abs(T[pair, pair + 1])) * np.sqrt(np.abs(T[pair + 1, pair]))
+    values[pair] += 1j * imaginary
+    values[pair + 1] -= 1j * imaginary
+    return values
+
+
+def ordered_schur(
+    S: Array, rank: Rank, leading: int, compiled: bool = False
+) -> tuple[Array, Array, Array]:
+    """``S = Q T Q^*`` with the best eigenvalues first.
+
+    Parameters
+    ----------
+    S : ndarray, shape (m, m)
+    rank : callable (values,) -> ndarray
+        The larger, the earlier; equal for the two of a conjugate pair.
+    leading : int
+        How many rows to put in order; blocks of two rows stay whole.
+    compiled : bool
+        Of a real matrix by `real_schur`, in half the time once that has been compiled.
+
+    Returns
+    -------
+    T, Q : ndarray, shape (m, m)
+    values : ndarray, shape (m,)
+        Complex eigenvalues in the order of T's rows.
+
+    References
+    ----------
+    Z. Bai and J. W. Demmel, On swapping diagonal blocks in real Schur form, Linear Algebra Appl.
+    186 (1993): LAPACK's trexc.
+    """
+    gees, trexc = (zgees, ztrexc) if S.dtype.kind == "c" else (dgees, dtrexc)
+    form = real_schur(S) if compiled and S.dtype.kind == "f" and len(S) > SMALL else None
+    if form is None:
+        found = gees(lambda *_: 0, S, sort_t=0)
+        form = found[0], found[-3]
+        if found[-1]:
+            raise np.linalg.LinAlgError(f"Schur form: info {found[-1]}")
+    T, Q = form
+    values = eigenvalues_of(T)
+    ranks, widths = rank(values).tolist(), _widths(T)
+    moved, place = False, 0
+    while place < min(leading, len(S)):
+        # The first of the best, unless what is here is as good: rounding must not shuffle.
+        following = ranks[place:]
+        best = place + following.index(max(following))
+        width = widths[best]
+        if ranks[best] > ranks[place]:
+            T, Q, failed = trexc(T, Q, best + 1, place + 1, overwrite_a=1, overwrite_q=1)
+            moved = True
+            for row in (ranks, widths):
+                row[place:place] = row[best : best + width]
+                del row[best + width : best + 2 * width]
+            if failed or (width == 2 and not T[place + 1, place]):
+                # Blocks too close to be swapped, or rounding that parted a pair.
+                values = eigenvalues_of(T)
+                ranks, widths = rank(values).tolist(), _widths(T)
+                width = widths[place]
+        place += width
+    return T, Q, eigenvalues_of(T) if moved else values
+
+
+def _widths(T: Array) -> list[int]:
+    """Rows of the block that begins at each row: one, or two."""
+    return [2 if below else 1 for below in T.diagonal(-1).tolist()] + [1]
+
+
+def whole(T: Array, count: int) -> int:
+    """The smallest number of rows from `count` on that splits no conjugate pair."""
+    return count + (_block(T, count - 1) - 1 if 0 < count < len(T) else 0)
+
+
+def _block(T: Array, place: int) -> int:
+    """Rows of the block that begins here: one, or two."""
+    return 2 if place + 1 < len(T) and T[place + 1, place] != 0 else 1

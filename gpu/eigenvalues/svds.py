@@ -1,0 +1,222 @@
+"""A few singular values of a large matrix, on the host or on a device."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from gpu.arguments import choice, flag, unmasked, whole
+from gpu.arrays.namespace import array_module, cupy, to_host
+from gpu.eigenvalues.eigs import DENSE, FALLBACK, PRODUCTS, eigs, start_vector
+from gpu.errors import InputError, NotConverged
+
+CERTIFIED = 1e-10  # |A v - s u| and |A^* u - s v| over |A|
+
+
+def svds(
+    A: Any,
+    k: int = 6,
+    ncv: int | None = None,
+    tol: float = 0.0,
+    which: str = "LM",
+    v0: Any = None,
+    maxiter: int | None = None,
+    return_singular_vectors: bool = True,
+) -> Any:
+    r"""Find k singular triplets, ``A v = s u`` and ``A^* u = s v``.
+
+    `eigs` finds the wanted eigenvectors of the smaller of :math:`A^* A` and :math:`A A^*`; the
+    singular values are those of A on the space they span, not roots, so that no digits are lost
+    to the square. Every triplet has had both residuals recomputed.
+
+    Parameters
+    ----------
+    A : array or sparse matrix, shape (m, n), or LinearOperator with matvec and rmatvec
+        Of NumPy and SciPy, or of CuPy; real or complex, computed in double precision.
+    k : int
+        From 1 to min(m, n).
+    ncv, maxiter
+        See `eigs`.
+    tol : float
+        Residual of the singular pairs relative to their singular value; 0 asks for what rounding
+        allows.
+    which : {"LM", "SM"}
+        Largest or smallest.
+    v0 : array, shape (min(m, n),), optional
+        Start vector.
+    return_singular_vectors : bool
+
+    Returns
+    -------
+    u : ndarray, shape (m, k)
+    s : ndarray, shape (k,)
+        In ascending order, as SciPy returns them.
+    vh : ndarray, shape (k, n)
+        Without singular vectors `s` alone is returned.
+
+    Raises
+    ------
+    InputError
+    NotConverged
+    MissingDependency
+
+    Notes
+    -----
+    Squares hide singular values below 1e-7 of the largest. Where these are wanted, stored matrices
+    with min(m, n) up to 4096 are decomposed fully, as are all up to 256 (operators: 128); operators
+    and larger ones raise `NotConverged`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from gpu import svds
+    >>> svds(np.diag(np.arange(1.0, 301.0)), k=2, return_singular_vectors=False).round(10)
+    array([299., 300.])
+    """
+    factors = _Factors(A)
+    small = min(factors.shape)
+    if isinstance(k, bool) or not isinstance(k, int | np.integer) or not 1 <= k <= small:
+        raise InputError(f"k={k!r}: expected a whole number from 1 to {small}")
+    choice("which", which, ("LM", "SM"))
+    for name, value in (("ncv", ncv), ("maxiter", maxiter)):
+        if value is not None:
+            whole(name, value, 1)
+    return_singular_vectors = flag("return_singular_vectors", return_singular_vectors)
+    if not isinstance(tol, int | float | np.floating) or not 0 <= tol < 1:
+        raise InputError(f"tol={tol!r}: expected a number from 0, below 1")
+    v0 = None if v0 is None else start_vector(v0, small, factors.xp)
+    explicit = factors.explicit is not None
+    if small <= (DENSE if explicit else PRODUCTS) or (
+        explicit and which == "SM" and small <= FALLBACK
+    ):
+        triplets = _decomposed(factors, k, which)
+        _certify(factors, *triplets)
+    else:
+        try:
+            triplets = _iterated(factors, k, ncv, tol, which, v0, maxiter)
+            _certify(factors, *triplets)
+        except NotConverged:
+            if not explicit or small > FALLBACK or maxiter is not None:
+                raise
+            triplets = _decomposed(factors, k, which)
+            _certify(factors, *triplets)
+    u, s, vh = triplets
+    s = s / factors.unit
+    return (u, s, vh) if return_singular_vectors else s
+
+
+class _Factors:
+    """A and A^*, times a power of two that makes the entries of order one."""
+
+    def __init__(self, A: Any) -> None:
+        unmasked("A", A)
+        if not hasattr(A, "shape"):
+            A = np.asarray(A)
+        if len(A.shape) != 2 or 0 in A.shape:
+            raise InputError(f"A has shape {tuple(A.shape)}: it must be a matrix and not empty")
+        kind = np.dtype(A.dtype).kind if A.dtype is not None else "f"
+        if kind not in "buifc":
+            raise InputError(f"A holds {A.dtype}: expected numbers")
+        self.shape = int(A.shape[0]), int(A.shape[1])
+        self.dtype = np.dtype(complex if kind == "c" else float)
+        self.explicit: Any = None
+        self.unit = 1.0
+        if hasattr(A, "matvec"):
+            self.xp = array_module(A)
+            self._left, self._right = A.matvec, A.rmatvec
+            try:
+                A.rmatvec(self.xp.zeros(self.shape[0], dtype=self.dtype))
+            except NotImplementedError:
+                raise InputError("A has no rmatvec: pass one, of its adjoint") from None
+            return
+        if sparse.issparse(A) or hasattr(A, "tocsr"):
+            self.xp = np if sparse.issparse(A) else cupy()
+            A = A.tocsr().astype(self.dtype)
+            entries = A.data
+        else:
+            self.xp = array_module(A)
+            A = entries = self.xp.ascontiguousarray(A, dtype=self.dtype)
+        largest = float(self.xp.abs(entries).max()) if entries.size else 0.0
+        if not np.isfinite(largest):
+            raise InputError("A holds NaN or infinity")
+        if largest > 0.0 and not 1e-100 < largest < 1e100:
+            self.unit = float(2.0 ** -np.floor(np.log2(largest)))
+            A = A * self.unit
+        self.explicit = A
+        adjoint = A.conj().T if kind == "c" else A.T
+        if hasattr(adjoint, "tocsr"):
+            adjoint = adjoint.tocsr()
+        self._left, self._right = A.__matmul__, adjoint.__matmul__
+
+    def times(self, X: Any, adjoint: bool = False) -> Any:
+        """``A X`` or ``A^* X`` of a vector or of columns."""
+        multiply = self._right if adjoint else self._left
+        if X.ndim == 1 or self.explicit is not None:
+            return multiply(X)
+        return self.xp.stack([multiply(x.copy()) for x in X.T], axis=1)
+
+
+def _iterated(
+    factors: _Factors, k: int, ncv: Any, tol: float, which: str, v0: Any, maxiter: Any
+) -> tuple[Any, Any, Any]:
+    """Triplets by `eigs` with the smaller square, then by the SVD on the space found."""
+    xp, (m, n) = factors.xp, factors.shape
+    wide = m < n
+    if v0 is None:
+        v0 = xp.asarray(np.random.default_rng(0).standard_normal(min(m, n)), dtype=factors.dtype)
+    elif factors.dtype.kind == "c":
+        v0 = xp.asarray(v0, dtype=factors.dtype)
+
+    def square(x: Any) -> Any:
+        return factors.times(factors.times(x, wide), not wide)
+
+    _, vectors = eigs(square, k, v0=v0, which=which, ncv=ncv, maxiter=maxiter, tol=tol)
+    if factors.dtype.kind == "f":
+        # Real vectors span the space as well; of complex ones the larger part is taken.
+        turn = xp.exp(-1j * xp.angle(xp.sum(vectors * vectors, axis=0)) / 2)
+        vectors = (vectors * turn).real
+    basis, _ = xp.linalg.qr(vectors)
+    u, s, vh = xp.linalg.svd(factors.times(basis, wide), full_matrices=False)
+    u, s, v = u[:, ::-1], s[::-1], basis @ vh.conj().T[:, ::-1]
+    return (v, s, u.conj().T) if wide else (u, s, v.conj().T)
+
+
+def _decomposed(factors: _Factors, k: int, which: str) -> tuple[Any, Any, Any]:
+    """All singular values by LAPACK on the host, the wanted ones returned."""
+    if factors.explicit is None:
+        full = factors.times(factors.xp.eye(factors.shape[1], dtype=factors.dtype))
+    else:
+        full = factors.explicit
+        full = full.toarray() if hasattr(full, "toarray") else full
+    u, s, vh = np.linalg.svd(to_host(full), full_matrices=False)
+    wanted = slice(0, k) if which == "LM" else slice(s.size - k, s.size)
+    xp = factors.xp
+    return (
+        xp.asarray(u[:, wanted][:, ::-1]),
+        xp.asarray(s[wanted][::-1]),
+        xp.asarray(vh[wanted][::-1]),
+    )
+
+
+def _certify(factors: _Factors, u: Any, s: Any, vh: Any) -> None:
+    """Raise unless every triplet satisfies both of its equations."""
+    xp, v = factors.xp, vh.conj().T
+    left, right = factors.times(v), factors.times(u, adjoint=True)
+    error = xp.maximum(xp.linalg.norm(left - u * s, axis=0), xp.linalg.norm(right - v * s, axis=0))
+    # A lower bound of |A|: of what the vectors show, and of the rows where there are any.
+    size = float(s.max())
+    if factors.explicit is not None:
+        squares = abs(factors.explicit)
+        squares = squares.multiply(squares) if hasattr(squares, "multiply") else squares**2
+        size = max(size, float(np.sqrt(float(squares.sum(axis=0).max()))))
+    good = xp.isfinite(s) & (error <= CERTIFIED * size)
+    if not bool(good.all()):
+        raise NotConverged(
+            f"{int((~good).sum())} of {len(s)} triplets fail their certificate: the residual "
+            f"reaches {float(error.max()) / size if size else np.inf:.1e} |A|; smaller singular "
+            "values than 1e-7 of the largest need stored entries",
+            eigenvalues=s[good] / factors.unit,
+            eigenvectors=v[:, good],
+        )

@@ -1,0 +1,107 @@
+r"""Scaling of a program to entries of size one, after Ruiz [1]_, and to sides of moderate size.
+
+The variables become :math:`x = D\hat x`, the rows are multiplied by E and the objective by c,
+all of them powers of two, so that nothing is rounded.
+
+References
+----------
+.. [1] D. Ruiz, "A scaling algorithm to equilibrate both rows and columns norms in matrices",
+   RAL-TR-2001-034 (2001).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from gpu.qp.data.program import Array, Matrix, Program, is_sparse
+
+ROUNDS = 12
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Factors of variables, rows and objective."""
+
+    variables: Array
+    rows: Array
+    objective: float
+
+    def point(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """x and y of the problem from those of the scaled one."""
+        return self.variables * x, self.rows * y / self.objective
+
+    def scaled_point(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """x and y of the scaled problem from those of the problem."""
+        return x / self.variables, y * self.objective / self.rows
+
+
+def equilibrate(p: Program) -> tuple[Program, Scaling]:
+    """The scaled program and its factors."""
+    xp = p.xp
+    D, E = xp.ones(p.q.size), xp.ones(p.row_low.size)
+    sizes = _Sizes(p.P, xp), _Sizes(p.C, xp)
+    for _ in range(ROUNDS):
+        column = xp.maximum(sizes[0].columns(D, D), sizes[1].columns(E, D))
+        row = sizes[1].rows(E, D)
+        D = D / xp.sqrt(xp.where(column > 0, column, 1.0))
+        E = E / xp.sqrt(xp.where(row > 0, row, 1.0))
+    # Entries keep their size when variables and sides change theirs.
+    length = xp.sqrt(max(largest_side(E * p.row_low, E * p.row_high, p.lb / D, p.ub / D), 1.0))
+    D, E = xp.exp2(xp.round(xp.log2(D * length))), xp.exp2(xp.round(xp.log2(E / length)))
+    P, q = _scale(p.P, D, D, xp), D * p.q
+    curvature = float(sizes[0].columns(D, D).mean()) if D.size else 0.0
+    size = max(curvature, float(xp.abs(q).max()) if q.size else 0.0)
+    c = float(np.exp2(-np.round(np.log2(size)))) if size > 0 else 1.0
+    scaled = Program(
+        P * c, q * c, _scale(p.C, E, D, xp), E * p.row_low, E * p.row_high, p.lb / D, p.ub / D
+    )
+    return scaled, Scaling(D, E, c)
+
+
+def largest_side(*sides: Array) -> float:
+    """The largest finite side."""
+    largest = 0.0
+    for side in sides:
+        if side.size:
+            size = abs(side)
+            size[~(size < float("inf"))] = 0.0
+            largest = max(largest, float(size.max()))
+    return largest
+
+
+class _Sizes:
+    """Largest entries of the rows and columns of a matrix under a scaling."""
+
+    def __init__(self, M: Matrix, xp: Any) -> None:
+        self.xp = xp
+        self.M = abs(M)
+        self.shape = M.shape
+        if is_sparse(M):
+            coo = sparse.coo_array(self.M)
+            self.i, self.j, self.data = *coo.coords, coo.data
+
+    def _reduce(self, E: Array, D: Array, axis: int) -> Array:
+        xp = self.xp
+        if is_sparse(self.M):
+            size = np.zeros(self.shape[1 - axis])
+            np.maximum.at(size, self.j if axis == 0 else self.i, E[self.i] * self.data * D[self.j])
+            return size
+        if not self.M.size:
+            return xp.zeros(self.shape[1 - axis])
+        return (self.M * E[:, None] * D).max(axis=axis)
+
+    def columns(self, E: Array, D: Array) -> Array:
+        return self._reduce(E, D, 0)
+
+    def rows(self, E: Array, D: Array) -> Array:
+        return self._reduce(E, D, 1)
+
+
+def _scale(M: Matrix, E: Array, D: Array, xp: Any) -> Matrix:
+    if is_sparse(M):
+        return sparse.csr_array(sparse.diags_array(E) @ M @ sparse.diags_array(D))
+    return E[:, None] * M * D

@@ -1,0 +1,195 @@
+r"""Proofs that a program has no feasible point, or no lower bound.
+
+A Farkas vector y of the rows has, with :math:`c = C^Ty`,
+
+.. math:: \max_{l \le x \le u} c^Tx < \sum_i \min_{r_l \le r \le r_u} y_ir,
+
+so that no x of the box can have its rows within their sides. A ray d has :math:`Pd = 0`,
+:math:`q^Td < 0`, and follows rows and bounds for ever. Both are sought as the nearest point of
+a cone to a given vector, a strictly convex problem that always has a solution; it is zero where
+there is no proof. What is found is verified before it counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from gpu.qp.data.program import Array, Matrix, Program, is_sparse
+from gpu.qp.interior_point.equilibrate import largest_side
+
+# Rounding in a sum, over its terms; and the margin of a proof over the terms of its sums.
+ROUNDING, MARGIN = 1e-12, 1e-9
+# How many times the largest side a point that a proof does not exclude must be away.
+FAR = 1e4
+# What a row whose own terms vanish may keep, over its largest entry.
+FLOOR = 1e-16
+# Entries that are small beside the largest are left out, in the end.
+SMALL = (1e-12, 1e-9, 1e-7, 1e-5)
+CLOSE, NEAR, PROJECTED = 1e-8, 1e-4, 4_000_000
+Solve = Callable[[Program], Array]
+
+
+def farkas(p: Program, solve: Solve) -> Array | None:
+    """A verified Farkas vector of the rows, if there is one."""
+    xp, m = p.xp, p.row_low.size
+    equal = p.equality
+    up = xp.flatnonzero(~equal & xp.isfinite(p.row_high))
+    down = xp.flatnonzero(~equal & xp.isfinite(p.row_low))
+    at_ub, at_lb = xp.flatnonzero(xp.isfinite(p.ub)), xp.flatnonzero(xp.isfinite(p.lb))
+    eq = xp.flatnonzero(equal)
+    Ct = _transposed(p.C)
+    unit = _identity(p.P, p.q.size, xp)
+    blocks = [
+        _take(Ct, eq), _take(Ct, up), -_take(Ct, down), _take(unit, at_ub), -_take(unit, at_lb)
+    ]  # fmt: skip
+    cost = xp.concatenate(
+        [p.row_low[eq], p.row_high[up], -p.row_low[down], p.ub[at_ub], -p.lb[at_lb]]
+    )
+    N = cost.size
+    size = float(xp.abs(cost).max()) if N else 0.0
+    if not size:
+        return None
+    low = xp.zeros(N)
+    low[: eq.size] = -xp.inf
+    nothing = xp.zeros(p.q.size)
+    nearest = Program(
+        _identity(p.P, N, xp), cost / size, _stack(blocks, p.P, xp),
+        nothing, nothing, low, xp.full(N, xp.inf),
+    )  # fmt: skip
+    v = solve(nearest)
+    y = xp.zeros(m)
+    first, second = eq.size, eq.size + up.size
+    y[eq] = v[:first]
+    y[up] += v[first:second]
+    y[down] -= v[second : second + down.size]
+    largest = float(xp.abs(y).max()) if m else 0.0
+    if not largest or not np.isfinite(largest):
+        return None
+    for small in SMALL:
+        support = xp.where(xp.abs(y) <= small * largest, 0.0, -y / largest)
+        for candidate in (support, _projected(p, support)):
+            proof = _verified(p, candidate)
+            if proof is not None:
+                return proof
+    return None
+
+
+def _projected(p: Program, y: Array) -> Array:
+    """The nearest y, of the same support, whose ``C'y`` vanishes on the free variables."""
+    xp = p.xp
+    rows = xp.flatnonzero(y)
+    columns = xp.flatnonzero(xp.isinf(p.lb) | xp.isinf(p.ub))
+    if not rows.size or not columns.size or rows.size * columns.size > PROJECTED:
+        return y
+    block = p.C[rows][:, columns]
+    block = block.toarray() if is_sparse(block) else block
+    c = p.C.T @ y
+    loose = xp.isinf(p.lb[columns]) & xp.isinf(p.ub[columns])
+    # A column with one side only must vanish where it points to the other, or nearly does so.
+    wrong = xp.where(xp.isinf(p.ub[columns]), c[columns] > -CLOSE, c[columns] < CLOSE)
+    keep = loose | wrong
+    y = y.copy()
+    y[rows] -= xp.linalg.lstsq(block[:, keep].T, c[columns][keep], rcond=1e-13)[0]
+    return y
+
+
+def _verified(p: Program, y: Array) -> Array | None:
+    xp = p.xp
+    y = xp.where((y > 0) & xp.isinf(p.row_low), 0.0, y)
+    y = xp.where((y < 0) & xp.isinf(p.row_high), 0.0, y)
+    c = p.C.T @ y
+    corner = xp.where(c > 0, p.ub, xp.where(c < 0, p.lb, 0.0))
+    rounded = xp.isinf(corner) & (xp.abs(c) <= ROUNDING * (abs(p.C).T @ xp.abs(y)))
+    rest = float(xp.abs(c[rounded]).sum())
+    c, corner = xp.where(rounded, 0.0, c), xp.where(rounded, 0.0, corner)
+    row = xp.where(y > 0, p.row_low, xp.where(y < 0, p.row_high, 0.0))
+    most, least = float(c @ corner), float(y @ row)
+    terms = float(xp.abs(c) @ xp.abs(corner)) + float(xp.abs(y) @ xp.abs(row))
+    margin = least - most
+    if not margin > MARGIN * terms:
+        return None
+    # What was rounded off leaves points far away: they must be farther than any of the data.
+    size = largest_side(p.row_low, p.row_high, p.lb, p.ub)
+    return y if margin > FAR * max(size, 1.0) * rest else None
+
+
+def ray(p: Program, solve: Solve) -> Array | None:
+    """A verified ray along which the objective falls for ever, if there is one."""
+    xp, n = p.xp, p.q.size
+    size = float(xp.abs(p.q).max()) if n else 0.0
+    if not size:
+        return None
+    rows = _rows([p.P, p.C], xp)
+    flat = xp.zeros(n)
+    low = xp.concatenate([flat, xp.where(xp.isfinite(p.row_low), 0.0, -xp.inf)])
+    high = xp.concatenate([flat, xp.where(xp.isfinite(p.row_high), 0.0, xp.inf)])
+    cone = Program(
+        _identity(p.P, n, xp), p.q / size, rows, low, high,
+        xp.where(xp.isfinite(p.lb), 0.0, -xp.inf), xp.where(xp.isfinite(p.ub), 0.0, xp.inf),
+    )  # fmt: skip
+    d = solve(cone)
+    largest = float(xp.abs(d).max())
+    if not largest or not np.isfinite(largest):
+        return None
+    for small in SMALL:
+        v = xp.clip(xp.where(xp.abs(d) <= small * largest, 0.0, d / largest), cone.lb, cone.ub)
+        for candidate in (_straightened(cone, v), v):
+            if _falls(p, cone, candidate):
+                return candidate
+    return None
+
+
+def _falls(p: Program, cone: Program, v: Array) -> bool:
+    xp, length = p.xp, p.xp.abs(v)
+    along, terms = cone.C @ v, abs(cone.C) @ length
+    outside = xp.maximum(cone.row_low - along, along - cone.row_high)
+    # Each row against itself: one that is small beside the others is a row all the same.
+    size = abs(cone.C).max(axis=1)
+    size = size.toarray() if is_sparse(size) else size
+    straight = bool((outside <= 1e-10 * terms + FLOOR * size * float(length.max())).all())
+    inside = bool(((cone.lb <= v) & (v <= cone.ub)).all())
+    return straight and inside and float(p.q @ v) < -MARGIN * float(xp.abs(p.q) @ length)
+
+
+def _straightened(cone: Program, v: Array) -> Array:
+    """The nearest direction, of the same support, along which rows that nearly hold do hold."""
+    xp = cone.xp
+    terms = abs(cone.C) @ xp.abs(v)
+    near = (cone.row_low > -xp.inf) | (cone.row_high < xp.inf)
+    rows = xp.flatnonzero(near & (xp.abs(cone.C @ v) <= NEAR * terms) & (terms > 0.0))
+    columns = xp.flatnonzero(v)
+    if not rows.size or not columns.size or rows.size * columns.size > PROJECTED:
+        return v
+    block = cone.C[rows][:, columns]
+    block = block.toarray() if is_sparse(block) else block
+    v = v.copy()
+    v[columns] -= xp.linalg.lstsq(block, block @ v[columns], rcond=1e-13)[0]
+    return v
+
+
+def _transposed(C: Matrix) -> Matrix:
+    return sparse.csc_array(C.T) if is_sparse(C) else C.T
+
+
+def _identity(like: Matrix, n: int, xp: Any) -> Matrix:
+    return sparse.eye_array(n, format="csc") if is_sparse(like) else xp.eye(n)
+
+
+def _take(M: Matrix, columns: Array) -> Matrix:
+    return M[:, columns]
+
+
+def _stack(blocks: list[Matrix], like: Matrix, xp: Any) -> Matrix:
+    if is_sparse(like):
+        return sparse.hstack(blocks, format="csr")
+    return xp.concatenate(blocks, axis=1)
+
+
+def _rows(blocks: list[Matrix], xp: Any) -> Matrix:
+    if is_sparse(blocks[0]):
+        return sparse.csr_array(sparse.vstack(blocks, format="csr"))
+    return xp.concatenate(blocks, axis=0)

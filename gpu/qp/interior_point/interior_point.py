@@ -1,0 +1,310 @@
+r"""Interior point for a convex quadratic program, with proximal terms.
+
+Inequality rows get a slack w, ``Cx - w = 0``, whose bounds are the row's; then all bounds are
+bounds of variables :math:`v = (x, w)`, with distances :math:`t_l = v - l`, :math:`t_u = u - v`
+and multipliers :math:`z_l, z_u > 0`. A step is Newton's for
+
+.. math:: Px + q + C^Ty - z_l + z_u + \rho(x - x_k) = 0, \quad
+          Cx - w - \delta(y - y_k) = r, \quad t_l z_l = t_u z_u = \sigma\mu,
+
+predictor and corrector from one factorisation ([1]_), with further corrections of products that
+are off centre ([2]_). The proximal terms in x and y [3]_ leave the solution where it is, and make
+every system quasidefinite: P may be semidefinite or zero, rows may depend on each other.
+
+References
+----------
+.. [1] S. Mehrotra, "On the implementation of a primal-dual interior point method", SIAM J. Optim.
+   2 (1992) 575-601.
+.. [2] J. Gondzio, "Multiple centrality corrections in a primal-dual method for linear
+   programming", Comput. Optim. Appl. 6 (1996) 137-156.
+.. [3] M. P. Friedlander, D. Orban, "A primal-dual regularized interior-point method for convex
+   quadratic programs", Math. Program. Comput. 4 (2012) 71-107.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpu.qp.data.program import Array, Program, largest
+from gpu.qp.interior_point.kkt_system import System
+from gpu.qp.interior_point.start import LEAST_REGULARISATION, balanced, inside
+
+logger = logging.getLogger(__name__)
+
+MAX_STEPS = 200
+PATIENCE = 40
+# Once products are as small as they are to become, Newton's steps are a matter of rounding.
+PATIENCE_AT_FLOOR, NEAR = 10, 1e-4
+# Below its target a point is still improved while steps help, down to what rounding leaves.
+LAST, SHARP = 2, 1e-13
+REGULARISATION = 1e-6
+CORRECTIONS = 2
+CENTRAL = 1e-4
+LEAST, MOST = 1e-14, 1e-3
+ACCURACY, MOST_BOOST = 1e-8, 1e8
+
+
+@dataclass
+class Step:
+    """Direction in all unknowns."""
+
+    v: Array
+    y: Array
+    z_low: Array
+    z_high: Array
+
+
+class InteriorPoint:
+    """Iterates x, w, y with the sides of (x, w)."""
+
+    def __init__(
+        self,
+        program: Program,
+        system: System,
+        separate: bool = False,
+        spread: float = 1.0,
+    ) -> None:
+        self.p, self.system, self.xp = program, system, program.xp
+        xp = self.xp
+        self.n = program.q.size
+        self.rows = xp.flatnonzero(~program.equality)
+        self.equal = xp.flatnonzero(program.equality)
+        self.linear = separate
+        low = xp.concatenate([program.lb, program.row_low[self.rows]])
+        high = xp.concatenate([program.ub, program.row_high[self.rows]])
+        self.count = int(xp.isfinite(low).sum() + xp.isfinite(high).sum())
+        self.reg, self.boost, self.last, self.floor = REGULARISATION, 1.0, 1.0, 0.0
+        begin = (program, system, self.rows, low, high)
+        self.v, self.y, self.s = inside(*begin, spread) if spread else balanced(*begin)
+
+    def _dual(self, x: Array, y: Array) -> Array:
+        """Gradient of the Lagrangian in (x, w) without the bounds."""
+        return self.xp.concatenate([self.p.gradient(x, y), -y[self.rows]])
+
+    def _primal(self) -> Array:
+        p, x, w = self.p, self.v[: self.n], self.v[self.n :]
+        r = self.xp.where(p.equality, p.row_low, 0.0) - p.C @ x
+        r[self.rows] += w
+        return r
+
+    @property
+    def mu(self) -> float:
+        """Average product."""
+        s = self.s
+        return float((s.z_low * s.t_low).sum() + (s.z_high * s.t_high).sum()) / max(self.count, 1)
+
+    def sides(self) -> tuple[Array, Array]:
+        """Sides whose multiplier is larger than the distance, of bounds and of rows."""
+        xp, s = self.xp, self.s
+        low = s.has_low & (s.z_low > s.t_low)
+        high = s.has_high & (s.z_high > s.t_high)
+        both = low & high
+        low, high = low & ~(both & (s.z_high > s.z_low)), high & ~(both & (s.z_high <= s.z_low))
+        state = high.astype(np.int8) - low.astype(np.int8)
+        rows = xp.zeros(self.y.size, dtype=np.int8)
+        rows[self.rows] = state[self.n :]
+        return state[: self.n], rows
+
+    def merit(self) -> float:
+        """Largest of the average product and of the residuals, in scaled units."""
+        s = self.s
+        rd = self._dual(self.v[: self.n], self.y) - s.z_low + s.z_high
+        rp = self._primal()
+        return largest(self.mu, *(float(abs(r).max()) for r in (rd, rp) if r.size))
+
+    def factor(self) -> None:
+        """Factor the system of the present iterate."""
+        xp, n = self.xp, self.n
+        self.sigma = self.s.curvature()
+        sizes = [max(1.0, float(xp.abs(a).max())) if a.size else 1.0 for a in (self.v, self.y)]
+        rho, delta = (min(self.boost * max(self.reg / size, LEAST), MOST) for size in sizes)
+        E = xp.full(self.y.size, delta)
+        self.slack = self.sigma[n:] + rho
+        E[self.rows] += 1.0 / self.slack
+        self.system.factor(self.sigma[:n] + rho, E)
+
+    def direction(self, rd: Array, rp: Array, c_low: Array, c_high: Array) -> Step:
+        """Newton's direction for dual and primal right-hand sides and for the products."""
+        s, n = self.s, self.n
+        off_low, off_high = self.off_low, self.off_high
+        f = rd + (c_low - s.z_low * off_low) / s.t_low - (c_high - s.z_high * off_high) / s.t_high
+        rows = rp.copy()
+        rows[self.rows] += f[n:] / self.slack
+        dx, dy = self.system.solve(f[:n], rows)
+        dw = (f[n:] + dy[self.rows]) / self.slack
+        dv = self.xp.concatenate([dx, dw])
+        dz_low = (c_low - s.z_low * (dv + off_low)) / s.t_low
+        dz_high = (c_high - s.z_high * (off_high - dv)) / s.t_high
+        return Step(dv, dy, dz_low, dz_high)
+
+    def lengths(self, d: Step) -> tuple[float, float]:
+        """Largest steps that keep distances and multipliers positive."""
+        s, xp = self.s, self.xp
+        dt_low, dt_high = d.v + self.off_low, self.off_high - d.v
+
+        def reach(value: Array, change: Array, has: Array) -> float:
+            ratio = xp.where(
+                has & (change < 0), -value / xp.where(change < 0, change, -1.0), xp.inf
+            )
+            return float(ratio.min()) if ratio.size else np.inf
+
+        primal = min(reach(s.t_low, dt_low, s.has_low), reach(s.t_high, dt_high, s.has_high))
+        dual = min(reach(s.z_low, d.z_low, s.has_low), reach(s.z_high, d.z_high, s.has_high))
+        return min(primal, 1.0), min(dual, 1.0)
+
+    def central(self, d: Step, ap: float, ad: float) -> tuple[float, float]:
+        """Steps shortened until no product is left far below the average."""
+        s, xp = self.s, self.xp
+        dt_low, dt_high = d.v + self.off_low, self.off_high - d.v
+        for _ in range(8):
+            low = (s.t_low + ap * dt_low) * (s.z_low + ad * d.z_low)
+            high = (s.t_high + ap * dt_high) * (s.z_high + ad * d.z_high)
+            mu = (float(low[s.has_low].sum()) + float(high[s.has_high].sum())) / self.count
+            least = min(
+                float(xp.where(s.has_low, low, xp.inf).min()),
+                float(xp.where(s.has_high, high, xp.inf).min()),
+            )
+            if least >= CENTRAL * mu:
+                break
+            ap, ad = 0.9 * ap, 0.9 * ad
+        return ap, ad
+
+    def step(self) -> tuple[float, float]:
+        """One predictor-corrector step; its two lengths."""
+        xp, s = self.xp, self.s
+        mu = self.mu
+        self.reg = max(min(self.reg, 1e-1 * REGULARISATION * mu), LEAST_REGULARISATION)
+        self.boost = max(1.0, 0.2 * self.boost)
+        x = self.v[: self.n]
+        rd = -(self._dual(x, self.y) - s.z_low + s.z_high)
+        rp = self._primal()
+        self.off_low = xp.where(s.has_low, self.v - xp.where(s.has_low, s.low, 0.0) - s.t_low, 0.0)
+        self.off_high = xp.where(
+            s.has_high, xp.where(s.has_high, s.high, 0.0) - self.v - s.t_high, 0.0
+        )
+        products = s.z_low * s.t_low, s.z_high * s.t_high
+        while True:
+            try:
+                self.factor()
+                d = self.direction(rd, rp, -products[0], -products[1])
+                if self.system.accuracy <= ACCURACY or self.boost > MOST_BOOST:
+                    break
+            except np.linalg.LinAlgError:
+                if self.boost > MOST_BOOST:
+                    raise
+            self.boost *= 10.0
+        if self.count:
+            ap, ad = self.lengths(d)
+            if not self.linear:
+                ap = ad = min(ap, ad)
+            dt_low, dt_high = d.v + self.off_low, self.off_high - d.v
+            ahead = (
+                float(
+                    ((s.t_low + ap * dt_low) * (s.z_low + ad * d.z_low)).sum()
+                    + ((s.t_high + ap * dt_high) * (s.z_high + ad * d.z_high)).sum()
+                )
+                / self.count
+            )
+            sigma = min(max(ahead / mu, 0.0), 1.0) ** 3 if mu > 0.0 else 0.0
+            second = 1.0
+            if self.last < 0.1:
+                # Products far off centre stop both steps: bring them back before going on.
+                sigma, second = max(sigma, 0.8), 0.0
+            size = abs(float(self.p.q @ x)) + abs(float(x @ (self.p.P @ x)))
+            self.floor = 1e-12 * size / self.count
+            target = max(sigma * mu, self.floor)
+            c_low = s.has_low * (target - products[0] - second * dt_low * d.z_low)
+            c_high = s.has_high * (target - products[1] - second * dt_high * d.z_high)
+            d = self.direction(rd, rp, c_low, c_high)
+            ap, ad = self.lengths(d)
+            for _ in range(CORRECTIONS):
+                if min(ap, ad) > 0.95 or target <= 0:
+                    break
+                bp, bd = min(1.0, 1.5 * ap + 0.1), min(1.0, 1.5 * ad + 0.1)
+                e = []
+                for t, z, dt, dz, has in (
+                    (s.t_low, s.z_low, d.v + self.off_low, d.z_low, s.has_low),
+                    (s.t_high, s.z_high, self.off_high - d.v, d.z_high, s.has_high),
+                ):
+                    product = (t + bp * dt) * (z + bd * dz)
+                    e.append(
+                        has
+                        * xp.maximum(
+                            xp.clip(product, 0.1 * target, 10 * target) - product, -10 * target
+                        )
+                    )
+                tried = self.direction(rd, rp, c_low + e[0], c_high + e[1])
+                tp, td = self.lengths(tried)
+                if tp + td < ap + ad + 0.02:
+                    break
+                d, ap, ad, c_low, c_high = tried, tp, td, c_low + e[0], c_high + e[1]
+            if not self.linear:
+                ap = ad = min(ap, ad)
+            back = max(0.995, 1.0 - mu) if mu < 1 else 0.995
+            ap, ad = self.central(d, min(1.0, back * ap), min(1.0, back * ad))
+        else:
+            ap = ad = 1.0
+        dt_low, dt_high = d.v + self.off_low, self.off_high - d.v
+        self.v = self.v + ap * d.v
+        s.t_low, s.t_high = s.t_low + ap * s.has_low * dt_low, s.t_high + ap * s.has_high * dt_high
+        self.y = self.y + ad * d.y
+        s.z_low, s.z_high = s.z_low + ad * d.z_low, s.z_high + ad * d.z_high
+        self.last = min(ap, ad)
+        return ap, ad
+
+
+def interior_point(
+    program: Program,
+    system: System,
+    measure: Callable[[Array, Array], float],
+    target: float,
+    separate: bool = False,
+    spread: float = 1.0,
+    hurried: bool = False,
+) -> tuple[Array, Array, tuple[Array, Array], int]:
+    """Iterate until `measure` is below `target` and nothing improves any more.
+
+    If `hurried`, less is waited for where only rounding is left: more digits come from elsewhere.
+
+    Returns
+    -------
+    x, y : array
+        Where `measure` was least.
+    sides : tuple of array
+        Signed states of bounds and rows there.
+    steps : int
+    """
+    iterate = InteriorPoint(program, system, separate, spread)
+    best, least, stalled, steps = np.inf, np.inf, 0, 0
+    x, y, sides = iterate.v[: iterate.n], iterate.y, iterate.sides()
+
+    def patience() -> int:
+        if best <= target:
+            return LAST
+        at_floor = best <= NEAR and iterate.mu <= 2.0 * iterate.floor
+        return PATIENCE_AT_FLOOR if hurried and at_floor else PATIENCE
+
+    while steps < MAX_STEPS and best > SHARP and stalled < patience():
+        try:
+            iterate.step()
+        except np.linalg.LinAlgError:
+            break
+        steps += 1
+        value, merit = measure(iterate.v[: iterate.n], iterate.y), iterate.merit()
+        logger.debug(
+            "%3d mu %.1e residual %.2e scaled %.2e boost %.0e",
+            steps, iterate.mu, value, merit, iterate.boost,
+        )  # fmt: skip
+        if not np.isfinite(merit):
+            break
+        better = value < 0.9 * best or (best > target and merit < 0.9 * least)
+        stalled = 0 if better else stalled + 1
+        least = min(least, merit)
+        if value < best:
+            best, x, y = value, iterate.v[: iterate.n], iterate.y
+            sides = iterate.sides()
+    return x, y, sides, steps

@@ -1,0 +1,227 @@
+r"""Linear systems of the interior point and of the polish.
+
+.. math:: \begin{pmatrix} P + D & C^T \\ C & -E \end{pmatrix}
+          \begin{pmatrix} u \\ v \end{pmatrix} = \begin{pmatrix} r \\ s \end{pmatrix}
+
+with positive diagonal D and E that change from step to step: symmetric quasidefinite. A sparse one
+is factored as it stands. A dense one is condensed: inequality rows go into
+:math:`H = P + D + G^TE_G^{-1}G`, equality rows into the Schur complement
+:math:`AH^{-1}A^T + E_A`, both by Cholesky's method, which runs at the speed of a matrix product on
+a device. Refinement against the matrix itself follows in both cases; where pivots of the sparse
+factor were perturbed too much for it, GMRES.
+
+References
+----------
+.. [1] M. Arioli, I. S. Duff, S. Gratton, S. Pralet, "A note on GMRES preconditioned by a perturbed
+   LDL' decomposition with static pivoting", SIAM J. Sci. Comput. 29 (2007) 2024-2044.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg.lapack import dsytrf, dsytrs
+
+from gpu.arrays.dense import cholesky, cholesky_solve, lower_solve
+from gpu.arrays.sparse_factor import quasidefinite
+from gpu.qp.data.program import Array, Program, largest
+
+REFINEMENT = 3
+# Relative residual above which refinement has failed, and how far GMRES goes then.
+POOR, DIRECTIONS = 1e-9, 20
+
+
+class SparseSystem:
+    """The system of sparse P and C."""
+
+    def __init__(self, program: Program, solver: str = "auto") -> None:
+        self.P, self.C = sparse.csr_array(program.P), sparse.csr_array(program.C)
+        self.Ct = sparse.csr_array(self.C.T)
+        self.n, m = program.q.size, program.row_low.size
+        full = sparse.eye_array(self.n)
+        K = sparse.block_array(
+            [[self.P + full, self.Ct], [self.C, -sparse.eye_array(m)]] if m else [[self.P + full]],
+            format="csc",
+        )
+        self.diagonal = self.P.diagonal()
+        # P + I may have cancelled an entry of the diagonal, or stored none.
+        self.factors = quasidefinite(K, solver)
+
+    def factor(self, D: Array, E: Array) -> None:
+        """Factor for these diagonals; raises `LinAlgError`."""
+        self.D, self.E = D, E
+        self.factors.factor(np.concatenate([self.diagonal + D, -E]))
+
+    def solve(self, r: Array, s: Array, thorough: bool = False) -> tuple[Array, Array]:
+        """Solve for (u, v), refined; if `thorough`, by GMRES where refinement fails."""
+        right = np.concatenate([r, s])
+        size = float(np.abs(right).max())
+        w, best = self.factors.solve(right), np.inf
+        kept = w
+        for _ in range(REFINEMENT + 1):
+            left = right - self._product(w)
+            error = float(np.abs(left).max())
+            if not error < 0.5 * best:
+                break
+            kept, best = w, error
+            w = w + self.factors.solve(left)
+        if thorough and best > POOR * size and np.isfinite(kept).all():
+            w = self._minimal_residual(right, kept)
+            error = float(np.abs(right - self._product(w)).max())
+            if error < best:
+                kept, best = w, error
+        self.accuracy = best / size if size else 0.0
+        return kept[: self.n], kept[self.n :]
+
+    def _product(self, w: Array) -> Array:
+        u, v = w[: self.n], w[self.n :]
+        return np.concatenate([self.P @ u + self.D * u + self.Ct @ v, self.C @ u - self.E * v])
+
+    def _minimal_residual(self, right: Array, w: Array) -> Array:
+        """GMRES from w on, preconditioned by factors whose pivots were perturbed [1]_.
+
+        Refinement diverges where a few pivots were; to this they are a few directions.
+        """
+        basis = [self.factors.solve(right - self._product(w))]
+        length = float(np.linalg.norm(basis[0]))
+        if not 0.0 < length < np.inf:
+            return w
+        basis[0] /= length
+        H = np.zeros((DIRECTIONS + 1, DIRECTIONS))
+        goal = np.zeros(DIRECTIONS + 1)
+        goal[0] = length
+        for j in range(DIRECTIONS):
+            q = self.factors.solve(self._product(basis[j]))
+            for _ in range(2):
+                for i, b in enumerate(basis):
+                    h = float(b @ q)
+                    H[i, j] += h
+                    q -= h * b
+            H[j + 1, j] = np.linalg.norm(q)
+            if not np.isfinite(H[: j + 2, j]).all():
+                return w
+            y, *_ = np.linalg.lstsq(H[: j + 2, : j + 1], goal[: j + 2])
+            rest = np.linalg.norm(goal[: j + 2] - H[: j + 2, : j + 1] @ y)
+            if rest <= 1e-12 * length or not H[j + 1, j]:
+                break
+            basis.append(q / H[j + 1, j])
+        change: Array = sum(yi * b for yi, b in zip(y, basis, strict=False))
+        return w + change
+
+
+class DenseSystem:
+    """The system of dense P and C, of either namespace."""
+
+    def __init__(self, program: Program) -> None:
+        self.program, self.xp = program, program.xp
+        xp = self.xp
+        self.eq = xp.flatnonzero(program.equality)
+        self.ineq = xp.flatnonzero(~program.equality)
+        self.A, self.G = program.C[self.eq], program.C[self.ineq]
+
+    def factor(self, D: Array, E: Array) -> None:
+        """Factor for these diagonals; raises `LinAlgError`."""
+        self.D, self.E = D, E
+        H = self.program.P.copy()
+        if self.ineq.size:
+            root = 1.0 / self.xp.sqrt(E[self.ineq])
+            weighted = self.G * root[:, None]
+            H += weighted.T @ weighted
+        i = self.xp.arange(len(H))
+        H[i, i] += D
+        self.L = cholesky(H)
+        if self.eq.size:
+            self.X = lower_solve(self.L, self.A.T)
+            S = self.X.T @ self.X
+            j = self.xp.arange(len(S))
+            S[j, j] += E[self.eq]
+            self.S = cholesky(S)
+
+    def _once(self, r: Array, s: Array) -> tuple[Array, Array]:
+        v = self.xp.empty_like(s)
+        if self.ineq.size:
+            e = self.E[self.ineq]
+            r = r + self.G.T @ (s[self.ineq] / e)
+        t = lower_solve(self.L, r)
+        if self.eq.size:
+            v[self.eq] = cholesky_solve(self.S, self.X.T @ t - s[self.eq])
+            t = t - self.X @ v[self.eq]
+        u = lower_solve(self.L, t, transposed=True)
+        if self.ineq.size:
+            v[self.ineq] = (self.G @ u - s[self.ineq]) / e
+        return u, v
+
+    def solve(self, r: Array, s: Array) -> tuple[Array, Array]:
+        """Solve for (u, v), refined."""
+        p = self.program
+        u, v = self._once(r, s)
+        kept, best = (u, v), np.inf
+        for _ in range(REFINEMENT + 1):
+            top = r - p.P @ u - self.D * u - p.C.T @ v
+            low = s - p.C @ u + self.E * v
+            error = largest(float(abs(top).max()), float(abs(low).max() if low.size else 0.0))
+            if not error < 0.5 * best:
+                break
+            kept, best = (u, v), error
+            du, dv = self._once(top, low)
+            u, v = u + du, v + dv
+        size = max(float(abs(r).max()), float(abs(s).max() if s.size else 0.0))
+        self.accuracy = best / size if size else 0.0
+        return kept
+
+
+class IndefiniteSystem:
+    """The system of dense P and C on the host, factored as it stands with symmetric pivoting.
+
+    Slower than the condensed one, and safe where entries of D and E differ by many orders.
+    """
+
+    def __init__(self, program: Program) -> None:
+        n, m = program.q.size, program.row_low.size
+        self.n, self.K = n, np.zeros((n + m, n + m))
+        self.K[:n, :n] = program.P
+        self.K[n:, :n] = program.C
+        self.K[:n, n:] = program.C.T
+        self.diagonal = program.P.diagonal()
+
+    def factor(self, D: Array, E: Array) -> None:
+        """Factor for these diagonals; raises `LinAlgError`."""
+        i = np.arange(len(self.K))
+        self.K[i, i] = np.concatenate([self.diagonal + D, -E])
+        # Rows of size one: pivots are chosen by size.
+        self.root = 1.0 / np.sqrt(np.abs(self.K).max(axis=1))
+        M = self.K * self.root * self.root[:, None]
+        self.factors, self.pivots, info = dsytrf(M.T, lower=1, overwrite_a=1)
+        if info:
+            raise np.linalg.LinAlgError(f"pivot {info} vanishes")
+
+    def solve(self, r: Array, s: Array) -> tuple[Array, Array]:
+        """Solve for (u, v), refined."""
+        right = np.concatenate([r, s])
+        w = kept = self._once(right)
+        best = np.inf
+        for _ in range(REFINEMENT + 1):
+            left = right - self.K @ w
+            error = float(np.abs(left).max())
+            if not error < 0.5 * best:
+                break
+            kept, best = w, error
+            w = w + self._once(left)
+        size = float(np.abs(right).max())
+        self.accuracy = best / size if size else 0.0
+        return kept[: self.n], kept[self.n :]
+
+    def _once(self, r: Array) -> Array:
+        return self.root * dsytrs(self.factors, self.pivots, self.root * r, lower=1)[0]
+
+
+System = SparseSystem | DenseSystem | IndefiniteSystem
+
+
+def kkt_system(program: Program, solver: str = "auto", safe: bool = False) -> System:
+    """The system of a program, by the storage of its matrices."""
+    if program.is_sparse:
+        return SparseSystem(program, solver)
+    if safe and program.xp is np:
+        return IndefiniteSystem(program)
+    return DenseSystem(program)

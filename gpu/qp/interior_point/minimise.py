@@ -1,0 +1,262 @@
+"""Any convex quadratic program: presolve, scale, interior point, polish, certificates."""
+
+from __future__ import annotations
+
+import functools
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpu.errors import NotConverged
+from gpu.qp.data.program import Array, Program, Residuals, one_sided, residuals
+from gpu.qp.interior_point.curvature_rows import curvature_rows
+from gpu.qp.interior_point.equilibrate import Scaling, equilibrate
+from gpu.qp.interior_point.extended_precision import Triple, extended
+from gpu.qp.interior_point.infeasibility import Solve, farkas, ray
+from gpu.qp.interior_point.interior_point import interior_point
+from gpu.qp.interior_point.kkt_system import kkt_system
+from gpu.qp.interior_point.polish import Sides, polish
+from gpu.qp.interior_point.presolve import contradiction, presolve
+
+logger = logging.getLogger(__name__)
+# Separate steps for x and for the multipliers or not, and the size of the first multipliers;
+# zero lets them follow from the data.
+ATTEMPTS = ((True, 0.0), (True, 1.0), (False, 1e3), (True, 1e6), (False, 1.0))
+# What the polish aims at: the accuracy of the arithmetic.
+SHARP = 1e-14
+# No other choice of multipliers is tried below this.
+CLEAN = 1e-12
+# No proof is sought where all residuals are already below this.
+PLAUSIBLE = 1e-7
+# Where residuals are below this already, more digits may help.
+NEAR = 1e-4
+# Unknowns and rows up to which they take less time than another attempt.
+LARGEST_EXTENDED = 30_000
+
+
+@dataclass(frozen=True)
+class Point:
+    """x and the multipliers of rows and bounds, with residuals recomputed from the program."""
+
+    x: Array
+    y: Array
+    z: Array
+    residuals: Residuals
+    iterations: int
+
+
+class NoPoint(Exception):
+    """The rows contradict each other within the box; `certificate` is a Farkas vector."""
+
+    def __init__(self, certificate: Array) -> None:
+        super().__init__("infeasible")
+        self.certificate = certificate
+
+
+class NoBound(Exception):
+    """The objective falls for ever along `direction`."""
+
+    def __init__(self, direction: Array) -> None:
+        super().__init__("unbounded")
+        self.direction = direction
+
+
+def certified(p: Program, x: Array, y: Array) -> Point:
+    """The point next to (x, y) whose bounds and signs hold, and its residuals.
+
+    Without a linear term the minimum may be zero, and then the multipliers are. What tends to them
+    is never small beside itself.
+    """
+    point = _certified(p, x, y)
+    if point.residuals.sharp <= CLEAN or bool(p.q.any()):
+        return point
+    free = _certified(p, x, p.xp.zeros_like(y))
+    return min(point, free, key=lambda found: found.residuals.worst)
+
+
+def _certified(p: Program, x: Array, y: Array) -> Point:
+    xp = p.xp
+    x = xp.clip(x, p.lb, p.ub)
+    y = one_sided(y, p.row_low, p.row_high)
+    products = p.P @ x, p.C.T @ y
+    force = one_sided(-(products[0] + p.q + products[1]), p.lb, p.ub)
+    at_side = ((force > 0) & (x == p.ub)) | ((force < 0) & (x == p.lb))
+    held = xp.where(at_side, force, 0.0)
+    clean = Point(x, y, held, residuals(p, x, y, held, products), 0)
+    if clean.residuals.sharp <= CLEAN or bool((held == force).all()):
+        return clean
+    full = Point(x, y, force, residuals(p, x, y, force, products), 0)
+    return clean if clean.residuals.worst <= 2.0 * full.residuals.worst else full
+
+
+@np.errstate(all="ignore")  # what overflows shows in the residuals
+def minimise(p: Program, tol: float, solver: str = "auto", proofs: bool = True) -> Point:
+    """Solve, or raise `NoPoint`, `NoBound` or `NotConverged`.
+
+    Parameters
+    ----------
+    p : Program
+    tol : float
+        Largest accepted residual; the polish goes on to the accuracy of the arithmetic.
+    solver : {"auto", "pardiso", "superlu"}
+        Of sparse systems.
+    proofs : bool
+        Whether to look for certificates where no solution is found; if not, the best point comes
+        back, whatever its residuals.
+    """
+    if not bool(p.q.any()):
+        nothing = certified(p, p.xp.zeros_like(p.q), p.xp.zeros_like(p.row_low))
+        if nothing.residuals.worst == 0.0:
+            return nothing
+    proof = contradiction(p, tol) if proofs else None
+    if proof is not None:
+        raise NoPoint(proof)
+    small = presolve(p)
+    if not small.free.size:
+        point = certified(p, *small.point(p.xp.zeros(0), p.xp.zeros(small.rows.size)))
+        if point.residuals.worst <= tol:
+            return point
+        small = presolve(p, search=False)
+        if not small.free.size:
+            raise NoPoint(_violated(p, point.x))
+    scaled, scaling = equilibrate(small.program)
+    spelt = curvature_rows(scaled)
+    if spelt is not None:
+        scaled = spelt.program
+    system = kkt_system(scaled, solver)
+
+    def whole(x: Array, y: Array) -> Point:
+        point = (x, y) if spelt is None else spelt.point(x, y)
+        return certified(p, *small.point(*scaling.point(*point)))
+
+    def sharp(x: Array, y: Array) -> float:
+        return whole(x, y).residuals.sharp
+
+    def worst(x: Array, y: Array) -> float:
+        return whole(x, y).residuals.worst
+
+    def rank(point: Point) -> tuple[bool, float]:
+        return point.residuals.worst > tol, point.residuals.sharp
+
+    small_enough = p.q.size + p.row_low.size <= LARGEST_EXTENDED
+    sharpen = proofs and p.xp is np and p.is_sparse and small_enough
+    best, steps = None, 0
+    for attempt, (separate, spread) in enumerate(ATTEMPTS if proofs else ATTEMPTS[:2]):
+        if attempt == 1 and not scaled.is_sparse:
+            system = kkt_system(scaled, solver, safe=True)
+        aim = (0.1 if attempt == 0 else 1e-3) * tol
+        try:
+            x, y, sides, count = interior_point(
+                scaled, system, worst, aim, separate, spread, hurried=sharpen
+            )
+        except np.linalg.LinAlgError:
+            continue  # not even a first point: another attempt has another system
+        steps += count
+        found = [whole(x, y)]
+        x, y, _ = polish(scaled, system, Sides(*sides), x, y, sharp, SHARP)
+        found.append(whole(x, y))
+        logger.debug(
+            "attempt %d: %d steps, %s, polished %s", attempt, count, *(f.residuals for f in found)
+        )
+        # Where the active set is not unique, the polish may lose what the interior point had.
+        best = min(found if best is None else [best, *found], key=rank)
+        if sharpen and tol < best.residuals.worst <= NEAR:
+            for sharper in _extended(p, best):
+                best = min([best, sharper], key=rank)
+                if best.residuals.worst <= tol:
+                    break
+        # A linear term that is lost in rounding beside P is no evidence of a bound.
+        unproved = spelt is not None and not bool(p.bounded.all())
+        if attempt == 0 and proofs and unproved and best.residuals.primal <= tol:
+            _prove_unbounded(p, solver)
+        if best.residuals.worst <= tol:
+            break
+        if attempt == 0 and proofs:
+            _prove(p, best, solver)
+    if best is None:
+        raise NotConverged(
+            "no system of the interior point can be factored: numbers of the problem overflow, or "
+            "differ by too many orders; measure variables, rows or the objective in other units"
+        )
+    if proofs and not best.residuals.worst <= tol:
+        raise NotConverged(
+            f"{steps} interior-point steps end at {best.residuals}, above tol = {tol}, and neither "
+            "a certificate of infeasibility nor a ray was found: rescale the problem, drop rows "
+            "that are almost dependent, or accept a larger tol"
+        )
+    return Point(best.x, best.y, best.z, best.residuals, steps)
+
+
+def _extended(p: Program, point: Point) -> Iterator[Point]:
+    """The same active set in extended precision."""
+    for x, y, z in extended(p, Triple(point.x, point.y, point.z)):
+        yield Point(x, y, z, residuals(p, x, y, z), 0)
+
+
+def polished(p: Program, sides: Sides, x: Array, y: Array) -> Point | None:
+    """The point that active-set steps reach from a start near the solution."""
+    small = presolve(p)
+    if not small.free.size:
+        return None
+    scaled, scaling = equilibrate(small.program)
+
+    def whole(x: Array, y: Array) -> Point:
+        return certified(p, *small.point(*scaling.point(x, y)))
+
+    def sharp(x: Array, y: Array) -> float:
+        return whole(x, y).residuals.sharp
+
+    begin = scaling.scaled_point(x[small.free], y[small.rows])
+    at = (x == small.tight.ub).astype(np.int8) - (x == small.tight.lb).astype(np.int8)
+    bounds = p.xp.where(sides.bounds == 0, at, sides.bounds)
+    part = Sides(bounds[small.free], sides.rows[small.rows])
+    try:
+        x, y, _ = polish(scaled, kkt_system(scaled), part, *begin, sharp, SHARP)
+    except np.linalg.LinAlgError:
+        return None
+    return whole(x, y)
+
+
+def _prove(p: Program, best: Point, solver: str) -> None:
+    """Raise with a certificate if there is one."""
+    # Relative to iterates that diverge even the rows of a contradiction hold: both are sought.
+    if best.residuals.worst <= PLAUSIBLE:
+        return
+    small, scaling = equilibrate(p)
+    likely = (_no_point, _no_bound)
+    for seek in likely if best.residuals.primal > PLAUSIBLE else likely[::-1]:
+        seek(small, scaling, functools.partial(_solution, solver))
+
+
+def _prove_unbounded(p: Program, solver: str) -> None:
+    """Raise with a ray if there is one."""
+    _no_bound(*equilibrate(p), functools.partial(_solution, solver))
+
+
+def _solution(solver: str, program: Program) -> Array:
+    return minimise(program, 1e-10, solver, proofs=False).x
+
+
+def _no_point(small: Program, scaling: Scaling, solve: Solve) -> None:
+    y = farkas(small, solve)
+    if y is not None:
+        raise NoPoint(scaling.rows * y)
+
+
+def _no_bound(small: Program, scaling: Scaling, solve: Solve) -> None:
+    direction = ray(small, solve)
+    if direction is not None:
+        raise NoBound(scaling.variables * direction)
+
+
+def _violated(p: Program, x: Array) -> Array:
+    """The proof where every variable is fixed: the row that is violated most."""
+    xp = p.xp
+    Cx = p.C @ x
+    outside = xp.maximum(p.row_low - Cx, Cx - p.row_high)
+    i = int(xp.argmax(outside))
+    y = xp.zeros_like(Cx)
+    y[i] = 1.0 if float(Cx[i]) < float(p.row_low[i]) else -1.0
+    return y

@@ -1,0 +1,328 @@
+"""What can be taken out of a program before it is solved, without changing the answer.
+
+Fixed variables become constants; rows without finite sides, without entries, or that the bounds
+imply, disappear. On the host there is more to find [1]_:
+
+* a row with a single entry is a bound of its variable;
+* rows that are multiples of each other are one row with two sides;
+* a row that the bounds allow to hold in one way only fixes all of its variables. The set of
+  multipliers of such a row is unbounded, and an interior point would follow it to infinity.
+
+Multipliers of what was taken out follow from stationarity, the last reduction first.
+
+References
+----------
+.. [1] A. L. Brearley, G. Mitra, H. P. Williams, "Analysis of mathematical programming problems
+   prior to applying the simplex algorithm", Math. Program. 8 (1975) 54-83.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from gpu.qp.data.program import Array, Matrix, Program, is_sparse
+from gpu.qp.interior_point.equilibrate import largest_side
+
+ROUNDS = 10
+# Of the terms of a row: what its bounds allow to the last digits is allowed in one way only.
+ROUNDING = 1e-14
+# Dense matrices with more entries are not searched.
+LARGEST_DENSE = 4_000_000
+
+
+@dataclass(frozen=True)
+class Presolved:
+    """A smaller program, and the way back."""
+
+    program: Program
+    free: Array
+    rows: Array
+    fixed_x: Array
+    whole: Program
+    tight: Program
+    reductions: tuple[Reduction, ...] = ()
+
+    def point(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """x and y of the whole program."""
+        xp = self.program.xp
+        point, multipliers = self.fixed_x.copy(), xp.zeros(self.whole.row_low.size)
+        point[self.free] = x
+        multipliers[self.rows] = y
+        if self.reductions:
+            force = -self.whole.gradient(point, multipliers)
+            for reduction in reversed(self.reductions):
+                reduction.restore(multipliers, force, point)
+        return point, multipliers
+
+
+@dataclass(frozen=True)
+class Parallel:
+    """Row `rows` is `factors` times row `kept`, whose upper or lower side it gives."""
+
+    rows: Array
+    kept: Array
+    factors: Array
+    gives_high: Array
+    gives_low: Array
+
+    def restore(self, y: Array, force: Array, x: Array) -> None:
+        """Hand the multiplier of a side to the row that gives it."""
+        whole = y[self.kept]
+        mine = ((whole > 0) & self.gives_high) | ((whole < 0) & self.gives_low)
+        y[self.rows[mine]] = whole[mine] / self.factors[mine]
+        y[self.kept[mine]] = 0.0
+
+
+@dataclass(frozen=True)
+class Single:
+    """Row `rows` has one entry left, `entries` in `columns`, and gives its upper or lower bound."""
+
+    C: sparse.csr_array
+    rows: Array
+    columns: Array
+    entries: Array
+    gives_high: Array
+    gives_low: Array
+    high: Array
+    low: Array
+
+    def restore(self, y: Array, force: Array, x: Array) -> None:
+        """The force on a variable at a bound that a row gives is that row's."""
+        push, value = force[self.columns], x[self.columns]
+        distance = np.where(push > 0, self.high - value, value - self.low)
+        # Off its bound a variable has no force but rounding, which is nobody's.
+        near = abs(push) * abs(x).max() >= distance * abs(force).max()
+        mine = near & (((push > 0) & self.gives_high) | ((push < 0) & self.gives_low))
+        if mine.any():
+            rows = self.rows[mine]
+            y[rows] = push[mine] / self.entries[mine]
+            force -= self.C[rows].T @ y[rows]
+
+
+@dataclass(frozen=True)
+class Forcing:
+    """Row `row` holds only with its variables at their bounds; `sign` says which side of it."""
+
+    C: sparse.csr_array
+    row: int
+    columns: Array
+    entries: Array
+    sign: int
+
+    def restore(self, y: Array, force: Array, x: Array) -> None:
+        """The least multiplier that leaves forces of the right sign."""
+        needed = self.sign * float((self.sign * force[self.columns] / self.entries).max())
+        if self.sign * needed > 0.0:
+            y[self.row] = needed
+            part = slice(self.C.indptr[self.row], self.C.indptr[self.row + 1])
+            force[self.C.indices[part]] -= needed * self.C.data[part]
+
+
+Reduction = Parallel | Single | Forcing
+
+
+def presolve(p: Program, search: bool = True) -> Presolved:
+    """Take out what bounds and, if `search`, single rows decide."""
+    if search and p.xp is np and (p.is_sparse or p.C.size <= LARGEST_DENSE):
+        tight, dropped, reductions = _Search(p).run()
+    else:
+        tight, dropped, reductions = p, p.xp.zeros(p.row_low.size, dtype=bool), ()
+    xp = p.xp
+    fixed = tight.lb == tight.ub
+    free = xp.flatnonzero(~fixed)
+    x = xp.where(fixed, tight.lb, 0.0)
+    C = _columns(p.C, free)
+    says = (xp.isfinite(tight.row_low) | xp.isfinite(tight.row_high)) & ~dropped
+    kept = xp.flatnonzero(says & nonempty(C))
+    if free.size == p.q.size and kept.size == p.row_low.size:
+        return Presolved(tight, free, kept, x, p, tight, reductions)
+    shift = p.C @ x
+    program = Program(
+        _columns(p.P[free], free),
+        (p.q + p.P @ x)[free],
+        C[kept],
+        (tight.row_low - shift)[kept],
+        (tight.row_high - shift)[kept],
+        tight.lb[free],
+        tight.ub[free],
+    )
+    return Presolved(program, free, kept, x, p, tight, reductions)
+
+
+def contradiction(p: Program, tol: float) -> Array | None:
+    """The Farkas vector that is one row, of fixed variables, off its side by `tol` of its terms.
+
+    No residual of all rows together shows it where other rows have larger numbers.
+    """
+    xp = p.xp
+    fixed = p.lb == p.ub
+    if not bool(fixed.any()) or not p.row_low.size:
+        return None
+    x = xp.where(fixed, p.lb, 0.0)
+    Cx = p.C @ x
+    side = xp.clip(Cx, p.row_low, p.row_high)
+    # A side may be the rounding of a difference of others.
+    rounding = ROUNDING * largest_side(p.row_low, p.row_high, p.lb, p.ub)
+    rows = xp.flatnonzero(xp.abs(Cx - side) > xp.maximum(tol * xp.abs(side), rounding))
+    if not rows.size:
+        return None
+    C, Cx, side = p.C[rows], Cx[rows], side[rows]
+    constant = ~nonempty(_columns(C, xp.flatnonzero(~fixed)))
+    wrong = constant & (xp.abs(Cx - side) > tol * (abs(C) @ xp.abs(x) + xp.abs(side)))
+    if not bool(wrong.any()):
+        return None
+    y, i = xp.zeros(p.row_low.size), wrong.argmax()
+    y[rows[i]] = xp.sign(side[i] - Cx[i])
+    return y
+
+
+class _Search:
+    """Bounds and sides as they tighten, and the reductions that led there."""
+
+    def __init__(self, p: Program) -> None:
+        self.p = p
+        self.C = sparse.csr_array(p.C)
+        self.C.eliminate_zeros()
+        self.C.sort_indices()
+        self.lb, self.ub = p.lb.copy(), p.ub.copy()
+        self.low, self.high = p.row_low.copy(), p.row_high.copy()
+        self.dropped = np.zeros(self.low.size, dtype=bool)
+        self.found: list[Reduction] = []
+
+    def run(self) -> tuple[Program, Array, tuple[Reduction, ...]]:
+        self._parallel()
+        for _ in range(ROUNDS):
+            before = len(self.found), int(self.dropped.sum())
+            self._rows()
+            if (len(self.found), int(self.dropped.sum())) == before:
+                break
+        tight = replace(self.p, lb=self.lb, ub=self.ub, row_low=self.low, row_high=self.high)
+        return tight, self.dropped, tuple(self.found)
+
+    def _parallel(self) -> None:
+        """Merge rows that are multiples of each other to the last digit."""
+        C = self.C
+        count = np.diff(C.indptr)
+        used = np.flatnonzero(count)
+        if used.size < 2:
+            return
+        first = np.ones(len(count))
+        first[used] = C.data[C.indptr[used]]
+        data = C.data / np.repeat(first, count)
+        group: dict[bytes, int] = {}
+        rows, kept = [], []
+        for i in used:
+            part = slice(C.indptr[i], C.indptr[i + 1])
+            key = C.indices[part].tobytes() + data[part].tobytes()
+            k = group.setdefault(key, int(i))
+            if k != i:
+                rows.append(i)
+                kept.append(k)
+        for i, k in zip(rows, kept, strict=True):
+            s = first[i] / first[k]
+            low, high = self.p.row_low[i] / s, self.p.row_high[i] / s
+            if s < 0.0:
+                low, high = high, low
+            if max(low, self.low[k]) > min(high, self.high[k]):
+                continue
+            gives_low, gives_high = low > self.low[k], high < self.high[k]
+            self.low[k], self.high[k] = max(low, self.low[k]), min(high, self.high[k])
+            self.dropped[i] = True
+            if gives_low or gives_high:
+                self.found.append(
+                    Parallel(*(np.array([v]) for v in (i, k, s, gives_high, gives_low)))
+                )
+
+    def _rows(self) -> None:
+        """One look at all rows that are left, with the variables that are free."""
+        fixed = self.lb == self.ub
+        x = np.where(fixed, self.lb, 0.0)
+        shift = self.C @ x
+        free = sparse.csr_array(self.C @ sparse.diags_array((~fixed).astype(float)))
+        free.eliminate_zeros()
+        count = np.diff(free.indptr)
+        low, high = self.low - shift, self.high - shift
+        rounding = ROUNDING * (abs(self.C) @ abs(x))
+        self.dropped |= (count == 0) | (np.isinf(low) & np.isinf(high))
+        self._singles(np.flatnonzero((count == 1) & ~self.dropped), free, low, high)
+        self._activities(np.flatnonzero((count > 1) & ~self.dropped), free, low, high, rounding)
+
+    def _singles(self, rows: Array, free: Any, low: Array, high: Array) -> None:
+        if not rows.size:
+            return
+        j, a = free.indices[free.indptr[rows]], free.data[free.indptr[rows]]
+        below, above = low[rows] / a, high[rows] / a
+        below, above = np.where(a > 0, below, above), np.where(a > 0, above, below)
+        lb, ub = self.lb.copy(), self.ub.copy()
+        np.maximum.at(lb, j, below)
+        np.minimum.at(ub, j, above)
+        good = lb[j] <= ub[j]
+        rows, j, a, below, above = (v[good] for v in (rows, j, a, below, above))
+        gives_low, gives_high = (below == lb[j]), (above == ub[j])
+        gives_low &= below > self.lb[j]
+        gives_high &= above < self.ub[j]
+        # Of several rows with one bound, one answers for it.
+        for gives in (gives_low, gives_high):
+            chosen = np.flatnonzero(gives)
+            _, once = np.unique(j[chosen], return_index=True)
+            gives[:] = False
+            gives[chosen[once]] = True
+        self.lb[j], self.ub[j] = lb[j], ub[j]
+        self.dropped[rows] = True
+        some = gives_low | gives_high
+        if some.any():
+            parts = (rows, j, a, gives_high, gives_low, self.ub[j], self.lb[j])
+            self.found.append(Single(self.C, *(part[some] for part in parts)))
+
+    def _activities(self, rows: Array, free: Any, low: Array, high: Array, rounding: Array) -> None:
+        if not rows.size:
+            return
+        up, down = free.maximum(0), -free.minimum(0)
+        up, down = sparse.csr_array(up)[rows], sparse.csr_array(down)[rows]
+        least, most, size = [], [], np.zeros(rows.size)
+        for bound, sign in ((self.lb, 1), (self.ub, -1)):
+            finite = np.where(np.isfinite(bound), bound, 0.0)
+            open_ = np.isinf(bound).astype(float)
+            first, second = (up, down) if sign > 0 else (down, up)
+            least.append((sign * (first @ finite), first @ open_))
+            most.append((-sign * (second @ finite), second @ open_))
+            size = np.maximum(size, (up + down) @ abs(finite))
+        bottom = np.where(least[0][1] + least[1][1] > 0, -np.inf, least[0][0] + least[1][0])
+        top = np.where(most[0][1] + most[1][1] > 0, np.inf, most[0][0] + most[1][0])
+        slack = ROUNDING * size + rounding[rows]
+        self.dropped[rows[(bottom >= low[rows]) & (top <= high[rows])]] = True
+        forced = (abs(bottom - high[rows]) <= slack) & np.isfinite(bottom)
+        self._force(rows[forced], free, 1)
+        forced = (abs(top - low[rows]) <= slack) & np.isfinite(top)
+        self._force(rows[forced], free, -1)
+
+    def _force(self, rows: Array, free: Any, sign: int) -> None:
+        """Fix the variables of rows whose least (1) or largest (-1) value is what they need."""
+        for i in rows:
+            part = slice(free.indptr[i], free.indptr[i + 1])
+            j, a = free.indices[part], free.data[part]
+            open_ = self.lb[j] < self.ub[j]
+            j, a = j[open_], a[open_]
+            if self.dropped[i]:
+                continue
+            self.dropped[i] = True
+            if j.size:
+                at = np.where(sign * a > 0, self.lb[j], self.ub[j])
+                self.lb[j] = self.ub[j] = at
+                self.found.append(Forcing(self.C, int(i), j, a, sign))
+
+
+def _columns(M: Matrix, keep: Array) -> Matrix:
+    return sparse.csr_array(sparse.csc_array(M)[:, keep]) if is_sparse(M) else M[:, keep]
+
+
+def nonempty(C: Matrix) -> Array:
+    """Which rows have an entry other than zero."""
+    if is_sparse(C):
+        entries = C.tocoo()
+        return np.bincount(entries.row[entries.data != 0.0], minlength=C.shape[0]) > 0
+    return (C != 0).any(axis=1)

@@ -1,0 +1,160 @@
+r"""The last digits of a solution: residuals that are small in the units of the problem.
+
+Where numbers are large, residuals that are small beside their terms need not be small themselves.
+What is left is rounding, and there are three ways against it:
+
+* the active set is solved in extended precision and rounded once, see
+  `gpu.qp.interior_point.extended_precision`;
+* multipliers that are not unique are taken as small as possible, see `gpu.qp.least_multipliers`;
+* the duality gap :math:`x^TPx + q^Tx + y^Tr + z^Tb` is closed by single numbers of x, y, z that
+  move it far and the other residuals little. With terms of :math:`10^7` a gap of
+  :math:`2\cdot10^{-9}` is one unit of the last digit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from gpu.qp.data.program import Array, Matrix, Program, largest, residuals
+from gpu.qp.data.qp_problem import Problem
+from gpu.qp.interior_point.extended_precision import Triple, extended
+from gpu.qp.least_multipliers import least_multipliers
+
+# Of a number: what its rounding moves it by, on average.
+ROUNDING = np.finfo(float).eps / 4
+# How many times less may come out of it.
+LUCK = 8.0
+# Unknowns and rows up to which least multipliers are sought: they cost a solution.
+LARGEST_LEAST = 10_000
+# Numbers that are tried to close the gap, and the parts of it that they take.
+TRIALS, PASSES, PARTS = 60, 3, (1.0, 0.5)
+# Of what is asked for: residuals that others may grow to while the gap is closed.
+SHARE = 0.9
+
+
+class Absolute(NamedTuple):
+    """Residuals in the units of the problem; the gap has its sign."""
+
+    primal: float
+    dual: float
+    gap: float
+
+    @property
+    def worst(self) -> float:
+        """The largest of them; infinite where one is not a number."""
+        return max(map(abs, self)) if all(np.isfinite(self)) else np.inf
+
+
+def absolute(problem: Problem, t: Triple) -> Absolute:
+    """Residuals by the formulas as they stand, in double precision."""
+    P, (_, q, A, b, lb, ub, G, low, high) = problem.factor.P, problem
+    x, y, z, z_box = t.x, t.y[: b.size], t.y[b.size :], t.z
+    Px, Gx = P @ x, G @ x
+    dual = Px + q + G.T @ z + A.T @ y + z_box
+    outside = (np.abs(A @ x - b), Gx - high, low - Gx, lb - x, x - ub)
+    sides = ((high, z, 1), (low, z, -1), (lb, z_box, -1), (ub, z_box, 1))
+    parts = [_side(*side) for side in sides]
+    gap = x @ Px + q @ x + (parts[0] + parts[1]) + b @ y + parts[2] + parts[3]
+    primal = largest(*(float(v.max(initial=0.0)) for v in outside))
+    return Absolute(primal, float(np.abs(dual).max()), float(gap))
+
+
+def _side(side: Array, multiplier: Array, sign: int) -> float:
+    """What the multipliers of one sign add to the gap."""
+    finite = np.flatnonzero(np.isfinite(side))
+    return float(side[finite] @ (sign * np.maximum(sign * multiplier, 0.0))[finite])
+
+
+@np.errstate(all="ignore")  # what overflows shows in the residuals
+def last_digits(problem: Problem, p: Program, t: Triple, tol: float) -> Triple:
+    """The triple with absolute residuals below `tol`, or the best that was found.
+
+    No relative residual becomes larger than it was or than a tenth of `tol`.
+    """
+    error = absolute(problem, t)
+    idle = Triple(t.x, np.zeros_like(t.y), np.zeros_like(t.z))
+    without = absolute(problem, idle)
+    if without.dual <= error.dual and abs(without.gap) <= abs(error.gap):
+        return idle  # the multipliers were rounding of zero
+    best, least = t, error.worst
+    allowed = max(residuals(p, *t).worst, 0.1 * tol)
+    for candidate in _candidates(problem, p, t, tol):
+        if least <= tol:
+            break
+        candidate = candidate._replace(x=np.clip(candidate.x, p.lb, p.ub))
+        worst = absolute(problem, candidate).worst
+        if worst < least and residuals(p, *candidate).worst <= allowed:
+            best, least = candidate, worst
+    return best
+
+
+def _candidates(problem: Problem, p: Program, t: Triple, tol: float) -> Iterator[Triple]:
+    yield t
+    yield closed(problem, p, t, tol)
+    p = p.stored_sparsely()
+    row_sizes = _columns(p.C.T)
+
+    def hopeless(y: Array) -> bool:
+        """Whether the rounding of y alone is too much."""
+        return bool((np.abs(y) * row_sizes).max(initial=0.0) * ROUNDING > LUCK * tol)
+
+    if not hopeless(t.y):
+        yield from _sharper(problem, p, t, tol)
+    if t.x.size + t.y.size <= LARGEST_LEAST:
+        smaller = least_multipliers(p, t.x, t.y, tol)
+        if smaller is not None and not hopeless(smaller[0]):
+            t = Triple(t.x, *smaller)
+            yield t
+            yield from _sharper(problem, p, t, tol)
+
+
+def _sharper(problem: Problem, p: Program, t: Triple, tol: float) -> Iterator[Triple]:
+    for found in extended(p, t):
+        yield found
+        yield closed(problem, p, found, tol)
+
+
+def closed(problem: Problem, p: Program, t: Triple, tol: float) -> Triple:
+    """The triple with the gap closed by shifts of single numbers, if that is all it lacks."""
+    error = absolute(problem, t)
+    if not (error.primal <= tol and error.dual <= tol < abs(error.gap)):
+        return t
+    n, m = t.x.size, t.y.size
+    inside = (t.x > p.lb) & (t.x < p.ub)
+    row = np.where(t.y > 0.0, p.row_high, np.where(t.y < 0.0, p.row_low, 0.0))
+    bound = np.where(t.z > 0.0, p.ub, np.where(t.z < 0.0, p.lb, 0.0))
+    # What a unit of each number does to the gap, and at most to the other residuals.
+    effect = np.concatenate([np.where(inside, 2.0 * (p.P @ t.x) + p.q, 0.0), row, bound])
+    cost = np.concatenate([np.maximum(_columns(p.P), _columns(p.C)), _columns(p.C.T), np.ones(n)])
+    order = np.argsort(-np.abs(effect) / np.where(cost > 0.0, cost, 1.0))
+    order = order[effect[order] != 0.0][:TRIALS]
+
+    value, goal = np.concatenate(t), SHARE * tol
+    limit = max(goal, error.primal, error.dual)
+    for _ in range(PASSES):
+        before = error
+        for k in order:
+            for part in PARTS:
+                tried = value.copy()
+                tried[k] -= part * error.gap / effect[k]
+                if tried[k] == value[k] or tried[k] * value[k] < 0.0:
+                    continue
+                found = absolute(problem, Triple(tried[:n], tried[n : n + m], tried[n + m :]))
+                if max(found.primal, found.dual) <= limit and abs(found.gap) < abs(error.gap):
+                    value, error = tried, found
+            if abs(error.gap) <= goal:
+                break
+        if abs(error.gap) <= goal or error is before:
+            break
+    return Triple(value[:n], value[n : n + m], value[n + m :])
+
+
+def _columns(M: Matrix) -> Array:
+    """Largest entry of every column."""
+    if not M.shape[0]:
+        return np.zeros(M.shape[1])
+    return abs(sparse.csc_array(M)).max(axis=0).toarray().ravel()

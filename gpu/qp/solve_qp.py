@@ -1,0 +1,318 @@
+"""Convex quadratic programs."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gpu.arguments import unmasked, whole
+from gpu.arrays.dense import symmetric_product
+from gpu.arrays.namespace import to_host
+from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
+from gpu.qp.active_set.box import ActiveSet, BoxQP
+from gpu.qp.any_problem import solve_general
+from gpu.qp.data.kkt import general_residuals, kkt_residuals
+from gpu.qp.data.program import namespace
+from gpu.qp.data.qp_problem import Problem, QPFactor, check_problem, power_of_two
+from gpu.qp.data.qp_result import QPResult, Status, boxes_only
+from gpu.qp.interior_point.equilibrate import largest_side
+from gpu.qp.interior_point.presolve import ROUNDING, nonempty
+
+logger = logging.getLogger(__name__)
+# Of the diagonal of P, and how many centres: where there is a solution, few are the rule.
+PROXIMITY, PROXIMAL_STEPS = 1e-6, 60
+
+
+@np.errstate(all="ignore")  # what overflows shows in the residuals
+def solve_qp(
+    P: ArrayLike | QPFactor,
+    q: ArrayLike,
+    G: ArrayLike | None = None,
+    h: ArrayLike | None = None,
+    A: ArrayLike | None = None,
+    b: ArrayLike | None = None,
+    lb: ArrayLike | None = None,
+    ub: ArrayLike | None = None,
+    *,
+    h_low: ArrayLike | None = None,
+    start: QPResult | ArrayLike | None = None,
+    tol: float = 1e-9,
+    host_below: int = 0,
+) -> QPResult:
+    r"""Solve a convex quadratic program.
+
+    .. math:: \min_x \tfrac12 x^TPx + q^Tx \quad\text{subject to}\quad
+              Ax = b,\quad h_l \le Gx \le h,\quad l \le x \le u
+
+    Strictly convex dense problems are solved by primal-dual active sets: with bounds and a few
+    equality rows by `gpu.qp.active_set.box`, otherwise by `gpu.qp.active_set.whitened`, which
+    factors P once. Where that exchange stalls, where P is semidefinite (a linear program has P =
+    0), and where matrices are sparse, an interior point (`gpu.qp.interior_point.interior_point`)
+    finds the active set, from which `gpu.qp.interior_point.polish` goes on to the accuracy of the
+    arithmetic.
+
+    Parameters
+    ----------
+    P : (n, n) array_like, SciPy sparse array, CuPy array or QPFactor
+        Symmetric positive semidefinite matrix; an asymmetry of rounding is accepted, and so are,
+        with `Status.NEARLY`, eigenvalues that are negative by less than 3e-5 of the diagonal.
+    q : (n,) array_like
+        Linear term.
+    G : (l, n) array_like or sparse array, optional
+        Inequality rows.
+    h, h_low : float or (l,) array_like, optional
+        Their upper and lower sides; entries may be infinite or equal to each other. From 1e20
+        on a number counts as infinite, here and in `lb`, `ub`.
+    A : (m, n) array_like, optional
+        Equality rows; they may depend on each other.
+    b : (m,) array_like, optional
+        Their right-hand side.
+    lb, ub : float or (n,) array_like, optional
+        Bounds; entries may be infinite or equal to each other.
+    start : QPResult or (n,) array_like, optional
+        Where to begin: the result of a nearby problem, its `active` (an int8 array), or a point.
+    tol : float, optional
+        Largest accepted value of `KKT.worst`. The answer is usually exact to rounding; `tol` also
+        decides when an infeasibility is too small to be told from rounding of the data.
+    host_below : int, optional
+        Device problems with fewer unknowns are solved on the host, which is quicker for small
+        ones; the result lives on the device all the same.
+
+    Returns
+    -------
+    QPResult
+        The solution, its multipliers and its residuals.
+
+    Raises
+    ------
+    Infeasible
+        If no point satisfies the constraints; its `certificate` has been verified.
+    Unbounded
+        If the objective has no lower bound; its `ray` has been verified.
+    NotConverged
+        If the residuals stay above `tol`.
+    InputError
+        If an argument is malformed; an objective that is not convex is such a case.
+    NotSupported
+        For sparse matrices on a device.
+
+    Notes
+    -----
+    The problem is scaled to a diagonal of P between 1/2 and 2, by powers of two and hence without
+    rounding: multiplying P, or a variable, by such a number changes no digit of the result.
+
+    Examples
+    --------
+    The point of the unit simplex next to (1, 0.6, -1):
+
+    >>> import numpy as np
+    >>> from gpu import solve_qp
+    >>> result = solve_qp(np.eye(3), [-1.0, -0.6, 1.0], A=[[1.0, 1.0, 1.0]], b=[1.0], lb=0.0)
+    >>> result.x.round(12), result.y.round(12), result.z_box.round(12)
+    (array([0.7, 0.3, 0. ]), array([0.3]), array([ 0. ,  0. , -1.3]))
+    >>> result.active, result.kkt.worst < 1e-15
+    (array([ 0,  0, -1], dtype=int8), True)
+    """
+    problem = check_problem(P, q, G, h, A, b, lb, ub, h_low)
+    if not isinstance(tol, int | float | np.number) or not 0.0 < tol < 1.0:
+        raise InputError(f"tol is {tol!r}: it must be a number between 0 and 1")
+    host_below = whole("host_below", host_below, 0)
+    if not isinstance(start, QPResult):
+        unmasked("start", start)
+    for low, high, names in (
+        (problem.lb, problem.ub, ("the box is empty: lb", "ub")),
+        (problem.low, problem.high, ("a row is empty: h_low", "h")),
+    ):
+        empty = low > high
+        if bool(empty.any()):
+            i = int(empty.argmax())
+            raise Infeasible(
+                f"{names[0]}[{i}] = {low[i]} is above {names[1]}[{i}] = {high[i]}",
+                _proof(problem, None if names[1] == "ub" else problem.b.size + i),
+            )
+    for name, rows, low, high, first in (
+        ("A", problem.A, problem.b, problem.b, 0),
+        ("G", problem.G, problem.low, problem.high, problem.b.size),
+    ):
+        zero = ~nonempty(rows)
+        if not bool(zero.any()):
+            continue
+        rounding = ROUNDING * largest_side(low, high)
+        for wrong, sign in ((zero & (low > rounding), 1.0), (zero & (high < -rounding), -1.0)):
+            if bool(wrong.any()):
+                i = int(wrong.argmax())
+                raise Infeasible(
+                    f"{name}[{i}] is zero, and its sides from {low[i]} to {high[i]} are not",
+                    _proof(problem, first + i, sign),
+                )
+    if host_below and not isinstance(problem.q, np.ndarray) and problem.q.size < host_below:
+        return _on_host(problem, start, tol)
+    if boxes_only(problem):
+        try:
+            return _boxes(problem, start, tol)
+        except NotConverged as error:
+            try:
+                return solve_general(problem, None, tol)
+            except NotConverged:
+                raise error from None
+    try:
+        return solve_general(problem, start, tol)
+    except NotConverged as error:
+        result = _proximal(problem, tol)
+        if result is None:
+            raise
+        logger.debug("proximal points where %s", error)
+        return result
+
+
+def _proximal(problem: Problem, tol: float) -> QPResult | None:
+    r"""A box problem whose P is singular, by proximal points (Rockafellar 1976).
+
+    Each minimises :math:`\tfrac12 x^TPx + q^Tx + \tfrac12 |x - x_k|_M^2`, M a small diagonal, by
+    the active-set method, which is exact where an interior point ends in the rounding.
+    """
+    if problem.low.size or not isinstance(problem.factor.P, np.ndarray):
+        return None
+    if problem.b.size > problem.q.size:
+        return None
+    weight = PROXIMITY / problem.factor.scale**2
+    factor = QPFactor(problem.factor.P + np.diag(weight))
+    if not factor.definite:
+        return None
+    x, last = np.clip(np.zeros_like(problem.q), problem.lb, problem.ub), None
+    for _ in range(PROXIMAL_STEPS):
+        near = problem._replace(factor=factor, q=problem.q - weight * x)
+        try:
+            last = _boxes(near, last, tol)
+        except (NotConverged, Infeasible):
+            return None
+        x = last.x
+        kkt = general_residuals(problem, x, last.y, last.z, last.z_box)
+        if kkt.worst <= tol:
+            return replace(last, kkt=kkt)
+    return None
+
+
+def _proof(problem: Problem, row: int | None, sign: float = 1.0) -> Any:
+    """That one row, or the box, is a contradiction by itself."""
+    proof = namespace(problem.q).zeros(problem.b.size + problem.low.size)
+    if row is not None:
+        proof[row] = sign
+    return proof
+
+
+def _on_host(problem: Problem, start: QPResult | ArrayLike | None, tol: float) -> QPResult:
+    """Solve a small device problem with NumPy; the result goes back to the device."""
+    xp = namespace(problem.q)
+    if isinstance(start, QPResult):
+        start = start.moved(to_host)
+    elif start is not None:
+        start = to_host(start)
+    host = [to_host(value) for value in (problem.factor.P, *problem[1:])]
+    matrix, q, A, b, lb, ub, G, low, high = host
+    try:
+        result = solve_qp(
+            matrix, q, G if low.size else None, high if low.size else None,
+            A if b.size else None, b if b.size else None, lb, ub,
+            h_low=low if low.size else None, start=start, tol=tol,
+        )  # fmt: skip
+    except Infeasible as error:
+        raise Infeasible(str(error), xp.asarray(error.certificate)) from None
+    except Unbounded as error:
+        raise Unbounded(str(error), xp.asarray(error.ray)) from None
+    return result.moved(xp.asarray)
+
+
+def _boxes(problem: Problem, start: QPResult | ArrayLike | None, tol: float) -> QPResult:
+    """Bounds and equality rows, strictly convex, on the host."""
+    norms = np.linalg.norm(problem.A * problem.factor.scale, axis=1)
+    rows = 1.0 / power_of_two(np.where(norms > 0.0, norms, 1.0))
+    iterate = _first_iterate(problem, rows, start)
+    try:
+        iterate.run(tol, max_steps=100 + 10 * problem.q.size)
+    except Infeasible as error:
+        raise Infeasible(str(error), rows * error.certificate) from None
+    except np.linalg.LinAlgError:
+        raise NotConverged(
+            "a system of free variables and equality rows is singular to working precision: "
+            "P is too ill conditioned, or rows are almost dependent; regularise P or drop rows"
+        ) from None
+    return _result(problem, rows, iterate, tol)
+
+
+def _first_iterate(
+    problem: Problem, rows: np.ndarray, start: QPResult | ArrayLike | None
+) -> ActiveSet:
+    """The scaled problem with the active set to begin with."""
+    factor, q, A, b, lb, ub, *_ = problem
+    d, scaled = factor.scale, factor.scaled
+    assert scaled is not None  # the box path is taken with a factor only
+    box = BoxQP(scaled, d * q, rows[:, None] * A * d, rows * b, lb / d, ub / d)
+    x, y = np.clip(np.zeros_like(q), box.lb, box.ub), np.zeros_like(b)
+    active = None
+    if isinstance(start, QPResult):
+        if start.x.shape != q.shape or start.y.shape != b.shape:
+            raise InputError(
+                f"start has {start.x.size} variables and {start.y.size} equality rows: "
+                f"the problem has {q.size} and {b.size}"
+            )
+        x, y, active = start.x / d, start.y / rows, start.active
+    elif start is not None:
+        point = np.asarray(start)
+        if point.shape != q.shape or point.dtype.kind not in "iuf":
+            raise InputError(
+                f"start has shape {point.shape} and type {point.dtype}: "
+                f"it must be a QPResult, a real or an int8 array of shape {q.shape}"
+            )
+        if point.dtype == np.int8:
+            active = point
+            if np.any(np.abs(active) > 1):
+                raise InputError("start has int8 entries other than -1, 0, 1")
+        elif not np.isfinite(point).all():
+            raise InputError("start has entries that are not finite")
+        else:
+            x = point / d
+            inside = (box.lb < x) & (x < box.ub)
+            y = np.linalg.lstsq(box.A[:, inside].T, -box.gradient(x, y)[inside])[0]
+    state = box.guess(x, y) if active is None else active.copy()
+    state[np.isinf(box.hold(x, state))] = 0
+    state[lb == ub] = -1
+    return ActiveSet(box, state, x, y, factor.L)
+
+
+def _result(problem: Problem, rows: np.ndarray, iterate: ActiveSet, tol: float) -> QPResult:
+    """The answer in the units of the problem, if its residuals pass."""
+    factor, q, A, _, lb, ub, *_ = problem
+    x = np.clip(factor.scale * iterate.x, lb, ub)
+    y = rows * iterate.y
+    force = -(symmetric_product(factor.P, x) + q + A.T @ y)
+    active = np.where(lb == ub, np.where(force > 0.0, 1, -1), iterate.state).astype(np.int8)
+    z_box = np.where(active * force > 0.0, force, 0.0)
+    kkt = kkt_residuals(problem, x, y, z_box)
+    if not np.isfinite(kkt.worst):
+        raise NotConverged(
+            "the solution, or a product with it, is beyond the range of double precision: "
+            "measure the variables or the objective in other units"
+        )
+    if not kkt.worst <= tol:
+        raise NotConverged(
+            f"the active set has settled but {kkt} is above tol = {tol}: P is too ill conditioned, "
+            "regularise it or accept a larger tol"
+        )
+    degenerate = np.any((active != 0) & (z_box == 0.0) & (lb < ub))
+    history = tuple(iterate.history)
+    return QPResult(
+        x=x,
+        y=y,
+        z=np.zeros(0),
+        z_box=z_box,
+        status=Status.DEGENERATE if degenerate else Status.OPTIMAL,
+        active=active,
+        kkt=kkt,
+        iterations=len(history),
+        history=history,
+    )

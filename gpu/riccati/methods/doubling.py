@@ -1,0 +1,197 @@
+"""The Riccati equation of a dense problem by structure-preserving doubling."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import linalg
+
+from gpu.arrays.denormals import filled
+from gpu.arrays.namespace import array_module, to_host
+from gpu.errors import NotConverged
+from gpu.riccati.lqr_result import Found
+from gpu.riccati.methods import newton_kleinman
+from gpu.riccati.problem.lqr_problem import DenseProblem, LQRProblem
+from gpu.riccati.problem.lqr_problem import solve as solve_linear
+from gpu.riccati.problem.standard_form import scaled_hamiltonian
+from gpu.riccati.problem.state_matrix import EPS
+from gpu.riccati.proof.lyapunov import cayley_shift
+from gpu.riccati.proof.refinement import finished, refine
+
+ITERATIONS = 60
+SMALL = 100  # up to this order the eigenvalues of the Hamiltonian choose the shift
+QZ = 600  # up to this order QZ stands in where doubling fails
+
+
+class Doubled(NamedTuple):
+    """The limit of the iteration."""
+
+    X: Any
+    iterations: int
+    converged: bool
+
+
+def solve(problem: LQRProblem, *, newton: int = 12, fallback: bool = True) -> Found:
+    r"""Solve a dense problem by doubling, then by Newton steps on what is left.
+
+    Parameters
+    ----------
+    newton : int
+        At most so many Newton steps, whose residuals are computed in extended precision where
+        the problem is small.
+    fallback : bool
+        Whether QZ (on the host, up to 600 states) and Newton-Kleinman may stand in.
+
+    Raises
+    ------
+    NotConverged
+        No way leads to a solution.
+    """
+    standard = problem.standard()
+    candidates = [_by_doubling]
+    if fallback:
+        candidates.append(_by_moved_doubling)
+        candidates += [_by_qz, _by_newton] if problem.n <= QZ else [_by_newton]
+    best: Found | None = None
+    for candidate in candidates:
+        try:
+            # What overflows is not finite in the end, and judged by that.
+            with np.errstate(all="ignore"):
+                S, info = candidate(problem, standard)
+        except (np.linalg.LinAlgError, NotConverged):
+            continue
+        if not bool(problem.xp.isfinite(S).all()):
+            continue
+        S, info["newton_steps"] = refine(problem, S, newton)
+        found = finished(problem, S, info)
+        if found.verdict.certified:
+            return found
+        if best is None or found.verdict.residual < best.verdict.residual:
+            best = found
+    if best is None:
+        raise NotConverged("neither doubling nor what stands in for it found a Riccati solution")
+    return best
+
+
+def _by_doubling(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, Any]]:
+    unit = problem.unit
+    A, G, Q = scaled_hamiltonian(standard, unit)
+    found = double(A, G, Q)
+    if not found.converged:
+        raise np.linalg.LinAlgError("doubling did not converge")
+    X = found.X / unit / unit[:, None]
+    return problem.value_of(X), {"iterations": found.iterations, "path": "doubling"}
+
+
+def _by_moved_doubling(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, Any]]:
+    """Doubling for ``X - X_0``, where X_0 stabilises.
+
+    Unstable modes that Q hardly sees make G_k grow without end; a feedback moves them first.
+    """
+    unit = problem.unit
+    A, G, Q = scaled_hamiltonian(standard, unit)
+    B = standard.B / unit[:, None]
+    X0 = newton_kleinman.stabilising_value(DenseProblem(A, B, Q))
+    half = X0 @ A
+    left = half + half.T - X0 @ G @ X0 + Q
+    found = double(A - G @ X0, G, (left + left.T) / 2)
+    if not found.converged:
+        raise np.linalg.LinAlgError("doubling did not converge")
+    X = (X0 + found.X) / unit / unit[:, None]
+    return problem.value_of(X), {"iterations": found.iterations, "path": "moved doubling"}
+
+
+def _by_qz(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, Any]]:
+    xp = problem.xp
+    A, E, Q, N = (None if M is None else to_host(M) for M in problem.full())
+    assert A is not None
+    assert Q is not None
+    try:
+        S = linalg.solve_continuous_are(A, to_host(problem.B), Q, problem.R, e=E, s=N)
+    except ValueError as error:
+        raise np.linalg.LinAlgError(str(error)) from None
+    return xp.asarray((S + S.T) / 2), {"iterations": 1, "path": "qz"}
+
+
+def _by_newton(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, Any]]:
+    found = newton_kleinman.solve(problem)
+    return found.value, {**found.info, "path": "newton"}
+
+
+def double(A: Any, G: Any, Q: Any, gamma: float | None = None) -> Doubled:
+    r"""Iterate the doubling of :math:`A^T X + X A - X G X + Q = 0`.
+
+    From the Cayley transform of the Hamiltonian with shift :math:`\gamma`,
+
+    .. math::
+        A_{k+1} = A_k W^{-1} A_k,\quad G_{k+1} = G_k + A_k W^{-1} G_k A_k^T,\quad
+        H_{k+1} = H_k + A_k^T H_k W^{-1} A_k,\quad W = I + G_k H_k,
+
+    :math:`H_k \to X` quadratically, :math:`A_k \to 0` like the powers :math:`2^k` of the
+    transformed closed loop.
+
+    References
+    ----------
+    E. K.-W. Chu, H.-Y. Fan and W.-W. Lin, A structure-preserving doubling algorithm for
+    continuous-time algebraic Riccati equations, Linear Algebra Appl. 396 (2005), Algorithm 2.1.
+    """
+    xp, n = array_module(A), len(A)
+    A, G, Q = (filled(M) for M in (A, G, Q))
+    if gamma is None:
+        gamma = _shift(A, G, Q)
+    eye, places = xp.eye(n), xp.arange(n)
+    moved = A.copy()
+    moved[places, places] -= gamma
+    inverse = solve_linear(moved, eye)
+    reach = inverse @ G
+    half = 2.0 * gamma * solve_linear(moved.T + Q @ reach, eye)
+    H = half @ (Q @ inverse)
+    G = reach @ half
+    # Of the transposed matrix, as G and Q are symmetric.
+    A = half.T.copy()
+    A[places, places] += 1.0
+    G, H = (G + G.T) / 2, (H + H.T) / 2
+    del moved, inverse, reach, half
+    converged, iteration = False, 0
+    while iteration < ITERATIONS and not converged:
+        iteration += 1
+        W = G @ H
+        W[places, places] += 1.0
+        both = solve_linear(W, xp.concatenate([A, G], axis=1))
+        W1, W2 = both[:, :n], both[:, n:]
+        step = A.T @ (H @ W1)
+        G = G + A @ W2 @ A.T
+        A = A @ W1
+        H = H + step
+        G, H = (G + G.T) / 2, (H + H.T) / 2
+        size = float(xp.linalg.norm(H))
+        if not np.isfinite(size) or not np.isfinite(float(xp.linalg.norm(G))):
+            break
+        left = float(xp.linalg.norm(A))
+        converged = float(xp.linalg.norm(step)) <= 4 * EPS * size and left < 1e-3
+        # The next step is smaller than H by |A|^2, where G and H are semidefinite.
+        converged |= n > SMALL and left * left <= EPS
+    return Doubled(H, iteration, converged)
+
+
+def _shift(A: Any, G: Any, Q: Any) -> float:
+    xp, n = array_module(A), len(A)
+    H = xp.empty((2 * n, 2 * n))
+    H[:n, :n], H[:n, n:], H[n:, :n], H[n:, n:] = A, -G, -Q, -A.T
+    if n > SMALL:
+        return cayley_shift(H)
+    values = np.linalg.eigvals(to_host(H))
+    values = values[values.real < 0.0]
+    size = np.abs(values)
+    if not size.size or not size.max() > 0.0:
+        return 1.0
+    low = max(size.min(), 1e-12 * size.max())
+    trials = np.geomspace(low / 2, 2 * size.max(), 41)[:, None]
+    rate = np.abs((values + trials) / (values - trials)).max(axis=1)
+    # On an eigenvalue the transform has none: where one is near, digits are lost.
+    distance = np.abs((values + trials) / (values - trials)).min(axis=1)
+    own = np.linalg.eigvals(to_host(A))
+    distance = np.minimum(distance, np.abs((own - trials) / (np.abs(own) + trials)).min(axis=1))
+    clear = distance >= min(0.05, distance.max())
+    return float(trials[clear][rate[clear].argmin(), 0])

@@ -1,0 +1,225 @@
+"""Method "hamiltonian": the gain from some eigenvectors of the inverse Hamiltonian."""
+
+from __future__ import annotations
+
+from copy import copy
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+
+from gpu.arguments import choice
+from gpu.arrays.namespace import array_module, to_host
+from gpu.eigenvalues.krylov.krylov_schur import krylov_schur
+from gpu.eigenvalues.schur.order import best_first
+from gpu.errors import InputError, NotConverged, RiccatiError
+from gpu.riccati.lqr_result import Found, LowRankValue
+from gpu.riccati.methods.hamiltonian_inverse import InverseHamiltonian
+from gpu.riccati.problem.cross_term import without_cross_term
+from gpu.riccati.problem.lqr_problem import SINGULAR_MASS, LQRProblem
+from gpu.riccati.problem.state_matrix import EPS, StateMatrix, factor
+from gpu.riccati.problem.weights import Weight
+
+PI = ("printed", "symmetric")
+STARTS = ("random", "inputs")
+COPIES = 100  # so many that no input reaches are computed beside those asked for
+EXTRA = 6  # beyond those asked for, so that neither +- nor conjugate pairs are cut
+DENSE = 128  # up to this order of the Hamiltonian all of its eigenvalues are computed
+RESTARTS = 300
+UNREACHED = 1e-8  # B^T y over |B| |y| of an eigenvector without a part in the gain
+CLOSE = 1e-6  # moduli that differ by less belong together
+
+
+def solve(
+    problem: LQRProblem,
+    *,
+    modes: int = 100,
+    pi: str = "symmetric",
+    start: str | None = None,
+    inner: Any = None,
+    tol: float = 1e-8,
+) -> Found:
+    r"""Return the gain, and of the value :math:`\Pi_L` a factor.
+
+    Of the eigenvalues of the Hamiltonian the ``modes`` nearest to zero are computed, the largest
+    of its inverse; with :math:`V, Y` a real basis of the invariant subspace of those in the left
+    half plane,
+
+    .. math::
+        K_L = R^{-1} B^T Y (V^T M V)^{-1} V^T M, \qquad
+        \Pi_L = Y (Y^T E V)^{-1} Y^T,\quad K_L = R^{-1} B^T \Pi_L E
+
+    for ``pi="printed"``, Algorithm 5 of the dissertation with M of the inner product of the
+    states, and for ``pi="symmetric"`` (Amodei and Buchot 2010), which costs the same and is more
+    accurate. Both are exact on the range of V and zero, or nearly so, beyond it: a reduced order
+    model, not a solution of the Riccati equation. The closed loop keeps the captured eigenvalues;
+    of the others the printed gain takes care only where A is dissipative in the inner product.
+
+    Parameters
+    ----------
+    modes : int
+        L, from 2 to 2 n; about half of them are stable. From "inputs" only those count that an
+        input reaches: rounding brings up to 100 others into a dense A, and fewer into a diagonal.
+    pi : {"symmetric", "printed"}
+    start : {"random", "inputs"}, optional
+        The seed of the Krylov space. "random", as in the dissertation and the default of
+        "printed", finds eigenvectors of every kind; "inputs", the default of "symmetric", only
+        those that an input reaches. No other has a part in the gain, and symmetric domains
+        have many of them, so that the same ``modes`` reach further.
+    inner : array or sparse matrix, shape (n, n) or (n,), optional
+        M, symmetric positive definite; identity by default. "printed" only.
+    tol : float
+        Of the eigenvalues.
+
+    Returns
+    -------
+    Found
+        Without a value for "printed", whose :math:`Y V^+` is no symmetric matrix.
+
+    Raises
+    ------
+    InputError
+    NotConverged
+    RiccatiError
+    """
+    state, B, weight = problem.state, problem.input, problem.weight
+    choice("pi", pi, PI)
+    default = "random" if pi == "printed" else "inputs"
+    start = default if start is None else choice("start", start, STARTS)
+    if isinstance(modes, bool) or not isinstance(modes, int | np.integer) or modes < 2:
+        raise InputError(f"modes={modes!r}: expected a whole number from 2")
+    if inner is not None and pi != "printed":
+        raise InputError('inner: only pi="printed" has an inner product')
+    if state.E is not None and factor(state.E) is None:
+        raise InputError(SINGULAR_MASS)
+    if problem.N is not None:
+        plain = without_cross_term(problem)
+        found = solve(plain, modes=modes, pi=pi, start=start, inner=inner, tol=tol)
+        return found._replace(gain=problem.gain(found.gain))
+    V, Y, solves = stable_subspace(state, B, weight, min(int(modes), 2 * state.n), tol, start)
+    xp = state.xp
+    info = {"rank": int(V.shape[1]), "solves": solves}
+    if pi == "printed":
+        # By V = U T: the condition of V^T M V would be the square of that of V.
+        U, T = xp.linalg.qr(V)
+        MU = U if inner is None else Weight(state, inner).apply(U)
+        gram = to_host(U.T @ MU)
+        solved = linalg.solve_triangular(to_host(T), to_host(Y.T @ B), trans="T")
+        solved = linalg.solve((gram + gram.T) / 2, solved, assume_a="pos").T
+        return Found(problem.gain(xp.asarray(solved) @ MU.T), None, info)
+    F = low_rank_value(state, V, Y)
+    gain = problem.gain((B.T @ F) @ state.mass_transposed(F).T)
+    return Found(gain, LowRankValue(F, xp.eye(F.shape[1])), info)
+
+
+def low_rank_value(state: StateMatrix, V: Any, Y: Any) -> Any:
+    """F with ``F F^T = Y (Y^T E V)^-1 Y^T``, directions of no value left out."""
+    gram = to_host(Y.T @ state.mass(V))
+    values, vectors = np.linalg.eigh((gram + gram.T) / 2)
+    kept = values > 1e-13 * values.max(initial=0.0)
+    return Y @ state.xp.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+
+
+def stable_subspace(
+    state: StateMatrix, B: Any, weight: Weight, modes: int, tol: float, start: str
+) -> tuple[Any, Any, int]:
+    """V and Y, shapes (n, r), of the stable eigenvalues among the first, and how many solves."""
+    # The two off-diagonal blocks of equal size: else one half of every vector is rounding.
+    cost = weight.scale()
+    reach = float((B * B).sum()) ** 0.5
+    rho = cost**0.5 / reach if cost > 0.0 and reach > 0.0 else 1.0
+    state = copy(state)
+    state.explicit = True
+    inverse = InverseHamiltonian(state, B, weight, scale=rho)
+    n, xp = state.n, state.xp
+    wanted, limit = modes, min(modes + COPIES, 2 * n)
+    if start == "inputs" and state.kind == "dense":
+        wanted = min(2 * modes, limit)
+    while True:
+        w, z = _largest(inverse, B, wanted, tol, start)
+        reached = _reached(B, z[n:]) if start == "inputs" else np.ones(len(w), dtype=bool)
+        counted = int(reached.sum())
+        if counted >= modes or wanted >= limit or len(w) >= 2 * n:
+            break
+        # Rounding brings copies that no input reaches: they are kept, but not counted.
+        more = wanted * (modes / max(counted, 1)) ** 1.5
+        wanted = min(limit, int(max(more, wanted)) + EXTRA)
+    size = np.abs(w)
+    taken = np.ones(len(w), dtype=bool)
+    if counted > modes:
+        taken = size >= size[np.flatnonzero(reached)[modes - 1]] * (1.0 - CLOSE)
+    axis = np.abs(w.real) <= 1e-9 * size
+    # Zero but for rounding, which makes a pair of roots of it where it is double; an operator has
+    # no size to compare with.
+    scale = EPS * state.size() / (1.0 if state.E is None else StateMatrix(state.E).size())
+    axis |= size * 10.0 * scale >= 1.0
+    axis |= (size**2 * 10.0 * scale >= size.min()) & (np.abs(w.real) <= 1e-6 * size)
+    if np.any(axis & taken):
+        raise RiccatiError(
+            f"the Hamiltonian has an eigenvalue {1 / w[axis & taken][0]:.6g} on the imaginary "
+            "axis: that mode cannot be stabilised or is not seen by Q"
+        )
+    # Of a real matrix: pairs are conjugate to the last bit, however small their imaginary parts.
+    upper, real = taken & (w.real < 0.0) & (w.imag >= 0.0), w.imag == 0.0
+    basis = xp.concatenate(
+        [
+            z[:, xp.asarray(np.flatnonzero(upper))].real,
+            z[:, xp.asarray(np.flatnonzero(upper & ~real))].imag,
+        ],
+        axis=1,
+    )
+    if basis.shape[1] == 0:
+        raise NotConverged(f"none of {modes} eigenvalues is stable: raise modes")
+    basis = xp.linalg.qr(basis)[0]
+    return basis[:n], rho * basis[n:], inverse.solves
+
+
+def _reached(B: Any, Y: Any) -> np.ndarray:
+    """Which eigenvectors have a part in the gain ``B^T Y``."""
+    norm = array_module(B).linalg.norm
+    seen, size = norm(B.T @ Y, axis=0), float(norm(B)) * norm(Y, axis=0)
+    return np.asarray(to_host(seen > UNREACHED * size))
+
+
+def _largest(
+    inverse: InverseHamiltonian, B: Any, modes: int, tol: float, start: str
+) -> tuple[Any, Any]:
+    """Eigenvalues of largest modulus of the inverse, and vectors, a few more than asked for."""
+    n, xp = inverse.state.n, inverse.state.xp
+    wanted = min(modes + EXTRA, 2 * n)
+    if 2 * n <= max(DENSE, 2 * wanted + 23):
+        return _all(inverse)
+    rng = np.random.default_rng(0)
+    seed = xp.asarray(rng.standard_normal(2 * n))
+    if start == "inputs":
+        driven = B @ xp.asarray(rng.standard_normal((B.shape[1], 2)))
+        seed = xp.concatenate([driven[:, 0], inverse.state.mass_transposed(driven[:, 1])])
+    found = krylov_schur(
+        inverse.apply,
+        2 * n,
+        wanted,
+        np.abs,
+        dtype=np.dtype(float),
+        xp=xp,
+        ncv=2 * wanted + 20,
+        start=seed,
+        tol=tol,
+        maxiter=RESTARTS,
+        challenge=start == "random",
+    )
+    if len(found.values) < min(modes, 2 * n):
+        raise NotConverged(
+            f"{len(found.values)} of {modes} eigenvalues converged in {found.restarts} restarts: "
+            "ask for fewer, or loosen tol"
+        )
+    w, y = linalg.eig(found.T)
+    order = best_first(w, np.abs, len(w), True)
+    return w[order], found.basis.combine(y[:, order])
+
+
+def _all(inverse: InverseHamiltonian) -> tuple[Any, Any]:
+    xp = inverse.state.xp
+    full = to_host(inverse.apply(xp.eye(2 * inverse.state.n)))
+    w, z = np.linalg.eig(full)
+    order = best_first(w, np.abs, len(w), True)
+    return w[order], xp.asarray(z[:, order])

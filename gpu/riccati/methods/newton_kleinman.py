@@ -1,0 +1,207 @@
+"""Newton-Kleinman: the Riccati equation as a sequence of Lyapunov equations for stable loops."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gpu.arrays.namespace import array_module, to_host
+from gpu.eigenvalues.schur.ordered_schur import ordered_schur
+from gpu.errors import InputError, NotConverged, NotSupported
+from gpu.riccati.lqr_result import Found
+from gpu.riccati.problem.lqr_problem import DenseProblem, LQRProblem
+from gpu.riccati.problem.state_matrix import EPS
+from gpu.riccati.proof.closed_loop import ALL_POLES, DenseLoop
+from gpu.riccati.proof.lyapunov import lyapunov_solver
+from gpu.riccati.proof.refinement import finished, refine
+
+
+def solve(problem: LQRProblem, *, start: Any = None, steps: int = 200, tol: float = 1e-12) -> Found:
+    r"""Improve a stabilising gain until it is optimal.
+
+    With the loop :math:`A_k = A - B K_k`,
+
+    .. math:: A_k^T X_k + X_k A_k + Q + K_k^T K_k = 0, \qquad K_{k+1} = B^T X_k,
+
+    every gain stabilises, the costs :math:`X_k` fall, in the end quadratically. The first step
+    may overshoot by orders of magnitude; from then on a step of length t along Newton's
+    direction minimises the residual (Benner and Byers 1998).
+
+    Parameters
+    ----------
+    start : array, shape (m, n), optional
+        A gain that stabilises; by default zero where A is stable, otherwise Bass' gain
+        on the modes that are not (see `stabilising_value`).
+    steps : int
+    tol : float
+        Change of the value, relative to it, that ends the iteration.
+
+    Raises
+    ------
+    InputError
+        ``start`` has a wrong shape or does not stabilise.
+    NotConverged
+    NotSupported
+        A is not dense and has more than 1500 rows, or is an operator.
+
+    References
+    ----------
+    D. L. Kleinman, On an iterative technique for Riccati equation computations, IEEE Trans.
+    Automat. Control 13 (1968). P. Benner and R. Byers, An exact line search method for solving
+    generalized continuous-time algebraic Riccati equations, ibid. 43 (1998). E. S. Armstrong, An
+    extension of Bass' algorithm for stabilizing linear continuous constant systems, ibid. 20
+    (1975).
+    """
+    if problem.state.kind == "operator" or (not problem.dense and problem.n > ALL_POLES):
+        raise NotSupported(
+            f"Newton-Kleinman needs a dense A, or at most {ALL_POLES} states: here {problem.n}"
+        )
+    standard = problem.standard()
+    unit = problem.unit
+    A, B, Q = standard
+    A, B, Q = A * unit / unit[:, None], B / unit[:, None], Q * unit * unit[:, None]
+    balanced = DenseProblem(A, B, Q)
+    if start is None:
+        K = stabilising_gain(balanced)
+    else:
+        K = _given(problem, start) * unit
+        if not DenseLoop(A - B @ K, _rounding(A, B, K)).is_stable():
+            raise InputError("start does not stabilise: a pole of A - B start is not left of 0")
+    X, history = _iterate(balanced, K, steps, tol)
+    S = problem.value_of(X / unit / unit[:, None])
+    S, polished = refine(problem, S, 4)
+    info = {"iterations": len(history), "history": tuple(history), "newton_steps": polished}
+    return finished(problem, S, info)
+
+
+def stabilising_gain(problem: DenseProblem) -> Any:
+    """A gain that stabilises a dense problem in standard form: zero, or Bass' gain.
+
+    Raises
+    ------
+    NotConverged
+        None was found: as a rule because there is none.
+    """
+    A, B, _ = problem
+    if DenseLoop(A, 4 * EPS * float(array_module(A).linalg.norm(A))).is_stable():
+        return array_module(A).zeros((B.shape[1], len(A)))
+    return B.T @ stabilising_value(problem)
+
+
+def stabilising_value(problem: DenseProblem) -> Any:
+    r"""A symmetric :math:`X_0` for which ``A - B B^T X_0`` is stable.
+
+    With the left invariant subspace :math:`U^T A = F U^T` of all modes that are not stable and
+    :math:`G = U^T B`, it is :math:`U Y^{-1} U^T` where
+    :math:`(F + \beta I) Y + Y (F + \beta I)^T = 2 G G^T`: Bass' construction on the part that
+    needs it. On a large problem U is the identity.
+
+    Raises
+    ------
+    NotConverged
+        None was found: as a rule because there is none.
+    """
+    A, B, _ = problem
+    xp = array_module(A)
+    U, F = _not_stable_part(A)
+    # A mode at zero has no size of its own.
+    size = max(float(xp.linalg.norm(F)), 1e-2 * float(xp.linalg.norm(A))) or 1.0
+    reach = U.T @ B
+    places = xp.arange(len(F))
+    for factor in (0.3, 1.0, 0.1, 0.03, 3.0) if len(F) < len(A) else (1.0, 1.1, 0.3, 0.1):
+        # Its solver wants -(F + beta)^T, which is stable.
+        moved = -F.T.copy()
+        moved[places, places] -= factor * size
+        try:
+            Y = to_host(lyapunov_solver(moved)(2.0 * reach @ reach.T))
+        except np.linalg.LinAlgError:
+            continue
+        if not np.isfinite(Y).all():
+            continue
+        values, vectors = np.linalg.eigh(Y)
+        for cut in (1e-14, 1e-11, 1e-8):
+            kept = values > cut * values[-1]
+            left = U @ xp.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+            X = left @ left.T
+            K = B.T @ X
+            if DenseLoop(A - B @ K, _rounding(A, B, K)).is_stable():
+                return X
+    raise NotConverged("no stabilising gain was found: pass one as start, if there is one")
+
+
+def _not_stable_part(A: Any) -> tuple[Any, Any]:
+    """U and F with ``U^T A = F U^T``, F with every eigenvalue that is not left of the axis."""
+    xp, n = array_module(A), len(A)
+    if n > ALL_POLES:
+        return xp.eye(n), A
+    host = to_host(A).T
+    T, U, values = ordered_schur(host, lambda values: values.real, n)
+    margin = 1e-8 * float(np.linalg.norm(host))
+    count = int(np.sum(values.real >= -margin))
+    if 0 < count < n and T[count, count - 1] != 0.0:
+        count += 1
+    count = max(count, 1 + int(n > 1 and T[1, 0] != 0.0))
+    return xp.asarray(U[:, :count]), xp.asarray(T[:count, :count].T)
+
+
+def _iterate(problem: DenseProblem, K: Any, steps: int, tol: float) -> tuple[Any, list[float]]:
+    A, B, Q = problem
+    xp = array_module(A)
+    X = lyapunov_solver(A - B @ K)(Q + K.T @ K)
+    history: list[float] = []
+    for _ in range(steps):
+        G = X @ B
+        half = X @ A
+        residual = half + half.T + Q - G @ G.T
+        loop = A - B @ G.T
+        D = lyapunov_solver(loop)((residual + residual.T) / 2)
+        change, size = float(xp.linalg.norm(D)), float(xp.linalg.norm(X))
+        if not np.isfinite(change):
+            raise NotConverged("Newton-Kleinman left the finite numbers: scale the problem")
+        history.append(change / size if size > 0.0 else 0.0)
+        DB = D @ B
+        X = X + _step_length(residual, DB @ DB.T, xp) * D
+        X = (X + X.T) / 2
+        if history[-1] <= tol:
+            return X, history
+        # Round-off ends the quadratic convergence of an ill-conditioned equation.
+        if len(history) > 2 and history[-1] < 1e-6 and history[-1] > 0.5 * history[-2]:
+            return X, history
+    raise NotConverged(
+        f"Newton-Kleinman: the value still changes by {history[-1]:.1e} after {steps} steps"
+    )
+
+
+def _step_length(residual: Any, curvature: Any, xp: Any) -> float:
+    """Minimise |(1 - t) residual - t^2 curvature| over t in [0, 2]; 1 near the solution."""
+    a = float(xp.sum(residual * residual))
+    b = float(xp.sum(residual * curvature))
+    c = float(xp.sum(curvature * curvature))
+    if not c > 1e-8 * a or not np.isfinite(a + c):
+        return 1.0
+    roots = np.roots([4 * c, 6 * b, 2 * (a - 2 * b), -2 * a])
+    roots = roots[np.abs(roots.imag) <= 1e-8 * np.abs(roots)].real
+    trials = [*(float(t) for t in roots if 0.0 < t < 2.0), 2.0]
+
+    def square(t: float) -> float:
+        return (1 - t) ** 2 * a - 2 * (1 - t) * t * t * b + t**4 * c
+
+    return min(trials, key=square)
+
+
+def _given(problem: LQRProblem, start: Any) -> Any:
+    xp = problem.xp
+    start = xp.asarray(start, dtype=float)
+    m = problem.B.shape[1]
+    if start.shape != (m, problem.n) or not bool(xp.isfinite(start).all()):
+        raise InputError(f"start has shape {start.shape}: expected ({m}, {problem.n}), finite")
+    gain = xp.asarray(problem.root.T) @ start
+    if problem.N is not None:
+        gain = gain - xp.asarray(np.linalg.inv(problem.root)) @ problem.N.T
+    return gain
+
+
+def _rounding(A: Any, B: Any, K: Any) -> float:
+    norm = array_module(A).linalg.norm
+    return 4 * EPS * float(norm(A) + norm(B) * norm(K))

@@ -1,0 +1,169 @@
+"""The cross term of a linear-quadratic problem taken into A and Q, without filling them in."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+from scipy.sparse.linalg import LinearOperator
+
+from gpu.arrays.namespace import to_host
+from gpu.errors import InputError, NotSupported
+from gpu.riccati.problem.lqr_problem import PAID, FactoredWeight, LQRProblem, semidefinite
+from gpu.riccati.problem.state_matrix import (
+    Factors,
+    StateMatrix,
+    as_sparse,
+    factor,
+    factor_bordered,
+    woodbury,
+)
+from gpu.riccati.problem.weights import Weight, low_rank_factor
+
+# Largest part of N outside of the range of Q, and negative joint cost, taken for rounding.
+OUTSIDE = 1e-9
+NEGATIVE = 1e-11
+
+
+class UpdatedMatrix(StateMatrix):
+    """``A - U V^T`` of a sparse A; its solves are those of A bordered by U and V."""
+
+    def __init__(self, A: Any, E: Any, U: Any, V: Any) -> None:
+        super().__init__(A, E)
+        self.U, self.V = U, V
+
+    def apply(self, x: Any) -> Any:
+        """``A x - U V^T x``."""
+        return super().apply(x) - self.U @ (self.V.T @ x)
+
+    def apply_transposed(self, x: Any) -> Any:
+        """Its transpose."""
+        return super().apply_transposed(x) - self.V @ (self.U.T @ x)
+
+    def size(self) -> float:
+        """A bound of the largest modulus of an entry."""
+        rows = (self.xp.linalg.norm(M, axis=1).max() for M in (self.U, self.V))
+        return super().size() + float(np.prod([float(row) for row in rows]))
+
+    def is_symmetric(self) -> bool:
+        """Never taken for granted."""
+        return False
+
+    def factor(self, shift: complex = 0.0, explicit: bool | None = None) -> Factors | None:
+        """Factor ``A - U V^T - shift E``."""
+        return factor_bordered(self.shifted(shift), self.U, self.V)
+
+    def factor_updated(self, U: Any, V: Any) -> Factors | None:
+        """Solves with another update beside its own."""
+        join = self.xp.concatenate
+        return factor_bordered(self.A, join([self.U, U], axis=1), join([self.V, V], axis=1))
+
+
+class CrossedWeight(Weight):
+    """``Q - F F^T``, applied."""
+
+    def __init__(self, weight: Weight, F: Any) -> None:
+        self.state, self.Q, self.weight, self.F = weight.state, None, weight, F
+
+    def apply(self, x: Any) -> Any:
+        """``Q x - F F^T x``."""
+        return self.weight.apply(x) - self.F @ (self.F.T @ x)
+
+
+def without_cross_term(problem: LQRProblem) -> LQRProblem:
+    r"""The problem in the inputs :math:`v = L^T u + F^T x` of unit cost, where it has no N.
+
+    With :math:`R = L L^T` and :math:`F = N L^{-T}` it has :math:`A - B L^{-T} F^T` in the place of
+    A and :math:`Q - F F^T` in that of Q, the same solution, and a gain that `LQRProblem.gain`
+    turns into that of the problem.
+
+    Raises
+    ------
+    InputError
+        The joint weight of states and inputs is not semidefinite, as far as stored entries tell.
+    NotSupported
+        A is an operator which the cross term makes singular.
+    """
+    state, B = problem.state, problem.input
+    F = problem.N @ problem.xp.asarray(np.linalg.inv(problem.root).T)
+    weight, C = _weight(problem, F)
+    m = B.shape[1]
+    return replace(
+        problem,
+        state=_state(state, B, F),
+        B=B,
+        root=np.eye(m),
+        R=np.eye(m),
+        N=None,
+        weight=weight,
+        C=C,
+    )
+
+
+def _state(state: StateMatrix, B: Any, F: Any) -> StateMatrix:
+    if state.kind == "dense":
+        moved = copy(state)
+        moved.A = state.A - B @ F.T
+        return moved
+    if state.kind != "operator":
+        A, E = (as_sparse(M, state.xp) for M in (state.A, state.E))
+        return UpdatedMatrix(A, E, B, F)
+    factors = state.factor()
+    assert factors is not None
+    inverse = woodbury(factors, B, F)
+    if inverse is None:
+        raise NotSupported("N: A - B R^-1 N^T of an operator A is singular; shift the model")
+    product = _operator(
+        state,
+        lambda x: state.apply(x) - B @ (F.T @ x),
+        lambda x: state.apply_transposed(x) - F @ (B.T @ x),
+    )
+    return StateMatrix(product, state.E, _operator(state, inverse.solve, inverse.solve_transposed))
+
+
+def _operator(state: StateMatrix, matvec: Any, rmatvec: Any) -> Any:
+    """A LinearOperator of SciPy or CuPy."""
+    kind: Any = LinearOperator
+    if state.xp is not np:
+        from cupyx.scipy.sparse import linalg as device
+
+        kind = device.LinearOperator
+    return kind((state.n, state.n), matvec=matvec, rmatvec=rmatvec, dtype=float)
+
+
+def _weight(problem: LQRProblem, F: Any) -> tuple[Weight, Any]:
+    """The weight and, where Q has few ranks, its factor."""
+    C = low_rank_factor(problem.weight)
+    if C is None:
+        _check(problem, F)
+        return CrossedWeight(problem.weight, F), None
+    # A semidefinite joint weight has N in the range of Q: F = C^T Y with |Y| <= 1.
+    Y = problem.xp.linalg.lstsq(C.T, F, rcond=None)[0]
+    if float(abs(C.T @ Y - F).max()) > OUTSIDE * float(abs(F).max()):
+        raise InputError(PAID)
+    values, vectors = np.linalg.eigh(to_host(Y @ Y.T))
+    if values[-1] > 1.0 + NEGATIVE:
+        raise InputError(PAID)
+    root = vectors * np.sqrt(np.maximum(1.0 - values, 0.0)) @ vectors.T
+    C = problem.xp.asarray(root) @ C
+    return FactoredWeight(problem.state, C), C
+
+
+def _check(problem: LQRProblem, F: Any) -> None:
+    """``F^T Q^-1 F <= 1``, where Q can be inverted; of dense matrices the whole joint weight."""
+    if problem.dense:
+        good = semidefinite(problem)
+    else:
+        Q = problem.weight.Q
+        factors = None if Q is None or hasattr(Q, "matvec") else factor(Q)
+        if factors is None:
+            return
+        good = linalg.eigvalsh(to_host(F.T @ factors.solve(F)))[-1] <= 1.0 + OUTSIDE
+    if not good:
+        raise InputError(PAID)
+
+
+__all__ = ["without_cross_term"]

@@ -1,0 +1,397 @@
+"""The checked data of a linear-quadratic problem, and its form without E, R and the cross term."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import linalg, sparse
+
+from gpu.arguments import is_finite_number, shown, unmasked
+from gpu.arrays.device_lu import device_solver
+from gpu.arrays.namespace import array_module, to_host
+from gpu.arrays.sparse_factor import is_positive_definite
+from gpu.errors import InputError
+from gpu.riccati.problem.standard_form import balance
+from gpu.riccati.problem.state_matrix import EPS, StateMatrix, stored, symmetric
+from gpu.riccati.problem.weights import Weight
+
+# Largest asymmetry of R or Q, relative to its largest entry, taken for rounding.
+ASYMMETRY = 1e-12
+# Largest shift, relative to the largest entry, that is taken for rounding of a semidefinite Q.
+DEFINITENESS = 1e-12
+
+
+PAID = (
+    "Q is not positive semidefinite (with N: [[Q, N], [N.T, R]] is not): states must not be paid "
+    "for"
+)
+
+SINGULAR_MASS = "E is singular: descriptor systems are not solved here"
+
+
+class FactoredWeight(Weight):
+    """``Q = C^T C``, applied by its factor C of shape (p, n)."""
+
+    def __init__(self, state: StateMatrix, C: Any) -> None:
+        self.state, self.Q, self.C = state, None, C
+
+    def apply(self, x: Any) -> Any:
+        """``C^T C x``."""
+        return self.C.T @ (self.C @ x)
+
+
+class DenseProblem(NamedTuple):
+    r"""The standard form :math:`A^T X + X A - X B B^T X + Q = 0`, dense."""
+
+    A: Any
+    B: Any
+    Q: Any
+
+
+@dataclass(frozen=True)
+class LQRProblem:
+    r"""The integral of :math:`x^T Q x + 2 x^T N u + u^T R u` where :math:`E x' = A x + B u`.
+
+    Attributes
+    ----------
+    state : StateMatrix
+        A and E.
+    B : array, shape (n, m)
+        As given.
+    input : array, shape (n, m)
+        ``B L^-T`` with ``R = L L^T``: the inputs whose cost is the sum of their squares.
+    root : (m, m) numpy.ndarray
+        L.
+    weight : Weight
+        Q.
+    C : array, shape (p, n), or None
+        Where Q was given by its factor.
+    N : array, shape (n, m), or None
+    R : (m, m) numpy.ndarray
+    """
+
+    state: StateMatrix
+    B: Any
+    input: Any
+    root: np.ndarray
+    weight: Weight
+    C: Any
+    N: Any
+    R: np.ndarray
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return self.state.n
+
+    @property
+    def xp(self) -> Any:
+        """numpy or cupy."""
+        return self.state.xp
+
+    @property
+    def dense(self) -> bool:
+        """Whether A is stored as a full matrix."""
+        return self.state.kind == "dense"
+
+    @cached_property
+    def unit(self) -> Any:
+        """Units of the states, shape (n,), that balance the Hamiltonian of a dense problem."""
+        return balance(self.standard())
+
+    def gain(self, scaled: Any) -> Any:
+        """``K = L^-T (K~ + L^-1 N^T)`` of the gain K~ in the inputs of unit cost, shape (m, n)."""
+        inverse = self.xp.asarray(self._inverse_root())
+        if self.N is not None:
+            scaled = scaled + inverse @ self.N.T
+        return inverse.T @ scaled
+
+    def gain_of(self, value: Any) -> Any:
+        """``K = R^-1 (B^T S E + N^T)``, shape (m, n), of a dense or low-rank S."""
+        if not hasattr(value, "shape"):
+            value = self.xp.asarray(value)
+        return self.gain(self.state.mass_transposed(value.T @ self.input).T)
+
+    def _inverse_root(self) -> np.ndarray:
+        eye = np.eye(len(self.root))
+        return np.asarray(linalg.solve_triangular(self.root, eye, lower=True))
+
+    def entries(self) -> LQRProblem:
+        """The same with a dense A where it is an operator."""
+        if self.state.kind != "operator":
+            return self
+        E = None if self.state.E is None else _full(self.state.E)
+        return replace(self, state=StateMatrix(self.state.apply(self.xp.eye(self.n)), E))
+
+    def full(self) -> tuple[Any, Any, Any, Any]:
+        """A, E, Q, N as dense arrays; E and N may be None."""
+        A, E = _full(self.state.A), None if self.state.E is None else _full(self.state.E)
+        if self.C is not None:
+            Q = self.C.T @ self.C
+        elif self.weight.Q is None or hasattr(self.weight.Q, "matvec"):
+            Q = self.weight.apply(self.xp.eye(self.n))
+        else:
+            Q = _full(self.weight.Q)
+        return A, E, (Q + Q.T) / 2, self.N
+
+    def standard(self) -> DenseProblem:
+        r"""E, R and N taken out, :math:`E^T S E` in the place of S.
+
+        .. math:: E^{-1}(A - B R^{-1} N^T),\quad E^{-1} B R^{-1/2},\quad Q - N R^{-1} N^T.
+        """
+        A, E, Q, N = self.full()
+        B = self.input
+        if N is not None:
+            crossed = N @ self.xp.asarray(self._inverse_root().T)
+            A = A - B @ crossed.T
+            Q = Q - crossed @ crossed.T
+        if E is not None:
+            try:
+                moved = solve(E, self.xp.concatenate([A, B], axis=1))
+            except np.linalg.LinAlgError:
+                raise InputError(SINGULAR_MASS) from None
+            A, B = moved[:, : self.n], moved[:, self.n :]
+        return DenseProblem(A, B, (Q + Q.T) / 2)
+
+    def value_of(self, standard: Any) -> Any:
+        """S of the solution of the standard form, ``E^-T X E^-1``."""
+        if self.state.E is None:
+            return standard
+        E = _full(self.state.E)
+        half = solve(E.T, standard)
+        S = solve(E.T, half.T)
+        return (S + S.T) / 2
+
+
+def check_lqr(
+    A: Any,
+    B: Any,
+    Q: Any,
+    R: Any,
+    N: Any = None,
+    E: Any = None,
+    *,
+    factored: bool = False,
+    inverse: Any = None,
+) -> LQRProblem:
+    """The arguments of `gpu.lqr` as one problem.
+
+    Raises
+    ------
+    InputError
+        Names the argument, what was found and what is expected.
+    """
+    state = StateMatrix(numbers("A", A), numbers("E", E), inverse)
+    n, xp = state.n, state.xp
+    B = columns("B", B, n, xp)
+    m = B.shape[1]
+    if float(abs(B).max()) > 1e150:
+        raise InputError("B is too large, its squares overflow: measure inputs in other units")
+    R_host = _input_cost(R, m)
+    try:
+        root = np.linalg.cholesky(R_host)
+    except np.linalg.LinAlgError:
+        raise InputError("R is not positive definite: every input needs a cost") from None
+    if not np.diag(root).min() > m * EPS * np.diag(root).max():
+        raise InputError("R is singular to working precision: every input needs a cost")
+    unit = linalg.solve_triangular(root, np.eye(m), lower=True)
+    N = None if N is None else columns("N", N, n, xp)
+    if N is not None and N.shape != B.shape:
+        raise InputError(f"N has shape {N.shape}: expected {B.shape}, that of B")
+    if N is not None and not bool(xp.any(N)):
+        N = None
+    if factored:
+        C = _factor("Q", Q, n, xp)
+        weight: Weight = FactoredWeight(state, C)
+    else:
+        C, weight = None, Weight(state, _weight_argument(Q, n))
+    problem = LQRProblem(state, B, B @ xp.asarray(unit.T), root, weight, C, N, R_host)
+    if state.E is not None and (problem.dense or state.E.ndim == 1) and not _regular(state.E, xp):
+        raise InputError(SINGULAR_MASS)
+    return problem
+
+
+def solve(M: Any, right: Any) -> Any:
+    """``M^-1 right`` of dense arrays on either side; `LinAlgError` of an exactly singular M."""
+    if isinstance(M, np.ndarray):
+        lapack: Any = linalg.lapack
+        lu, pivots, info = lapack.dgetrf(M)
+        if info > 0:
+            raise np.linalg.LinAlgError("singular matrix")
+        return lapack.dgetrs(lu, pivots, right)[0]
+    return device_solver(M)(right)
+
+
+def _full(M: Any) -> Any:
+    if hasattr(M, "toarray"):
+        return M.toarray()
+    if hasattr(M, "matvec"):
+        raise InputError("A is an operator: this method needs its entries")
+    return array_module(M).diag(M) if M.ndim == 1 else M
+
+
+def numbers(name: str, value: Any) -> Any:
+    """Lists and numbers as real arrays; whatever knows its shape as it is."""
+    if value is None:
+        if name not in ("E", "R"):
+            raise InputError(f"{name} is None: expected an array of numbers")
+        return None
+    unmasked(name, value)
+    if callable(value) and not hasattr(value, "shape"):
+        raise InputError(f"{name} is a function: wrap it in a LinearOperator, which has a shape")
+    if not hasattr(value, "shape") or isinstance(value, np.matrix):
+        try:
+            value = np.asarray(value)
+        except ValueError as error:
+            raise InputError(f"{name} is not an array of numbers: {error}") from None
+        if value.dtype == object and value.ndim == 0:
+            raise InputError(f"{name} is {value}: expected an array of numbers")
+    if value.ndim == 0 and not hasattr(value, "matvec"):
+        value = value.reshape(1, 1)
+    if not hasattr(value, "matvec"):
+        _real(name, value)
+        if value.ndim not in (1, 2) or 0 in value.shape:
+            raise InputError(
+                f"{name} has shape {value.shape}: expected (n, n), or (n,) for a diagonal, n > 0"
+            )
+    return value
+
+
+def _real(name: str, value: Any) -> None:
+    kind = np.dtype(value.dtype).kind
+    if kind == "c":
+        raise InputError(f"{name} holds complex numbers: only real problems are solved")
+    if kind not in "buif":
+        raise InputError(f"{name} holds {value.dtype}: expected real numbers")
+
+
+def columns(name: str, value: Any, n: int, xp: Any) -> Any:
+    """A dense array with a row for each state, a vector as one column."""
+    value = numbers(name, value)
+    value = stored(name, value)
+    if hasattr(value, "tocsr"):
+        value = value.toarray()
+    if value.ndim == 1:
+        value = value[:, None]
+    if value.shape[0] != n:
+        raise InputError(f"{name} has shape {value.shape}: expected ({n}, m), a row for each state")
+    if xp is not None and array_module(value) is not xp:
+        raise InputError(f"{name} and A live on different sides: move one of them")
+    return value
+
+
+def _input_cost(R: Any, m: int) -> np.ndarray:
+    if R is None:
+        return np.eye(m)
+    R = numbers("R", R)
+    if hasattr(R, "toarray"):
+        R = R.toarray()
+    R = to_host(stored("R", R))
+    if R.ndim == 1 and len(R) == m:
+        R = np.diag(R)
+    if R.shape == (1, 1) and m > 1:
+        R = float(R[0, 0]) * np.eye(m)
+    if R.shape != (m, m):
+        raise InputError(f"R has shape {R.shape}: expected ({m}, {m}), a cost for each input")
+    _check_symmetric("R", R)
+    return (R + R.T) / 2
+
+
+def _factor(name: str, value: Any, n: int, xp: Any) -> Any:
+    C = stored(name, numbers(name, value))
+    if C.ndim == 1:
+        C = C[None, :]
+    if C.shape[1] != n:
+        raise InputError(f"{name} has shape {C.shape}: a factor must have {n} columns")
+    if (np if sparse.issparse(C) else array_module(C)) is not xp:
+        raise InputError(f"{name} and A live on different sides: move one of them")
+    return C.toarray() if hasattr(C, "toarray") else C
+
+
+def _weight_argument(Q: Any, n: int) -> Any:
+    if hasattr(Q, "matvec") and not hasattr(Q, "tocsr"):
+        return Q
+    if isinstance(Q, int | float | np.number) and not isinstance(Q, bool):
+        if not is_finite_number(Q):
+            raise InputError(f"Q is {shown(Q)}: expected a finite number")
+        return Q
+    Q = numbers("Q", Q)
+    if Q.shape == (1, 1) and n > 1:
+        raise InputError(f"Q has shape (1, 1): expected ({n}, {n}), or a number")
+    if Q.shape == (n, n):
+        Q = stored("Q", Q)
+        _check_symmetric("Q", Q)
+        if not symmetric(Q):
+            Q = (Q + Q.T) / 2
+    return Q
+
+
+def _check_symmetric(name: str, M: Any) -> None:
+    wrong = abs(M - M.T).max()
+    if float(wrong) > ASYMMETRY * float(abs(M).max()):
+        raise InputError(
+            f"{name} is not symmetric, |{name} - {name}'| reaches {float(wrong):.1e}: pass "
+            f"({name} + {name}.T) / 2 if that is what is meant"
+        )
+
+
+def semidefinite(problem: LQRProblem, always: bool = False) -> bool:
+    """Whether the cost of no state and input is negative, as far as stored entries tell.
+
+    Raises
+    ------
+    InputError
+        It is not, and ``always`` was asked for.
+    """
+    Q, xp = problem.weight.Q, problem.xp
+    good = True
+    if Q is not None and not hasattr(Q, "matvec"):
+        diagonal = Q if Q.ndim == 1 else Q.diagonal()
+        good = bool((diagonal >= 0.0).all())
+        if good and Q.ndim == 2:
+            good = _sparse_semidefinite(Q) if hasattr(Q, "tocsr") else _semidefinite(Q, xp)
+    if good and problem.N is not None and problem.dense:
+        whole, R = problem.full()[2], xp.asarray(problem.R)
+        rows = [[whole, problem.N], [problem.N.T, R]]
+        good = _semidefinite(xp.concatenate([xp.concatenate(r, axis=1) for r in rows]), xp)
+    if always and not good:
+        raise InputError("Q is not positive semidefinite: states must not be paid for")
+    return good
+
+
+def _semidefinite(M: Any, xp: Any) -> bool:
+    """Whether a shift by rounding, in units that make the diagonal one, makes it definite."""
+    diagonal = M.diagonal()
+    unit = xp.sqrt(xp.where(diagonal > 0.0, diagonal, 1.0))
+    scaled = M / unit / unit[:, None]
+    places = xp.arange(len(M))
+    scaled[places, places] += DEFINITENESS * max(1.0, len(M))
+    factor = xp.linalg.cholesky if xp is not np else np.linalg.cholesky
+    try:
+        L = factor(scaled)
+    except np.linalg.LinAlgError:
+        return False
+    return bool(xp.isfinite(L.diagonal()).all())
+
+
+def _sparse_semidefinite(Q: Any) -> bool:
+    Q = Q if sparse.issparse(Q) else Q.get()
+    diagonal = Q.diagonal()
+    unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    scaled = sparse.csc_array(Q.multiply(unit).multiply(unit[:, None]))
+    shift = DEFINITENESS * max(1.0, Q.shape[0])
+    return is_positive_definite(scaled + shift * sparse.eye_array(Q.shape[0], format="csc"))
+
+
+def _regular(E: Any, xp: Any) -> bool:
+    if E.ndim == 1:
+        return bool(xp.all(E != 0.0))
+    if xp is not np:
+        return True
+    full = E.toarray() if hasattr(E, "toarray") else E
+    lapack: Any = linalg.lapack
+    pivots = np.abs(np.diag(lapack.dgetrf(full)[0]))
+    return bool(pivots.min() > 0.0)

@@ -1,0 +1,43 @@
+"""Units of the states in which the Hamiltonian of a dense problem is balanced."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from gpu.arrays.namespace import array_module
+
+if TYPE_CHECKING:
+    from gpu.riccati.problem.lqr_problem import DenseProblem
+
+
+def balance(standard: DenseProblem, sweeps: int = 12) -> Any:
+    r"""Powers of two s that even out rows and columns of the Hamiltonian.
+
+    With :math:`x = \mathrm{diag}(s) x'` the blocks become :math:`a_{ij} s_j / s_i`,
+    :math:`g_{ij} / (s_i s_j)` and :math:`q_{ij} s_i s_j`: a similarity by a symplectic matrix.
+    The diagonal counts on both sides: what is smaller than it, rounding above all, needs no units
+    of its own.
+
+    References
+    ----------
+    R. James, J. Langou and B. R. Lowery, On matrix balancing and eigenvector computation (2014).
+    """
+    A, B, Q = standard
+    xp = array_module(A)
+    inner, G, Q = abs(A), abs(B @ B.T), abs(Q)
+    log = xp.zeros(len(A))
+    for _ in range(sweeps):
+        s = xp.exp2(log)
+        rising = (inner.T @ (1.0 / s)) * s + (Q @ s) * s
+        falling = (inner @ s) / s + (G @ (1.0 / s)) / s
+        known = (rising > 0.0) & (falling > 0.0)
+        ratio = xp.where(known, falling, 1.0) / xp.where(known, rising, 1.0)
+        log = xp.clip(log + 0.25 * xp.log2(ratio), -300.0, 300.0)
+    return xp.exp2(xp.round(log))
+
+
+def scaled_hamiltonian(standard: DenseProblem, unit: Any) -> tuple[Any, Any, Any]:
+    """The blocks A, G, Q of the balanced Hamiltonian."""
+    A, B, Q = standard
+    B = B / unit[:, None]
+    return A * unit / unit[:, None], B @ B.T, Q * unit * unit[:, None]

@@ -1,0 +1,126 @@
+"""The weights of a linear-quadratic cost: Q as a number, diagonal, matrix or operator; B R^-1/2."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import linalg, sparse
+
+from gpu.arguments import is_finite_number
+from gpu.arrays.namespace import array_module, to_host
+from gpu.errors import InputError
+from gpu.riccati.problem.state_matrix import StateMatrix, stored, symmetric, times
+
+LOW_RANK = 64  # rows of a factor of Q up to which the value is sought as a low-rank matrix
+
+
+class Weight:
+    """Q, applied to vectors and columns.
+
+    Parameters
+    ----------
+    state : StateMatrix
+    Q : float, array, shape (n,) or (n, n), sparse matrix, or LinearOperator
+        Symmetric; a number is a multiple of the identity, a 1-D array a diagonal.
+
+    Raises
+    ------
+    InputError
+    """
+
+    C: Any = None  # where Q is given by its factor
+
+    def __init__(self, state: StateMatrix, Q: Any) -> None:
+        n, xp = state.n, state.xp
+        self.state = state
+        if hasattr(Q, "matvec") and not hasattr(Q, "tocsr"):
+            self.Q, shape = Q, Q.shape
+        else:
+            if is_finite_number(Q) and not isinstance(Q, complex | np.complexfloating):
+                Q = xp.full(n, float(Q))
+            self.Q = Q = stored("Q", Q)
+            shape = Q.shape
+            if (
+                shape in ((n,), (n, n))
+                and (array_module(Q) if not sparse.issparse(Q) else np) is not xp
+            ):
+                raise InputError("Q and A live on different sides: move one of them")
+            if shape == (n, n) and not symmetric(Q):
+                raise InputError("Q is not symmetric: pass (Q + Q.T) / 2")
+        if tuple(shape) not in ((n,), (n, n)):
+            raise InputError(f"Q has shape {tuple(shape)}: expected ({n},) or ({n}, {n})")
+
+    def apply(self, x: Any) -> Any:
+        """``Q x``, of a vector or of columns."""
+        return times(self.Q, x)
+
+    def scale(self) -> float:
+        """An estimate of its norm, from below."""
+        x = self.state.xp.asarray(np.random.default_rng(0).standard_normal(self.state.n))
+        size = 0.0
+        for _ in range(3):
+            size = float(self.state.xp.linalg.norm(x))
+            if size == 0.0:
+                break
+            x = self.apply(x / size)
+        return size
+
+
+def low_rank_factor(weight: Weight) -> Any:
+    """C of few rows with ``Q = C^T C``: given, or where few rows of Q are not zero; else None."""
+    n, xp, Q = weight.state.n, weight.state.xp, weight.Q
+    few = min(LOW_RANK, n // 2)
+    if weight.C is not None:
+        return weight.C if len(weight.C) <= few else None
+    if Q is None or hasattr(Q, "matvec"):
+        return None
+    if Q.ndim == 1:
+        places = np.flatnonzero(to_host(Q))
+        core = np.diag(to_host(Q)[places[:few]])
+    else:
+        rows = abs(Q).sum(axis=1)
+        places = np.flatnonzero(np.asarray(to_host(rows)).ravel())
+        if len(places) > few:
+            return None
+        core = Q[places][:, places]
+        core = to_host(core.toarray() if hasattr(core, "toarray") else core)
+    if len(places) > few or not len(places):
+        return None
+    values, vectors = np.linalg.eigh(core)
+    kept = values > 1e-15 * values.max()
+    C = np.zeros((int(kept.sum()), n))
+    C[:, places] = (vectors[:, kept] * np.sqrt(values[kept])).T
+    return xp.asarray(C)
+
+
+def scaled_input(state: StateMatrix, B: Any, R: Any = None) -> Any:
+    """``B R^-1/2`` by Cholesky factors, shape (n, m).
+
+    Raises
+    ------
+    InputError
+    """
+    B = stored("B", B)
+    if hasattr(B, "tocsr"):
+        B = B.toarray()
+    if B.ndim == 1:
+        B = B[:, None]
+    if B.ndim != 2 or B.shape[0] != state.n or B.shape[1] == 0:
+        raise InputError(f"B has shape {B.shape}: expected ({state.n}, m), m > 0")
+    if array_module(B) is not state.xp:
+        raise InputError("B and A live on different sides: move one of them")
+    if R is None:
+        return B
+    m = B.shape[1]
+    root = np.atleast_2d(to_host(stored("R", R)))
+    if root.shape == (1, 1):
+        root = root[0, 0] * np.eye(m)
+    if root.shape != (m, m) or not np.allclose(root, root.T, rtol=1e-12, atol=0.0):
+        raise InputError(f"R has shape {root.shape}: expected symmetric, ({m}, {m})")
+    try:
+        root = np.linalg.cholesky(root)
+    except np.linalg.LinAlgError:
+        raise InputError("R is not positive definite: every input needs a cost") from None
+    inverse = linalg.solve_triangular(root, np.eye(m), lower=True)
+    return B @ state.xp.asarray(inverse.T)

@@ -1,0 +1,6 @@
+"""What proves a solution of a Riccati equation or the stability of its loop.
+
+In: a problem with a gain or a value.
+Out: residuals, poles or bounds for them, refined solutions.
+Start: `closed_loop`, then `residual` and `refinement`.
+"""

@@ -1,0 +1,380 @@
+"""The closed loop of a gain: its matrix in balanced units, its poles, whether it is stable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from gpu.arrays.namespace import array_module, to_host
+from gpu.errors import GpuError, NotConverged
+from gpu.riccati.problem.lqr_problem import DenseProblem, LQRProblem
+from gpu.riccati.problem.state_matrix import EPS, Factors, StateMatrix
+from gpu.riccati.proof.lyapunov import SCHUR, LyapunovSolver, cayley_shift, lyapunov_solver
+from gpu.riccati.proof.lyapunov_certificate import proven_bound
+
+ALL_POLES = 1500  # up to this order all poles are computed
+FEW = 12
+LARGE = 100_000  # from this order on products with the basis cost more than applications
+RESTARTS = 30
+TOLERANCES = (1e-8, 1e-4)
+# Left of the axis by so much of the matrix, no meeting of eigenvalues there can be in question.
+FAR = 1e-3
+OUTSIDE = 1e-6  # of the unit circle, beyond what an eigenvalue there is converged to
+ROUNDINGS = 1e2
+SQUARES = 0.05  # the second order of a Newton step over the first where it converges
+
+
+@dataclass(frozen=True)
+class DenseLoop:
+    """``E^-1 (A - B K)`` in balanced units.
+
+    Attributes
+    ----------
+    matrix : array, shape (n, n)
+    rounding : float
+        What round-off of A and of the feedback may move an entry of it by.
+    value : array, shape (n, n), or None
+        The Riccati solution in the same units, where it is known.
+    doubt : tuple (B, W, T) or None
+        The inputs, what the value leaves of the Riccati equation, and the size of its terms.
+    parts : tuple (A, B, K) or None
+        What the matrix was made of.
+    """
+
+    matrix: Any
+    rounding: float
+    value: Any = None
+    doubt: Any = None
+    parts: Any = None
+
+    @cached_property
+    def poles(self) -> np.ndarray:
+        """Eigenvalues, rightmost first: all of a small or symmetric matrix, else some near zero.
+
+        Of the few nearest to zero those that converge; in a cluster to fewer digits, or none.
+        """
+        return self._poles_and_tolerance[0]
+
+    @property
+    def tolerance(self) -> float:
+        """What the poles are known to, relative, as eigenvalues of a matrix so close."""
+        return self._poles_and_tolerance[1]
+
+    @cached_property
+    def _poles_and_tolerance(self) -> tuple[np.ndarray, float]:
+        n, tolerance = len(self.matrix), EPS
+        if n <= SCHUR and isinstance(self.matrix, np.ndarray):
+            values = self.lyapunov.poles
+            assert values is not None
+        elif n <= ALL_POLES:
+            values = np.linalg.eigvals(to_host(self.matrix))
+        elif self._symmetric:
+            values = to_host(array_module(self.matrix).linalg.eigvalsh(self.matrix)) + 0j
+        else:
+            values = np.zeros(0, dtype=complex)
+            for tolerance in TOLERANCES:
+                try:
+                    values = _nearest(self.matrix, sigma=0.0, k=FEW, tol=tolerance)
+                except GpuError:
+                    continue
+                break
+        return values[np.argsort(-values.real, kind="stable")], tolerance
+
+    @property
+    def whole(self) -> bool:
+        """Whether all poles are known."""
+        return len(self.poles) == len(self.matrix)
+
+    @cached_property
+    def _symmetric(self) -> bool:
+        xp = array_module(self.matrix)
+        return float(xp.linalg.norm(self.matrix - self.matrix.T)) <= EPS * float(
+            xp.linalg.norm(self.matrix)
+        )
+
+    @cached_property
+    def lyapunov(self) -> LyapunovSolver:
+        """Lyapunov equations of this matrix."""
+        return lyapunov_solver(self.matrix)
+
+    @property
+    def abscissa(self) -> float:
+        """The largest real part of a pole; of a large matrix without a known one the bound."""
+        return float(self.poles[0].real) if len(self.poles) else self.bound
+
+    @cached_property
+    def bound(self) -> float:
+        """No pole lies right of it: proved where not all are known; infinity where nothing is."""
+        if self.whole:
+            return self.abscissa
+        likely = float(self.poles[0].real) if len(self.poles) else -np.inf
+        if not likely < 0.0:
+            return np.inf
+        magnitude = self._magnitude()
+        bound = np.inf
+        if self.value is not None:
+            bound = proven_bound(self.matrix, self.value, magnitude, likely)
+        if not bound < 0.0:
+            # Fast and slow modes weigh alike in the function of Lyapunov that has this derivative.
+            A, xp = self.matrix, array_module(self.matrix)
+            W, places = A.T @ A, xp.arange(len(A))
+            W[places, places] += cayley_shift(A) ** 2
+            try:
+                bound = proven_bound(A, self.lyapunov(W), magnitude, likely)
+            except np.linalg.LinAlgError:
+                return np.inf
+        return bound
+
+    def _magnitude(self) -> Any:
+        """Products with a matrix whose entries are no smaller than those of |A| + |B| |K|."""
+        if self.parts is None:
+            M = abs(self.matrix)
+            return (lambda v: M @ v), (lambda v: M.T @ v)
+        A, B, K = (abs(M) for M in self.parts)
+        return (lambda v: A @ v + B @ (K @ v)), (lambda v: A.T @ v + K.T @ (B.T @ v))
+
+    def is_stable(self) -> bool:
+        """Whether every pole lies left of the imaginary axis, beyond round-off."""
+        if self.whole:
+            if not np.isfinite(self.poles).all():
+                return False
+            return self.abscissa < -self.rounding and not self._on_the_axis()
+        return self.bound < 0.0
+
+    @cached_property
+    def newton(self) -> tuple[float, float]:
+        """The size of Newton's next step relative to the value, and of the one after to that."""
+        if self.doubt is None or len(self.matrix) > SCHUR:
+            return np.nan, 0.0
+        return self._step(self.doubt[1])
+
+    def _step(self, W: Any) -> tuple[float, float]:
+        norm, B = array_module(self.matrix).linalg.norm, self.doubt[0]
+        first = self.lyapunov(W)
+        reach = first @ B
+        second = self.lyapunov(reach @ reach.T)
+        size = float(norm(first))
+        return size / (float(norm(self.value)) or 1.0), float(norm(second)) / (size or 1.0)
+
+    def _on_the_axis(self) -> bool:
+        """Whether a Riccati solution as good as this one may have a pole on the axis.
+
+        Where eigenvalues of the Hamiltonian meet there, Newton's steps become halves of one
+        another instead of squares, and the second order of a step is a quarter of it.
+        """
+        return self._near() and not self.newton[1] <= SQUARES
+
+    def is_sensitive(self) -> bool:
+        """Whether rounding of the data may put a pole on the axis, whatever the value solves."""
+        return self._near() and not self._step(EPS * self.doubt[2])[1] <= SQUARES
+
+    def _near(self) -> bool:
+        if self.doubt is None or len(self.matrix) > SCHUR:
+            return False
+        return self.abscissa >= -FAR * float(array_module(self.matrix).linalg.norm(self.matrix))
+
+
+def closed_loop_of(
+    problem: LQRProblem,
+    standard: DenseProblem,
+    unit: Any,
+    S: Any = None,
+    K: Any = None,
+    residual: Any = None,
+    extended: bool = False,
+) -> DenseLoop:
+    """The closed loop of a dense problem with S, or with the gain K, in the units given.
+
+    ``residual``, shape (n, n), is what S leaves of its equation; ``extended`` says that its own
+    rounding does not matter.
+    """
+    xp = problem.xp
+    A, B, _ = standard
+    value = doubt = None
+    if K is None:
+        E = problem.full()[1]
+        Y = S if E is None else E.T @ S @ E
+        gain = B.T @ Y
+        value = Y * unit * unit[:, None]
+    else:
+        # The standard form has fed R^-1 N^T back already.
+        gain = xp.asarray(problem.root.T) @ K
+        if problem.N is not None:
+            gain = gain - xp.asarray(np.linalg.inv(problem.root)) @ problem.N.T
+    A, B, gain = A * unit / unit[:, None], B / unit[:, None], gain * unit
+    if value is not None and len(A) <= ALL_POLES:
+        W: Any = xp.zeros((1, 1)) if residual is None else residual * unit * unit[:, None]
+        half = abs(value @ A)
+        terms = half + half.T + abs(gain.T @ gain) + abs(standard.Q * unit * unit[:, None])
+        doubt = (B, W if extended else EPS * terms + abs(W), terms)
+    loop = A - B @ gain
+    if loop.dtype != np.float64:
+        loop, gain = loop.astype(float), gain.astype(float)
+        value = None if value is None else value.astype(float)
+        doubt = None if doubt is None else tuple(M.astype(float) for M in doubt)
+    rounding = 4 * EPS * float(xp.linalg.norm(A) + xp.linalg.norm(B) * xp.linalg.norm(gain))
+    return DenseLoop(loop, rounding, value, doubt, (A, B, gain))
+
+
+def dense_loop(problem: LQRProblem, K: Any) -> DenseLoop:
+    """The closed loop of any problem whose entries can be stored, with the gain K."""
+    standard = problem.standard()
+    return closed_loop_of(problem, standard, problem.unit, K=K)
+
+
+def nearest_poles(state: StateMatrix, B: Any, K: Any, count: int = FEW) -> np.ndarray:
+    """The poles of ``E^-1 (A - B K)`` nearest to zero, rightmost first, by solves with A alone.
+
+    Raises
+    ------
+    GpuError
+        The iteration does not converge.
+    """
+    xp, n = state.xp, state.n
+    shift, factors = 0.0, state.factor()
+    for digits in (None, -8, -6, -4):
+        if factors is not None:
+            apply = _loop_inverse(state, factors, B, K)
+            if apply is not None:
+                return _poles_by(apply, shift, n, xp, count)
+        if state.kind == "operator":
+            raise GpuError("the closed loop of an operator with a pole at zero is not examined")
+        if digits is None:
+            # A mode of A at zero, which is none of the loop, costs no digits.
+            closed = state.factor_updated(B, K.T)
+            if closed is not None:
+                return _poles_by(_pencil_inverse(closed, state), 0.0, n, xp, count)
+            continue
+        shift = 10.0**digits * (state.size() or 1.0)
+        factors = state.factor(shift)
+    raise GpuError("the closed loop could not be factored near zero")
+
+
+def unstable_pole(state: StateMatrix, B: Any, K: Any, nearest: float) -> complex | None:
+    r"""A pole of the loop right of the axis that shows itself in a few steps; else None.
+
+    Of :math:`C = (A_c + s E)(A_c - s E)^{-1}`, s > 0, the eigenvalues
+    :math:`(\lambda + s) / (\lambda - s)` outside of the unit circle are those of poles right of
+    the axis, and large where s is near them. ``nearest`` is the modulus of a slow pole. What is
+    found is beyond the axis by more than its condition lets rounding move it.
+    """
+    xp, n = state.xp, state.n
+    x = xp.asarray(np.random.default_rng(1).standard_normal(n))
+    fast = float(xp.linalg.norm(state.apply(x)) / xp.linalg.norm(state.mass(x)))
+    slow = min(max(nearest, 1e-8 * fast), fast)
+    if state.kind == "operator" or not slow > 0.0:
+        return None
+    for part in (1 / 3, 2 / 3):
+        s = slow * (fast / slow) ** part
+        factors = state.factor(s)
+        inverse = None if factors is None else _loop_inverse(state, factors, B, K)
+        if inverse is None:
+            continue
+        theta = _outermost(inverse, s, x)
+        if theta is None or not abs(theta) > 1.0 + OUTSIDE:
+            continue
+        pole = s * (theta + 1.0) / (theta - 1.0)
+        if pole.real > _doubt(state, B, K, pole):
+            return complex(pole)
+    return None
+
+
+def _outermost(inverse: Any, s: float, x: Any) -> complex | None:
+    """The eigenvalue of largest modulus of ``I + 2 s inverse``, where it converges at once."""
+    from gpu.eigenvalues.eigs import eigs
+
+    try:
+        found = eigs(
+            lambda v: v + 2.0 * s * inverse(v),
+            k=2, ncv=24, v0=x, tol=1e-8, maxiter=2, return_eigenvectors=False,
+        )  # fmt: skip
+    except NotConverged as error:
+        found = error.eigenvalues
+    except GpuError:
+        return None
+    found = np.zeros(0) if found is None else to_host(found)
+    return found[np.argmax(np.abs(found))] if len(found) else None
+
+
+def _doubt(state: StateMatrix, B: Any, K: Any, pole: complex) -> float:
+    """What rounding may move a pole by, from its left and right vectors."""
+    xp, n = state.xp, state.n
+    factors = state.factor(pole * (1.0 + 1e-9))
+    inverse = None if factors is None else _loop_inverse(state, factors, B, K)
+    turned = None if factors is None else _loop_inverse(state, factors, B, K, transposed=True)
+    if inverse is None or turned is None:
+        return 0.0
+    x = y = xp.asarray(np.random.default_rng(1).standard_normal(n)) + 0j
+    for _ in range(3):
+        x, y = inverse(x), turned(y)
+        x, y = x / xp.linalg.norm(x), y / xp.linalg.norm(y)
+    size = (state.size() + float(abs(B).max()) * float(abs(K).max())) * n**0.5
+    cosine = abs(complex((y * state.mass(x)).sum()))
+    return ROUNDINGS * EPS * size / max(cosine, 1e-300)
+
+
+def _loop_inverse(
+    state: StateMatrix, factors: Factors, B: Any, K: Any, transposed: bool = False
+) -> Any:
+    """``x -> (A - B K - s E)^-1 E x`` by factors of ``A - s E``; None where it is singular."""
+    xp, m = state.xp, B.shape[1]
+    solve, mass = factors.solve, state.mass
+    left, right = B, K
+    if transposed:
+        solve, mass = factors.solve_transposed, state.mass_transposed
+        left, right = K.T, B.T
+    solved = solve(left)
+    core = to_host(xp.eye(m) - right @ solved)
+    if not np.isfinite(core).all() or not np.linalg.cond(core) < 1e10:
+        return None
+    inverse = xp.asarray(np.linalg.inv(core))
+
+    def apply(x: Any) -> Any:
+        y = solve(mass(x))
+        return y + solved @ (inverse @ (right @ y))
+
+    return apply
+
+
+def _pencil_inverse(closed: Factors, state: StateMatrix) -> Any:
+    return lambda x: closed.solve(state.mass(x))
+
+
+def _poles_by(inverse: Any, shift: float, n: int, xp: Any, count: int) -> np.ndarray:
+    """The poles of what ``inverse`` is the inverse of, moved by a shift."""
+    start = xp.asarray(np.random.default_rng(0).standard_normal(n))
+    few = max(count // 3, 1)
+    options = {"k": few, "ncv": 4 * few} if n >= LARGE else {"k": min(count, n)}
+    theta = _nearest(inverse, v0=start, **options)
+    poles = shift + 1.0 / theta
+    return poles[np.argsort(-poles.real, kind="stable")]
+
+
+def _nearest(matrix: Any, tol: float = TOLERANCES[0], **options: Any) -> np.ndarray:
+    """What converged of the wanted eigenvalues in a few restarts: repeated ones may never all.
+
+    Nobody says that the first of them are among those: what a looser tolerance finds beside them
+    is added.
+    """
+    from gpu.eigenvalues.eigs import eigs
+
+    found = np.zeros(0, dtype=complex)
+    for looser in (tol, *(other for other in TOLERANCES if other > tol)):
+        try:
+            more = eigs(matrix, return_eigenvectors=False, maxiter=RESTARTS, tol=looser, **options)
+        except NotConverged as error:
+            if error.eigenvalues is None or not len(error.eigenvalues):
+                if looser == TOLERANCES[-1] and not len(found):
+                    raise
+                continue
+            more, complete = to_host(error.eigenvalues), False
+        else:
+            more, complete = to_host(more), True
+        known = np.abs(more[:, None] - found).min(axis=1, initial=np.inf)
+        found = np.concatenate([found, more[known > 10 * looser * np.abs(more)]])
+        if complete:
+            break
+    return found

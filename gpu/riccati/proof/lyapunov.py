@@ -1,0 +1,153 @@
+"""Lyapunov equations of a stable matrix: by its Schur form, or by squared Smith iterations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import linalg
+
+from gpu.arrays.denormals import filled
+from gpu.arrays.device_lu import device_solver
+from gpu.arrays.namespace import array_module
+from gpu.eigenvalues.schur.ordered_schur import eigenvalues_of
+from gpu.riccati.problem.lqr_problem import solve
+from gpu.riccati.problem.state_matrix import EPS
+
+SCHUR = 600  # up to this order the Schur form on the host is the quicker way
+SQUARINGS = 60
+
+
+class LyapunovSolver(NamedTuple):
+    """What `lyapunov_solver` returns; called with W.
+
+    Attributes
+    ----------
+    apply : callable W -> X
+    poles : numpy.ndarray or None
+        Eigenvalues of A, where its Schur form was computed.
+    """
+
+    apply: Callable[[Any], Any]
+    poles: np.ndarray | None
+
+    def __call__(self, W: Any) -> Any:
+        """``X`` with ``A^T X + X A + W = 0``."""
+        return self.apply(W)
+
+
+def lyapunov_solver(A: Any) -> LyapunovSolver:
+    r"""Solve :math:`A^T X + X A + W = 0` for several symmetric W.
+
+    Bartels-Stewart on the host for a small A; otherwise Smith's series
+    :math:`X = \sum_k (C^T)^k W_0 C^k`, its partial sums doubled, where
+    :math:`C = I + 2\gamma (A - \gamma I)^{-1}` and
+    :math:`W_0 = 2\gamma (A - \gamma I)^{-T} W (A - \gamma I)^{-1}`: matrix products alone.
+
+    Parameters
+    ----------
+    A : array, shape (n, n)
+        With eigenvalues of negative real part.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        The series does not converge: A is not stable.
+
+    References
+    ----------
+    R. H. Bartels and G. W. Stewart, Commun. ACM 15 (1972). R. A. Smith, SIAM J. Appl. Math. 16
+    (1968).
+    """
+    if isinstance(A, np.ndarray) and len(A) <= SCHUR:
+        return _by_schur_form(A)
+    return _by_squaring(A)
+
+
+def _by_schur_form(A: np.ndarray) -> LyapunovSolver:
+    """Of ``D^-1 A D``, D of powers of two, in which rows and columns are balanced.
+
+    Rounding moves the eigenvalues of a matrix by its norm times their condition, which units of
+    the states change by many orders: where inputs reach a mode by 1e-8, those of the loop as it
+    stands are rounding alone.
+    """
+    balanced, (units, _) = linalg.matrix_balance(A, permute=False, separate=True)
+    T, U = linalg.schur(balanced, output="real")
+    trsyl = linalg.lapack.dtrsyl
+    both = units * units[:, None]
+
+    def apply(W: Any) -> Any:
+        X, scale, _ = trsyl(T, T, -(U.T @ (W * both) @ U), trana="T")
+        X = U @ (X * scale) @ U.T / both
+        return (X + X.T) / 2
+
+    return LyapunovSolver(apply, eigenvalues_of(T))
+
+
+def _by_squaring(A: Any) -> LyapunovSolver:
+    xp, n = array_module(A), len(A)
+    A = filled(A)
+    gamma = cayley_shift(A)
+    moved = A.copy()
+    places = xp.arange(n)
+    moved[places, places] -= gamma
+    inverse = solve(moved, xp.eye(n))
+    powers = [2.0 * gamma * inverse]
+    powers[0][places, places] += 1.0
+    while True:
+        size = float(xp.linalg.norm(powers[-1]))
+        if size < 0.1 * np.sqrt(EPS):
+            break
+        if len(powers) > SQUARINGS or not np.isfinite(size):
+            raise np.linalg.LinAlgError("A is not stable: the powers of its Cayley transform grow")
+        powers.append(powers[-1] @ powers[-1])
+
+    def apply(W: Any) -> Any:
+        X = 2.0 * gamma * (inverse.T @ W @ inverse)
+        for C in powers:
+            X = X + C.T @ (X @ C)
+        return (X + X.T) / 2
+
+    return LyapunovSolver(apply, None)
+
+
+def cayley_shift(M: Any) -> float:
+    """The geometric mean of the estimated largest and smallest moduli of eigenvalues of M."""
+    xp = array_module(M)
+    start = xp.asarray(np.random.default_rng(0).standard_normal((len(M), 2)))
+    largest = _growth(lambda x: M @ x, start, xp)
+    try:
+        inverse = _inverse(M)
+        smallest = 1.0 / _growth(inverse, start, xp)
+    except (np.linalg.LinAlgError, ZeroDivisionError, FloatingPointError):
+        smallest = 0.0
+    if not largest > 0.0:
+        return 1.0
+    if not np.isfinite(smallest):
+        smallest = 0.0
+    return float(np.sqrt(largest * max(smallest, 1e-12 * largest)))
+
+
+def _growth(product: Callable[[Any], Any], x: Any, xp: Any) -> float:
+    """The modulus of the dominant eigenvalue, by a dozen products."""
+    first = 0.0
+    steps = 12
+    for step in range(steps):
+        size = float(xp.linalg.norm(x))
+        if size == 0.0 or not np.isfinite(size):
+            return size
+        # The first products lean on what is not normal in the matrix.
+        first += np.log(size) if step > steps // 2 else 0.0
+        x = product(x / size)
+    first += np.log(max(float(xp.linalg.norm(x)), 1e-300))
+    return float(np.exp(first / (steps - steps // 2)))
+
+
+def _inverse(M: Any) -> Callable[[Any], Any]:
+    if isinstance(M, np.ndarray):
+        lu, pivots, info = linalg.lapack.dgetrf(M)
+        if info > 0:
+            raise np.linalg.LinAlgError("singular matrix")
+        return lambda x: linalg.lapack.dgetrs(lu, pivots, x)[0]
+    return device_solver(M)

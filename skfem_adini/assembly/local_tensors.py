@@ -1,0 +1,276 @@
+"""Local matrices and vectors of a few cells, all their entries in one call of the form."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem import MeshHex, MeshQuad
+from skfem.element import DiscreteField, ElementVector
+from skfem.mapping import MappingAffine, MappingIsoparametric
+
+from skfem_adini.assembly.congruence_classes import Classes
+from skfem_adini.assembly.form_parameters import FormParameters, NotConstant
+from skfem_adini.assembly.pointwise_check import FormNotPointwise, check_pointwise
+from skfem_adini.assembly.translation_invariance import oriented
+from skfem_adini.errors import InputError
+
+Array = NDArray[Any]
+Integers = NDArray[np.integer]
+
+# Quadrature points a call of the form: its temporary arrays stay in the second cache.
+_POINTS = 2**15
+_FIELDS = 2**20
+
+
+# Value, gradient, ... of all functions, (..., functions * cells, points), for each component.
+Fields = list[list[Array | None]]
+
+
+@dataclass(frozen=True)
+class Space:
+    """Functions of the cells to integrate over."""
+
+    element: Any
+    mapping: Any
+    X: Array
+    W: Array
+
+    def on(self, cells: Integers) -> tuple[Any, Integers]:
+        """Return a mapping for some cells, with no cache from before, and their numbers in it.
+
+        Straight quadrilaterals and bricks are taken out of the mesh, since whatever their mapping
+        and the elements of this package do first they do for the whole mesh.
+        """
+        mesh = self.mapping.mesh
+        if isinstance(self.mapping, MappingAffine):
+            return MappingAffine(mesh, tind=cells), cells
+        if type(mesh) in (MeshQuad, MeshHex) and not oriented(self.element):
+            p = mesh.doflocs
+            used, t = np.unique(mesh.t[:, cells], return_inverse=True)
+            # The size of the coordinates, by which elements judge what is rounding, stays.
+            far = np.abs(p).max(axis=0).argmax()
+            mesh = type(mesh)(p.take(np.append(used, far), axis=1), t.reshape(-1, len(cells)))
+            cells = np.arange(len(cells))
+        return MappingIsoparametric(mesh, self.mapping.elem, self.mapping.bndelem), cells
+
+    def measures(self, cells: Integers) -> Array:
+        """Return the weights of the quadrature points, shape (cells, points)."""
+        try:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                mapping, own = self.on(cells)
+                volume = np.abs(mapping.detDF(self.X, tind=own))
+        except Exception as error:  # scikit-fem has no type of its own for a zero determinant
+            raise InputError(f"mesh: a cell is degenerate ({error})") from error
+        if not (volume > 0).all():
+            bad = cells[~(volume > 0).all(axis=1)]
+            raise InputError(f"mesh: cell {bad[0]} has no volume")
+        return volume * self.W
+
+    def fields(self, cells: Integers, functions: int) -> Fields:
+        """Return the functions in some cells."""
+        mapping, cells = self.on(cells)
+        return _fields(self.element, mapping, self.X, cells, functions)
+
+
+class Coefficients(NamedTuple):
+    """The parameters of a form.
+
+    Attributes
+    ----------
+    numbers
+        Those that are the same for all cells.
+    fields
+        Field and derivatives over (..., cells, points or 1), constant in every cell.
+    withheld
+        Names of those that vary inside a cell.
+    """
+
+    numbers: dict[str, Any]
+    fields: dict[str, list[Array | None]]
+    withheld: set[str]
+
+
+def local_tensors(
+    form: Any,
+    spaces: Sequence[Space],
+    sizes: Sequence[int],
+    shapes: Classes,
+    classes: Classes,
+    cells: Integers,
+    coefficients: Coefficients,
+) -> Array:
+    """Return the local tensor of each class, shape (classes, test functions(, trial functions)).
+
+    Parameters
+    ----------
+    form
+        Linear or bilinear form.
+    spaces, sizes
+        Functions and their number: trial and test for a bilinear form, test for a linear one.
+    shapes
+        Cells of the same shape.
+    classes
+        Cells of the same shape and with the same coefficients.
+    cells
+        Numbers of the cells in the mesh.
+    coefficients
+        Parameters of the form.
+
+    Raises
+    ------
+    NotConstant
+        The form used something that varies inside a cell.
+    FormNotPointwise
+        The form raised, did not return a number for each quadrature point, or mixes the cells.
+    """
+    local = np.zeros((len(classes.representatives), *reversed(sizes)), dtype=form.dtype)
+    flat = local.reshape(len(local), -1)
+    rows = _Rows(form, spaces, sizes, shapes, classes, cells, coefficients)
+    points = spaces[0].W.size
+    order = np.argsort(rows.shape_of, kind="stable")
+    step = max(1, _FIELDS // (max(sizes) * points))
+    for begin in range(0, len(order), step):
+        some = order[begin : begin + step]
+        rows.prepare(some)
+        for entries in _batches(len(some), flat.shape[1], max(1, _POINTS // points), len(cells)):
+            member, entry = np.divmod(entries, flat.shape[1])
+            flat[some[member], entry] = np.sum(rows.densities(some[member], entry), axis=1)
+    check_pointwise(rows, flat, sizes, rows.coefficients_of_classes(), len(cells))
+    return local
+
+
+class _Rows:
+    """Integrands of chosen entries of the local tensors of chosen classes."""
+
+    def __init__(
+        self, form: Any, spaces: Sequence[Space], sizes: Sequence[int], shapes: Classes,
+        classes: Classes, cells: Integers, coefficients: Coefficients,
+    ) -> None:  # fmt: skip
+        self._form, self._spaces, self._sizes = form, spaces, sizes
+        self._cells, self._coefficients = cells, coefficients
+        self._of_shapes, self._of_classes = shapes.representatives, classes.representatives
+        self.shape_of = shapes.labels[classes.representatives]
+        self._needed: Integers = np.empty(0, dtype=int)
+
+    def coefficients_of_classes(self) -> Array:
+        """Return the coefficients as numbers, shape (numbers, classes)."""
+        numbers = [np.zeros((0, len(self._of_classes)))]
+        for parts in self._coefficients.fields.values():
+            for part in parts:
+                if part is not None:
+                    chosen = part[..., self._of_classes, 0].reshape(-1, len(self._of_classes))
+                    numbers += [chosen.real, chosen.imag] if np.iscomplexobj(chosen) else [chosen]
+        return np.concatenate(numbers)
+
+    def prepare(self, classes: Integers) -> None:
+        """Evaluate the functions in the cells of some classes."""
+        needed = np.unique(self.shape_of[classes])
+        if np.array_equal(needed, self._needed):
+            return
+        at = self._cells[self._of_shapes[needed]]
+        spaces, sizes = self._spaces, self._sizes
+        self._dx = spaces[0].measures(at)
+        self._fields = [spaces[0].fields(at, sizes[0])]
+        if len(spaces) == 2:
+            same = spaces[1] is spaces[0]
+            self._fields.append(self._fields[0] if same else spaces[1].fields(at, sizes[1]))
+        self._needed = needed
+
+    def densities(self, classes: Integers, entry: Integers) -> Array:
+        """Return the integrands times the weights, shape (rows, points), in one call of the form.
+
+        Parameters
+        ----------
+        classes, entry
+            Class and number of the entry for each row; the classes are among those prepared.
+        """
+        # A row for each test function, the trial functions along it.
+        indices = (entry,) if len(self._sizes) == 1 else np.divmod(entry, self._sizes[0])[::-1]
+        place = np.searchsorted(self._needed, self.shape_of[classes])
+        arguments = [
+            argument
+            for field, index in zip(self._fields, indices, strict=True)
+            for argument in rows_of(field, index * len(self._needed) + place)
+        ]
+        values = self._of_classes[classes]
+        fields = self._coefficients.fields.items()
+        parameters = FormParameters(
+            self._coefficients.numbers | {name: _at(parts, values) for name, parts in fields},
+            self._coefficients.withheld,
+        )
+        return _density(self._form, arguments, parameters, self._dx[place])
+
+
+def _density(form: Any, arguments: list[Any], w: FormParameters, dx: Array) -> Array:
+    try:
+        density = form.form(*arguments, w) * dx
+    except NotConstant:
+        raise
+    except Exception as error:
+        raise NotConstant(w._refused) if w._refused else FormNotPointwise(repr(error)) from error
+    if w._refused:
+        raise NotConstant(w._refused)
+    if np.shape(density) != dx.shape:
+        raise FormNotPointwise(f"it returned an array of shape {np.shape(density)}")
+    return np.asarray(density)
+
+
+def _batches(members: int, entries: int, step: int, cells: int) -> Iterator[Integers]:
+    """Yield the numbers of entries to compute together, never as many as there are cells.
+
+    An array over the cells that a form holds on to, and that nobody can see, then does not fit to
+    the other arrays of the form.
+    """
+    for begin in range(0, members * entries, step):
+        batch = np.arange(begin, min(begin + step, members * entries))
+        yield np.append(batch, batch[-1]) if len(batch) == cells != 1 else batch
+
+
+def _fields(element: Any, mapping: Any, X: Array, cells: Integers, functions: int) -> Fields:
+    if type(element) is ElementVector:
+        dim = element.dim
+        inner = _fields(element.elem, mapping, X, cells, functions // dim)[0]
+        return [[None if part is None else _vectors(part, dim, len(cells)) for part in inner]]
+    basis = [element.gbasis(mapping, X, i, tind=cells) for i in range(functions)]
+    found: Fields = []
+    for component in zip(*basis, strict=True):
+        parts: list[Array | None] = []
+        for several in zip(*(field.astuple for field in component), strict=True):
+            if several[0] is None:
+                parts.append(None)
+                continue
+            last = (len(cells), X.shape[1])
+            wide = [np.broadcast_to(part, (*part.shape[:-2], *last)) for part in several]
+            stacked = np.stack(wide, axis=-3)
+            parts.append(stacked.reshape(*stacked.shape[:-3], -1, last[1]))
+        found.append(parts)
+    return found
+
+
+def _vectors(part: Array, dim: int, cells: int) -> Array:
+    """Return the fields e_n phi of all components n of all functions phi, n fastest."""
+    split = part.reshape(*part.shape[:-2], -1, 1, cells, part.shape[-1])
+    shape = (dim, *split.shape[:-3], dim, *split.shape[-2:])
+    vectors = np.zeros(shape, dtype=part.dtype)
+    for n in range(dim):
+        vectors[n, ..., n : n + 1, :, :] = split
+    return vectors.reshape(dim, *part.shape[:-2], -1, part.shape[-1])
+
+
+def rows_of(fields: Fields, rows: Integers) -> list[DiscreteField]:
+    """Return some of the functions in some of the cells, as a form gets them."""
+    return [
+        DiscreteField(*(None if part is None else part.take(rows, axis=-2) for part in parts))
+        for parts in fields
+    ]
+
+
+def _at(parts: list[Array | None], cells: Integers) -> DiscreteField:
+    """Return a coefficient in the cells of a batch."""
+    return DiscreteField(
+        *(None if part is None else np.ascontiguousarray(part[..., cells, :]) for part in parts)
+    )

@@ -1,0 +1,220 @@
+"""Facets and edges that carry boundary data, and the data sampled on them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem.assembly.basis.abstract_basis import AbstractBasis
+from skfem.element import ElementQuadBFS as ScikitFemBFS
+from skfem.element import ElementVector
+
+from skfem_adini.curved.element_quad_adini_weighted import ElementQuadAdiniWeighted
+from skfem_adini.elements.element_hex_adini import ElementHexAdini
+from skfem_adini.elements.element_quad_adini import ElementQuadAdini
+from skfem_adini.elements.element_quad_bfs import ElementQuadBFS
+from skfem_adini.errors import InputError
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.integer]
+Value = float | Callable[[Array], Any] | Sequence[Any] | Array
+
+
+def vertex_dofs(basis: Any, weighted: bool = False) -> Indices:
+    """Return the dofs as (names, components, vertices): u, u_x, u_y (, u_z) and, for BFS, u_xy.
+
+    The Bogner-Fox-Schmit element may be this package's or scikit-fem's: their dofs are the same.
+    Those of a weighted element, which belong to u over the weight, are given on request only.
+    """
+    elem = scalar_element(basis)
+    if isinstance(elem, ElementQuadAdiniWeighted) and not weighted:
+        raise InputError(
+            "basis: the dofs of ElementQuadAdiniWeighted are those of u over the weight, not of u; "
+            "expected ElementQuadAdini"
+        )
+    if not isinstance(elem, ElementQuadAdini | ElementHexAdini | ElementQuadBFS | ScikitFemBFS):
+        raise InputError(
+            f"basis: expected ElementQuadAdini, ElementHexAdini or ElementQuadBFS, or an "
+            f"ElementVector of one, got {full_name(elem)}"
+        )
+    nodal = basis.dofs.nodal_dofs
+    return np.asarray(nodal).reshape(elem.nodal_dofs, len(nodal) // elem.nodal_dofs, -1)
+
+
+def scalar_element(basis: Any) -> Any:
+    """Return the element of a basis, of a vector field that of a component.
+
+    Raises
+    ------
+    InputError
+        It is no scikit-fem basis.
+    """
+    if not isinstance(basis, AbstractBasis):
+        raise InputError(f"basis: expected a scikit-fem Basis, got {type(basis).__name__}")
+    return basis.elem.elem if isinstance(basis.elem, ElementVector) else basis.elem
+
+
+def full_name(elem: Any) -> str:
+    """Return the name of an element's class with its package: two have an ElementQuadBFS."""
+    return f"{type(elem).__module__.partition('.')[0]}.{type(elem).__name__}"
+
+
+def imposed_components(components: int | Sequence[int] | None, count: int) -> list[int]:
+    """Return the chosen components as a sorted list, all `count` of them by default."""
+    if components is None:
+        return list(range(count))
+    try:
+        given = np.atleast_1d(np.asarray(components))
+    except ValueError as error:
+        raise InputError(f"components: expected whole numbers, got {components!r}") from error
+    whole = given.dtype.kind in "iu" or given.size == 0
+    chosen = sorted({int(c) for c in given}) if whole and given.ndim == 1 else []
+    if not chosen or chosen[0] < 0 or chosen[-1] >= count:
+        raise InputError(f"components: expected some of 0 to {count - 1}, got {components!r}")
+    return chosen
+
+
+def facet_vertices(mesh: Any, facets: Any) -> Indices:
+    """Return the vertices (2 or 4, facets) of facets; see `facet_numbers`."""
+    vertices: Indices = mesh.facets[:, facet_numbers(mesh, facets)]
+    return vertices
+
+
+def facet_numbers(mesh: Any, facets: Any) -> Indices:
+    """Return the sorted numbers of facets given in any way scikit-fem knows.
+
+    Facets may be given by indices, boundary name, callable of the midpoints, or a set of these;
+    None stands for the whole boundary.
+
+    Raises
+    ------
+    InputError
+        Unknown boundary name, indices out of range, or no facet at all.
+    """
+    if facets is None:
+        facets = mesh.boundary_facets()
+    if isinstance(facets, str) and facets not in (mesh.boundaries or {}):
+        known = sorted(mesh.boundaries or {})
+        raise InputError(f"facets: no boundary {facets!r} in the mesh; it has {known}")
+    try:
+        index = np.asarray(mesh.normalize_facets(facets))
+    except (ValueError, TypeError, IndexError, KeyError, NotImplementedError) as error:
+        raise InputError(f"facets: cannot select facets by {facets!r}: {error}") from error
+    if index.size == 0:
+        raise InputError("facets: the set is empty; give at least one facet of the mesh")
+    whole = index.dtype.kind in "iu"
+    if not whole or index.min() < 0 or index.max() >= mesh.facets.shape[1]:
+        span = f" from {index.min()} to {index.max()}" if whole else ""
+        raise InputError(
+            f"facets: expected whole numbers from 0 to {mesh.facets.shape[1] - 1}, got an "
+            f"array of {index.dtype}{span}"
+        )
+    return np.unique(index)
+
+
+def sample(value: Value, points: Array, count: int) -> Array:
+    """Evaluate data at points (dim, facets, points of a facet), as (count, facets, points).
+
+    Parameters
+    ----------
+    value
+        A number for every component; a callable of the points that returns (facets, points) or,
+        for vector fields, (count, facets, points); or a sequence of `count` numbers and scalar
+        callables.
+    points
+        Where to evaluate.
+    count
+        Number of components of the field.
+
+    Raises
+    ------
+    InputError
+        Data of the wrong shape, not real, NaN or infinite.
+    """
+    shape = (count, *points.shape[1:])
+    if callable(value):
+        data = np.asarray(value(points))
+        expected = shape[1:] if count == 1 else shape
+        if data.ndim and data.shape not in (expected, shape):
+            raise InputError(
+                f"value: the function returned shape {data.shape} for points of shape "
+                f"{points.shape}; expected {expected}"
+            )
+    elif isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0):
+        if len(value) != count:
+            raise InputError(f"value: expected {count} components, got {len(value)}")
+        data = np.concatenate([sample(part, points, 1) for part in value])
+    else:
+        data = np.asarray(value)
+    try:
+        data = np.broadcast_to(data, shape).astype(float, casting="same_kind")
+    except (TypeError, ValueError) as error:
+        raise InputError(f"value: expected a real number or function, got {value!r}") from error
+    if not np.isfinite(data).all():
+        raise InputError("value: the data hold NaN or infinity on the given facets")
+    return data
+
+
+@dataclass(frozen=True)
+class BoundaryEdges:
+    """Straight edges of a mesh: its facets in 2-D, the sides of its facets in 3-D.
+
+    Attributes
+    ----------
+    vertices
+        First and last vertex of every edge, shape (2, edges).
+    first, last
+        End points, shape (dim, edges).
+    """
+
+    vertices: Indices
+    first: Array
+    last: Array
+
+    @classmethod
+    def of(cls, mesh: Any, facets: Indices) -> BoundaryEdges:
+        """Return the edges of facets with vertices (2 or 4, facets), each edge once."""
+        vertices = facets
+        if len(facets) > 2:
+            sides = np.array([facets, np.roll(facets, -1, axis=0)]).reshape(2, -1)
+            vertices = np.unique(np.sort(sides, axis=0), axis=1)
+        return cls(vertices, mesh.p[:, vertices[0]], mesh.p[:, vertices[1]])
+
+    @cached_property
+    def length(self) -> Array:
+        """Shape (edges,)."""
+        return np.linalg.norm(self.last - self.first, axis=0)
+
+    @cached_property
+    def tangent(self) -> Array:
+        """Unit vectors from the first to the last vertex, shape (dim, edges)."""
+        return (self.last - self.first) / self.length
+
+    def points(self, s: Array) -> Array:
+        """Return the points at the fractions s of every edge, shape (dim, edges, points)."""
+        return self.first[:, :, None] * (1 - s) + self.last[:, :, None] * s
+
+    def along(self, normals: Array) -> tuple[Array, Array]:
+        """Unit tangents at both ends, turned at right angles to the normals of the vertices.
+
+        Parameters
+        ----------
+        normals
+            Of all vertices of the mesh, shape (dim, vertices); the edge's own tangent where zero.
+        """
+        first, last = (
+            self.tangent - n * np.sum(n * self.tangent, axis=0)
+            for n in normals[:, self.vertices].swapaxes(0, 1)
+        )
+        return first / np.linalg.norm(first, axis=0), last / np.linalg.norm(last, axis=0)
+
+    def curve(self, s: Array, ends: tuple[Array, Array]) -> Array:
+        """Return points as `points` does, on the cubics with these tangents at the ends."""
+        bumps = s * (1 - s) ** 2, -(s**2) * (1 - s)
+        turns = ((end - self.tangent) * self.length for end in ends)
+        bent = sum(turn[:, :, None] * bump for turn, bump in zip(turns, bumps, strict=True))
+        return np.asarray(self.points(s) + bent)

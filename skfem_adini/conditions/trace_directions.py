@@ -1,0 +1,87 @@
+"""Split of the dofs into those that a boundary trace sees and those it does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from skfem_adini.conditions.boundary_edges import Array, BoundaryEdges, Indices
+
+Mask = NDArray[np.bool_]
+
+_STRAIGHT = 1e-12
+
+
+class TraceDirections:
+    r"""Orthonormal directions of the vertex dofs, sorted by what a set of edges sees of them.
+
+    At a vertex the edges see u and the gradient along the eigenvectors of
+    :math:`\sum_k t_k t_k^T` with non-zero eigenvalue: one when the tangents lie in one line, two
+    when they lie in one plane, three otherwise.
+
+    Parameters
+    ----------
+    dofs
+        Dofs (names, components, vertices) of u, u_x, u_y (, u_z) and possibly others.
+    dim
+        Dimension of space.
+
+    Attributes
+    ----------
+    projector
+        The sums of :math:`t_k t_k^T`, shape (components, vertices, dim, dim);
+        filled by `add`.
+    """
+
+    def __init__(self, dofs: Indices, dim: int) -> None:
+        self.dofs = dofs
+        self.dim = dim
+        self.projector = np.zeros((*dofs.shape[1:], dim, dim))
+
+    def add(self, component: int, edges: BoundaryEdges, tangents: tuple[Array, Array]) -> None:
+        """Count in the tangents of edges at their ends for one component."""
+        for node, tangent in zip(edges.vertices, tangents, strict=True):
+            outer = np.einsum("ie,je->eij", tangent, tangent)
+            np.add.at(self.projector[component], node, outer)
+
+    def split(self) -> tuple[sp.csc_array, sp.csc_array, Array]:
+        """Return the free directions, the seen ones, and the eigenvalues of the latter.
+
+        Returns
+        -------
+        free, seen
+            Sparse matrices with orthonormal columns, (dofs, directions); together a basis. A
+            column is one dof wherever the edges are parallel to the axes.
+        weights
+            One number for each seen direction: 1 for u, the eigenvalue for the gradient.
+        """
+        touched = self.projector.trace(axis1=2, axis2=3) > 0
+        u = self.dofs[0][touched]
+        gradient = self.dofs[1 : 1 + self.dim, touched].T
+        eigenvalues, axes = np.linalg.eigh(self.projector[touched])
+        axes = axes.transpose(0, 2, 1)
+        largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=2)[..., None], axis=2)
+        axes = axes * np.sign(largest)
+        hidden = eigenvalues <= _STRAIGHT * eigenvalues[:, -1:]
+
+        untouched = np.ones(self.dofs.size, dtype=bool)
+        untouched[u] = untouched[gradient] = False
+        free = self._columns(np.flatnonzero(untouched), gradient, axes, hidden)
+        seen = self._columns(u, gradient, axes, ~hidden)
+        return free, seen, np.concatenate([np.ones(len(u)), eigenvalues[~hidden]])
+
+    def _columns(
+        self, single: Indices, gradient: Indices, axes: Array, chosen: Mask
+    ) -> sp.csc_array:
+        """Return unit columns for single dofs, then the chosen axes of the gradients."""
+        vertex, _ = np.nonzero(chosen)
+        count = len(single) + len(vertex)
+        rows = np.concatenate([single, gradient[vertex].ravel()])
+        columns = np.concatenate(
+            [np.arange(len(single)), np.repeat(np.arange(len(single), count), self.dim)]
+        )
+        entries = np.concatenate([np.ones(len(single)), axes[chosen].ravel()])
+        matrix = sp.csc_array((entries, (rows, columns)), shape=(self.dofs.size, count))
+        matrix.eliminate_zeros()
+        return matrix

@@ -1,0 +1,75 @@
+"""Normals at the vertices of a boundary whose straight facets stand for a smooth one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from skfem_adini.conditions.boundary_edges import Array, Indices
+
+# Facets that turn by more meet in a real corner, by less they follow one curve: eight facets a
+# circle are a coarse circle, a hexagon has corners.
+CORNER = 0.9
+# Facets that turn by less are one straight one with noise on its coordinates.
+NOISE = 1e-3
+
+
+def vertex_normals(mesh: Any, facets: Indices, turn: Array) -> Array:
+    """Return unit normals (dim, vertices), zero at corners and away from the facets.
+
+    The weights of N. Max (Weights for computing vertex normals from facet normals, J. Graphics
+    Tools 4, 1999) make them exact on circles and spheres, whatever the facets' lengths.
+
+    Parameters
+    ----------
+    mesh
+        Quadrilaterals or hexahedra.
+    facets
+        Facet numbers, each once.
+    turn
+        Angle in radians for each facet: at a vertex where it is turned from another facet by more,
+        there is a corner.
+    """
+    vertices = mesh.facets[:, facets]
+    normals, weights = _at_corners(mesh.p[:, vertices])
+    cells = mesh.t[:, mesh.f2t[0, facets]]
+    outward = mesh.p[:, vertices].mean(axis=1) - mesh.p[:, cells].mean(axis=1)
+    normals = normals * np.where(np.sum(normals * outward[:, None], axis=0) < 0, -1.0, 1.0)
+    # Inside the mesh either cell may come first: facets there agree on a side at each vertex.
+    first = np.zeros((len(mesh.p), mesh.nvertices))
+    first[:, vertices] = normals
+    against = (mesh.f2t[1, facets] >= 0) & (np.sum(normals * first[:, vertices], axis=0) < 0)
+    normals = np.where(against, -normals, normals)
+
+    mean = _mean(mesh, vertices, normals * weights)
+    # Half of the turn lies on either side of the middle, in 2-D however long the facets are; a
+    # distance, for cosines are blind to noise.
+    middle = _mean(mesh, vertices, normals) if len(mean) == 2 else mean
+    off = np.linalg.norm(normals - middle[:, vertices], axis=0)
+    corner = np.zeros(mesh.nvertices, dtype=bool)
+    np.logical_or.at(corner, vertices, off > 2.0 * np.sin(0.25 * turn))
+    mean[:, corner] = 0.0
+    return mean
+
+
+def _mean(mesh: Any, vertices: Indices, parts: Array) -> Array:
+    """Return sums of vectors (dim, corners, facets) at the vertices, of unit length."""
+    total = np.zeros((len(mesh.p), mesh.nvertices))
+    for row, part in zip(total, parts, strict=True):
+        np.add.at(row, vertices, part)
+    size = np.linalg.norm(total, axis=0)
+    return total / np.where(size > 0, size, 1.0)
+
+
+def _at_corners(x: Array) -> tuple[Array, Array]:
+    """Return unit normals of the facets with corners x at these, either way, and Max's weights."""
+    if len(x) == 2:
+        side = x[:, 1:] - x[:, :1]
+        length = np.linalg.norm(side, axis=0)
+        normal = np.stack([side[1], -side[0]]) / length
+        return np.repeat(normal, 2, axis=1), np.repeat(1.0 / length, 2, axis=0)
+    ahead, behind = np.roll(x, -1, axis=1) - x, np.roll(x, 1, axis=1) - x
+    cross = np.cross(ahead, behind, axis=0)
+    area = np.linalg.norm(cross, axis=0)
+    return cross / area, area / (np.sum(ahead**2, axis=0) * np.sum(behind**2, axis=0))

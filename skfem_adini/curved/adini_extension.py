@@ -1,0 +1,334 @@
+"""Discrete extension: nodes outside follow the polynomial of a cell well inside."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from skfem_adini.arguments.finite_numbers import finite_numbers
+from skfem_adini.arguments.positive_number import positive_number
+from skfem_adini.conditions.boundary_edges import full_name, scalar_element, vertex_dofs
+from skfem_adini.conditions.hanging_constraints import hanging_constraints
+from skfem_adini.curved.cut_domain import CutDomain
+from skfem_adini.curved.unresolved_features import components, warn_of_unresolved_features
+from skfem_adini.elements.element_quad_adini import ElementQuadAdini
+from skfem_adini.elements.reference_points import reference_points
+from skfem_adini.errors import InputError
+from skfem_adini.solvers.factorize import Solver, factorize
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.integer]
+
+_CANDIDATES = 12
+_FARTHEST = 2.0
+_LEAST_THRESHOLD = 0.05
+_SQUARINGS = 60
+_UNIT = 1e-12
+
+
+class AdiniExtension:
+    r"""Parametrisation :math:`x = P z + x_0` of the dofs of a cut domain that is always stable.
+
+    A cell is good when its share inside is at least the threshold. Vertices of good cells keep
+    their dofs; every other vertex of an active cell takes u, u_x and u_y of the polynomial of the
+    nearest good cell of the same component, evaluated there. The functions that remain are
+    continuous, contain the cubics and the local space, and their energy is controlled by that on
+    good cells, so stiffness and mass matrices :math:`P^T A P` are conditioned like those of a mesh
+    that fits, for any cut.
+
+    Parameters
+    ----------
+    basis
+        Basis of the whole mesh or a part of it, with `ElementQuadAdini` or `ElementVector` of it.
+    domain
+        The cut domain.
+    threshold
+        Least share of a good cell, above 0, at most 1. In a component of the domain in which a
+        vertex has no good cell within two cells it is halved, down to 0.05.
+    essential
+        (T, x0) of `essential_constraints` on axis-parallel mesh lines, for the part of the boundary
+        that does not cut cells. Its conditions come before the extension.
+
+    Attributes
+    ----------
+    P
+        Sparse matrix (dofs, free parameters); each column has a free dof of its own.
+    x0
+        Vector (dofs,), zero unless `essential` holds data.
+    threshold
+        The least threshold that was used.
+    good
+        Good cells.
+    outside
+        The vertices that follow others, shape (n,), and
+    roots
+        the good cell that each follows, shape (n,).
+
+    Raises
+    ------
+    InputError
+        Another element, a threshold out of range, slanted essential conditions, or a part of the
+        domain too thin for the mesh.
+
+    Warns
+    -----
+    UnresolvedWarning
+        The domain has a gap, a hole or a strip narrower than the cells: both sides of a gap are
+        coupled, and the solution is not to be trusted there.
+
+    Notes
+    -----
+    Vertices that hang in the mesh are joined as by `hanging_constraints`.
+
+    References
+    ----------
+    S. Badia, F. Verdugo and A. F. Martin, The aggregated unfitted finite element method for
+    elliptic problems, Computer Methods in Applied Mechanics and Engineering 336 (2018), 533-553.
+
+    E. Burman, P. Hansbo and M. G. Larson, CutFEM based on extended finite element spaces,
+    Numerische Mathematik 152 (2022), 331-369.
+
+    Examples
+    --------
+    >>> from skfem import Basis, MeshQuad
+    >>> from skfem.models.poisson import laplace, mass
+    >>> from skfem_adini import lowest_eigenpairs, nitsche
+    >>> mesh = MeshQuad.init_tensor(*[np.linspace(-1, 1, 17)] * 2)
+    >>> domain = CutDomain(mesh, lambda x: x[0] ** 2 + x[1] ** 2 - 0.81)
+    >>> element = ElementQuadAdini()
+    >>> extension = AdiniExtension(Basis(mesh, element), domain)
+    >>> A = domain.assemble(laplace, element) + nitsche(domain.boundary(element))[0]
+    >>> M = domain.assemble(mass, element)
+    >>> values, _ = lowest_eigenpairs(*extension.apply(A, M), 1)
+    >>> print(np.round(values * 0.81, 4))  # square of the first zero of J_0
+    [5.7832]
+    """
+
+    def __init__(
+        self,
+        basis: Any,
+        domain: CutDomain,
+        threshold: float = 0.5,
+        essential: tuple[Any, Array] | None = None,
+    ) -> None:
+        elem = scalar_element(basis)
+        if not isinstance(elem, ElementQuadAdini):
+            raise InputError(f"basis: expected ElementQuadAdini, got {full_name(elem)}")
+        if not isinstance(domain, CutDomain):
+            raise InputError(f"domain: expected a CutDomain, got {type(domain).__name__}")
+        if basis.mesh is not domain.mesh:
+            raise InputError("basis, domain: they need the same mesh object")
+        threshold = positive_number("threshold", threshold, most=1)
+        dofs = vertex_dofs(basis, weighted=True)
+        self.domain = domain
+        T, x0 = hanging_constraints(basis, essential)
+        ends = _ends(hanging_constraints(basis)[0], dofs)
+        warn_of_unresolved_features(domain)
+        self.threshold, self.good, self.outside, self.roots = _roots(domain, threshold, ends)
+        follow = _following(basis, dofs, elem, self.outside, self.roots)
+        active = np.unique(dofs[:, :, domain.mesh.t[:, domain.active]])
+        self.P, self.x0 = _resolved(sp.csr_array(T), x0, follow, active)
+
+    def apply(self, *matrices: Any) -> tuple[sp.csr_array, ...]:
+        r"""Return :math:`P^T A P` for each of the matrices.
+
+        Raises
+        ------
+        InputError
+            One is of another size, or holds NaN.
+        """
+        for A in matrices:
+            self._check_matrix(A)
+        return tuple(self._symmetric(sp.csr_array(self.P.T @ (A @ self.P))) for A in matrices)
+
+    def load(self, b: Array, A: Any | None = None) -> Array:
+        r"""Return :math:`P^T (b - A x_0)`; A is needed when x0 is not zero.
+
+        Raises
+        ------
+        InputError
+            b or A is of another size or not finite, or A is missing.
+        """
+        if A is None and self.x0.any():
+            raise InputError("A: needed because the essential conditions hold data")
+        b = finite_numbers("b", b, (len(self.x0),), complex_too=True)
+        if A is not None:
+            self._check_matrix(A)
+        return np.asarray(self.P.T @ (b if A is None else b - A @ self.x0))
+
+    def expand(self, z: Array) -> Array:
+        """Return the dofs (dofs,) or (dofs, n) for free parameters; x0 is added to solutions only.
+
+        A matrix of columns, as eigenvectors are, is taken as homogeneous.
+
+        Raises
+        ------
+        InputError
+            z has another number of rows, or is not finite.
+        """
+        columns = np.shape(z)[1:] if isinstance(z, np.ndarray) and z.ndim == 2 else ()
+        z = finite_numbers("z", z, (self.P.shape[1], *columns), complex_too=True)
+        return np.asarray(self.P @ z + (self.x0 if z.ndim == 1 else 0))
+
+    def solve(self, A: Any, b: Array, definite: bool = True, solver: Solver = "auto") -> Array:
+        """Return the dofs that solve A x = b among those of the extension."""
+        (reduced,) = self.apply(A)
+        z = factorize(reduced, definite=definite, solver=solver).solve(self.load(b, A))
+        return self.expand(z)
+
+    def _check_matrix(self, A: Any) -> None:
+        size = len(self.x0)
+        if not sp.issparse(A):
+            A = sp.csr_array(finite_numbers("A", A, (size, size), complex_too=True))
+        if A.shape != (size, size):
+            raise InputError(f"A: expected a matrix of shape {(size, size)}, got {A.shape}")
+        entries = sp.csr_array(A).data
+        finite_numbers("A", entries, entries.shape, complex_too=True)
+
+    @staticmethod
+    def _symmetric(A: sp.csr_array) -> sp.csr_array:
+        """Remove what rounding of the products has made unsymmetric."""
+        return sp.csr_array((A + A.T) / 2) if abs(A - A.T).max() < 1e-10 * abs(A).max() else A
+
+
+def _ends(T: Any, dofs: Indices) -> sp.csr_array:
+    """Return which vertices (columns) each hanging vertex (row) lies between."""
+    vertices = dofs.shape[2]
+    of_dof = np.empty(dofs.size, dtype=np.int64)
+    of_dof[dofs] = np.arange(vertices)
+    T = sp.csr_array(T)
+    mixed = np.diff(T.indptr) > 1
+    rows, columns = T.nonzero()
+    # The column of a dof that does not hang is its own: the row with that single entry.
+    owner = np.full(T.shape[1], -1)
+    single = ~mixed[rows]
+    owner[columns[single]] = of_dof[rows[single]]
+    hangs = mixed[rows] & (owner[columns] >= 0)
+    place = of_dof[rows[hangs]], owner[columns[hangs]]
+    return sp.csr_array((np.ones(hangs.sum()), place), shape=(vertices, vertices))
+
+
+def _roots(
+    domain: CutDomain, threshold: float, ends: sp.csr_array
+) -> tuple[float, Indices, Indices, Indices]:
+    """Return threshold, good cells, vertices that follow, and the cell that each follows."""
+    part = components(domain)
+    of_cell = part[domain.mesh.t[0, domain.active]]
+    found = [
+        _roots_of_component(domain, domain.active[of_cell == number], threshold, ends)
+        for number in np.unique(of_cell)
+    ]
+    least, *arrays = zip(*found, strict=True)
+    good, outside, roots = (np.concatenate(pieces) for pieces in arrays)
+    return min(least), np.sort(good), outside, roots
+
+
+def _roots_of_component(
+    domain: CutDomain, active: Indices, threshold: float, ends: sp.csr_array
+) -> tuple[float, Indices, Indices, Indices]:
+    mesh = domain.mesh
+    corners = mesh.p[:, mesh.t]
+    centre = corners.mean(axis=1)
+    size = np.ptp(corners, axis=1)
+    vertices = np.unique(mesh.t[:, active])
+    while True:
+        good = active[domain.fractions[active] >= threshold * (1 - _UNIT)]
+        outside = np.setdiff1d(vertices, mesh.t[:, good])
+        roots, reach = np.zeros(0, dtype=np.int64), np.full(min(1, outside.size), np.inf)
+        # A cell with a vertex that hangs on one outside would follow itself.
+        follows = np.zeros(mesh.p.shape[1])
+        follows[outside] = 1
+        sound = good[((ends @ follows) == 0)[mesh.t[:, good]].all(axis=0)]
+        if sound.size and outside.size:
+            count = min(_CANDIDATES, sound.size)
+            _, near = KDTree(centre[:, sound].T).query(mesh.p[:, outside].T, k=count)
+            cells = sound[np.asarray(near).reshape(len(outside), count)]
+            steps = np.abs(mesh.p[:, outside, None] - centre[:, cells]) / size[:, cells]
+            # Least extrapolation first, in cells; the distance decides between equals.
+            rank = steps.max(axis=0) + 1e-3 * np.hypot(*steps)
+            best = np.arange(len(outside)), rank.argmin(axis=1)
+            roots, reach = cells[best], steps.max(axis=0)[best] - 0.5
+        if (reach <= _FARTHEST).all():
+            return threshold, good, outside, roots
+        if threshold <= _LEAST_THRESHOLD:
+            x, y = mesh.p[:, outside[reach.argmax()]]
+            raise InputError(
+                f"domain: no cell lies inside by a share of {threshold:.2g} within "
+                f"{_FARTHEST:.0f} cells of ({x:.6g}, {y:.6g}); the domain is too thin for this "
+                "mesh, refine it there"
+            )
+        threshold = max(threshold / 2, _LEAST_THRESHOLD)
+
+
+def _following(
+    basis: Any, dofs: Indices, elem: ElementQuadAdini, outside: Indices, roots: Indices
+) -> sp.csr_array:
+    """Return the matrix whose rows, at dofs of vertices outside, are those of their cells."""
+    mesh, mapping = basis.mesh, basis.mapping
+    rows: list[Any] = []
+    columns: list[Any] = []
+    entries: list[Any] = []
+    if outside.size:
+        X = reference_points(mesh, roots, mesh.p[:, outside][:, :, None])
+        linear = ElementQuadAdini(derivatives=1)
+        names, per_vertex = len(dofs), elem.nodal_dofs
+        for i in range(4 * per_vertex):
+            field = linear.gbasis(mapping, X, i, tind=roots)[0]
+            values = np.concatenate([np.asarray(field)[None], field.grad])[..., 0]
+            source = dofs[i % per_vertex][:, mesh.t[i // per_vertex, roots]]
+            for name in range(names):
+                rows.append(dofs[name][:, outside].ravel())
+                columns.append(source.ravel())
+                entries.append(np.broadcast_to(values[name], source.shape).ravel())
+    none = np.zeros(0, dtype=np.int64)
+    place = (np.concatenate([none, *rows]), np.concatenate([none, *columns]))
+    data = np.concatenate([np.zeros(0), *entries])
+    matrix = sp.csr_array((data, place), shape=(dofs.size, dofs.size))
+    matrix.eliminate_zeros()
+    return matrix
+
+
+def _resolved(
+    T: sp.csr_array, x0: Array, follow: sp.csr_array, active: Indices
+) -> tuple[sp.csc_array, Array]:
+    """Combine x = T z + x0 with the rows that follow others.
+
+    A column of T belongs to the dof whose row is that unit vector. If that dof is outside, its
+    parameter is what the rows of `follow` say, until all parameters are free.
+    """
+    count = T.shape[1]
+    single = np.flatnonzero(np.diff(T.indptr) == 1)
+    unit = single[np.abs(T.data[T.indptr[single]] - 1) < _UNIT]
+    owner = np.full(count, -1)
+    owner[T.indices[T.indptr[unit]][::-1]] = unit[::-1]
+    if (owner < 0).any():
+        raise InputError(
+            "essential: it has conditions on slanted edges; the mesh is axis-parallel, so impose "
+            "conditions on its lines and use nitsche on the curve"
+        )
+    is_outside = np.diff(follow.indptr)[owner] > 0
+    is_active = np.isin(owner, active)
+    # A hanging vertex needs the ends of its edge even where these have no active cell.
+    needed = np.zeros(count, dtype=bool)
+    needed[np.unique(T[active].indices)] = True
+    kept = np.flatnonzero((is_active | needed) & ~is_outside)
+    step = sp.diags_array((~is_outside).astype(float)) + (
+        sp.diags_array(is_outside.astype(float)) @ (follow[owner] @ T)
+    )
+    shift = np.where(is_outside, follow[owner] @ x0, 0.0)
+    step = sp.csr_array(step)
+    for _ in range(_SQUARINGS):
+        if not step[:, np.flatnonzero(is_outside)].count_nonzero():
+            break
+        step, shift = sp.csr_array(step @ step), step @ shift + shift
+        step.data[np.abs(step.data) < 1e-300] = 0
+        step.eliminate_zeros()
+    else:
+        raise InputError("domain: the vertices outside depend on each other; refine the mesh there")
+    P = sp.csc_array(T @ step[:, kept])
+    P.eliminate_zeros()
+    return P, T @ shift + x0

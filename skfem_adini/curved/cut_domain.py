@@ -1,0 +1,394 @@
+"""A domain inside a mesh of rectangles, with scikit-fem bases for its cells and its boundary."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from copy import copy
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem import CellBasis, Dofs, MeshQuad
+from skfem.assembly.form.form import Form
+from skfem.element import DiscreteField, Element
+from skfem.refdom import RefQuad
+
+from skfem_adini.curved.cut_form_check import CutSample
+from skfem_adini.curved.quadrature.cut_quadrature import CutQuadrature, cut_quadrature
+from skfem_adini.curved.quadrature.level_set import LevelSet
+from skfem_adini.curved.quadrature.polygon import Polygon
+from skfem_adini.elements.reference_points import reference_points
+from skfem_adini.errors import InputError
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.integer]
+
+_PARALLEL = 1e-10
+
+
+class CutDomain:
+    r"""The part of a mesh of axis-parallel rectangles that lies inside a level set or polygon.
+
+    Forms are assembled cell by cell over :math:`K \cap \Omega`: on full cells with scikit-fem's own
+    rule, on cut cells with a rule for each. All dofs of the mesh keep their numbers; those of cells
+    outside get empty rows. `AdiniExtension` or `ghost_penalty` make the problem well-posed however
+    small the cut cells are.
+
+    Parameters
+    ----------
+    mesh
+        `MeshQuad` of axis-parallel rectangles, graded or with hanging vertices if wanted.
+    level_set
+        Function negative inside, `LevelSet`, `FieldLevelSet` or `Polygon`. Sides of the mesh need
+        no level set: a domain may end on mesh lines, with conditions from `essential_dofs`.
+    gradient
+        Gradient of the function, see `cut_quadrature`.
+    q
+        Gauss points in each direction in cut cells.
+
+    Attributes
+    ----------
+    mesh
+        The mesh.
+    quadrature
+        Points, weights and normals, a `CutQuadrature`.
+
+    Raises
+    ------
+    InputError
+        The cells are not axis-parallel rectangles, or nothing lies inside; those of
+        `cut_quadrature`.
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from skfem.models.poisson import mass
+    >>> from skfem_adini import ElementQuadAdini
+    >>> mesh = MeshQuad.init_tensor(*[np.linspace(-1, 1, 9)] * 2)
+    >>> domain = CutDomain(mesh, lambda x: x[0] ** 2 + x[1] ** 2 - 0.81)
+    >>> M = domain.assemble(mass, ElementQuadAdini())
+    >>> ones = np.zeros(M.shape[0])
+    >>> ones[::3] = 1
+    >>> bool(abs(ones @ M @ ones - 0.81 * np.pi) < 1e-12)
+    True
+    """
+
+    def __init__(
+        self,
+        mesh: MeshQuad,
+        level_set: LevelSet | Polygon | Callable[[Array], Any],
+        gradient: Callable[[Array], Any] | None = None,
+        q: int = 8,
+    ) -> None:
+        corners = axis_parallel_cells(mesh)
+        self.mesh = mesh
+        self.quadrature: CutQuadrature = cut_quadrature(level_set, *corners, q, gradient)
+        if self.active.size == 0:
+            raise InputError(
+                "level_set: no cell of the mesh lies inside; it must be negative there"
+            )
+
+    @cached_property
+    def full(self) -> Indices:
+        """Cells inside."""
+        return np.flatnonzero(self.quadrature.full)
+
+    @cached_property
+    def cut(self) -> Indices:
+        """Cells partly inside."""
+        return np.flatnonzero(self.quadrature.cut)
+
+    @cached_property
+    def active(self) -> Indices:
+        """Cells wholly or partly inside."""
+        return np.flatnonzero(self.quadrature.cut | self.quadrature.full)
+
+    @property
+    def fractions(self) -> Array:
+        """Share of every cell that lies inside, shape (cells,)."""
+        return self.quadrature.fractions
+
+    @property
+    def area(self) -> float:
+        """Area of the domain."""
+        return self.quadrature.area
+
+    @property
+    def perimeter(self) -> float:
+        """Length of the boundary, without the part on the boundary of the mesh."""
+        return self.quadrature.perimeter
+
+    @cached_property
+    def ghost_facets(self) -> Indices:
+        """Facets between two active cells of which at least one is cut."""
+        left, right = self.mesh.f2t
+        inner = right >= 0
+        rule = self.quadrature
+        active = rule.cut | rule.full
+        chosen = inner & active[left] & active[right] & (rule.cut[left] | rule.cut[right])
+        return np.flatnonzero(chosen)
+
+    @cached_property
+    def outer_facets(self) -> Indices:
+        """Facets on the boundary of the box or union of boxes that the mesh covers.
+
+        Those with one cell on which no other facet with one cell lies, as beside hanging vertices.
+        """
+        mesh = self.mesh
+        single = mesh.boundary_facets()
+        ends = np.sort(mesh.p[:, mesh.facets[:, single]], axis=1)
+        along = np.argmax(ends[:, 1] - ends[:, 0], axis=0)
+        pick = np.arange(len(single))
+        level = ends[1 - along, 0, pick]
+        low, high = ends[along, 0, pick], ends[along, 1, pick]
+        slack = 1e-9 * np.ptp(mesh.p)
+        covered = np.zeros(len(single), dtype=bool)
+        order = np.lexsort((low, level, along))
+        for group in np.split(
+            order,
+            np.flatnonzero((np.diff(along[order]) != 0) | (np.diff(level[order]) > slack)) + 1,
+        ):
+            a, b = low[group], high[group]
+            overlap = np.minimum(b[:, None], b) - np.maximum(a[:, None], a)
+            np.fill_diagonal(overlap, 0)
+            covered[group] = (overlap > slack).any(axis=1)
+        return single[~covered]
+
+    def active_dofs(self, basis: Any) -> Indices:
+        """Return the dofs of the active cells, for `skfem.condense(..., I=...)`."""
+        return np.unique(basis.dofs.element_dofs[:, self.active])
+
+    def basis(self, elem: Any, intorder: int | None = None) -> tuple[CellBasis, ...]:
+        """Return scikit-fem bases of the full and of the cut cells.
+
+        Parameters
+        ----------
+        elem
+            Any element of quadrilaterals.
+        intorder
+            Degree integrated exactly in full cells; scikit-fem's choice by default.
+
+        Returns
+        -------
+        tuple of CellBasis
+            (full, cut). A matrix is the sum of what a form gives on both. Where no cell is full,
+            or none cut, that basis is left out.
+        """
+        _check_element(elem)
+        found = []
+        if self.full.size:
+            found.append(CellBasis(self.mesh, elem, intorder=intorder, elements=self.full))
+        if self.cut.size:
+            rule = self.quadrature
+            cells, X, W, _ = self._padded(rule.cells, rule.points, rule.weights)
+            found.append(CellBasis(self.mesh, elem, quadrature=(X, W), elements=cells))
+        return tuple(found)
+
+    def boundary(self, elem: Any, parts: int | Sequence[int] | None = None) -> BoundaryBasis:
+        """Return a scikit-fem basis on the cut boundary, with normals for forms as `w.n`.
+
+        Parameters
+        ----------
+        elem
+            Any element of quadrilaterals.
+        parts
+            Leaves of the level set, in the order of its `leaves`, or sides of the polygon, on
+            which the boundary is wanted; all by default.
+
+        Raises
+        ------
+        InputError
+            No part of the boundary lies there.
+        """
+        _check_element(elem)
+        rule = self.quadrature
+        keep = np.ones(len(rule.parts), dtype=bool)
+        if parts is not None:
+            keep = np.isin(rule.parts, np.atleast_1d(np.asarray(parts)))
+        if not keep.any():
+            raise InputError(
+                f"parts: {parts!r} has no boundary in the mesh; there are "
+                f"{np.unique(rule.parts).tolist()}"
+            )
+        cells, X, W, slots = self._padded(
+            rule.boundary_cells[keep], rule.boundary_points[:, keep], rule.boundary_weights[keep]
+        )
+        normals = rule.normals[:, keep][:, slots]
+        return BoundaryBasis(
+            self.mesh, elem, quadrature=(X, W), elements=cells, normals=DiscreteField(normals)
+        )
+
+    def assemble(self, form: Any, elem: Any, intorder: int | None = None, **fields: Any) -> Any:
+        """Return the sum of a form over full and cut cells.
+
+        Parameters
+        ----------
+        form
+            BilinearForm, LinearForm or Functional; with the bases of :meth:`basis` the same by
+            hand.
+            They must act on each quadrature point alone: cells come in several batches, with
+            points of weight zero among the others.
+        elem, intorder
+            For :meth:`basis`.
+        fields
+            Numbers and vectors of dofs handed to the form.
+
+        Raises
+        ------
+        InputError
+            No form; a form that reduces over the cells, as with ``w.x / w.x.max()``, or takes the
+            mean over the points of a cell.
+        """
+        if not isinstance(form, Form):
+            raise InputError(
+                f"form: expected a BilinearForm, LinearForm or Functional, got "
+                f"{type(form).__name__}"
+            )
+        total, sample = 0, CutSample(form)
+        for basis in self.groups(elem, intorder):
+            parameters = {
+                name: basis.interpolate(value) if np.ndim(value) == 1 else value
+                for name, value in fields.items()
+            }
+            total = total + form.assemble(basis, **parameters)
+            sample.add(basis, parameters)
+        if self.cut.size:
+            sample.check()
+        return total
+
+    def groups(self, elem: Any, intorder: int | None = None) -> Iterator[CellBasis]:
+        """Yield bases whose integrals add up to those over the domain.
+
+        The full cells are one, as in :meth:`basis`; cut cells with similar numbers of points come
+        together, because padding would fill up the others.
+        """
+        _check_element(elem)
+        dofs = Dofs(self.mesh, elem)
+        if self.full.size:
+            yield CellBasis(self.mesh, elem, intorder=intorder, elements=self.full, dofs=dofs)
+        rule = self.quadrature
+        count = np.bincount(rule.cells, minlength=self.mesh.t.shape[1])
+        bound = int(2 ** np.floor(np.log2(count[count > 0].min()))) if count.any() else 0
+        while bound and bound <= count.max():
+            keep = (count[rule.cells] >= bound) & (count[rule.cells] < 2 * bound)
+            bound *= 2
+            if keep.any():
+                places = rule.cells[keep], rule.points[:, keep], rule.weights[keep]
+                cells, X, W, _ = self._padded(*places)
+                yield CellBasis(self.mesh, elem, quadrature=(X, W), elements=cells, dofs=dofs)
+
+    def on_active_cells(self) -> CutDomain:
+        """Return the same domain on the mesh of its active cells alone, in their order."""
+        rule, active = self.quadrature, self.active
+        place = np.full(self.mesh.t.shape[1], -1)
+        place[active] = np.arange(active.size)
+        other = copy(self)
+        for derived in ("full", "cut", "active", "ghost_facets", "outer_facets"):
+            other.__dict__.pop(derived, None)
+        other.mesh = self.mesh.restrict(active)
+        other.quadrature = replace(
+            rule,
+            lower=rule.lower[:, active],
+            upper=rule.upper[:, active],
+            full=rule.full[active],
+            cells=place[rule.cells],
+            boundary_cells=place[rule.boundary_cells],
+        )
+        return other
+
+    def _padded(
+        self, owner: Indices, points: Array, weights: Array
+    ) -> tuple[Indices, Array, Array, Indices]:
+        """Return cells, reference points (2, cells, most), weights, and where they came from.
+
+        Cells with fewer points repeat their first with weight zero.
+        """
+        cells, start, count = np.unique(owner, return_index=True, return_counts=True)
+        order = np.arange(count.max())
+        real = order < count[:, None]
+        slots = np.where(real, start[:, None] + order, start[:, None])
+        X = reference_points(self.mesh, cells, points[:, slots])
+        size = np.prod(np.ptp(self.mesh.p[:, self.mesh.t[:, cells]], axis=1), axis=0)
+        return cells, X, np.where(real, weights[slots], 0.0) / size[:, None], slots
+
+
+class BoundaryBasis(CellBasis):
+    """A `CellBasis` whose points lie on a curve in the cells.
+
+    Forms see the unit normals as ``w.n`` and, as ``w.h``, the size of the cell across the curve,
+    :math:`1 / |DF^{-1} n|`, the side length of square cells.
+
+    Attributes
+    ----------
+    normals
+        Outward unit normals, shape (2, cells, points).
+    """
+
+    def __init__(self, *args: Any, normals: DiscreteField | None = None, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.normals = normals
+
+    def default_parameters(self) -> dict[str, Any]:
+        """Return x, h and n."""
+        return {**super().default_parameters(), "n": self.normals}
+
+    def mesh_parameters(self) -> DiscreteField:
+        """Return the size of the cells across the curve."""
+        corners = self.mesh.p[:, self.mesh.t[:, self.tind]]
+        size = np.ptp(corners, axis=1)[:, :, None]
+        return DiscreteField(1 / np.sqrt(np.sum((np.asarray(self.normals) / size) ** 2, axis=0)))
+
+    def with_element(self, elem: Any) -> BoundaryBasis:
+        """Return a similar basis with a different element."""
+        return BoundaryBasis(
+            self.mesh,
+            elem,
+            mapping=self.mapping,
+            quadrature=self.quadrature,
+            elements=self.tind,
+            normals=self.normals,
+        )
+
+    def of_cells(self, chosen: Indices) -> BoundaryBasis:
+        """Return the basis on the part of the curve in some cells."""
+        keep = np.isin(self.tind, chosen)
+        if not keep.any():
+            raise InputError("chosen: the curve does not meet these cells")
+        X, W = self.quadrature
+        return BoundaryBasis(
+            self.mesh,
+            self.elem,
+            mapping=self.mapping,
+            quadrature=(X[:, keep], W[keep]),
+            elements=self.tind[keep],
+            normals=DiscreteField(np.asarray(self.normals)[:, keep]),
+        )
+
+
+def _check_element(elem: Any) -> None:
+    if not isinstance(elem, Element) or elem.refdom is not RefQuad:
+        got = elem.__name__ if isinstance(elem, type) else type(elem).__name__
+        raise InputError(
+            f"elem: expected an element of quadrilaterals, as ElementQuad1(), got {got}"
+        )
+
+
+def axis_parallel_cells(mesh: Any) -> tuple[Array, Array]:
+    """Return lower and upper corners of the cells."""
+    if not isinstance(mesh, MeshQuad) or mesh.t.shape[0] != 4 or type(mesh).__name__ != "MeshQuad1":
+        raise InputError(f"mesh: expected a MeshQuad, got {type(mesh).__name__}")
+    corners = mesh.p[:, mesh.t]
+    if not np.isfinite(corners).all():
+        raise InputError("mesh: a vertex is NaN or infinite")
+    lower, upper = corners.min(axis=1), corners.max(axis=1)
+    size = upper - lower
+    off = np.minimum(corners - lower[:, None], upper[:, None] - corners) / size[:, None]
+    sides = np.abs(np.roll(corners, -1, axis=1) - corners) / size[:, None]
+    if not (off.max() <= _PARALLEL and np.minimum(sides[0], sides[1]).max() <= _PARALLEL):
+        raise InputError(
+            "mesh: expected axis-parallel rectangles, as MeshQuad.init_tensor gives; rotate the "
+            "level set instead of the mesh"
+        )
+    return lower, upper

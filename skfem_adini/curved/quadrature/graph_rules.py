@@ -1,0 +1,330 @@
+"""Quadrature rules on boxes in which every zero line is a graph over one side.
+
+Plain Python; `jit` hands the functions to numba. A point is in leaf k where its
+polynomial is below -tol[k]. The state of a leaf is 1 (the box is in it), 0 (it is not) or 2 (open).
+Rows of the results are (box, x, y, weight) and (box, x, y, weight, n_x, n_y, leaf).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skfem_adini.curved.quadrature import bernstein_kernels as poly
+
+Array = NDArray[np.float64]
+State = NDArray[np.int64]
+Table = NDArray[np.uint8]
+
+KERNELS = (
+    "relevant", "index_of", "good_direction", "height", "clamped_height", "crossing",
+    "emit_surface", "sorted_breaks",  "face_rule", "height_rule",
+)  # fmt: skip
+
+_ROOT_WIDTH = 1e-14
+_STEEPEST = 0.3
+_VARIATION = 0.7
+_NEAR_END = 1e-12
+_STEEPEST_OF_MANY = 1e-6
+
+
+def relevant(table: Table, state: State, k: int) -> bool:
+    """Return whether being in leaf k matters, the states of the others 0, 1 or 2 (open)."""
+    for index in range(table.size):
+        if index >> k & 1:
+            continue
+        fits = True
+        for l in range(state.size):
+            if l != k and state[l] != 2 and (index >> l & 1) != state[l]:
+                fits = False
+        if fits and table[index] != table[index | 1 << k]:
+            return True
+    return False
+
+
+def index_of(state: State) -> int:
+    """Return the place in the truth table of states 0 and 1."""
+    index = 0
+    for k in range(state.size):
+        if state[k] == 1:
+            index |= 1 << k
+    return index
+
+
+def good_direction(c: Array, state: State, d: int, lengths: Array) -> float:
+    """Return how well every open polynomial can be solved for the coordinate d; 0 if not."""
+    quality = 1.0
+    open_count = 0
+    for k in range(state.size):
+        if state[k] == 2:
+            open_count += 1
+    for k in range(state.size):
+        if state[k] != 2:
+            continue
+        low, high = poly.slope_range(c[k], d)
+        other_low, other_high = poly.slope_range(c[k], 1 - d)
+        across = max(abs(other_low), abs(other_high)) / lengths[1 - d]
+        least = min(abs(low), abs(high)) / lengths[d]
+        most = max(abs(low), abs(high)) / lengths[d]
+        if low * high <= 0 or most <= 0 or least < _VARIATION * most:
+            return 0.0
+        steep = least / across if across > 0 else np.inf
+        if steep < (_STEEPEST if open_count == 1 else _STEEPEST_OF_MANY):
+            return 0.0
+        quality = min(quality, steep / (1 + steep))
+    for k in range(state.size):
+        for l in range(k):
+            if state[k] == 2 and state[l] == 2:
+                low, high = poly.jacobian_range(c[k], c[l])
+                if low * high <= 0:
+                    return 0.0
+    return quality
+
+
+def height(c: Array, d: int, tol: float, s: float) -> tuple[float, bool, bool]:
+    """Return the root along d at the other coordinate s, and whether both ends are inside.
+
+    The root is 2 where there is none.
+    """
+    along = poly.line(c, d, s)
+    first, last = along[0], along[along.size - 1]
+    starts, ends = first < -tol, last < -tol
+    if starts == ends:
+        return 2.0, starts, ends
+    if starts and last <= 0:
+        return 1.0, starts, ends
+    if ends and first <= 0:
+        return 0.0, starts, ends
+    return poly.bracketed_root(along, 0.0, 1.0), starts, ends
+
+
+def clamped_height(c: Array, d: int, s: float) -> float:
+    """Return the root along d at s of a polynomial whose graph is there; at an end if rounded off.
+
+    Beside the place where a graph leaves the box its root may lie beyond the side by rounding.
+    """
+    along = poly.line(c, d, s)
+    first, last = along[0], along[along.size - 1]
+    if (first < 0) == (last < 0):
+        return 0.0 if abs(first) < abs(last) else 1.0
+    return poly.bracketed_root(along, 0.0, 1.0)
+
+
+def crossing(f: Array, g: Array, d: int, tol_f: float, tol_g: float, a: float, b: float) -> float:
+    """Return where two graphs cross between a and b, or -1; their difference is monotone."""
+    middle = 0.5 * (a + b)
+    y_f, _, _ = height(f, d, tol_f, middle)
+    y_g, _, _ = height(g, d, tol_g, middle)
+    if max(y_f, y_g) > 1:  # graphs come and go at a and b only
+        return -1.0
+    # At a and b themselves rounding may hide a root that lies on a side of the box.
+    a, b = a + _NEAR_END * (b - a), b - _NEAR_END * (b - a)
+    rising = clamped_height(f, d, b) > clamped_height(g, d, b)
+    if (clamped_height(f, d, a) > clamped_height(g, d, a)) == rising:
+        return -1.0
+    for _ in range(60):
+        middle = 0.5 * (a + b)
+        if (clamped_height(f, d, middle) > clamped_height(g, d, middle)) == rising:
+            b = middle
+        else:
+            a = middle
+    return 0.5 * (a + b)
+
+
+def emit_surface(
+    surface: Array,
+    count: int,
+    c: Array,
+    k: int,
+    outward: float,
+    box: int,
+    geometry: Array,
+    lengths: Array,
+    x: float,
+    y: float,
+    measure: tuple[int, float],
+) -> tuple[Array, int]:
+    """Append a point of a zero line; `measure` turns 1 into a length on that line."""
+    g_x, g_y = poly.gradient(c, x, y)
+    g_x, g_y = g_x / lengths[0], g_y / lengths[1]
+    size = np.hypot(g_x, g_y)
+    if size == 0:
+        return surface, count
+    if measure[0] >= 0:  # a graph over the other coordinate
+        along = abs(g_x) if measure[0] == 0 else abs(g_y)
+        weight = measure[1] * size / along
+    else:
+        weight = measure[1]
+    row = np.empty(7)
+    row[0] = box
+    row[1], row[2] = geometry[0] + geometry[2] * x, geometry[1] + geometry[3] * y
+    row[3], row[4], row[5], row[6] = weight, outward * g_x / size, outward * g_y / size, k
+    return poly.append(surface, count, row), count + 1
+
+
+def sorted_breaks(breaks: Array, count: int) -> None:
+    """Sort the first entries of an array in place."""
+    for i in range(1, count):
+        moving = breaks[i]
+        j = i
+        while j > 0 and breaks[j - 1] > moving:
+            breaks[j] = breaks[j - 1]
+            j -= 1
+        breaks[j] = moving
+
+
+def face_rule(
+    c: Array,
+    state: State,
+    tol: Array,
+    table: Table,
+    box: int,
+    geometry: Array,
+    lengths: Array,
+    nodes: Array,
+    weights: Array,
+    surface: Array,
+    count: int,
+) -> tuple[Array, int]:
+    """Append the points of faces on which a leaf that contains the box vanishes."""
+    breaks, found = np.empty(66 * state.size + 2), np.empty(64)
+    here = state.copy()
+    for k in range(state.size):
+        if state[k] != 1:
+            continue
+        for d in range(2):
+            for end in range(2):
+                face = poly.line(c[k], 1 - d, float(end))
+                largest = 0.0
+                for i in range(face.size):
+                    largest = max(largest, abs(face[i]))
+                if largest > tol[k]:
+                    continue
+                breaks[0], breaks[1], used = 0.0, 1.0, 2
+                for l in range(state.size):
+                    if state[l] == 2:
+                        n = poly.roots(poly.line(c[l], 1 - d, float(end)), tol[l], found)
+                        for i in range(n):
+                            breaks[used + i] = found[i]
+                        used += n
+                sorted_breaks(breaks, used)
+                for i in range(used - 1):
+                    a, b = breaks[i], breaks[i + 1]
+                    if b - a < _ROOT_WIDTH:
+                        continue
+                    for l in range(state.size):
+                        if state[l] == 2:
+                            middle = poly.value(poly.line(c[l], 1 - d, float(end)), 0.5 * (a + b))
+                            here[l] = 1 if middle < -tol[l] else 0
+                    here[k] = 1
+                    within = table[index_of(here)]
+                    here[k] = 0
+                    beyond = table[index_of(here)]
+                    here[k] = 1
+                    if within == beyond:
+                        continue
+                    for p in range(nodes.size):
+                        t = a + (b - a) * nodes[p]
+                        x, y = (float(end), t) if d == 0 else (t, float(end))
+                        measure = (-1, weights[p] * (b - a) * lengths[1 - d])
+                        outward = 1.0 if within else -1.0
+                        surface, count = emit_surface(
+                            surface, count, c[k], k, outward, box, geometry, lengths, x, y, measure
+                        )
+    return surface, count
+
+
+def height_rule(
+    c: Array,
+    state: State,
+    tol: Array,
+    table: Table,
+    d: int,
+    box: int,
+    geometry: Array,
+    lengths: Array,
+    nodes: Array,
+    weights: Array,
+    volume: Array,
+    nv: int,
+    surface: Array,
+    ns: int,
+) -> tuple[Array, int, Array, int]:
+    """Append the points of a box in which every open zero line is a graph over one side."""
+    K = state.size
+    breaks, found = np.empty(66 * K * 2 + K * K * 130 + 2), np.empty(64)
+    breaks[0], breaks[1], used = 0.0, 1.0, 2
+    for k in range(K):
+        if state[k] == 2:
+            for end in range(2):
+                n = poly.roots(poly.line(c[k], 1 - d, float(end)), tol[k], found)
+                for i in range(n):
+                    breaks[used + i] = found[i]
+                used += n
+    sorted_breaks(breaks, used)
+    simple = used
+    for i in range(simple - 1):
+        for k in range(K):
+            for l in range(k):
+                if state[k] == 2 and state[l] == 2 and breaks[i + 1] - breaks[i] > _ROOT_WIDTH:
+                    x = crossing(c[k], c[l], d, tol[k], tol[l], breaks[i], breaks[i + 1])
+                    if x >= 0:
+                        breaks[used] = x
+                        used += 1
+    sorted_breaks(breaks, used)
+    heights, starts, ends = np.empty(K), np.zeros(K, np.bool_), np.zeros(K, np.bool_)
+    here = state.copy()
+    row, cuts = np.empty(4), np.empty(K + 2)
+    for i in range(used - 1):
+        a, b = breaks[i], breaks[i + 1]
+        if b - a < _ROOT_WIDTH:
+            continue
+        for p in range(nodes.size):
+            s, w = a + (b - a) * nodes[p], weights[p] * (b - a)
+            cuts[0], cuts[1], n = 0.0, 1.0, 2
+            for k in range(K):
+                if state[k] == 2:
+                    heights[k], starts[k], ends[k] = height(c[k], d, tol[k], s)
+                    if heights[k] <= 1:
+                        cuts[n] = heights[k]
+                        n += 1
+            sorted_breaks(cuts, n)
+            for j in range(n - 1):
+                low, high = cuts[j], cuts[j + 1]
+                if high <= low:
+                    continue
+                for k in range(K):
+                    if state[k] == 2:
+                        before = heights[k] > 0.5 * (low + high)
+                        here[k] = 1 if (starts[k] if before else ends[k]) else 0
+                if not table[index_of(here)]:
+                    continue
+                for r in range(nodes.size):
+                    t = low + (high - low) * nodes[r]
+                    x, y = (t, s) if d == 0 else (s, t)
+                    row[0] = box
+                    row[1] = geometry[0] + geometry[2] * x
+                    row[2] = geometry[1] + geometry[3] * y
+                    row[3] = geometry[2] * geometry[3] * w * weights[r] * (high - low)
+                    volume = poly.append(volume, nv, row)
+                    nv += 1
+            for k in range(K):
+                if state[k] != 2 or heights[k] > 1:
+                    continue
+                for l in range(K):
+                    if state[l] == 2:
+                        before = heights[l] > heights[k]
+                        here[l] = 1 if (starts[l] if before else ends[l]) else 0
+                here[k] = 1
+                within = table[index_of(here)]
+                here[k] = 0
+                beyond = table[index_of(here)]
+                if within == beyond:
+                    continue
+                x, y = (heights[k], s) if d == 0 else (s, heights[k])
+                outward = 1.0 if within else -1.0
+                measure = (d, w * lengths[1 - d])
+                surface, ns = emit_surface(
+                    surface, ns, c[k], k, outward, box, geometry, lengths, x, y, measure
+                )
+    return volume, nv, surface, ns

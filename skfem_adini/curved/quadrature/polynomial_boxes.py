@@ -1,0 +1,211 @@
+"""Subdivision of cells until level sets are polynomials, or their sign is settled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skfem_adini.curved.quadrature.bernstein_form import interpolate
+from skfem_adini.curved.quadrature.level_set import TruthTable
+from skfem_adini.errors import InputError
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_COARSE, _FINE = 4, 8
+_ACCURATE = 3e-12
+_ROUNDING = 32 * np.finfo(float).eps
+_SAFETY = 4.0
+_ZERO = 1e-13
+_LEVELS = 24
+_MOST_BOXES = 50_000
+_MOST_LEAVES = 6
+
+
+@dataclass(frozen=True)
+class OpenBoxes:
+    """Boxes in which the same number of leaves matter.
+
+    Attributes
+    ----------
+    cell, lower, size
+        The cell of each, its lower corner and sides, shapes (n,), (2, n), (2, n).
+    leaves
+        Numbers of the leaves that matter, shape (n, leaves).
+    coefficients, tolerances
+        Their Bernstein coefficients, shape (n, leaves, 9, 9), and what counts as zero, (n, leaves).
+    tables
+        Whether a point is inside, by the leaves it is in, shape (n, 2^leaves).
+    """
+
+    cell: Indices
+    lower: Array
+    size: Array
+    leaves: Indices
+    coefficients: Array
+    tolerances: Array
+    tables: NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class AccurateBoxes:
+    """What the cells were divided into; boxes outside are left out.
+
+    Attributes
+    ----------
+    count_in_cell
+        Number of boxes of each cell, those outside included.
+    inside
+        Cells, lower corners and sides of the boxes inside.
+    groups
+        The other boxes, by the number of leaves that matter.
+    """
+
+    count_in_cell: Indices
+    inside: tuple[Indices, Array, Array]
+    groups: list[OpenBoxes]
+
+
+def accurate_boxes(table: TruthTable, lower: Array, size: Array) -> AccurateBoxes:
+    """Divide cells, given by lower corners and sides (2, cells).
+
+    Raises
+    ------
+    InputError
+        More than 50 000 boxes cannot be resolved: the level set is not smooth along its zero line.
+    """
+    cell = np.arange(lower.shape[1])
+    count = np.zeros(len(cell), dtype=np.int64)
+    inside: list[tuple[Indices, Array, Array]] = []
+    found: dict[int, list[OpenBoxes]] = {}
+    most = _MOST_BOXES + 2 * len(cell)
+    zeros = np.zeros(len(table.leaves))
+    for level in range(_LEVELS + 1):
+        boxes = _Screened(table, cell, lower, size, zeros)
+        divide = np.zeros(len(cell), dtype=bool)
+        for pattern, members in boxes.patterns():
+            matter, reduced = _reduce(table, pattern)
+            crowded = len(matter) > _MOST_LEAVES
+            if crowded and level == _LEVELS:
+                raise InputError(f"level_set: {len(matter)} zero lines meet in one point")
+            if level < _LEVELS:
+                rough = members[crowded | ~boxes.accurate[matter][:, members].all(axis=0)]
+                divide[rough] = True
+                members = np.setdiff1d(members, rough, assume_unique=True)
+            if members.size == 0:
+                continue
+            if matter:
+                found.setdefault(len(matter), []).append(boxes.open(members, matter, reduced))
+            elif reduced[0]:
+                inside.append((cell[members], lower[:, members], size[:, members]))
+        np.add.at(count, cell[~divide], 1)
+        rest = np.flatnonzero(divide)
+        if rest.size == 0:
+            break
+        if rest.size > most:
+            raise InputError(
+                f"level_set: not smooth along its zero line: {rest.size} boxes of side "
+                f"{size.min():.2g} are not resolved; compose smooth functions with "
+                "LevelSet(f) & LevelSet(g) instead of minima, signs or absolute values"
+            )
+        half = size[:, rest] / 2
+        shift = np.array([[0, 1, 0, 1], [0, 0, 1, 1]], dtype=float)
+        lower = (lower[:, rest, None] + half[:, :, None] * shift[:, None]).reshape(2, -1)
+        size, cell = np.repeat(half, 4, axis=1), np.repeat(cell[rest], 4)
+    inside.append((np.zeros(0, dtype=np.int64), np.zeros((2, 0)), np.zeros((2, 0))))
+    cells, corners, sides = zip(*inside, strict=True)
+    return AccurateBoxes(
+        count,
+        (np.concatenate(cells), np.concatenate(corners, axis=1), np.concatenate(sides, axis=1)),
+        [_joined(found[key]) for key in sorted(found)],
+    )
+
+
+class _Screened:
+    """Interpolants of all leaves on boxes; the state is 1 inside a leaf, 0 outside, else 2."""
+
+    def __init__(
+        self, table: TruthTable, cell: Indices, lower: Array, size: Array, zeros: Array
+    ) -> None:
+        K, count, m = len(table.leaves), len(cell), _FINE + 1
+        self.cell, self.lower, self.size = cell, lower, size
+        self.state = np.full((K, count), 2)
+        self.accurate = np.zeros((K, count), dtype=bool)
+        self.place = np.full((K, count), -1)
+        self.polynomials: list[Array] = []
+        self.tolerance = zeros
+        # A function rounded at coordinates of size |x| is known to eps |x| |gradient|.
+        offset = (np.abs(lower) + size).max(axis=0) / size.min(axis=0)
+        for k, leaf in enumerate(table.leaves):
+            left, polynomials = np.arange(count), np.zeros((0, m, m))
+            for degree in (_COARSE, _FINE):
+
+                def values(x: Array, boxes: Indices = left, leaf: object = leaf) -> Array:
+                    return table.signs[k] * leaf.evaluate(x, cell[boxes])  # type: ignore[attr-defined]  # noqa: B023
+
+                polynomials, error = interpolate(values, lower[:, left], size[:, left], degree)
+                low, high = polynomials.min(axis=(1, 2)), polynomials.max(axis=(1, 2))
+                if degree == _FINE and zeros[k] == 0 and left.size:
+                    # One tolerance for all, so that neighbours agree on which zeros lie on a side.
+                    zeros[k] = _ZERO * np.median(np.maximum(np.abs(low), np.abs(high)))
+                zero = zeros[k]
+                self.state[k, left[high + _SAFETY * error < -zero]] = 1
+                self.state[k, left[low - _SAFETY * error > zero]] = 0
+                if degree == _FINE:
+                    allowed = (_ACCURATE + _ROUNDING * offset[left]) * (high - low)
+                    self.accurate[k, left] = error <= allowed + _ROUNDING * np.abs(high)
+                    self.place[k, left] = np.arange(len(left))
+                else:
+                    left = left[self.state[k, left] == 2]
+            self.polynomials.append(polynomials)
+
+    def patterns(self) -> list[tuple[Indices, Indices]]:
+        """Return the states that occur, and the boxes of each."""
+        states, owner = np.unique(self.state, axis=1, return_inverse=True)
+        return [(states[:, i], np.flatnonzero(owner == i)) for i in range(states.shape[1])]
+
+    def open(self, members: Indices, leaves: list[int], reduced: NDArray[np.uint8]) -> OpenBoxes:
+        """Return some of the boxes with the polynomials of the leaves that matter."""
+        chosen = [self.polynomials[k][self.place[k, members]] for k in leaves]
+        return OpenBoxes(
+            self.cell[members],
+            self.lower[:, members],
+            self.size[:, members],
+            np.tile(leaves, (len(members), 1)),
+            np.stack(chosen, axis=1),
+            np.tile(self.tolerance[leaves], (len(members), 1)),
+            np.tile(reduced, (len(members), 1)),
+        )
+
+
+def _reduce(table: TruthTable, state: Indices) -> tuple[list[int], NDArray[np.uint8]]:
+    """Return the open leaves that matter and the truth table in terms of these."""
+    K = len(state)
+    cube = table.table.reshape((2,) * K)  # the last axis is leaf 0
+    known = tuple(slice(None) if s == 2 else int(s) for s in state[::-1])
+    cube = np.asarray(cube[known])
+    leaves = [k for k in reversed(range(K)) if state[k] == 2]
+    for k in list(leaves):
+        axis = leaves.index(k)
+        off, on = np.take(cube, 0, axis), np.take(cube, 1, axis)
+        if (off == on).all():
+            cube = off
+            leaves.remove(k)
+    return leaves[::-1], np.ascontiguousarray(cube).reshape(-1)
+
+
+def _joined(groups: list[OpenBoxes]) -> OpenBoxes:
+    def along(name: str, axis: int) -> Array:
+        return np.concatenate([getattr(group, name) for group in groups], axis=axis)
+
+    return OpenBoxes(
+        along("cell", 0).astype(np.int64),
+        along("lower", 1),
+        along("size", 1),
+        along("leaves", 0).astype(np.int64),
+        along("coefficients", 0),
+        along("tolerances", 0),
+        along("tables", 0).astype(np.uint8),
+    )

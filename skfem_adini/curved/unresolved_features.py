@@ -1,0 +1,106 @@
+"""Gaps, holes and strips of a cut domain that are narrower than the cells can tell apart."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from skfem_adini.curved.cut_domain import CutDomain
+from skfem_adini.errors import UnresolvedWarning
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.integer]
+
+_POINTS_OF_A_CELL = 12
+_OPPOSITE = -0.9
+_FACING = 0.7
+_THIN = 0.75
+_CHUNK = 500
+
+
+def components(domain: CutDomain) -> Indices:
+    """Return a number for every vertex of the mesh; active cells with common vertices share it."""
+    t = domain.mesh.t[:, domain.active]
+    count = domain.mesh.p.shape[1]
+    place = np.repeat(t[0], 3), t[1:].T.ravel()
+    graph = sparse.coo_array((np.ones(place[0].size), place), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1])
+
+
+def warn_of_unresolved_features(domain: CutDomain) -> None:
+    r"""Warn where two pieces of the boundary face each other within the reach of one function.
+
+    Functions on active cells with a common vertex are joined there, whatever lies between: where
+    the domain leaves a gap or a hole in less than two cells, both sides are coupled. Where it is
+    thinner than three quarters of a cell, one polynomial serves both of its sides.
+
+    Warns
+    -----
+    UnresolvedWarning
+        Normals :math:`n_a \cdot n_b < -0.9` of points that lie in front of each other.
+    """
+    rule, mesh = domain.quadrature, domain.mesh
+    cells, first, count = np.unique(rule.boundary_cells, return_index=True, return_counts=True)
+    if cells.size == 0:
+        return
+    most = int(min(count.max(), _POINTS_OF_A_CELL))
+    # Evenly spread over those of the cell; repeated where there are fewer.
+    chosen = first[:, None] + (np.linspace(0, 1, most) * (count - 1)[:, None]).round().astype(int)
+    size = np.ptp(mesh.p[:, mesh.t[:, cells]], axis=1)
+    points, normals = rule.boundary_points[:, chosen], rule.normals[:, chosen]
+
+    distance = _facing(points, normals, inside=True)
+    thin = np.flatnonzero(distance < _THIN * size.min(axis=0))
+    if thin.size:
+        x, y = points[:, thin[0]].mean(axis=1)
+        _warn(
+            f"the domain is {distance[thin[0]]:.2g} thin in the cell at ({x:.6g}, {y:.6g}), of "
+            f"size {size[0, thin[0]]:.2g}"
+        )
+
+    around = sparse.csr_array(
+        (np.ones(4 * cells.size), (mesh.t[:, cells].T.ravel(), np.repeat(np.arange(cells.size), 4)))
+    )
+    vertices = np.flatnonzero(np.diff(around.indptr))
+    most = int(np.diff(around.indptr).max())
+    slots = np.minimum(np.arange(most), np.diff(around.indptr)[vertices, None] - 1)
+    patches = around.indices[around.indptr[vertices, None] + slots]
+    for start in range(0, len(patches), _CHUNK):
+        members = patches[start : start + _CHUNK]
+        shape = 2, len(members), -1
+        distance = _facing(
+            points[:, members].reshape(shape), normals[:, members].reshape(shape), inside=False
+        )
+        if np.isfinite(distance).any():
+            nearest = int(distance.argmin())
+            x, y = mesh.p[:, vertices[start + nearest]]
+            _warn(
+                f"a gap or hole of the domain, {distance[nearest]:.2g} wide, lies between cells "
+                f"that meet at ({x:.6g}, {y:.6g}), of size {size[0, members[nearest, 0]]:.2g}: "
+                "what is on both sides is coupled"
+            )
+            break
+
+
+def _facing(points: Array, normals: Array, inside: bool) -> Array:
+    """Return the least distance of two points of each group that face each other, else inf."""
+    sign = -1.0 if inside else 1.0
+    between = points[:, :, None, :] - points[:, :, :, None]
+    length = np.hypot(*between)
+    opposite = np.einsum("dgi,dgj->gij", normals, normals) < _OPPOSITE
+    ahead = sign * np.einsum("dgij,dgi->gij", between, normals) > _FACING * length
+    found = opposite & ahead & ahead.swapaxes(1, 2)
+    return np.asarray(np.where(found, length, np.inf).min(axis=(1, 2)))
+
+
+def _warn(what: str) -> None:
+    warnings.warn(
+        f"domain: {what}; the solution there is not to be trusted before the mesh is refined "
+        "(refined_at_boundary)",
+        UnresolvedWarning,
+        stacklevel=4,
+    )

@@ -1,0 +1,98 @@
+"""The one door to numba: kernels are plain Python that this compiles when first used."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from functools import lru_cache
+from hashlib import sha256
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+# Threads may ask for kernels at the same time, which are put in place once.
+_lock = threading.Lock()
+
+
+def compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+    """Compile a function without the global interpreter lock; keep the code on disk if possible.
+
+    numba keeps machine code beside the package or in the user's folder and notices a change of the
+    function itself, but none of what it calls. So the name under which it is kept tells the state
+    of the whole package. Where no folder can be written, or what lies there cannot be used, every
+    process compiles for itself.
+
+    Parameters
+    ----------
+    function
+        Plain Python of numba's kind; it is left as it is.
+    **options
+        For `numba.njit`.
+    """
+    import numba
+
+    copy = FunctionType(function.__code__, function.__globals__, function.__name__)
+    copy.__qualname__ = f"{function.__qualname__}_{_STATE}"
+    copy.__module__ = function.__module__
+    result: Any = numba.njit(nogil=True, **options)(copy)
+    # No folder to write to; or numba is told not to compile, and gave the function back.
+    with suppress(RuntimeError, AttributeError):
+        result.enable_caching()
+        _forgive(result._cache)
+    found: Callable[..., Any] = result
+    return found
+
+
+@lru_cache
+def compiled_cut_boxes() -> Callable[..., Any]:
+    """Return `graph_boxes.cut_boxes`, compiled by numba, with all that it calls.
+
+    The compiled functions replace the plain ones in their modules, callees first, so that calls
+    find them.
+    """
+    from skfem_adini.curved.quadrature import bernstein_kernels, graph_boxes, graph_rules
+
+    with _lock:
+        for module in (bernstein_kernels, graph_rules, graph_boxes):
+            for name in module.KERNELS:
+                kernel = getattr(module, name)
+                if isinstance(kernel, FunctionType):
+                    wrapped = name == "cut_boxes"
+                    kernel = compiled(kernel, no_cpython_wrapper=not wrapped, no_cfunc_wrapper=True)
+                    setattr(module, name, kernel)
+    return graph_boxes.cut_boxes
+
+
+def _state_of_the_package() -> str:
+    """A hash of all its code."""
+    state = sha256()
+    for module in sorted(Path(__file__).parent.glob("**/*.py")):
+        state.update(module.read_bytes())
+    return state.hexdigest()[:12]
+
+
+# Taken when the package is imported: its files may change before the first kernel is compiled.
+_STATE = _state_of_the_package()
+
+
+def _forgive(kept: Any) -> None:
+    """Take a full disk, or files that cannot be read, for an empty folder."""
+    load, save, clear = kept.load_overload, kept.save_overload, kept.flush
+
+    def load_or_compile(signature: Any, target: Any) -> Any:
+        try:
+            found = load(signature, target)
+        except Exception:  # a damaged pickle may raise anything
+            with suppress(OSError):
+                clear()
+            return None
+        # Two processes that start at one time may give two versions the same file.
+        own = tuple(getattr(signature, "args", signature))
+        return found if found is None or tuple(found.signature.args) == own else None
+
+    def save_if_possible(signature: Any, code: Any) -> None:
+        with suppress(OSError):
+            save(signature, code)
+
+    kept.load_overload, kept.save_overload = load_or_compile, save_if_possible

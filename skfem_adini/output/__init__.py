@@ -1,0 +1,6 @@
+"""What leaves the package: values at the vertices, VTK data, whole files.
+
+In: a Basis and the dofs of a field.
+Out: nodal gradients and stresses, PyVista grids, files that appear complete or not at all.
+Start: `vtk_fields` for `save` and `to_pyvista`, `nodal_fields` for stresses.
+"""

@@ -1,0 +1,125 @@
+"""Files that appear under their name once they are complete, or not at all."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from secrets import token_hex
+from typing import IO
+
+from skfem_adini.output.file_lock import try_lock
+
+_UNFINISHED = re.compile("tmp[0-9a-f]{32}")
+_NO_FOLDER_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EACCES, errno.EPERM, errno.EBADF)
+
+
+@contextmanager
+def complete_file(path: Path, *, exclusive: bool = False) -> Iterator[IO[bytes]]:
+    """Open a file beside its place and move it there when everything is written.
+
+    An interruption, an error or a full disk leaves what lay there before, and nothing else; a kill
+    leaves besides what `remove_unfinished` finds. Until then the file has a random name that no
+    one else can have, neither another thread nor another container. When the block is left,
+    content and name have reached the disk.
+
+    Parameters
+    ----------
+    path : Path
+        An existing file is replaced, a symbolic link too.
+    exclusive : bool
+        Leave an existing file and raise `FileExistsError`: of several writers one succeeds.
+
+    Raises
+    ------
+    OSError
+        The folder is missing, or there is no space left.
+
+    Examples
+    --------
+    >>> from tempfile import mkdtemp
+    >>> path = Path(mkdtemp()) / "steps.txt"
+    >>> with complete_file(path) as file:
+    ...     _ = file.write(b"one")
+    >>> path.read_text()
+    'one'
+    """
+    descriptor, temporary = _unfinished(path.parent)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            yield file
+            file.flush()
+            os.fsync(descriptor)  # a full disk may show only here
+            if os.name == "posix":  # the lock holds until the file has its name
+                _move(temporary, path, exclusive)
+        if os.name != "posix":  # no open file can be moved there
+            _move(temporary, path, exclusive)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    _sync_folder(path.parent)
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what killed processes left of a `complete_file`, and nothing that is being written.
+
+    Without locks on files the two cannot be told from each other, and all stay.
+    """
+    for path in folder.iterdir():
+        if not _UNFINISHED.fullmatch(path.name):
+            continue
+        flags = os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+        try:
+            descriptor = os.open(path, flags)
+        except OSError:  # it has got its name by now, or is another's
+            continue
+        try:
+            if try_lock(descriptor):
+                path.unlink(missing_ok=True)
+        finally:
+            os.close(descriptor)
+
+
+def _unfinished(folder: Path) -> tuple[int, Path]:
+    """A new file of a random name, locked."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+    flags |= getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+    while True:
+        path = folder / f"tmp{token_hex(16)}"
+        descriptor = os.open(path, flags, 0o666)
+        # Before it was locked, `remove_unfinished` may have taken it for a remnant.
+        if try_lock(descriptor) is not False and path.exists():
+            return descriptor, path
+        os.close(descriptor)
+
+
+def _move(temporary: Path, path: Path, exclusive: bool) -> None:
+    if exclusive:
+        try:
+            os.link(temporary, path)
+        except FileExistsError:
+            raise
+        except OSError:  # a file system without hard links: claim the name, then fill it
+            os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+        else:
+            temporary.unlink()
+            return
+    os.replace(temporary, path)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Bring the names in a folder to the disk, where the system lets a folder be opened."""
+    if os.name != "posix":
+        return
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+    except OSError as error:
+        if error.errno not in _NO_FOLDER_SYNC:
+            raise

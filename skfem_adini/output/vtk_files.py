@@ -1,0 +1,79 @@
+"""VTK data sets in files, one or a series; VTK's own writers end the process on a full disk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from skfem_adini.errors import AdiniError
+from skfem_adini.output.complete_file import complete_file
+
+
+def write_grid(path: Path, grid: Any) -> None:
+    """Write a data set of pyvista, in whole or not at all.
+
+    Parameters
+    ----------
+    path
+        A name ending in `.vtu` or `.vtp`, as the grid demands, or in `.vtk` (not for polygons).
+        Missing folders are made, an existing file is replaced.
+    grid
+        A `pyvista.UnstructuredGrid` or `pyvista.PolyData`.
+
+    Raises
+    ------
+    OSError
+        No space left, or no right to write.
+    AdiniError
+        VTK refuses the data set.
+    """
+    from vtkmodules import vtkIOLegacy, vtkIOXML
+
+    writer: Any
+    if path.suffix == ".vtk":
+        writer = vtkIOLegacy.vtkUnstructuredGridWriter()
+        writer.SetFileTypeToBinary()
+    else:
+        polygons = path.suffix == ".vtp"
+        name = "vtkXMLPolyDataWriter" if polygons else "vtkXMLUnstructuredGridWriter"
+        writer = getattr(vtkIOXML, name)()
+        writer.SetDataModeToBinary()
+    writer.SetInputData(grid)
+    writer.WriteToOutputStringOn()
+    if writer.Write() != 1:
+        raise AdiniError(f"VTK could not write a {type(grid).__name__}")
+    legacy = path.suffix == ".vtk"
+    data: bytes = writer.GetOutputStdString() if legacy else writer.GetOutputString().encode()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with complete_file(path) as file:
+        file.write(data)
+
+
+def write_series(path: Path, steps: Iterable[tuple[float, Any]]) -> Path:
+    """Write data sets of pyvista as a `.pvd` collection, one file a step beside it.
+
+    Parameters
+    ----------
+    path
+        A name ending in `.pvd`; the steps are `name_0000.vtu` (polygons: `.vtp`) and so on.
+    steps
+        Times and data sets, read one after the other.
+
+    Raises
+    ------
+    OSError
+        No space left, or no right to write; steps written before stay, the collection comes last.
+    """
+    collection = ElementTree.Element("VTKFile", type="Collection", version="0.1")
+    listed = ElementTree.SubElement(collection, "Collection")
+    for k, (time, grid) in enumerate(steps):
+        suffix = ".vtp" if grid.IsA("vtkPolyData") else ".vtu"
+        file = path.with_name(f"{path.stem}_{k:04d}{suffix}")
+        write_grid(file, grid)
+        ElementTree.SubElement(listed, "DataSet", timestep=repr(float(time)), file=file.name)
+    ElementTree.indent(collection)
+    with complete_file(path) as whole:
+        ElementTree.ElementTree(collection).write(whole, xml_declaration=True, encoding="utf-8")
+    return path

@@ -1,0 +1,234 @@
+"""Solution of symmetric sparse systems: PARDISO, SuperLU, or multigrid with CG, by one call."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+from skfem_adini.arguments.real_numbers import real_array, real_matrix
+from skfem_adini.errors import InputError, MissingDependency
+from skfem_adini.solvers.multigrid import Multigrid
+from skfem_adini.solvers.near_null_space import NearNullSpace
+from skfem_adini.solvers.pardiso import DEFINITE, INDEFINITE, Pardiso, PardisoError, has_pardiso
+from skfem_adini.solvers.superlu import SuperLUFactor
+
+Array = NDArray[np.float64]
+Solver = Literal["auto", "pardiso", "superlu", "amg"]
+
+_SYMMETRIC = 1e-12
+_PROBE = 1e-3
+_SCALINGS = 10
+# PARDISO's defaults for symmetric matrices, but for the last: solutions by one thread, since
+# several add up in the order in which they come.
+_PARAMETERS = {1: 2, 9: 8, 20: 1, 24: 1}
+
+
+class Factorization(Protocol):
+    """What `factorize` returns."""
+
+    @property
+    def iterations(self) -> int:
+        """Iterations of the last solution; 0 for the direct solvers."""
+        ...
+
+    def solve(self, b: Array) -> Array:
+        """Return the solution for one load (n,) or several (n, loads)."""
+        ...
+
+
+def factorize(
+    A: Any,
+    definite: bool = True,
+    solver: Solver = "auto",
+    near_null: NearNullSpace | None = None,
+    tol: float = 1e-10,
+    max_iterations: int = 500,
+) -> Factorization:
+    r"""Factor a symmetric sparse matrix once, for any number of solves.
+
+    Rows and columns are first scaled by :math:`a_{ii}^{-1/2}`, those of indefinite matrices until
+    the largest entry of every row is 1 (Ruiz). For Hermite elements this amounts to the dofs u and
+    h u_x, which makes the condition number that of a Lagrange element.
+
+    Parameters
+    ----------
+    A
+        Symmetric sparse matrix, shape (n, n).
+    definite
+        Whether A is positive definite. PARDISO factors without exchange of rows then, and finds
+        out if A is not.
+    solver
+        ``"auto"`` takes PARDISO when pypardiso is importable; ``"superlu"`` is SciPy's SuperLU with
+        minimum degree ordering of A + A^T and diagonal pivots. ``"amg"`` is the method of conjugate
+        gradients preconditioned by smoothed aggregation (pyamg), for definite matrices in 3-D,
+        where the factors of a direct solver outgrow the memory; it needs `near_null` and stops at
+        `tol`.
+    near_null
+        For ``"amg"``: what `near_null_space` gives for the unknowns of A.
+    tol
+        For ``"amg"``: bound of the residual relative to the load, both in the scaled dofs,
+        recomputed from A after the iteration; or the rounding of A x, where that is larger.
+    max_iterations
+        For ``"amg"``: of conjugate gradients.
+
+    Returns
+    -------
+    Factorization
+        Its method ``solve(b)`` takes loads of shape (n,) or (n, loads), real or complex. Threads
+        may share it, and it can be copied and pickled: a copy factors A anew where it must.
+
+    Raises
+    ------
+    InputError
+        A is not real, square, finite and symmetric, or singular, or (PARDISO) not definite; a load
+        that is not finite; ``"amg"`` without a fitting `near_null`, with `definite` false, or a
+        `tol` that is not in (0, 1).
+    MissingDependency
+        PARDISO or pyamg was asked for and is not installed.
+
+    The method ``solve`` of ``"amg"`` raises `NotConverged` when the residual stays above `tol`.
+
+    References
+    ----------
+    P. Vanek, J. Mandel and M. Brezina, Algebraic multigrid by smoothed aggregation for second and
+    fourth order elliptic problems, Computing 56 (1996), 179-196.
+    D. Ruiz, A scaling algorithm to equilibrate both rows and columns norms in matrices, report
+    RAL-TR-2001-034, Rutherford Appleton Laboratory, 2001.
+
+    Notes
+    -----
+    The factors must give back a random vector from its product with A, to three digits; if they do
+    not, A is singular in double precision and no solution would mean anything. Multigrid proves
+    each solution by its residual instead.
+
+    Examples
+    --------
+    >>> from scipy import sparse
+    >>> A = sparse.diags_array([2.0, 4.0]).tocsr()
+    >>> factorize(A).solve(np.array([2.0, 2.0])).tolist()
+    [1.0, 0.5]
+    """
+    if solver not in ("auto", "pardiso", "superlu", "amg"):
+        raise InputError(f"solver: expected 'auto', 'pardiso', 'superlu' or 'amg', got {solver!r}")
+    if solver == "pardiso" and not has_pardiso():
+        raise MissingDependency("PARDISO needs pypardiso: pip install 'skfem-adini[mkl]'")
+    A = real_matrix("A", A)
+    if A.shape[0] != A.shape[1] or A.shape[0] == 0:
+        raise InputError(f"A: expected a square matrix, got shape {A.shape}")
+    if not np.isfinite(A.data).all():
+        raise InputError("A: the matrix holds NaN or infinity")
+    scale = sparse.diags_array(_scale(A, definite))
+    scaled = sparse.csr_array(scale @ A @ scale)
+    if not np.abs(scaled - scaled.T).max() <= _SYMMETRIC:
+        raise InputError("A: the matrix is not symmetric")
+    if solver == "amg":
+        modes = _scaled_modes(near_null, scale.diagonal(), definite)
+        if not 0 < tol < 1 or not max_iterations >= 1:
+            raise InputError(
+                f"tol, max_iterations: expected a number in (0, 1) and a positive one, got {tol!r} "
+                f"and {max_iterations!r}"
+            )
+        return _Scaled(Multigrid(scaled, modes, tol, max_iterations), scale.diagonal())
+    use_pardiso = solver != "superlu" and has_pardiso()
+    factors = (_Pardiso if use_pardiso else _SuperLU)(scaled, definite)
+    probe = np.random.default_rng(0).uniform(-1, 1, A.shape[0])
+    if not np.abs(factors.solve(scaled @ probe) - probe).max() <= _PROBE:
+        raise _singular(definite)
+    return _Scaled(factors, scale.diagonal())
+
+
+def _scale(A: Any, definite: bool) -> Array:
+    """Return the numbers that rows and columns are multiplied with."""
+    if definite:
+        diagonal = A.diagonal()
+        if not (diagonal > 0).all():
+            raise InputError("A: an entry of the diagonal is not positive, so A is not definite")
+        return 1 / np.sqrt(diagonal)
+    scale = np.ones(A.shape[0])
+    for _ in range(_SCALINGS):
+        D = sparse.diags_array(scale)
+        largest = np.abs(D @ A @ D).max(axis=1).toarray().ravel()
+        if not largest.all():
+            raise InputError("A: a row is zero, so the matrix is singular")
+        scale /= np.sqrt(largest)
+    return scale
+
+
+def _scaled_modes(near_null: NearNullSpace | None, scale: Array, definite: bool) -> NearNullSpace:
+    """Return the near-null space in the scaled unknowns."""
+    if near_null is None or not definite:
+        raise InputError(
+            "near_null: solver='amg' needs a definite matrix and near_null=near_null_space(basis, "
+            "dofs) with the dofs of its unknowns"
+        )
+    if len(near_null.modes) != len(scale) or len(near_null.vertex) != len(scale):
+        raise InputError(
+            f"near_null: it has {len(near_null.modes)} unknowns, A has {len(scale)}; pass the same "
+            "dofs to near_null_space that A was restricted to"
+        )
+    return NearNullSpace(near_null.modes / scale[:, None], near_null.vertex)
+
+
+def _singular(definite: bool) -> InputError:
+    kind = "singular or not positive definite" if definite else "singular"
+    return InputError(f"A: the matrix is {kind}; are essential conditions missing?")
+
+
+class _Scaled:
+    """The inverse of A from that of D A D."""
+
+    def __init__(self, factors: Factorization, scale: Array) -> None:
+        self._factors, self._scale = factors, scale
+
+    @property
+    def iterations(self) -> int:
+        return self._factors.iterations
+
+    def solve(self, b: ArrayLike) -> Any:
+        b = np.asarray(b)
+        if np.iscomplexobj(b):
+            return np.asarray(self.solve(b.real) + 1j * self.solve(b.imag))
+        b = real_array("b", b)
+        if b.ndim not in (1, 2) or len(b) != len(self._scale):
+            raise InputError(f"b: expected {len(self._scale)} rows, got shape {b.shape}")
+        if not np.isfinite(b).all():
+            raise InputError("b: the load holds NaN or infinity")
+        scale = self._scale if b.ndim == 1 else self._scale[:, None]
+        return scale * self._factors.solve(scale * b)
+
+
+class _SuperLU:
+    iterations = 0
+
+    def __init__(self, A: Any, definite: bool) -> None:
+        try:
+            self._factors = SuperLUFactor(A, "MMD_AT_PLUS_A", 0.0 if definite else 0.01)
+        except RuntimeError as error:  # SuperLU: exactly singular
+            raise _singular(definite) from error
+
+    def solve(self, b: Array) -> Array:
+        return self._factors.solve(b)
+
+
+class _Pardiso:
+    iterations = 0
+
+    def __init__(self, A: Any, definite: bool) -> None:
+        self._definite = definite
+        self._pardiso = Pardiso(A, DEFINITE if definite else INDEFINITE)
+        self._run(12)
+
+    def solve(self, b: Array) -> Array:
+        columns = np.asfortranarray(b.reshape(len(b), -1))
+        x = np.zeros_like(columns, order="F")
+        self._run(33, columns, x)
+        return x.reshape(b.shape)
+
+    def _run(self, phase: int, b: Array | None = None, x: Array | None = None) -> None:
+        try:
+            self._pardiso(phase, b, x)
+        except PardisoError as error:
+            raise (_singular(self._definite) if error.pivot else error) from error

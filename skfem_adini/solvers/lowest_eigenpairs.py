@@ -1,0 +1,172 @@
+"""The lowest eigenpairs of a stiffness and a mass matrix."""
+
+from __future__ import annotations
+
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
+
+from skfem_adini.arguments.dof_numbers import dof_numbers
+from skfem_adini.arguments.real_numbers import real_matrix
+from skfem_adini.errors import InputError, NotConverged
+from skfem_adini.solvers.factorize import Factorization, Solver, factorize
+
+Array = NDArray[np.float64]
+
+# In units of the largest eigenvalue: far above its rounding, and below the lowest of a fine mesh.
+_ZERO = 1e-9
+_STEP = 100.0
+_SPREAD = 1e3  # of distances to the shift that costs no more digits than the mesh does
+
+
+def lowest_eigenpairs(
+    K: Any,
+    M: Any,
+    count: int,
+    fixed: ArrayLike | None = None,
+    shift: float | None = None,
+    solver: Solver = "auto",
+) -> tuple[Array, Array]:
+    r"""Return the smallest eigenvalues of :math:`K x = \lambda M x`, by shift and invert.
+
+    Lanczos' method is applied to :math:`(K - \sigma M)^{-1} M` with dofs scaled by the square
+    roots of the diagonal of M; for Hermite elements these are u and h u_x up to constants, and the
+    entries of K and M become numbers of order 1 and h^2 in 2-D.
+
+    Parameters
+    ----------
+    K
+        Symmetric positive semidefinite sparse matrix, shape (n, n).
+    M
+        Symmetric positive definite sparse matrix, shape (n, n).
+    count
+        Number of eigenpairs.
+    fixed
+        Dofs of homogeneous essential conditions, taken out of the problem: numbers, a mask, or what
+        ``basis.get_dofs`` gives.
+    shift
+        The number sigma, below all eigenvalues, in their unit; best about as far below as they are
+        apart. By default it is found from K and M: zero where K is definite, else such a number.
+    solver
+        For `factorize`.
+
+    Returns
+    -------
+    values : ndarray
+        Ascending, shape (count,). Rounding leaves errors of about 1e-16 times the largest
+        eigenvalue of the mesh; `refine_eigenpair` removes them.
+    vectors : ndarray
+        Eigenvectors of unit M-norm, shape (n, count), zero at the fixed dofs.
+
+    Raises
+    ------
+    InputError
+        Shapes that do not fit, complex numbers, a count that is too large or no whole number, fixed
+        dofs that do not exist, or K - sigma M not definite.
+    NotConverged
+        The iteration does not converge.
+
+    References
+    ----------
+    R. B. Lehoucq, D. C. Sorensen and C. Yang, ARPACK Users' Guide, SIAM 1998, section 3.2.
+
+    Examples
+    --------
+    >>> from skfem import Basis, MeshQuad
+    >>> from skfem.models.poisson import laplace, mass
+    >>> from skfem_adini import ElementQuadAdini, essential_dofs
+    >>> basis = Basis(MeshQuad().refined(3), ElementQuadAdini())
+    >>> fixed = essential_dofs(basis, basis.mesh.boundary_facets())
+    >>> K, M = laplace.assemble(basis), mass.assemble(basis)
+    >>> values, _ = lowest_eigenpairs(K, M, 4, fixed)
+    >>> print(np.round(values / np.pi**2, 3))
+    [2.    5.    5.    8.001]
+    """
+    K, M = real_matrix("K", K), real_matrix("M", M)
+    n = K.shape[0]
+    if K.shape != (n, n) or M.shape != (n, n):
+        raise InputError(f"K, M: expected square matrices of one size, got {K.shape}, {M.shape}")
+    if not (np.isfinite(K.data).all() and np.isfinite(M.data).all()):
+        raise InputError("K, M: the matrices hold NaN or infinity")
+    free = np.ones(n, dtype=bool)
+    if fixed is not None:
+        free[dof_numbers("fixed", fixed, n)] = False
+    kept = np.flatnonzero(free)
+    whole = isinstance(count, int | np.integer) and not isinstance(count, bool)
+    if not whole or not 1 <= count < kept.size:
+        raise InputError(f"count: expected 1 to {kept.size - 1}, a whole number, got {count!r}")
+    if shift is not None and not (isinstance(shift, Real) and np.isfinite(float(shift))):
+        raise InputError(f"shift: expected a finite number or None, got {shift!r}")
+    K, M = K[kept][:, kept], M[kept][:, kept]
+    diagonal = M.diagonal()
+    if not (diagonal > 0).all():
+        raise InputError("M: the matrix is not positive definite")
+    scale = 1 / np.sqrt(diagonal)
+    D = sparse.diags_array(scale)
+    K, M = D @ K @ D, D @ M @ D
+    # In units in which the largest eigenvalue is about 1, whatever the unit of length.
+    unit = float(abs(K).sum(axis=1).max()) or 1.0
+    K = K / unit
+    if shift is None:
+        values, z = _shifted_twice(K, M, int(count), solver)
+    else:
+        sigma = float(shift) / unit
+        values, z = _nearest(K, M, int(count), sigma, _factors(K, M, sigma, solver))
+    order = np.argsort(values)
+    vectors = np.zeros((n, count))
+    vectors[kept] = scale[:, None] * z[:, order]
+    return unit * values[order], vectors
+
+
+def _shifted_twice(K: Any, M: Any, count: int, solver: Solver) -> tuple[Array, Array]:
+    """Find a shift below all eigenvalues, and a better one from what it gives.
+
+    With the first shift a wide spread of the distances to the eigenvalues costs as many digits of
+    the farthest; the second lies as far below the lowest eigenvalue as they are apart.
+    """
+    shift, factors = _first_shift(K, M, solver)
+    values, z = _nearest(K, M, count, shift, factors)
+    low, high = float(values.min()), float(values.max())
+    if count == 1 and shift < 0:  # how far the next one is
+        high = float(_nearest(K, M, min(4, K.shape[0] - 1), shift, factors)[0].max())
+    near = high - shift > _SPREAD * (low - shift)
+    far = shift < 0 and low - shift > _SPREAD * (high - low) > _SPREAD * _ZERO
+    if not (near or far):
+        return values, z
+    better = low - max((high - low) / max(count - 1, 1), _ZERO)
+    try:
+        return _nearest(K, M, count, better, _factors(K, M, better, solver))
+    except InputError:  # not definite to rounding
+        return values, z
+
+
+def _first_shift(K: Any, M: Any, solver: Solver) -> tuple[float, Factorization]:
+    """Return zero where K is definite, else a small negative number; and the factors there."""
+    shift = 0.0
+    while True:
+        try:
+            return shift, _factors(K, M, shift, solver)
+        except InputError:
+            if shift < -1.0:
+                raise
+        shift = min(-_ZERO, _STEP * shift)
+
+
+def _factors(K: Any, M: Any, shift: float, solver: Solver) -> Factorization:
+    return factorize(K - shift * M, definite=True, solver=solver)
+
+
+def _nearest(
+    K: Any, M: Any, count: int, shift: float, factors: Factorization
+) -> tuple[Array, Array]:
+    inverse = LinearOperator(K.shape, matvec=factors.solve, dtype=np.float64)
+    start = np.random.default_rng(0).uniform(-1, 1, K.shape[0])
+    try:
+        values, z = eigsh(K, count, M, sigma=shift, OPinv=inverse, v0=start)
+    except ArpackError as error:
+        raise NotConverged(f"no convergence of the eigenvalues: {error}; change shift") from error
+    return values, z

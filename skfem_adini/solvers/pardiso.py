@@ -1,0 +1,340 @@
+"""MKL's PARDISO, one handle and one call; everything else of MKL stays outside."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import importlib.util
+import os
+import sys
+import threading
+import weakref
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+from skfem_adini.errors import AdiniError
+
+Array = NDArray[np.float64]
+
+DEFINITE, INDEFINITE = 2, -2
+_NOT_ENOUGH_MEMORY = -2
+_PIVOTS = (-4, -7)
+_RELEASE = -1
+_FACTORISATIONS = (12, 22)
+_ANALYSES = (11, 12)
+_SOLUTIONS = (33, 331, 332, 333)
+
+
+class PardisoError(AdiniError):
+    """PARDISO returned an error.
+
+    Attributes
+    ----------
+    phase, code
+        What was called, and PARDISO's number of the error.
+    pivot
+        Whether a pivot was zero, or negative in a matrix said to be definite.
+    """
+
+    def __init__(self, phase: int, code: int) -> None:
+        super().__init__(f"PARDISO phase {phase} failed with code {code}")
+        self.phase, self.code, self.pivot = phase, code, code in _PIVOTS
+
+
+def has_pardiso() -> bool:
+    """Return whether pypardiso, which brings MKL, can be imported."""
+    return importlib.util.find_spec("pypardiso") is not None
+
+
+class Pardiso:
+    """One matrix in PARDISO's memory, given back when the object goes.
+
+    PARDISO works in that memory while it solves, so threads that share an object take turns. A
+    copy, deep copy or pickle has memory of its own: it repeats the factorisation when it is first
+    used. A forked process inherits the factors, as they are between two calls, and works with one
+    thread: libgomp's do not survive a fork, and a child that waits for them hangs. Two-level
+    factors (iparm[23]) that were laid out for several threads are therefore repeated there.
+
+    Parameters
+    ----------
+    A
+        Symmetric sparse matrix, shape (n, n). Its upper triangle is taken, with the diagonal
+        stored even where it is zero, as PARDISO demands.
+    kind
+        `DEFINITE` or `INDEFINITE`: real symmetric, PARDISO's matrix types 2 and -2.
+    iparm
+        Entries of PARDISO's integer parameters that differ from zero, counted from 0. Without any
+        the defaults hold; with some, iparm[0] is set to 1 and zeros mean what the reference says.
+    chosen
+        Unknowns whose Schur complement is wanted (iparm[35] not zero), marked in PARDISO's
+        permutation.
+
+    References
+    ----------
+    Intel oneMKL developer reference, ``pardiso`` and its parameter table ``iparm``.
+    """
+
+    def __init__(
+        self,
+        A: Any,
+        kind: int,
+        iparm: Mapping[int, int] | None = None,
+        chosen: ArrayLike | None = None,
+    ) -> None:
+        n = A.shape[0]
+        upper = _upper_triangle(A)
+        if upper.nnz >= 2**31:
+            raise AdiniError(f"PARDISO: {upper.nnz} entries are too many for 32-bit indices")
+        self._kind, self._factored = kind, False
+        self._threads = 1  # of the analysis, and so of all that follows
+        self._phases: tuple[int, ...] = ()  # that led to the factors
+        self._anew: tuple[int, ...] = ()  # those that a copy has still to repeat
+        self._lock = threading.Lock()
+        self._data = np.ascontiguousarray(upper.data, dtype=np.float64)
+        self._ia = (upper.indptr + 1).astype(np.int32)
+        self._ja = (upper.indices + 1).astype(np.int32)
+        self._perm = np.zeros(n, dtype=np.int32)
+        if chosen is not None:
+            self._perm[np.asarray(chosen)] = 1
+        self._chosen = int(self._perm.sum())
+        self._handle = np.zeros(64, dtype=np.int64)
+        self._iparm = np.zeros(64, dtype=np.int32)
+        for place, value in (iparm or {}).items():
+            self._iparm[place] = value
+        if iparm:
+            self._iparm[0] = 1
+        self._given_iparm = self._iparm.copy()  # PARDISO writes into the other
+        _watch(self)
+
+    def __call__(self, phase: int, b: Array | None = None, x: Array | None = None) -> None:
+        """Run one phase.
+
+        Parameters
+        ----------
+        phase
+            11 analysis, 22 factorisation, 12 both of them, 33 solution, and the partial solutions
+            331, 332, 333.
+        b, x
+            Right-hand sides and what PARDISO writes, (n,) or in Fortran order (n, loads); in
+            phase 22 with a Schur complement x is its dense matrix. PARDISO leaves b alone.
+
+        Raises
+        ------
+        PardisoError
+            Any error but lack of memory.
+        MemoryError
+            PARDISO could not allocate its factors.
+        AdiniError
+            A solution asked for before the factorisation, or arrays that PARDISO would misread: it
+            checks neither, and the process would end.
+        """
+        with self._lock:
+            if self._anew:
+                self._repeat()
+            self._run(phase, b, x)
+
+    @property
+    def pending(self) -> bool:
+        """Whether the factors are still to be made; other partial solutions do not fit them."""
+        return bool(self._anew)
+
+    def _repeat(self) -> None:
+        """Factor the matrix of the object that this is a copy of."""
+        for phase in self._anew:
+            # Where a Schur complement was asked for, its matrix is written once more.
+            block = np.zeros((self._chosen, self._chosen)) if self._given_iparm[35] else None
+            self._run(phase, x=block if phase in _FACTORISATIONS else None)
+        self._anew = ()
+
+    def _run(self, phase: int, b: Array | None = None, x: Array | None = None) -> None:
+        if phase in _SOLUTIONS:
+            if not self._factored:
+                raise AdiniError(f"PARDISO: phase {phase} needs a factorisation, phase 22, before")
+            for array in (b, x):
+                if (
+                    array is None
+                    or array.dtype != np.float64
+                    or len(array) != self._perm.size
+                    or not array.flags.f_contiguous
+                ):
+                    raise AdiniError(
+                        f"PARDISO: phase {phase} takes b and x of float64 in Fortran order with "
+                        f"{self._perm.size} rows"
+                    )
+            if b is not None and x is not None and b.shape != x.shape:
+                raise AdiniError(f"PARDISO: b has the shape {b.shape} and x {x.shape}")
+        elif phase in _ANALYSES + _FACTORISATIONS:
+            self._factored = False
+            schur = (self._chosen, self._chosen) if self._given_iparm[35] else None
+            if phase in _FACTORISATIONS and schur and (x is None or x.shape != schur):
+                raise AdiniError(f"PARDISO: phase {phase} takes x of shape {schur} here")
+        nothing = np.zeros(1)
+        b, x = (nothing if array is None else array for array in (b, x))
+        error = ctypes.c_int32(0)
+        arguments = (
+            self._handle,
+            1,  # factorisations kept
+            1,  # which of them
+            self._kind,
+            phase,
+            self._ia.size - 1,
+            self._data,
+            self._ia,
+            self._ja,
+            self._perm,
+            b.shape[1] if b.ndim == 2 else 1,
+            self._iparm,
+            0,  # silent
+            b,
+            x,
+        )
+        if phase in _ANALYSES:
+            self._threads = _threads()
+        # Only two-level factors are laid out for a number of threads; solutions are made by one.
+        alone = phase in _SOLUTIONS and not self._given_iparm[23]
+        with _held_to(1 if alone else self._threads):
+            _library()(
+                *(
+                    ctypes.byref(ctypes.c_int32(value))
+                    if isinstance(value, int)
+                    else value.ctypes.data_as(ctypes.c_void_p)
+                    for value in arguments
+                ),
+                ctypes.byref(error),
+            )
+        if error.value == _NOT_ENOUGH_MEMORY:
+            raise MemoryError("PARDISO: not enough memory for the factorisation")
+        if error.value != 0:
+            raise PardisoError(phase, error.value)
+        if phase in _FACTORISATIONS:
+            self._factored = True
+        if phase in _ANALYSES + _FACTORISATIONS:
+            self._phases = (phase,) if phase in _ANALYSES else (*self._phases, phase)
+        elif phase == _RELEASE:
+            self._handle[:] = 0
+            self._factored, self._phases = False, ()
+
+    def _enter_child(self) -> None:
+        """Go on in a forked process, with one thread."""
+        if self._threads > 1 and self._given_iparm[23] and self._phases:
+            self._anew, self._phases, self._factored = self._phases, (), False
+            self._handle[:] = 0  # the parent's memory, of which the child has a copy it cannot read
+        self._threads = 1
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy needs: the matrix and how it was factored, but neither memory nor lock."""
+        with self._lock:
+            state = self.__dict__ | {"_anew": self._anew or self._phases, "_phases": ()}
+        for name in ("_handle", "_lock", "_iparm", "_factored"):
+            del state[name]
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._handle, self._lock = np.zeros(64, dtype=np.int64), threading.Lock()
+        self._iparm, self._perm = self._given_iparm.copy(), self._perm.copy()
+        self._factored = False
+        _watch(self)
+
+    def __del__(self) -> None:
+        # At the end of the interpreter even the module's names may be gone.
+        if np is None or sys is None or sys.is_finalizing():
+            return
+        if getattr(self, "_handle", np.zeros(1)).any():
+            with self._lock:
+                self._run(_RELEASE)
+
+
+# A fork copies the memory of PARDISO at any moment, but no thread that is at work in it: no call
+# may be under way. Processes that only start another program do not come here.
+_alive: weakref.WeakSet[Pardiso] = weakref.WeakSet()
+_registering = threading.Lock()
+_held: list[Pardiso] = []
+_forked = False
+
+
+def _watch(solver: Pardiso) -> None:
+    with _registering:
+        _alive.add(solver)
+
+
+def _before_fork() -> None:
+    _registering.acquire()
+    _held.extend(_alive)
+    for solver in _held:
+        solver._lock.acquire()
+
+
+def _after_fork() -> None:
+    for solver in _held:
+        solver._lock.release()
+    _held.clear()
+    _registering.release()
+
+
+def _after_fork_in_child() -> None:
+    global _forked
+    _forked = True
+    for solver in _held:
+        solver._enter_child()
+    _after_fork()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(
+        before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork_in_child
+    )
+
+
+def _upper_triangle(A: Any) -> Any:
+    """Return the upper triangle, columns ascending, with every diagonal entry stored."""
+    n = A.shape[0]
+    upper = sparse.csr_array(sparse.triu(A, format="csr"))
+    if np.count_nonzero(upper.diagonal()) < n:
+        # Sums of sparse matrices drop zeros; conversion from triplets keeps them.
+        entries, k = upper.tocoo(), np.arange(n)
+        row, column = (np.concatenate([part, k]) for part in entries.coords)
+        data = np.concatenate([entries.data, np.zeros(n)])
+        upper = sparse.csr_array(sparse.coo_array((data, (row, column)), shape=A.shape))
+    upper.sort_indices()
+    return upper
+
+
+@functools.cache
+def _library() -> Any:
+    """MKL's ``pardiso``, for which pypardiso has searched the installation once."""
+    from pypardiso import ps
+
+    function = ps.libmkl["pardiso"]  # an object of ours: pypardiso declares arguments of its own
+    function.argtypes, function.restype = None, None
+    return function
+
+
+def _threads() -> int:
+    """Threads that MKL may take for the calling thread; one in a forked process."""
+    if _forked:
+        return 1
+    from pypardiso import ps
+
+    return int(ps.libmkl["MKL_Get_Max_Threads"]())
+
+
+@contextmanager
+def _held_to(threads: int) -> Iterator[None]:
+    """Give MKL the threads that the factors were laid out for.
+
+    With another number the two-level factors are read wrongly, without a word.
+    """
+    from pypardiso import ps
+
+    set_threads = ps.libmkl["MKL_Set_Num_Threads_Local"]
+    before = set_threads(ctypes.c_int(threads))
+    try:
+        yield
+    finally:
+        set_threads(ctypes.c_int(before))
