@@ -4,8 +4,6 @@
 of a `State` there by a profile; `run` gives a `Trajectory`. Every failure is a `CipError`.
 """
 
-from importlib.metadata import version
-
 from cip.errors import (
     CipError,
     InputError,
@@ -37,7 +35,7 @@ __all__ = [
     "Velocity",
 ]
 
-__version__ = version("skfem-adini")
+__version__ = "0.1.0"
 
 
 def __dir__() -> list[str]:

@@ -1,7 +1,5 @@
 """Adini finite elements for scikit-fem."""
 
-from importlib.metadata import version
-
 from skfem_adini.assembly.assemble import assemble
 from skfem_adini.conditions.essential_constraints import essential_constraints
 from skfem_adini.conditions.essential_dofs import essential_dofs
@@ -79,7 +77,7 @@ __all__ = [
     "von_mises",
 ]
 
-__version__ = version("skfem-adini")
+__version__ = "0.1.0"
 
 
 def __dir__() -> list[str]:
