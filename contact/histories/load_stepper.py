@@ -183,10 +183,10 @@ class LoadStepper(Portable):
                 )
         at_rest._supports = [
             next(
-                ((f, c, m[2], smooth) for m in moved if m[1] == c and np.array_equal(m[0], f)),
-                (f, c, _still, smooth),
+                ((f, c, m[2], *how) for m in moved if m[1] == c and np.array_equal(m[0], f)),
+                (f, c, _still, *how),
             )
-            for f, c, _, smooth in body._supports
+            for f, c, _, *how in body._supports
         ]
         for derived in ("constraint", "prescribed"):
             at_rest.__dict__.pop(derived, None)

@@ -40,6 +40,8 @@ class SignedDistance:
         limit = numbers("reach", self.reach)
         if limit.shape != () or not limit > 0:
             raise InputError(f"reach={self.reach!r}: expected a positive number")
+        if not start.size:
+            return start.reshape(shape)
         reach = min(float(limit), 1e3 * float(np.ptp(x) + np.abs(start).max(initial=0.0) + 1e-300))
         d = np.zeros(start.size)
         before = d.copy()

@@ -138,8 +138,12 @@ def contact_boundary(
         normals = within_supports(trace.supported, normals, body.constraint[0])
         leaning = Leaning.of(outline, form, shares)
         G = sparse.csr_array(G + leaning.rows(body.scalar_dofs.nodal_dofs[0], G.shape))
-        read, turned = normals if form.mean else own / slant, own + leaning.turn(count)
-        aside = read, turned / np.linalg.norm(turned, axis=0)
+        # At a plane of symmetry the facets beyond it turn the normal back.
+        read, turned = (
+            within_supports(trace.supported, n / np.linalg.norm(n, axis=0), body.constraint[0])
+            for n in (normals if form.mean else own, own + leaning.turn(count))
+        )
+        aside = read, turned
     tangents = tangent_frame(normals)
     if body.dim == 3:
         tangents = along_supports(trace.supported, tangents, body.constraint[0])

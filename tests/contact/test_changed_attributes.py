@@ -238,7 +238,7 @@ SETTLED = {
     ),
     "layers": (
         lambda: LayeredBlock(1.0, [(1.0, 4, 1.0, 0.3)]),
-        ("layers", "lengths", "sides", "top", "columns", "plane", "width", "height", "cells"),
+        ("layers", "lengths", "sides", "top", "columns", "plane", "width", "height"),
     ),
     "cut body": (disk, ("domain", "level_set", "threshold", "basis")),
     "stepper": (lambda: LoadStepper(problem(body())), ("problem",)),

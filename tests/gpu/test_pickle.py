@@ -167,9 +167,8 @@ def test_inverse_hamiltonians(kind, again):
     B, V = rng.standard_normal((6, 2)), rng.standard_normal((12, 3))
     operator = INVERSES[kind](B)
     other = again(operator)
-    for apply in ("matvec", "rmatvec"):
-        for v in (V[:, 0], V[:, :1]):
-            np.testing.assert_array_equal(getattr(other, apply)(v), getattr(operator, apply)(v))
+    for apply, v in (("matvec", V[:, 0]), ("rmatvec", V[:, 0]), ("matmat", V[:, :1])):
+        np.testing.assert_array_equal(getattr(other, apply)(v), getattr(operator, apply)(v))
     np.testing.assert_array_equal(other @ V, operator @ V)
     np.testing.assert_allclose(other @ V, np.transpose([operator.matvec(v) for v in V.T]), 1e-9)
     np.testing.assert_allclose(other.H @ V, np.transpose([operator.rmatvec(v) for v in V.T]), 1e-9)
