@@ -18,7 +18,7 @@ help:
 	@echo "make test-slow  the same with the slow lanes"
 	@echo "make test-processor  the fast tests as another processor would run them, on two BLAS threads"
 	@echo "make test-oldest     the fast tests with the oldest versions of what we depend on, on Python 3.11"
-	@echo "make lint       ruff and mypy"
+	@echo "make lint       ruff, mypy, and which rooms know which"
 	@echo "make doctest    the examples in docstrings"
 	@echo "make examples   every script in examples/, as a user would run it"
 	@echo "make docs       out/docs/index.html: guide, gallery (with the pictures of make examples), reference"
@@ -70,6 +70,7 @@ lint: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 
 doctest: $(VENV)/.test
 	$(ONE_THREAD) $(BIN)/python -m pytest -q -n auto --doctest-modules skfem_adini contact cip gpu
