@@ -75,6 +75,18 @@ def test_random_sparse_problems():
     assert len(run(range(400, 425), 30, sparse.csr_array)) <= 1
 
 
+@pytest.mark.parametrize("seed", [423, 870, 1450, 6328, 17184])
+def test_iterates_that_run_away_are_no_solution(seed):
+    """Beside an x of 1e15 to 1e68 every residual is small; rounding decided who got there."""
+    rng, p = np.random.default_rng(0), problems.convex_problem(seed, 30)
+    assert p.fate == "unbounded"
+    P = p.P.copy()
+    for _ in range(8):
+        assert outcome(p, sparse.csr_array) in ("unbounded", None)
+        p.P[...] = P * (1 + 2e-16 * rng.integers(-1, 2, P.shape))
+        p.P[...] = (p.P + p.P.T) / 2
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seeds", [range(k, k + 100) for k in range(0, 400, 100)], ids=str)
 def test_400_larger_problems(seeds):

@@ -117,8 +117,16 @@ def _verified(p: Program, y: Array) -> Array | None:
     return y if margin > FAR * max(size, 1.0) * rest else None
 
 
-def ray(p: Program, solve: Solve) -> Array | None:
-    """A verified ray along which the objective falls for ever, if there is one."""
+def ray(p: Program, solve: Solve, towards: Array | None = None) -> Array | None:
+    """A verified ray along which the objective falls for ever, if there is one.
+
+    Parameters
+    ----------
+    p : Program
+    solve : callable
+    towards : array, shape (n,), optional
+        Where iterates ran away to: its direction is tried as well.
+    """
     xp, n = p.xp, p.q.size
     size = float(xp.abs(p.q).max()) if n else 0.0
     if not size:
@@ -131,15 +139,15 @@ def ray(p: Program, solve: Solve) -> Array | None:
         _identity(p.P, n, xp), p.q / size, rows, low, high,
         xp.where(xp.isfinite(p.lb), 0.0, -xp.inf), xp.where(xp.isfinite(p.ub), 0.0, xp.inf),
     )  # fmt: skip
-    d = solve(cone)
-    largest = float(xp.abs(d).max())
-    if not largest or not np.isfinite(largest):
-        return None
-    for small in SMALL:
-        v = xp.clip(xp.where(xp.abs(d) <= small * largest, 0.0, d / largest), cone.lb, cone.ub)
-        for candidate in (_straightened(cone, v), v):
-            if _falls(p, cone, candidate):
-                return candidate
+    for d in (solve(cone), *(() if towards is None else (towards,))):
+        largest = float(xp.abs(d).max())
+        if not largest or not np.isfinite(largest):
+            continue
+        for small in SMALL:
+            v = xp.clip(xp.where(xp.abs(d) <= small * largest, 0.0, d / largest), cone.lb, cone.ub)
+            for candidate in (_straightened(cone, v), v):
+                if _falls(p, cone, candidate):
+                    return candidate
     return None
 
 

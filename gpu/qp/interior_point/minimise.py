@@ -12,7 +12,7 @@ import numpy as np
 from gpu.errors import NotConverged
 from gpu.qp.data.program import Array, Program, Residuals, one_sided, residuals
 from gpu.qp.interior_point.curvature_rows import curvature_rows
-from gpu.qp.interior_point.equilibrate import Scaling, equilibrate
+from gpu.qp.interior_point.equilibrate import Scaling, equilibrate, largest_side
 from gpu.qp.interior_point.extended_precision import Triple, extended
 from gpu.qp.interior_point.infeasibility import Solve, farkas, ray
 from gpu.qp.interior_point.interior_point import interior_point
@@ -30,6 +30,10 @@ SHARP = 1e-14
 CLEAN = 1e-12
 # No proof is sought where all residuals are already below this.
 PLAUSIBLE = 1e-7
+# Of a product x'Px over its terms, with the digits that P itself has lost.
+ROUNDING = 1e-13
+# No condition number that double precision can bear takes x so far beyond the data.
+RUNAWAY = 1e20
 # Where residuals are below this already, more digits may help.
 NEAR = 1e-4
 # Unknowns and rows up to which they take less time than another attempt.
@@ -186,6 +190,14 @@ def minimise(p: Program, tol: float, solver: str = "auto", proofs: bool = True) 
             "a certificate of infeasibility nor a ray was found: rescale the problem, drop rows "
             "that are almost dependent, or accept a larger tol"
         )
+    if proofs and _lost_in_rounding(p, best.x):
+        _prove_unbounded(p, solver, best.x if float(p.q @ best.x) < 0.0 else -best.x)
+        far = float(p.xp.abs(best.x[small.free] / scaling.variables).max())
+        if far > RUNAWAY * max(1.0, _size(scaled)):
+            raise NotConverged(
+                f"the iterates run away to {far:.0e} times the size of the data, and no ray was "
+                "found along which the objective falls for ever: bound the variables"
+            )
     return Point(best.x, best.y, best.z, best.residuals, steps)
 
 
@@ -230,9 +242,27 @@ def _prove(p: Program, best: Point, solver: str) -> None:
         seek(small, scaling, functools.partial(_solution, solver))
 
 
-def _prove_unbounded(p: Program, solver: str) -> None:
+def _lost_in_rounding(p: Program, x: Array) -> bool:
+    """Whether the objective at x is rounding beside the terms of ``x'Px``.
+
+    Iterates that run away along a ray, or against it, reach any size, and beside that every
+    residual is small.
+    """
+    length = p.xp.abs(x)
+    terms = float(length @ (abs(p.P) @ length))
+    value = abs(float(p.q @ x)) + abs(float(x @ (p.P @ x)))
+    return terms > 0.0 and not value > ROUNDING * terms
+
+
+def _size(p: Program) -> float:
+    """The largest side and the largest force of a program whose matrices are equilibrated."""
+    sides = largest_side(p.row_low, p.row_high, p.lb, p.ub)
+    return max(sides, float(p.xp.abs(p.q).max()))
+
+
+def _prove_unbounded(p: Program, solver: str, towards: Array | None = None) -> None:
     """Raise with a ray if there is one."""
-    _no_bound(*equilibrate(p), functools.partial(_solution, solver))
+    _no_bound(*equilibrate(p), functools.partial(_solution, solver), towards)
 
 
 def _solution(solver: str, program: Program) -> Array:
@@ -245,8 +275,8 @@ def _no_point(small: Program, scaling: Scaling, solve: Solve) -> None:
         raise NoPoint(scaling.rows * y)
 
 
-def _no_bound(small: Program, scaling: Scaling, solve: Solve) -> None:
-    direction = ray(small, solve)
+def _no_bound(small: Program, scaling: Scaling, solve: Solve, towards: Array | None = None) -> None:
+    direction = ray(small, solve, None if towards is None else towards / scaling.variables)
     if direction is not None:
         raise NoBound(scaling.variables * direction)
 
