@@ -1,5 +1,6 @@
 """What public objects say of themselves fits in a few lines, in a terminal and in a notebook."""
 
+import dataclasses
 import re
 from importlib.metadata import version
 
@@ -84,6 +85,14 @@ def test_a_contact_result_sums_itself_up():
     assert worst == pytest.approx(max(result.kkt.values()), rel=0.1)
     assert max(map(len, text.splitlines())) <= 100
     assert len(text.splitlines()) <= 12
+
+
+def test_numbers_that_are_none_are_not_shown_as_zero():
+    result = next(each for each in contact_objects() if isinstance(each, contact.ContactResult))
+    spoilt = dataclasses.replace(result, mu=np.full_like(result.mu, np.nan))
+    assert "resultant (nan, nan)" in repr(spoilt)
+    with pytest.raises(contact.InputError, match="NaN"):
+        spoilt.summary()
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.__name__)

@@ -22,7 +22,7 @@ def facts(result: Any) -> dict[str, str]:
     result : ContactResult
     """
     system, kkt = result.system, result.kkt
-    highest = int(np.argmax(result.pressure)) if result.mu.size else None
+    highest = int(np.argmax(result.pressure)) if np.any(result.mu) else None
     worst = max(kkt, key=lambda name: kkt[name])
     law = system.law
     if law is not None:
@@ -33,10 +33,10 @@ def facts(result: Any) -> dict[str, str]:
         "body": repr(system.body),
         "law": law or "without friction",
         "functional": system.rows.functional,
-        "solved by": f"{result.method}, {len(result.history)} iterations",
+        "solved by": f"{result.method}, iterations: {len(result.history)}",
         "contact": counts(result),
         "resultant": vector(result.resultant),
-        "pressure": "no point"
+        "pressure": "none"
         if highest is None
         else f"at most {result.pressure[highest]:.6g}, at {vector(result.x[:, highest])}",
         "displacement": f"at most {system.body.reach(result.u):.6g}",
@@ -62,4 +62,4 @@ def as_html(rows: dict[str, str], title: str) -> str:
 def vector(values: Any) -> str:
     """Six digits of each component; one that is rounding beside the largest is 0."""
     rounding = 1e-12 * np.abs(values).max()
-    return "(" + ", ".join(f"{v:.6g}" if abs(v) > rounding else "0" for v in values) + ")"
+    return "(" + ", ".join("0" if abs(v) <= rounding else f"{v:.6g}" for v in values) + ")"
