@@ -11,7 +11,7 @@ from scipy import sparse
 
 from gpu import Infeasible, NotConverged, Unbounded, solve_qp
 
-_path = Path(__file__).parent / "convex_problems.py"
+_path = Path(__file__).parents[1] / "convex_problems.py"
 _spec = importlib.util.spec_from_file_location("convex_problems", _path)
 problems = importlib.util.module_from_spec(_spec)
 sys.modules["convex_problems"] = problems

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from skfem import Basis, ElementTriArgyris, ElementVector, FacetBasis
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 
 
 @pytest.fixture(scope="module")

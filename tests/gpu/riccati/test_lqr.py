@@ -13,7 +13,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from gpu import InputError, LowRankValue, NotConverged, RiccatiError, care, lqe, lqr
 
-_path = Path(__file__).parent / "carex_problems.py"
+_path = Path(__file__).parents[1] / "carex_problems.py"
 _spec = importlib.util.spec_from_file_location("carex_problems", _path)
 carex = importlib.util.module_from_spec(_spec)
 sys.modules["carex_problems"] = carex

@@ -10,7 +10,7 @@ from scipy.linalg import solve_continuous_are
 
 from gpu import InputError, RiccatiError, care, lqr
 
-_path = Path(__file__).parent / "carex_problems.py"
+_path = Path(__file__).parents[1] / "carex_problems.py"
 _spec = importlib.util.spec_from_file_location("carex_problems", _path)
 carex = importlib.util.module_from_spec(_spec)
 sys.modules["carex_problems"] = carex

@@ -11,7 +11,7 @@ from skfem.models.poisson import laplace
 
 from skfem_adini import essential_dofs
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 pytest.importorskip("pyamg", reason="multigrid is optional")
 
 

@@ -11,7 +11,7 @@ from skfem.models.poisson import laplace
 
 from skfem_adini import ElementQuadAdini, assemble
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 
 
 @pytest.fixture(scope="module")
