@@ -30,7 +30,8 @@ from skfem_adini.output.nodal_fields import nodal_gradient, nodal_stress, von_mi
 from skfem_adini.output.vtk_fields import save, to_pyvista
 from skfem_adini.solvers.factorize import factorize
 from skfem_adini.solvers.lowest_eigenpairs import lowest_eigenpairs
-from skfem_adini.solvers.near_null_space import NearNullSpace, near_null_space
+from skfem_adini.solvers.multigrid import NearNullSpace
+from skfem_adini.solvers.near_null_space import near_null_space
 from skfem_adini.solvers.refine_eigenpair import RefinedEigenpair, refine_eigenpair
 from skfem_adini.uniform.solver import UniformSolver
 

@@ -10,9 +10,9 @@ from skfem import CellBasis
 from skfem.refdom import RefQuad
 
 from skfem_adini.arguments.finite_numbers import finite_numbers
-from skfem_adini.conditions.boundary_edges import scalar_element
 from skfem_adini.curved.adini_extension import AdiniExtension
 from skfem_adini.curved.cut_domain import CutDomain
+from skfem_adini.elements.vertex_dofs import scalar_element
 from skfem_adini.errors import InputError, MissingDependency
 
 _POINTS = 25

@@ -9,58 +9,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem.assembly.basis.abstract_basis import AbstractBasis
-from skfem.element import ElementQuadBFS as ScikitFemBFS
-from skfem.element import ElementVector
 
-from skfem_adini.curved.element_quad_adini_weighted import ElementQuadAdiniWeighted
-from skfem_adini.elements.element_hex_adini import ElementHexAdini
-from skfem_adini.elements.element_quad_adini import ElementQuadAdini
-from skfem_adini.elements.element_quad_bfs import ElementQuadBFS
 from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 Value = float | Callable[[Array], Any] | Sequence[Any] | Array
-
-
-def vertex_dofs(basis: Any, weighted: bool = False) -> Indices:
-    """Return the dofs as (names, components, vertices): u, u_x, u_y (, u_z) and, for BFS, u_xy.
-
-    The Bogner-Fox-Schmit element may be this package's or scikit-fem's: their dofs are the same.
-    Those of a weighted element, which belong to u over the weight, are given on request only.
-    """
-    elem = scalar_element(basis)
-    if isinstance(elem, ElementQuadAdiniWeighted) and not weighted:
-        raise InputError(
-            "basis: the dofs of ElementQuadAdiniWeighted are those of u over the weight, not of u; "
-            "expected ElementQuadAdini"
-        )
-    if not isinstance(elem, ElementQuadAdini | ElementHexAdini | ElementQuadBFS | ScikitFemBFS):
-        raise InputError(
-            f"basis: expected ElementQuadAdini, ElementHexAdini or ElementQuadBFS, or an "
-            f"ElementVector of one, got {full_name(elem)}"
-        )
-    nodal = basis.dofs.nodal_dofs
-    return np.asarray(nodal).reshape(elem.nodal_dofs, len(nodal) // elem.nodal_dofs, -1)
-
-
-def scalar_element(basis: Any) -> Any:
-    """Return the element of a basis, of a vector field that of a component.
-
-    Raises
-    ------
-    InputError
-        It is no scikit-fem basis.
-    """
-    if not isinstance(basis, AbstractBasis):
-        raise InputError(f"basis: expected a scikit-fem Basis, got {type(basis).__name__}")
-    return basis.elem.elem if isinstance(basis.elem, ElementVector) else basis.elem
-
-
-def full_name(elem: Any) -> str:
-    """Return the name of an element's class with its package: two have an ElementQuadBFS."""
-    return f"{type(elem).__module__.partition('.')[0]}.{type(elem).__name__}"
 
 
 def imposed_components(components: int | Sequence[int] | None, count: int) -> list[int]:

@@ -16,10 +16,10 @@ from skfem_adini.conditions.boundary_edges import (
     facet_numbers,
     imposed_components,
     sample,
-    vertex_dofs,
 )
 from skfem_adini.conditions.trace_directions import TraceDirections
 from skfem_adini.conditions.vertex_normals import CORNER, NOISE, vertex_normals
+from skfem_adini.elements.vertex_dofs import vertex_dofs
 from skfem_adini.errors import InputError
 
 _SAMPLES = 10  # a cubic along a cubic is of degree nine

@@ -7,12 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from skfem_adini.conditions.boundary_edges import (
-    Indices,
-    facet_vertices,
-    imposed_components,
-    vertex_dofs,
-)
+from skfem_adini.conditions.boundary_edges import Indices, facet_vertices, imposed_components
+from skfem_adini.elements.vertex_dofs import vertex_dofs
 from skfem_adini.errors import InputError
 
 _PARALLEL = 1e-10

@@ -11,16 +11,10 @@ import scipy.sparse as sp
 from scipy.spatial import KDTree
 
 from skfem_adini.arguments.finite_numbers import finite_numbers
-from skfem_adini.conditions.boundary_edges import (
-    Array,
-    BoundaryEdges,
-    Indices,
-    full_name,
-    scalar_element,
-    vertex_dofs,
-)
+from skfem_adini.conditions.boundary_edges import Array, BoundaryEdges, Indices
 from skfem_adini.elements.element_quad_adini import ElementQuadAdini
 from skfem_adini.elements.hermite_factors import HERMITE, SLOPE, derivatives
+from skfem_adini.elements.vertex_dofs import full_name, scalar_element, vertex_dofs
 from skfem_adini.errors import InputError
 
 _ON_EDGE = 1e-9

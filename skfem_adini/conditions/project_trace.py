@@ -15,11 +15,11 @@ from skfem_adini.conditions.boundary_edges import (
     facet_numbers,
     imposed_components,
     sample,
-    vertex_dofs,
 )
 from skfem_adini.conditions.boundary_trace import BoundaryTrace
 from skfem_adini.conditions.trace_directions import TraceDirections
 from skfem_adini.conditions.vertex_normals import NOISE, vertex_normals
+from skfem_adini.elements.vertex_dofs import vertex_dofs
 from skfem_adini.solvers.factorize import factorize
 
 

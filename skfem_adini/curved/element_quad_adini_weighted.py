@@ -66,6 +66,8 @@ class ElementQuadAdiniWeighted(ElementQuadAdini):
     [5.783186]
     """
 
+    dofs_of = "u over the weight"
+
     def __init__(
         self,
         weight: Callable[[Array], Any],

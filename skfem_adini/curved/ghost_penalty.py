@@ -12,10 +12,10 @@ from skfem.element import DiscreteField, ElementVector
 from skfem.helpers import dot
 
 from skfem_adini.arguments.positive_number import positive_number
-from skfem_adini.conditions.boundary_edges import full_name
 from skfem_adini.curved.cut_domain import CutDomain
 from skfem_adini.curved.unresolved_features import warn_of_unresolved_features
 from skfem_adini.elements.element_quad_adini import ElementQuadAdini
+from skfem_adini.elements.vertex_dofs import full_name
 from skfem_adini.errors import InputError
 
 _MASS = 1e-3

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 from skfem.refdom import RefQuad
 
@@ -99,3 +101,5 @@ class ElementQuadAdini(ClosedFormElement):
     refdom = RefQuad
     reference = adini_functions(2)
     cells = QuadCells
+    # The function whose values and derivatives the dofs are.
+    dofs_of: ClassVar[str] = "u"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skfem_adini.arguments.finite_numbers import finite_numbers
-from skfem_adini.conditions.boundary_edges import vertex_dofs
+from skfem_adini.elements.vertex_dofs import vertex_dofs
 from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]

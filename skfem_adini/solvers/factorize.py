@@ -10,8 +10,7 @@ from scipy import sparse
 
 from skfem_adini.arguments.real_numbers import real_array, real_matrix
 from skfem_adini.errors import InputError, MissingDependency
-from skfem_adini.solvers.multigrid import Multigrid
-from skfem_adini.solvers.near_null_space import NearNullSpace
+from skfem_adini.solvers.multigrid import Multigrid, NearNullSpace
 from skfem_adini.solvers.pardiso import DEFINITE, INDEFINITE, Pardiso, PardisoError, has_pardiso
 from skfem_adini.solvers.superlu import SuperLUFactor
 

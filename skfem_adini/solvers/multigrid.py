@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import warnings
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,6 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, cg
 
 from skfem_adini.errors import MissingDependency, NotConverged
-from skfem_adini.solvers.near_null_space import NearNullSpace
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
@@ -21,6 +21,25 @@ _RESTARTS = 3
 _MOST_ROUNDING = 1e-6
 _COARSEST = 20  # blocks
 _SMOOTHER = ("block_gauss_seidel", {"sweep": "symmetric"})
+
+
+@dataclass(frozen=True)
+class NearNullSpace:
+    """Vectors that a matrix nearly annihilates, and the vertex that each unknown belongs to.
+
+    Attributes
+    ----------
+    modes
+        One vector a column, shape (unknowns, modes).
+    vertex
+        Vertex of each unknown, shape (unknowns,).
+    """
+
+    modes: Array
+    vertex: Indices
+
+    def __repr__(self) -> str:
+        return "NearNullSpace({1} modes of {0} unknowns)".format(*self.modes.shape)
 
 
 class Multigrid:

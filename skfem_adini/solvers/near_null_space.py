@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, cast
 
@@ -11,30 +10,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from skfem_adini.arguments.finite_numbers import finite_numbers
-from skfem_adini.conditions.boundary_edges import vertex_dofs
+from skfem_adini.elements.vertex_dofs import vertex_dofs
 from skfem_adini.errors import InputError
+from skfem_adini.solvers.factorize import factorize
+from skfem_adini.solvers.multigrid import NearNullSpace
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
-
-
-@dataclass(frozen=True)
-class NearNullSpace:
-    """Vectors that a matrix nearly annihilates, and the vertex that each unknown belongs to.
-
-    Attributes
-    ----------
-    modes
-        One vector a column, shape (unknowns, modes).
-    vertex
-        Vertex of each unknown, shape (unknowns,).
-    """
-
-    modes: Array
-    vertex: Indices
-
-    def __repr__(self) -> str:
-        return "NearNullSpace({1} modes of {0} unknowns)".format(*self.modes.shape)
 
 
 def near_null_space(basis: Any, dofs: Any = None) -> NearNullSpace:
@@ -135,6 +117,4 @@ def _restricted(modes: Array, vertex: Indices, dofs: Any) -> NearNullSpace:
 
 def _pseudo_inverse(T: Any, modes: Array) -> Array:
     """Return z with T z nearest to the modes; the columns of T may overlap at hanging nodes."""
-    from skfem_adini.solvers.factorize import factorize
-
     return factorize(T.T @ T).solve(T.T @ modes)

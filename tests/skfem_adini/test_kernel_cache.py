@@ -143,9 +143,9 @@ def test_a_full_disk(monkeypatch):
 
 
 def test_kernels_asked_for_in_threads():
-    from skfem_adini import jit
+    from skfem_adini.curved.quadrature import compiled_kernels
 
-    jit.compiled_cut_boxes.cache_clear()
+    compiled_kernels.compiled_cut_boxes.cache_clear()
     with ThreadPoolExecutor(8) as pool:
-        found = {pool.submit(jit.compiled_cut_boxes).result() for _ in range(8)}
+        found = {pool.submit(compiled_kernels.compiled_cut_boxes).result() for _ in range(8)}
     assert len(found) == 1

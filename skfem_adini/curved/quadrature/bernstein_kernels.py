@@ -1,6 +1,6 @@
 """Bernstein polynomials on the unit square: values, roots, subdivision, bounds.
 
-Plain Python; `jit` hands the functions to numba. A polynomial in one variable is an
+Plain Python; `compiled_kernels` hands the functions to numba. A polynomial in one variable is an
 array of coefficients, one in two variables an array c[i, j] with i the degree in x.
 """
 

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skfem_adini.arguments.finite_numbers import finite_numbers
+from skfem_adini.curved.quadrature.compiled_kernels import compiled_cut_boxes
 from skfem_adini.curved.quadrature.level_set import LevelSet, TruthTable, as_level_set
 from skfem_adini.curved.quadrature.polygon import Polygon, cut_polygon
 from skfem_adini.curved.quadrature.polynomial_boxes import AccurateBoxes, accurate_boxes
 from skfem_adini.errors import InputError
-from skfem_adini.jit import compiled_cut_boxes
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

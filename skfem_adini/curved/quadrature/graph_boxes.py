@@ -1,6 +1,6 @@
 """Subdivision of boxes until every zero line in them is a graph over one side.
 
-Plain Python; `jit` hands the functions to numba, with those of `graph_rules`.
+Plain Python; `compiled_kernels` hands the functions to numba, with those of `graph_rules`.
 """
 
 from __future__ import annotations

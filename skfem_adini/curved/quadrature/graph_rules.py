@@ -1,6 +1,6 @@
 """Quadrature rules on boxes in which every zero line is a graph over one side.
 
-Plain Python; `jit` hands the functions to numba. A point is in leaf k where its
+Plain Python; `compiled_kernels` hands the functions to numba. A point is in leaf k where its
 polynomial is below -tol[k]. The state of a leaf is 1 (the box is in it), 0 (it is not) or 2 (open).
 Rows of the results are (box, x, y, weight) and (box, x, y, weight, n_x, n_y, leaf).
 """

@@ -1,0 +1,62 @@
+"""The dofs at the vertices, by name, component and vertex."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem.assembly.basis.abstract_basis import AbstractBasis
+from skfem.element import ElementQuadBFS as ScikitFemBFS
+from skfem.element import ElementVector
+
+from skfem_adini.elements.element_hex_adini import ElementHexAdini
+from skfem_adini.elements.element_quad_adini import ElementQuadAdini
+from skfem_adini.elements.element_quad_bfs import ElementQuadBFS
+from skfem_adini.errors import InputError
+
+Indices = NDArray[np.integer]
+
+
+def vertex_dofs(basis: Any, weighted: bool = False) -> Indices:
+    """Return the dofs as (names, components, vertices): u, u_x, u_y (, u_z) and, for BFS, u_xy.
+
+    The Bogner-Fox-Schmit element may be this package's or scikit-fem's: their dofs are the same.
+    Those of a weighted element, which belong to u over the weight, are given on request only.
+
+    Raises
+    ------
+    InputError
+        No scikit-fem basis, another element, or a weighted one without the request.
+    """
+    elem = scalar_element(basis)
+    if not isinstance(elem, ElementQuadAdini | ElementHexAdini | ElementQuadBFS | ScikitFemBFS):
+        raise InputError(
+            f"basis: expected ElementQuadAdini, ElementHexAdini or ElementQuadBFS, or an "
+            f"ElementVector of one, got {full_name(elem)}"
+        )
+    if isinstance(elem, ElementQuadAdini) and elem.dofs_of != "u" and not weighted:
+        raise InputError(
+            f"basis: the dofs of {type(elem).__name__} are those of {elem.dofs_of}, not of u; "
+            "expected ElementQuadAdini"
+        )
+    nodal = basis.dofs.nodal_dofs
+    return np.asarray(nodal).reshape(elem.nodal_dofs, len(nodal) // elem.nodal_dofs, -1)
+
+
+def scalar_element(basis: Any) -> Any:
+    """Return the element of a basis, of a vector field that of a component.
+
+    Raises
+    ------
+    InputError
+        It is no scikit-fem basis.
+    """
+    if not isinstance(basis, AbstractBasis):
+        raise InputError(f"basis: expected a scikit-fem Basis, got {type(basis).__name__}")
+    return basis.elem.elem if isinstance(basis.elem, ElementVector) else basis.elem
+
+
+def full_name(elem: Any) -> str:
+    """Return the name of an element's class with its package: two have an ElementQuadBFS."""
+    return f"{type(elem).__module__.partition('.')[0]}.{type(elem).__name__}"
