@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from skfem import Basis
 
 if TYPE_CHECKING:
     from skfem import Mesh
@@ -40,10 +41,10 @@ def strain_rows(body: BasisSolid) -> Array:
     :math:`L L^T = \lambda 1 1^T + 2 \mu I`, and :math:`2 \sqrt\mu\, \epsilon_{ij}`, times the root
     of the weight. A mean dilatation keeps the part with lambda apart, one row a cell.
     """
-    g, dim = _gradients(body), body.dim
+    basis, dim = _of_positive_weights(body.basis), body.dim
+    g, dx, mean = _gradients(basis), basis.dx, body.dilatation == "mean"
     _, cells, points, n = g.shape
     lam, mu = np.broadcast_to(body.lam, cells), np.broadcast_to(body.mu, cells)
-    dx, mean = body.basis.dx, body.dilatation == "mean"
     elastic = np.zeros((cells, dim, dim)) + (0.0 if mean else 1.0) * lam[:, None, None]
     elastic += 2.0 * mu[:, None, None] * np.eye(dim)
     L = np.linalg.cholesky(elastic)
@@ -68,7 +69,7 @@ def strain_rows(body: BasisSolid) -> Array:
 
 def internal_forces(body: BasisSolid, u: Array) -> Array:
     """Forces of a displacement on all dofs, ``S u``, shape (ndofs,)."""
-    g, dofs, dim = _gradients(body), body.basis.element_dofs.T, body.dim
+    g, dofs, dim = _gradients(body.basis), body.basis.element_dofs.T, body.dim
     local = u[dofs].reshape(len(dofs), -1, dim)
     values = body._are_values[dofs].reshape(local.shape)
     # Translations cause no strain; displacements from the cell's first node are exact.
@@ -86,9 +87,18 @@ def internal_forces(body: BasisSolid, u: Array) -> Array:
     return result
 
 
-def _gradients(body: BasisSolid) -> Array:
+def _of_positive_weights(basis: Basis) -> Basis:
+    """The basis, or one with roots of its weights: some rules on simplices have negative ones."""
+    order = 2 * basis.elem.maxdeg
+    while np.any(basis.W <= 0):
+        basis = Basis(basis.mesh, basis.elem, mapping=basis.mapping, intorder=order)
+        order += 1
+    return basis
+
+
+def _gradients(basis: Basis) -> Array:
     """Gradient of each scalar basis function, shape (dim, ncells, npoints, nfunctions)."""
-    basis, dim = body.basis, body.dim
+    dim = basis.mesh.dim()
     shape = (dim, *basis.dx.shape)
     return np.stack(
         [

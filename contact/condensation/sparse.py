@@ -84,7 +84,7 @@ class CondensedContact:
         self._prescribe(body)
         G, tangents = (sparse.csr_array(part @ self._T) for part in (rows.G, rows.T))
         if self.slender:
-            G, tangents = (without_rounding(A, body.lengths[1] / unit) for A in (G, tangents))
+            G, tangents = (without_rounding(A, body.lengths[1] * unit) for A in (G, tangents))
         B = self._choose(G, tangents, live_rows(rows.G, body), live_rows(rows.T, body))
         self._B = sparse.csr_array(B[:, self._boundary])
         modes = free_motions(body) / unit[:, None]
