@@ -27,8 +27,9 @@ from gpu.qp.data.qp_result import QPResult, Status
 from gpu.qp.qpsolvers_backend import register_qpsolvers
 from gpu.qp.solve_qp import solve_qp
 from gpu.riccati.lqr import care, lqe, lqr
-from gpu.riccati.lqr_result import LowRankValue, LQRResult
+from gpu.riccati.lqr_result import LQRResult
 from gpu.riccati.methods.hamiltonian_inverse import hamiltonian_inverse
+from gpu.riccati.problem.candidate import LowRankValue
 
 __all__ = [
     "KKT",

@@ -2,5 +2,5 @@
 
 In: matrices A and B of a linear system (and E), weights of its cost.
 Out: `LQRResult`: gain, poles and value with residuals and a proof of stability.
-Start: `lqr`, which chooses among `methods` and has `proof` certify what they find.
+Start: `lqr`; `choice` picks one of `methods`, and `proof` certifies what it finds.
 """

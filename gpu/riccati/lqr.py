@@ -2,37 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
-import inspect
-import warnings
 from typing import Any
 
-import numpy as np
-
 from gpu.arguments import choice, flag
-from gpu.arrays.namespace import to_host
-from gpu.errors import GpuError, InputError, NotConverged, NotSupported, RiccatiError
-from gpu.riccati.lqr_result import Found, LQRResult
-from gpu.riccati.methods.reduced import reduced
+from gpu.riccati.choice import solve_problem
+from gpu.riccati.estimator import dual_problem, transposed
+from gpu.riccati.lqr_result import LQRResult
 from gpu.riccati.number_range import within_range
-from gpu.riccati.problem.lqr_problem import PAID, LQRProblem, check_lqr, semidefinite
-from gpu.riccati.problem.state_matrix import EPS
-from gpu.riccati.proof.closed_loop import ALL_POLES, dense_loop, nearest_poles, unstable_pole
-from gpu.riccati.proof.refinement import judge
-from gpu.riccati.proof.unmovable_modes import explain, named
-
-# Modules with a function ``solve(problem, **options) -> Found``.
-METHODS = {
-    "doubling": "gpu.riccati.methods.doubling",
-    "newton": "gpu.riccati.methods.newton_kleinman",
-    "hamiltonian": "gpu.riccati.methods.hamiltonian",
-    "reduced": "gpu.riccati.methods.reduced.reduced",
-}
-PROVED = 600  # up to this order all poles are computed although stability is proved without
-QUICK = 400  # up to this order a dense solver is quicker than Newton steps with shifted solves
-TOLD = 200  # up to this order it may tell itself what stands in its way
-# These promise a solution of the equation; the others a gain.
-EXACT = {"doubling", "newton"}
+from gpu.riccati.problem.lqr_problem import check_lqr
 
 
 @within_range
@@ -232,167 +209,8 @@ def lqe(
     >>> float(L[0, 0]), float(P[0, 0]), float(E[0].real)
     (3.0, 3.0, -2.0)
     """
-    from gpu.riccati.estimator import dual_problem, transposed
-
     problem = dual_problem(A, G, C, W, V, N, E, flag("factored", factored))
     return transposed(solve_problem(problem, method, "raise", options, paid=False))
-
-
-def solve_problem(
-    problem: LQRProblem, method: str, unstable: str, options: dict[str, Any], *, paid: bool
-) -> LQRResult:
-    """Choose the method, solve, certify; ``paid`` allows a negative optimal cost."""
-    method = choice("method", method, ("auto", *METHODS))
-    chosen = method == "auto" and not problem.dense and problem.n <= ALL_POLES and not options
-    if method == "auto":
-        method = "doubling" if problem.dense else "reduced"
-        if chosen and problem.n <= QUICK and reduced.takes_newton(problem):
-            problem, method = problem.entries(), "doubling"
-    solve = importlib.import_module(METHODS[method]).solve
-    known = list(inspect.signature(solve).parameters)[1:]
-    for name in options:
-        if name not in known:
-            raise InputError(f"{name}: method {method!r} knows {', '.join(known) or 'no options'}")
-    if not paid and not problem.dense:
-        semidefinite(problem, always=True)
-    try:
-        found = solve(problem, **options)
-    except (NotConverged, NotSupported, np.linalg.LinAlgError) as error:
-        if chosen:
-            return _by_entries(problem, unstable, paid)
-        if isinstance(error, NotSupported):
-            raise
-        if not isinstance(error, NotConverged | RiccatiError):
-            error = NotConverged(str(error))
-        raise _explained(problem, error, paid) from None
-    result = certified(problem, found, method)
-    if method in EXACT:
-        if not result.converged:
-            raise _explained(
-                problem,
-                NotConverged(
-                    f"the Riccati solution is not certified: residual {result.residual:.1e}, "
-                    f"abscissa {result.abscissa:.1e}"
-                ),
-                paid,
-            )
-        if found.verdict is not None and found.verdict.loop.is_sensitive():
-            inherent = explain(problem)
-            if inherent is not None:
-                raise inherent
-        if not paid:
-            _check_cost(problem, result.S)
-        return result
-    # As far as a double root on the axis is split by rounding.
-    if not found.proved and not result.abscissa < -(EPS**0.5) * problem.state.size():
-        # No other method finds a better gain than one that leaves a pole no feedback moves.
-        inherent = named(problem)
-        if inherent is not None:
-            if chosen and problem.n <= TOLD:
-                return _by_entries(problem, unstable, paid)
-            raise inherent
-    if not result.stable and chosen:
-        # Modes that neither Q sees nor a projection, and that have to be moved all the same.
-        return _by_entries(problem, unstable, paid)
-    if not result.stable and unstable != "ignore":
-        message = (
-            f"the gain of method {method!r} does not stabilise: a pole has the real part "
-            f"{result.abscissa:.3g}; {_remedy(problem)}"
-        )
-        if unstable == "raise":
-            raise NotConverged(message)
-        warnings.warn(message, RuntimeWarning, stacklevel=4)
-    return result
-
-
-def _remedy(problem: LQRProblem) -> str:
-    if problem.dense or problem.n <= ALL_POLES:
-        return "use result.refined(), or method='newton'"
-    return "give its mode an input and a weight, or use method='doubling' with all entries"
-
-
-def _by_entries(problem: LQRProblem, unstable: str, paid: bool) -> LQRResult:
-    """The answer with all entries stored, where no projection finds it and memory allows."""
-    inherent = named(problem) if problem.n > TOLD else None
-    if inherent is not None:
-        raise inherent
-    return solve_problem(problem.entries(), "doubling", unstable, {}, paid=paid)
-
-
-def certified(problem: LQRProblem, found: Found, method: str) -> LQRResult:
-    """Compute poles and residual again from the data and put the result together."""
-    info = dict(found.info)
-    residual = float(info.pop("residual", np.nan))
-    xp, error = problem.xp, np.nan
-    if found.verdict is not None or (problem.dense and isinstance(found.value, xp.ndarray)):
-        verdict = found.verdict or judge(problem, found.value)
-        residual, error = verdict.residual, verdict.error
-        loop = verdict.loop
-    elif problem.dense or problem.n <= (PROVED if found.proved else ALL_POLES):
-        loop = dense_loop(problem.entries(), found.gain)
-    else:
-        loop = None
-    if loop is None:
-        poles, stable = nearest(problem, found.gain, found.proved)
-        abscissa, bound = float(poles[0].real) if len(poles) else np.nan, np.nan
-        if found.proved and stable:
-            bound = 0.0
-    else:
-        poles, stable, abscissa, bound = loop.poles, loop.is_stable(), loop.abscissa, loop.bound
-        info["pole_tolerance"] = loop.tolerance
-    return LQRResult(
-        K=found.gain,
-        S=found.value,
-        E=poles,
-        stable=bool(stable),
-        abscissa=abscissa,
-        bound=bound,
-        residual=residual,
-        error=error,
-        method=method,
-        iterations=int(info.pop("iterations", 0)),
-        solves=int(info.pop("solves", 0)),
-        info=info,
-        problem=problem,
-    )
-
-
-def nearest(problem: LQRProblem, K: Any, proved: bool) -> tuple[np.ndarray, bool]:
-    """The poles nearest to zero, one right of the axis if any is found, and whether none is."""
-    try:
-        poles = nearest_poles(problem.state, problem.B, K)
-    except GpuError:
-        return np.zeros(0, dtype=complex), proved
-    stable = bool(poles[0].real < 0.0)
-    if stable and not proved:
-        other = unstable_pole(problem.state, problem.B, K, float(np.abs(poles).min()))
-        if other is not None:
-            poles, stable = np.concatenate([[other], poles]), False
-    return poles, stable
-
-
-def _check_cost(problem: LQRProblem, S: Any) -> None:
-    if problem.n > ALL_POLES or not isinstance(S, problem.xp.ndarray):
-        return
-    values = np.linalg.eigvalsh(to_host(S))
-    if values[0] < -1e-9 * np.abs(values).max():
-        if semidefinite(problem):
-            raise NotConverged(
-                "the Riccati solution is not certified: round-off makes the cost of some states "
-                f"negative ({values[0]:.1e} of {values[-1]:.1e}); the weights are too far apart"
-            )
-        raise InputError(
-            f"{PAID}, and the optimal cost is negative for some states; gpu.care finds the "
-            "stabilising solution of its equation"
-        )
-
-
-def _explained(problem: LQRProblem, error: Exception, paid: bool) -> Exception:
-    if isinstance(error, RiccatiError) and error.cause:
-        return error
-    if not paid and not semidefinite(problem):
-        return InputError(f"{PAID}, and no stabilising feedback was found that is optimal")
-    return explain(problem) or error
 
 
 __all__ = ["care", "lqe", "lqr"]

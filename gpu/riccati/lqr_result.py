@@ -4,84 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
+
+import numpy as np
 
 from gpu.arrays.namespace import array_module
-from gpu.errors import InputError
+from gpu.errors import GpuError, InputError
+from gpu.riccati.methods import newton_kleinman
+from gpu.riccati.problem.candidate import Found
+from gpu.riccati.problem.lqr_problem import LQRProblem
+from gpu.riccati.proof.closed_loop import ALL_POLES, dense_loop, nearest_poles, unstable_pole
+from gpu.riccati.proof.refinement import judge
 
-
-class Found(NamedTuple):
-    """What a method hands to `gpu.lqr`.
-
-    Attributes
-    ----------
-    gain : array, shape (m, n)
-    value : array, shape (n, n), LowRankValue or None
-    info : dict
-        ``iterations``, ``solves``, ``residual``, ``path``, whatever the method has to tell.
-    verdict : Verdict or None
-        Of a dense solution: its recomputed residual and closed loop.
-    proved : bool
-        Whether the closed loop has been proved stable without its poles.
-    """
-
-    gain: Any
-    value: Any
-    info: dict[str, Any]
-    verdict: Any = None
-    proved: bool = False
-
-
-@dataclass(frozen=True)
-class LowRankValue:
-    """``S = Z M Z^T``, never formed unless asked for.
-
-    Attributes
-    ----------
-    Z : array, shape (n, r)
-    M : array, shape (r, r)
-        Symmetric.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from gpu.riccati.lqr_result import LowRankValue
-    >>> S = LowRankValue(np.ones((3, 1)), np.array([[2.0]]))
-    >>> S @ np.array([1.0, 0.0, 0.0])
-    array([2., 2., 2.])
-    """
-
-    Z: Any
-    M: Any
-
-    def __repr__(self) -> str:
-        return f"LowRankValue(shape {self.shape}, rank {self.rank})"
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(n, n)."""
-        return (len(self.Z), len(self.Z))
-
-    @property
-    def rank(self) -> int:
-        """Columns of Z."""
-        return int(self.Z.shape[1])
-
-    @property
-    def T(self) -> LowRankValue:
-        """The same: S is symmetric."""
-        return self
-
-    def __matmul__(self, x: Any) -> Any:
-        return self.Z @ (self.M @ (self.Z.T @ x))
-
-    def diagonal(self) -> Any:
-        """The diagonal of S, shape (n,)."""
-        return ((self.Z @ self.M) * self.Z).sum(axis=1)
-
-    def toarray(self) -> Any:
-        """S with all its entries."""
-        return self.Z @ self.M @ self.Z.T
+PROVED = 600  # up to this order all poles are computed although stability is proved without
 
 
 @dataclass(frozen=True)
@@ -197,10 +132,59 @@ class LQRResult:
         gpu.RiccatiError
             No gain stabilises.
         """
-        from gpu.riccati.lqr import certified
-        from gpu.riccati.methods.newton_kleinman import solve
-
         start = self.K if self.stable else None
         problem = self._whole()
-        found = solve(problem, start=start, steps=steps, tol=tol)
+        found = newton_kleinman.solve(problem, start=start, steps=steps, tol=tol)
         return certified(problem, found, "newton")
+
+
+def certified(problem: LQRProblem, found: Found, method: str) -> LQRResult:
+    """Compute poles and residual again from the data and put the result together."""
+    info = dict(found.info)
+    residual = float(info.pop("residual", np.nan))
+    xp, error = problem.xp, np.nan
+    if found.verdict is not None or (problem.dense and isinstance(found.value, xp.ndarray)):
+        verdict = found.verdict or judge(problem, found.value)
+        residual, error = verdict.residual, verdict.error
+        loop = verdict.loop
+    elif problem.dense or problem.n <= (PROVED if found.proved else ALL_POLES):
+        loop = dense_loop(problem.entries(), found.gain)
+    else:
+        loop = None
+    if loop is None:
+        poles, stable = nearest(problem, found.gain, found.proved)
+        abscissa, bound = float(poles[0].real) if len(poles) else np.nan, np.nan
+        if found.proved and stable:
+            bound = 0.0
+    else:
+        poles, stable, abscissa, bound = loop.poles, loop.is_stable(), loop.abscissa, loop.bound
+        info["pole_tolerance"] = loop.tolerance
+    return LQRResult(
+        K=found.gain,
+        S=found.value,
+        E=poles,
+        stable=bool(stable),
+        abscissa=abscissa,
+        bound=bound,
+        residual=residual,
+        error=error,
+        method=method,
+        iterations=int(info.pop("iterations", 0)),
+        solves=int(info.pop("solves", 0)),
+        info=info,
+        problem=problem,
+    )
+
+
+def nearest(problem: LQRProblem, K: Any, proved: bool) -> tuple[np.ndarray, bool]:
+    """The poles nearest to zero, one right of the axis if any is found, and whether none is."""
+    try:
+        poles = nearest_poles(problem.state, problem.B, K)
+    except GpuError:
+        return np.zeros(0, dtype=complex), proved
+    stable = bool(poles[0].real < 0.0)
+    if stable and not proved:
+        other = unstable_pole(problem.state, problem.B, K, float(np.abs(poles).min()))
+        if other is not None:
+            poles, stable = np.concatenate([[other], poles]), False
+    return poles, stable

@@ -1,6 +1,6 @@
 """The methods that find a gain: doubling, Newton-Kleinman, Hamiltonian, reduced.
 
 In: an `LQRProblem`.
-Out: what a method has found: a gain, perhaps a value.
+Out: a candidate, `Found`: a gain, perhaps a value, not yet certified.
 Start: `doubling` for dense problems, `reduced` for large ones.
 """

@@ -10,8 +10,8 @@ from scipy import linalg
 from gpu.arrays.denormals import filled
 from gpu.arrays.namespace import array_module, to_host
 from gpu.errors import NotConverged
-from gpu.riccati.lqr_result import Found
 from gpu.riccati.methods import newton_kleinman
+from gpu.riccati.problem.candidate import Found
 from gpu.riccati.problem.lqr_problem import DenseProblem, LQRProblem
 from gpu.riccati.problem.lqr_problem import solve as solve_linear
 from gpu.riccati.problem.standard_form import scaled_hamiltonian

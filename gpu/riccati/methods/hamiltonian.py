@@ -13,8 +13,8 @@ from gpu.arrays.namespace import array_module, to_host
 from gpu.eigenvalues.krylov.krylov_schur import krylov_schur
 from gpu.eigenvalues.schur.order import best_first
 from gpu.errors import InputError, NotConverged, RiccatiError
-from gpu.riccati.lqr_result import Found, LowRankValue
 from gpu.riccati.methods.hamiltonian_inverse import InverseHamiltonian
+from gpu.riccati.problem.candidate import Found, LowRankValue
 from gpu.riccati.problem.cross_term import without_cross_term
 from gpu.riccati.problem.lqr_problem import SINGULAR_MASS, LQRProblem
 from gpu.riccati.problem.state_matrix import EPS, StateMatrix, factor

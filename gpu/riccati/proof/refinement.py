@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gpu.riccati.lqr_result import Found
+from gpu.riccati.problem.candidate import Found
 from gpu.riccati.problem.lqr_problem import LQRProblem
 from gpu.riccati.problem.state_matrix import EPS
 from gpu.riccati.proof.closed_loop import DenseLoop, closed_loop_of

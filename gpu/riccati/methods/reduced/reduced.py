@@ -10,13 +10,13 @@ from scipy import linalg
 from gpu.arguments import choice
 from gpu.arrays.namespace import array_module, to_host
 from gpu.errors import InputError, NotConverged, NotSupported, RiccatiError
-from gpu.riccati.lqr_result import Found, LowRankValue
 from gpu.riccati.methods.hamiltonian import low_rank_value
 from gpu.riccati.methods.hamiltonian_inverse import InverseHamiltonian
 from gpu.riccati.methods.reduced.gain_refinement import kleinman
 from gpu.riccati.methods.reduced.galerkin_riccati import Projected
 from gpu.riccati.methods.reduced.rational_krylov import RationalKrylov
 from gpu.riccati.methods.reduced.stability_proof import proves_stable
+from gpu.riccati.problem.candidate import Found, LowRankValue
 from gpu.riccati.problem.cross_term import without_cross_term
 from gpu.riccati.problem.lqr_problem import SINGULAR_MASS, LQRProblem
 from gpu.riccati.problem.state_matrix import Factors, StateMatrix, factor, stored, symmetric

@@ -1,0 +1,80 @@
+"""What a method finds, before anything is certified: a gain and, in some form, a value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+
+class Found(NamedTuple):
+    """What a method of `gpu.lqr` hands over to be certified.
+
+    Attributes
+    ----------
+    gain : array, shape (m, n)
+    value : array, shape (n, n), LowRankValue or None
+    info : dict
+        ``iterations``, ``solves``, ``residual``, ``path``, whatever the method has to tell.
+    verdict : Verdict or None
+        Of a dense solution: its recomputed residual and closed loop.
+    proved : bool
+        Whether the closed loop has been proved stable without its poles.
+    """
+
+    gain: Any
+    value: Any
+    info: dict[str, Any]
+    verdict: Any = None
+    proved: bool = False
+
+
+@dataclass(frozen=True)
+class LowRankValue:
+    """``S = Z M Z^T``, never formed unless asked for.
+
+    Attributes
+    ----------
+    Z : array, shape (n, r)
+    M : array, shape (r, r)
+        Symmetric.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from gpu.riccati.problem.candidate import LowRankValue
+    >>> S = LowRankValue(np.ones((3, 1)), np.array([[2.0]]))
+    >>> S @ np.array([1.0, 0.0, 0.0])
+    array([2., 2., 2.])
+    """
+
+    Z: Any
+    M: Any
+
+    def __repr__(self) -> str:
+        return f"LowRankValue(shape {self.shape}, rank {self.rank})"
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, n)."""
+        return (len(self.Z), len(self.Z))
+
+    @property
+    def rank(self) -> int:
+        """Columns of Z."""
+        return int(self.Z.shape[1])
+
+    @property
+    def T(self) -> LowRankValue:
+        """The same: S is symmetric."""
+        return self
+
+    def __matmul__(self, x: Any) -> Any:
+        return self.Z @ (self.M @ (self.Z.T @ x))
+
+    def diagonal(self) -> Any:
+        """The diagonal of S, shape (n,)."""
+        return ((self.Z @ self.M) * self.Z).sum(axis=1)
+
+    def toarray(self) -> Any:
+        """S with all its entries."""
+        return self.Z @ self.M @ self.Z.T
