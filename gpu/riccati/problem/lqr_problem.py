@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy import linalg, sparse
@@ -14,7 +14,7 @@ from gpu.arrays.device_lu import device_solver
 from gpu.arrays.namespace import array_module, to_host
 from gpu.arrays.sparse_factor import is_positive_definite
 from gpu.errors import InputError
-from gpu.riccati.problem.standard_form import balance
+from gpu.riccati.problem.standard_form import DenseProblem, balance
 from gpu.riccati.problem.state_matrix import EPS, StateMatrix, stored, symmetric
 from gpu.riccati.problem.weights import Weight
 
@@ -41,14 +41,6 @@ class FactoredWeight(Weight):
     def apply(self, x: Any) -> Any:
         """``C^T C x``."""
         return self.C.T @ (self.C @ x)
-
-
-class DenseProblem(NamedTuple):
-    r"""The standard form :math:`A^T X + X A - X B B^T X + Q = 0`, dense."""
-
-    A: Any
-    B: Any
-    Q: Any
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,18 @@
-"""Units of the states in which the Hamiltonian of a dense problem is balanced."""
+"""The standard form of a dense problem, and units of its states that balance its Hamiltonian."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 from gpu.arrays.namespace import array_module
 
-if TYPE_CHECKING:
-    from gpu.riccati.problem.lqr_problem import DenseProblem
+
+class DenseProblem(NamedTuple):
+    r"""The standard form :math:`A^T X + X A - X B B^T X + Q = 0`, dense."""
+
+    A: Any
+    B: Any
+    Q: Any
 
 
 def balance(standard: DenseProblem, sweeps: int = 12) -> Any:

@@ -10,7 +10,8 @@ import numpy as np
 
 from gpu.arrays.namespace import array_module, to_host
 from gpu.errors import GpuError, NotConverged
-from gpu.riccati.problem.lqr_problem import DenseProblem, LQRProblem
+from gpu.riccati.problem.lqr_problem import LQRProblem
+from gpu.riccati.problem.standard_form import DenseProblem
 from gpu.riccati.problem.state_matrix import EPS, Factors, StateMatrix
 from gpu.riccati.proof.lyapunov import SCHUR, LyapunovSolver, cayley_shift, lyapunov_solver
 from gpu.riccati.proof.lyapunov_certificate import proven_bound

@@ -7,8 +7,8 @@ from scipy import linalg
 
 from gpu.arrays.namespace import to_host
 from gpu.errors import InputError, RiccatiError
-from gpu.riccati.problem.lqr_problem import DenseProblem, LQRProblem, solve
-from gpu.riccati.problem.standard_form import balance
+from gpu.riccati.problem.lqr_problem import LQRProblem, solve
+from gpu.riccati.problem.standard_form import DenseProblem, balance
 from gpu.riccati.problem.state_matrix import EPS
 
 EXAMINED = 1500  # up to this order modes are examined
