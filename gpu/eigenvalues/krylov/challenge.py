@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from gpu.eigenvalues.krylov.arnoldi import Arnoldi
+from gpu.eigenvalues.schur.order import Edge
 from gpu.eigenvalues.schur.ordered_schur import Rank, ordered_schur, whole
-
-Edge = Callable[[float, np.ndarray], np.ndarray]
 
 INSIDE = 0.03  # residual of the best newcomer over its distance to the wanted: it lies inside
 THICK = 0.5  # of the searching space that outlives a restart

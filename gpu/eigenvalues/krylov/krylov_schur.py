@@ -11,8 +11,9 @@ import numpy as np
 from scipy import linalg
 
 from gpu.eigenvalues.krylov.arnoldi import Arnoldi
-from gpu.eigenvalues.krylov.challenge import INSIDE, Edge, unbeaten
+from gpu.eigenvalues.krylov.challenge import INSIDE, unbeaten
 from gpu.eigenvalues.krylov.implicit_restart import shifted_qr
+from gpu.eigenvalues.schur.order import Edge
 from gpu.eigenvalues.schur.ordered_schur import Rank, ordered_schur, whole
 
 RESTARTS = ("krylov-schur", "implicit")

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-from gpu.eigenvalues.krylov.challenge import Edge
 from gpu.eigenvalues.schur.ordered_schur import Rank
 from gpu.errors import InputError
+
+# From a rank and values beyond it to points of the curve where the rank is that: see `edge_of`.
+Edge = Callable[[float, np.ndarray], np.ndarray]
 
 EVENLY = 32  # points on the edge that do not depend on the values
 ROUNDING = 1e-14  # ranks are the same up to it
