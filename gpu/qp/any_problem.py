@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 from gpu.arrays.dense import symmetric_product
 from gpu.arrays.namespace import to_host
 from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
-from gpu.qp.active_set.box import Step
 from gpu.qp.active_set.whitened import GaveUp, WhitenedActiveSet
 from gpu.qp.data.kkt import general_residuals, kkt_residuals
 from gpu.qp.data.program import Program, residuals
 from gpu.qp.data.qp_problem import Problem, power_of_two
 from gpu.qp.data.qp_result import QPResult, Status, boxes_only
+from gpu.qp.data.step import Step
 from gpu.qp.interior_point.extended_precision import Triple
 from gpu.qp.interior_point.minimise import NoBound, NoPoint, Point, certified, minimise, polished
 from gpu.qp.interior_point.polish import Sides

@@ -46,12 +46,12 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from gpu.arrays.dense import cholesky, cholesky_solve, lower_solve, symmetric_product
 from gpu.errors import Infeasible, NotConverged
+from gpu.qp.data.step import Step
 
 PATIENCE = 5
 MAX_CENTRES = 100
@@ -59,13 +59,6 @@ ROUNDING = 64 * np.finfo(float).eps
 # Of the largest compliance a'P^-1 a of a row: small against the compliance of a few free
 # variables, large against the rounding of the Schur complement.
 RHO, RHO_MIN = 1e-8, 1e-13
-
-
-class Step(NamedTuple):
-    """One active-set step: how many variables were held, how many were found violated."""
-
-    active: int
-    violated: int
 
 
 @dataclass(frozen=True)

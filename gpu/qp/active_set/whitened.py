@@ -31,8 +31,8 @@ import numpy as np
 from gpu.arrays.dense import cholesky_begun, cholesky_solve, gram, lower_solve
 from gpu.arrays.device_triangle import DeviceTriangle
 from gpu.arrays.namespace import to_host
-from gpu.qp.active_set.box import Step
 from gpu.qp.data.program import Array, Program
+from gpu.qp.data.step import Step
 
 PATIENCE, MAX_STEPS = 3, 60
 ROUNDING = 64 * np.finfo(float).eps

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpu.qp.active_set.box import Step
 from gpu.qp.data.kkt import KKT, general_residuals, kkt_residuals
 from gpu.qp.data.qp_problem import Problem, QPFactor, check_problem
+from gpu.qp.data.step import Step
 
 
 class Status(Enum):
