@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError, numbers
 from contact.histories.history_folder import HistoryFolder
-from contact.output.vtk import body_grid, boundary_grid
+from contact.output.vtk import body_grid, boundary_grids
 from skfem_adini.output.vtk_files import write_series
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ class LoadHistory:
         times = self.times.tolist()
         write_series(
             path.with_name(f"{path.stem}_boundary.pvd"),
-            ((t, boundary_grid(r)) for t, r in zip(times, self.results, strict=True)),
+            zip(times, boundary_grids(self.results), strict=True),
         )
         return write_series(
             path, ((t, body_grid(r, subdivide)) for t, r in zip(times, self.results, strict=True))

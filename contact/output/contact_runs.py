@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from contact.body.cut_body import CutBody
 
@@ -20,6 +21,28 @@ Index = NDArray[np.int64]
 _PIECES = 16  # straight ones of a facet, which may be curved
 _NEAR = 1e-2  # of a facet's length: so near to its end a point is the vertex's
 _FACING = 0.1  # cosine below which the normals of a point and of a facet do not belong together
+
+
+@dataclass(frozen=True)
+class Run:
+    """Contact points that follow one another along the boundary.
+
+    Attributes
+    ----------
+    points : ndarray of int, shape (n,)
+        Their numbers, in the order in which the boundary is run through.
+    s : ndarray, shape (n,)
+        Places along the run.
+    length : float
+        Of the run: of its facets, or from the first to the last knot of a cut arc.
+    closed : bool
+        The first point follows the last one.
+    """
+
+    points: Index
+    s: Array
+    length: float
+    closed: bool
 
 
 def arc_length(result: ContactResult) -> tuple[Array, Index]:
@@ -38,28 +61,63 @@ def arc_length(result: ContactResult) -> tuple[Array, Index]:
     s : ndarray, shape (m,)
     run : ndarray of int, shape (m,)
     """
-    s, run = np.zeros(result.mu.size), np.zeros(result.mu.size, dtype=np.int64)
-    begin, count = 0.0, 0
+    s, number = np.zeros(result.mu.size), np.zeros(result.mu.size, dtype=np.int64)
+    begin = 0.0
+    for k, run in enumerate(contact_runs(result)):
+        s[run.points], number[run.points] = begin + run.s, k
+        begin += run.length
+    return s, number
+
+
+def contact_runs(result: ContactResult) -> list[Run]:
+    """The connected runs of the contact points of a result in two dimensions."""
+    runs: list[Run] = []
     for k in range(int(result.part.max()) + 1):
         here = np.flatnonzero(result.part == k)
-        x = result.x[:, here]
-        if isinstance(result.system.body, CutBody):  # its knots begin where the curve does
-            steps = np.r_[0.0, np.linalg.norm(np.diff(x, axis=1), axis=0)]
-            s[here], run[here] = begin + np.cumsum(steps), count
-            begin, count = float(s[here[-1]]), count + 1
-            continue
-        nominal = result.x_nominal[:, here]
-        rows = result.system.rows
-        moved = "centroid" in rows.functional
-        lines = _lines(result.system.body.trace.mesh, nominal, rows.normals[:, here], moved)
-        away = np.array([line.project(nominal)[1] for line in lines])
-        own = np.argmin(away, axis=0)
-        for j in dict.fromkeys(own.tolist()):  # in the order of the contact points
-            mine = own == j
-            s[here[mine]] = begin + lines[j].along(x[:, mine], nominal[:, mine])
-            run[here[mine]] = count
-            begin, count = begin + lines[j].length, count + 1
-    return s, run
+        cut = isinstance(result.system.body, CutBody)
+        runs += _runs_of_arc(result, here) if cut else _runs_of_facets(result, here)
+    return runs
+
+
+def _runs_of_arc(result: ContactResult, here: Index) -> list[Run]:
+    """Knots of a cut arc begin where a curve of it does, and follow it."""
+    arc, x = result.system.body.arc(), result.x[:, here]
+    owner = np.empty(arc.weights.size, dtype=np.int64)
+    for k, curve in enumerate(arc.curves):
+        owner[curve.points] = k
+    own = owner[KDTree(arc.x.T).query(x.T)[1]]
+    runs = []
+    for k in dict.fromkeys(own.tolist()):
+        mine = np.flatnonzero(own == k)
+        steps = np.r_[0.0, np.linalg.norm(np.diff(x[:, mine], axis=1), axis=0)]
+        # All of a closed curve, to rounding of its weights, not a part that all but closes.
+        taken = result.system.rows.weights[here[mine]].sum()
+        whole = taken > (1 - 1e-9) * arc.weights[arc.curves[k].points].sum()
+        closed = bool(arc.curves[k].closed and whole)
+        runs.append(Run(here[mine], np.cumsum(steps), float(steps.sum()), closed))
+    return runs
+
+
+def _runs_of_facets(result: ContactResult, here: Index) -> list[Run]:
+    x, nominal, rows = result.x[:, here], result.x_nominal[:, here], result.system.rows
+    trace = result.system.body.trace
+    vertex = _vertices(trace, rows.G[here]) if "centroid" in rows.functional else None
+    lines = _lines(trace.mesh, nominal, rows.normals[:, here], vertex)
+    own = np.argmin([line.project(nominal)[1] for line in lines], axis=0)
+    runs = []
+    for j in dict.fromkeys(own.tolist()):  # in the order of the contact points
+        mine, line = np.flatnonzero(own == j), lines[j]
+        s = line.along(x[:, mine], nominal[:, mine])
+        runs.append(Run(here[mine], s, line.length, line.closed))
+    return runs
+
+
+def _vertices(trace: Any, G: Any) -> Index | None:
+    """The vertex that each point measures the displacement of, if none measures that of two."""
+    dofs = trace.scalar_dofs.nodal_dofs[0]
+    size = sum(abs(G[:, trace.dim * dofs + c]) for c in range(trace.dim))
+    vertex = np.asarray(size.argmax(axis=1)).ravel()
+    return vertex if np.unique(vertex).size == vertex.size else None
 
 
 @dataclass(frozen=True)
@@ -106,10 +164,10 @@ class _Line:
         return np.clip(turned + aside, 0.0, length)
 
 
-def _lines(mesh: Mesh, nominal: Array, normals: Array, moved: bool) -> list[_Line]:
+def _lines(mesh: Mesh, nominal: Array, normals: Array, vertex: Index | None) -> list[_Line]:
     """The runs of the facets that the contact points belong to.
 
-    Points that were `moved` from their vertices may both have left the facet between them.
+    Points that stand for a `vertex` each may have left the facets between two of them.
     """
     facets = mesh.boundary_facets()
     s = np.linspace(0.0, 1.0, _PIECES + 1)[None]
@@ -120,8 +178,21 @@ def _lines(mesh: Mesh, nominal: Array, normals: Array, moved: bool) -> list[_Lin
     inside = mesh.p[:, mesh.t[:, mesh.f2t[0, facets]]].mean(axis=1)
     outward *= np.sign(np.sum(outward * (curve[:, :, 0] - inside), axis=0))
     ends = mesh.facets[:, facets]
-    touched = np.zeros((facets.size, 2), dtype=bool)
-    within = np.zeros(facets.size, dtype=bool)
+    if vertex is None:
+        chosen = _met(curve, outward, nominal, normals)
+    else:
+        normal, of_point = np.zeros((2, mesh.nvertices)), np.zeros(mesh.nvertices, dtype=bool)
+        normal[:, vertex], of_point[vertex] = normals, True
+        facing = np.einsum("df,def->ef", outward, normal[:, ends]) > _FACING
+        chosen = np.all(of_point[ends] & facing, axis=0)
+    return _chained(curve[:, chosen], ends[:, chosen])
+
+
+def _met(curve: Array, outward: Array, nominal: Array, normals: Array) -> NDArray[np.bool_]:
+    """Facets with a point within, or one at either end."""
+    size = np.linalg.norm(curve[:, :, -1] - curve[:, :, 0], axis=0)
+    touched = np.zeros((size.size, 2), dtype=bool)
+    within = np.zeros(size.size, dtype=bool)
     for x, n in zip(nominal.T, normals.T, strict=True):
         to = x[:, None, None] - curve
         far = np.sqrt(np.min(np.sum(to * to, axis=0), axis=1))
@@ -135,12 +206,7 @@ def _lines(mesh: Mesh, nominal: Array, normals: Array, moved: bool) -> list[_Lin
             touched[f, 0] |= place < _NEAR * line.length
             touched[f, 1] |= place > (1 - _NEAR) * line.length
             within[f] |= _NEAR * line.length < place < (1 - _NEAR) * line.length
-    chosen = within | touched.all(axis=1)
-    if moved:
-        begun = np.bincount(ends[:, chosen].ravel(), minlength=mesh.nvertices) > 0
-        direction = outward[:, chosen].T @ outward
-        chosen |= begun[ends].all(axis=0) & np.any(direction > 1 - _FACING, axis=0)
-    return _chained(curve[:, chosen], ends[:, chosen])
+    return np.asarray(within | touched.all(axis=1))
 
 
 def _chained(curve: Array, ends: Index) -> list[_Line]:

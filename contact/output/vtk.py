@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from contact.body.cut_body import CutBody
 from contact.errors import InputError, MissingDependency, numbers
+from contact.output.contact_runs import Run, contact_runs
 from skfem_adini import to_pyvista, von_mises
 
 if TYPE_CHECKING:
@@ -53,12 +55,27 @@ def body_grid(result: ContactResult, subdivide: int | None = None) -> Any:
 def boundary_grid(result: ContactResult) -> Any:
     """Contact points as pyvista.PolyData: a polyline in 2-D, a point cloud in 3-D.
 
+    There is one for each run of connected facets, closed where these are.
+
     Returns
     -------
     pyvista.PolyData
         Point data ``pressure``, ``shear`` (vector), ``gap``, ``status``, ``displacement`` normal
         and tangential, ``normal``.
     """
+    return next(boundary_grids([result]))
+
+
+def boundary_grids(results: Iterable[ContactResult]) -> Iterator[Any]:
+    """The grids of several results, whose points are joined once where they are the same."""
+    places, runs = np.zeros(0), []
+    for result in results:
+        if result.x.shape[0] == 2 and not np.array_equal(places, result.x_nominal):
+            places, runs = result.x_nominal, contact_runs(result)
+        yield _points(result, runs)
+
+
+def _points(result: ContactResult, runs: list[Run]) -> Any:
     try:
         import pyvista
     except ImportError as error:  # pragma: no cover - a core dependency
@@ -72,9 +89,8 @@ def boundary_grid(result: ContactResult) -> Any:
     points[:, :dim] = rows.x.T
     cloud = pyvista.PolyData(points)
     if dim == 2:
-        breaks = np.linalg.norm(np.diff(rows.x, axis=1), axis=0) > 4 * rows.weights[:-1]
-        runs = np.split(np.arange(m), np.flatnonzero(breaks) + 1)
-        cells = [np.concatenate(([run.size], run)) for run in runs if run.size > 1]
+        around = [np.r_[run.points, run.points[: run.closed]] for run in runs]
+        cells = [np.r_[run.size, run] for run in around if run.size > 1]
         cloud = pyvista.PolyData(points, lines=np.concatenate(cells)) if cells else cloud
     cloud.point_data["pressure"] = result.pressure
     cloud.point_data["shear"] = _vectors(np.einsum("mj,djm->md", result.shear, rows.tangents))
