@@ -22,7 +22,7 @@ help:
 	@echo "make doctest    the examples in docstrings"
 	@echo "make examples   every script in examples/, as a user would run it"
 	@echo "make docs       out/docs/index.html: guide, gallery (with the pictures of make examples), reference"
-	@echo "make readme     regenerate the README's tables from benchmarks/results"
+	@echo "make readme     write the tables of docs/ and README from benchmarks/results"
 
 $(VENV)/pyvenv.cfg:
 	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed; try make PYTHON=python3.12" if sys.version_info < (3, 11) else 0)'
@@ -88,7 +88,7 @@ docs: $(VENV)/.docs
 	@echo "written to out/docs/index.html"
 
 readme: $(VENV)/.demo
-	$(BIN)/python benchmarks/readme_tables.py
+	$(BIN)/python benchmarks/performance_tables.py
 
 clean:
 	rm -rf $(VENV) $(OLDEST) out build dist *.egg-info

@@ -1,6 +1,7 @@
-"""The README: its code runs, its tables are those of the committed measurements."""
+"""The README and the performance page: code runs, tables are the committed measurements."""
 
-import importlib.util
+import importlib
+import json
 import re
 from pathlib import Path
 
@@ -22,10 +23,24 @@ def test_first_result_is_as_long_as_promised() -> None:
     assert len([line for line in BLOCKS[0].splitlines() if line.strip()]) <= 15
 
 
-def test_tables_come_from_the_results() -> None:
-    path = ROOT / "benchmarks" / "readme_tables.py"
-    spec = importlib.util.spec_from_file_location("readme_tables", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    assert module.regenerated(README) == README
-    assert (ROOT / "benchmarks" / "results" / "contact_block.json").exists()
+@pytest.fixture
+def tables(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    return importlib.import_module("performance_tables")
+
+
+def test_tables_come_from_the_results(tables) -> None:
+    for page in tables.PAGES:
+        assert tables.regenerated(page.read_text()) == page.read_text(), page
+
+
+def test_every_table_stands_on_a_page(tables) -> None:
+    pages = "".join(page.read_text() for page in tables.PAGES)
+    assert set(re.findall(r"<!-- (\w+): begin -->", pages)) == set(tables.TABLES)
+
+
+def test_a_table_follows_its_results(tables) -> None:
+    record = json.loads((tables.RESULTS / "contact_block.json").read_text())
+    record["rows"][0]["total"] = 1234.56
+    assert "1234.56 s" in tables.contact_block(record)
+    assert record["machine"]["commit"] in tables.contact_block(record)

@@ -97,9 +97,9 @@ def test_report_and_picture(benchmark, tmp_path, capsys):
     assert "Adini wins" in printed
     assert "Adini loses" in printed
 
-    import readme_tables
+    import performance_tables
 
-    table = readme_tables.elements(record)
+    table = performance_tables.elements(record)
     assert table.splitlines()[0] == "| problem | " + " | ".join(ORDERS) + " |"
     dofs = record["problems"]["eigenvalue"]["summary"]["5 pi^2"]["BFS"]["dofs_to_target"]
     assert f" {dofs:,.0f} (" in table

@@ -62,8 +62,8 @@ def test_report(benchmark, tmp_path, capsys):
     lines = record["problems"]["poisson"]["lines"]
     assert {line["solver"] for line in lines} >= {"superlu", "amg"}
     assert max(line["residual"] for line in lines) <= 1e-10
-    import readme_tables
+    import performance_tables
 
-    table = readme_tables.sparse_solving(record)
+    table = performance_tables.sparse_solving(record)
     assert f"| poisson | {lines[-1]['unknowns']:,} |" in table
     assert "overtakes" in capsys.readouterr().out

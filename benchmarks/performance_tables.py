@@ -1,0 +1,309 @@
+"""Write the tables of README and docs from benchmarks/results/*.json.
+
+A table stands between `<!-- name: begin -->` and `<!-- name: end -->`; `name` is a function of
+this file or of `kernel_tables.py`, which reads the results it is named after.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import kernel_tables
+from markdown_table import Record, rows_of, source
+
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "benchmarks" / "results"
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+def contact_block(record: Record) -> str:
+    """Ratios of the contact solve, one row a size."""
+    blocks = [
+        rows_of(
+            "cells | unknowns | factoriser | factor + solve | whole contact solve | ratio "
+            "| next load step | assembly",
+            (
+                (
+                    f"{row['n']} x {row['n']}",
+                    f"{row['unknowns']:,}",
+                    "PARDISO" if row["solver"] == "pardiso" else "SuperLU",
+                    f"{row['base']:.2f} s",
+                    f"{row['total']:.2f} s",
+                    f"**{row['ratio']:.2f}**",
+                    f"{100 * row['next_step_over_total']:.1f} %",
+                    f"{row['assembly']:.2f} s",
+                )
+                for row in record["rows"]
+            ),
+        )
+    ]
+    for row in record["rows"]:
+        if "peers" in row:
+            rivals = "; ".join(
+                f"{name} {rival['seconds']:.1f} s ({rival['over_ours']:.1f} x)"
+                for name, rival in row["peers"].items()
+            )
+            blocks.append(f"The same problem at {row['n']} x {row['n']} by others: {rivals}.")
+    blocks.append(
+        f"Median of {record['repeats']} interleaved repeats. "
+        + source("contact_block", record, "MKL", "qpsolvers")
+    )
+    return "\n\n".join(blocks)
+
+
+def mkl(record: Record) -> str:
+    """What PARDISO gives: the same contact solve with either factoriser."""
+    seconds = {(row["n"], row["solver"]): row["total"] for row in record["rows"]}
+    return rows_of(
+        "contact solve | SuperLU | PARDISO | times as fast",
+        (
+            (f"{n} x {n} cells", f"{slow:.2f} s", f"{fast:.2f} s", f"{slow / fast:.1f}")
+            for (n, solver), slow in seconds.items()
+            if solver == "superlu" and (fast := seconds.get((n, "pardiso")))
+        ),
+    )
+
+
+def contact_layers(record: Record) -> str:
+    """Layered blocks by slab doubling, on a device and in NumPy."""
+    rows = []
+    for where, found in (("device", record["cuda"]), ("NumPy", record["cpu"])):
+        for row in found["rows"]:
+            beside = row.get("over_pardiso", {}).get("total")
+            rows.append(
+                (
+                    where,
+                    f"{row['n']} x {row['n']}",
+                    f"{row['unknowns']:,}",
+                    f"{row['seconds']['total']:.2f} s",
+                    "-" if beside is None else f"{beside:.2f}",
+                    f"{row['kkt']:.0e}",
+                )
+            )
+    table = rows_of("where | cells | unknowns | input to result | over PARDISO | residual", rows)
+    ends = (
+        source("contact_layers", record["cuda"], device=record["cuda"]["device"]),
+        source("contact_layers", record["cpu"], "MKL"),
+    )
+    return "\n\n".join((table, *ends))
+
+
+def contact_scaling(record: Record) -> str:
+    """How time grows with the mesh, and what a load history costs."""
+    rows = []
+    for title, name, form in (
+        ("square, Adini", "planar", "{0} x {0}"),
+        ("cube, Q1", "solid", "{0}^3"),
+    ):
+        for row in record[name]["rows"]:
+            contact = sum(row[part] for part in ("rows", "condense", "solve"))
+            rows.append(
+                (
+                    title,
+                    form.format(row["n"]),
+                    f"{row['unknowns']:,}",
+                    f"{row['base']:.2f} s",
+                    f"{contact:.2f} s",
+                    f"**{contact / row['base']:.2f}**",
+                    row["iterations"],
+                    f"{row['kkt']:.0e}",
+                )
+            )
+    table = rows_of(
+        "body | cells | unknowns | factor + solve | contact solve | ratio | iterations | residual",
+        rows,
+    )
+    history = next(iter(record["history"].values()))
+    note = (
+        f"A load history of {history['steps']} steps on {history['n']} x {history['n']} cells "
+        f"takes {history['over_cold']:.1f} times a cold solve, a step "
+        f"{history['step_over_cold']:.3f} of one."
+    )
+    return "\n\n".join((table, note, source("contact_scaling", record, "MKL")))
+
+
+def contact_peers(record: Record) -> str:
+    """Accuracy and time beside other contact codes."""
+    line = rows_of(
+        "Hertz line contact | a / h | unknowns | rms of the pressure's error / p0 "
+        "| error of the half-width | seconds",
+        (
+            (
+                row["name"],
+                row["h"],
+                f"{row['unknowns']:,.0f}",
+                f"{row['rms']:.1e}",
+                f"{row['half_width']:.1e}",
+                f"{row['seconds']:.2g}",
+            )
+            for row in record["line"]
+        ),
+    )
+    block = rows_of(
+        "block with Coulomb friction | cells | unknowns | error of u | error of the force "
+        "| penetration | seconds",
+        (
+            (
+                row["name"],
+                f"{row['n']} x {row['n']}",
+                f"{row['unknowns']:,}",
+                f"{row['u_error']:.1e}",
+                f"{row['force_error']:.1e}",
+                f"{row['penetration']:.0e}",
+                f"{row['seconds']:.2f}",
+            )
+            for row in record["block"]
+        ),
+    )
+    peers = ", ".join(f"{name} {version}" for name, version in record["peers"].items())
+    note = f"Beside {peers}; relative errors. " + source("contact_peers", record)
+    return "\n\n".join((line, block, note))
+
+
+def elements(record: Record) -> str:
+    """Dofs and seconds to one accuracy, one row a problem, and against whom Adini loses."""
+    problems = record["problems"].values()
+    names = list(next(iter(problems))["runs"])
+    target, reference = record["target"], record["reference_dofs"]
+    rows, verdicts = [], []
+    for problem in problems:
+        for norm, row in problem["summary"].items():
+            if norm == "H1":
+                continue
+            label = f"{problem['title']}; {norm}"
+            if all(found["dofs_to_target"] is None for found in row.values()):
+                cells = [f"{found['error_at_reference']:.1e}" for found in row.values()]
+                label += f", error at {reference:,} dofs"
+            else:
+                cells = [
+                    "not reached"
+                    if found["dofs_to_target"] is None
+                    else f"{found['dofs_to_target']:,.0f} ({found['seconds_to_target']:.2f} s)"
+                    for found in row.values()
+                ]
+                label += f", dofs to {target:.0e}"
+            rows.append((label, *cells))
+            listed = {
+                word: ", ".join(f"{name} {ratio:.1f} x" for name, ratio in rivals) or "nobody"
+                for word, rivals in problem["verdict"][norm].items()
+            }
+            verdicts.append(
+                f"* {problem['title']} ({norm}): smaller error than {listed['wins']}; "
+                f"larger than {listed['loses']}."
+            )
+    return "\n\n".join(
+        (
+            rows_of(f"problem | {' | '.join(names)}", rows),
+            f"Per dof, at {reference:,} dofs, Adini has a",
+            "\n".join(verdicts),
+            "Seconds for basis, assembly and solution, "
+            f"median of {record['repeats']}. " + source("elements", record, "scikit-fem", "MKL"),
+        )
+    )
+
+
+def sparse_solving(record: Record) -> str:
+    """Set-up and solution in 3-D, a factorisation beside multigrid, one row a size."""
+    rows, notes = [], []
+    for problem, found in record["problems"].items():
+        for size in sorted({line["unknowns"] for line in found["lines"]}):
+            row = {line["solver"]: line for line in found["lines"] if line["unknowns"] == size}
+            direct, full, simple = (
+                row[name] for name in (found["direct"], "amg", "amg, translations")
+            )
+            seconds = [f"{part['setup'] + part['solve']:.2f} s" for part in (direct, full)]
+            rows.append((problem, f"{size:,}", *seconds, full["iterations"], simple["iterations"]))
+        equal = found["crossover"]
+        where = "at none of these sizes" if equal is None else f"from {equal:,.0f} unknowns on"
+        notes.append(f"{problem}: multigrid is the quicker one {where}")
+    table = rows_of(
+        "problem | unknowns | factor + solve | multigrid | iterations | with constants alone", rows
+    )
+    end = source("sparse_solving", record, "pyamg", "MKL")
+    return f"{table}\n\n{'; '.join(notes).capitalize()}. Residual 1e-10. {end}"
+
+
+def assembly(record: Record) -> str:
+    """Assembly against scikit-fem's, one row a matrix."""
+    table = rows_of(
+        "matrix | `assemble` | scikit-fem: Basis + asm | ratio | times writing the CSR arrays",
+        (
+            (
+                f"{row['problem']}, {row['n']} x {row['n']}",
+                f"{1e3 * row['assemble']:.0f} ms",
+                f"{row['Basis'] + row['asm']:.2f} s",
+                f"**{row['ratio']:.0f}**",
+                f"{row['times the floor']:.1f}",
+            )
+            for row in record["matrices"]
+        ),
+    )
+    solver, basis = record["solver"], record["basis"]
+    return (
+        f"{table}\n\nA Basis of the closed form is made {basis['ratio']:.0f} x quicker than of "
+        f"the same element through `ElementGlobal` ({basis['n']} x {basis['n']}); `UniformSolver` "
+        f"solves Poisson's equation there {solver['ratio']:.0f} x quicker than "
+        f"{solver['peer'].upper()}, set-up included. Compilation "
+        f"({record['compilation']:.0f} s, once) apart. Median of {record['repeats']}. "
+        + source("assembly", record, "scikit-fem", "MKL")
+    )
+
+
+def curved(record: Record) -> str:
+    """Eigenvalues of the disk, the mesh of each method that is nearest to 7,000 unknowns."""
+    lines = []
+    for name, runs in record["runs"].items():
+        row = min(runs, key=lambda row: abs(math.log(row["dofs"] / 7000)))
+        eigenvalues = row["seconds"]["eigenvalues"]
+        lines.append(
+            (
+                name,
+                f"{row['dofs']:,}",
+                f"{row['first']:.1e}",
+                f"{row['worst']:.1e}",
+                f"{row['total'] - eigenvalues:.2f} s",
+                f"{eigenvalues:.2f} s",
+            )
+        )
+    table = rows_of(
+        "method | unknowns | first eigenvalue | worst of ten | mesh to matrices | eigenvalues",
+        lines,
+    )
+    end = source("curved", record, "scikit-fem", "ngsolve", "xfem")
+    return f"{table}\n\nMedian of {record['repeats']}. {end}"
+
+
+# The tables, and the file that each is read from where its name is another.
+TABLES: dict[str, Callable[[Record], str]] = {
+    table.__name__: table
+    for table in (
+        *(assembly, elements, sparse_solving, curved),
+        *(contact_block, mkl, contact_scaling, contact_layers, contact_peers),
+        *(kernel_tables.cip, kernel_tables.cip_device),
+        *(kernel_tables.qp, kernel_tables.qp_device_peers, kernel_tables.maros_meszaros),
+        *(kernel_tables.eigs, kernel_tables.lqr, kernel_tables.lqr_device),
+    )
+}
+FILES = {"mkl": "contact_block"}
+
+
+def regenerated(text: str) -> str:
+    """Return the page with every table replaced by what its JSON file says."""
+
+    def written(match: re.Match[str]) -> str:
+        name = match[1]
+        record = json.loads((RESULTS / f"{FILES.get(name, name)}.json").read_text())
+        return f"<!-- {name}: begin -->\n\n{TABLES[name](record)}\n\n<!-- {name}: end -->"
+
+    return re.sub(r"<!-- (\w+): begin -->.*?<!-- \1: end -->", written, text, flags=re.S)
+
+
+if __name__ == "__main__":
+    for page in PAGES:
+        text = page.read_text()
+        if (new := regenerated(text)) != text:
+            page.write_text(new)
