@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from skfem import MeshHex, MeshQuad
 
+from skfem_adini import ElementHexAdini, ElementQuadAdini
+
 
 def _deformed(mesh, f):
     return MeshQuad(np.array(f(*mesh.p)), mesh.t)
@@ -123,6 +125,23 @@ def warped_hexes():
 @pytest.fixture(params=[*PARALLELEPIPEDS, "warped"], ids=str)
 def any_hexes(request):
     return (PARALLELEPIPEDS | {"warped": _warped_bricks})[request.param]()
+
+
+_CELLS = {f"quads-{name}": make for name, make in (PARALLELOGRAMS | {"convex": _convex}).items()}
+_CELLS |= {f"hexes-{name}": make for name, make in PARALLELEPIPEDS.items()}
+_CELLS["hexes-warped"] = _warped_bricks
+
+
+@pytest.fixture(params=_CELLS, ids=str)
+def any_cells(request):
+    return _CELLS[request.param]()
+
+
+@pytest.fixture
+def adini():
+    """Return a function that gives Adini's element for the cells of a mesh."""
+    elements = {2: ElementQuadAdini, 3: ElementHexAdini}
+    return lambda mesh, **keys: elements[mesh.dim()](**keys)
 
 
 @pytest.fixture
