@@ -1,9 +1,14 @@
 """Seeded quadratic programs and an independent measure of their optimality."""
 
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+
+# The suite imports test modules by path; `carex_problems` and `convex_problems` lie beside them.
+sys.path.insert(0, str(Path(__file__).parent))
 
 
 def spd_matrix(rng, n, kind):

@@ -3,10 +3,8 @@
 Another processor sums in another order, which is the same to a solver as data of another last bit.
 """
 
-import importlib.util
-import sys
-from pathlib import Path
-
+import carex_problems as carex
+import convex_problems as convex
 import numpy as np
 import pytest
 from scipy import sparse
@@ -15,17 +13,6 @@ from gpu import GpuError, care, eigs, lqr, solve_qp
 
 SLOW = pytest.mark.slow
 LAST_BIT = 2.2e-16
-
-
-def load(name):
-    path = Path(__file__).parent / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(f"last_bit_{name}", path)
-    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-carex, convex = load("carex_problems"), load("convex_problems")
 
 
 def moved(rng, M, symmetric=False):

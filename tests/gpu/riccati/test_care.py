@@ -1,20 +1,11 @@
 """Riccati equations with known solutions, and the benchmark collection beside SciPy and SLICOT."""
 
-import importlib.util
-import sys
-from pathlib import Path
-
+import carex_problems as carex
 import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
 
 from gpu import InputError, RiccatiError, care, lqr
-
-_path = Path(__file__).parents[1] / "carex_problems.py"
-_spec = importlib.util.spec_from_file_location("carex_problems", _path)
-carex = importlib.util.module_from_spec(_spec)
-sys.modules["carex_problems"] = carex
-_spec.loader.exec_module(carex)
 
 BENIGN = {
     "1.1": carex.example_1_1(),

@@ -1,9 +1,6 @@
 """Regulators and filters: every argument, certificates, gains that do not stabilise, bad input."""
 
-import importlib.util
-import sys
-from pathlib import Path
-
+import carex_problems as carex
 import numpy as np
 import pytest
 from scipy import sparse
@@ -12,12 +9,6 @@ from scipy.linalg import block_diag, expm, solve_continuous_are
 from scipy.sparse.linalg import LinearOperator
 
 from gpu import InputError, LowRankValue, NotConverged, RiccatiError, care, lqe, lqr
-
-_path = Path(__file__).parents[1] / "carex_problems.py"
-_spec = importlib.util.spec_from_file_location("carex_problems", _path)
-carex = importlib.util.module_from_spec(_spec)
-sys.modules["carex_problems"] = carex
-_spec.loader.exec_module(carex)
 
 
 def system(seed=0, n=8, m=2, p=3):
