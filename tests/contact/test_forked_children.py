@@ -5,12 +5,11 @@ import subprocess
 import sys
 
 import pytest
-
-from skfem_adini.solvers.pardiso import has_pardiso
+from optional_packages import PARDISO
 
 pytestmark = [
     pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system"),
-    pytest.mark.skipif(not has_pardiso(), reason="pypardiso is not installed"),
+    PARDISO,
 ]
 
 # MKL takes one threading layer for good, so this runs in a process of its own.

@@ -6,15 +6,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from optional_packages import PARDISO
 
 from contact import ContactProblem
-from skfem_adini.solvers.pardiso import has_pardiso
 
 SOLVERS = [
     "superlu",
-    pytest.param(
-        "pardiso", marks=pytest.mark.skipif(not has_pardiso(), reason="pypardiso is not installed")
-    ),
+    pytest.param("pardiso", marks=PARDISO),
 ]
 
 
@@ -80,7 +78,7 @@ def test_a_copy_outlives_its_original(solver, make):
     assert same(fields(other.solve()), expected)
 
 
-@pytest.mark.skipif(not has_pardiso(), reason="pypardiso is not installed")
+@PARDISO
 @pytest.mark.parametrize(("then", "later"), [(2, 1), (1, 2)])
 def test_threads_of_mkl_that_change_after_the_factorisation(then, later, make):
     """Read with another number of threads, two-level factors gave wrong displacements."""

@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from optional_packages import PARDISO
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
@@ -26,7 +27,7 @@ from gpu import (
     solve_qp,
     svds,
 )
-from gpu.arrays.sparse_factor import PardisoFactor, has_pardiso
+from gpu.arrays.sparse_factor import PardisoFactor
 
 A, B = np.diag([-1.0, -2.0, -3.0]), np.ones((3, 1))
 LONG = sparse.csr_array(np.diag(-np.arange(1.0, 50.0)))
@@ -133,7 +134,7 @@ def test_errors_with_all_they_carry(again):
             np.testing.assert_array_equal(getattr(other, name), value)
 
 
-@pytest.mark.skipif(not has_pardiso(), reason="no pypardiso")
+@PARDISO
 @pytest.mark.parametrize("again", COPIES.values(), ids=COPIES)
 def test_factors_of_pardiso_refuse(again):
     """A copy shared the handle, and freed it twice."""

@@ -7,10 +7,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from optional_packages import PARDISO
 from scipy import sparse
 
 from gpu import QPFactor, eigs, lqe, lqr, solve_qp, svds
-from gpu.arrays.sparse_factor import PardisoFactor, SuperLUFactor, has_pardiso
+from gpu.arrays.sparse_factor import PardisoFactor, SuperLUFactor
 from gpu.eigenvalues.krylov import device_steps
 from gpu.eigenvalues.schur.real_schur import real_schur
 
@@ -96,9 +97,7 @@ def test_eigenvalues_of_one_matrix():
     "kind",
     [
         SuperLUFactor,
-        pytest.param(
-            PardisoFactor, marks=pytest.mark.skipif(not has_pardiso(), reason="no pypardiso")
-        ),
+        pytest.param(PardisoFactor, marks=PARDISO),
     ],
 )
 def test_solves_with_one_factor(kind):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from optional_packages import PARDISO
 from scipy import sparse
 from skfem import ElementHex1, ElementQuad1, ElementTetP1, ElementTriP2
 
@@ -11,13 +12,10 @@ from contact.condensation import schur as schur_module
 from contact.condensation.schur import SuperLUSchur, schur_factor
 from contact.errors import MissingDependency
 from skfem_adini import ElementQuadAdini
-from skfem_adini.solvers.pardiso import has_pardiso
 
 SOLVERS = [
     "superlu",
-    pytest.param(
-        "pardiso", marks=pytest.mark.skipif(not has_pardiso(), reason="pypardiso is not installed")
-    ),
+    pytest.param("pardiso", marks=PARDISO),
 ]
 ELEMENTS = [ElementQuadAdini, ElementQuad1, ElementTriP2, ElementTetP1, ElementHex1]
 
@@ -118,7 +116,7 @@ def test_floating_body_keeps_its_rigid_motions(element, solver, make):
     assert zero.sum() == body.dim * (body.dim + 1) // 2
 
 
-@pytest.mark.skipif(not has_pardiso(), reason="pypardiso is not installed")
+@PARDISO
 @pytest.mark.parametrize("friction", [0.0, 0.9])
 def test_both_solvers_give_one_answer(friction, make):
     results = [

@@ -1,11 +1,10 @@
 """Factorisations of symmetric sparse matrices, with PARDISO and with SuperLU."""
 
-import importlib.util
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from optional_packages import PARDISO
 from scipy import sparse
 from skfem import Basis, LinearForm, MeshQuad
 from skfem.models.poisson import laplace, mass
@@ -13,9 +12,8 @@ from skfem.models.poisson import laplace, mass
 from skfem_adini import ElementQuadAdini, InputError, MissingDependency, UniformSolver, factorize
 from skfem_adini.solvers import factorize as sparse_solve
 
-HAS_PARDISO = importlib.util.find_spec("pypardiso") is not None
 SOLVERS = [
-    pytest.param("pardiso", marks=pytest.mark.skipif(not HAS_PARDISO, reason="no pypardiso")),
+    pytest.param("pardiso", marks=PARDISO),
     "superlu",
 ]
 
@@ -61,7 +59,7 @@ def test_shifted_into_the_spectrum(solver):
     np.testing.assert_allclose(y, x, atol=1e-10)
 
 
-@pytest.mark.skipif(not HAS_PARDISO, reason="no pypardiso")
+@PARDISO
 def test_pardiso_and_superlu_agree():
     A, b = random_matrix(50, 0), np.ones(50)
     x, y = (factorize(A, solver=solver).solve(b) for solver in ("pardiso", "superlu"))
@@ -103,7 +101,7 @@ def test_unknown_solver():
         factorize(sparse.eye_array(2), solver="umfpack")
 
 
-@pytest.mark.skipif(not HAS_PARDISO, reason="no pypardiso")
+@PARDISO
 def test_pardiso_finds_an_indefinite_matrix():
     A = sparse.csr_array([[1.0, 2.0], [2.0, 1.0]])
     with pytest.raises(InputError, match="definite"):

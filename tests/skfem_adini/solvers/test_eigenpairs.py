@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from optional_packages import PARDISO
 from skfem import Basis, BilinearForm, ElementQuad1, ElementVector, MeshHex, MeshQuad
 from skfem.helpers import dot
 from skfem.models.elasticity import linear_elasticity
@@ -16,11 +17,10 @@ from skfem_adini import (
     lowest_eigenpairs,
     refine_eigenpair,
 )
-from skfem_adini.solvers.pardiso import has_pardiso
 
 FINE = MeshQuad().refined(3)
 SOLVERS = [
-    pytest.param("pardiso", marks=pytest.mark.skipif(not has_pardiso(), reason="no pypardiso")),
+    pytest.param("pardiso", marks=PARDISO),
     "superlu",
 ]
 PI = 4 * np.arctan(np.longdouble(1))

@@ -1,19 +1,16 @@
 """The one call of PARDISO: phases, Schur complements, partial solutions, errors, release."""
 
-import importlib.util
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from optional_packages import PARDISO
 from scipy import sparse
 
 from skfem_adini import AdiniError, factorize
 from skfem_adini.solvers import pardiso
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("pypardiso") is None, reason="no pypardiso"
-)
+pytestmark = PARDISO
 
 
 def definite(n, seed):

@@ -2,7 +2,6 @@
 
 import copy
 import gc
-import importlib.util
 import os
 import pickle
 import signal
@@ -12,15 +11,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from optional_packages import AMG, PARDISO
 from skfem import Basis, MeshHex, MeshQuad
 from skfem.models.poisson import laplace, mass
 
 from skfem_adini import ElementHexAdini, ElementQuadAdini, UniformSolver, factorize, near_null_space
 from skfem_adini.solvers import pardiso
 
-HAS_PARDISO = importlib.util.find_spec("pypardiso") is not None
-PARDISO = pytest.mark.skipif(not HAS_PARDISO, reason="no pypardiso")
-AMG = pytest.mark.skipif(importlib.util.find_spec("pyamg") is None, reason="no pyamg")
 DIRECT = [pytest.param("pardiso", marks=PARDISO), "superlu"]
 KINDS = [(solver, definite) for solver in ("pardiso", "superlu") for definite in (True, False)]
 ALL = [
