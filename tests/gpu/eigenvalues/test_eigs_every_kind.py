@@ -12,7 +12,7 @@ import pytest
 from scipy import linalg
 from scipy.optimize import linear_sum_assignment
 
-from gpu.eigenvalues.eigs import eigs
+from gpu import eigs
 
 EPS = np.finfo(float).eps
 RANK = {

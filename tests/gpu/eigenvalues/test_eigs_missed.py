@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse.linalg import LinearOperator
 
-from gpu.eigenvalues.eigs import eigs
+from gpu import eigs
 
 RANK = {
     "LM": np.abs,

@@ -5,9 +5,8 @@ import pytest
 from scipy import sparse
 from scipy.optimize import linprog
 
-from gpu import Infeasible, InputError, NotConverged, QPFactor, batch_solve_qp, solve_qp
+from gpu import Infeasible, InputError, NotConverged, QPFactor, Status, batch_solve_qp, solve_qp
 from gpu.qp.data.program import Program
-from gpu.qp.data.qp_result import Status
 from gpu.qp.interior_point.minimise import minimise
 from gpu.qp.interior_point.presolve import presolve
 
