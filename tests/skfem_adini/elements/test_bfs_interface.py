@@ -1,7 +1,5 @@
 """What scikit-fem and this package do with the BFS element."""
 
-import pickle
-
 import numpy as np
 import pytest
 from skfem import (
@@ -11,12 +9,8 @@ from skfem import (
     FacetBasis,
     Functional,
     MeshQuad,
-    condense,
-    enforce,
-    solve,
 )
 from skfem.helpers import dot
-from skfem.models.poisson import laplace, unit_load
 
 from skfem_adini import ElementQuadBFS, essential_constraints, essential_dofs, project_trace
 
@@ -48,15 +42,6 @@ def test_vector_field(unit_basis):
     np.testing.assert_allclose(basis.interpolator(x)(POINTS), expected, atol=1e-12)
 
 
-def test_condense_and_enforce_agree(unit_basis):
-    fixed = essential_dofs(unit_basis, unit_basis.mesh.boundary_facets())
-    K, f = laplace.assemble(unit_basis), unit_load.assemble(unit_basis)
-    condensed = solve(*condense(K, f, D=fixed))
-    np.testing.assert_allclose(solve(*enforce(K, f, D=fixed)), condensed, atol=1e-12)
-    # The series solution of -laplace(u) = 1 at the centre of the square.
-    assert unit_basis.probes(np.full((2, 1), 0.5)) @ condensed == pytest.approx(0.0736713, rel=1e-3)
-
-
 def test_facet_basis(unit_basis):
     x = unit_basis.project(bicubic)
     basis = FacetBasis(unit_basis.mesh, ElementQuadBFS(), facets="right")
@@ -71,24 +56,6 @@ def test_discontinuous_copy(unit_basis):
     np.testing.assert_allclose(
         basis.interpolate(x), bicubic(basis.global_coordinates()), atol=1e-11
     )
-
-
-def test_pickle_after_use(unit_basis):
-    copy = pickle.loads(pickle.dumps(unit_basis.elem))
-    for a, b in zip(unit_basis.with_element(copy).basis, unit_basis.basis, strict=True):
-        np.testing.assert_array_equal(a[0].grad, b[0].grad)
-
-
-def test_one_instance_on_several_meshes():
-    element = ElementQuadBFS()
-    for mesh in (
-        MeshQuad(),
-        MeshQuad().refined(1),
-        MeshQuad.init_tensor(*[np.linspace(2, 3, 4)] * 2),
-    ):
-        basis = Basis(mesh, element)
-        x = basis.project(lambda x: x[0])
-        np.testing.assert_allclose(basis.interpolate(x), basis.global_coordinates()[0], atol=1e-11)
 
 
 def test_dirichlet_conditions_leave_the_normal_derivatives(unit_basis):
