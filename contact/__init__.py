@@ -18,11 +18,12 @@ from contact.errors import (
 from contact.histories.load_history import LoadHistory, LoadStep
 from contact.histories.load_stepper import LoadStepper
 from contact.laws.semismooth_newton import Iteration
+from contact.laws.status import Status
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.shapes import ClosestPoint, Cylinder, Parabola, Plane, Sphere
 from contact.obstacles.signed_distance import SignedDistance
 from contact.problem.contact_problem import ContactProblem
-from contact.result.contact_result import ContactResult, Status
+from contact.result.contact_result import ContactResult
 
 __all__ = [
     "ClosestPoint",

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact.errors import InputError, numbers
-
-if TYPE_CHECKING:
-    from contact.result.contact_result import ContactResult
+from contact.laws.status import Status
+from contact.output.contact_runs import arc_length
+from contact.output.drawn import Drawn
+from contact.output.vtk import body_grid
+from skfem_adini import to_pyvista
 
 Array = NDArray[np.float64]
 
@@ -18,7 +20,7 @@ STICK, SLIP, OPEN = "#1f6f8b", "#d1495b", "#b8b8b8"
 
 
 def plot_tractions(
-    result: ContactResult, ax: Any = None, abscissa: Array | None = None, xlabel: str | None = None
+    result: Drawn, ax: Any = None, abscissa: Array | None = None, xlabel: str | None = None
 ) -> Any:
     """Contact pressure and shear along the boundary, coloured by open, stick and slip.
 
@@ -41,9 +43,6 @@ def plot_tractions(
     InputError
         Not axes; in 3-D an abscissa, or axes without a third dimension.
     """
-    from contact.output.contact_runs import arc_length
-    from contact.result.contact_result import Status
-
     if result.x.shape[0] != 2:
         if abscissa is not None:
             raise InputError("abscissa: tractions along a line need a body in 2-D")
@@ -75,7 +74,7 @@ def plot_tractions(
     return ax
 
 
-def plot_pressure(result: ContactResult, ax: Any = None) -> Any:
+def plot_pressure(result: Drawn, ax: Any = None) -> Any:
     """Contact pressure on the faces of a body in 3-D, on each the mean of its contact points.
 
     Parameters
@@ -110,7 +109,7 @@ def plot_pressure(result: ContactResult, ax: Any = None) -> Any:
     return ax
 
 
-def face_pressure(result: ContactResult) -> tuple[NDArray[np.int64], Array]:
+def face_pressure(result: Drawn) -> tuple[NDArray[np.int64], Array]:
     """Facets of a body in 3-D that its contact points lie on, and the mean pressure of each."""
     mesh, rows = result.system.body.trace.mesh, result.system.rows
     facets = mesh.boundary_facets()
@@ -137,7 +136,7 @@ def face_pressure(result: ContactResult) -> tuple[NDArray[np.int64], Array]:
 
 
 def plot_field(
-    result: ContactResult,
+    result: Drawn,
     component: int,
     ax: Any = None,
     *,
@@ -165,8 +164,6 @@ def plot_field(
     -------
     matplotlib Axes
     """
-    from skfem_adini import to_pyvista
-
     body = result.system.body
     if body.dim != 2:
         raise InputError("plot: fields are drawn for bodies in 2-D; use to_pyvista in 3-D")
@@ -185,7 +182,7 @@ def plot_field(
 
 
 def plot_cells(
-    result: ContactResult, ax: Any = None, *, magnification: float = 1.0, label: str | None = None
+    result: Drawn, ax: Any = None, *, magnification: float = 1.0, label: str | None = None
 ) -> Any:
     """Mean von Mises stress of each cell on the deformed body (2-D).
 
@@ -207,7 +204,7 @@ def plot_cells(
     if body.dim != 2:
         raise InputError("plot: cells are drawn for bodies in 2-D; use to_pyvista in 3-D")
     ax = _axes(ax)
-    grid = result.to_pyvista(subdivide=1)
+    grid = body_grid(result, subdivide=1)
     where = np.asarray(grid.points) + magnification * np.asarray(grid.point_data["displacement"])
     corners = np.asarray(grid.cells).reshape(grid.n_cells, -1)[:, 1:]
     cells = PolyCollection(where[corners][:, :, :2], array=grid.cell_data["von_mises"], lw=0.3)
@@ -219,9 +216,7 @@ def plot_cells(
     return ax
 
 
-def draw_edges(
-    result: ContactResult, ax: Any, magnification: float = 1.0, outline: bool = False
-) -> Any:
+def draw_edges(result: Drawn, ax: Any, magnification: float = 1.0, outline: bool = False) -> Any:
     """Cell edges of the deformed body, or its outline alone, as the element bends them (2-D)."""
     from matplotlib.collections import LineCollection
     from skfem import FacetBasis

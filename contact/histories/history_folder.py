@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from contact.errors import InputError
 from contact.output.archive import DamagedFile, checksum, read_arrays, write_arrays
+from contact.result.contact_result import ContactResult
 from contact.result.stored_result import problem_arrays, rebuild, state_arrays
 from skfem_adini.output.complete_file import complete_file, remove_unfinished
 from skfem_adini.output.file_lock import try_lock
 
 if TYPE_CHECKING:
-    from contact.result.contact_result import ContactResult
     from contact.result.contact_system import ContactSystem
 
 Array = NDArray[np.float64]
@@ -164,7 +164,7 @@ class HistoryFolder:
             try:
                 arrays, found = read_arrays(path)
                 self._check_place(path, k, arrays)
-                result = rebuild(path, shared | arrays, found is not None, system)
+                state = rebuild(path, shared | arrays, found is not None, system)
             except InputError as error:
                 if path.is_file() and not isinstance(error, DamagedFile):
                     raise
@@ -172,8 +172,8 @@ class HistoryFolder:
                     self.damage = error
                     logger.warning("%s; the history ends before it", error)
                 return
-            self._before, system = str(found), result.system
-            yield result
+            self._before, system = str(found), state.system
+            yield ContactResult(**vars(state))
 
     def prepare(self, count: int, system: ContactSystem) -> None:
         """Make ready for the steps after the first `count`, the problem included.

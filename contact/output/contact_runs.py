@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from contact.body.cut_body import CutBody
+from contact.output.drawn import Drawn
 
 if TYPE_CHECKING:
     from skfem import Mesh
-
-    from contact.result.contact_result import ContactResult
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -45,7 +44,7 @@ class Run:
     closed: bool
 
 
-def arc_length(result: ContactResult) -> tuple[Array, Index]:
+def arc_length(result: Drawn) -> tuple[Array, Index]:
     """Place of each contact point along the boundary, and the number of its connected run.
 
     Lengths are measured from the start of the boundary, where the first contact point need not
@@ -69,7 +68,7 @@ def arc_length(result: ContactResult) -> tuple[Array, Index]:
     return s, number
 
 
-def contact_runs(result: ContactResult) -> list[Run]:
+def contact_runs(result: Drawn) -> list[Run]:
     """The connected runs of the contact points of a result in two dimensions."""
     runs: list[Run] = []
     for k in range(int(result.part.max()) + 1):
@@ -79,7 +78,7 @@ def contact_runs(result: ContactResult) -> list[Run]:
     return runs
 
 
-def _runs_of_arc(result: ContactResult, here: Index) -> list[Run]:
+def _runs_of_arc(result: Drawn, here: Index) -> list[Run]:
     """Knots of a cut arc begin where a curve of it does, and follow it."""
     arc, x = result.system.body.arc(), result.x[:, here]
     owner = np.empty(arc.weights.size, dtype=np.int64)
@@ -98,7 +97,7 @@ def _runs_of_arc(result: ContactResult, here: Index) -> list[Run]:
     return runs
 
 
-def _runs_of_facets(result: ContactResult, here: Index) -> list[Run]:
+def _runs_of_facets(result: Drawn, here: Index) -> list[Run]:
     x, nominal, rows = result.x[:, here], result.x_nominal[:, here], result.system.rows
     trace = result.system.body.trace
     vertex = _vertices(trace, rows.G[here]) if "centroid" in rows.functional else None

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from contact.body.cut_body import CutBody
 from contact.errors import InputError, MissingDependency, numbers
 from contact.output.contact_runs import Run, contact_runs
+from contact.output.drawn import Drawn
 from skfem_adini import to_pyvista, von_mises
 
-if TYPE_CHECKING:
-    from contact.result.contact_result import ContactResult
 
-
-def body_grid(result: ContactResult, subdivide: int | None = None) -> Any:
+def body_grid(result: Drawn, subdivide: int | None = None) -> Any:
     """Body as a pyvista.UnstructuredGrid with the displacement and the mean stress of each cell.
 
     Parameters
@@ -52,7 +50,7 @@ def body_grid(result: ContactResult, subdivide: int | None = None) -> Any:
     return body.clipped(grid) if cut else grid
 
 
-def boundary_grid(result: ContactResult) -> Any:
+def boundary_grid(result: Drawn) -> Any:
     """Contact points as pyvista.PolyData: a polyline in 2-D, a point cloud in 3-D.
 
     There is one for each run of connected facets, closed where these are.
@@ -66,7 +64,7 @@ def boundary_grid(result: ContactResult) -> Any:
     return next(boundary_grids([result]))
 
 
-def boundary_grids(results: Iterable[ContactResult]) -> Iterator[Any]:
+def boundary_grids(results: Iterable[Drawn]) -> Iterator[Any]:
     """The grids of several results, whose points are joined once where they are the same."""
     places, runs = np.zeros(0), []
     for result in results:
@@ -75,7 +73,7 @@ def boundary_grids(results: Iterable[ContactResult]) -> Iterator[Any]:
         yield _points(result, runs)
 
 
-def _points(result: ContactResult, runs: list[Run]) -> Any:
+def _points(result: Drawn, runs: list[Run]) -> Any:
     try:
         import pyvista
     except ImportError as error:  # pragma: no cover - a core dependency

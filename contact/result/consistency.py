@@ -16,7 +16,7 @@ from contact.errors import InputError
 
 if TYPE_CHECKING:
     from contact.body.elastic_body import ElasticBody
-    from contact.result.contact_result import ContactResult
+    from contact.result.contact_state import ContactState
     from contact.rows.discretise import ContactRows
 
 Array = NDArray[np.float64]
@@ -85,22 +85,22 @@ def check_problem(body: ElasticBody, rows: ContactRows) -> None:
             raise InputError("rows: G and T do not measure displacements along the frames")
 
 
-def check_state(result: ContactResult) -> None:
+def check_state(state: ContactState) -> None:
     """Shapes, numbers that are finite, friction that is not negative.
 
     Raises
     ------
     InputError
     """
-    system = result.system
+    system = state.system
     body, gap = system.body, system.rows.gap
     n, (m, columns) = body.basis.N, (system.rows.G.shape[0], body.dim - 1)
     for name, value, shape in (
         ("load", system.load, (n,)),
         ("u0", body.constraint[1], (n,)),
-        ("u", result.u, (n,)),
-        ("mu", result.mu, (m,)),
-        ("multiplier_t", result.t, (m, columns)),
+        ("u", state.u, (n,)),
+        ("mu", state.mu, (m,)),
+        ("multiplier_t", state.t, (m, columns)),
         ("friction", system.friction, (m,)),
         ("slip_from", system.slip_from, (m, columns)),
     ):
@@ -113,15 +113,15 @@ def check_state(result: ContactResult) -> None:
         raise InputError(f"law={system.law!r}: expected 'coulomb', 'tresca' or None")
     if np.any(system.friction < 0) or (system.law is None and np.any(system.friction > 0)):
         raise InputError(f"friction: negative, or given without a law (law={system.law!r})")
-    if system.motion is not None and result.motion is not None:
-        k = result.motion.size
-        _finite("motion", result.motion, (k,))
+    if system.motion is not None and state.motion is not None:
+        k = state.motion.size
+        _finite("motion", state.motion, (k,))
         _finite("motion.normal", system.motion.normal, (m, k))
         _finite("motion.tangent", system.motion.tangent, (m * columns, k))
         free = system.motion.free
         _finite("motion.prescribed", system.motion.prescribed[~free], (k - int(free.sum()),))
         _finite("motion.force", system.motion.force[free], (int(free.sum()),))
-        if np.any(result.motion[~free] != system.motion.prescribed[~free]):
+        if np.any(state.motion[~free] != system.motion.prescribed[~free]):
             raise InputError("motion: another one than prescribed")
 
 

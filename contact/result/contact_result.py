@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,30 +12,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact.body.elasticity import stress
 from contact.errors import InputError, numbers
-from contact.laws.semismooth_newton import Iteration
-from contact.result.contact_system import ContactSystem
+from contact.laws.status import Status
+from contact.output.vtk import body_grid, boundary_grid
+from contact.plot import plot_tractions
+from contact.result.certify import as_lines
+from contact.result.contact_state import ContactState
+from contact.result.recovery import cell_stress, nodal_stress
+from contact.result.stored_result import read, write
 from contact.result.summary import as_html, as_text, counts, facts, vector
 
 Array = NDArray[np.float64]
 
 
-class Status(IntEnum):
-    """State of a contact point.
-
-    ======  =====================================================================
-    OPEN    no pressure (Tresca without an obstacle: friction at rest or sliding)
-    STICK   in contact, no slip
-    SLIP    in contact, the shear is at its bound
-    ======  =====================================================================
-    """
-
-    OPEN = 0
-    STICK = 1
-    SLIP = 2
-
-
-@dataclass(frozen=True, eq=False)
-class ContactResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class ContactResult(ContactState):
     """Displacement, contact forces, and what follows from them.
 
     Attributes
@@ -57,16 +46,6 @@ class ContactResult:
     tol, slack : float
         What the certificate was held to, see `certify`; tol None stands for that of the method.
     """
-
-    system: ContactSystem
-    u: Array
-    mu: Array
-    t: Array
-    method: str
-    history: tuple[Iteration, ...]
-    motion: Array | None = None
-    tol: float | None = None
-    slack: float = 0.0
 
     def __repr__(self) -> str:
         return f"ContactResult({counts(self)}; resultant {vector(self.resultant)})"
@@ -221,8 +200,7 @@ class ContactResult:
 
     def certificate(self) -> str:
         """One line for each residual of `kkt`."""
-        lines = [f"{name:>16}  {value:.1e}" for name, value in self.kkt.items()]
-        return "\n".join(["certificate: relative residuals, recomputed from the problem", *lines])
+        return as_lines(self.kkt)
 
     def stress(self, points: ArrayLike | None = None) -> Array:
         """Cauchy stress in the quadrature points of the basis, or at given points.
@@ -248,15 +226,11 @@ class ContactResult:
 
     def nodal_stress(self) -> Array:
         """Cauchy stress at the vertices of the mesh, shape (3, 3, nvertices)."""
-        from contact.result.recovery import nodal_stress
-
-        return nodal_stress(self)
+        return nodal_stress(self.system.body, self.u)
 
     def cell_stress(self) -> Array:
         """Mean Cauchy stress of each cell, shape (3, 3, ncells)."""
-        from contact.result.recovery import cell_stress
-
-        return cell_stress(self)
+        return cell_stress(self.system.body, self.stress())
 
     @property
     def centre_of_pressure(self) -> Array:
@@ -321,8 +295,6 @@ class ContactResult:
             Another suffix; a state that fails its certificate or holds NaN; a body or an element
             that no file holds.
         """
-        from contact.result.stored_result import write
-
         return write(self, path)
 
     @classmethod
@@ -340,26 +312,18 @@ class ContactResult:
             No such file; damaged, changed, encrypted or foreign; the solution in it does not solve
             the problem in it. Files of format 2, before checksums, are certified all the same.
         """
-        from contact.result.stored_result import read
-
-        return read(path)
+        return cls(**vars(read(path)))
 
     def to_pyvista(self, subdivide: int | None = None) -> Any:
         """Body as a pyvista grid: displacement, cell-wise von Mises stress."""
-        from contact.output.vtk import body_grid
-
         return body_grid(self, subdivide)
 
     def boundary_to_pyvista(self) -> Any:
         """Contact points as a pyvista point cloud or polyline with every contact field."""
-        from contact.output.vtk import boundary_grid
-
         return boundary_grid(self)
 
     def plot(self, ax: Any = None) -> Any:
         """Pressure and shear along the boundary, stick and slip; in 3-D pressure on the faces."""
-        from contact.plot import plot_tractions
-
         return plot_tractions(self, ax)
 
 

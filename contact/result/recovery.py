@@ -13,24 +13,22 @@ from skfem_adini import nodal_stress as stress_of_dofs
 
 if TYPE_CHECKING:
     from contact.body.elastic_body import ElasticBody
-    from contact.result.contact_result import ContactResult
 
 Array = NDArray[np.float64]
 
 
-def nodal_stress(result: ContactResult) -> Array:
+def nodal_stress(body: ElasticBody, u: Array) -> Array:
     """Stress at the vertices, shape (3, 3, nvertices).
 
     Adini and BFS hold the gradient among their dofs. For other elements the stresses of the cells
     around a vertex are evaluated there and averaged by the cells' sizes.
     """
-    body = result.system.body
     if isinstance(body.element, GRADIENT_DOFS):
         plane: Any = body.plane or "strain"
-        return stress_of_dofs(body.basis, result.u, body.E, body.nu, plane)
+        return stress_of_dofs(body.basis, u, body.E, body.nu, plane)
     mesh, size = body.mesh, body.basis.dx.sum(axis=1)
     X = np.repeat(mesh.elem.refdom.p[:, None], mesh.nelements, axis=1)
-    at = _full(body, _stress_at(body, result.u, X), body.nu)
+    at = _full(body, _stress_at(body, u, X), body.nu)
     total, share = np.zeros((mesh.nvertices, 3, 3)), np.zeros(mesh.nvertices)
     for corner, vertices in enumerate(mesh.t):
         np.add.at(total, vertices, (at[..., corner] * size).transpose(2, 0, 1))
@@ -38,11 +36,10 @@ def nodal_stress(result: ContactResult) -> Array:
     return (total / share[:, None, None]).transpose(1, 2, 0)
 
 
-def cell_stress(result: ContactResult) -> Array:
-    """Mean stress of each cell, shape (3, 3, ncells)."""
-    body = result.system.body
+def cell_stress(body: ElasticBody, sigma: Array) -> Array:
+    """Mean of each cell of the stress in the quadrature points, shape (3, 3, ncells)."""
     dx = body.basis.dx
-    mean = np.sum(result.stress() * dx, axis=-1) / dx.sum(axis=1)
+    mean = np.sum(sigma * dx, axis=-1) / dx.sum(axis=1)
     return _full(body, mean, body.nu)
 
 

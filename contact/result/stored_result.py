@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import skfem
@@ -22,13 +22,12 @@ from contact.laws.methods import default_tolerance
 from contact.laws.semismooth_newton import Iteration
 from contact.obstacles.rigid import ObstacleMotion
 from contact.output.archive import DamagedFile, read_arrays, write_arrays
+from contact.result.certify import as_lines, certify
 from contact.result.consistency import check_mesh, check_problem, check_state
+from contact.result.contact_state import ContactState
 from contact.result.contact_system import ContactSystem
 from contact.rows.discretise import ContactRows
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
-
-if TYPE_CHECKING:
-    from contact.result.contact_result import ContactResult
 
 _FORMAT, _BEFORE_CHECKSUMS = 3, 2
 _SPARSE = ("G", "T")
@@ -50,7 +49,7 @@ _ELEMENTS: dict[str, Any] = {
 logger = logging.getLogger(__name__)
 
 
-def write(result: ContactResult, path: str | Path) -> Path:
+def write(state: ContactState, path: str | Path) -> Path:
     """Write a result; the file appears under its name only once it is complete.
 
     Raises
@@ -59,8 +58,8 @@ def write(result: ContactResult, path: str | Path) -> Path:
         See `ContactResult.save`.
     """
     path = _named(path)
-    arrays = problem_arrays(result.system) | state_arrays(result)
-    _certify(result, "result: it would be refused when it is read")
+    arrays = problem_arrays(state.system) | state_arrays(state)
+    _certify(state, "result: it would be refused when it is read")
     write_arrays(path, arrays)
     return path
 
@@ -133,36 +132,36 @@ def problem_arrays(system: ContactSystem) -> dict[str, Any]:
     return arrays | {"about": np.array(json.dumps(about))}
 
 
-def state_arrays(result: ContactResult) -> dict[str, Any]:
+def state_arrays(state: ContactState) -> dict[str, Any]:
     """Loads, prescribed displacements, gap and solution of one step."""
-    system = result.system
+    system = state.system
     arrays: dict[str, Any] = {
         "load": system.load,
         "u0": system.body.constraint[1],
         "rows/gap": system.rows.gap,
         "friction": system.friction,
-        "u": result.u,
-        "mu": result.mu,
-        "multiplier_t": result.t,
+        "u": state.u,
+        "mu": state.mu,
+        "multiplier_t": state.t,
     }
     if system.slip_from is not None:
         arrays["slip_from"] = system.slip_from
-    if system.motion is not None and result.motion is not None:
+    if system.motion is not None and state.motion is not None:
         for field in fields(ObstacleMotion):
             arrays[f"motion/{field.name}"] = getattr(system.motion, field.name)
-        arrays["motion"] = result.motion
+        arrays["motion"] = state.motion
     step = {
         "law": system.law,
-        "method": result.method,
-        "tol": result.tol,
-        "slack": result.slack,
-        "history": [asdict(line) for line in result.history],
+        "method": state.method,
+        "tol": state.tol,
+        "slack": state.slack,
+        "history": [asdict(line) for line in state.history],
     }
     return arrays | {"step": np.array(json.dumps(step))}
 
 
-def read(path: str | Path) -> ContactResult:
-    """Read a result written by `write`; see `ContactResult.load`."""
+def read(path: str | Path) -> ContactState:
+    """Read what `write` wrote; see `ContactResult.load`."""
     name = _named(path)
     arrays, checksum = read_arrays(name)
     return rebuild(name, arrays, checksum is not None)
@@ -170,8 +169,8 @@ def read(path: str | Path) -> ContactResult:
 
 def rebuild(
     path: Path, arrays: dict[str, Any], with_checksum: bool, near: ContactSystem | None = None
-) -> ContactResult:
-    """The result that the arrays of a file hold, certified anew.
+) -> ContactState:
+    """The state that the arrays of a file hold, certified anew.
 
     Parameters
     ----------
@@ -189,16 +188,16 @@ def rebuild(
     InputError
     """
     with _told(path):
-        result = _rebuild(arrays, with_checksum, near)
-        check_state(result)
-    _certify(result, f"result file {path}: its solution does not solve the problem beside it")
+        state = _rebuild(arrays, with_checksum, near)
+        check_state(state)
+    _certify(state, f"result file {path}: its solution does not solve the problem beside it")
     if not with_checksum:
         logger.warning(
             "%s has format %d, without a checksum: its residuals are right, but nothing shows "
             "whether names, weights or gaps of open points were changed; save it again",
             *(path, _BEFORE_CHECKSUMS),
         )
-    return result
+    return state
 
 
 @contextmanager
@@ -212,23 +211,19 @@ def _told(path: Path) -> Iterator[None]:
         raise DamagedFile(f"result file {path} cannot be read: {error!r}") from error
 
 
-def _certify(result: ContactResult, consequence: str) -> None:
+def _certify(state: ContactState, consequence: str) -> None:
     """Certify a result again, on whatever processor: residuals near their limit may round up."""
-    from contact.result.certify import certify
-
-    tol = default_tolerance(result.method) if result.tol is None else result.tol
+    tol = default_tolerance(state.method) if state.tol is None else state.tol
     try:
-        certify(result, max(2 * tol, 1e-12), 2 * result.slack)
+        kkt = certify(state, max(2 * tol, 1e-12), 2 * state.slack)
     except NotConverged as error:
         raise InputError(f"{consequence}: {error}") from error
-    logger.info("%s", result.certificate())
+    logger.info("%s", as_lines(kkt))
 
 
 def _rebuild(
     arrays: dict[str, Any], with_checksum: bool, near: ContactSystem | None
-) -> ContactResult:
-    from contact.result.contact_result import ContactResult
-
+) -> ContactState:
     about = json.loads(str(arrays["about"]))
     if about["format"] != (_FORMAT if with_checksum else _BEFORE_CHECKSUMS):
         beside = "with" if with_checksum else "without"
@@ -252,7 +247,7 @@ def _rebuild(
     )
     # Format 2 did not keep the slack of `fixed_point`, the only method that has one.
     unknown = 1e-3 if step["method"] == "fixed_point" and not with_checksum else 0.0
-    return ContactResult(
+    return ContactState(
         system,
         arrays["u"],
         arrays["mu"],

@@ -1,0 +1,34 @@
+"""What a solver found: the problem, its unknowns, and how they were found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.laws.semismooth_newton import Iteration
+from contact.result.contact_system import ContactSystem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ContactState:
+    """The numbers that a result consists of: what a file holds and a certificate looks at.
+
+    Attributes
+    ----------
+    system, u, mu, t, method, history, motion, tol, slack
+        See `ContactResult`, which derives everything else from them.
+    """
+
+    system: ContactSystem
+    u: Array
+    mu: Array
+    t: Array
+    method: str
+    history: tuple[Iteration, ...]
+    motion: Array | None = None
+    tol: float | None = None
+    slack: float = 0.0
