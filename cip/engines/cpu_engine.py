@@ -3,34 +3,32 @@
 from __future__ import annotations
 
 from math import prod
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from cip.engines.engine import Kernels
+from cip.engines.engine import Engine
+from cip.engines.setting import Setting
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State
 
-if TYPE_CHECKING:
-    from cip.solver.solver import Solver
 
-
-class HostKernels(Kernels):
+class CpuEngine(Engine):
     """Runs the stages with numba, rows shared among threads."""
 
-    def __init__(self, solver: Solver) -> None:
-        super().__init__(solver)
-        self.widths = [width.astype(self.dtype) for width in solver.grid.widths]
-        self.lines = [line.astype(self.dtype) for line in solver.grid.coordinates]
-        self.lines += [np.zeros(1, self.dtype)] * (3 - solver.grid.dim)
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        self.widths = [width.astype(self.dtype) for width in setting.grid.widths]
+        self.lines = [line.astype(self.dtype) for line in setting.grid.coordinates]
+        self.lines += [np.zeros(1, self.dtype)] * (3 - setting.grid.dim)
 
     def place(self, state: State) -> State:
-        """The state in a NumPy array of the solver's precision."""
+        """The state in a NumPy array of the setting's precision."""
         data = np.ascontiguousarray(state.host().data, dtype=self.dtype)
         return State(self.grid, state.profile, data, state.t)
 
-    def feet(self, feet: StageFeet) -> StageFeet:
-        """Feet in the solver's precision."""
+    def place_feet(self, feet: StageFeet) -> StageFeet:
+        """Feet in the setting's precision."""
         return StageFeet(feet.data.astype(self.dtype), feet.exits, feet.t_start, feet.t_end)
 
     def empty(self, data: Any) -> Any:
@@ -76,7 +74,7 @@ class HostKernels(Kernels):
         if stage.conservative:
             node = getattr(conservative_kernels, self.name(stage))
             run_conservative = loop_over(cpu_loops.run_conservative, node=node)
-            limits = (limiter, *self.bounds(stage), self.solver.bounds_tolerance)
+            limits = (limiter, *self.bounds(stage), self.setting.bounds_tolerance)
 
             def sweep(start: int, stop: int) -> None:
                 run_conservative(start, stop, m, out, feet, width, *line, *limits)

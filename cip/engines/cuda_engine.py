@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from cip.engines.cuda_source import prelude, translate
-from cip.engines.engine import Kernels
+from cip.engines.engine import Engine
 from cip.engines.path_kernel import COARSE, LEFT, box_of, path_source
+from cip.engines.setting import Setting
 from cip.errors import InputError, MissingDependency
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State
-
-if TYPE_CHECKING:
-    from cip.solver.solver import Solver
 
 # Passed to NVRTC.
 OPTIONS = ("--std=c++14",)
@@ -153,11 +151,11 @@ def _compiled(source: str) -> Any:
     return cupy.RawModule(code=source, options=OPTIONS).get_function("run")
 
 
-class DeviceKernels(Kernels):
+class CudaEngine(Engine):
     """Runs the stages with CuPy; states stay on the device."""
 
-    def __init__(self, solver: Solver) -> None:
-        super().__init__(solver)
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
         try:
             import cupy
         except ImportError as error:
@@ -174,7 +172,7 @@ class DeviceKernels(Kernels):
         self._cupy = cupy
         self._compiled: dict[Any, Any] = {}
         self._certain: set[Any] = set()
-        grid = solver.grid
+        grid = setting.grid
         widths = [] if all(grid.uniform) else grid.widths  # else constants in the kernels
         self._widths = [cupy.asarray(width.astype(self.dtype)) for width in widths]
         self._lines = [cupy.asarray(line.astype(self.dtype)) for line in grid.coordinates]
@@ -183,12 +181,12 @@ class DeviceKernels(Kernels):
         self._whole = np.int32 if self._index == "int" else np.int64
 
     def place(self, state: State) -> State:
-        """The state in a CuPy array of the solver's precision."""
+        """The state in a CuPy array of the setting's precision."""
         data = self._cupy.ascontiguousarray(self._cupy.asarray(state.data, dtype=self.dtype))
         return State(self.grid, state.profile, data, state.t)
 
-    def feet(self, feet: StageFeet) -> StageFeet:
-        """Feet on the device, in the solver's precision."""
+    def place_feet(self, feet: StageFeet) -> StageFeet:
+        """Feet on the device, in the setting's precision."""
         data = self._cupy.asarray(feet.data.astype(self.dtype))
         return StageFeet(data, feet.exits, feet.t_start, feet.t_end)
 
@@ -209,7 +207,7 @@ class DeviceKernels(Kernels):
         """One kernel over all nodes with stored feet; flat arrays."""
         arguments = [m, out, feet, *self._widths]
         if stage.conservative:
-            limits = (*self.bounds(stage), self.solver.bounds_tolerance)
+            limits = (*self.bounds(stage), self.setting.bounds_tolerance)
             arguments += [self.dtype.type(value) for value in limits]
         self._start(stage, False, arguments)
 
@@ -226,7 +224,7 @@ class DeviceKernels(Kernels):
             return 0
         left, coarse = (int(byte != 0) for byte in said.get().view(np.uint8)[:2])
         found = LEFT * left | COARSE * coarse
-        if self.solver.steady and not found:
+        if self.setting.steady and not found:
             self._certain.add(part)  # the same feet in every step: the host need not wait for them
         return found
 

@@ -1,26 +1,27 @@
-"""What the kernels on the CPU and on the device have in common: the order of a stage."""
+"""What the engines of the CPU and of a CUDA device share: feet, and the order of a stage."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from cip.characteristics.feet import MAX_SUBSTEPS
 from cip.engines.path_kernel import COARSE, LEFT
+from cip.engines.setting import Setting
 from cip.profiles.catalogue import LIMITER_CODES
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State
-
-if TYPE_CHECKING:
-    from cip.solver.solver import Solver
 
 # The number of sub-steps of an unsteady velocity is sought anew after so many steps: it may fall.
 _RENEW = 16
 # Feet of a steady velocity on so many nodes are worth the seconds of compiling its formula.
 _COMPILE_FROM = 100_000
+# Sets of feet of a steady velocity that are kept: the full step's and those of partial steps, which
+# many snapshots ask for.
+_KEPT_FEET = 16
 
 
 class _Memory(threading.local):
@@ -31,29 +32,32 @@ class _Memory(threading.local):
         self.counts: dict[Any, tuple[float, int]] = {}  # when it was sought, and how many
 
 
-class Kernels:
-    """Runs the stages of a solver; subclasses know where the arrays live."""
+class Engine:
+    """Runs the stages of a setting; subclasses know where the arrays live."""
 
-    def __init__(self, solver: Solver) -> None:
-        self.solver, self.grid, self.dtype = solver, solver.grid, solver.dtype
-        self.limiter = LIMITER_CODES[solver.limiter]
+    def __init__(self, setting: Setting) -> None:
+        self.setting, self.grid, self.dtype = setting, setting.grid, setting.dtype
+        self.limiter = LIMITER_CODES[setting.limiter]
         self._memory = _Memory()
+        self._feet: dict[Any, StageFeet] = {}
+        self._lock = threading.Lock()
         self._paths: dict[Any, Any] = {}
 
     @property
     def _counts(self) -> dict[Any, tuple[float, int]]:
         return self._memory.counts
 
-    def forget(self) -> None:
-        """A run begins: it takes the steps that it would take with a new solver."""
+    def begin(self, state: State) -> State:
+        """`place` a run's first state; the run takes the steps it would take with a new engine."""
         self._memory.counts, self._memory.left = {}, False
+        return self.place(state)
 
     def place(self, state: State) -> State:
-        """The state where the kernels work, in the solver's precision."""
+        """The state where the kernels work, in the precision of the setting."""
         raise NotImplementedError
 
-    def feet(self, feet: StageFeet) -> StageFeet:
-        """Feet where the kernels work, in the solver's precision."""
+    def place_feet(self, feet: StageFeet) -> StageFeet:
+        """Feet where the kernels work, in the precision of the setting."""
         raise NotImplementedError
 
     def empty(self, data: Any) -> Any:
@@ -86,15 +90,30 @@ class Kernels:
 
             if self._refine(stage, t, dt, attempt):
                 return out
-        feet = self.solver.feet(stage, t, dt)
+        feet = self.feet(stage, t, dt)
         self.launch(stage, m, new, feet.data)
         for correction in stage.corrections(feet):
             self.correct(new, correction.places, correction.values, correction.add)
         return out
 
-    def compute_feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
+    def feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
+        """Feet of a stage where the kernels work, kept for a steady velocity."""
+        if not self.setting.steady:
+            return self.place_feet(self._computed_feet(stage, t, dt))
+        key = (stage.axis, (stage.end - stage.begin) * dt)
+        found = self._feet.get(key)
+        if found is None:
+            found = self.place_feet(self._computed_feet(stage, t, dt))
+            with self._lock:  # threads may share an engine
+                while len(self._feet) >= _KEPT_FEET:
+                    self._feet.pop(next(iter(self._feet)))
+                self._feet[key] = found
+        t_start, t_end = t + stage.begin * dt, t + stage.end * dt
+        return StageFeet(found.data, found.exits, t_start, t_end)
+
+    def _computed_feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
         """Feet of a stage: compiled for formulas where that pays, else by NumPy."""
-        large = self.grid.size > _COMPILE_FROM or not self.solver.steady
+        large = self.grid.size > _COMPILE_FROM or not self.setting.steady
         if large and stage.formula and not self._memory.left:
             found = self._compiled_feet(stage, t, dt)
             if found is not None:
@@ -166,17 +185,15 @@ class Kernels:
         Between the sweeps of a splitting the field is compressed along one direction and not yet
         stretched along the others: there only the sign is bounded.
         """
-        low, high = self.solver.bounds
-        before = self.solver._stages[: self.solver._stages.index(stage)]
-        if not any(earlier.compresses for earlier in before):
+        low, high = self.setting.bounds
+        if not stage.compressed:
             return low, high
         return (0.0 if low >= 0.0 else -np.inf), (0.0 if high <= 0.0 else np.inf)
 
     def _computes(self, stage: Stage) -> bool:
         if self._memory.left or not stage.computable:
             return False
-        stored = self.solver.store_feet
-        return not self.solver.steady if stored is None else not stored
+        return not self.setting.stores_feet
 
     def _count(self, stage: Stage, t: float, dt: float) -> int:
         """Sub-steps to begin with: the last, or at times as few as a sample of the nodes needs."""
@@ -184,7 +201,7 @@ class Kernels:
         found = self._counts.get(key)
         if found is None:
             found = self._counts[key] = (t, stage.substeps(t, dt))
-        elif not self.solver.steady and abs(t - found[0]) > _RENEW * dt:
+        elif not self.setting.steady and abs(t - found[0]) > _RENEW * dt:
             # What was steep between the nodes of the sample hardly ends at once.
             found = self._counts[key] = (t, max(stage.substeps(t, dt), 2 * (found[1] // 4)))
         return found[1]

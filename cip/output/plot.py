@@ -1,40 +1,40 @@
-"""Pictures and animations of trajectories; matplotlib is imported where it is used."""
+"""Pictures and animations of states; matplotlib is imported where it is used."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cip.errors import InputError
-
-if TYPE_CHECKING:
-    from cip.output.trajectory import Trajectory
+from cip.output.sample import sample
+from cip.stages.state import State
 
 # Points a cell at which curves are drawn: the profile bends inside its cells.
 _PER_CELL = 4
 
 
-def plot_trajectory(
-    trajectory: Trajectory, ax: Any = None, places: Sequence[int] | None = None
+def plot_states(
+    states: Sequence[State], ax: Any = None, places: Sequence[int] | None = None
 ) -> Any:
     """Draw snapshots by their profiles: curves in one dimension, a map of one in two.
 
     Parameters
     ----------
-    trajectory : Trajectory
+    states : sequence of State
+        Of one grid.
     ax : matplotlib Axes, optional
     places : sequence of int, optional
-        Which snapshots; default all, in two dimensions the last.
+        Which of them; default all, in two dimensions the last.
 
     Returns
     -------
     matplotlib Axes
     """
-    grid = trajectory.solver.grid
+    grid = states[0].grid
     if grid.dim == 3:
         raise InputError("plot: three dimensions; use to_pyvista() or save('run.pvd')")
     if ax is None:
@@ -43,29 +43,27 @@ def plot_trajectory(
         _, ax = plt.subplots(figsize=(6, 4), layout="constrained")
     if grid.dim == 2:
         place = -1 if places is None else places[-1]
-        state = trajectory[place]
+        state = states[place]
         image = ax.pcolormesh(*grid.coordinates, state["u"].T, shading="nearest", cmap="viridis")
         ax.figure.colorbar(image, ax=ax, label="u")
         ax.set(xlabel="x", ylabel="y", title=f"t = {state.t:.4g}", aspect="equal")
         return ax
     x = _fine(grid.bounds[0], grid.cells[0])
-    for place in range(len(trajectory)) if places is None else places:
-        state = trajectory[place]
-        ax.plot(x, trajectory.sample(x, place), lw=1.2, label=f"t = {state.t:.4g}")
+    for place in range(len(states)) if places is None else places:
+        state = states[place]
+        ax.plot(x, sample(states[place], x), lw=1.2, label=f"t = {state.t:.4g}")
     ax.set(xlabel="x", ylabel="u")
     ax.legend(frameon=False, fontsize=8)
     return ax
 
 
-def animate_trajectory(
-    trajectory: Trajectory, path: str | Path | None = None, fps: int = 20
-) -> Any:
+def animate_states(states: Sequence[State], path: str | Path | None = None, fps: int = 20) -> Any:
     """Animate the snapshots.
 
     Parameters
     ----------
-    trajectory : Trajectory
-        In one or two dimensions.
+    states : sequence of State
+        Of one grid, in one or two dimensions.
     path : path, optional
         Where to write it, ending in .gif.
     fps : int
@@ -77,17 +75,17 @@ def animate_trajectory(
     import matplotlib.pyplot as plt
     from matplotlib.animation import FuncAnimation
 
-    grid = trajectory.solver.grid
+    grid = states[0].grid
     if grid.dim == 3:
         raise InputError("animate: three dimensions; use save('run.pvd') and ParaView")
     if path is not None and Path(path).suffix != ".gif":
         raise InputError(f"path: expected a name that ends in .gif, got {str(path)!r}")
     figure, ax = plt.subplots(figsize=(6, 4), layout="constrained")
-    values = [state["u"] for state in trajectory.states]
+    values = [state["u"] for state in states]
     low, high = float(min(map(np.min, values))), float(max(map(np.max, values)))
     if grid.dim == 1:
         x = _fine(grid.bounds[0], grid.cells[0])
-        (line,) = ax.plot(x, trajectory.sample(x, 0))
+        (line,) = ax.plot(x, sample(states[0], x))
         room = 0.05 * max(high - low, 1e-300)
         ax.set(xlabel="x", ylabel="u", ylim=(low - room, high + room))
     else:
@@ -98,14 +96,14 @@ def animate_trajectory(
         ax.set(xlabel="x", ylabel="y", aspect="equal")
 
     def draw(place: int) -> tuple[Any, ...]:
-        ax.set_title(f"t = {trajectory[place].t:.4g}")
+        ax.set_title(f"t = {states[place].t:.4g}")
         if grid.dim == 1:
-            line.set_ydata(trajectory.sample(x, place))
+            line.set_ydata(sample(states[place], x))
             return (line,)
         image.set_array(values[place].T)
         return (image,)
 
-    animation = FuncAnimation(figure, draw, frames=len(trajectory), interval=1000 / fps, blit=False)
+    animation = FuncAnimation(figure, draw, frames=len(states), interval=1000 / fps, blit=False)
     if path is not None:
         animation.save(str(path), writer="pillow", fps=fps)
         plt.close(figure)

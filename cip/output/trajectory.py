@@ -6,7 +6,7 @@ import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,10 +17,13 @@ from cip.output.whole_file import write_whole
 from cip.profiles.catalogue import moments
 from cip.stages.state import State
 
-if TYPE_CHECKING:
-    from cip.solver.solver import Solver
-
 Array = NDArray[np.float64]
+
+
+class Scheme(Protocol):
+    """What a trajectory asks of the solver that it comes from."""
+
+    form: Any
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,7 @@ class Trajectory:
     states : tuple of State
         In host memory, the start first.
     solver : Solver
+        The one that made it.
     dt : float
         Length of the full steps.
     interrupted : bool
@@ -66,7 +70,7 @@ class Trajectory:
     """
 
     states: tuple[State, ...]
-    solver: Solver
+    solver: Scheme
     dt: float
     interrupted: bool = False
 
@@ -74,7 +78,7 @@ class Trajectory:
         first, last = self.states[0], self.states[-1]
         left = ", interrupted" if self.interrupted else ""
         return (
-            f"Trajectory({len(self)} snapshots of {self.solver.profile!r} on {first.grid} from t = "
+            f"Trajectory({len(self)} snapshots of {first.profile!r} on {first.grid} from t = "
             f"{first.t:.6g} to {last.t:.6g}, dt = {self.dt:.6g}{left})"
         )
 
@@ -150,7 +154,8 @@ class Trajectory:
             xarray = importlib.import_module("xarray")
         except ImportError as error:
             raise MissingDependency("to_xarray needs xarray: pip install xarray") from error
-        grid, first = self.solver.grid, self.states[0]
+        first = self.states[0]
+        grid = first.grid
         axes = ["x", "y", "z"][: grid.dim]
         data, coordinates = {}, {"t": self.times}
         coordinates.update(zip(axes, grid.coordinates, strict=True))
@@ -164,7 +169,7 @@ class Trajectory:
         found = self.diagnostics
         for name in ("mass", "total_variation", "minimum", "maximum", "l1", "l2"):
             data[name] = (["t"], getattr(found, name))
-        attributes = {"profile": self.solver.profile, "form": self.solver.form, "dt": self.dt}
+        attributes = {"profile": first.profile, "form": self.solver.form, "dt": self.dt}
         return xarray.Dataset(data, coordinates, attributes)
 
     def to_pyvista(self, place: int = -1) -> Any:
@@ -232,15 +237,15 @@ class Trajectory:
 
     def plot(self, ax: Any = None, places: Sequence[int] | None = None) -> Any:
         """Draw snapshots: curves in one dimension, a map of the last one in two."""
-        from cip.output.plot import plot_trajectory
+        from cip.output.plot import plot_states
 
-        return plot_trajectory(self, ax, places)
+        return plot_states(self.states, ax, places)
 
     def animate(self, path: str | Path | None = None, fps: int = 20) -> Any:
         """An animation of the snapshots, written to `path` (.gif) if given."""
-        from cip.output.plot import animate_trajectory
+        from cip.output.plot import animate_states
 
-        return animate_trajectory(self, path, fps)
+        return animate_states(self.states, path, fps)
 
 
 def _written(mesh: Any, path: Path) -> None:

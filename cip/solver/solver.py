@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import deepcopy
-from threading import Lock
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import DTypeLike
 
 from cip.characteristics.feet import check_step, time_scale
-from cip.engines.engine import Kernels
+from cip.engines.engine import Engine
+from cip.engines.setting import Setting
 from cip.errors import InputError
 from cip.formulas.velocity import Velocity
 from cip.grid import Grid
+from cip.output.trajectory import Trajectory
 from cip.profiles.catalogue import LIMITER_CODES, LIMITERS, LINE, PLANE, moments
 from cip.reals import real_array, real_number
+from cip.solver.time_loop import run
 from cip.stages.stage import Stage, StageFeet, stages
 from cip.stages.state import State, _real, default_profile
 from cip.stages.walls import check_split, portable_boundary, walls
@@ -155,16 +157,18 @@ class Solver:
         if grid.dim > 1 and self.profile in LINE:
             check_split(data, self.form == "advection")
         self._stages = stages(grid, self._formulas, self.profile, self.form == "advection", data)
-        self._feet: dict[Any, StageFeet] = {}
-        self._lock = Lock()
+        setting = Setting(
+            grid, self._formulas, self.profile, limiter, self.bounds, self.bounds_tolerance,
+            self.dtype, store_feet, self.steady,
+        )  # fmt: skip
         if backend == "cupy":
-            from cip.engines.cuda_engine import DeviceKernels
+            from cip.engines.cuda_engine import CudaEngine
 
-            self._kernels: Kernels = DeviceKernels(self)
+            self._kernels: Engine = CudaEngine(setting)
         else:
-            from cip.engines.cpu_engine import HostKernels
+            from cip.engines.cpu_engine import CpuEngine
 
-            self._kernels = HostKernels(self)
+            self._kernels = CpuEngine(setting)
 
     def __reduce__(self) -> Any:
         return Solver, self._arguments(portable_boundary(self._boundary, self.grid))
@@ -265,11 +269,14 @@ class Solver:
             After an interruption from the keyboard, up to the last finished step, marked
             ``interrupted``.
         """
-        from cip.solver.time_loop import run
-
         self._accept(state)
         length = self._step_length(dt, cfl, state.t)
-        return run(self, state, t_end, length, snapshots, callback, progress)
+
+        def record(states: Sequence[State], interrupted: bool) -> Trajectory:
+            return Trajectory(tuple(states), self, length, interrupted)
+
+        loop = (self._advance, self._kernels.begin, record)
+        return run(state, t_end, length, snapshots, callback, progress, *loop)
 
     def _step_length(self, dt: float | None, cfl: float | None, t: float) -> float:
         if (dt is None) == (cfl is None):
@@ -305,18 +312,7 @@ class Solver:
 
     def feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
         """Feet of a stage in the precision of the solver, kept for a steady velocity."""
-        if not self.steady:
-            return self._kernels.feet(self._kernels.compute_feet(stage, t, dt))
-        key = (stage.axis, (stage.end - stage.begin) * dt)
-        found = self._feet.get(key)
-        if found is None:
-            found = self._kernels.feet(self._kernels.compute_feet(stage, t, dt))
-            with self._lock:  # threads may share a solver
-                while len(self._feet) >= 16:  # partial steps of many snapshots
-                    self._feet.pop(next(iter(self._feet)))
-                self._feet[key] = found
-        t_start, t_end = t + stage.begin * dt, t + stage.end * dt
-        return StageFeet(found.data, found.exits, t_start, t_end)
+        return self._kernels.feet(stage, t, dt)
 
 
 def _is(value: Any, *names: str) -> bool:

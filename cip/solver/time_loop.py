@@ -4,47 +4,68 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 
 from cip.errors import CipError, InputError
-from cip.output.trajectory import Trajectory
 from cip.reals import real_array, real_number
 from cip.stages.state import State
 
-if TYPE_CHECKING:
-    from cip.solver.solver import Solver
+Record = TypeVar("Record")
 
 _log = logging.getLogger(__name__)
-# Part of dt.
+# Part of dt: what is left before an output time and is shorter than this is no step of its own. A
+# million steps of a rounded dt end nearer than that, and no caller means so short a step.
 _NO_STEP = 1e-9
+# Part of dt: t is too large for dt where its rounding reaches this.
+_LOST = 0.01
 
 
 def run(
-    solver: Solver,
     state: State,
     t_end: float,
     dt: float,
     snapshots: int | Sequence[float] | None,
     callback: Callable[[State], Any] | None,
     progress: bool,
-) -> Trajectory:
-    """See `Solver.run`."""
+    advance: Callable[[State, float], State],
+    place: Callable[[State], State],
+    record: Callable[[Sequence[State], bool], Record],
+) -> Record:
+    """Step from one output time to the next; the other parameters are those of `Solver.run`.
+
+    Parameters
+    ----------
+    dt : float
+        Length of the full steps.
+    advance : callable
+        The state after a step: ``advance(state, dt)``.
+    place : callable
+        The first state where `advance` works.
+    record : callable
+        What to return: ``record(snapshots, interrupted)``.
+
+    Raises
+    ------
+    InputError
+        Times that cannot be reached, or no callable; `dt` lost in the rounding of t.
+    CipError
+        Of a step, with what was recorded before as its attribute ``trajectory``.
+    """
     times = output_times(state.t, t_end, snapshots)
     if callback is not None and not callable(callback):
         raise InputError(f"callback: expected a callable, got {callback!r}")
     # A remainder that small is rounding of the times, no step of its own.
     no_step = _NO_STEP + 4.0 * np.finfo(float).eps * max(abs(state.t), abs(times[-1])) / dt
-    if no_step > 0.01:
+    if no_step > _LOST:
         raise InputError(
             f"dt: {dt:.6g} is lost in the rounding of t = {times[-1]:.6g}; count t from the start"
         )
-    kernels = solver._kernels
-    kernels.forget()
-    state = kernels.place(state)
+    state = place(state)
     kept = [state.host()]
-    trajectory = Trajectory(tuple(kept), solver, dt)
+    found = record(kept, False)
     try:
         for target in times:
             start = state.t
@@ -54,23 +75,22 @@ def run(
                 length = target - (start + k * dt) if last else dt
                 if abs(length - dt) <= no_step * dt:
                     length = dt
-                data = solver._advance(state, length).data
                 t = target if last else start + (k + 1) * dt
-                state = State(solver.grid, solver.profile, data, t)
+                state = replace(advance(state, length), t=t)
                 if callback is not None:
                     callback(state)
             kept.append(state.host().require_finite())
-            trajectory = Trajectory(tuple(kept), solver, dt)
+            found = record(kept, False)
             if progress:
                 _log.info("t = %.6g of %.6g, mass %.12g", state.t, times[-1], kept[-1].mass)
     except (KeyboardInterrupt, StopIteration):
         if state.t > kept[-1].t:
             kept.append(state.host().require_finite())
-        return Trajectory(tuple(kept), solver, dt, interrupted=True)
+        return record(kept, True)
     except CipError as error:
-        error.trajectory = trajectory  # type: ignore[attr-defined]
+        error.trajectory = found  # type: ignore[attr-defined]
         raise
-    return trajectory
+    return found
 
 
 def output_times(t: float, t_end: float, snapshots: int | Sequence[float] | None) -> list[float]:

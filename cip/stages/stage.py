@@ -84,6 +84,8 @@ class Stage:
         Direction of a sweep; None for the direct update of a plane.
     begin, end : float
         The part of the step that it covers.
+    before : tuple of Stage
+        The sweeps of the step that come first.
     """
 
     def __init__(
@@ -96,9 +98,11 @@ class Stage:
         axis: int | None,
         begin: float,
         end: float,
+        before: tuple[Stage, ...] = (),
     ) -> None:
         self.grid, self.velocity, self.profile, self.advect = grid, velocity, profile, advect
         self.walls, self.axis, self.begin, self.end = walls, axis, begin, end
+        self._before = before
         self.conservative = profile in CONSERVATIVE
         self.carries_slopes = carries_slopes(profile, grid.dim)
         self.moving = (0, 1) if axis is None else (axis,)
@@ -241,6 +245,11 @@ class Stage:
         return slope.op != "constant" or slope.value != 0.0
 
     @property
+    def compressed(self) -> bool:
+        """Whether a sweep before has compressed the field along its own direction."""
+        return any(earlier.compresses for earlier in self._before)
+
+    @property
     def computable(self) -> bool:
         """Whether a kernel can compute the feet itself, each node its own."""
         return self.formula and not self.conservative
@@ -288,7 +297,8 @@ def stages(
     last = grid.dim - 1
     first = [(axis, 0.0, 0.5) for axis in range(last)]
     order = [*first, (last, 0.0, 1.0), *((axis, 0.5, 1.0) for axis, _, _ in reversed(first))]
-    return [
-        Stage(grid, velocity, profile, advect, walls, axis, begin, end)
-        for axis, begin, end in order
-    ]
+    found: list[Stage] = []
+    for axis, begin, end in order:
+        part = (axis, begin, end, tuple(found))
+        found.append(Stage(grid, velocity, profile, advect, walls, *part))
+    return found
