@@ -20,9 +20,6 @@ Solver = Literal["auto", "pardiso", "superlu", "amg"]
 _SYMMETRIC = 1e-12
 _PROBE = 1e-3
 _SCALINGS = 10
-# PARDISO's defaults for symmetric matrices, but for the last: solutions by one thread, since
-# several add up in the order in which they come.
-_PARAMETERS = {1: 2, 9: 8, 20: 1, 24: 1}
 
 
 class Factorization(Protocol):
