@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,9 +11,10 @@ from scipy import linalg
 from gpu.arguments import choice, flag, is_finite_number, shown, unmasked, whole
 from gpu.arrays.namespace import array_module
 from gpu.eigenvalues.certificate import certify
-from gpu.eigenvalues.eigenpairs import Eigenpairs
+from gpu.eigenvalues.eigenpairs import Eigenpairs, Pairs
 from gpu.eigenvalues.iteration_operator import EigenProblem, shifts, told_apart
-from gpu.eigenvalues.krylov.krylov_schur import FLOOR, RESTARTS, krylov_schur, room_for
+from gpu.eigenvalues.krylov.krylov_schur import FLOOR, krylov_schur
+from gpu.eigenvalues.krylov.restart import RESTARTS, Limits, Wanted, room_for
 from gpu.eigenvalues.operator import Matrix, as_matrix, ordinary
 from gpu.eigenvalues.schur.order import ORDERS, best_first, edge_of, rank_of
 from gpu.eigenvalues.schur.ordered_schur import Rank
@@ -137,84 +138,125 @@ def eigs(
     if sigma is None and which == "SM" and _stored(matrix, mass):
         sigma, which = 0.0, "LM"
     sigma = float(np.real(sigma)) if sigma is not None and np.imag(sigma) == 0 else sigma
-    real = matrix.real and (mass is None or mass.real) and np.isrealobj(sigma)
-    rank = rank_of(which, real)
-    if start is not None and start.dtype.kind == "c" and real:
+    task = _Task(matrix, mass, sigma, which, k)
+    if start is not None and start.dtype.kind == "c" and task.real:
         raise InputError("v0 is complex, but A, M and sigma are real: pass its real part")
-
-    # A lower bound of |A|; values where A is; of residuals, where the vectors came with them.
-    scale, there, squares = 0.0, None, None
-    stored = n <= FALLBACK and _stored(matrix, mass)
-    # The wanted may lie inside the spectrum, where a Krylov space is blind.
-    inner = which in ("SM", "SI") or (which == "LI" and real and sigma is not None)
+    # Whether all eigenvalues may be computed where the iteration does not find the wanted.
+    spare = maxiter is None and task.decomposable
     small = DENSE if _stored(matrix, mass) else PRODUCTS
-    if n <= max(small, room_for(k, size)) or (inner and stored):
-        values, vectors = _decomposed(matrix, mass, sigma, rank, k)
+    scale = 0.0
+    if n <= max(small, room_for(k, size)) or (task.inner and task.decomposable):
+        pairs = _decomposed(task)
     else:
-        fallback = maxiter is None and stored
         grown = size + size // 2
-        options: dict[str, Any] = {
-            "ncv": size,
-            "grown": grown if ncv is None and room_for(k, grown) < n else size,
-            "start": start,
-            "tol": tol,
-            "maxiter": maxiter
-            or max(20, n // 6 if fallback else 40 * n // max(3, (size - k) // 3)),
-            "restart": restart,
-            "edge": edge_of(which, real),
-            "inner": inner,
-        }
-        # To look at the entries takes as long as a product, and products tell of them too.
-        unseen = mass is None and sigma is None and matrix.explicit is not None
-        trial = replace(matrix, assumed=1.0) if unseen else matrix
-        found, pairs, reason = _iterated(trial, mass, sigma, k, rank, **options)
-        if unseen and reason is None and found.scale and ordinary(found.scale):
-            matrix = trial
-        elif unseen and matrix.unit != 1.0:
-            found, pairs, reason = _iterated(matrix, mass, sigma, k, rank, **options)
-        if fallback and (reason or not found.complete):
-            values, vectors = _decomposed(matrix, mass, sigma, rank, k)
-        elif reason:
-            raise reason
-        else:
-            if mass is None and sigma is None:
-                scale = found.scale / matrix.unit
-            values, there, vectors, squares = pairs.of(found.T, found.basis)
-            if not found.complete:
-                raise NotConverged(
-                    f"{len(values)} of {k} eigenvalues converged in {found.restarts} restarts "
-                    f"({found.matvecs} products) with ncv={size}; raise maxiter or ncv, loosen "
-                    "tol, or use sigma",
-                    eigenvalues=there,
-                    eigenvectors=vectors,
-                )
-    if squares is None:
-        vectors = xp.asarray(vectors)
-        vectors = vectors / xp.linalg.norm(vectors, axis=0)
+        limits = Limits(
+            size,
+            grown if ncv is None and room_for(k, grown) < n else size,
+            maxiter or max(20, n // 6 if spare else 40 * n // max(3, (size - k) // 3)),
+            restart,
+        )
+        task, pairs, scale = _by_iteration(task, limits, tol, start, spare)
     try:
-        certify(matrix, mass, values, vectors, tol, scale, squares)
+        values, vectors = _certified(task, pairs, tol, scale)
     except NotConverged:
         # Shift and invert loses digits where sigma lies much closer to one eigenvalue than to
         # the others.
-        if maxiter is not None or not stored:
+        if not spare:
             raise
-        values, vectors = _decomposed(matrix, mass, sigma, rank, k)
-        there = None
-        vectors = xp.asarray(vectors)
-        vectors = vectors / xp.linalg.norm(vectors, axis=0)
-        certify(matrix, mass, values, vectors, tol, scale)
-    values = xp.asarray(values) if there is None else there
+        values, vectors = _certified(task, _decomposed(task), tol, scale)
     return (values, vectors) if return_eigenvectors else values
 
 
+@dataclass(frozen=True)
+class _Task:
+    """The arguments of `eigs`, checked, that say what is wanted."""
+
+    matrix: Matrix
+    mass: Matrix | None
+    sigma: Any
+    which: str
+    k: int
+
+    @property
+    def real(self) -> bool:
+        """Whether eigenvalues come as conjugate pairs."""
+        real = self.matrix.real and (self.mass is None or self.mass.real)
+        return bool(real and np.isrealobj(self.sigma))
+
+    @property
+    def rank(self) -> Rank:
+        """Of eigenvalues, or with sigma of those of the inverse."""
+        return rank_of(self.which, self.real)
+
+    @property
+    def plain(self) -> bool:
+        """Whether the iteration runs with A itself."""
+        return self.mass is None and self.sigma is None
+
+    @property
+    def inner(self) -> bool:
+        """Whether the wanted may lie inside the spectrum, where a Krylov space is blind."""
+        transformed = self.which == "LI" and self.real and self.sigma is not None
+        return self.which in ("SM", "SI") or transformed
+
+    @property
+    def decomposable(self) -> bool:
+        """Whether all eigenvalues can be had from stored entries in reasonable time."""
+        return self.matrix.n <= FALLBACK and _stored(self.matrix, self.mass)
+
+
+def _by_iteration(
+    task: _Task, limits: Limits, tol: float, start: Any, spare: bool
+) -> tuple[_Task, Pairs, float]:
+    """The task as it was solved, its pairs, and a lower bound of |A|, zero if none is known.
+
+    `spare` tells that all eigenvalues may be computed instead.
+    """
+    # To look at the entries takes as long as a product, and products tell of them too.
+    unseen = task.plain and task.matrix.explicit is not None
+    trial = replace(task, matrix=replace(task.matrix, assumed=1.0)) if unseen else task
+    found, pairs, reason = _iterated(trial, limits, tol, start)
+    if unseen and reason is None and found.scale and ordinary(found.scale):
+        task = trial
+    elif unseen and task.matrix.unit != 1.0:
+        found, pairs, reason = _iterated(task, limits, tol, start)
+    if spare and (reason or not found.complete):
+        return task, _decomposed(task), 0.0
+    if reason:
+        raise reason
+    scale = found.scale / task.matrix.unit if task.plain else 0.0
+    made: Pairs = pairs.of(found.T, found.basis)
+    if not found.complete:
+        raise NotConverged(
+            f"{len(made.values)} of {task.k} eigenvalues converged in {found.restarts} restarts "
+            f"({found.matvecs} products) with ncv={limits.ncv}; raise maxiter or ncv, loosen "
+            "tol, or use sigma",
+            eigenvalues=made.there,
+            eigenvectors=made.vectors,
+        )
+    return task, made, scale
+
+
+def _certified(task: _Task, pairs: Pairs, tol: float, scale: float) -> tuple[Any, Any]:
+    """Values and unit vectors where A is, their residuals recomputed."""
+    xp, vectors = task.matrix.xp, pairs.vectors
+    if pairs.squares is None:
+        vectors = xp.asarray(vectors)
+        vectors = vectors / xp.linalg.norm(vectors, axis=0)
+    certify(task.matrix, task.mass, pairs.values, vectors, tol, scale, pairs.squares)
+    return xp.asarray(pairs.values) if pairs.there is None else pairs.there, vectors
+
+
 def _iterated(
-    matrix: Matrix, mass: Matrix | None, sigma: Any, k: int, rank: Rank, **options: Any
+    task: _Task, limits: Limits, tol: float, start: Any
 ) -> tuple[Any, Any, GpuError | None]:
     """Outcome of the iteration, its pairs, and what forbids to use them.
 
     Where sigma lies on an eigenvalue, rounding of its image drowns those of the others, and the
     shift moves off it.
     """
+    matrix, mass, sigma, k, rank = task.matrix, task.mass, task.sigma, task.k, task.rank
+    wanted = Wanted(k, rank, tol, edge_of(task.which, task.real), task.inner)
     found = pairs = None
     reason: GpuError = InputError(
         f"A - sigma M cannot be factored for sigma={sigma} and values beside it: take another sigma"
@@ -229,13 +271,13 @@ def _iterated(
                 found = krylov_schur(
                     problem.apply,
                     matrix.n,
-                    k,
-                    rank,
+                    wanted,
+                    limits,
                     dtype=problem.dtype,
                     xp=matrix.xp,
+                    start=start,
                     matrix=problem.matrix,
                     meanwhile=pairs.of,
-                    **options,
                 )
                 if sigma is None or not found.complete:
                     return found, pairs, None
@@ -252,10 +294,9 @@ def _iterated(
     return found, pairs, reason
 
 
-def _decomposed(
-    matrix: Matrix, mass: Matrix | None, sigma: Any, rank: Rank, k: int
-) -> tuple[np.ndarray, np.ndarray]:
+def _decomposed(task: _Task) -> Pairs:
     """All eigenvalues by LAPACK on the host, the k best returned."""
+    matrix, mass, sigma, k = task.matrix, task.mass, task.sigma, task.k
     unit = matrix.unit
     full = matrix.dense() * unit  # LAPACK's own scaling does not bring all eigenvalues back
     if not np.all(np.isfinite(full)):
@@ -283,9 +324,8 @@ def _decomposed(
         distance = values - sigma
         tiny = 1e-300 + 1e-15 * np.abs(values).max(initial=0.0)
         key = 1.0 / np.where(np.abs(distance) < tiny, tiny, distance)
-    real = matrix.real and (mass is None or mass.real) and np.isrealobj(sigma)
-    order = best_first(key, rank, k, real, values)
-    return values[order] / unit, vectors[:, order]
+    order = best_first(key, task.rank, k, task.real, values)
+    return Pairs(values[order] / unit, None, vectors[:, order], None)
 
 
 def _stored(matrix: Matrix, mass: Matrix | None) -> bool:

@@ -13,10 +13,9 @@ from scipy import linalg
 from gpu.eigenvalues.krylov.arnoldi import Arnoldi
 from gpu.eigenvalues.krylov.challenge import INSIDE, unbeaten
 from gpu.eigenvalues.krylov.implicit_restart import shifted_qr
-from gpu.eigenvalues.schur.order import Edge
+from gpu.eigenvalues.krylov.restart import Limits, Look, Standing, Wanted, room_for, vectors_kept
 from gpu.eigenvalues.schur.ordered_schur import Rank, ordered_schur, whole
 
-RESTARTS = ("krylov-schur", "implicit")
 FLOOR = 100 * np.finfo(float).eps  # residuals below this times |A| are round-off
 CLOSE = 1e-2  # residual of what a challenge leaves aside over the distance of the rest
 PATIENCE = 6  # restarts before the space grows, if it may
@@ -51,21 +50,13 @@ class PartialSchur:
 def krylov_schur(
     apply: Callable[[Any], Any],
     n: int,
-    k: int,
-    rank: Rank,
+    wanted: Wanted,
+    limits: Limits,
     *,
     dtype: Any,
     xp: Any,
-    ncv: int,
-    grown: int = 0,
     start: Any = None,
-    tol: float = 0.0,
-    maxiter: int = 1000,
-    restart: str = "krylov-schur",
     matrix: Any = None,
-    challenge: bool = True,
-    edge: Edge | None = None,
-    inner: bool = False,
     meanwhile: Callable[[np.ndarray, Arnoldi], Any] | None = None,
 ) -> PartialSchur:
     r"""The k best eigenvalues of A, by rank, with their Schur basis.
@@ -82,7 +73,7 @@ def krylov_schur(
 
     A Krylov space of one vector holds one eigenvector of a repeated eigenvalue only, and may be
     blind to others. So the outcome is challenged from random vectors: see `challenge.unbeaten`.
-    Aside are left, beside what has converged, the next Schur vectors as far as they are nearly
+    Beside what has converged the next Schur vectors are set aside as far as they are nearly
     invariant; then the challenger has less to compete with. Where it finds something better, the
     iteration goes on from that beside what has converged, with `ncv` vectors: near the edge of a
     disc full of eigenvalues a space of the few that would be left settles on a few of many moduli,
@@ -91,29 +82,12 @@ def krylov_schur(
     Parameters
     ----------
     apply : callable x -> A x
-    n, k : int
-    rank : callable
-        Of eigenvalues; the larger, the more wanted. Must change by at most |d| when the eigenvalue
-        moves by d.
+    n : int
+    wanted : Wanted
+    limits : Limits
     dtype, xp, matrix
         See `Arnoldi`.
-    ncv : int
-        Dimension m of the space, k + 3 <= ncv <= n - 1; a challenge adds what it keeps.
-    grown : int
-        Dimension after `PATIENCE` restarts in which fewer than k have converged, if larger.
     start : array, optional
-    tol : float
-    maxiter : int
-        Of restarts.
-    restart : {"krylov-schur", "implicit"}
-        How the space shrinks until it is challenged; see `implicit_restart.shifted_qr`.
-    challenge : bool
-        Whether to look beyond the invariant subspace that the start vector reaches.
-    edge : callable, optional
-        Of `rank`, see `order.edge_of`: lets challenges end as soon as probability allows.
-    inner : bool
-        The wanted may lie inside the spectrum, where newcomers are slow to show: then nothing but
-        probability ends a challenge.
     meanwhile : callable (T, basis), optional
         Called with what is the outcome unless it loses the challenge, of which a device has yet
         to finish the first products.
@@ -123,143 +97,175 @@ def krylov_schur(
     G. W. Stewart, A Krylov-Schur algorithm for large eigenproblems, SIAM J. Matrix Anal. Appl. 23
     (2001).
     """
+    iteration = _Iteration(
+        wanted, limits, n, lambda size: Arnoldi(apply, n, size, dtype, xp, matrix=matrix)
+    )
+    iteration.basis.start(0, start)
+    while iteration.count <= limits.maxiter:
+        look = iteration.look()
+        if look.converged >= wanted.k and iteration.stands(look, meanwhile):
+            return iteration.outcome(look, look.converged, look.settled, complete=True)
+        iteration.restart(look)
+    converged = min(look.converged, iteration.kept)
+    return iteration.outcome(look, converged, look.T[:converged, :converged], complete=False)
 
-    def room_of(dimension: int) -> int:
-        return min(n - 1, room_for(k, dimension)) if challenge else dimension
 
-    room, most_room = ncv, room_of(ncv)
-    basis = Arnoldi(apply, n, most_room, dtype, xp, matrix=matrix)
-    basis.start(0, start)
-    S = np.zeros((most_room, most_room), dtype=dtype)
-    # Where products are quick; loading the compiler's work takes longer than most runs on the host.
-    compiled = xp is not np
-    kept, scale = 0, 0.0
-    locked = 0  # rows that a challenge began with
-    hessenberg = restart == "implicit"
-    champions: np.ndarray | None = None  # ranks of the wanted that a challenge has to better
-    # Sweeps are stopped where the wanted are expected to converge.
-    count, goal = 1, ncv
-    past = (0, 1.0)  # products, and residual of the wanted over |A|, at the last look
-    while count <= maxiter:
-        steps = basis.sweep(kept, goal)
+class _Iteration:
+    """The space and what has been learnt from it so far."""
+
+    def __init__(
+        self, wanted: Wanted, limits: Limits, n: int, space: Callable[[int], Arnoldi]
+    ) -> None:
+        self.wanted, self.limits, self.n = wanted, limits, n
+        self.ncv = self.room = self.goal = limits.ncv
+        self.most_room = self._most_room()
+        self.basis = space(self.most_room)
+        self.S = np.zeros((self.most_room, self.most_room), dtype=self.basis.V.dtype)
+        # Where products are quick; on the host loading the compiler's work outlasts most runs.
+        self.compiled = self.basis.xp is not np
+        self.kept, self.scale, self.count = 0, 0.0, 1
+        self.locked = 0  # rows that a challenge began with
+        self.hessenberg = limits.restart == "implicit"
+        # Ranks of the wanted that a challenge has to better.
+        self.champions: np.ndarray | None = None
+        # Rows that were set aside in a challenge that has been lost.
+        self.aside: int | None = None
+        # Sweeps are stopped where the wanted are expected to converge.
+        self.past = (0, 1.0)  # products, and residual of the wanted over |A|, at the last look
+
+    def _most_room(self) -> int:
+        if not self.limits.challenge:
+            return self.ncv
+        return min(self.n - 1, room_for(self.wanted.k, self.ncv))
+
+    def _most_leading(self, size: int) -> int:
+        """Schur vectors worth ordering: the wanted, and those that may stay at a restart."""
+        return min(size, max(self.wanted.k, self.locked) + self.ncv // 2 + 3)
+
+    def look(self) -> Look:
+        """Fill the space up to its goal, and bring it to Schur form."""
+        wanted, basis, S = self.wanted, self.basis, self.S
+        steps = basis.sweep(self.kept, self.goal)
         if not steps.finite:
             raise FloatingPointError(f"A v is not finite after {basis.matvecs} products")
-        ended = steps.ended
-        size = goal if ended is None else kept + ended + 1
-        steps.project(S, kept, size)
-        beta = 0.0 if ended is not None else float(steps.betas[-1])
+        ended = steps.ended is not None
+        size = self.goal if steps.ended is None else self.kept + steps.ended + 1
+        steps.project(S, self.kept, size)
+        beta = 0.0 if ended else float(steps.betas[-1])
         columns = S[:size, :size].T
-        scale = max(scale, float(np.sqrt(np.vecdot(columns, columns).real.max())))
-        most = min(size, max(k, locked) + ncv // 2 + 3)
-        for leading in (most, size):
-            T, Q, values = ordered_schur(S[:size, :size], rank, leading, compiled)
+        self.scale = max(self.scale, float(np.sqrt(np.vecdot(columns, columns).real.max())))
+        for leading in (self._most_leading(size), size):
+            T, Q, values = ordered_schur(S[:size, :size], wanted.rank, leading, self.compiled)
             spike = beta * Q[size - 1]
-            moved = np.sqrt(np.cumsum(np.abs(spike) ** 2))  # residuals of the leading vectors
-            converged = _leading(T, values, moved, tol, FLOOR * scale)
-            if challenge:  # which needs room
-                converged = whole(T, min(converged, most_room - max(ncv // 2, 4)))
+            moved = np.sqrt(np.cumsum(np.abs(spike) ** 2))
+            converged = _leading(T, values, moved, wanted.tol, FLOOR * self.scale)
+            if self.limits.challenge:  # which needs room
+                converged = whole(T, min(converged, self.most_room - max(self.ncv // 2, 4)))
             if converged + 2 < leading:
                 break
-        wanted = float(moved[whole(T, min(k, size)) - 1]) / scale if scale else 0.0
-        need = _products_left(past, (basis.matvecs, wanted), max(tol, FLOOR))
-        past = (basis.matvecs, wanted)
-        lost, vector = False, None
+        residual = float(moved[whole(T, min(wanted.k, size)) - 1])
+        now = (basis.matvecs, residual / self.scale if self.scale else 0.0)
+        left = _products_left(self.past, now, max(wanted.tol, FLOOR))
+        self.past = now
         settled = T[:converged, :converged]
-        if converged >= k:
-            ranks = np.sort(rank(values[:converged]))[::-1][:k]
-            if (
-                champions is None
-                or (inner and converged > locked)
-                or _better(ranks, champions, T, values[:converged], rank, tol, FLOOR * scale)
-            ):
-                champions, aside = ranks, converged
-                if challenge:
-                    most = min(most, most_room - ncv // 2)
-                    aside = _aside(T, rank(values), ranks[-1], moved, converged, most)
-                basis.rotate(Q[:, :aside], size)
-                if challenge:
-                    won, more = unbeaten(
-                        basis,
-                        aside,
-                        ranks[-1],
-                        rank,
-                        edge,
-                        tol=tol,
-                        floor=FLOOR * scale,
-                        restarts=maxiter - count,
-                        patience=np.inf if inner else basis.matvecs,
-                        meanwhile=meanwhile and functools.partial(meanwhile, settled, basis),
-                    )
-                    count, lost = count + more, not won
-                done = not lost
-            else:
-                done = not inner and _unbeaten(rank, T, values, spike, converged, locked, ranks[-1])
-                if done:
-                    basis.rotate(Q[:, :converged], size)
-            if done:
-                return PartialSchur(
-                    settled, values[:converged], basis, scale, count, basis.matvecs, True
-                )
-        fresh = lost or ended is not None
-        if not fresh and size < room:
+        return Look(T, Q, values, spike, moved, converged, settled, beta, ended, left)
+
+    def stands(self, look: Look, meanwhile: Callable[..., Any] | None) -> bool:
+        """Whether what has converged is what was wanted; then it leads the basis."""
+        wanted, rank, converged = self.wanted, self.wanted.rank, look.converged
+        floor = FLOOR * self.scale
+        found = look.values[:converged]
+        ranks = np.sort(rank(found))[::-1][: wanted.k]
+        if (
+            self.champions is None
+            or (wanted.inner and converged > self.locked)
+            or _better(ranks, self.champions, look.T, found, rank, wanted.tol, floor)
+        ):
+            self.champions = ranks
+            return self._challenged(look, float(ranks[-1]), meanwhile)
+        if wanted.inner or not _unbeaten(
+            rank, look.T, look.values, look.spike, converged, self.locked, ranks[-1]
+        ):
+            return False
+        self.basis.rotate(look.Q[:, :converged], look.size)
+        return True
+
+    def _challenged(self, look: Look, worst: float, meanwhile: Callable[..., Any] | None) -> bool:
+        """Whether nothing ranks above the worst of the wanted, as far as a challenge shows."""
+        wanted, basis, aside = self.wanted, self.basis, look.converged
+        if self.limits.challenge:
+            most = min(self._most_leading(look.size), self.most_room - self.ncv // 2)
+            ranks = wanted.rank(look.values)
+            aside = _aside(look.T, ranks, worst, look.moved, look.converged, most)
+        basis.rotate(look.Q[:, :aside], look.size)
+        if not self.limits.challenge:
+            return True
+        won, more = unbeaten(
+            basis,
+            aside,
+            worst,
+            wanted.rank,
+            wanted.edge,
+            tol=wanted.tol,
+            floor=FLOOR * self.scale,
+            restarts=self.limits.maxiter - self.count,
+            patience=np.inf if wanted.inner else basis.matvecs,
+            meanwhile=meanwhile and functools.partial(meanwhile, look.settled, basis),
+        )
+        self.count += more
+        self.aside = None if won else aside
+        return won
+
+    def restart(self, look: Look) -> None:
+        """Shrink the space, unless it has not been filled yet."""
+        basis, size, lost = self.basis, look.size, self.aside is not None
+        if not lost and not look.ended and size < self.room:
             # Not settled half way: the space goes on growing.
-            S[size, size - 1] = beta
-            kept, goal = size, room
-            continue
-        if lost:
-            keep = min(converged, max(whole(T, k), ncv // 2))
-        elif fresh:
-            keep = min(size, room - 1)
-        elif champions is None:
-            spare = ncv - k
-            new = max(spare // 3, min(spare, 4))
-            keep = k + min((spare + converged) // 2, spare - new)
-        else:
-            keep = max(k + converged // 2, (locked + room) // 2)
-        keep = whole(T, min(keep, room - 2, size))
-        projected, spike = T[:keep, :keep], spike[:keep]
-        if fresh:
-            if lost:
+            self.S[size, size - 1] = look.beta
+            self.kept, self.goal = size, self.room
+            return
+        challenged = self.champions is not None
+        standing = Standing(self.wanted.k, self.ncv, self.room, self.locked, challenged, lost)
+        keep = vectors_kept(look, standing)
+        projected, spike = look.T[:keep, :keep], look.spike[:keep]
+        if lost or look.ended:
+            vector = None
+            if self.aside is not None:
                 # What beat them is among these, and what was aside has come far.
-                vector = basis.V[keep : aside + 2].sum(axis=0)
+                vector = basis.V[keep : self.aside + 2].sum(axis=0)
             else:
-                basis.rotate(Q[:, :keep], size)
+                basis.rotate(look.Q[:, :keep], size)
             basis.start(keep, vector)
-            hessenberg, spike, locked = False, np.zeros(keep), keep
-        elif hessenberg:
-            Q, projected, spike = shifted_qr(S[:size, :size], beta, values, keep)
+            self.hessenberg, spike, self.locked = False, np.zeros(keep), keep
+        elif self.hessenberg:
+            Q, projected, spike = shifted_qr(self.S[:size, :size], look.beta, look.values, keep)
             basis.rotate(Q, size)
         else:
-            basis.rotate(Q[:, :keep], size)
-            spike[: min(converged, keep)] = 0.0
-        S[:] = 0.0
-        if count >= PATIENCE and ncv < grown and champions is None:
-            ncv = room = grown
-            most_room = room_of(ncv)
-            basis.enlarge(most_room, keep + 1)
-            S = np.zeros((most_room, most_room), dtype=dtype)
-        S[:keep, :keep], S[keep, :keep] = projected, spike
-        kept, count = keep, count + 1
+            basis.rotate(look.Q[:, :keep], size)
+            spike[: min(look.converged, keep)] = 0.0
+        self.S[:] = 0.0
+        if self.count >= PATIENCE and self.ncv < self.limits.grown and not challenged:
+            self._grow(keep)
+        self.S[:keep, :keep], self.S[keep, :keep] = projected, spike
+        self.kept, self.count, self.aside = keep, self.count + 1, None
         if lost:
-            room = min(kept + ncv, most_room)
-            goal = min((kept + ncv + 1) // 2, room)
+            self.room = min(keep + self.ncv, self.most_room)
+            self.goal = min((keep + self.ncv + 1) // 2, self.room)
         else:
-            goal = min(kept + need, room)
-    converged = min(converged, kept)
-    return PartialSchur(
-        T[:converged, :converged],
-        values[:converged],
-        basis,
-        scale,
-        maxiter,
-        basis.matvecs,
-        False,
-    )
+            self.goal = min(keep + look.products_left, self.room)
 
+    def _grow(self, keep: int) -> None:
+        """More room, of which the first `keep` rows and the residual vector are in use."""
+        self.ncv = self.room = self.limits.grown
+        self.most_room = self._most_room()
+        self.basis.enlarge(self.most_room, keep + 1)
+        self.S = np.zeros((self.most_room, self.most_room), dtype=self.S.dtype)
 
-def room_for(k: int, ncv: int) -> int:
-    """Most vectors that a challenged iteration spans."""
-    return ncv + max(k + 1, ncv // 2) + 1
+    def outcome(self, look: Look, converged: int, T: np.ndarray, *, complete: bool) -> PartialSchur:
+        """What has converged; as many restarts as were allowed where that is not all."""
+        values, basis = look.values[:converged], self.basis
+        count = self.count if complete else self.limits.maxiter
+        return PartialSchur(T, values, basis, self.scale, count, basis.matvecs, complete)
 
 
 def _leading(T: np.ndarray, values: np.ndarray, moved: np.ndarray, tol: float, floor: float) -> int:

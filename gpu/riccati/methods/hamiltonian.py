@@ -11,6 +11,7 @@ from scipy import linalg
 from gpu.arguments import choice
 from gpu.arrays.namespace import array_module, to_host
 from gpu.eigenvalues.krylov.krylov_schur import krylov_schur
+from gpu.eigenvalues.krylov.restart import Limits, Wanted
 from gpu.eigenvalues.schur.order import best_first
 from gpu.errors import InputError, NotConverged, RiccatiError
 from gpu.riccati.methods.hamiltonian_inverse import InverseHamiltonian
@@ -197,15 +198,11 @@ def _largest(
     found = krylov_schur(
         inverse.apply,
         2 * n,
-        wanted,
-        np.abs,
+        Wanted(wanted, np.abs, tol),
+        Limits(2 * wanted + 20, maxiter=RESTARTS, challenge=start == "random"),
         dtype=np.dtype(float),
         xp=xp,
-        ncv=2 * wanted + 20,
         start=seed,
-        tol=tol,
-        maxiter=RESTARTS,
-        challenge=start == "random",
     )
     if len(found.values) < min(modes, 2 * n):
         raise NotConverged(
