@@ -63,7 +63,9 @@ class EigenProblem:
             raise InputError("M: an operator cannot be factored; pass its entries")
         if shift is None:
             assert mass is not None
-            solve = factorized(mass.explicit, matrix.xp)
+            # Real factors drop the imaginary part of what they solve for, or refuse it.
+            entries = mass.explicit if mass.dtype == dtype else mass.explicit.astype(dtype)
+            solve = factorized(entries, matrix.xp)
             if solve is None:
                 raise InputError("M is singular: give sigma, so that A - sigma M is factored")
             by_mass = solve
