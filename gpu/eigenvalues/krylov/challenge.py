@@ -88,42 +88,34 @@ def unbeaten(
     S = np.zeros((room, room), dtype=basis.V.dtype)
     kept, goal, made = 0, min(FIRST, room), 0
     begun = searched = basis.matvecs  # at all, and from this vector
-    betas = 0.0  # logarithm of their product
-    dropped = np.zeros(0, dtype=complex)
-    past = (0, 1.0)  # products, and residual of the best newcomer, at the last look
+    # Logarithm of the product of the betas; Ritz values dropped so far; products and residual past.
+    betas, dropped, past = 0.0, np.zeros(0, dtype=complex), (0, 1.0)
+    enough, likely = (0.5 * np.log(n) - np.log(chance) for chance in (SURE, LIKELY))
+    rounding = 1e-9 * abs(worst) + floor
     while True:
-        steps = basis.sweep(locked + kept, locked + goal, meanwhile)
-        meanwhile = None
+        aside = meanwhile if basis.matvecs == begun else None
+        steps = basis.sweep(locked + kept, locked + goal, aside)
         if not steps.finite:
             raise FloatingPointError(f"A v is not finite after {basis.matvecs} products")
         ended = steps.ended
         size = goal if ended is None else kept + ended + 1
         steps.project(S, kept, size, locked)
         beta = 0.0 if ended is not None else float(steps.betas[-1])
-        keep = int(THICK * room)
-        leading = keep + 1 if size == room else 1
+        leading = int(THICK * room) + 1 if size == room else 1
         T, Q, values = ordered_schur(S[:size, :size], rank, leading, basis.xp is not np)
         best, products = whole(T, 1), basis.matvecs - searched
         residual = beta * float(np.linalg.norm(Q[size - 1, :best]))
         distance = worst - float(rank(values[:1])[0])
-        evidence = np.inf if distance >= -(1e-9 * abs(worst) + floor) else 0.0
+        evidence = np.inf if distance >= -rounding else 0.0
         if ended is None:
             betas += float(np.log(steps.betas).sum())
             roots = np.concatenate((values, dropped))
             evidence = _evidence(worst, roots, edge) - betas if distance > 0 else 0.0
-        enough = 0.5 * np.log(n) - np.log(SURE)
         converged = residual <= max(tol * float(np.abs(values[0])), floor)
-        inside = residual < INSIDE * distance or (
-            converged and distance >= -(1e-9 * abs(worst) + floor)
-        )
-        if evidence >= enough or (
-            inside
-            and (
-                evidence >= 0.5 * np.log(n) - np.log(LIKELY)
-                or basis.matvecs - begun >= patience
-                or (converged and distance <= 1e-6 * abs(worst) and patience < np.inf)
-            )
-        ):
+        inside = residual < INSIDE * distance or (converged and distance >= -rounding)
+        tired = basis.matvecs - begun >= patience
+        copy = converged and distance <= 1e-6 * abs(worst) and patience < np.inf
+        if evidence >= enough or (inside and (evidence >= likely or tired or copy)):
             return True, made
         beaten = not inside and (converged or residual < -INSIDE * distance)
         if beaten or made >= restarts:
@@ -145,13 +137,12 @@ def unbeaten(
             S[size, size - 1] = beta
             kept, goal = size, min(room, size + need)
             continue
-        keep = whole(T, min(keep, room - 2))
+        keep = whole(T, min(int(THICK * room), room - 2))
         basis.rotate(Q[:, :keep], size, locked)
         dropped = np.concatenate((dropped, values[keep:]))
         S[:] = 0.0
         S[:keep, :keep], S[keep, :keep] = T[:keep, :keep], beta * Q[size - 1, :keep]
-        kept, made = keep, made + 1
-        goal = min(kept + need, room)
+        kept, made, goal = keep, made + 1, min(keep + need, room)
 
 
 def _evidence(worst: float, roots: np.ndarray, edge: Edge | None) -> float:

@@ -179,75 +179,16 @@ class InteriorPoint:
         mu = self.mu
         self.reg = max(min(self.reg, 1e-1 * REGULARISATION * mu), LEAST_REGULARISATION)
         self.boost = max(1.0, 0.2 * self.boost)
-        x = self.v[: self.n]
-        rd = -(self._dual(x, self.y) - s.z_low + s.z_high)
-        rp = self._primal()
+        right = -(self._dual(self.v[: self.n], self.y) - s.z_low + s.z_high), self._primal()
         self.off_low = xp.where(s.has_low, self.v - xp.where(s.has_low, s.low, 0.0) - s.t_low, 0.0)
         self.off_high = xp.where(
             s.has_high, xp.where(s.has_high, s.high, 0.0) - self.v - s.t_high, 0.0
         )
-        products = s.z_low * s.t_low, s.z_high * s.t_high
-        while True:
-            try:
-                self.factor()
-                d = self.direction(rd, rp, -products[0], -products[1])
-                if self.system.accuracy <= ACCURACY or self.boost > MOST_BOOST:
-                    break
-            except np.linalg.LinAlgError:
-                if self.boost > MOST_BOOST:
-                    raise
-            self.boost *= 10.0
+        d, ap, ad = self._predicted(right), 1.0, 1.0
         if self.count:
-            ap, ad = self.lengths(d)
-            if not self.linear:
-                ap = ad = min(ap, ad)
-            dt_low, dt_high = d.v + self.off_low, self.off_high - d.v
-            ahead = (
-                float(
-                    ((s.t_low + ap * dt_low) * (s.z_low + ad * d.z_low)).sum()
-                    + ((s.t_high + ap * dt_high) * (s.z_high + ad * d.z_high)).sum()
-                )
-                / self.count
-            )
-            sigma = min(max(ahead / mu, 0.0), 1.0) ** 3 if mu > 0.0 else 0.0
-            second = 1.0
-            if self.last < 0.1:
-                # Products far off centre stop both steps: bring them back before going on.
-                sigma, second = max(sigma, 0.8), 0.0
-            size = abs(float(self.p.q @ x)) + abs(float(x @ (self.p.P @ x)))
-            self.floor = 1e-12 * size / self.count
-            target = max(sigma * mu, self.floor)
-            c_low = s.has_low * (target - products[0] - second * dt_low * d.z_low)
-            c_high = s.has_high * (target - products[1] - second * dt_high * d.z_high)
-            d = self.direction(rd, rp, c_low, c_high)
-            ap, ad = self.lengths(d)
-            for _ in range(CORRECTIONS):
-                if min(ap, ad) > 0.95 or target <= 0:
-                    break
-                bp, bd = min(1.0, 1.5 * ap + 0.1), min(1.0, 1.5 * ad + 0.1)
-                e = []
-                for t, z, dt, dz, has in (
-                    (s.t_low, s.z_low, d.v + self.off_low, d.z_low, s.has_low),
-                    (s.t_high, s.z_high, self.off_high - d.v, d.z_high, s.has_high),
-                ):
-                    product = (t + bp * dt) * (z + bd * dz)
-                    e.append(
-                        has
-                        * xp.maximum(
-                            xp.clip(product, 0.1 * target, 10 * target) - product, -10 * target
-                        )
-                    )
-                tried = self.direction(rd, rp, c_low + e[0], c_high + e[1])
-                tp, td = self.lengths(tried)
-                if tp + td < ap + ad + 0.02:
-                    break
-                d, ap, ad, c_low, c_high = tried, tp, td, c_low + e[0], c_high + e[1]
-            if not self.linear:
-                ap = ad = min(ap, ad)
+            d, ap, ad = self._corrected(d, right, mu)
             back = max(0.995, 1.0 - mu) if mu < 1 else 0.995
             ap, ad = self.central(d, min(1.0, back * ap), min(1.0, back * ad))
-        else:
-            ap = ad = 1.0
         dt_low, dt_high = d.v + self.off_low, self.off_high - d.v
         self.v = self.v + ap * d.v
         s.t_low, s.t_high = s.t_low + ap * s.has_low * dt_low, s.t_high + ap * s.has_high * dt_high
@@ -255,6 +196,80 @@ class InteriorPoint:
         s.z_low, s.z_high = s.z_low + ad * d.z_low, s.z_high + ad * d.z_high
         self.last = min(ap, ad)
         return ap, ad
+
+    def _predicted(self, right: tuple[Array, Array]) -> Step:
+        """Newton's direction for products of zero, regularised until the system is accurate."""
+        s = self.s
+        while True:
+            try:
+                self.factor()
+                d = self.direction(*right, -(s.z_low * s.t_low), -(s.z_high * s.t_high))
+                if self.system.accuracy <= ACCURACY or self.boost > MOST_BOOST:
+                    return d
+            except np.linalg.LinAlgError:
+                if self.boost > MOST_BOOST:
+                    raise
+            self.boost *= 10.0
+
+    def _corrected(
+        self, d: Step, right: tuple[Array, Array], mu: float
+    ) -> tuple[Step, float, float]:
+        """Mehrotra's corrector of the predictor d, Gondzio's corrections, and their lengths."""
+        s = self.s
+        ap, ad = self._lengths(d)
+        dt_low, dt_high = d.v + self.off_low, self.off_high - d.v
+        ahead = (
+            float(
+                ((s.t_low + ap * dt_low) * (s.z_low + ad * d.z_low)).sum()
+                + ((s.t_high + ap * dt_high) * (s.z_high + ad * d.z_high)).sum()
+            )
+            / self.count
+        )
+        sigma = min(max(ahead / mu, 0.0), 1.0) ** 3 if mu > 0.0 else 0.0
+        second = 1.0
+        if self.last < 0.1:
+            # Products far off centre stop both steps: bring them back before going on.
+            sigma, second = max(sigma, 0.8), 0.0
+        x = self.v[: self.n]
+        size = abs(float(self.p.q @ x)) + abs(float(x @ (self.p.P @ x)))
+        self.floor = 1e-12 * size / self.count
+        target = max(sigma * mu, self.floor)
+        c_low = s.has_low * (target - s.z_low * s.t_low - second * dt_low * d.z_low)
+        c_high = s.has_high * (target - s.z_high * s.t_high - second * dt_high * d.z_high)
+        d = self.direction(*right, c_low, c_high)
+        ap, ad = self.lengths(d)
+        for _ in range(CORRECTIONS):
+            if min(ap, ad) > 0.95 or target <= 0:
+                break
+            e_low, e_high = self._off_centre(d, ap, ad, target)
+            tried = self.direction(*right, c_low + e_low, c_high + e_high)
+            tp, td = self.lengths(tried)
+            if tp + td < ap + ad + 0.02:
+                break
+            d, ap, ad, c_low, c_high = tried, tp, td, c_low + e_low, c_high + e_high
+        if not self.linear:
+            ap = ad = min(ap, ad)
+        return d, ap, ad
+
+    def _lengths(self, d: Step) -> tuple[float, float]:
+        """The same steps for x and for the multipliers, unless the problem allows two."""
+        ap, ad = self.lengths(d)
+        return (ap, ad) if self.linear else (min(ap, ad),) * 2
+
+    def _off_centre(self, d: Step, ap: float, ad: float, target: float) -> tuple[Array, Array]:
+        """What products lack after a longer step to lie within a tenth and ten times the target."""
+        s, xp = self.s, self.xp
+        bp, bd = min(1.0, 1.5 * ap + 0.1), min(1.0, 1.5 * ad + 0.1)
+
+        def lacking(t: Array, z: Array, dt: Array, dz: Array, has: Array) -> Array:
+            product = (t + bp * dt) * (z + bd * dz)
+            short = xp.clip(product, 0.1 * target, 10 * target) - product
+            return has * xp.maximum(short, -10 * target)
+
+        return (
+            lacking(s.t_low, s.z_low, d.v + self.off_low, d.z_low, s.has_low),
+            lacking(s.t_high, s.z_high, self.off_high - d.v, d.z_high, s.has_high),
+        )
 
 
 def interior_point(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from gpu.qp.interior_point.equilibrate import Scaling, equilibrate, largest_side
 from gpu.qp.interior_point.extended_precision import Triple, extended
 from gpu.qp.interior_point.infeasibility import Solve, farkas, ray
 from gpu.qp.interior_point.interior_point import interior_point
-from gpu.qp.interior_point.kkt_system import kkt_system
+from gpu.qp.interior_point.kkt_system import System, kkt_system
 from gpu.qp.interior_point.polish import Sides, polish
 from gpu.qp.interior_point.presolve import contradiction, presolve
 
@@ -127,73 +127,18 @@ def minimise(p: Program, tol: float, solver: str = "auto", proofs: bool = True) 
             raise NoPoint(_violated(p, point.x))
     scaled, scaling = equilibrate(small.program)
     spelt = curvature_rows(scaled)
-    if spelt is not None:
-        scaled = spelt.program
-    system = kkt_system(scaled, solver)
 
     def whole(x: Array, y: Array) -> Point:
         point = (x, y) if spelt is None else spelt.point(x, y)
         return certified(p, *small.point(*scaling.point(*point)))
 
-    def sharp(x: Array, y: Array) -> float:
-        return whole(x, y).residuals.sharp
-
-    def worst(x: Array, y: Array) -> float:
-        return whole(x, y).residuals.worst
-
-    def rank(point: Point) -> tuple[bool, float]:
-        return point.residuals.worst > tol, point.residuals.sharp
-
-    small_enough = p.q.size + p.row_low.size <= LARGEST_EXTENDED
-    sharpen = proofs and p.xp is np and p.is_sparse and small_enough
-    best, steps = None, 0
-    for attempt, (separate, spread) in enumerate(ATTEMPTS if proofs else ATTEMPTS[:2]):
-        if attempt == 1 and not scaled.is_sparse:
-            system = kkt_system(scaled, solver, safe=True)
-        aim = (0.1 if attempt == 0 else 1e-3) * tol
-        try:
-            x, y, sides, count = interior_point(
-                scaled, system, worst, aim, separate, spread, hurried=sharpen
-            )
-        except np.linalg.LinAlgError:
-            continue  # not even a first point: another attempt has another system
-        steps += count
-        found = [whole(x, y)]
-        x, y, _ = polish(scaled, system, Sides(*sides), x, y, sharp, SHARP)
-        found.append(whole(x, y))
-        logger.debug(
-            "attempt %d: %d steps, %s, polished %s", attempt, count, *(f.residuals for f in found)
-        )
-        # Where the active set is not unique, the polish may lose what the interior point had.
-        best = min(found if best is None else [best, *found], key=rank)
-        if sharpen and tol < best.residuals.worst <= NEAR:
-            for sharper in _extended(p, best):
-                best = min([best, sharper], key=rank)
-                if best.residuals.worst <= tol:
-                    break
-        # A linear term that is lost in rounding beside P is no evidence of a bound.
-        unproved = spelt is not None and not bool(p.bounded.all())
-        if attempt == 0 and proofs and unproved and best.residuals.primal <= tol:
-            _prove_unbounded(p, solver)
-        if best.residuals.worst <= tol:
-            break
-        if attempt == 0 and proofs:
-            _prove(p, best, solver)
-    if best is None:
-        raise NotConverged(
-            "no system of the interior point can be factored: numbers of the problem overflow, or "
-            "differ by too many orders; measure variables, rows or the objective in other units"
-        )
-    if proofs and not best.residuals.worst <= tol:
-        raise NotConverged(
-            f"{steps} interior-point steps end at {best.residuals}, above tol = {tol}, and neither "
-            "a certificate of infeasibility nor a ray was found: rescale the problem, drop rows "
-            "that are almost dependent, or accept a larger tol"
-        )
+    search = _Search(p, scaled if spelt is None else spelt.program, whole, tol, solver, proofs)
+    # A linear term that is lost in rounding beside P is no evidence of a bound.
+    best, steps = search.run(unproved=spelt is not None and not bool(p.bounded.all()))
     if proofs and _lost_in_rounding(p, best.x):
         _prove_unbounded(p, solver, best.x if float(p.q @ best.x) < 0.0 else -best.x)
         far = float(p.xp.abs(best.x[small.free] / scaling.variables).max())
-        if far > RUNAWAY * max(1.0, _size(scaled)):
+        if far > RUNAWAY * max(1.0, _size(search.scaled)):
             raise NotConverged(
                 f"the iterates run away to {far:.0e} times the size of the data, and no ray was "
                 "found along which the objective falls for ever: bound the variables"
@@ -201,10 +146,113 @@ def minimise(p: Program, tol: float, solver: str = "auto", proofs: bool = True) 
     return Point(best.x, best.y, best.z, best.residuals, steps)
 
 
-def _extended(p: Program, point: Point) -> Iterator[Point]:
-    """The same active set in extended precision."""
-    for x, y, z in extended(p, Triple(point.x, point.y, point.z)):
-        yield Point(x, y, z, residuals(p, x, y, z), 0)
+@dataclass(frozen=True)
+class _Search:
+    """Attempts on a scaled program, judged in the original one.
+
+    Attributes
+    ----------
+    p, scaled : Program
+    whole : callable (x, y) -> Point
+        From the scaled program to the original one.
+    tol, solver, proofs
+        See `minimise`.
+    """
+
+    p: Program
+    scaled: Program
+    whole: Callable[[Array, Array], Point]
+    tol: float
+    solver: str
+    proofs: bool
+
+    def run(self, unproved: bool) -> tuple[Point, int]:
+        """The best point of all attempts, and their steps; see `minimise` for what it raises.
+
+        `unproved` tells that small residuals alone do not show that the objective is bounded.
+        """
+        p, tol, proofs = self.p, self.tol, self.proofs
+        system = kkt_system(self.scaled, self.solver)
+        small_enough = p.q.size + p.row_low.size <= LARGEST_EXTENDED
+        sharpen = proofs and p.xp is np and p.is_sparse and small_enough
+        best, steps = None, 0
+        for attempt in range(len(ATTEMPTS) if proofs else 2):
+            if attempt == 1 and not self.scaled.is_sparse:
+                system = kkt_system(self.scaled, self.solver, safe=True)
+            found, count = self._attempt(attempt, system, sharpen)
+            if not found:
+                continue
+            steps += count
+            # Where the active set is not unique, the polish may lose what the interior point had.
+            best = min(found if best is None else [best, *found], key=self._rank)
+            if sharpen and tol < best.residuals.worst <= NEAR:
+                best = self._sharpened(best)
+            if attempt == 0 and proofs and unproved and best.residuals.primal <= tol:
+                _prove_unbounded(p, self.solver)
+            if best.residuals.worst <= tol:
+                break
+            if attempt == 0 and proofs:
+                _prove(p, best, self.solver)
+        if best is None:
+            raise NotConverged(
+                "no system of the interior point can be factored: numbers of the problem overflow, "
+                "or differ by too many orders; measure variables, rows or the objective in other "
+                "units"
+            )
+        if proofs and not best.residuals.worst <= tol:
+            raise NotConverged(
+                f"{steps} interior-point steps end at {best.residuals}, above tol = {tol}, and "
+                "neither a certificate of infeasibility nor a ray was found: rescale the problem, "
+                "drop rows that are almost dependent, or accept a larger tol"
+            )
+        return best, steps
+
+    def _attempt(self, attempt: int, system: System, hurried: bool) -> tuple[list[Point], int]:
+        """What the interior point ends at and what the polish makes of it; and the steps.
+
+        Nothing where not even a first point is found: another attempt has another system.
+        """
+        separate, spread = ATTEMPTS[attempt]
+        aim = (0.1 if attempt == 0 else 1e-3) * self.tol
+        try:
+            x, y, sides, count = interior_point(
+                self.scaled,
+                system,
+                lambda x, y: self.whole(x, y).residuals.worst,
+                aim,
+                separate,
+                spread,
+                hurried=hurried,
+            )
+        except np.linalg.LinAlgError:
+            return [], 0
+        found = [self.whole(x, y)]
+        x, y, _ = polish(
+            self.scaled,
+            system,
+            Sides(*sides),
+            x,
+            y,
+            lambda x, y: self.whole(x, y).residuals.sharp,
+            SHARP,
+        )
+        found.append(self.whole(x, y))
+        logger.debug(
+            "attempt %d: %d steps, %s, polished %s", attempt, count, *(f.residuals for f in found)
+        )
+        return found, count
+
+    def _sharpened(self, best: Point) -> Point:
+        """The same active set in extended precision, where that is better."""
+        for x, y, z in extended(self.p, Triple(best.x, best.y, best.z)):
+            sharper = Point(x, y, z, residuals(self.p, x, y, z), 0)
+            best = min([best, sharper], key=self._rank)
+            if best.residuals.worst <= self.tol:
+                break
+        return best
+
+    def _rank(self, point: Point) -> tuple[bool, float]:
+        return point.residuals.worst > self.tol, point.residuals.sharp
 
 
 def polished(p: Program, sides: Sides, x: Array, y: Array) -> Point | None:
