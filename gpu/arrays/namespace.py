@@ -9,8 +9,8 @@ import numpy as np
 from gpu.errors import InputError, MissingDependency
 
 
-def array_module(*values: Any) -> Any:
-    """Return cupy if any of the values lives on a device, else numpy.
+def namespace(*values: Any) -> Any:
+    """Return cupy if any of the values lives on a device, else numpy; sparse matrices count too.
 
     Raises
     ------

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import linalg
 
 from gpu.arguments import choice, flag, is_finite_number, shown, unmasked, whole
-from gpu.arrays.namespace import array_module
+from gpu.arrays.namespace import namespace
 from gpu.eigenvalues.certificate import certify
 from gpu.eigenvalues.eigenpairs import Eigenpairs, Pairs
 from gpu.eigenvalues.iteration_operator import EigenProblem, shifts, told_apart
@@ -341,7 +341,7 @@ def _matching(matrix: Matrix, mass: Matrix) -> None:
 
 def start_vector(v0: Any, n: int, xp: Any) -> Any:
     """A start vector that has been checked, where A is."""
-    if array_module(v0) is not xp:
+    if namespace(v0) is not xp:
         raise InputError("v0 and A live on different sides: move one of them")
     unmasked("v0", v0)
     vector = xp.asarray(v0)

@@ -14,7 +14,7 @@ from scipy.sparse import linalg as sparse_linalg
 
 from gpu.arguments import unmasked
 from gpu.arrays.device_lu import device_lu
-from gpu.arrays.namespace import array_module, cupy, to_host
+from gpu.arrays.namespace import cupy, namespace, to_host
 from gpu.cuda.modulus import SOURCE as MODULUS
 from gpu.errors import InputError
 
@@ -122,7 +122,7 @@ def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
     """
     unmasked(name, A)
     if callable(A) and not hasattr(A, "shape"):
-        xp = array_module(start)
+        xp = namespace(start)
         start = xp.asarray([] if start is None else start)
         if start.ndim != 1 or not start.size or start.dtype.kind not in "buifc":
             raise InputError(
@@ -141,13 +141,13 @@ def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
         raise InputError(f"{name} holds {A.dtype}: expected numbers")
     dtype = complex if kind == "c" else float
     if hasattr(A, "matvec"):
-        xp = array_module(A)
+        xp = namespace(A)
         return Matrix(int(shape[0]), kind != "c", xp, A.matvec, None)
     if hasattr(A, "tocsr"):
         xp = np if sparse.issparse(A) else cupy()
         A = A.tocsr().astype(dtype)
     else:
-        xp = array_module(A)
+        xp = namespace(A)
         A = xp.ascontiguousarray(A, dtype=dtype)
     return Matrix(int(shape[0]), kind != "c", xp, lambda x: A @ x, A, name)
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from gpu.arguments import choice, flag, unmasked, whole
-from gpu.arrays.namespace import array_module, cupy, to_host
+from gpu.arrays.namespace import cupy, namespace, to_host
 from gpu.eigenvalues.eigs import DENSE, FALLBACK, PRODUCTS, eigs, start_vector
 from gpu.errors import InputError, NotConverged
 
@@ -124,7 +124,7 @@ class _Factors:
         self.explicit: Any = None
         self.unit = 1.0
         if hasattr(A, "matvec"):
-            self.xp = array_module(A)
+            self.xp = namespace(A)
             self._left, self._right = A.matvec, A.rmatvec
             try:
                 A.rmatvec(self.xp.zeros(self.shape[0], dtype=self.dtype))
@@ -136,7 +136,7 @@ class _Factors:
             A = A.tocsr().astype(self.dtype)
             entries = A.data
         else:
-            self.xp = array_module(A)
+            self.xp = namespace(A)
             A = entries = self.xp.ascontiguousarray(A, dtype=self.dtype)
         largest = float(self.xp.abs(entries).max()) if entries.size else 0.0
         if not np.isfinite(largest):

@@ -11,12 +11,11 @@ from numpy.typing import ArrayLike
 
 from gpu.arguments import unmasked, whole
 from gpu.arrays.dense import symmetric_product
-from gpu.arrays.namespace import to_host
+from gpu.arrays.namespace import namespace, to_host
 from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
 from gpu.qp.active_set.box import ActiveSet, BoxQP
 from gpu.qp.any_problem import solve_general
 from gpu.qp.data.kkt import general_residuals, kkt_residuals
-from gpu.qp.data.program import namespace
 from gpu.qp.data.qp_problem import Problem, QPFactor, check_problem, power_of_two
 from gpu.qp.data.qp_result import QPResult, Status, boxes_only
 from gpu.qp.interior_point.equilibrate import largest_side

@@ -91,9 +91,9 @@ def _noise_factor(W: Any, G: Any, factored: bool) -> Any:
     if values[0] < -1e-12 * q * max(values[-1], 0.0):
         raise InputError(f"W is not positive semidefinite: an eigenvalue is {values[0]:.3g}")
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    from gpu.arrays.namespace import array_module
+    from gpu.arrays.namespace import namespace
 
-    return array_module(G).asarray(root)
+    return namespace(G).asarray(root)
 
 
 def _transposed(M: Any) -> Any:

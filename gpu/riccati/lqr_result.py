@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gpu.arrays.namespace import array_module
+from gpu.arrays.namespace import namespace
 from gpu.errors import GpuError, InputError
 from gpu.riccati.methods import newton_kleinman
 from gpu.riccati.problem.candidate import Found
@@ -119,7 +119,7 @@ class LQRResult:
         """
         if self.S is None:
             raise ValueError("S is unknown: the method gave a gain alone")
-        z = self._whole().state.mass(array_module(self.K).asarray(x0))
+        z = self._whole().state.mass(namespace(self.K).asarray(x0))
         return float(z @ (self.S @ z))
 
     def refined(self, *, steps: int = 200, tol: float = 1e-12) -> LQRResult:

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from gpu.arrays.dense import symmetric_product
-from gpu.qp.data.program import Program, Residuals, largest, namespace, one_sided, residuals
+from gpu.arrays.namespace import namespace
+from gpu.qp.data.program import Program, Residuals, largest, one_sided, residuals
 from gpu.qp.data.qp_problem import Problem
 
 

@@ -18,19 +18,10 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from gpu.arrays.namespace import to_host
+from gpu.arrays.namespace import namespace, to_host
 
 Array = Any  # numpy.ndarray or cupy.ndarray
 Matrix = Any  # the same, or a SciPy sparse array
-
-
-def namespace(array: Any) -> Any:
-    """The module, numpy or cupy, whose functions take this array."""
-    if hasattr(array, "__cuda_array_interface__"):
-        import cupy
-
-        return cupy
-    return np
 
 
 def is_sparse(matrix: Any) -> bool:

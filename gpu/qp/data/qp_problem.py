@@ -10,10 +10,10 @@ from scipy import sparse
 
 from gpu.arguments import flag, unmasked
 from gpu.arrays.dense import cholesky, scaled_symmetric, symmetric_and_finite
-from gpu.arrays.namespace import array_module, cupy
+from gpu.arrays.namespace import cupy, namespace
 from gpu.arrays.sparse_factor import is_positive_definite
 from gpu.errors import InputError, NotSupported
-from gpu.qp.data.program import Program, is_sparse, namespace
+from gpu.qp.data.program import Program, is_sparse
 
 # Largest |P_ij - P_ji| / sqrt(P_ii P_jj) that is taken for rounding of whoever computed P.
 ASYMMETRY = 1e-10
@@ -210,7 +210,7 @@ def check_problem(
     """The arguments of `solve_qp` as arrays; `InputError` names what is wrong with them."""
     factor = P if isinstance(P, QPFactor) else QPFactor(P)
     n = factor.P.shape[0]
-    xp = array_module(factor.P, q, G, h, A, b, lb, ub, h_low)
+    xp = namespace(factor.P, q, G, h, A, b, lb, ub, h_low)
     q = _finite("q", _shaped("q", q, (n,), xp))
     if (A is None) != (b is None):
         raise InputError("A and b must be given together: one of them is None")

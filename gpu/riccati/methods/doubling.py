@@ -8,7 +8,7 @@ import numpy as np
 from scipy import linalg
 
 from gpu.arrays.denormals import filled
-from gpu.arrays.namespace import array_module, to_host
+from gpu.arrays.namespace import namespace, to_host
 from gpu.errors import NotConverged
 from gpu.riccati.methods import newton_kleinman
 from gpu.riccati.problem.candidate import Found
@@ -136,7 +136,7 @@ def double(A: Any, G: Any, Q: Any, gamma: float | None = None) -> Doubled:
     E. K.-W. Chu, H.-Y. Fan and W.-W. Lin, A structure-preserving doubling algorithm for
     continuous-time algebraic Riccati equations, Linear Algebra Appl. 396 (2005), Algorithm 2.1.
     """
-    xp, n = array_module(A), len(A)
+    xp, n = namespace(A), len(A)
     A, G, Q = (filled(M) for M in (A, G, Q))
     if gamma is None:
         gamma = _shift(A, G, Q)
@@ -176,7 +176,7 @@ def double(A: Any, G: Any, Q: Any, gamma: float | None = None) -> Doubled:
 
 
 def _shift(A: Any, G: Any, Q: Any) -> float:
-    xp, n = array_module(A), len(A)
+    xp, n = namespace(A), len(A)
     H = xp.empty((2 * n, 2 * n))
     H[:n, :n], H[:n, n:], H[n:, :n], H[n:, n:] = A, -G, -Q, -A.T
     if n > SMALL:

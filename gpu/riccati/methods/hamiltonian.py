@@ -9,7 +9,7 @@ import numpy as np
 from scipy import linalg
 
 from gpu.arguments import choice
-from gpu.arrays.namespace import array_module, to_host
+from gpu.arrays.namespace import namespace, to_host
 from gpu.eigenvalues.krylov.krylov_schur import krylov_schur
 from gpu.eigenvalues.krylov.restart import Limits, Wanted
 from gpu.eigenvalues.schur.order import best_first
@@ -177,7 +177,7 @@ def stable_subspace(
 
 def _reached(B: Any, Y: Any) -> np.ndarray:
     """Which eigenvectors have a part in the gain ``B^T Y``."""
-    norm = array_module(B).linalg.norm
+    norm = namespace(B).linalg.norm
     seen, size = norm(B.T @ Y, axis=0), float(norm(B)) * norm(Y, axis=0)
     return np.asarray(to_host(seen > UNREACHED * size))
 

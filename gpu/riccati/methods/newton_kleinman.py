@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gpu.arrays.namespace import array_module, to_host
+from gpu.arrays.namespace import namespace, to_host
 from gpu.eigenvalues.schur.ordered_schur import ordered_schur
 from gpu.errors import InputError, NotConverged, NotSupported
 from gpu.riccati.problem.candidate import Found
@@ -85,8 +85,8 @@ def stabilising_gain(problem: DenseProblem) -> Any:
         None was found: as a rule because there is none.
     """
     A, B, _ = problem
-    if DenseLoop(A, 4 * EPS * float(array_module(A).linalg.norm(A))).is_stable():
-        return array_module(A).zeros((B.shape[1], len(A)))
+    if DenseLoop(A, 4 * EPS * float(namespace(A).linalg.norm(A))).is_stable():
+        return namespace(A).zeros((B.shape[1], len(A)))
     return B.T @ stabilising_value(problem)
 
 
@@ -104,7 +104,7 @@ def stabilising_value(problem: DenseProblem) -> Any:
         None was found: as a rule because there is none.
     """
     A, B, _ = problem
-    xp = array_module(A)
+    xp = namespace(A)
     U, F = _not_stable_part(A)
     # A mode at zero has no size of its own.
     size = max(float(xp.linalg.norm(F)), 1e-2 * float(xp.linalg.norm(A))) or 1.0
@@ -133,7 +133,7 @@ def stabilising_value(problem: DenseProblem) -> Any:
 
 def _not_stable_part(A: Any) -> tuple[Any, Any]:
     """U and F with ``U^T A = F U^T``, F with every eigenvalue that is not left of the axis."""
-    xp, n = array_module(A), len(A)
+    xp, n = namespace(A), len(A)
     if n > ALL_POLES:
         return xp.eye(n), A
     host = to_host(A).T
@@ -148,7 +148,7 @@ def _not_stable_part(A: Any) -> tuple[Any, Any]:
 
 def _iterate(problem: DenseProblem, K: Any, steps: int, tol: float) -> tuple[Any, list[float]]:
     A, B, Q = problem
-    xp = array_module(A)
+    xp = namespace(A)
     X = lyapunov_solver(A - B @ K)(Q + K.T @ K)
     history: list[float] = []
     for _ in range(steps):
@@ -204,5 +204,5 @@ def _given(problem: LQRProblem, start: Any) -> Any:
 
 
 def _rounding(A: Any, B: Any, K: Any) -> float:
-    norm = array_module(A).linalg.norm
+    norm = namespace(A).linalg.norm
     return 4 * EPS * float(norm(A) + norm(B) * norm(K))

@@ -11,7 +11,7 @@ from scipy import linalg, sparse
 
 from gpu.arguments import is_finite_number, shown, unmasked
 from gpu.arrays.device_lu import device_solver
-from gpu.arrays.namespace import array_module, to_host
+from gpu.arrays.namespace import namespace, to_host
 from gpu.arrays.sparse_factor import is_positive_definite
 from gpu.errors import InputError
 from gpu.riccati.problem.standard_form import DenseProblem, balance
@@ -222,7 +222,7 @@ def _full(M: Any) -> Any:
         return M.toarray()
     if hasattr(M, "matvec"):
         raise InputError("A is an operator: this method needs its entries")
-    return array_module(M).diag(M) if M.ndim == 1 else M
+    return namespace(M).diag(M) if M.ndim == 1 else M
 
 
 def numbers(name: str, value: Any) -> Any:
@@ -270,7 +270,7 @@ def columns(name: str, value: Any, n: int, xp: Any) -> Any:
         value = value[:, None]
     if value.shape[0] != n:
         raise InputError(f"{name} has shape {value.shape}: expected ({n}, m), a row for each state")
-    if xp is not None and array_module(value) is not xp:
+    if xp is not None and namespace(value) is not xp:
         raise InputError(f"{name} and A live on different sides: move one of them")
     return value
 
@@ -298,7 +298,7 @@ def _factor(name: str, value: Any, n: int, xp: Any) -> Any:
         C = C[None, :]
     if C.shape[1] != n:
         raise InputError(f"{name} has shape {C.shape}: a factor must have {n} columns")
-    if (np if sparse.issparse(C) else array_module(C)) is not xp:
+    if namespace(C) is not xp:
         raise InputError(f"{name} and A live on different sides: move one of them")
     return C.toarray() if hasattr(C, "toarray") else C
 

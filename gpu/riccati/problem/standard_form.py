@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from gpu.arrays.namespace import array_module
+from gpu.arrays.namespace import namespace
 
 
 class DenseProblem(NamedTuple):
@@ -28,7 +28,7 @@ def balance(standard: DenseProblem, sweeps: int = 12) -> Any:
     R. James, J. Langou and B. R. Lowery, On matrix balancing and eigenvector computation (2014).
     """
     A, B, Q = standard
-    xp = array_module(A)
+    xp = namespace(A)
     inner, G, Q = abs(A), abs(B @ B.T), abs(Q)
     log = xp.zeros(len(A))
     for _ in range(sweeps):

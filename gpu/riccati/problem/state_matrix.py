@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 
 from gpu.arguments import unmasked
 from gpu.arrays.device_lu import device_lu
-from gpu.arrays.namespace import array_module, cupy, to_host
+from gpu.arrays.namespace import cupy, namespace, to_host
 from gpu.errors import InputError
 
 EPS = float(np.finfo(float).eps)
@@ -98,7 +98,7 @@ class StateMatrix:
     @property
     def xp(self) -> Any:
         """numpy or cupy."""
-        return _module_of(self.A)
+        return namespace(self.A)
 
     def apply(self, x: Any) -> Any:
         """``A x``, of a vector or of columns."""
@@ -170,7 +170,7 @@ class StateMatrix:
 
 def factor(A: Any, explicit: bool = False) -> Factors | None:
     """Solves with a diagonal, dense or sparse matrix; None where a pivot is rounding."""
-    xp = _module_of(A)
+    xp = namespace(A)
     if A.ndim == 1:
         if _singular(to_host(xp.abs(A))):
             return None
@@ -250,7 +250,7 @@ def _factor_sparse(A: Any, xp: Any) -> Factors | None:
 
 def factor_bordered(A: Any, U: Any, V: Any) -> Factors | None:
     """Solves with ``A - U V^T``, A sparse, by factors of A bordered by U and V."""
-    xp, n, d = _module_of(A), A.shape[0], U.shape[1]
+    xp, n, d = namespace(A), A.shape[0], U.shape[1]
     block = sparse_of(xp)
     rows = [[A, block.csr_matrix(-U)], [block.csr_matrix(V.T), -block.identity(d)]]
     whole = factor(block.bmat(rows).tocsr())
@@ -267,7 +267,7 @@ def factor_bordered(A: Any, U: Any, V: Any) -> Factors | None:
 
 def woodbury(factors: Factors, U: Any, V: Any) -> Factors | None:
     """Solves with ``M - U V^T`` by those with M; None where it is nearly singular."""
-    xp = array_module(U)
+    xp = namespace(U)
     MU, MV = factors.solve(U), factors.solve_transposed(V)
     small = to_host(xp.eye(U.shape[1]) - V.T @ MU)
     if not np.isfinite(small).all() or np.linalg.cond(small) > 1e12:
@@ -281,7 +281,7 @@ def woodbury(factors: Factors, U: Any, V: Any) -> Factors | None:
 
 def vanishing(d: Any) -> Any:
     """Where the entries of a diagonal are rounding beside the largest."""
-    xp = array_module(d)
+    xp = namespace(d)
     return xp.abs(d) <= 4 * len(d) * EPS * float(xp.abs(d).max())
 
 
@@ -298,7 +298,7 @@ def stored(name: str, A: Any) -> Any:
         A = sparse.csr_array(A) if on_host else A.tocsr()
         entries, xp = A.data, np if on_host else cupy()
     else:
-        xp = array_module(A)
+        xp = namespace(A)
         A = entries = xp.asarray(A)
     if entries.dtype.kind not in "buif":
         raise InputError(f"{name} holds {entries.dtype}: expected real numbers")
@@ -310,14 +310,14 @@ def stored(name: str, A: Any) -> Any:
 def _check_transposes(A: Any, inverse: Any) -> None:
     for name, operator in (("A", A), ("inverse", inverse)):
         try:
-            operator.rmatvec(array_module(A).zeros(operator.shape[0]))
+            operator.rmatvec(namespace(A).zeros(operator.shape[0]))
         except NotImplementedError:
             raise InputError(f"{name} has no rmatvec: pass one, of its transpose") from None
 
 
 def _diagonal(d: Any, like: Any) -> Any:
     """A 1-D diagonal stored as another matrix is."""
-    xp = _module_of(like)
+    xp = namespace(like)
     return as_sparse(d, xp) if hasattr(like, "tocsr") else xp.diag(d)
 
 
@@ -326,10 +326,6 @@ def as_sparse(M: Any, xp: Any) -> Any:
     if M is None or M.ndim == 2:
         return M
     return sparse_of(xp).diags(M).tocsr() if xp is not np else sparse.csr_array(sparse.diags(M))
-
-
-def _module_of(A: Any) -> Any:
-    return np if sparse.issparse(A) else array_module(A)
 
 
 def sparse_of(xp: Any) -> Any:
@@ -362,7 +358,7 @@ def columnwise(product: Callable[[Any], Any]) -> Callable[[Any], Any]:
     def apply(x: Any) -> Any:
         if x.ndim == 1:
             return product(x)
-        xp = array_module(x)
+        xp = namespace(x)
         return xp.stack([product(column) for column in x.T], axis=1) if x.shape[1] else x
 
     return apply

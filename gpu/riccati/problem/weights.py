@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy import linalg, sparse
+from scipy import linalg
 
 from gpu.arguments import is_finite_number
-from gpu.arrays.namespace import array_module, to_host
+from gpu.arrays.namespace import namespace, to_host
 from gpu.errors import InputError
 from gpu.riccati.problem.state_matrix import StateMatrix, stored, symmetric, times
 
@@ -41,10 +41,7 @@ class Weight:
                 Q = xp.full(n, float(Q))
             self.Q = Q = stored("Q", Q)
             shape = Q.shape
-            if (
-                shape in ((n,), (n, n))
-                and (array_module(Q) if not sparse.issparse(Q) else np) is not xp
-            ):
+            if shape in ((n,), (n, n)) and namespace(Q) is not xp:
                 raise InputError("Q and A live on different sides: move one of them")
             if shape == (n, n) and not symmetric(Q):
                 raise InputError("Q is not symmetric: pass (Q + Q.T) / 2")
@@ -108,7 +105,7 @@ def scaled_input(state: StateMatrix, B: Any, R: Any = None) -> Any:
         B = B[:, None]
     if B.ndim != 2 or B.shape[0] != state.n or B.shape[1] == 0:
         raise InputError(f"B has shape {B.shape}: expected ({state.n}, m), m > 0")
-    if array_module(B) is not state.xp:
+    if namespace(B) is not state.xp:
         raise InputError("B and A live on different sides: move one of them")
     if R is None:
         return B

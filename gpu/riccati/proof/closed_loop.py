@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gpu.arrays.namespace import array_module, to_host
+from gpu.arrays.namespace import namespace, to_host
 from gpu.errors import GpuError, NotConverged
 from gpu.riccati.problem.lqr_problem import LQRProblem
 from gpu.riccati.problem.standard_form import DenseProblem
@@ -73,7 +73,7 @@ class DenseLoop:
         elif n <= ALL_POLES:
             values = np.linalg.eigvals(to_host(self.matrix))
         elif self._symmetric:
-            values = to_host(array_module(self.matrix).linalg.eigvalsh(self.matrix)) + 0j
+            values = to_host(namespace(self.matrix).linalg.eigvalsh(self.matrix)) + 0j
         else:
             values = np.zeros(0, dtype=complex)
             for tolerance in TOLERANCES:
@@ -91,7 +91,7 @@ class DenseLoop:
 
     @cached_property
     def _symmetric(self) -> bool:
-        xp = array_module(self.matrix)
+        xp = namespace(self.matrix)
         return float(xp.linalg.norm(self.matrix - self.matrix.T)) <= EPS * float(
             xp.linalg.norm(self.matrix)
         )
@@ -120,7 +120,7 @@ class DenseLoop:
             bound = proven_bound(self.matrix, self.value, magnitude, likely)
         if not bound < 0.0:
             # Fast and slow modes weigh alike in the function of Lyapunov that has this derivative.
-            A, xp = self.matrix, array_module(self.matrix)
+            A, xp = self.matrix, namespace(self.matrix)
             W, places = A.T @ A, xp.arange(len(A))
             W[places, places] += cayley_shift(A) ** 2
             try:
@@ -153,7 +153,7 @@ class DenseLoop:
         return self._step(self.doubt[1])
 
     def _step(self, W: Any) -> tuple[float, float]:
-        norm, B = array_module(self.matrix).linalg.norm, self.doubt[0]
+        norm, B = namespace(self.matrix).linalg.norm, self.doubt[0]
         first = self.lyapunov(W)
         reach = first @ B
         second = self.lyapunov(reach @ reach.T)
@@ -175,7 +175,7 @@ class DenseLoop:
     def _near(self) -> bool:
         if self.doubt is None or len(self.matrix) > SCHUR:
             return False
-        return self.abscissa >= -FAR * float(array_module(self.matrix).linalg.norm(self.matrix))
+        return self.abscissa >= -FAR * float(namespace(self.matrix).linalg.norm(self.matrix))
 
 
 def closed_loop_of(

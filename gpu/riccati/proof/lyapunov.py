@@ -10,7 +10,7 @@ from scipy import linalg
 
 from gpu.arrays.denormals import filled
 from gpu.arrays.device_lu import device_solver
-from gpu.arrays.namespace import array_module
+from gpu.arrays.namespace import namespace
 from gpu.eigenvalues.schur.ordered_schur import eigenvalues_of
 from gpu.riccati.problem.lqr_problem import solve
 from gpu.riccati.problem.state_matrix import EPS
@@ -86,7 +86,7 @@ def _by_schur_form(A: np.ndarray) -> LyapunovSolver:
 
 
 def _by_squaring(A: Any) -> LyapunovSolver:
-    xp, n = array_module(A), len(A)
+    xp, n = namespace(A), len(A)
     A = filled(A)
     gamma = cayley_shift(A)
     moved = A.copy()
@@ -114,7 +114,7 @@ def _by_squaring(A: Any) -> LyapunovSolver:
 
 def cayley_shift(M: Any) -> float:
     """The geometric mean of the estimated largest and smallest moduli of eigenvalues of M."""
-    xp = array_module(M)
+    xp = namespace(M)
     start = xp.asarray(np.random.default_rng(0).standard_normal((len(M), 2)))
     largest = _growth(lambda x: M @ x, start, xp)
     try:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gpu.arrays.dense import cholesky
-from gpu.arrays.namespace import array_module
+from gpu.arrays.namespace import namespace
 from gpu.riccati.problem.state_matrix import EPS
 
 # Fractions of the likely abscissa that are tried, from the sharpest on.
@@ -36,7 +36,7 @@ def proven_bound(A: Any, P: Any, magnitude: Any, likely: float) -> float:
     J. W. Demmel, On floating point errors in Cholesky, LAPACK working note 14 (1989). S. M. Rump,
     Verification of positive definiteness, BIT 46 (2006).
     """
-    xp, n = array_module(A), len(A)
+    xp, n = namespace(A), len(A)
     half = P @ A
     M = -(half + half.T)
     del half
@@ -61,7 +61,7 @@ def proven_bound(A: Any, P: Any, magnitude: Any, likely: float) -> float:
 
 def _definite(M: Any, unit: Any, error: float) -> bool:
     """Whether M is positive definite, although ``M / unit / unit^T`` is wrong by ``error``."""
-    xp, n = array_module(M), len(M)
+    xp, n = namespace(M), len(M)
     if not np.isfinite(error):
         return False
     scaled = M / unit / unit[:, None]

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import linalg
 
 from gpu.arguments import choice
-from gpu.arrays.namespace import array_module, to_host
+from gpu.arrays.namespace import namespace, to_host
 from gpu.errors import InputError, NotConverged, NotSupported, RiccatiError
 from gpu.riccati.methods.hamiltonian import low_rank_value
 from gpu.riccati.methods.hamiltonian_inverse import InverseHamiltonian
@@ -115,7 +115,7 @@ def _prescribed(problem: LQRProblem, basis: Any, compression: str) -> Found:
     W = W.toarray() if hasattr(W, "toarray") else W
     if W.ndim != 2 or W.shape[0] != problem.n or not 0 < W.shape[1] <= problem.n:
         raise InputError(f"basis has shape {W.shape}: expected ({problem.n}, r), r > 0")
-    if array_module(W) is not xp:
+    if namespace(W) is not xp:
         raise InputError("basis and A live on different sides: move one of them")
     W, triangle = xp.linalg.qr(W)
     sizes = np.abs(np.diag(to_host(triangle)))
@@ -298,7 +298,7 @@ def _mass(state: StateMatrix) -> Factors:
 
 def _difference(new: Any, old: Any) -> float:
     """Relative, of two gains."""
-    xp = array_module(new)
+    xp = namespace(new)
     return float(xp.linalg.norm(new - old) / (float(xp.linalg.norm(new)) or 1.0))
 
 
