@@ -19,13 +19,11 @@ from numpy.typing import NDArray
 
 from contact.body.elastic_body import ElasticBody
 from contact.errors import InputError
+from skfem_adini.conditions.vertex_normals import CORNER, corner_weights
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Facets that turn by more meet in a real corner, by less they follow one curve: eight facets a
-# circle are a coarse circle, a hexagon has corners.
-CORNER = 0.9
 # Facets that turn by more, at their corners or within, belong to a curve; less is noise of straight
 # ones, and what it does to a pressure is of its size.
 CURVED = 1e-3
@@ -78,7 +76,7 @@ class Outline:
     def turned(self) -> Array:
         """Smooth normals at the corners of each facet, its own at real corners; as `at_corners`."""
         vertex, place = self._vertices
-        weight, own = self._corner_weights(), self.at_corners
+        weight, own = corner_weights(self.body.mesh.p[:, self.corners], axis=2), self.at_corners
         mean = _unit_sums(weight * own, place, vertex.size)
         sharp = _sharp(own.reshape(own.shape[0], -1), place.ravel(), vertex.size)
         mean = self._within_supports(mean, vertex)
@@ -213,16 +211,6 @@ class Outline:
         own = np.einsum("cfk,cfp->fkp", change, x) - np.sum(change * corner, axis=0)[..., None]
         height = -0.5 * np.sum(own * hats(points, corner.shape[2]), axis=1)
         return np.asarray(x + self.normals(points) * np.where(bent[:, None], height, 0.0))
-
-    def _corner_weights(self) -> Array:
-        """Weights of a facet's normal in those of its vertices, shape (nfacets, ncorners)."""
-        x = self.body.mesh.p[:, self.corners]
-        if x.shape[0] == 2:
-            length = np.linalg.norm(x[:, :, 1] - x[:, :, 0], axis=0)
-            return np.repeat(1.0 / length[:, None], 2, axis=1)
-        ahead, behind = np.roll(x, -1, axis=2) - x, np.roll(x, 1, axis=2) - x
-        area = np.linalg.norm(np.cross(ahead, behind, axis=0), axis=0)
-        return np.asarray(area / (np.sum(ahead**2, axis=0) * np.sum(behind**2, axis=0)))
 
     def _within_supports(self, normals: Array, vertex: Index) -> Array:
         """Turn normals that all but lie in a plane of symmetry into it.

@@ -32,7 +32,7 @@ def vertex_normals(mesh: Any, facets: Indices, turn: Array) -> Array:
         there is a corner.
     """
     vertices = mesh.facets[:, facets]
-    normals, weights = _at_corners(mesh.p[:, vertices])
+    normals = _at_corners(mesh.p[:, vertices])
     cells = mesh.t[:, mesh.f2t[0, facets]]
     outward = mesh.p[:, vertices].mean(axis=1) - mesh.p[:, cells].mean(axis=1)
     normals = normals * np.where(np.sum(normals * outward[:, None], axis=0) < 0, -1.0, 1.0)
@@ -42,7 +42,7 @@ def vertex_normals(mesh: Any, facets: Indices, turn: Array) -> Array:
     against = (mesh.f2t[1, facets] >= 0) & (np.sum(normals * first[:, vertices], axis=0) < 0)
     normals = np.where(against, -normals, normals)
 
-    mean = _mean(mesh, vertices, normals * weights)
+    mean = _mean(mesh, vertices, normals * corner_weights(mesh.p[:, vertices], axis=1))
     # Half of the turn lies on either side of the middle, in 2-D however long the facets are; a
     # distance, for cosines are blind to noise.
     middle = _mean(mesh, vertices, normals) if len(mean) == 2 else mean
@@ -62,14 +62,21 @@ def _mean(mesh: Any, vertices: Indices, parts: Array) -> Array:
     return total / np.where(size > 0, size, 1.0)
 
 
-def _at_corners(x: Array) -> tuple[Array, Array]:
-    """Return unit normals of the facets with corners x at these, either way, and Max's weights."""
+def corner_weights(x: Array, axis: int) -> Array:
+    """Return Max's weights of facets at their corners x (dim, ...), which follow along an axis."""
+    ahead, behind = np.roll(x, -1, axis) - x, np.roll(x, 1, axis) - x
+    if len(x) == 2:
+        return 1.0 / np.linalg.norm(ahead, axis=0)
+    area = np.linalg.norm(np.cross(ahead, behind, axis=0), axis=0)
+    return np.asarray(area / (np.sum(ahead**2, axis=0) * np.sum(behind**2, axis=0)))
+
+
+def _at_corners(x: Array) -> Array:
+    """Return unit normals of the facets with corners x at these, either way."""
     if len(x) == 2:
         side = x[:, 1:] - x[:, :1]
         length = np.linalg.norm(side, axis=0)
         normal = np.stack([side[1], -side[0]]) / length
-        return np.repeat(normal, 2, axis=1), np.repeat(1.0 / length, 2, axis=0)
-    ahead, behind = np.roll(x, -1, axis=1) - x, np.roll(x, 1, axis=1) - x
-    cross = np.cross(ahead, behind, axis=0)
-    area = np.linalg.norm(cross, axis=0)
-    return cross / area, area / (np.sum(ahead**2, axis=0) * np.sum(behind**2, axis=0))
+        return np.repeat(normal, 2, axis=1)
+    cross = np.cross(np.roll(x, -1, axis=1) - x, np.roll(x, 1, axis=1) - x, axis=0)
+    return cross / np.linalg.norm(cross, axis=0)
