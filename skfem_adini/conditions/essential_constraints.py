@@ -23,6 +23,7 @@ from skfem_adini.elements.vertex_dofs import vertex_dofs
 from skfem_adini.errors import InputError
 
 _SAMPLES = 10  # a cubic along a cubic is of degree nine
+# Of the largest value: data of two edges at a vertex that differ by less agree.
 _SAME_VALUE = 1e-10
 
 

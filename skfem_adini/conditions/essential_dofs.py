@@ -11,6 +11,7 @@ from skfem_adini.conditions.boundary_edges import Indices, facet_vertices, impos
 from skfem_adini.elements.vertex_dofs import vertex_dofs
 from skfem_adini.errors import InputError
 
+# In lengths of an edge: its slant from rounded coordinates, far below one that is meant.
 _PARALLEL = 1e-10
 
 

@@ -17,9 +17,13 @@ from skfem_adini.elements.hermite_factors import HERMITE, SLOPE, derivatives
 from skfem_adini.elements.vertex_dofs import full_name, scalar_element, vertex_dofs
 from skfem_adini.errors import InputError
 
+# In lengths of an edge: a vertex so near lies on it, and one so near its end is the end.
 _ON_EDGE = 1e-9
+# Each squaring resolves twice as many levels of hanging edges: no mesh has 2^60.
 _SQUARINGS = 60
+# Of the largest entry: some hundred roundings.
 _CONVERGED = 1e-13
+# Components of a unit tangent that are rounding: derivatives across stay free exactly.
 _PARALLEL = 1e-12
 
 

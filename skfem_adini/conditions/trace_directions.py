@@ -10,6 +10,7 @@ from skfem_adini.conditions.boundary_edges import Array, BoundaryEdges, Indices
 
 Mask = NDArray[np.bool_]
 
+# Of the largest eigenvalue, a squared sine: edges that turn by less than 1e-6 are one straight one.
 _STRAIGHT = 1e-12
 
 

@@ -23,11 +23,15 @@ from skfem_adini.solvers.factorize import Solver, factorize
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
-_CANDIDATES = 12
+# So many of the nearest cells are tried for each vertex outside.
+_NEAREST_CELLS = 12
+# In cells: a continued cubic grows with the third power of the distance.
 _FARTHEST = 2.0
-_LEAST_THRESHOLD = 0.05
+# Share of a cell inside the domain: less than this does not determine its polynomial.
+_LEAST_SHARE = 0.05
 _SQUARINGS = 60
-_UNIT = 1e-12
+# Shares and weights nearer to one, or to a threshold, than this are equal but for rounding.
+_ROUNDED_ONE = 1e-12
 
 
 class AdiniExtension:
@@ -236,7 +240,7 @@ def _roots_of_component(
     size = np.ptp(corners, axis=1)
     vertices = np.unique(mesh.t[:, active])
     while True:
-        good = active[domain.fractions[active] >= threshold * (1 - _UNIT)]
+        good = active[domain.fractions[active] >= threshold * (1 - _ROUNDED_ONE)]
         outside = np.setdiff1d(vertices, mesh.t[:, good])
         roots, reach = np.zeros(0, dtype=np.int64), np.full(min(1, outside.size), np.inf)
         # A cell with a vertex that hangs on one outside would follow itself.
@@ -244,7 +248,7 @@ def _roots_of_component(
         follows[outside] = 1
         sound = good[((ends @ follows) == 0)[mesh.t[:, good]].all(axis=0)]
         if sound.size and outside.size:
-            count = min(_CANDIDATES, sound.size)
+            count = min(_NEAREST_CELLS, sound.size)
             _, near = KDTree(centre[:, sound].T).query(mesh.p[:, outside].T, k=count)
             cells = sound[np.asarray(near).reshape(len(outside), count)]
             steps = np.abs(mesh.p[:, outside, None] - centre[:, cells]) / size[:, cells]
@@ -254,14 +258,14 @@ def _roots_of_component(
             roots, reach = cells[best], steps.max(axis=0)[best] - 0.5
         if (reach <= _FARTHEST).all():
             return threshold, good, outside, roots
-        if threshold <= _LEAST_THRESHOLD:
+        if threshold <= _LEAST_SHARE:
             x, y = mesh.p[:, outside[reach.argmax()]]
             raise InputError(
                 f"domain: no cell lies inside by a share of {threshold:.2g} within "
                 f"{_FARTHEST:.0f} cells of ({x:.6g}, {y:.6g}); the domain is too thin for this "
                 "mesh, refine it there"
             )
-        threshold = max(threshold / 2, _LEAST_THRESHOLD)
+        threshold = max(threshold / 2, _LEAST_SHARE)
 
 
 def _following(
@@ -302,7 +306,7 @@ def _resolved(
     """
     count = T.shape[1]
     single = np.flatnonzero(np.diff(T.indptr) == 1)
-    unit = single[np.abs(T.data[T.indptr[single]] - 1) < _UNIT]
+    unit = single[np.abs(T.data[T.indptr[single]] - 1) < _ROUNDED_ONE]
     owner = np.full(count, -1)
     owner[T.indices[T.indptr[unit]][::-1]] = unit[::-1]
     if (owner < 0).any():

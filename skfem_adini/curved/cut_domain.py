@@ -25,6 +25,7 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
+# In sides of a cell: far above the rounding of coordinates, far below a cell that was turned.
 _PARALLEL = 1e-10
 
 

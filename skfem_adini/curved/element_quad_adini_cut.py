@@ -24,7 +24,9 @@ _POWERS = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2
 _POWERS += [(3, 1), (1, 3)]
 _TERMS = {1: 6, 2: 10, 3: 12, 4: 12}
 _ARC_POINTS = {1: 1, 2: 2, 3: 1, 4: 0}
+# 1 / sigma_min of a cell's conditions, of order 1 each: here four digits are left.
 _SINGULAR = 1e12
+# The same with eight digits left, which is warned of.
 _NEARLY_SINGULAR = 1e8
 _FACETS = ((0, 1), (1, 2), (2, 3), (0, 3))
 

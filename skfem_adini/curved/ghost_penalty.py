@@ -18,7 +18,9 @@ from skfem_adini.elements.element_quad_adini import ElementQuadAdini
 from skfem_adini.elements.vertex_dofs import full_name
 from skfem_adini.errors import InputError
 
-_MASS = 1e-3
+# Gamma of a mass matrix over that of a stiffness matrix.
+_MASS_SHARE = 1e-3
+# Jumps of the derivatives up to the cubics' third.
 _NORMAL_DEGREE = 3
 
 
@@ -111,7 +113,7 @@ def ghost_penalty(
     sizes = [np.ptp(mesh.p[:, mesh.t[:, cells]], axis=1) for cells in mesh.f2t[:, facets]]
     extent = sum(size[across, np.arange(len(facets))] for size in sizes) / 2
     power = 2 if matrix == "mass" else 0
-    weight = gamma * (_MASS if matrix == "mass" else 1.0)
+    weight = gamma * (_MASS_SHARE if matrix == "mass" else 1.0)
 
     def jumps(u: Any, v: Any, w: Any) -> Any:
         n = w.n

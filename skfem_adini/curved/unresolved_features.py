@@ -15,11 +15,16 @@ from skfem_adini.errors import UnresolvedWarning
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
+# Boundary points of a cell that are compared, of which there may be hundreds.
 _POINTS_OF_A_CELL = 12
-_OPPOSITE = -0.9
-_FACING = 0.7
-_THIN = 0.75
-_CHUNK = 500
+# Pieces of boundary face each other where the cosine of their normals is less, within 26 degrees.
+_MOST_COSINE_OF_NORMALS = -0.9
+# And where the line between two points is within 45 degrees of both normals.
+_LEAST_COSINE_AHEAD = 0.7
+# In cells: where a domain is thinner, one polynomial serves both of its sides.
+_THIN_CELLS = 0.75
+# Bounds the memory of all pairs of points, (4 x 12)^2 a vertex.
+_VERTICES_AT_A_TIME = 500
 
 
 def components(domain: CutDomain) -> Indices:
@@ -54,7 +59,7 @@ def warn_of_unresolved_features(domain: CutDomain) -> None:
     points, normals = rule.boundary_points[:, chosen], rule.normals[:, chosen]
 
     distance = _facing(points, normals, inside=True)
-    thin = np.flatnonzero(distance < _THIN * size.min(axis=0))
+    thin = np.flatnonzero(distance < _THIN_CELLS * size.min(axis=0))
     if thin.size:
         x, y = points[:, thin[0]].mean(axis=1)
         _warn(
@@ -69,8 +74,8 @@ def warn_of_unresolved_features(domain: CutDomain) -> None:
     most = int(np.diff(around.indptr).max())
     slots = np.minimum(np.arange(most), np.diff(around.indptr)[vertices, None] - 1)
     patches = around.indices[around.indptr[vertices, None] + slots]
-    for start in range(0, len(patches), _CHUNK):
-        members = patches[start : start + _CHUNK]
+    for start in range(0, len(patches), _VERTICES_AT_A_TIME):
+        members = patches[start : start + _VERTICES_AT_A_TIME]
         shape = 2, len(members), -1
         distance = _facing(
             points[:, members].reshape(shape), normals[:, members].reshape(shape), inside=False
@@ -91,8 +96,8 @@ def _facing(points: Array, normals: Array, inside: bool) -> Array:
     sign = -1.0 if inside else 1.0
     between = points[:, :, None, :] - points[:, :, :, None]
     length = np.hypot(*between)
-    opposite = np.einsum("dgi,dgj->gij", normals, normals) < _OPPOSITE
-    ahead = sign * np.einsum("dgij,dgi->gij", between, normals) > _FACING * length
+    opposite = np.einsum("dgi,dgj->gij", normals, normals) < _MOST_COSINE_OF_NORMALS
+    ahead = sign * np.einsum("dgij,dgi->gij", between, normals) > _LEAST_COSINE_AHEAD * length
     found = opposite & ahead & ahead.swapaxes(1, 2)
     return np.asarray(np.where(found, length, np.inf).min(axis=(1, 2)))
 

@@ -17,6 +17,7 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 
 _OTHERS = ((1, 2), (2, 0), (0, 1))
+# Parts of a cell in each direction in which its volume is bounded anew where the first bound fails.
 _FINE_STEPS = 8
 
 

@@ -11,6 +11,7 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
 
+# In sizes of a cell: nodes nearer to the middle of a side are there, but for a file's rounding.
 _STRAIGHT = 1e-10
 
 

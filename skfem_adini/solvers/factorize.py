@@ -17,8 +17,11 @@ from skfem_adini.solvers.superlu import SuperLUFactor
 Array = NDArray[np.float64]
 Solver = Literal["auto", "pardiso", "superlu", "amg"]
 
+# In diagonal entries: assembled matrices are symmetric to less, some thousand roundings.
 _SYMMETRIC = 1e-12
-_PROBE = 1e-3
+# Of the largest entry of a random vector: three digits prove that the matrix is not singular.
+_PROBE_ERROR = 1e-3
+# Each about halves the exponents of the rows' largest entries: ten leave a thousandth of them.
 _SCALINGS = 10
 
 
@@ -131,7 +134,7 @@ def factorize(
     use_pardiso = solver != "superlu" and has_pardiso()
     factors = (_Pardiso if use_pardiso else _SuperLU)(scaled, definite)
     probe = np.random.default_rng(0).uniform(-1, 1, A.shape[0])
-    if not np.abs(factors.solve(scaled @ probe) - probe).max() <= _PROBE:
+    if not np.abs(factors.solve(scaled @ probe) - probe).max() <= _PROBE_ERROR:
         raise _singular(definite)
     return _Scaled(factors, scale.diagonal())
 

@@ -17,7 +17,9 @@ from skfem_adini.errors import MissingDependency, NotConverged
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
+# Of conjugate gradients: each begins with the true residual.
 _RESTARTS = 3
+# Of |b|: no more than this is put down to the rounding of A x.
 _MOST_ROUNDING = 1e-6
 _COARSEST = 20  # blocks
 _SMOOTHER = ("block_gauss_seidel", {"sweep": "symmetric"})

@@ -18,6 +18,7 @@ from skfem_adini.solvers.exact_matrices import exact_matrix
 Array = NDArray[np.float64]
 LongArray = NDArray[np.longdouble]
 
+# In the least side of a cell: how far its vertices may lie off the corners of its box.
 _RECTANGLE = 1e-10
 
 

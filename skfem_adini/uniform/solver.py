@@ -20,7 +20,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Condition = Literal["dirichlet", "neumann"]
 
+# Of the largest coordinate: lines of the grid that are nearer are one, but for rounding.
 _UNIFORM = 1e-10
+# Of the sum of absolute loads: what rounding leaves of loads in balance.
 _BALANCED = 1e-10
 
 

@@ -15,7 +15,9 @@ from skfem_adini.solvers.exact_matrices import ExactMatrix, exact_matrix
 
 Array = NDArray[np.float64]
 
-_GUARD = 15
+# Decimal digits carried beyond those asked for.
+_GUARD_DIGITS = 15
+# Newton's method from below rises to the root and doubles its digits there: never so many.
 _NEWTON_STEPS = 200
 
 
@@ -120,7 +122,7 @@ def extended_eigenvalue(
     """
     dim = len(cells)
     with localcontext() as context:
-        context.prec = digits + _GUARD
+        context.prec = digits + _GUARD_DIGITS
         pi = _pi(context.prec)
         scales = [
             Decimal(float(k)) * (n / Decimal(float(l))) ** 2
@@ -156,7 +158,7 @@ def continuous_eigenvalue(
 ) -> Decimal:
     r"""Return :math:`\pi^2 \sum_i k_i (m_i / l_i)^2` for a box with the sides l and modes m."""
     with localcontext() as context:
-        context.prec = digits + _GUARD
+        context.prec = digits + _GUARD_DIGITS
         terms = [
             Decimal(float(k)) * (m / Decimal(float(l))) ** 2
             for m, l, k in zip(modes, lengths, weights, strict=True)
@@ -185,7 +187,7 @@ def _determinant(rows: list[Any]) -> list[Decimal]:
 
 def _smallest_root(coefficients: list[Decimal], precision: int) -> Decimal:
     """Return the smallest root of a polynomial with non-negative real roots."""
-    root, bound = Decimal(0), Decimal(10) ** (_GUARD // 3 - precision)
+    root, bound = Decimal(0), Decimal(10) ** (_GUARD_DIGITS // 3 - precision)
     for _ in range(_NEWTON_STEPS):
         value = slope = Decimal(0)
         for c in reversed(coefficients):
@@ -200,7 +202,7 @@ def _smallest_root(coefficients: list[Decimal], precision: int) -> Decimal:
 
 def _pi(precision: int) -> Decimal:
     """Return pi by Machin's formula, 16 arctan(1/5) - 4 arctan(1/239)."""
-    scale = 10 ** (precision + _GUARD)
+    scale = 10 ** (precision + _GUARD_DIGITS)
 
     def inverse_tangent(n: int) -> int:
         power = total = scale // n

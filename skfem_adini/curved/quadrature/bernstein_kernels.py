@@ -16,7 +16,9 @@ KERNELS = (
     "product_range", "jacobian_range", "append",
 )  # fmt: skip
 
-_ROOT_WIDTH = 1e-14
+# In sides of a box: an interval with several sign changes is divided down to this width, where
+# two roots cannot be told apart from a double one.
+_NARROWEST = 1e-14
 
 
 def value(c: Array, t: float) -> float:
@@ -110,7 +112,7 @@ def roots(c: Array, tol: float, found: Array) -> int:
                 found[count] = a + (b - a) * bracketed_root(now, 0.0, 1.0)
                 count += 1
             continue
-        if b - a < _ROOT_WIDTH or top + 2 > 64:
+        if b - a < _NARROWEST or top + 2 > 64:
             if count < found.size:
                 found[count] = 0.5 * (a + b)
                 count += 1

@@ -20,7 +20,8 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_WRONG_GRADIENT = 1e-4
+# Difference of unit normals: a wrong gradient differs by more, the interpolant by far less.
+_WRONG_DIRECTION = 1e-4
 
 
 @dataclass(frozen=True)
@@ -267,7 +268,7 @@ def _oriented(table: TruthTable, edge: _Points) -> Array:
         given = given[..., 0] / np.where(length > 0, length, 1)
         given *= np.sign(np.sum(given * normals[:, here], axis=0))
         off = np.abs(given - normals[:, here]).max(axis=0)
-        if not off.max() <= _WRONG_GRADIENT:
+        if not off.max() <= _WRONG_DIRECTION:
             x, y = edge.points[:, here[off.argmax()]]
             raise InputError(
                 f"gradient: at ({x:.6g}, {y:.6g}) its direction differs by {off.max():.2g} from "

@@ -13,7 +13,8 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_SHORT = 1e-14
+# Of the area of a cell: one that lacks less, some fifty roundings, is whole.
+_SAME_AREA = 1e-14
 
 
 class Polygon:
@@ -112,7 +113,7 @@ def cut_polygon(
         clipped = [_clip(a[:, s], b[:, s], low, high, slack) for s in sides]
         strips = _trapezoids(polygon, low, high, sides, slack)
         area = sum(strip[-1] for strip in strips)
-        whole = area >= np.prod(high - low) * (1 - _SHORT)
+        whole = area >= np.prod(high - low) * (1 - _SAME_AREA)
         full[cell] = whole
         for left, right, bottom, top, _ in strips if not whole else ():
             x = left + (right - left) * nodes

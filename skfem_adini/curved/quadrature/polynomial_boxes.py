@@ -14,12 +14,18 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+# Degrees of two interpolants, whose difference estimates the error of the coarser one.
 _COARSE, _FINE = 4, 8
+# Of the variation of phi in a box: allowed error of an interpolant.
 _ACCURATE = 3e-12
+# Rounding of phi in units of its size: of an expression with some thirty operations.
 _ROUNDING = 32 * np.finfo(float).eps
+# The error is taken for so many times its estimate before a sign counts as settled.
 _SAFETY = 4.0
+# Of the size of phi in a cell: smaller values are zero, so that boundaries on grid lines are found.
 _ZERO = 1e-13
-_LEVELS = 24
+# Halvings of a cell, to 6e-8 of its side.
+_MOST_DIVISIONS = 24
 _MOST_BOXES = 50_000
 _MOST_LEAVES = 6
 
@@ -82,15 +88,15 @@ def accurate_boxes(table: TruthTable, lower: Array, size: Array) -> AccurateBoxe
     found: dict[int, list[OpenBoxes]] = {}
     most = _MOST_BOXES + 2 * len(cell)
     zeros = np.zeros(len(table.leaves))
-    for level in range(_LEVELS + 1):
+    for level in range(_MOST_DIVISIONS + 1):
         boxes = _Screened(table, cell, lower, size, zeros)
         divide = np.zeros(len(cell), dtype=bool)
         for pattern, members in boxes.patterns():
             matter, reduced = _reduce(table, pattern)
             crowded = len(matter) > _MOST_LEAVES
-            if crowded and level == _LEVELS:
+            if crowded and level == _MOST_DIVISIONS:
                 raise InputError(f"level_set: {len(matter)} zero lines meet in one point")
-            if level < _LEVELS:
+            if level < _MOST_DIVISIONS:
                 rough = members[crowded | ~boxes.accurate[matter][:, members].all(axis=0)]
                 divide[rough] = True
                 members = np.setdiff1d(members, rough, assume_unique=True)
