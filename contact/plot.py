@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.errors import InputError, numbers
+from contact.facet_basis import facet_basis
 from contact.laws.status import Status
 from contact.output.contact_runs import arc_length
 from contact.output.drawn import Drawn
@@ -219,13 +220,12 @@ def plot_cells(
 def draw_edges(result: Drawn, ax: Any, magnification: float = 1.0, outline: bool = False) -> Any:
     """Cell edges of the deformed body, or its outline alone, as the element bends them (2-D)."""
     from matplotlib.collections import LineCollection
-    from skfem import FacetBasis
 
     body = result.system.body
     mesh = body.mesh
     s = np.linspace(0.0, 1.0, 7)[None]
     facets = mesh.boundary_facets() if outline else np.arange(mesh.nfacets)
-    along = FacetBasis(mesh, body.basis.elem, facets=facets, quadrature=(s, np.ones(s.shape[1])))
+    along = facet_basis(mesh, body.basis.elem, facets, quadrature=(s, np.ones(s.shape[1])))
     x = np.asarray(along.global_coordinates()) + magnification * np.asarray(
         along.interpolate(result.u)
     )

@@ -6,25 +6,75 @@ from typing import Any
 
 import numpy as np
 import skfem
-from skfem import Mesh
+from numpy.typing import NDArray
+from skfem import MappingIsoparametric, Mesh
 
 from contact.errors import InputError
+from contact.facet_basis import places_on_facets
+
+FLAT = 1e-12  # thickness over size: less is rounding of the vertices' places
 
 
 def check_cells(mesh: Mesh) -> None:
-    """Raise unless every cell is mapped one to one: no corner folds over or is flat."""
+    """Raise unless every cell is mapped one to one and lies beside its neighbours, not on them."""
     if not np.all(np.isfinite(mesh.doflocs)):
         raise InputError("mesh: has coordinates that are not finite")
-    with np.errstate(all="ignore"):
-        det = np.atleast_2d(mesh.mapping().detDF(mesh.elem.refdom.p))
-    size = np.ptp(mesh.p[:, mesh.t], axis=1).max(axis=0) ** mesh.dim()
-    sound = np.all(det > 1e-12 * size[:, None], axis=1) | np.all(
-        det < -1e-12 * size[:, None], axis=1
-    )
+    mapping = mesh.mapping()
+    if isinstance(mapping, MappingIsoparametric):  # one whose tables go with it
+        mapping = MappingIsoparametric(mesh, mesh.elem(), mesh.bndelem)
+    sound = _sound(mesh, mapping)
     if not np.all(sound):
         raise InputError(
             f"mesh: {np.sum(~sound)} cells are flat, not convex or folded (first: "
             f"{int(np.argmin(sound))}); order their vertices cyclically and untangle them"
+        )
+    _check_beside(mesh, mapping)
+
+
+def _sound(mesh: Mesh, mapping: Any) -> NDArray[np.bool_]:
+    """Cells that are not flat, nor folded over at a corner or at a node of a curved one."""
+    places = mesh.elem.refdom.p[:, :1] if mesh.affine else mesh.elem.doflocs.T
+    J = np.asarray(mapping.DF(places))
+    size = np.ptp(mesh.p[:, mesh.t], axis=1).max(axis=0)
+    with np.errstate(all="ignore"):
+        if mesh.dim() == 2:
+            det = J[0, 0] * J[1, 1] - J[0, 1] * J[1, 0]
+        else:
+            det = np.sum(np.cross(J[:, 0], J[:, 1], axis=0) * J[:, 2], axis=0)
+        det = np.atleast_2d(det)
+        limit = FLAT * size[:, None] ** mesh.dim()
+        sound = np.all(det > limit, axis=1) | np.all(det < -limit, axis=1)
+    # Needles of many times their width in two directions: the determinant does not tell.
+    doubtful = np.flatnonzero(~sound & (size > 0))
+    near = np.moveaxis(J[:, :, doubtful], (0, 1), (-2, -1))
+    sign = np.sign(np.linalg.det(near))
+    thin = np.linalg.svd(near, compute_uv=False)[..., -1] <= FLAT * size[doubtful, None]
+    sound[doubtful] = (np.abs(sign.sum(axis=1)) == sign.shape[1]) & ~thin.any(axis=1)
+    return np.asarray(sound)
+
+
+def _check_beside(mesh: Mesh, mapping: Any) -> None:
+    """Raise where a facet has more than two cells, or both lie on the same side of it."""
+    shared = np.bincount(mesh.t2f.ravel(), minlength=mesh.nfacets)
+    if shared.max(initial=0) > 2:
+        raise InputError(
+            f"mesh: {shared.max()} cells share facet {int(np.argmax(shared))}, which has room for "
+            "two: remove cells that are there twice"
+        )
+    inner = np.flatnonzero(mesh.f2t[1] >= 0)
+    middle = mesh.brefdom.p.mean(axis=1)[:, None]
+    ours, theirs = (
+        mapping.normals(
+            places_on_facets(mesh, inner, middle, side), mesh.f2t[side, inner], inner, mesh.t2f
+        )[..., 0]
+        for side in (0, 1)
+    )
+    folded = inner[np.sum(ours * theirs, axis=0) > 0]
+    if folded.size:
+        one, two = mesh.f2t[:, folded[0]]
+        raise InputError(
+            f"mesh: at {folded.size} facets both cells lie on the same side, one upon the other "
+            f"(first: cells {one} and {two}): the mesh folds over itself; untangle its vertices"
         )
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
-from skfem import Mesh, MeshHex2, MeshQuad2, MeshTet2, MeshTri2
+from skfem import MappingAffine, Mesh, MeshHex2, MeshQuad2, MeshTet2, MeshTri2
 
 from contact.errors import InputError
 
@@ -70,7 +70,7 @@ def _find_curved(mesh: Mesh, points: Array) -> NDArray[np.int64]:
 
 def places_in(mesh: Mesh, mapping: Any, points: Array, cells: NDArray[np.int64]) -> Array:
     """Reference coordinates of points in the cells that hold them, shape (dim, npoints)."""
-    if isinstance(mesh, CURVED):
+    if not isinstance(mapping, MappingAffine):
         return _newton(mapping, points, cells)
     X: Array = mapping.invF(points[:, :, None], tind=cells)[:, :, 0]
     return X

@@ -14,7 +14,6 @@ from scipy import sparse
 from skfem import (
     Basis,
     ElementVector,
-    FacetBasis,
     Mesh,
 )
 
@@ -26,6 +25,7 @@ from contact.body.mesh_file import read_mesh
 from contact.body.rigid_modes import dof_lengths
 from contact.body.vector_element import DEFAULT_ELEMENT, GRADIENT_DOFS, vector_element
 from contact.errors import InputError, evaluated, function_of_places, numbers
+from contact.facet_basis import facet_basis
 from contact.portable import PortableBasis
 from contact.settled import settled
 from skfem_adini import InputError as AdiniInputError
@@ -235,7 +235,7 @@ class ElasticBody(MaterialBody):
         ElasticBody
             Itself, for chaining.
         """
-        basis = FacetBasis(self.mesh, self.basis.elem, facets=self.facets(boundary))
+        basis = facet_basis(self.mesh, self.basis.elem, self.facets(boundary))
         self.f = self.f + self._load_vector(basis, traction, "traction")
         return self
 

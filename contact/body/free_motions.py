@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from contact.body.cell_finder import CURVED
 from contact.body.rigid_modes import reduced_echelon, rigid_modes
+from contact.body.vector_element import DEFAULT_ELEMENT
 from contact.condensation.boundary_problem import Array
 
 RIGID = 1e-12  # share of a rigid motion that supports, or a boundary, see by rounding alone
@@ -26,6 +28,26 @@ def free_motions(body: Any) -> Array:
     plain = reduced_echelon(V[singular < RIGID] / size)
     free: Array = picked.T @ (modes @ plain.T)
     return free
+
+
+def strained_by_rotation(body: Any) -> str:
+    """What to do where free rigid motions strain the body, as an end of an error; else empty.
+
+    On curved cells functions of lower order than the cells hold no linear displacement.
+    """
+    mesh, element = body.mesh, body.element
+    if mesh.affine or not isinstance(mesh, CURVED) or element.maxdeg >= mesh.elem.maxdeg:
+        return ""
+    modes = body.constraint[0] @ free_motions(body)
+    terms = abs(body.stiffness) @ np.abs(modes)
+    if not np.any(np.abs(body.stiffness @ modes) > RIGID * terms.max(initial=0.0)):
+        return ""
+    better = DEFAULT_ELEMENT[type(mesh).__name__].__name__
+    order = "P2" if better.endswith("P2") else "Q2"
+    return (
+        f"; on curved cells {type(element).__name__} has no rotation without strain, and the body "
+        f"is free to rotate: take {order} elements ({better}), straight cells, or hold the body"
+    )
 
 
 def unseen_motion(modes: Array, on_boundary: Array) -> Array | None:

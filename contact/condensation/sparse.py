@@ -12,7 +12,7 @@ from scipy import sparse
 
 from contact.arrays.blas_threads import one_blas_thread
 from contact.arrays.dense_arrays import HostArrays
-from contact.body.free_motions import free_motions, unseen_motion
+from contact.body.free_motions import free_motions, strained_by_rotation, unseen_motion
 from contact.body.rigid_modes import describe_motion
 from contact.condensation.boundary_problem import BoundaryProblem, Friction
 from contact.condensation.elimination_order import elimination_order
@@ -363,7 +363,7 @@ class CondensedContact:
         if limit is not None:
             raise self.at_the_limit(limit)
         if a is None or np.abs(a[k:]).max(initial=0.0) > np.abs(a[:k]).max(initial=0.0):
-            return ""
+            return strained_by_rotation(self.body)
         return (
             f"; or there is no equilibrium: {self._motion_of(self._modes @ a[:k])[0]} is driven by "
             "the loads, friction alone resists it, and the pressure may be too small for that"

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
-from skfem import FacetBasis, Mesh
+from skfem import Mesh
 
 from contact.errors import InputError, warn
+from contact.facet_basis import facet_basis
 from contact.obstacles.shapes import ClosestPoint, Cylinder, Plane, Sphere
 
 Array = NDArray[np.float64]
@@ -74,7 +75,7 @@ def check_placement(obstacle: Any, gap: Array, x: Array, n: Array, size: float) 
 
 def outward_normals(mesh: Mesh, x: Array) -> Array:
     """Outward normals of the boundary facets nearest to places x, (dim, ...)."""
-    basis = FacetBasis(mesh, mesh.elem(), facets=mesh.boundary_facets(), intorder=1)
+    basis = facet_basis(mesh, mesh.elem(), mesh.boundary_facets(), intorder=1)
     middle = np.asarray(basis.global_coordinates()).mean(axis=2)
     near = KDTree(middle.T).query(x.reshape(x.shape[0], -1).T)[1]
     normals: Array = np.asarray(basis.normals).mean(axis=2)[:, near].reshape(x.shape)

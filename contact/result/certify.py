@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import skfem
 
+from contact.body.free_motions import strained_by_rotation
 from contact.errors import NotConverged
 from contact.result.contact_state import ContactState
 
@@ -32,8 +33,8 @@ def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
     missed = {name: value for name, value in kkt.items() if not value <= limits.get(name, tol)}
     if missed:
         found = ", ".join(f"{name} {value:.1e}" for name, value in missed.items())
-        remedy = ""
-        if "balance" in missed:
+        remedy = strained_by_rotation(result.system.body.trace)
+        if "balance" in missed and not remedy:
             remedy = (
                 "; the displacements hold too few digits for the reactions of cells as slender as "
                 "these: make them squarer, or let tol be larger"

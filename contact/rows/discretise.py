@@ -12,6 +12,7 @@ from skfem import FacetBasis
 
 from contact.body.elastic_body import ElasticBody
 from contact.errors import InputError
+from contact.facet_basis import facet_basis
 from contact.obstacles.shapes import Gap
 from contact.rows.frames import along_supports, norms, tangent_frame, within_supports
 from contact.rows.functionals import facet_functional
@@ -182,14 +183,9 @@ def contact_boundary(
 def _facet_basis(body: ElasticBody, facets: NDArray[np.int64], points: Array | None) -> FacetBasis:
     """Scalar trace at given reference points, or at Gauss points that integrate x * trace."""
     rule = None if points is None else (points, np.ones(points.shape[1]))
-    return FacetBasis(
-        body.mesh,
-        body.element,
-        facets=facets,
-        dofs=body.scalar_dofs,
-        quadrature=rule,
-        intorder=None if rule else 2 * body.element.maxdeg + 2,
-        disable_doflocs=True,
+    order = 2 * body.element.maxdeg + 2
+    return facet_basis(
+        body.mesh, body.element, facets, quadrature=rule, intorder=order, dofs=body.scalar_dofs
     )
 
 

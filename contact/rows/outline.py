@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from contact.body.elastic_body import ElasticBody
 from contact.errors import InputError
+from contact.facet_basis import places_on_facets
 from skfem_adini.conditions.vertex_normals import CORNER, corner_weights
 
 Array = NDArray[np.float64]
@@ -51,15 +52,7 @@ class Outline:
     def normals(self, points: Array) -> Array:
         """Outward unit normals at points (dim - 1, n) of the reference facet, (dim, nfacets, n)."""
         mapping, mesh = self.body.basis.mapping, self.body.mesh
-        cells = mesh.f2t[0, self.facets]
-        x = mapping.G(points, find=self.facets)
-        try:
-            inside = mapping.invF(x, tind=cells)
-        except Exception as error:  # scikit-fem raises the bare class from its Newton iteration
-            raise InputError(
-                f"boundary: places of a facet are not found in its cell ({error}); it is bent or "
-                "graded too strongly"
-            ) from error
+        cells, inside = mesh.f2t[0, self.facets], places_on_facets(mesh, self.facets, points)
         return np.asarray(mapping.normals(inside, cells, self.facets, mesh.t2f))
 
     @cached_property

@@ -1,0 +1,110 @@
+"""Meshes that lie on themselves are refused, however their cells are numbered or oriented."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from skfem import (
+    ElementHex1,
+    ElementQuad1,
+    ElementTetP1,
+    ElementTetP2,
+    ElementTriP1,
+    ElementTriP2,
+    MeshHex,
+    MeshHex2,
+    MeshQuad,
+    MeshQuad2,
+    MeshTet,
+    MeshTet2,
+    MeshTri,
+    MeshTri2,
+)
+
+from contact import ElasticBody, InputError
+
+KINDS = [
+    (MeshTri, None, ElementTriP1),
+    (MeshTri, None, ElementTriP2),
+    (MeshTri, MeshTri2, ElementTriP2),
+    (MeshQuad, None, ElementQuad1),
+    (MeshQuad, MeshQuad2, ElementQuad1),
+    (MeshTet, None, ElementTetP1),
+    (MeshTet, MeshTet2, ElementTetP2),
+    (MeshHex, None, ElementHex1),
+    (MeshHex, MeshHex2, ElementHex1),
+]
+SIMPLICES = [MeshTri, MeshTet]
+kinds = pytest.mark.parametrize(
+    ("plain", "curved", "element"), KINDS, ids=lambda v: getattr(v, "__name__", str(v))
+)
+
+
+def grid(plain, curved=None, places=lambda x: x):
+    mesh = plain.init_tensor(*(np.linspace(0, 1, 4),) * (2 if plain in (MeshTri, MeshQuad) else 3))
+    mesh = mesh if curved is None else curved.from_mesh(mesh)
+    return replace(mesh, doflocs=places(mesh.doflocs))
+
+
+def body(mesh, element):
+    return ElasticBody.from_mesh(mesh, element(), E=1.0, nu=0.3)
+
+
+@kinds
+def test_vertex_beyond_its_neighbours(plain, curved, element):
+    """Every P1 triangle is one to one by itself; three of them lie on others."""
+
+    def moved(x):
+        inner = np.argmin(np.abs(x - 1 / 3).sum(axis=0))
+        return np.where(np.arange(x.shape[1]) == inner, 0.9, x)
+
+    with pytest.raises(InputError, match="untangle"):
+        body(grid(plain, curved, moved), element)
+
+
+@kinds
+def test_half_that_lies_on_the_other(plain, curved, element):
+    """A sheet folded along a line of facets, no cell of it bent."""
+    mesh = grid(plain, curved, lambda x: np.vstack((np.minimum(x[0], 4 / 3 - x[0]), x[1:])))
+    with pytest.raises(InputError, match="same side, one upon the other"):
+        body(mesh, element)
+
+
+@pytest.mark.parametrize("plain", [MeshTri, MeshQuad, MeshTet, MeshHex])
+def test_cell_that_is_there_twice(plain):
+    mesh = grid(plain)
+    element = {MeshTri: ElementTriP1, MeshQuad: ElementQuad1, MeshTet: ElementTetP1}
+    with pytest.raises(InputError, match=r"room for two|same side"):
+        body(plain(mesh.p, np.hstack((mesh.t, mesh.t[:, 4:5]))), element.get(plain, ElementHex1))
+
+
+@kinds
+def test_what_is_accepted(plain, curved, element):
+    """Uneven, mirrored and turned, of any unit, and 1e6 times as long as wide."""
+    rng = np.random.default_rng(1)
+    body(grid(plain, curved, lambda x: x + 0.005 * rng.standard_normal(x.shape)), element)
+    body(grid(plain, curved, lambda x: -1e-6 * x[::-1]), element)
+    if plain in SIMPLICES and curved is None:
+        mesh = grid(plain)
+        t = mesh.t.copy()
+        t[:2, ::2] = t[1::-1, ::2]
+        for sort in (False, True):
+            body(plain(mesh.p, t, sort_t=sort), element)
+    c, s = np.cos(0.7), np.sin(0.7)
+
+    def needle(x):
+        x = x * np.array([[1.0], [1e-6], [1e-6]][: len(x)])
+        return np.vstack((c * x[0] - s * x[1], s * x[0] + c * x[1], *x[2:]))
+
+    body(grid(plain, curved, needle), element)
+
+
+def test_flat_cells_are_refused():
+    """Also where a determinant is exactly zero, of which scikit-fem makes a bare Exception."""
+    for plain, element in (
+        (MeshQuad, ElementQuad1),
+        (MeshTri, ElementTriP1),
+        (MeshHex, ElementHex1),
+    ):
+        with pytest.raises(InputError, match="flat, not convex or folded"):
+            body(grid(plain, None, lambda x: np.vstack((x[:-1], 0 * x[-1]))), element)
