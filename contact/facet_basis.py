@@ -57,9 +57,7 @@ def facet_basis(
     )
 
 
-def places_on_facets(
-    mesh: Mesh, facets: NDArray[np.int64], points: Array, side: int = 0
-) -> Array:
+def places_on_facets(mesh: Mesh, facets: NDArray[np.int64], points: Array, side: int = 0) -> Array:
     """Reference coordinates in the first or second cell of each facet, shape (dim, nfacets, n).
 
     Parameters

@@ -33,7 +33,7 @@ def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
     missed = {name: value for name, value in kkt.items() if not value <= limits.get(name, tol)}
     if missed:
         found = ", ".join(f"{name} {value:.1e}" for name, value in missed.items())
-        remedy = strained_by_rotation(result.system.body.trace)
+        remedy = strained_by_rotation(state.system.body.trace)
         if "balance" in missed and not remedy:
             remedy = (
                 "; the displacements hold too few digits for the reactions of cells as slender as "
