@@ -21,7 +21,7 @@ help:
 	@echo "make lint       ruff, mypy, and which rooms know which"
 	@echo "make doctest    the examples in docstrings"
 	@echo "make examples   every script in examples/, as a user would run it"
-	@echo "make docs       out/docs/index.html: guide, gallery (with the pictures of make examples), reference"
+	@echo "make docs       out/docs/index.html: guide, tutorials, gallery (with the pictures of make examples), reference"
 	@echo "make readme     write the tables of docs/ and README from benchmarks/results"
 
 $(VENV)/pyvenv.cfg:

@@ -1,5 +1,6 @@
 """Writes one page for each script in `examples/`: its docstring, the pictures it drew, its code.
 
+The index shows the scripts in groups, contact first, each by a small copy of its first picture.
 Pictures are those in `out/` whose names stand in the script, so `make examples` comes first;
 without them the pages have no pictures.
 """
@@ -11,15 +12,23 @@ from pathlib import Path
 from sphinx.util import logging
 
 ROOT = Path(__file__).resolve().parents[1]
+GROUPS = {
+    "Contact": "contact_part contact_block cut_hertz layered_block bumper_mesh",
+    "Contact beside closed forms": "validation_cattaneo validation_far_field validation_flat_punch "
+    "validation_hertz_line validation_hertz_sphere validation_membrane validation_order half_space",
+    "Elements": "poisson_adini eigenvalues plate bending hanging_nodes shape_functions open_vtk",
+    "Curved domains": "curved_2012",
+    "Transport": "cip_zalesak cip_jiang_shu cip_deformation cip_dissertation cip_two_dimensions",
+    "Quadratic programs and eigenvalues": "qp_mpc qp_penalty qp_sqp eigs_spectrum gpu_appendix",
+    "Regulators": "heat_skfem heat_control heat_model",
+}
+FRONT = ("cut_hertz", "plate", "cip_zalesak", "heat_control")
 INDEX = """Examples
 ========
 
-Each is a script of one screen that runs in seconds: ``python examples/<name>.py --help``.
+Each is a script of one screen: ``python examples/<name>.py --help``.
 
-.. toctree::
-   :maxdepth: 1
-
-{pages}
+{groups}
 """
 PAGE = """{title}
 {line}
@@ -47,18 +56,46 @@ def docstring(source: str) -> tuple[str, str, int]:
     return " ".join(title.split()).rstrip("."), "\n".join(lines), code
 
 
+def card(folder: Path, name: str, title: str, picture: str, at: str = "") -> str:
+    """Return a small picture that links to the page of a script."""
+    from PIL import Image
+
+    (folder / "small").mkdir(exist_ok=True)
+    with Image.open(ROOT / "out" / picture) as image:
+        small = image.convert("RGB")
+    small.thumbnail((480, 320))
+    small.save(folder / "small" / f"{name}.png")
+    return (
+        f"   .. figure:: {at}small/{name}.png\n      :target: {at}{name}.html\n"
+        f"      :alt: {name}\n\n      {title}\n"
+    )
+
+
+def group(
+    title: str, names: list[str], pages: dict[str, tuple[str, list[str]]], folder: Path
+) -> str:
+    """Return a section of the index: scripts with a picture as cards, the others as a list."""
+    drawn = [name for name in names if pages[name][1]]
+    lines = [title, "-" * len(title), ""]
+    if drawn:
+        cards = (card(folder, name, pages[name][0], pages[name][1][0]) for name in drawn)
+        lines += [".. container:: cards", "", *cards]
+    lines += [f"* :doc:`{name}`" for name in names if name not in drawn]
+    lines += ["", ".. toctree::", "   :hidden:", "", *(f"   {name}" for name in names), ""]
+    return "\n".join(lines)
+
+
 def write(app) -> None:
     """Generate `docs/gallery/*.rst`."""
     folder = Path(app.srcdir) / "gallery"
     folder.mkdir(exist_ok=True)
-    scripts = sorted((ROOT / "examples").glob("*.py"))
-    drawn = 0
-    for script in scripts:
+    pages = {}
+    for script in sorted((ROOT / "examples").glob("*.py")):
         source = script.read_text(encoding="utf-8")
         named = re.findall(r'"(\w+\.(?:png|gif))"', source)
         found = [name for name in dict.fromkeys(named) if (ROOT / "out" / name).exists()]
-        drawn += len(found)
         title, text, code = docstring(source)
+        pages[script.stem] = (title, found)
         page = PAGE.format(
             title=title,
             line="=" * len(title),
@@ -69,9 +106,17 @@ def write(app) -> None:
             name=script.stem,
         )
         (folder / f"{script.stem}.rst").write_text(page, encoding="utf-8")
-    pages = "\n".join(f"   {script.stem}" for script in scripts)
-    (folder / "index.rst").write_text(INDEX.format(pages=pages), encoding="utf-8")
-    logging.getLogger(__name__).info(f"gallery: {len(scripts)} examples, {drawn} pictures")
+    groups = {title: names.split() for title, names in GROUPS.items()}
+    grouped = {name for names in groups.values() for name in names}
+    for name in grouped ^ set(pages):
+        logging.getLogger(__name__).warning(f"gallery: {name} is in no group, or no script")
+    known = {title: [name for name in names if name in pages] for title, names in groups.items()}
+    sections = "\n".join(group(title, names, pages, folder) for title, names in known.items())
+    (folder / "index.rst").write_text(INDEX.format(groups=sections), encoding="utf-8")
+    front = [name for name in FRONT if name in pages and pages[name][1]]
+    cards = (card(folder, name, pages[name][0], pages[name][1][0], "gallery/") for name in front)
+    text = "\n".join((".. container:: cards", "", *cards)) if front else ""
+    (folder / "front.rst").write_text(text, encoding="utf-8")
 
 
 def setup(app) -> dict:

@@ -9,18 +9,59 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
-BLOCKS = re.findall(r"```python\n(.*?)```", README, flags=re.S)
 
 
-@pytest.mark.parametrize("code", BLOCKS, ids=range(len(BLOCKS)))
-def test_code_runs(code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+def blocks(page: Path) -> list[str]:
+    """Python blocks of a page."""
+    return re.findall(r"```python\n(.*?)```", page.read_text(), flags=re.S)
+
+
+TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+# A block of the README and of the guide stands alone; those of a tutorial follow one another.
+CODE = {
+    f"{page.stem}-{k}": code
+    for page in PAGES
+    if page not in TUTORIALS
+    for k, code in enumerate(blocks(page))
+} | {page.stem: "\n".join(blocks(page)) for page in TUTORIALS if blocks(page)}
+
+
+@pytest.mark.parametrize("name", CODE)
+def test_code_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    import matplotlib.pyplot as plt
+
     monkeypatch.chdir(tmp_path)
-    exec(compile(code, "README.md", "exec"), {})
+    monkeypatch.syspath_prepend(ROOT / "examples")
+    exec(compile(CODE[name], f"{name}.md", "exec"), {"__name__": name})
+    plt.close("all")
     assert "False" not in capsys.readouterr().out
 
 
 def test_first_result_is_as_long_as_promised() -> None:
-    assert len([line for line in BLOCKS[0].splitlines() if line.strip()]) <= 15
+    assert len([line for line in blocks(PAGES[0])[0].splitlines() if line.strip()]) <= 15
+
+
+def test_readme_is_short() -> None:
+    assert len(README.splitlines()) <= 120
+    assert len(blocks(PAGES[0])) == 3
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in re.findall(r"\]\(([^)#:]+)[^):]*\)", page.read_text()):
+        if "/out/" not in link:  # drawn while the site is built
+            assert (page.parent / link).exists(), link
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_files_that_pages_name_exist(page: Path) -> None:
+    for name in re.findall(
+        r"`((?:examples|benchmarks|tests)/[\w/.]+?\.(?:py|json))", page.read_text()
+    ):
+        assert (ROOT / name).exists(), name
+    for name in re.findall(r"`(test_\w+\.py)`", page.read_text()):
+        assert list((ROOT / "tests").rglob(name)), name
 
 
 @pytest.fixture
