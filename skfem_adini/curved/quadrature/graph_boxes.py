@@ -14,10 +14,14 @@ from skfem_adini.curved.quadrature.graph_rules import Array, State, Table
 
 KERNELS = ("classify", "joined", "meeting_point", "best_direction", "subdivide", "cut_boxes")
 
-_LEVELS = 40
+# Halvings of a box after which its side, 1e-12, is near the rounding of its coefficients.
+_MOST_DIVISIONS = 40
+# Parts of one box: more are needed only where a zero line is degenerate.
 _MOST_PARTS = 20_000
-_SAME = 1e-11
-_EDGE = 1e-9
+# Of the largest coefficient: polynomials that agree so well, but for a factor, have one zero line.
+_SAME_LINE = 1e-11
+# In sides of a box: what is nearer to a side lies on it, so that no sliver is cut off.
+_ON_SIDE = 1e-9
 
 
 def classify(c: Array, tol: Array, table: Table, state: State) -> int:
@@ -43,7 +47,7 @@ def joined(c: Array, table: Table) -> Table:
         for k in range(l):
             i = np.abs(c[k]).argmax()
             ratio = c[l].ravel()[i] / c[k].ravel()[i]
-            if np.abs(c[l] - ratio * c[k]).max() > _SAME * np.abs(c[l]).max():
+            if np.abs(c[l] - ratio * c[k]).max() > _SAME_LINE * np.abs(c[l]).max():
                 continue
             for index in range(table.size):
                 bit = index >> k & 1 if ratio > 0 else 1 - (index >> k & 1)
@@ -69,8 +73,8 @@ def meeting_point(f: Array, g: Array) -> tuple[float, float]:
             return -1.0, -1.0
         if abs(dx) + abs(dy) < 1e-15:
             break
-    inside = -_EDGE < x < 1 + _EDGE and -_EDGE < y < 1 + _EDGE
-    interior = _EDGE < x < 1 - _EDGE or _EDGE < y < 1 - _EDGE
+    inside = -_ON_SIDE < x < 1 + _ON_SIDE and -_ON_SIDE < y < 1 + _ON_SIDE
+    interior = _ON_SIDE < x < 1 - _ON_SIDE or _ON_SIDE < y < 1 - _ON_SIDE
     return (x, y) if inside and interior else (-1.0, -1.0)
 
 
@@ -88,7 +92,7 @@ def subdivide(c: Array, x: float, y: float, parts: Array, boxes: Array) -> int:
     K, m = c.shape[0], c.shape[1]
     sides = np.empty((2, m, m))
     quarters = np.empty((2, m, m))
-    split_x, split_y = _EDGE < x < 1 - _EDGE, _EDGE < y < 1 - _EDGE
+    split_x, split_y = _ON_SIDE < x < 1 - _ON_SIDE, _ON_SIDE < y < 1 - _ON_SIDE
     columns, rows = 2 if split_x else 1, 2 if split_y else 1
     for k in range(K):
         if split_x:
@@ -137,8 +141,8 @@ def cut_boxes(
     volume, nv = np.empty((1024, 4)), 0
     surface, ns = np.empty((256, 7)), 0
     whole = np.zeros(count, np.bool_)
-    stack = np.empty((3 * _LEVELS + 8, K, m, m))
-    places = np.empty((3 * _LEVELS + 8, 5))
+    stack = np.empty((3 * _MOST_DIVISIONS + 8, K, m, m))
+    places = np.empty((3 * _MOST_DIVISIONS + 8, 5))
     parts, boxes = np.empty((4, K, m, m)), np.empty((4, 4))
     state, row, lengths = np.empty(K, np.int64), np.empty(4), np.empty(2)
     for b in range(count):
@@ -181,7 +185,7 @@ def cut_boxes(
                     c, state, tol, table, b, place, lengths, nodes, weights, surface, ns
                 )
                 continue
-            if place[4] >= _LEVELS:
+            if place[4] >= _MOST_DIVISIONS:
                 # Narrower than rounding: the middle decides.
                 for k in range(K):
                     if state[k] == 2:

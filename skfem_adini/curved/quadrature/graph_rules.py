@@ -21,11 +21,17 @@ KERNELS = (
     "emit_surface", "sorted_breaks",  "face_rule", "height_rule",
 )  # fmt: skip
 
-_ROOT_WIDTH = 1e-14
-_STEEPEST = 0.3
-_VARIATION = 0.7
-_NEAR_END = 1e-12
-_STEEPEST_OF_MANY = 1e-6
+# In sides of a box: places nearer than this are one, some fifty roundings of 1 apart.
+_SAME_PLACE = 1e-14
+# Least slope along the height over the slope across: a graph that leans more is better one over
+# the other side, or after division.
+_LEAST_SLOPE = 0.3
+# Least over largest slope along the height: Gauss points converge fast where it varies little.
+_LEAST_TO_LARGEST_SLOPE = 0.7
+# In lengths of an interval: how far inside it graphs are compared.
+_OFF_END = 1e-12
+# `_LEAST_SLOPE` with several zero lines, whose angle stays when their box is divided.
+_LEAST_SLOPE_OF_MANY = 1e-6
 
 
 def relevant(table: Table, state: State, k: int) -> bool:
@@ -66,10 +72,10 @@ def good_direction(c: Array, state: State, d: int, lengths: Array) -> float:
         across = max(abs(other_low), abs(other_high)) / lengths[1 - d]
         least = min(abs(low), abs(high)) / lengths[d]
         most = max(abs(low), abs(high)) / lengths[d]
-        if low * high <= 0 or most <= 0 or least < _VARIATION * most:
+        if low * high <= 0 or most <= 0 or least < _LEAST_TO_LARGEST_SLOPE * most:
             return 0.0
         steep = least / across if across > 0 else np.inf
-        if steep < (_STEEPEST if open_count == 1 else _STEEPEST_OF_MANY):
+        if steep < (_LEAST_SLOPE if open_count == 1 else _LEAST_SLOPE_OF_MANY):
             return 0.0
         quality = min(quality, steep / (1 + steep))
     for k in range(state.size):
@@ -118,7 +124,7 @@ def crossing(f: Array, g: Array, d: int, tol_f: float, tol_g: float, a: float, b
     if max(y_f, y_g) > 1:  # graphs come and go at a and b only
         return -1.0
     # At a and b themselves rounding may hide a root that lies on a side of the box.
-    a, b = a + _NEAR_END * (b - a), b - _NEAR_END * (b - a)
+    a, b = a + _OFF_END * (b - a), b - _OFF_END * (b - a)
     rising = clamped_height(f, d, b) > clamped_height(g, d, b)
     if (clamped_height(f, d, a) > clamped_height(g, d, a)) == rising:
         return -1.0
@@ -210,7 +216,7 @@ def face_rule(
                 sorted_breaks(breaks, used)
                 for i in range(used - 1):
                     a, b = breaks[i], breaks[i + 1]
-                    if b - a < _ROOT_WIDTH:
+                    if b - a < _SAME_PLACE:
                         continue
                     for l in range(state.size):
                         if state[l] == 2:
@@ -266,7 +272,7 @@ def height_rule(
     for i in range(simple - 1):
         for k in range(K):
             for l in range(k):
-                if state[k] == 2 and state[l] == 2 and breaks[i + 1] - breaks[i] > _ROOT_WIDTH:
+                if state[k] == 2 and state[l] == 2 and breaks[i + 1] - breaks[i] > _SAME_PLACE:
                     x = crossing(c[k], c[l], d, tol[k], tol[l], breaks[i], breaks[i + 1])
                     if x >= 0:
                         breaks[used] = x
@@ -277,7 +283,7 @@ def height_rule(
     row, cuts = np.empty(4), np.empty(K + 2)
     for i in range(used - 1):
         a, b = breaks[i], breaks[i + 1]
-        if b - a < _ROOT_WIDTH:
+        if b - a < _SAME_PLACE:
             continue
         for p in range(nodes.size):
             s, w = a + (b - a) * nodes[p], weights[p] * (b - a)
