@@ -18,6 +18,7 @@ from contact.errors import InputError, array_of, evaluated, function_of_places, 
 from contact.settled import settled
 from skfem_adini import AdiniExtension, CutDomain, ElementQuadAdini, LevelSet, Polygon
 from skfem_adini import InputError as AdiniInputError
+from skfem_adini.arguments.pointwise_function import pointwise
 
 Array = NDArray[np.float64]
 
@@ -200,12 +201,16 @@ class CutBody(ElasticBody):
         Raises
         ------
         InputError
-            A facet of a cut cell, or a traction of the wrong shape.
+            A facet of a cut cell, or a traction of the wrong shape, or one on an arc that reduces
+            over the places, as ``x - x.mean()``: these are as dense as the cuts have it.
         """
         if not isinstance(boundary, CutArc):
             self.whole_facets(boundary)
             return super().load(boundary, traction)
-        value = evaluated("traction", traction, boundary.x)
+        try:
+            value = evaluated("traction", _pointwise("traction", traction), boundary.x)
+        except AdiniInputError as error:
+            raise InputError(str(error)) from error
         if value.ndim == 1:
             value = value[:, None]
         if value.shape not in ((2, 1), boundary.x.shape) or not np.all(np.isfinite(value)):
@@ -233,9 +238,23 @@ class CutBody(ElasticBody):
         return facets
 
     def body_force(self, force: Field) -> Self:
-        """Add a volume force (force per volume); see `ElasticBody.body_force`."""
-        for basis in self.domain.groups(self.basis.elem):
-            self.f = self.f + self._load_vector(basis, force, "force")
+        """Add a volume force (force per volume); see `ElasticBody.body_force`.
+
+        Raises
+        ------
+        InputError
+            A force of the wrong shape, or one that reduces over the places, as ``x - x.mean()``:
+            these come in batches, as dense as the cuts have it.
+        """
+        force = _pointwise("force", force)
+        try:
+            loads = [
+                self._load_vector(basis, force, "force")
+                for basis in self.domain.groups(self.basis.elem)
+            ]
+        except AdiniInputError as error:
+            raise InputError(str(error)) from error
+        self.f = self.f + np.sum(loads, axis=0)
         return self
 
     def clipped(self, grid: Any) -> Any:
@@ -303,6 +322,10 @@ class CutBody(ElasticBody):
         for derived in ("extension", "picked"):
             self.__dict__.pop(derived, None)
         return super().fix(boundary, components, value, smooth)
+
+
+def _pointwise(name: str, value: Field) -> Field:
+    return pointwise(name, function_of_places(name, value)) if callable(value) else value
 
 
 def _of_active(name: str, value: ArrayLike, count: int, active: Any) -> Array:

@@ -190,6 +190,9 @@ class CutDomain:
     def boundary(self, elem: Any, parts: int | Sequence[int] | None = None) -> BoundaryBasis:
         """Return a scikit-fem basis on the cut boundary, with normals for forms as `w.n`.
 
+        Forms must act on each quadrature point alone: points of weight zero lie among the others,
+        and a mean over `w.x` would count them.
+
         Parameters
         ----------
         elem

@@ -11,6 +11,7 @@ from skfem import BilinearForm, FacetBasis, LinearForm
 from skfem.element import DiscreteField, ElementVector
 from skfem.helpers import div, dot, grad, mul, sym_grad
 
+from skfem_adini.arguments.pointwise_function import pointwise
 from skfem_adini.arguments.positive_number import positive_number
 from skfem_adini.conditions.boundary_edges import Value, sample
 from skfem_adini.curved.cut_domain import BoundaryBasis
@@ -59,6 +60,7 @@ def nitsche(
         The conductivity k, a positive number or function of points. Scalar fields only.
     lame
         Lame's constants (lambda, mu) for elasticity, numbers or functions of points.
+        Functions act on each point alone: points of weight zero lie among the others.
 
     Returns
     -------
@@ -96,8 +98,8 @@ def nitsche(
     Raises
     ------
     InputError
-        A penalty that is not positive; constants missing, not finite, or negative; data of the
-        wrong shape.
+        A penalty that is not positive; a function that reduces over the points; constants missing,
+        not finite, or negative; data of the wrong shape.
 
     References
     ----------
@@ -132,6 +134,11 @@ def nitsche(
             f"{lame!r} for {type(boundary.elem).__name__}"
         )
     x = np.asarray(boundary.global_coordinates())
+    if isinstance(boundary, BoundaryBasis):
+        value, coefficient, lame = (
+            _pointwise(*named)
+            for named in (("value", value), ("coefficient", coefficient), ("lame", lame))
+        )
     data = sample(value, x, 2 if vector else 1)
     fields = {"g": DiscreteField(data if vector else data[0])}
     if lame is not None:
@@ -145,6 +152,13 @@ def nitsche(
         pair = _scalar(beta)
     matrix, load = (form.assemble(boundary, **fields) for form in pair)
     return matrix, load
+
+
+def _pointwise(name: str, data: Any) -> Any:
+    """Data whose functions refuse to mix places."""
+    if isinstance(data, list | tuple):
+        return [_pointwise(name, part) for part in data]
+    return pointwise(name, data) if callable(data) else data
 
 
 def _scalar(beta: float) -> tuple[BilinearForm, LinearForm]:

@@ -1,0 +1,81 @@
+"""A caller's function of places that must act on each place alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skfem_adini.errors import InputError
+
+Array = NDArray[Any]
+
+_OTHERS = 6  # places tried beside the outermost ones
+_ROUNDING = 1e-11  # of the largest value: vector instructions round equal numbers differently
+
+
+def pointwise(name: str, function: Callable[[Array], Any]) -> Callable[[Array], Any]:
+    """Return the function, made to refuse where its values hang on the other places.
+
+    Of cells that a curve cuts, quadrature points come in several batches, with points of weight
+    zero among them: the largest value or the mean of such a batch has no meaning. So values are
+    compared with those at single places, the outermost ones among them.
+
+    Parameters
+    ----------
+    name
+        Of the argument, for the message.
+    function
+        Of places, shape (dim, ...).
+
+    Raises
+    ------
+    InputError
+        From the function returned: a value is another one at its place alone.
+    """
+
+    def checked(x: Array) -> Any:
+        value = function(x)
+        _check(name, function, np.asarray(x), value)
+        return value
+
+    return checked
+
+
+def _check(name: str, function: Callable[[Array], Any], x: Array, value: Any) -> None:
+    try:
+        found = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        return  # no numbers: the caller says so
+    shape = x.shape[1:]
+    if not x.size or not np.isfinite(found).all():
+        return
+    vectors = 1 if len(shape) == 1 else 0  # at a list of places one row is one vector for all
+    field = found.ndim >= len(shape) + vectors and found.shape[-len(shape) :] == shape
+    limit = _ROUNDING * np.abs(found).max(initial=0.0)
+    for place in _places(x.reshape(len(x), -1)):
+        at: Any = tuple(slice(i, i + 1) for i in np.unravel_index(place, shape))
+        try:
+            alone = np.asarray(function(x[:, *at]), dtype=float)
+        except Exception as error:
+            raise _refused(name, f"at one place alone it fails ({error!r})") from error
+        if np.array_equal(alone, found):
+            continue  # numbers of its own, whatever the places
+        expected = found[..., *at] if field else found
+        if alone.shape != expected.shape or not np.abs(alone - expected).max() <= limit:
+            raise _refused(name, "at one place alone it gives another value than among others")
+
+
+def _places(x: Array) -> NDArray[np.integer]:
+    others = np.random.default_rng(0).permutation(x.shape[1])[:_OTHERS]
+    return np.unique(np.concatenate((x.argmin(axis=1), x.argmax(axis=1), others)))
+
+
+def _refused(name: str, finding: str) -> InputError:
+    return InputError(
+        f"{name}: the function does not act on each place alone: {finding}. On cells that a curve "
+        "cuts, places come in several batches, with points of weight zero: compute numbers such "
+        "as a mean or a largest value beforehand"
+    )
