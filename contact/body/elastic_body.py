@@ -45,7 +45,9 @@ class ElasticBody(MaterialBody):
     ----------
     basis : Basis
         Of ``ElementVector(...)``, 2-D or 3-D; how slender cells may be:
-        `contact.body.cell_strains`.
+        `contact.body.cell_strains`. Linear triangles that all have one diagonal, and linear
+        tetrahedra, know stresses and contact pressures to first order only: take crossed triangles
+        (``MeshQuad.to_meshtri(style="x")``) or quadratic elements.
     E : float or ndarray, shape (ncells,)
         Young's modulus, positive.
     nu : float or ndarray, shape (ncells,)

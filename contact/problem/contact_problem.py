@@ -70,7 +70,8 @@ class ContactProblem(Portable):
     law : {"coulomb", "tresca", None}
         None is frictionless, as is friction = 0.
     functional : str, optional
-        How multipliers meet the trace, see `contact.rows.functionals`.
+        How multipliers meet the trace, see `contact.rows.functionals`; there also how exact the
+        pressures of linear triangles and tetrahedra are.
     solver : {"auto", "pardiso", "superlu"}
         Sparse factorisation.
 
