@@ -33,7 +33,7 @@ differ in length see `contact.rows.unequal_facets`; ``nodal`` of Adini stays 1.5
 
 Linear triangles and tetrahedra have pressures of first order, their own consistent reactions:
 cells with one diagonal leave .026 of the largest on a roller of 24 facets a quarter, facets of 1:2
-.04, a bore of tetrahedra of 12 facets a quarter .06. Triangles that cross in each cell
+.04, tetrahedra on a bore as fine .06. Triangles that cross in each cell
 (``MeshQuad.to_meshtri(style="x")``) leave .002, quadratic ones .006, and both converge faster.
 Bilinear cells leave .004, but where long and short ones alternate .009, of first order.
 
