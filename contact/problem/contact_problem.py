@@ -70,8 +70,7 @@ class ContactProblem(Portable):
     law : {"coulomb", "tresca", None}
         None is frictionless, as is friction = 0.
     functional : str, optional
-        How multipliers meet the trace, see `contact.rows.functionals`; there also how exact the
-        pressures of linear triangles and tetrahedra are.
+        How multipliers meet the trace, and how exact P1 is: see `contact.rows.functionals`.
     solver : {"auto", "pardiso", "superlu"}
         Sparse factorisation.
 
