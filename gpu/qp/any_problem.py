@@ -13,9 +13,9 @@ from gpu.arrays.namespace import to_host
 from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
 from gpu.qp.active_set.whitened import GaveUp, WhitenedActiveSet
 from gpu.qp.data.kkt import general_residuals, kkt_residuals
-from gpu.qp.data.program import Program, residuals
-from gpu.qp.data.qp_problem import Problem, power_of_two
+from gpu.qp.data.qp_problem import QPProblem, power_of_two
 from gpu.qp.data.qp_result import QPResult, Status, boxes_only
+from gpu.qp.data.standard_qp import StandardQP, residuals
 from gpu.qp.data.step import Step
 from gpu.qp.interior_point.extended_precision import Triple
 from gpu.qp.interior_point.minimise import NoBound, NoPoint, Point, certified, minimise, polished
@@ -27,7 +27,7 @@ from gpu.qp.last_digits import last_digits
 LARGEST_SPARSE, LARGEST_DENSE = 300_000, 30_000
 
 
-def solve_general(problem: Problem, start: QPResult | ArrayLike | None, tol: float) -> QPResult:
+def solve_general(problem: QPProblem, start: QPResult | ArrayLike | None, tol: float) -> QPResult:
     """The result of any checked problem, or the errors of `solve_qp`."""
     p = problem.program
     state = _first_state(problem, p, start)
@@ -62,15 +62,15 @@ def solve_general(problem: Problem, start: QPResult | ArrayLike | None, tol: flo
     return result
 
 
-def _first_state(problem: Problem, p: Program, start: Any) -> Any:
+def _first_state(problem: QPProblem, p: StandardQP, start: Any) -> Any:
     """Signed states of rows and variables to begin with."""
     xp, n, rows = p.xp, p.q.size, p.row_low.size
     state = xp.zeros(rows + n, dtype=np.int8)
     if isinstance(start, QPResult):
-        if (start.x.size, start.y.size, start.z.size) != (n, problem.b.size, problem.low.size):
+        if (start.x.size, start.y.size, start.z.size) != (n, problem.b.size, problem.row_low.size):
             raise InputError(
                 f"start has {start.x.size} variables, {start.y.size} equality and {start.z.size} "
-                f"inequality rows: the problem has {n}, {problem.b.size} and {problem.low.size}"
+                f"inequality rows: the problem has {n}, {problem.b.size} and {problem.row_low.size}"
             )
         state[problem.b.size : rows], state[rows:] = start.active_rows, start.active
     elif start is not None:
@@ -96,14 +96,16 @@ def _first_state(problem: Problem, p: Program, start: Any) -> Any:
     return xp.where(low == high, 0, state).astype(np.int8)
 
 
-def _whitened(problem: Problem, p: Program, state: Any) -> tuple[Point, tuple[Step, ...]] | None:
+def _whitened(
+    problem: QPProblem, p: StandardQP, state: Any
+) -> tuple[Point, tuple[Step, ...]] | None:
     """The active-set method in units where P has a diagonal and the rows norms near one."""
     xp, d = p.xp, problem.factor.scale
     scaled_rows = p.C * d
     norms = xp.sqrt((scaled_rows * scaled_rows).sum(axis=1))
     e = 1.0 / power_of_two(xp.where(norms > 0.0, norms, 1.0))
     scaled_rows *= e[:, None]
-    scaled = Program(
+    scaled = StandardQP(
         p.P, d * p.q, scaled_rows, e * p.row_low, e * p.row_high, p.lb / d,
         p.ub / d,
     )  # fmt: skip
@@ -120,7 +122,7 @@ def _whitened(problem: Problem, p: Program, state: Any) -> tuple[Point, tuple[St
     return certified(p, x, y), tuple(method.history)
 
 
-def _sharpened(problem: Problem, p: Program, point: Point, tol: float) -> Point:
+def _sharpened(problem: QPProblem, p: StandardQP, point: Point, tol: float) -> Point:
     """The point with absolute residuals below `tol` too, if that can be had on the host."""
     if p.xp is not np or not point.residuals.worst <= tol:
         return point
@@ -134,7 +136,7 @@ def _sharpened(problem: Problem, p: Program, point: Point, tol: float) -> Point:
 
 
 def _result(
-    problem: Problem, p: Program, point: Point, history: tuple[Step, ...], path: str
+    problem: QPProblem, p: StandardQP, point: Point, history: tuple[Step, ...], path: str
 ) -> QPResult:
     """The answer, with residuals recomputed."""
     xp, m = p.xp, problem.b.size

@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from gpu.qp.data.program import Array, Matrix, Program, largest, residuals
-from gpu.qp.data.qp_problem import Problem
+from gpu.qp.data.qp_problem import QPProblem
+from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, largest, residuals
 from gpu.qp.interior_point.extended_precision import Triple, extended
 from gpu.qp.least_multipliers import least_multipliers
 
@@ -49,7 +49,7 @@ class Absolute(NamedTuple):
         return max(map(abs, self)) if all(np.isfinite(self)) else np.inf
 
 
-def absolute(problem: Problem, t: Triple) -> Absolute:
+def absolute(problem: QPProblem, t: Triple) -> Absolute:
     """Residuals by the formulas as they stand, in double precision."""
     P, (_, q, A, b, lb, ub, G, low, high) = problem.factor.P, problem
     x, y, z, z_box = t.x, t.y[: b.size], t.y[b.size :], t.z
@@ -70,7 +70,7 @@ def _side(side: Array, multiplier: Array, sign: int) -> float:
 
 
 @np.errstate(all="ignore")  # what overflows shows in the residuals
-def last_digits(problem: Problem, p: Program, t: Triple, tol: float) -> Triple:
+def last_digits(problem: QPProblem, p: StandardQP, t: Triple, tol: float) -> Triple:
     """The triple with absolute residuals below `tol`, or the best that was found.
 
     No relative residual becomes larger than it was or than a tenth of `tol`.
@@ -92,7 +92,7 @@ def last_digits(problem: Problem, p: Program, t: Triple, tol: float) -> Triple:
     return best
 
 
-def _candidates(problem: Problem, p: Program, t: Triple, tol: float) -> Iterator[Triple]:
+def _candidates(problem: QPProblem, p: StandardQP, t: Triple, tol: float) -> Iterator[Triple]:
     yield t
     yield closed(problem, p, t, tol)
     p = p.stored_sparsely()
@@ -112,13 +112,13 @@ def _candidates(problem: Problem, p: Program, t: Triple, tol: float) -> Iterator
             yield from _sharper(problem, p, t, tol)
 
 
-def _sharper(problem: Problem, p: Program, t: Triple, tol: float) -> Iterator[Triple]:
+def _sharper(problem: QPProblem, p: StandardQP, t: Triple, tol: float) -> Iterator[Triple]:
     for found in extended(p, t):
         yield found
         yield closed(problem, p, found, tol)
 
 
-def closed(problem: Problem, p: Program, t: Triple, tol: float) -> Triple:
+def closed(problem: QPProblem, p: StandardQP, t: Triple, tol: float) -> Triple:
     """The triple with the gap closed by shifts of single numbers, if that is all it lacks."""
     error = absolute(problem, t)
     if not (error.primal <= tol and error.dual <= tol < abs(error.gap)):

@@ -16,14 +16,14 @@ import numpy as np
 from scipy import sparse
 
 from gpu.errors import GpuError
-from gpu.qp.data.program import Array, Program
+from gpu.qp.data.standard_qp import Array, StandardQP
 from gpu.qp.interior_point.minimise import NoBound, NoPoint, minimise
 
 # Of the terms of a row: what a row may miss its side by and still be called active.
 ROUNDING = 1e-12
 
 
-def least_multipliers(p: Program, x: Array, y: Array, tol: float) -> tuple[Array, Array] | None:
+def least_multipliers(p: StandardQP, x: Array, y: Array, tol: float) -> tuple[Array, Array] | None:
     """Multipliers of rows and bounds at the solution x, or None where they are not found."""
     n, Cx = x.size, p.C @ x
     slack = ROUNDING * (abs(p.C) @ np.abs(x))
@@ -37,7 +37,7 @@ def least_multipliers(p: Program, x: Array, y: Array, tol: float) -> tuple[Array
     size = rows.size + held.size
     above = np.concatenate([high[rows], x[held] == p.ub[held]])
     below = np.concatenate([low[rows], x[held] == p.lb[held]])
-    least = Program(
+    least = StandardQP(
         sparse.csr_array(sparse.eye_array(size)),
         np.zeros(size),
         sparse.csr_array(sparse.hstack([p.C[rows].T, columns])),

@@ -16,7 +16,7 @@ from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
 from gpu.qp.active_set.box import ActiveSet, BoxQP
 from gpu.qp.any_problem import solve_general
 from gpu.qp.data.kkt import general_residuals, kkt_residuals
-from gpu.qp.data.qp_problem import Problem, QPFactor, check_problem, power_of_two
+from gpu.qp.data.qp_problem import QPFactor, QPProblem, check_problem, power_of_two
 from gpu.qp.data.qp_result import QPResult, Status, boxes_only
 from gpu.qp.interior_point.equilibrate import largest_side
 from gpu.qp.interior_point.presolve import ROUNDING, nonempty
@@ -124,7 +124,7 @@ def solve_qp(
         unmasked("start", start)
     for low, high, names in (
         (problem.lb, problem.ub, ("the box is empty: lb", "ub")),
-        (problem.low, problem.high, ("a row is empty: h_low", "h")),
+        (problem.row_low, problem.row_high, ("a row is empty: h_low", "h")),
     ):
         empty = low > high
         if bool(empty.any()):
@@ -135,7 +135,7 @@ def solve_qp(
             )
     for name, rows, low, high, first in (
         ("A", problem.A, problem.b, problem.b, 0),
-        ("G", problem.G, problem.low, problem.high, problem.b.size),
+        ("G", problem.G, problem.row_low, problem.row_high, problem.b.size),
     ):
         zero = ~nonempty(rows)
         if not bool(zero.any()):
@@ -168,13 +168,13 @@ def solve_qp(
         return result
 
 
-def _proximal(problem: Problem, tol: float) -> QPResult | None:
+def _proximal(problem: QPProblem, tol: float) -> QPResult | None:
     r"""A box problem whose P is singular, by proximal points (Rockafellar 1976).
 
     Each minimises :math:`\tfrac12 x^TPx + q^Tx + \tfrac12 |x - x_k|_M^2`, M a small diagonal, by
     the active-set method, which is exact where an interior point ends in the rounding.
     """
-    if problem.low.size or not isinstance(problem.factor.P, np.ndarray):
+    if problem.row_low.size or not isinstance(problem.factor.P, np.ndarray):
         return None
     if problem.b.size > problem.q.size:
         return None
@@ -196,15 +196,15 @@ def _proximal(problem: Problem, tol: float) -> QPResult | None:
     return None
 
 
-def _proof(problem: Problem, row: int | None, sign: float = 1.0) -> Any:
+def _proof(problem: QPProblem, row: int | None, sign: float = 1.0) -> Any:
     """That one row, or the box, is a contradiction by itself."""
-    proof = namespace(problem.q).zeros(problem.b.size + problem.low.size)
+    proof = namespace(problem.q).zeros(problem.b.size + problem.row_low.size)
     if row is not None:
         proof[row] = sign
     return proof
 
 
-def _on_host(problem: Problem, start: QPResult | ArrayLike | None, tol: float) -> QPResult:
+def _on_host(problem: QPProblem, start: QPResult | ArrayLike | None, tol: float) -> QPResult:
     """Solve a small device problem with NumPy; the result goes back to the device."""
     xp = namespace(problem.q)
     if isinstance(start, QPResult):
@@ -226,7 +226,7 @@ def _on_host(problem: Problem, start: QPResult | ArrayLike | None, tol: float) -
     return result.moved(xp.asarray)
 
 
-def _boxes(problem: Problem, start: QPResult | ArrayLike | None, tol: float) -> QPResult:
+def _boxes(problem: QPProblem, start: QPResult | ArrayLike | None, tol: float) -> QPResult:
     """Bounds and equality rows, strictly convex, on the host."""
     norms = np.linalg.norm(problem.A * problem.factor.scale, axis=1)
     rows = 1.0 / power_of_two(np.where(norms > 0.0, norms, 1.0))
@@ -244,7 +244,7 @@ def _boxes(problem: Problem, start: QPResult | ArrayLike | None, tol: float) -> 
 
 
 def _first_iterate(
-    problem: Problem, rows: np.ndarray, start: QPResult | ArrayLike | None
+    problem: QPProblem, rows: np.ndarray, start: QPResult | ArrayLike | None
 ) -> ActiveSet:
     """The scaled problem with the active set to begin with."""
     factor, q, A, b, lb, ub, *_ = problem
@@ -283,7 +283,7 @@ def _first_iterate(
     return ActiveSet(box, state, x, y, factor.L)
 
 
-def _result(problem: Problem, rows: np.ndarray, iterate: ActiveSet, tol: float) -> QPResult:
+def _result(problem: QPProblem, rows: np.ndarray, iterate: ActiveSet, tol: float) -> QPResult:
     """The answer in the units of the problem, if its residuals pass."""
     factor, q, A, _, lb, ub, *_ = problem
     x = np.clip(factor.scale * iterate.x, lb, ub)

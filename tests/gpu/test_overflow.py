@@ -10,8 +10,8 @@ from gpu import GpuError, NotConverged, QPFactor, eigs, lqr, solve_qp, svds
 from gpu.eigenvalues.certificate import certify
 from gpu.eigenvalues.operator import as_matrix
 from gpu.qp.data.kkt import kkt_residuals
-from gpu.qp.data.program import residuals
 from gpu.qp.data.qp_problem import check_problem
+from gpu.qp.data.standard_qp import residuals
 from gpu.riccati.problem.lqr_problem import check_lqr
 from gpu.riccati.proof.residual import riccati_residual
 

@@ -31,7 +31,7 @@ import numpy as np
 from gpu.arrays.dense import cholesky_begun, cholesky_solve, gram, lower_solve
 from gpu.arrays.device_triangle import DeviceTriangle
 from gpu.arrays.namespace import to_host
-from gpu.qp.data.program import Array, Program
+from gpu.qp.data.standard_qp import Array, StandardQP
 from gpu.qp.data.step import Step
 
 PATIENCE, MAX_STEPS = 3, 60
@@ -54,7 +54,7 @@ class WhitenedActiveSet:
     a step through a short vector takes less than its launch on a device.
     """
 
-    def __init__(self, p: Program, L: Array, product: Callable[[Array], Array]) -> None:
+    def __init__(self, p: StandardQP, L: Array, product: Callable[[Array], Array]) -> None:
         self.p, self.product, self.xp = p, product, p.xp
         on_host = self.xp is np
         self.to_host: Callable[[Array], np.ndarray] = np.asarray if on_host else to_host

@@ -1,6 +1,6 @@
 """Quadratic programs as data: checked, in one form, and what proves a solution.
 
 In: the arguments of `solve_qp`.
-Out: a checked problem, a `Program`, residuals (`KKT`), the `QPResult`.
+Out: a checked problem, a `StandardQP`, residuals (`KKT`), the `QPResult`.
 Start: `qp_problem`, then `program` and `kkt`.
 """

@@ -9,8 +9,8 @@ import numpy as np
 
 from gpu.arrays.dense import symmetric_product
 from gpu.arrays.namespace import namespace
-from gpu.qp.data.program import Program, Residuals, largest, one_sided, residuals
-from gpu.qp.data.qp_problem import Problem
+from gpu.qp.data.qp_problem import QPProblem
+from gpu.qp.data.standard_qp import Residuals, StandardQP, largest, one_sided, residuals
 
 
 @dataclass(frozen=True)
@@ -34,12 +34,12 @@ class KKT:
     complementarity : float
         Largest of ``min(multiplier, distance to its bound)``, each over its size as above; with
         inequality rows, a semidefinite or a sparse P their product, see
-        `gpu.qp.data.program.Residuals`.
+        `gpu.qp.data.standard_qp.Residuals`.
     gap : float
         :math:`|x^TPx + q^Tx + y^Tr + z^Tb|`, the difference of primal and dual objective, over
         the terms :math:`|x|^T(|P||x| + |q| + |A|^T|y|) + |y|^T|r| + |z|^T|b|`; with inequality
-        rows, a semidefinite or a sparse P it is that of `gpu.qp.data.program.Residuals`, and so are
-        `stationarity` and `primal`.
+        rows, a semidefinite or a sparse P it is that of `gpu.qp.data.standard_qp.Residuals`, and
+        so are `stationarity` and `primal`.
     """
 
     stationarity: float
@@ -57,12 +57,12 @@ class KKT:
 
 @np.errstate(all="ignore")
 def general_residuals(
-    problem: Problem,
+    problem: QPProblem,
     x: Any,
     y: Any,
     z: Any,
     z_box: Any,
-    program: Program | None = None,
+    program: StandardQP | None = None,
     known: Residuals | None = None,
 ) -> KKT:
     """Residuals with the rows ``low <= G x <= high`` as well, of either storage and namespace."""
@@ -87,7 +87,7 @@ def general_residuals(
 
 
 @np.errstate(all="ignore")  # what overflows is not a number, or infinite, in the end
-def kkt_residuals(problem: Problem, x: np.ndarray, y: np.ndarray, z_box: np.ndarray) -> KKT:
+def kkt_residuals(problem: QPProblem, x: np.ndarray, y: np.ndarray, z_box: np.ndarray) -> KKT:
     """Residuals of ``Px + q + A'y + z_box = 0``, ``Ax = b``, ``lb <= x <= ub`` and of the signs."""
     factor, q, A, b, lb, ub, *_ = problem
     P, root = factor.P, np.sqrt(factor.P.diagonal())

@@ -13,7 +13,7 @@ from gpu.arrays.dense import cholesky, scaled_symmetric, symmetric_and_finite
 from gpu.arrays.namespace import cupy, namespace
 from gpu.arrays.sparse_factor import is_positive_definite
 from gpu.errors import InputError, NotSupported
-from gpu.qp.data.program import Program, is_sparse
+from gpu.qp.data.standard_qp import StandardQP, is_sparse
 
 # Largest |P_ij - P_ji| / sqrt(P_ii P_jj) that is taken for rounding of whoever computed P.
 ASYMMETRY = 1e-10
@@ -170,7 +170,7 @@ def _definite_when_shifted(scaled: Any, shift: float) -> bool:
     return True
 
 
-class Problem(NamedTuple):
+class QPProblem(NamedTuple):
     """Data of a quadratic program; `A` holds the equality rows, `G` the others."""
 
     factor: QPFactor
@@ -180,11 +180,11 @@ class Problem(NamedTuple):
     lb: Any
     ub: Any
     G: Any
-    low: Any
-    high: Any
+    row_low: Any
+    row_high: Any
 
     @property
-    def program(self) -> Program:
+    def program(self) -> StandardQP:
         """The same, with one set of rows: those of A, then those of G."""
         xp = namespace(self.q)
         P = self.factor.P
@@ -192,8 +192,9 @@ class Problem(NamedTuple):
             C = sparse.csr_array(sparse.vstack([self.A, self.G], format="csr"))
         else:
             C = xp.concatenate([self.A, self.G])
-        row_low, row_high = (xp.concatenate([self.b, side]) for side in (self.low, self.high))
-        return Program(P, self.q, C, row_low, row_high, self.lb, self.ub)
+        sides = (self.row_low, self.row_high)
+        row_low, row_high = (xp.concatenate([self.b, side]) for side in sides)
+        return StandardQP(P, self.q, C, row_low, row_high, self.lb, self.ub)
 
 
 def check_problem(
@@ -206,7 +207,7 @@ def check_problem(
     lb: ArrayLike | None,
     ub: ArrayLike | None,
     h_low: ArrayLike | None,
-) -> Problem:
+) -> QPProblem:
     """The arguments of `solve_qp` as arrays; `InputError` names what is wrong with them."""
     factor = P if isinstance(P, QPFactor) else QPFactor(P)
     n = factor.P.shape[0]
@@ -228,7 +229,7 @@ def check_problem(
         rows, general = sparse.csr_array(rows), sparse.csr_array(general)
         if not is_sparse(factor.P):
             factor = _as_sparse(factor)
-    return Problem(
+    return QPProblem(
         factor, q, rows, right,
         _bound("lb", lb, n, -np.inf, xp), _bound("ub", ub, n, np.inf, xp),
         general, low, high,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gpu.qp.data.kkt import KKT, general_residuals, kkt_residuals
-from gpu.qp.data.qp_problem import Problem, QPFactor, check_problem
+from gpu.qp.data.qp_problem import QPFactor, QPProblem, check_problem
 from gpu.qp.data.step import Step
 
 
@@ -118,10 +118,10 @@ class QPResult:
         return replace(self, **{name: move(getattr(self, name)) for name in names})
 
 
-def boxes_only(problem: Problem) -> bool:
+def boxes_only(problem: QPProblem) -> bool:
     """Whether it is strictly convex, on the host, with bounds and few equality rows."""
     return (
-        not problem.low.size
+        not problem.row_low.size
         and problem.b.size <= problem.q.size
         and problem.factor.definite
         and isinstance(problem.q, np.ndarray)

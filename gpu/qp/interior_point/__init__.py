@@ -1,6 +1,6 @@
 """Programs of any kind: presolve, scaling, interior point, polish, proofs of infeasibility.
 
-In: a `Program`.
+In: a `StandardQP`.
 Out: a solution to the accuracy of the arithmetic, or a proof that there is none.
 Start: `minimise`, which calls the others in turn.
 """

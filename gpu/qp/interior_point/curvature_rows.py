@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from gpu.qp.data.program import Array, Program
+from gpu.qp.data.standard_qp import Array, StandardQP
 
 # Linear terms below this, beside the curvature, are spelt so; of at most so many unknowns.
 SMALL, LARGEST = 1e-4, 500
@@ -27,7 +27,7 @@ ROUNDING = 4 * np.finfo(float).eps
 class CurvatureRows:
     """The program in (x, w), and the way back."""
 
-    def __init__(self, p: Program, size: float) -> None:
+    def __init__(self, p: StandardQP, size: float) -> None:
         n, self.m, self.size = p.q.size, p.row_low.size, size
         P = p.P.toarray() if p.is_sparse else p.P
         values, vectors = np.linalg.eigh(P)
@@ -38,7 +38,7 @@ class CurvatureRows:
         rows = [[p.C, np.zeros((self.m, r))], [M, -np.sqrt(size) * np.eye(r)]]
         square = np.diag(np.concatenate([np.zeros(n), np.ones(r)]))
         C = sparse.csr_array(sparse.bmat(rows)) if p.is_sparse else np.block(rows)
-        self.program = Program(
+        self.program = StandardQP(
             sparse.csr_array(square) if p.is_sparse else square,
             np.concatenate([p.q / size, nothing]),
             C,
@@ -53,7 +53,7 @@ class CurvatureRows:
         return x[: self.n], self.size * y[: self.m]
 
 
-def curvature_rows(p: Program) -> CurvatureRows | None:
+def curvature_rows(p: StandardQP) -> CurvatureRows | None:
     """The form of an equilibrated program of the host; None where it needs none."""
     if p.xp is not np or not 0 < p.q.size <= LARGEST:
         return None

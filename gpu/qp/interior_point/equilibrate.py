@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from gpu.qp.data.program import Array, Matrix, Program, is_sparse
+from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 
 ROUNDS = 12
 
@@ -39,7 +39,7 @@ class Scaling:
         return x / self.variables, y * self.objective / self.rows
 
 
-def equilibrate(p: Program) -> tuple[Program, Scaling]:
+def equilibrate(p: StandardQP) -> tuple[StandardQP, Scaling]:
     """The scaled program and its factors."""
     xp = p.xp
     D, E = xp.ones(p.q.size), xp.ones(p.row_low.size)
@@ -56,7 +56,7 @@ def equilibrate(p: Program) -> tuple[Program, Scaling]:
     curvature = float(sizes[0].columns(D, D).mean()) if D.size else 0.0
     size = max(curvature, float(xp.abs(q).max()) if q.size else 0.0)
     c = float(np.exp2(-np.round(np.log2(size)))) if size > 0 else 1.0
-    scaled = Program(
+    scaled = StandardQP(
         P * c, q * c, _scale(p.C, E, D, xp), E * p.row_low, E * p.row_high, p.lb / D, p.ub / D
     )
     return scaled, Scaling(D, E, c)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from gpu.qp.data.program import Array, Matrix, Program, largest, one_sided
+from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, largest, one_sided
 from gpu.qp.interior_point.equilibrate import Scaling, equilibrate
 from gpu.qp.interior_point.kkt_system import SparseSystem
 from gpu.qp.interior_point.polish import HUGE, Sides
@@ -41,7 +41,7 @@ class Triple(NamedTuple):
     z: Array
 
 
-def extended(p: Program, t: Triple) -> Iterator[Triple]:
+def extended(p: StandardQP, t: Triple) -> Iterator[Triple]:
     """Solutions of the active sets that t may mean, for a program on the host."""
     p = p.stored_sparsely()
     scaled, scaling = equilibrate(p)
@@ -58,7 +58,7 @@ def extended(p: Program, t: Triple) -> Iterator[Triple]:
                 return
 
 
-def _active(p: Program, scaling: Scaling, t: Triple, loose: bool) -> Sides:
+def _active(p: StandardQP, scaling: Scaling, t: Triple, loose: bool) -> Sides:
     """Rows with a multiplier and variables at their bounds, in the scaled program p.
 
     If `loose`, rows and variables whose multiplier is larger than the distance to the side.
@@ -76,8 +76,8 @@ def _active(p: Program, scaling: Scaling, t: Triple, loose: bool) -> Sides:
 
 
 def _refined(
-    p: Program,
-    scaled: Program,
+    p: StandardQP,
+    scaled: StandardQP,
     scaling: Scaling,
     t: Triple,
     active: Sides,
@@ -112,7 +112,7 @@ def _largest(a: Array) -> float:
     return float(np.abs(a).max(initial=0.0))
 
 
-def _rounded(p: Program, x: Array, y: Array) -> Triple:
+def _rounded(p: StandardQP, x: Array, y: Array) -> Triple:
     """Double precision, with the forces that the bounds can bear."""
     x = np.clip(x.astype(float), p.lb, p.ub)
     y = one_sided(y.astype(float), p.row_low, p.row_high)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from gpu.qp.data.program import Array, Matrix, Program, is_sparse
+from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 from gpu.qp.interior_point.equilibrate import largest_side
 
 # Rounding in a sum, over its terms; and the margin of a proof over the terms of its sums.
@@ -30,10 +30,10 @@ FLOOR = 1e-16
 # Entries that are small beside the largest are left out, in the end.
 SMALL = (1e-12, 1e-9, 1e-7, 1e-5)
 CLOSE, NEAR, PROJECTED = 1e-8, 1e-4, 4_000_000
-Solve = Callable[[Program], Array]
+Solve = Callable[[StandardQP], Array]
 
 
-def farkas(p: Program, solve: Solve) -> Array | None:
+def farkas(p: StandardQP, solve: Solve) -> Array | None:
     """A verified Farkas vector of the rows, if there is one."""
     xp, m = p.xp, p.row_low.size
     equal = p.equality
@@ -56,7 +56,7 @@ def farkas(p: Program, solve: Solve) -> Array | None:
     low = xp.zeros(N)
     low[: eq.size] = -xp.inf
     nothing = xp.zeros(p.q.size)
-    nearest = Program(
+    nearest = StandardQP(
         _identity(p.P, N, xp), cost / size, _stack(blocks, p.P, xp),
         nothing, nothing, low, xp.full(N, xp.inf),
     )  # fmt: skip
@@ -78,7 +78,7 @@ def farkas(p: Program, solve: Solve) -> Array | None:
     return None
 
 
-def _projected(p: Program, y: Array) -> Array:
+def _projected(p: StandardQP, y: Array) -> Array:
     """The nearest y, of the same support, whose ``C'y`` vanishes on the free variables."""
     xp = p.xp
     rows = xp.flatnonzero(y)
@@ -97,7 +97,7 @@ def _projected(p: Program, y: Array) -> Array:
     return y
 
 
-def _verified(p: Program, y: Array) -> Array | None:
+def _verified(p: StandardQP, y: Array) -> Array | None:
     xp = p.xp
     y = xp.where((y > 0) & xp.isinf(p.row_low), 0.0, y)
     y = xp.where((y < 0) & xp.isinf(p.row_high), 0.0, y)
@@ -117,12 +117,12 @@ def _verified(p: Program, y: Array) -> Array | None:
     return y if margin > FAR * max(size, 1.0) * rest else None
 
 
-def ray(p: Program, solve: Solve, towards: Array | None = None) -> Array | None:
+def ray(p: StandardQP, solve: Solve, towards: Array | None = None) -> Array | None:
     """A verified ray along which the objective falls for ever, if there is one.
 
     Parameters
     ----------
-    p : Program
+    p : StandardQP
     solve : callable
     towards : array, shape (n,), optional
         Where iterates ran away to: its direction is tried as well.
@@ -135,7 +135,7 @@ def ray(p: Program, solve: Solve, towards: Array | None = None) -> Array | None:
     flat = xp.zeros(n)
     low = xp.concatenate([flat, xp.where(xp.isfinite(p.row_low), 0.0, -xp.inf)])
     high = xp.concatenate([flat, xp.where(xp.isfinite(p.row_high), 0.0, xp.inf)])
-    cone = Program(
+    cone = StandardQP(
         _identity(p.P, n, xp), p.q / size, rows, low, high,
         xp.where(xp.isfinite(p.lb), 0.0, -xp.inf), xp.where(xp.isfinite(p.ub), 0.0, xp.inf),
     )  # fmt: skip
@@ -151,7 +151,7 @@ def ray(p: Program, solve: Solve, towards: Array | None = None) -> Array | None:
     return None
 
 
-def _falls(p: Program, cone: Program, v: Array) -> bool:
+def _falls(p: StandardQP, cone: StandardQP, v: Array) -> bool:
     xp, length = p.xp, p.xp.abs(v)
     along, terms = cone.C @ v, abs(cone.C) @ length
     outside = xp.maximum(cone.row_low - along, along - cone.row_high)
@@ -163,7 +163,7 @@ def _falls(p: Program, cone: Program, v: Array) -> bool:
     return straight and inside and float(p.q @ v) < -MARGIN * float(xp.abs(p.q) @ length)
 
 
-def _straightened(cone: Program, v: Array) -> Array:
+def _straightened(cone: StandardQP, v: Array) -> Array:
     """The nearest direction, of the same support, along which rows that nearly hold do hold."""
     xp = cone.xp
     terms = abs(cone.C) @ xp.abs(v)

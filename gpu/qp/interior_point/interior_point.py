@@ -18,7 +18,7 @@ References
 .. [2] J. Gondzio, "Multiple centrality corrections in a primal-dual method for linear
    programming", Comput. Optim. Appl. 6 (1996) 137-156.
 .. [3] M. P. Friedlander, D. Orban, "A primal-dual regularized interior-point method for convex
-   quadratic programs", Math. Program. Comput. 4 (2012) 71-107.
+   quadratic programs", Math. StandardQP. Comput. 4 (2012) 71-107.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpu.qp.data.program import Array, Program, largest
+from gpu.qp.data.standard_qp import Array, StandardQP, largest
 from gpu.qp.interior_point.kkt_system import System
 from gpu.qp.interior_point.start import LEAST_REGULARISATION, balanced, inside
 
@@ -63,7 +63,7 @@ class InteriorPoint:
 
     def __init__(
         self,
-        program: Program,
+        program: StandardQP,
         system: System,
         separate: bool = False,
         spread: float = 1.0,
@@ -273,7 +273,7 @@ class InteriorPoint:
 
 
 def interior_point(
-    program: Program,
+    program: StandardQP,
     system: System,
     measure: Callable[[Array, Array], float],
     target: float,

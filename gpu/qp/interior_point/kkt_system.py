@@ -24,7 +24,7 @@ from scipy.linalg.lapack import dsytrf, dsytrs
 
 from gpu.arrays.dense import cholesky, cholesky_solve, lower_solve
 from gpu.arrays.sparse_factor import quasidefinite
-from gpu.qp.data.program import Array, Program, largest
+from gpu.qp.data.standard_qp import Array, StandardQP, largest
 
 REFINEMENT = 3
 # Relative residual above which refinement has failed, and how far GMRES goes then.
@@ -34,7 +34,7 @@ POOR, DIRECTIONS = 1e-9, 20
 class SparseSystem:
     """The system of sparse P and C."""
 
-    def __init__(self, program: Program, solver: str = "auto") -> None:
+    def __init__(self, program: StandardQP, solver: str = "auto") -> None:
         self.P, self.C = sparse.csr_array(program.P), sparse.csr_array(program.C)
         self.Ct = sparse.csr_array(self.C.T)
         self.n, m = program.q.size, program.row_low.size
@@ -112,7 +112,7 @@ class SparseSystem:
 class DenseSystem:
     """The system of dense P and C, of either namespace."""
 
-    def __init__(self, program: Program) -> None:
+    def __init__(self, program: StandardQP) -> None:
         self.program, self.xp = program, program.xp
         xp = self.xp
         self.eq = xp.flatnonzero(program.equality)
@@ -176,7 +176,7 @@ class IndefiniteSystem:
     Slower than the condensed one, and safe where entries of D and E differ by many orders.
     """
 
-    def __init__(self, program: Program) -> None:
+    def __init__(self, program: StandardQP) -> None:
         n, m = program.q.size, program.row_low.size
         self.n, self.K = n, np.zeros((n + m, n + m))
         self.K[:n, :n] = program.P
@@ -218,7 +218,7 @@ class IndefiniteSystem:
 System = SparseSystem | DenseSystem | IndefiniteSystem
 
 
-def kkt_system(program: Program, solver: str = "auto", safe: bool = False) -> System:
+def kkt_system(program: StandardQP, solver: str = "auto", safe: bool = False) -> System:
     """The system of a program, by the storage of its matrices."""
     if program.is_sparse:
         return SparseSystem(program, solver)

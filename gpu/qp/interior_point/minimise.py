@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpu.errors import NotConverged
-from gpu.qp.data.program import Array, Program, Residuals, one_sided, residuals
+from gpu.qp.data.standard_qp import Array, Residuals, StandardQP, one_sided, residuals
 from gpu.qp.interior_point.curvature_rows import curvature_rows
 from gpu.qp.interior_point.equilibrate import Scaling, equilibrate, largest_side
 from gpu.qp.interior_point.extended_precision import Triple, extended
@@ -67,7 +67,7 @@ class NoBound(Exception):
         self.direction = direction
 
 
-def certified(p: Program, x: Array, y: Array) -> Point:
+def certified(p: StandardQP, x: Array, y: Array) -> Point:
     """The point next to (x, y) whose bounds and signs hold, and its residuals.
 
     Without a linear term the minimum may be zero, and then the multipliers are. What tends to them
@@ -80,7 +80,7 @@ def certified(p: Program, x: Array, y: Array) -> Point:
     return min(point, free, key=lambda found: found.residuals.worst)
 
 
-def _certified(p: Program, x: Array, y: Array) -> Point:
+def _certified(p: StandardQP, x: Array, y: Array) -> Point:
     xp = p.xp
     x = xp.clip(x, p.lb, p.ub)
     y = one_sided(y, p.row_low, p.row_high)
@@ -96,12 +96,12 @@ def _certified(p: Program, x: Array, y: Array) -> Point:
 
 
 @np.errstate(all="ignore")  # what overflows shows in the residuals
-def minimise(p: Program, tol: float, solver: str = "auto", proofs: bool = True) -> Point:
+def minimise(p: StandardQP, tol: float, solver: str = "auto", proofs: bool = True) -> Point:
     """Solve, or raise `NoPoint`, `NoBound` or `NotConverged`.
 
     Parameters
     ----------
-    p : Program
+    p : StandardQP
     tol : float
         Largest accepted residual; the polish goes on to the accuracy of the arithmetic.
     solver : {"auto", "pardiso", "superlu"}
@@ -152,15 +152,15 @@ class _Search:
 
     Attributes
     ----------
-    p, scaled : Program
+    p, scaled : StandardQP
     whole : callable (x, y) -> Point
         From the scaled program to the original one.
     tol, solver, proofs
         See `minimise`.
     """
 
-    p: Program
-    scaled: Program
+    p: StandardQP
+    scaled: StandardQP
     whole: Callable[[Array, Array], Point]
     tol: float
     solver: str
@@ -255,7 +255,7 @@ class _Search:
         return point.residuals.worst > self.tol, point.residuals.sharp
 
 
-def polished(p: Program, sides: Sides, x: Array, y: Array) -> Point | None:
+def polished(p: StandardQP, sides: Sides, x: Array, y: Array) -> Point | None:
     """The point that active-set steps reach from a start near the solution."""
     small = presolve(p)
     if not small.free.size:
@@ -279,7 +279,7 @@ def polished(p: Program, sides: Sides, x: Array, y: Array) -> Point | None:
     return whole(x, y)
 
 
-def _prove(p: Program, best: Point, solver: str) -> None:
+def _prove(p: StandardQP, best: Point, solver: str) -> None:
     """Raise with a certificate if there is one."""
     # Relative to iterates that diverge even the rows of a contradiction hold: both are sought.
     if best.residuals.worst <= PLAUSIBLE:
@@ -290,7 +290,7 @@ def _prove(p: Program, best: Point, solver: str) -> None:
         seek(small, scaling, functools.partial(_solution, solver))
 
 
-def _lost_in_rounding(p: Program, x: Array) -> bool:
+def _lost_in_rounding(p: StandardQP, x: Array) -> bool:
     """Whether the objective at x is rounding beside the terms of ``x'Px``.
 
     Iterates that run away along a ray, or against it, reach any size, and beside that every
@@ -302,34 +302,36 @@ def _lost_in_rounding(p: Program, x: Array) -> bool:
     return terms > 0.0 and not value > ROUNDING * terms
 
 
-def _size(p: Program) -> float:
+def _size(p: StandardQP) -> float:
     """The largest side and the largest force of a program whose matrices are equilibrated."""
     sides = largest_side(p.row_low, p.row_high, p.lb, p.ub)
     return max(sides, float(p.xp.abs(p.q).max()))
 
 
-def _prove_unbounded(p: Program, solver: str, towards: Array | None = None) -> None:
+def _prove_unbounded(p: StandardQP, solver: str, towards: Array | None = None) -> None:
     """Raise with a ray if there is one."""
     _no_bound(*equilibrate(p), functools.partial(_solution, solver), towards)
 
 
-def _solution(solver: str, program: Program) -> Array:
+def _solution(solver: str, program: StandardQP) -> Array:
     return minimise(program, 1e-10, solver, proofs=False).x
 
 
-def _no_point(small: Program, scaling: Scaling, solve: Solve) -> None:
+def _no_point(small: StandardQP, scaling: Scaling, solve: Solve) -> None:
     y = farkas(small, solve)
     if y is not None:
         raise NoPoint(scaling.rows * y)
 
 
-def _no_bound(small: Program, scaling: Scaling, solve: Solve, towards: Array | None = None) -> None:
+def _no_bound(
+    small: StandardQP, scaling: Scaling, solve: Solve, towards: Array | None = None
+) -> None:
     direction = ray(small, solve, None if towards is None else towards / scaling.variables)
     if direction is not None:
         raise NoBound(scaling.variables * direction)
 
 
-def _violated(p: Program, x: Array) -> Array:
+def _violated(p: StandardQP, x: Array) -> Array:
     """The proof where every variable is fixed: the row that is violated most."""
     xp = p.xp
     Cx = p.C @ x

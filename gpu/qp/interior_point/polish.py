@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gpu.qp.data.program import Array, Program
+from gpu.qp.data.standard_qp import Array, StandardQP
 from gpu.qp.interior_point.kkt_system import System
 
 HUGE = 1e20
@@ -35,7 +35,7 @@ class Sides(NamedTuple):
 
 
 def polish(
-    p: Program,
+    p: StandardQP,
     system: System,
     sides: Sides,
     x: Array,
@@ -69,7 +69,7 @@ def polish(
 
 
 def _at(
-    p: Program,
+    p: StandardQP,
     system: System,
     state: Sides,
     x: Array,
@@ -107,7 +107,7 @@ def _at(
     return found
 
 
-def _exchange(p: Program, state: Sides, x: Array, y: Array) -> Sides:
+def _exchange(p: StandardQP, state: Sides, x: Array, y: Array) -> Sides:
     """Sides with a multiplier of the wrong sign are released, violated ones are held."""
     xp = p.xp
     g, Cx = -p.gradient(x, y), p.C @ x

@@ -13,7 +13,7 @@ Multipliers of what was taken out follow from stationarity, the last reduction f
 References
 ----------
 .. [1] A. L. Brearley, G. Mitra, H. P. Williams, "Analysis of mathematical programming problems
-   prior to applying the simplex algorithm", Math. Program. 8 (1975) 54-83.
+   prior to applying the simplex algorithm", Math. StandardQP. 8 (1975) 54-83.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from gpu.qp.data.program import Array, Matrix, Program, is_sparse
+from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 from gpu.qp.interior_point.equilibrate import largest_side
 
 ROUNDS = 10
@@ -38,12 +38,12 @@ LARGEST_DENSE = 4_000_000
 class Presolved:
     """A smaller program, and the way back."""
 
-    program: Program
+    program: StandardQP
     free: Array
     rows: Array
     fixed_x: Array
-    whole: Program
-    tight: Program
+    whole: StandardQP
+    tight: StandardQP
     reductions: tuple[Reduction, ...] = ()
 
     def point(self, x: Array, y: Array) -> tuple[Array, Array]:
@@ -125,7 +125,7 @@ class Forcing:
 Reduction = Parallel | Single | Forcing
 
 
-def presolve(p: Program, search: bool = True) -> Presolved:
+def presolve(p: StandardQP, search: bool = True) -> Presolved:
     """Take out what bounds and, if `search`, single rows decide."""
     if search and p.xp is np and (p.is_sparse or p.C.size <= LARGEST_DENSE):
         tight, dropped, reductions = _Search(p).run()
@@ -141,7 +141,7 @@ def presolve(p: Program, search: bool = True) -> Presolved:
     if free.size == p.q.size and kept.size == p.row_low.size:
         return Presolved(tight, free, kept, x, p, tight, reductions)
     shift = p.C @ x
-    program = Program(
+    program = StandardQP(
         _columns(p.P[free], free),
         (p.q + p.P @ x)[free],
         C[kept],
@@ -153,7 +153,7 @@ def presolve(p: Program, search: bool = True) -> Presolved:
     return Presolved(program, free, kept, x, p, tight, reductions)
 
 
-def contradiction(p: Program, tol: float) -> Array | None:
+def contradiction(p: StandardQP, tol: float) -> Array | None:
     """The Farkas vector that is one row, of fixed variables, off its side by `tol` of its terms.
 
     No residual of all rows together shows it where other rows have larger numbers.
@@ -183,7 +183,7 @@ def contradiction(p: Program, tol: float) -> Array | None:
 class _Search:
     """Bounds and sides as they tighten, and the reductions that led there."""
 
-    def __init__(self, p: Program) -> None:
+    def __init__(self, p: StandardQP) -> None:
         self.p = p
         self.C = sparse.csr_array(p.C)
         self.C.eliminate_zeros()
@@ -193,7 +193,7 @@ class _Search:
         self.dropped = np.zeros(self.low.size, dtype=bool)
         self.found: list[Reduction] = []
 
-    def run(self) -> tuple[Program, Array, tuple[Reduction, ...]]:
+    def run(self) -> tuple[StandardQP, Array, tuple[Reduction, ...]]:
         self._parallel()
         for _ in range(ROUNDS):
             before = len(self.found), int(self.dropped.sum())

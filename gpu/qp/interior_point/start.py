@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpu.qp.data.program import Array, Program
+from gpu.qp.data.standard_qp import Array, StandardQP
 from gpu.qp.interior_point.kkt_system import System
 
 START_Z, LEAST_REGULARISATION = 1e3, 1e-10
@@ -35,7 +35,7 @@ class Sides:
 Start = tuple[Array, Array, Sides]  # v = (x, w), y, sides
 
 
-def balanced(p: Program, system: System, rows: Array, low: Array, high: Array) -> Start:
+def balanced(p: StandardQP, system: System, rows: Array, low: Array, high: Array) -> Start:
     """Mehrotra's start (1992, section 7): one shift of all distances, one of all multipliers."""
     xp, n = p.xp, p.q.size
     has_low, has_high = xp.isfinite(low), xp.isfinite(high)
@@ -66,7 +66,7 @@ def balanced(p: Program, system: System, rows: Array, low: Array, high: Array) -
 
 
 def inside(
-    p: Program, system: System, rows: Array, low: Array, high: Array, spread: float
+    p: StandardQP, system: System, rows: Array, low: Array, high: Array, spread: float
 ) -> Start:
     """A point well inside its bounds, with multipliers of at least the size `spread`."""
     xp, n = p.xp, p.q.size
@@ -96,7 +96,7 @@ def inside(
     return v, y, Sides(low, high, has_low, has_high, t_low, t_high, z_low, z_high)
 
 
-def _factor(p: Program, system: System, rows: Array, diagonal: Array, least: float) -> None:
+def _factor(p: StandardQP, system: System, rows: Array, diagonal: Array, least: float) -> None:
     """Factor with equality rows as soft as it takes where they depend on each other."""
     while True:
         E = p.xp.full(p.row_low.size, least)

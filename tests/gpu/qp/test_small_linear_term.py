@@ -8,7 +8,7 @@ from scipy import sparse
 from scipy.optimize import linprog
 
 from gpu import Unbounded, solve_qp
-from gpu.qp.data.program import Program
+from gpu.qp.data.standard_qp import StandardQP
 
 STORED = {"dense": np.asarray, "sparse": sparse.csr_array}
 
@@ -73,14 +73,14 @@ def test_rounding_of_the_data_changes_nothing(seed):
 def test_what_bounds_and_rows_keep_from_running_away(stored):
     free, inf = np.zeros(4), np.inf
     C = np.array([[1.0, 2.0, 0.0, 0.0], [0.0, -1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0]])
-    program = Program(
+    program = StandardQP(
         stored(np.eye(4)), free, stored(C), np.array([-inf, -inf, 3.0]),
         np.array([1.0, -inf, 3.0]), np.array([0.0, 0.0, -5.0, -inf]),
         np.array([inf, inf, 5.0, inf]),
     )  # fmt: skip
     # x0 + 2 x1 <= 1 with both positive; the third by its bounds; the fourth by the last row.
     assert program.bounded.tolist() == [True, True, True, True]
-    other = Program(
+    other = StandardQP(
         stored(np.eye(4)), free, stored(C), np.array([-inf, -inf, -inf]),
         np.array([1.0, 0.0, 3.0]), np.array([0.0, -inf, 0.0, 0.0]), np.array([inf, inf, inf, inf]),
     )  # fmt: skip

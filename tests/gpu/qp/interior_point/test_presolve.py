@@ -6,7 +6,7 @@ from scipy import sparse
 from scipy.optimize import linprog
 
 from gpu import Infeasible, InputError, NotConverged, QPFactor, Status, batch_solve_qp, solve_qp
-from gpu.qp.data.program import Program
+from gpu.qp.data.standard_qp import StandardQP
 from gpu.qp.interior_point.minimise import minimise
 from gpu.qp.interior_point.presolve import presolve
 
@@ -16,7 +16,7 @@ INF = np.inf
 def program(C, low, high, lb, ub, q, P=None):
     n = len(q)
     P = np.zeros((n, n)) if P is None else P
-    return Program(P, *(np.asarray(v, dtype=float) for v in (q, C, low, high, lb, ub)))
+    return StandardQP(P, *(np.asarray(v, dtype=float) for v in (q, C, low, high, lb, ub)))
 
 
 def kkt(p, x, y):
@@ -79,7 +79,7 @@ def test_chains_of_reductions_against_highs(seed, store):
     low[5] = high[5] = C[5] @ x
     q = rng.exponential(1.0, n) - 0.3 * (ub < INF)
     p = program(C, low, high, lb, ub, q)
-    stored = Program(store(p.P), p.q, store(p.C), low, high, lb, ub)
+    stored = StandardQP(store(p.P), p.q, store(p.C), low, high, lb, ub)
     assert presolve(stored).free.size < n
     point = minimise(stored, 1e-9)
     other = linprog(
@@ -142,8 +142,10 @@ def test_nearly_contradicting_rows_of_far_points_are_no_proof():
 def test_large_multipliers_do_not_hide_a_gap():
     # Multipliers of 1e12 that cancel: y'r and z'b are large, the objective is not.
     p = program([[1.0, 1.0]], [0.0], [0.0], [0.0, 0.0], [INF, INF], [1.0, 1.0])
-    wide = Program(p.P, p.q + 1.0, p.C, p.row_low + 2.0, p.row_high + 2.0, p.lb + 1.0 - 1e-3, p.ub)
-    from gpu.qp.data.program import residuals
+    wide = StandardQP(
+        p.P, p.q + 1.0, p.C, p.row_low + 2.0, p.row_high + 2.0, p.lb + 1.0 - 1e-3, p.ub
+    )
+    from gpu.qp.data.standard_qp import residuals
 
     x, big = np.array([1.0, 1.0]), 1e12
     y = np.array([big])

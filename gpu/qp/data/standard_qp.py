@@ -48,7 +48,7 @@ class Remote:
 
 
 @dataclass(frozen=True)
-class Program:
+class StandardQP:
     """Data of the module's formula; P and C are both dense or both sparse."""
 
     P: Matrix
@@ -69,13 +69,13 @@ class Program:
         """Whether P and C are."""
         return is_sparse(self.P)
 
-    def stored_sparsely(self) -> Program:
+    def stored_sparsely(self) -> StandardQP:
         """The same program of the host with P and C sparse."""
         if self.is_sparse:
             return self
         return replace(self, P=sparse.csr_array(self.P), C=sparse.csr_array(self.C))
 
-    def on_host(self) -> Program:
+    def on_host(self) -> StandardQP:
         """The same program with its vectors on the host; matrices of a device stay there.
 
         What is many short vectors and few products takes less time so.
@@ -84,7 +84,7 @@ class Program:
             return self
         vectors = (self.row_low, self.row_high, self.lb, self.ub)
         C = Remote(self.C)
-        return Program(Remote(self.P), to_host(self.q), C, *(to_host(v) for v in vectors))
+        return StandardQP(Remote(self.P), to_host(self.q), C, *(to_host(v) for v in vectors))
 
     @property
     def equality(self) -> Array:
@@ -138,7 +138,7 @@ SHARP = 1e-13
 
 @dataclass(frozen=True)
 class Residuals:
-    r"""Relative residuals of an approximate solution of a `Program`.
+    r"""Relative residuals of an approximate solution of a `StandardQP`.
 
     Attributes
     ----------
@@ -180,7 +180,7 @@ class Residuals:
 
 @np.errstate(all="ignore")  # what overflows is not a number, or infinite, in the end
 def residuals(
-    p: Program, x: Array, y: Array, z: Array, products: tuple[Array, Array] | None = None
+    p: StandardQP, x: Array, y: Array, z: Array, products: tuple[Array, Array] | None = None
 ) -> Residuals:
     """Residuals of `x` within its bounds and of multipliers with the right signs.
 
