@@ -25,7 +25,7 @@ from gpu.qp.interior_point.extended_precision import Triple, extended
 from gpu.qp.least_multipliers import least_multipliers
 
 # Of a number: what its rounding moves it by, on average.
-ROUNDING = np.finfo(float).eps / 4
+MEAN_ROUNDING = np.finfo(float).eps / 4
 # How many times less may come out of it.
 LUCK = 8.0
 # Unknowns and rows up to which least multipliers are sought: they cost a solution.
@@ -100,7 +100,7 @@ def _candidates(problem: QPProblem, p: StandardQP, t: Triple, tol: float) -> Ite
 
     def hopeless(y: Array) -> bool:
         """Whether the rounding of y alone is too much."""
-        return bool((np.abs(y) * row_sizes).max(initial=0.0) * ROUNDING > LUCK * tol)
+        return bool((np.abs(y) * row_sizes).max(initial=0.0) * MEAN_ROUNDING > LUCK * tol)
 
     if not hopeless(t.y):
         yield from _sharper(problem, p, t, tol)

@@ -20,13 +20,13 @@ from gpu.qp.data.standard_qp import Array, StandardQP
 from gpu.qp.interior_point.minimise import NoBound, NoPoint, minimise
 
 # Of the terms of a row: what a row may miss its side by and still be called active.
-ROUNDING = 1e-12
+SIDE_ROUNDING = 1e-12
 
 
 def least_multipliers(p: StandardQP, x: Array, y: Array, tol: float) -> tuple[Array, Array] | None:
     """Multipliers of rows and bounds at the solution x, or None where they are not found."""
     n, Cx = x.size, p.C @ x
-    slack = ROUNDING * (abs(p.C) @ np.abs(x))
+    slack = SIDE_ROUNDING * (abs(p.C) @ np.abs(x))
     high = p.equality | (np.abs(p.row_high - Cx) <= slack) | (y > 0.0)
     low = p.equality | (np.abs(Cx - p.row_low) <= slack) | (y < 0.0)
     rows, held = np.flatnonzero(high | low), np.flatnonzero((x == p.lb) | (x == p.ub))

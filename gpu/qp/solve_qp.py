@@ -19,7 +19,7 @@ from gpu.qp.data.kkt import general_residuals, kkt_residuals
 from gpu.qp.data.qp_problem import QPFactor, QPProblem, check_problem, power_of_two
 from gpu.qp.data.qp_result import QPResult, Status, boxes_only
 from gpu.qp.interior_point.equilibrate import largest_side
-from gpu.qp.interior_point.presolve import ROUNDING, nonempty
+from gpu.qp.interior_point.presolve import ACTIVITY_ROUNDING, nonempty
 
 logger = logging.getLogger(__name__)
 # Of the diagonal of P, and how many centres: where there is a solution, few are the rule.
@@ -140,7 +140,7 @@ def solve_qp(
         zero = ~nonempty(rows)
         if not bool(zero.any()):
             continue
-        rounding = ROUNDING * largest_side(low, high)
+        rounding = ACTIVITY_ROUNDING * largest_side(low, high)
         for wrong, sign in ((zero & (low > rounding), 1.0), (zero & (high < -rounding), -1.0)):
             if bool(wrong.any()):
                 i = int(wrong.argmax())

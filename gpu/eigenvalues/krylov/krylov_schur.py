@@ -18,7 +18,7 @@ from gpu.eigenvalues.schur.ordered_schur import Rank, ordered_schur, whole
 
 FLOOR = 100 * np.finfo(float).eps  # residuals below this times |A| are round-off
 CLOSE = 1e-2  # residual of what a challenge leaves aside over the distance of the rest
-PATIENCE = 6  # restarts before the space grows, if it may
+RESTARTS_BEFORE_GROWTH = 6  # restarts before the space grows, if it may
 
 
 @dataclass(frozen=True)
@@ -244,7 +244,7 @@ class _Iteration:
             basis.rotate(look.Q[:, :keep], size)
             spike[: min(look.converged, keep)] = 0.0
         self.S[:] = 0.0
-        if self.count >= PATIENCE and self.ncv < self.limits.grown and not challenged:
+        if self.count >= RESTARTS_BEFORE_GROWTH and self.ncv < self.limits.grown and not challenged:
             self._grow(keep)
         self.S[:keep, :keep], self.S[keep, :keep] = projected, spike
         self.kept, self.count, self.aside = keep, self.count + 1, None

@@ -13,7 +13,7 @@ from gpu.errors import InputError
 Edge = Callable[[float, np.ndarray], np.ndarray]
 
 EVENLY = 32  # points on the edge that do not depend on the values
-ROUNDING = 1e-14  # ranks are the same up to it
+RANK_ROUNDING = 1e-14  # ranks are the same up to it
 CIRCLE = np.exp(2j * np.pi * np.arange(EVENLY) / EVENLY)
 LINE = np.linspace(-1.0, 1.0, EVENLY + 1)
 ORDERS = ("LM", "SM", "LR", "SR", "LI", "SI")
@@ -93,7 +93,7 @@ def best_first(
     first, ranks = np.arange(values.size), rank(values)
     members = values.imag.nonzero()[0]
     leaders = np.delete(ranks, members[1::2]) if members.size else ranks
-    descend = leaders[:-1] - leaders[1:] > ROUNDING * np.abs(leaders[:-1])
+    descend = leaders[:-1] - leaders[1:] > RANK_ROUNDING * np.abs(leaders[:-1])
     if descend.all() and (shown.imag[members[::2]] > 0).all():
         return first[:k]
     # Equal pairs must not mix, nor rounding part the two of one: the first speaks for both.
@@ -107,7 +107,7 @@ def _place(rank: np.ndarray) -> np.ndarray:
     order = np.argsort(-rank, kind="stable")
     ranked = rank[order]
     # Relative to the rank itself: beside an inverse of rounding all others would look equal.
-    apart = ROUNDING * np.abs(ranked[:-1])
+    apart = RANK_ROUNDING * np.abs(ranked[:-1])
     place = np.empty(rank.size, dtype=np.int64)
     place[order] = np.concatenate(([0], np.cumsum(-np.diff(ranked) > apart)))[: rank.size]
     return place

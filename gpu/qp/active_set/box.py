@@ -4,9 +4,9 @@ The state of a variable is -1 (held at its lower bound), 0 (free) or +1 (held at
 A state determines x and the multipliers by one linear system. Violated are a free variable
 outside its bounds and a held one whose multiplier has the wrong sign; they change their state, all
 at once. This full exchange ([1]_, [2]_; as a semismooth Newton method [3]_) takes few steps but may
-cycle. When the number of violated indices has not fallen below its best value in `PATIENCE` steps
-(the count of [4]_), the rest of the way is a path [5]_: bounds and multipliers are shifted until
-the best state so far solves the problem, and the shift is taken back continuously. Along the path
+cycle. When the number of violated indices has not fallen below its best value in `STALLED_STEPS`
+steps (the count of [4]_), the rest of the way is a path [5]_: bounds and multipliers are shifted
+until the best state so far solves the problem, and the shift is taken back continuously. On it
 x is continuous and piecewise linear, one variable changes its state at each kink, and as P is
 positive definite no state returns, so that it ends (ties go to the last index).
 
@@ -53,9 +53,12 @@ from gpu.arrays.dense import cholesky, cholesky_solve, lower_solve, symmetric_pr
 from gpu.errors import Infeasible, NotConverged
 from gpu.qp.data.step import Step
 
-PATIENCE = 5
+# A full exchange that has not gained for so many steps may cycle, which the path cannot.
+STALLED_STEPS = 5
+# Two or three are the rule, more where rows almost depend on each other.
 MAX_CENTRES = 100
-ROUNDING = 64 * np.finfo(float).eps
+# Of the terms of a sum: a violation below it is none.
+SUM_ROUNDING = 64 * np.finfo(float).eps
 # Of the largest compliance a'P^-1 a of a row: small against the compliance of a few free
 # variables, large against the rounding of the Schur complement.
 RHO, RHO_MIN = 1e-8, 1e-13
@@ -97,7 +100,7 @@ class BoxQP:
     def row_error(self, x: np.ndarray) -> float:
         """Largest residual of a row over the terms added up in it, beyond rounding in x ~ q."""
         terms = np.abs(self.A) @ np.abs(x) + np.abs(self.b)
-        rounding = ROUNDING * np.abs(self.A).sum(axis=1) * np.abs(self.q).max()
+        rounding = SUM_ROUNDING * np.abs(self.A).sum(axis=1) * np.abs(self.q).max()
         residual = np.maximum(np.abs(self.A @ x - self.b) - rounding, 0.0)
         return float(np.max(residual / np.where(terms > 0, terms, 1.0)))
 
@@ -107,10 +110,10 @@ class BoxQP:
         It is sought next to the given y, where ``A'y`` vanishes on the free variables.
         """
         U, size, _ = np.linalg.svd(self.A[:, state == 0], full_matrices=False)
-        U = U[:, size > ROUNDING * size.max(initial=0.0)]
+        U = U[:, size > SUM_ROUNDING * size.max(initial=0.0)]
         y = y - U @ (U.T @ y)
         c = self.A.T @ y
-        c[np.abs(c) <= ROUNDING * (np.abs(self.A.T) @ np.abs(y))] = 0.0
+        c[np.abs(c) <= SUM_ROUNDING * (np.abs(self.A.T) @ np.abs(y))] = 0.0
         corner = np.where(c > 0, self.ub, np.where(c < 0, self.lb, 0.0))
         margin = y @ self.b - c @ corner
         terms = np.abs(y) @ np.abs(self.b) + np.abs(c) @ np.abs(corner)
@@ -183,10 +186,10 @@ class ActiveSet:
         """Full exchanges until nothing is violated, or until they stall; then single ones."""
         centre = self.y
         fewest, stalled = self.state.size + 1, 0
-        while stalled < PATIENCE:
+        while stalled < STALLED_STEPS:
             self.x, self.y = self.point(self.problem, centre)
             slack = self.problem.slack(self.state, self.x, self.y)
-            wrong = self.violated(slack, ROUNDING)
+            wrong = self.violated(slack, SUM_ROUNDING)
             self.record(wrong, max_steps)
             if not wrong.size:
                 return
@@ -215,7 +218,7 @@ class ActiveSet:
             here = easier.slack(self.state, *self.point(easier, centre))
             self.x, self.y = self.point(p, centre)
             there = p.slack(self.state, self.x, self.y)
-            wrong = self.violated(there, max(ROUNDING, 0.1 * tol))
+            wrong = self.violated(there, max(SUM_ROUNDING, 0.1 * tol))
             self.record(wrong, max_steps)
             if not wrong.size:
                 return
@@ -248,7 +251,7 @@ class ActiveSet:
             centre = self.y
             self.settle(tol, max_steps)
             before, error = error, p.row_error(self.x)
-            if error <= ROUNDING / 16 or 0.5 * before < error <= 0.1 * tol:
+            if error <= SUM_ROUNDING / 16 or 0.5 * before < error <= 0.1 * tol:
                 return
             separator = p.separator(self.state, centre - self.y, tol)
             if separator is not None:

@@ -34,8 +34,10 @@ from gpu.arrays.namespace import to_host
 from gpu.qp.data.standard_qp import Array, StandardQP
 from gpu.qp.data.step import Step
 
-PATIENCE, MAX_STEPS = 3, 60
-ROUNDING = 64 * np.finfo(float).eps
+# Steps without progress, and in all, after which another method takes over.
+STALLED_STEPS, MAX_STEPS = 3, 60
+# Of the terms of a sum: a violation below it is none.
+SUM_ROUNDING = 64 * np.finfo(float).eps
 # Of the largest diagonal entry of W: rows that depend on each other share their multiplier.
 SOFTNESS = 1e-12
 # Part of the unknowns that active rows may take away.
@@ -171,7 +173,7 @@ class WhitenedActiveSet:
                 raise GaveUp("rows depend on each other") from None
             multiplier = np.zeros(self.m + self.n)
             multiplier[self.active] = self.to_host(mu)
-            size = ROUNDING * (1.0 + np.abs(value) + np.abs(value[self.m :]).max())
+            size = SUM_ROUNDING * (1.0 + np.abs(value) + np.abs(value[self.m :]).max())
             below, above = self.low - value, value - self.high
             off = (state == 0) & ~self.equal
             add = off & ((below > size) | (above > size))
@@ -182,7 +184,7 @@ class WhitenedActiveSet:
                 break
             stalled = 0 if wrong < fewest else stalled + 1
             fewest = min(fewest, wrong)
-            if stalled >= PATIENCE or len(self.history) >= MAX_STEPS:
+            if stalled >= STALLED_STEPS or len(self.history) >= MAX_STEPS:
                 raise GaveUp("the full exchange stalls")
             state = self._next(state, add, drop, below, above)
         x, mu = self.refine(x, mu)

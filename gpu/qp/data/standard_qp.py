@@ -131,9 +131,9 @@ def largest(*values: float) -> float:
 # Sums whose terms cancel are measured against their terms times this, not against themselves.
 CANCELLATION = 1e-3
 # Of the terms of x'Px, what their sum may be off by.
-ROUNDING = 16 * np.finfo(float).eps
+PRODUCT_ROUNDING = 16 * np.finfo(float).eps
 # Residuals below this need no closer look.
-SHARP = 1e-13
+SHARP_RESIDUAL = 1e-13
 
 
 @dataclass(frozen=True)
@@ -210,9 +210,9 @@ def residuals(
     bound = xp.where(z > 0, p.ub, xp.where(z < 0, p.lb, 0.0))
     parts = [float(x @ Px), float(p.q @ x), float(y @ row), float(z @ bound)]
     error = abs(sum(parts))
-    if bool(p.q.any()) and error > SHARP * largest(*(abs(part) for part in parts[:2])):
+    if bool(p.q.any()) and error > SHARP_RESIDUAL * largest(*(abs(part) for part in parts[:2])):
         near = xp.where(p.bounded, size[0], 0.0)
-        error -= min(error, ROUNDING * float(near @ (abs(p.P) @ near)))
+        error -= min(error, PRODUCT_ROUNDING * float(near @ (abs(p.P) @ near)))
     gap = _over(
         error,
         largest(*(abs(part) for part in parts[:2])),
@@ -250,7 +250,7 @@ def _over(value: float, size: float, terms: Callable[[], float]) -> float:
     """`value` over `size`, or over the terms of sums that cancel, which are costly."""
     if not np.isfinite(size):
         return np.nan
-    if not value or value <= SHARP * size:
+    if not value or value <= SHARP_RESIDUAL * size:
         return value / size if value else 0.0
     size = largest(size, CANCELLATION * terms())
     if not np.isfinite(size):

@@ -21,7 +21,7 @@ from gpu.qp.data.standard_qp import Array, StandardQP
 # Linear terms below this, beside the curvature, are spelt so; of at most so many unknowns.
 SMALL, LARGEST = 1e-4, 500
 # Of the largest eigenvalue of P and for each unknown: less is rounding of its entries.
-ROUNDING = 4 * np.finfo(float).eps
+EIGENVALUE_ROUNDING = 4 * np.finfo(float).eps
 
 
 class CurvatureRows:
@@ -31,7 +31,7 @@ class CurvatureRows:
         n, self.m, self.size = p.q.size, p.row_low.size, size
         P = p.P.toarray() if p.is_sparse else p.P
         values, vectors = np.linalg.eigh(P)
-        kept = values > n * ROUNDING * values[-1]
+        kept = values > n * EIGENVALUE_ROUNDING * values[-1]
         M = (vectors[:, kept] * np.sqrt(values[kept])).T
         self.n, r = n, len(M)
         nothing, free = np.zeros(r), np.full(r, np.inf)

@@ -28,7 +28,7 @@ from gpu.qp.interior_point.polish import HUGE, Sides
 Long = np.longdouble
 REGULARISATIONS = (1e-9, 1e-12, 1e-14)
 # Steps that may pass without the correction becoming half as large.
-PATIENCE = 4
+STALLED_STEPS = 4
 # Of the largest entry: corrections below this are lost in rounding.
 NOTHING = np.finfo(float).eps / 16
 
@@ -94,7 +94,7 @@ def _refined(
     P, C, Ct = _long(scaled.P), _long(scaled.C), _long(scaled.C.T)
     x, y = np.where(held, bound, x).astype(Long), np.where(used, y, 0.0).astype(Long)
     settled, last, stalled = False, np.inf, 0
-    while not settled and stalled < PATIENCE:
+    while not settled and stalled < STALLED_STEPS:
         rd = np.where(held, 0.0, P @ x + scaled.q + Ct @ y)
         rp = np.where(used, goal - C @ x, 0.0)
         dx, dy = system.solve(-rd.astype(float), rp.astype(float), thorough=True)

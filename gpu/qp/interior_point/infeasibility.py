@@ -22,7 +22,7 @@ from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 from gpu.qp.interior_point.equilibrate import largest_side
 
 # Rounding in a sum, over its terms; and the margin of a proof over the terms of its sums.
-ROUNDING, MARGIN = 1e-12, 1e-9
+SUM_ROUNDING, MARGIN = 1e-12, 1e-9
 # How many times the largest side a point that a proof does not exclude must be away.
 FAR = 1e4
 # What a row whose own terms vanish may keep, over its largest entry.
@@ -103,7 +103,7 @@ def _verified(p: StandardQP, y: Array) -> Array | None:
     y = xp.where((y < 0) & xp.isinf(p.row_high), 0.0, y)
     c = p.C.T @ y
     corner = xp.where(c > 0, p.ub, xp.where(c < 0, p.lb, 0.0))
-    rounded = xp.isinf(corner) & (xp.abs(c) <= ROUNDING * (abs(p.C).T @ xp.abs(y)))
+    rounded = xp.isinf(corner) & (xp.abs(c) <= SUM_ROUNDING * (abs(p.C).T @ xp.abs(y)))
     rest = float(xp.abs(c[rounded]).sum())
     c, corner = xp.where(rounded, 0.0, c), xp.where(rounded, 0.0, corner)
     row = xp.where(y > 0, p.row_low, xp.where(y < 0, p.row_high, 0.0))

@@ -29,23 +29,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpu.qp.data.standard_qp import Array, StandardQP, largest
+from gpu.qp.data.standard_qp import SHARP_RESIDUAL, Array, StandardQP, largest
 from gpu.qp.interior_point.kkt_system import System
 from gpu.qp.interior_point.start import LEAST_REGULARISATION, balanced, inside
 
 logger = logging.getLogger(__name__)
 
 MAX_STEPS = 200
-PATIENCE = 40
+# Steps without progress that end the iteration; progress may pause for long.
+STALLED_STEPS = 40
 # Once products are as small as they are to become, Newton's steps are a matter of rounding.
-PATIENCE_AT_FLOOR, NEAR = 10, 1e-4
+STALLED_STEPS_AT_FLOOR, NEAR_RESIDUAL = 10, 1e-4
 # Below its target a point is still improved while steps help, down to what rounding leaves.
-LAST, SHARP = 2, 1e-13
+STALLED_STEPS_BELOW_TARGET = 2
+# Proximal terms in scaled units at the start; they fall with the average product.
 REGULARISATION = 1e-6
+# At most so many corrections of Gondzio's; each costs one solve with the same factors.
 CORRECTIONS = 2
+# Of the average product: a step is shortened until no product is left below this.
 CENTRAL = 1e-4
-LEAST, MOST = 1e-14, 1e-3
-ACCURACY, MOST_BOOST = 1e-8, 1e8
+# Within these, in scaled units where the matrices are about one.
+LEAST_PROXIMAL, MOST_PROXIMAL = 1e-14, 1e-3
+# Relative residual of an accurate solve; how much the proximal terms may grow to reach it.
+SOLVED_RESIDUAL, MOST_BOOST = 1e-8, 1e8
 
 
 @dataclass
@@ -121,7 +127,9 @@ class InteriorPoint:
         xp, n = self.xp, self.n
         self.sigma = self.s.curvature()
         sizes = [max(1.0, float(xp.abs(a).max())) if a.size else 1.0 for a in (self.v, self.y)]
-        rho, delta = (min(self.boost * max(self.reg / size, LEAST), MOST) for size in sizes)
+        rho, delta = (
+            min(self.boost * max(self.reg / size, LEAST_PROXIMAL), MOST_PROXIMAL) for size in sizes
+        )
         E = xp.full(self.y.size, delta)
         self.slack = self.sigma[n:] + rho
         E[self.rows] += 1.0 / self.slack
@@ -204,7 +212,7 @@ class InteriorPoint:
             try:
                 self.factor()
                 d = self.direction(*right, -(s.z_low * s.t_low), -(s.z_high * s.t_high))
-                if self.system.accuracy <= ACCURACY or self.boost > MOST_BOOST:
+                if self.system.accuracy <= SOLVED_RESIDUAL or self.boost > MOST_BOOST:
                     return d
             except np.linalg.LinAlgError:
                 if self.boost > MOST_BOOST:
@@ -299,11 +307,11 @@ def interior_point(
 
     def patience() -> int:
         if best <= target:
-            return LAST
-        at_floor = best <= NEAR and iterate.mu <= 2.0 * iterate.floor
-        return PATIENCE_AT_FLOOR if hurried and at_floor else PATIENCE
+            return STALLED_STEPS_BELOW_TARGET
+        at_floor = best <= NEAR_RESIDUAL and iterate.mu <= 2.0 * iterate.floor
+        return STALLED_STEPS_AT_FLOOR if hurried and at_floor else STALLED_STEPS
 
-    while steps < MAX_STEPS and best > SHARP and stalled < patience():
+    while steps < MAX_STEPS and best > SHARP_RESIDUAL and stalled < patience():
         try:
             iterate.step()
         except np.linalg.LinAlgError:

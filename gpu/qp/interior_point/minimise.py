@@ -25,17 +25,17 @@ logger = logging.getLogger(__name__)
 # zero lets them follow from the data.
 ATTEMPTS = ((True, 0.0), (True, 1.0), (False, 1e3), (True, 1e6), (False, 1.0))
 # What the polish aims at: the accuracy of the arithmetic.
-SHARP = 1e-14
+POLISH_TARGET = 1e-14
 # No other choice of multipliers is tried below this.
-CLEAN = 1e-12
+CLEAN_RESIDUAL = 1e-12
 # No proof is sought where all residuals are already below this.
-PLAUSIBLE = 1e-7
+PLAUSIBLE_RESIDUAL = 1e-7
 # Of a product x'Px over its terms, with the digits that P itself has lost.
-ROUNDING = 1e-13
+LOST_CURVATURE = 1e-13
 # No condition number that double precision can bear takes x so far beyond the data.
 RUNAWAY = 1e20
 # Where residuals are below this already, more digits may help.
-NEAR = 1e-4
+NEAR_RESIDUAL = 1e-4
 # Unknowns and rows up to which they take less time than another attempt.
 LARGEST_EXTENDED = 30_000
 
@@ -74,7 +74,7 @@ def certified(p: StandardQP, x: Array, y: Array) -> Point:
     is never small beside itself.
     """
     point = _certified(p, x, y)
-    if point.residuals.sharp <= CLEAN or bool(p.q.any()):
+    if point.residuals.sharp <= CLEAN_RESIDUAL or bool(p.q.any()):
         return point
     free = _certified(p, x, p.xp.zeros_like(y))
     return min(point, free, key=lambda found: found.residuals.worst)
@@ -89,7 +89,7 @@ def _certified(p: StandardQP, x: Array, y: Array) -> Point:
     at_side = ((force > 0) & (x == p.ub)) | ((force < 0) & (x == p.lb))
     held = xp.where(at_side, force, 0.0)
     clean = Point(x, y, held, residuals(p, x, y, held, products), 0)
-    if clean.residuals.sharp <= CLEAN or bool((held == force).all()):
+    if clean.residuals.sharp <= CLEAN_RESIDUAL or bool((held == force).all()):
         return clean
     full = Point(x, y, force, residuals(p, x, y, force, products), 0)
     return clean if clean.residuals.worst <= 2.0 * full.residuals.worst else full
@@ -185,7 +185,7 @@ class _Search:
             steps += count
             # Where the active set is not unique, the polish may lose what the interior point had.
             best = min(found if best is None else [best, *found], key=self._rank)
-            if sharpen and tol < best.residuals.worst <= NEAR:
+            if sharpen and tol < best.residuals.worst <= NEAR_RESIDUAL:
                 best = self._sharpened(best)
             if attempt == 0 and proofs and unproved and best.residuals.primal <= tol:
                 _prove_unbounded(p, self.solver)
@@ -234,7 +234,7 @@ class _Search:
             x,
             y,
             lambda x, y: self.whole(x, y).residuals.sharp,
-            SHARP,
+            POLISH_TARGET,
         )
         found.append(self.whole(x, y))
         logger.debug(
@@ -273,7 +273,7 @@ def polished(p: StandardQP, sides: Sides, x: Array, y: Array) -> Point | None:
     bounds = p.xp.where(sides.bounds == 0, at, sides.bounds)
     part = Sides(bounds[small.free], sides.rows[small.rows])
     try:
-        x, y, _ = polish(scaled, kkt_system(scaled), part, *begin, sharp, SHARP)
+        x, y, _ = polish(scaled, kkt_system(scaled), part, *begin, sharp, POLISH_TARGET)
     except np.linalg.LinAlgError:
         return None
     return whole(x, y)
@@ -282,11 +282,11 @@ def polished(p: StandardQP, sides: Sides, x: Array, y: Array) -> Point | None:
 def _prove(p: StandardQP, best: Point, solver: str) -> None:
     """Raise with a certificate if there is one."""
     # Relative to iterates that diverge even the rows of a contradiction hold: both are sought.
-    if best.residuals.worst <= PLAUSIBLE:
+    if best.residuals.worst <= PLAUSIBLE_RESIDUAL:
         return
     small, scaling = equilibrate(p)
     likely = (_no_point, _no_bound)
-    for seek in likely if best.residuals.primal > PLAUSIBLE else likely[::-1]:
+    for seek in likely if best.residuals.primal > PLAUSIBLE_RESIDUAL else likely[::-1]:
         seek(small, scaling, functools.partial(_solution, solver))
 
 
@@ -299,7 +299,7 @@ def _lost_in_rounding(p: StandardQP, x: Array) -> bool:
     length = p.xp.abs(x)
     terms = float(length @ (abs(p.P) @ length))
     value = abs(float(p.q @ x)) + abs(float(x @ (p.P @ x)))
-    return terms > 0.0 and not value > ROUNDING * terms
+    return terms > 0.0 and not value > LOST_CURVATURE * terms
 
 
 def _size(p: StandardQP) -> float:

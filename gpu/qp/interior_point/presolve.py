@@ -29,7 +29,7 @@ from gpu.qp.interior_point.equilibrate import largest_side
 
 ROUNDS = 10
 # Of the terms of a row: what its bounds allow to the last digits is allowed in one way only.
-ROUNDING = 1e-14
+ACTIVITY_ROUNDING = 1e-14
 # Dense matrices with more entries are not searched.
 LARGEST_DENSE = 4_000_000
 
@@ -166,7 +166,7 @@ def contradiction(p: StandardQP, tol: float) -> Array | None:
     Cx = p.C @ x
     side = xp.clip(Cx, p.row_low, p.row_high)
     # A side may be the rounding of a difference of others.
-    rounding = ROUNDING * largest_side(p.row_low, p.row_high, p.lb, p.ub)
+    rounding = ACTIVITY_ROUNDING * largest_side(p.row_low, p.row_high, p.lb, p.ub)
     rows = xp.flatnonzero(xp.abs(Cx - side) > xp.maximum(tol * xp.abs(side), rounding))
     if not rows.size:
         return None
@@ -246,7 +246,7 @@ class _Search:
         free.eliminate_zeros()
         count = np.diff(free.indptr)
         low, high = self.low - shift, self.high - shift
-        rounding = ROUNDING * (abs(self.C) @ abs(x))
+        rounding = ACTIVITY_ROUNDING * (abs(self.C) @ abs(x))
         self.dropped |= (count == 0) | (np.isinf(low) & np.isinf(high))
         self._singles(np.flatnonzero((count == 1) & ~self.dropped), free, low, high)
         self._activities(np.flatnonzero((count > 1) & ~self.dropped), free, low, high, rounding)
@@ -293,7 +293,7 @@ class _Search:
             size = np.maximum(size, (up + down) @ abs(finite))
         bottom = np.where(least[0][1] + least[1][1] > 0, -np.inf, least[0][0] + least[1][0])
         top = np.where(most[0][1] + most[1][1] > 0, np.inf, most[0][0] + most[1][0])
-        slack = ROUNDING * size + rounding[rows]
+        slack = ACTIVITY_ROUNDING * size + rounding[rows]
         self.dropped[rows[(bottom >= low[rows]) & (top <= high[rows])]] = True
         forced = (abs(bottom - high[rows]) <= slack) & np.isfinite(bottom)
         self._force(rows[forced], free, 1)

@@ -16,7 +16,8 @@ from gpu.riccati.problem.weights import Weight, scaled_input
 
 FEW_DIGITS = 1e-9  # a larger relative residual calls for another factorisation
 SEVERAL_DIGITS, NO_DIGITS = 1e-6, 0.1
-ROUNDING = 4e-13  # a larger relative residual of an application is refined, by two more solves
+# An application with a larger relative residual is refined, by two more solves.
+ROUNDED_RESIDUAL = 4e-13
 
 
 def hamiltonian_inverse(
@@ -125,7 +126,7 @@ class InverseHamiltonian:
             self._prepare(factors)
             # Where A is much closer to singular than H is, so much is lost on the way.
             lost = self._probe()
-            if not lost < ROUNDING and state.kind in ("dense", "sparse"):
+            if not lost < ROUNDED_RESIDUAL and state.kind in ("dense", "sparse"):
                 kept = dict(self.__dict__)
                 try:
                     self._feed_back()
@@ -144,7 +145,7 @@ class InverseHamiltonian:
         lost = self._probe()
         if isinstance(unmoved, RiccatiError) and not lost < SEVERAL_DIGITS:
             raise unmoved
-        self._refine = not lost < ROUNDING
+        self._refine = not lost < ROUNDED_RESIDUAL
         if not lost < NO_DIGITS:
             raise RiccatiError(
                 f"the Hamiltonian has an eigenvalue that is zero to working precision: {_GIVE}"
