@@ -16,7 +16,7 @@ from gpu.errors import InputError, NotConverged, NotSupported, RiccatiError
 from gpu.riccati.lqr_result import LQRResult, certified
 from gpu.riccati.methods.reduced import reduced
 from gpu.riccati.problem.candidate import Found
-from gpu.riccati.problem.lqr_problem import PAID, LQRProblem, semidefinite
+from gpu.riccati.problem.lqr_problem import NOT_SEMIDEFINITE, LQRProblem, semidefinite
 from gpu.riccati.problem.state_matrix import EPS
 from gpu.riccati.proof.closed_loop import ALL_POLES
 from gpu.riccati.proof.unmovable_modes import explain, named
@@ -31,7 +31,7 @@ METHODS = {
 # These promise a solution of the equation; the others a gain.
 EXACT = {"doubling", "newton"}
 QUICK = 400  # up to this order a dense solver is quicker than Newton steps with shifted solves
-TOLD = 200  # up to this order it may tell itself what stands in its way
+TOLD = 200  # up to this order the dense method names the mode that stands in the way
 
 
 def automatic(problem: LQRProblem, may_store: bool) -> tuple[LQRProblem, str]:
@@ -49,30 +49,30 @@ def automatic(problem: LQRProblem, may_store: bool) -> tuple[LQRProblem, str]:
 
 
 def solve_problem(
-    problem: LQRProblem, method: str, unstable: str, options: dict[str, Any], *, paid: bool
+    problem: LQRProblem, method: str, unstable: str, options: dict[str, Any], *, indefinite: bool
 ) -> LQRResult:
-    """Choose the method, solve, certify; ``paid`` allows a negative optimal cost."""
+    """Choose the method, solve, certify; ``indefinite`` weights may make the cost negative."""
     method = choice("method", method, ("auto", *METHODS))
     # Whether the dense problem is at hand should the method of our choice fail.
     chosen = method == "auto" and not problem.dense and problem.n <= ALL_POLES and not options
     if method == "auto":
         problem, method = automatic(problem, chosen)
     solve = _solver(method, options)
-    if not paid and not problem.dense:
+    if not indefinite and not problem.dense:
         semidefinite(problem, always=True)
     try:
         found = solve(problem, **options)
     except (NotConverged, NotSupported, np.linalg.LinAlgError) as error:
         if chosen:
-            return _by_entries(problem, unstable, paid)
+            return _by_entries(problem, unstable, indefinite)
         if isinstance(error, NotSupported):
             raise
         if not isinstance(error, NotConverged | RiccatiError):
             error = NotConverged(str(error))
-        raise _explained(problem, error, paid) from None
+        raise _explained(problem, error, indefinite) from None
     result = certified(problem, found, method)
     if method in EXACT:
-        _check_solution(problem, found, result, paid)
+        _check_solution(problem, found, result, indefinite)
         return result
     # As far as a double root on the axis is split by rounding.
     if not found.proved and not result.abscissa < -(EPS**0.5) * problem.state.size():
@@ -80,11 +80,11 @@ def solve_problem(
         inherent = named(problem)
         if inherent is not None:
             if chosen and problem.n <= TOLD:
-                return _by_entries(problem, unstable, paid)
+                return _by_entries(problem, unstable, indefinite)
             raise inherent
     if not result.stable and chosen:
         # Modes that neither Q sees nor a projection, and that have to be moved all the same.
-        return _by_entries(problem, unstable, paid)
+        return _by_entries(problem, unstable, indefinite)
     if not result.stable and unstable != "ignore":
         message = (
             f"the gain of method {method!r} does not stabilise: a pole has the real part "
@@ -106,7 +106,7 @@ def _solver(method: str, options: dict[str, Any]) -> Callable[..., Found]:
     return solve
 
 
-def _check_solution(problem: LQRProblem, found: Found, result: LQRResult, paid: bool) -> None:
+def _check_solution(problem: LQRProblem, found: Found, result: LQRResult, indefinite: bool) -> None:
     """Raise where the equation is not solved, or only its rounding has a stabilising solution."""
     if not result.converged:
         raise _explained(
@@ -115,13 +115,13 @@ def _check_solution(problem: LQRProblem, found: Found, result: LQRResult, paid: 
                 f"the Riccati solution is not certified: residual {result.residual:.1e}, "
                 f"abscissa {result.abscissa:.1e}"
             ),
-            paid,
+            indefinite,
         )
     if found.verdict is not None and found.verdict.loop.is_sensitive():
         inherent = explain(problem)
         if inherent is not None:
             raise inherent
-    if not paid:
+    if not indefinite:
         _check_cost(problem, result.S)
 
 
@@ -131,12 +131,12 @@ def _remedy(problem: LQRProblem) -> str:
     return "give its mode an input and a weight, or use method='doubling' with all entries"
 
 
-def _by_entries(problem: LQRProblem, unstable: str, paid: bool) -> LQRResult:
+def _by_entries(problem: LQRProblem, unstable: str, indefinite: bool) -> LQRResult:
     """The answer with all entries stored, where no projection finds it and memory allows."""
     inherent = named(problem) if problem.n > TOLD else None
     if inherent is not None:
         raise inherent
-    return solve_problem(problem.entries(), "doubling", unstable, {}, paid=paid)
+    return solve_problem(problem.entries(), "doubling", unstable, {}, indefinite=indefinite)
 
 
 def _check_cost(problem: LQRProblem, S: Any) -> None:
@@ -150,14 +150,16 @@ def _check_cost(problem: LQRProblem, S: Any) -> None:
                 f"negative ({values[0]:.1e} of {values[-1]:.1e}); the weights are too far apart"
             )
         raise InputError(
-            f"{PAID}, and the optimal cost is negative for some states; gpu.care finds the "
-            "stabilising solution of its equation"
+            f"{NOT_SEMIDEFINITE}, and the optimal cost is negative for some states; gpu.care finds "
+            "the stabilising solution of its equation"
         )
 
 
-def _explained(problem: LQRProblem, error: Exception, paid: bool) -> Exception:
+def _explained(problem: LQRProblem, error: Exception, indefinite: bool) -> Exception:
     if isinstance(error, RiccatiError) and error.cause:
         return error
-    if not paid and not semidefinite(problem):
-        return InputError(f"{PAID}, and no stabilising feedback was found that is optimal")
+    if not indefinite and not semidefinite(problem):
+        return InputError(
+            f"{NOT_SEMIDEFINITE}, and no stabilising feedback was found that is optimal"
+        )
     return explain(problem) or error

@@ -111,7 +111,7 @@ def lqr(
     choice("unstable", unstable, ("warn", "raise", "ignore"))
     factored = flag("factored", factored)
     problem = check_lqr(A, B, Q, R, N, E, factored=factored, inverse=inverse)
-    return solve_problem(problem, method, unstable, options, paid=False)
+    return solve_problem(problem, method, unstable, options, indefinite=False)
 
 
 @within_range
@@ -150,7 +150,7 @@ def care(a: Any, b: Any, q: Any, r: Any, e: Any = None, s: Any = None) -> Any:
     problem = check_lqr(a, b, q, r, s, e)
     if not problem.dense:
         problem = check_lqr(*(problem.full()[0], b, q, r, s, problem.full()[1]))
-    return solve_problem(problem, "doubling", "raise", {}, paid=True).S
+    return solve_problem(problem, "doubling", "raise", {}, indefinite=True).S
 
 
 @within_range
@@ -210,7 +210,7 @@ def lqe(
     (3.0, 3.0, -2.0)
     """
     problem = dual_problem(A, G, C, W, V, N, E, flag("factored", factored))
-    return transposed(solve_problem(problem, method, "raise", options, paid=False))
+    return transposed(solve_problem(problem, method, "raise", options, indefinite=False))
 
 
 __all__ = ["care", "lqe", "lqr"]

@@ -93,7 +93,7 @@ class StandardQP:
 
     @cached_property
     def bounded(self) -> Array:
-        """Which variables cannot run away: bounds, or a row with those of the others, hold them."""
+        """Which variables are confined on both sides: by bounds, or by a row and other bounds."""
         low, high = self.xp.isfinite(self.lb), self.xp.isfinite(self.ub)
         if isinstance(self.C, Remote) or not self.row_low.size:
             return low & high
@@ -150,14 +150,16 @@ class Residuals:
     gap : float
         :math:`|x^TPx + q^Tx + y^Tr + z^Tb|` over the larger of the first two terms: large
         multipliers that cancel excuse no error in the objective. What exceeds the rounding
-        :math:`16\epsilon|x|^T|P||x|` of the first term counts, |x| of the variables that cannot
-        run away.
+        :math:`16\epsilon|x|^T|P||x|` of the first term counts, |x| of the variables
+        that are confined on both sides.
     complementarity : float
         Largest product of a multiplier and the distance to its side, the one over the largest
         term of `dual`, the other over the largest entry of x, or of x and Cx for rows.
     pairing : float
-        Largest of the lesser of the two. No residual of its own, for the gap bounds the products:
-        where both vanish at the solution it falls like their root only.
+        Of each multiplier and the distance to its side, in the same units, take the smaller;
+        this is the largest of those. It tells whether the active set is the right one. It does
+        not count as a residual: where multiplier and distance both vanish at the solution it falls
+        with the square root of their product only, which `gap` bounds already.
     """
 
     primal: float

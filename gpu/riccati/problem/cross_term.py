@@ -12,7 +12,12 @@ from scipy.sparse.linalg import LinearOperator
 
 from gpu.arrays.namespace import to_host
 from gpu.errors import InputError, NotSupported
-from gpu.riccati.problem.lqr_problem import PAID, FactoredWeight, LQRProblem, semidefinite
+from gpu.riccati.problem.lqr_problem import (
+    NOT_SEMIDEFINITE,
+    FactoredWeight,
+    LQRProblem,
+    semidefinite,
+)
 from gpu.riccati.problem.state_matrix import (
     Factors,
     StateMatrix,
@@ -143,10 +148,10 @@ def _weight(problem: LQRProblem, F: Any) -> tuple[Weight, Any]:
     # A semidefinite joint weight has N in the range of Q: F = C^T Y with |Y| <= 1.
     Y = problem.xp.linalg.lstsq(C.T, F, rcond=None)[0]
     if float(abs(C.T @ Y - F).max()) > OUTSIDE * float(abs(F).max()):
-        raise InputError(PAID)
+        raise InputError(NOT_SEMIDEFINITE)
     values, vectors = np.linalg.eigh(to_host(Y @ Y.T))
     if values[-1] > 1.0 + NEGATIVE:
-        raise InputError(PAID)
+        raise InputError(NOT_SEMIDEFINITE)
     root = vectors * np.sqrt(np.maximum(1.0 - values, 0.0)) @ vectors.T
     C = problem.xp.asarray(root) @ C
     return FactoredWeight(problem.state, C), C
@@ -163,7 +168,7 @@ def _check(problem: LQRProblem, F: Any) -> None:
             return
         good = linalg.eigvalsh(to_host(F.T @ factors.solve(F)))[-1] <= 1.0 + OUTSIDE
     if not good:
-        raise InputError(PAID)
+        raise InputError(NOT_SEMIDEFINITE)
 
 
 __all__ = ["without_cross_term"]

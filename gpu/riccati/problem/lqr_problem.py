@@ -24,9 +24,9 @@ ASYMMETRY = 1e-12
 DEFINITENESS = 1e-12
 
 
-PAID = (
-    "Q is not positive semidefinite (with N: [[Q, N], [N.T, R]] is not): states must not be paid "
-    "for"
+NOT_SEMIDEFINITE = (
+    "Q is not positive semidefinite (with N: [[Q, N], [N.T, R]] is not): some states would have a "
+    "negative cost"
 )
 
 SINGULAR_MASS = "E is singular: descriptor systems are not solved here"
@@ -350,7 +350,7 @@ def semidefinite(problem: LQRProblem, always: bool = False) -> bool:
         rows = [[whole, problem.N], [problem.N.T, R]]
         good = _semidefinite(xp.concatenate([xp.concatenate(r, axis=1) for r in rows]), xp)
     if always and not good:
-        raise InputError("Q is not positive semidefinite: states must not be paid for")
+        raise InputError("Q is not positive semidefinite: some states would have a negative cost")
     return good
 
 
