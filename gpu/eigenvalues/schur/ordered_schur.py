@@ -45,7 +45,7 @@ def ordered_schur(
     leading : int
         How many rows to put in order; blocks of two rows stay whole.
     compiled : bool
-        Of a real matrix by `real_schur`, in half the time once that has been compiled.
+        Of a real matrix by `real_schur`, the quicker one once that has been compiled.
 
     Returns
     -------

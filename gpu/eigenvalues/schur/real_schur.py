@@ -1,4 +1,4 @@
-"""Real Schur form of a small matrix by compiled code, in half the time of LAPACK."""
+"""Real Schur form of a small matrix by compiled code, in two thirds of LAPACK's time."""
 
 from __future__ import annotations
 
