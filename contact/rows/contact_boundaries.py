@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from contact.body.cut_arc import ArcGap, CutArc
+from contact.body.cut_arc import CutArc
 from contact.body.elastic_body import ElasticBody
 from contact.body.rigid_modes import rigid_field
 from contact.errors import InputError, evaluated
 from contact.obstacles.placement import check_placement, outward_normals
 from contact.obstacles.rigid import ObstacleMotion, Rigid
 from contact.obstacles.shapes import ClosestPoint, Gap
+from contact.rows.arc_rows import ArcGap, arc_rows
 from contact.rows.discretise import ContactRows, contact_boundary
 from contact.rows.gap_rule import GapRule
 
@@ -189,7 +190,7 @@ def _discretised(
         return contact_boundary(body, place, form, direction)
     if place.body is not body:
         raise InputError("boundary: the arc belongs to another body; use body.arc() of this one")
-    return place.rows(form, direction)
+    return arc_rows(place, form, direction)
 
 
 def _direction(obstacle: Any) -> Callable[[Array], Array] | None:

@@ -15,6 +15,7 @@ from contact import (
     SignedDistance,
     Unbounded,
 )
+from contact.rows.arc_rows import arc_rows, hats_along
 from skfem_adini import LevelSet, Polygon, refined_at_boundary
 
 R = 0.83
@@ -58,11 +59,11 @@ def test_the_boundary_falls_into_its_smooth_curves(arc):
 def test_every_pressure_of_hats_is_a_load(arc):
     """G^T mu is the load of the traction -p n with p the piecewise linear pressure, p >= 0."""
     arc, _ = arc
-    rows, _ = arc.rows()
+    rows, _ = arc_rows(arc)
     assert rows.weights.sum() == pytest.approx(arc.weights.sum(), rel=1e-13)
     assert rows.weights.min() > 0.2 * np.median(rows.weights)
     np.testing.assert_allclose(rows.G.T @ rows.weights, arc.integral(arc.normals), atol=1e-14)
-    hats, _ = arc._hats()
+    hats, _ = hats_along(arc)
     assert hats.data.min() >= 0
     np.testing.assert_allclose(hats.sum(axis=0), 1, rtol=1e-14)
 
@@ -150,7 +151,7 @@ def test_arc_and_mesh_line_in_one_problem_and_a_graded_mesh():
     mesh = mesh.with_boundaries({"flat": lambda x: (np.abs(x[1]) < 1e-9) & (np.abs(x[0]) < 0.7)})
     body = CutBody(mesh, circle(0, 0, 1.0), E=1.0, nu=0.3, q=5)
     above = body.arc(where=lambda x: x[1] > 0.7)
-    rows, _ = body.arc(where=lambda x: x[1] > 0).rows()
+    rows, _ = arc_rows(body.arc(where=lambda x: x[1] > 0))
     assert rows.weights.max() > 1.7 * rows.weights[1:-1].min()
     wall = Plane((0.0, 0.98), (0.0, -1.0))
     result = ContactProblem(body, [above, "flat"], [wall, 0.0], [0.2, 0.5]).solve()
