@@ -29,6 +29,7 @@ from scipy.sparse.linalg import splu, spsolve
 from skfem import MeshQuad
 
 from contact import ContactProblem, ContactResult, ElasticBody, Plane, cross_check
+from contact.body.dof_entities import dof_entities
 from contact.condensation.dissection import cell_graph, nested_dissection
 from skfem_adini import ElementQuadAdini
 from skfem_adini.solvers.pardiso import has_pardiso
@@ -57,7 +58,7 @@ def base(body: ElasticBody, solver: str) -> float:
     free = T.tocsc().indices
     S, f = body.stiffness[free][:, free], (body.f - body.stiffness @ u0)[free]
     if solver == "superlu":
-        entity, points, cells = body.entities
+        entity, points, cells = dof_entities(body.basis)
         count = points.shape[1]
         rank = np.empty(count, dtype=np.int64)
         rank[nested_dissection(cell_graph(cells, count), points)] = np.arange(count)
@@ -86,7 +87,6 @@ def base(body: ElasticBody, solver: str) -> float:
     assert np.abs(S @ z - f).max() < 1e-10 * np.abs(f).max()
     if solver == "pardiso":
         pardiso.free_memory(everything=True)
-    body.__dict__.pop("entities", None)
     return seconds
 
 
@@ -99,7 +99,6 @@ def whole(body: ElasticBody, solver: str) -> tuple[dict[str, float], ContactProb
     condensed = time.perf_counter()
     result = problem.solve()
     end = time.perf_counter()
-    body.__dict__.pop("entities", None)
     parts = {
         "rows": rows - begin,
         "condense": condensed - rows,

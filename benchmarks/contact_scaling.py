@@ -96,7 +96,6 @@ def stages(body: Any, obstacle: Any, friction: float) -> dict[str, Any]:
     condensed = time.perf_counter()
     result = problem.solve()
     end = time.perf_counter()
-    body.__dict__.pop("entities", None)
     return {
         "unknowns": int(body.constraint[0].shape[1]),
         "points": int(result.mu.size),
@@ -129,8 +128,6 @@ def steps(bodies: list[Any], obstacle: Any, frictions: tuple[float, ...]) -> dic
             "nested": len(nested.history),
             "apart": apart,
         }
-    for body in bodies:
-        body.__dict__.pop("entities", None)
     return found
 
 

@@ -12,16 +12,12 @@ last, beyond. Other solutions are refused by an error that speaks of slender cel
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
-from skfem import Basis
+from skfem import Basis, Mesh
 
-if TYPE_CHECKING:
-    from skfem import Mesh
-
-    from contact.body.solid import BasisSolid
+from contact.body.discretised import Elastic
+from contact.body.rigid_modes import value_dofs
 
 Array = NDArray[np.float64]
 SLENDER = 300.0  # ratio of a cell's sides from which the matrix costs five digits
@@ -34,14 +30,14 @@ def has_slender_cells(mesh: Mesh) -> bool:
     return bool(np.any(size[:, 0] > SLENDER * size[:, -1]))
 
 
-def strain_rows(body: BasisSolid) -> Array:
+def strain_rows(body: Elastic) -> Array:
     r"""Rows A of every cell with ``A^T A`` its stiffness, shape (ncells, nrows, ndofs a cell).
 
     At each quadrature point the rows are :math:`L^T (\epsilon_{11}, \epsilon_{22}, \dots)`, with
     :math:`L L^T = \lambda 1 1^T + 2 \mu I`, and :math:`2 \sqrt\mu\, \epsilon_{ij}`, times the root
     of the weight. A mean dilatation keeps the part with lambda apart, one row a cell.
     """
-    basis, dim = _of_positive_weights(body.basis), body.dim
+    basis, dim = _of_positive_weights(body.basis), body.basis.mesh.dim()
     g, dx, mean = _gradients(basis), basis.dx, body.dilatation == "mean"
     _, cells, points, n = g.shape
     lam, mu = np.broadcast_to(body.lam, cells), np.broadcast_to(body.mu, cells)
@@ -67,21 +63,22 @@ def strain_rows(body: BasisSolid) -> Array:
     return A
 
 
-def internal_forces(body: BasisSolid, u: Array) -> Array:
+def internal_forces(body: Elastic, u: Array) -> Array:
     """Forces of a displacement on all dofs, ``S u``, shape (ndofs,)."""
-    g, dofs, dim = _gradients(body.basis), body.basis.element_dofs.T, body.dim
+    basis = body.basis
+    g, dofs, dim = _gradients(basis), basis.element_dofs.T, basis.mesh.dim()
     local = u[dofs].reshape(len(dofs), -1, dim)
-    values = body._are_values[dofs].reshape(local.shape)
+    values = value_dofs(body)[dofs].reshape(local.shape)
     # Translations cause no strain; displacements from the cell's first node are exact.
     local = local - np.where(values, local[:, :1], 0.0)
     gradient = np.einsum("acqn,cnb->bacq", g, local)
     stress = np.broadcast_to(body.mu, len(dofs))[:, None] * (gradient + gradient.swapaxes(0, 1))
     dilatation = np.trace(gradient)
     if body.dilatation == "mean":
-        dilatation = np.average(dilatation, axis=1, weights=body.basis.dx)[:, None]
+        dilatation = np.average(dilatation, axis=1, weights=basis.dx)[:, None]
     for a in range(dim):
         stress[a, a] += np.broadcast_to(body.lam, len(dofs))[:, None] * dilatation
-    forces = np.einsum("bacq,acqn->cnb", stress * body.basis.dx, g)
+    forces = np.einsum("bacq,acqn->cnb", stress * basis.dx, g)
     result = np.zeros(u.size)
     np.add.at(result, dofs, forces.reshape(dofs.shape))
     return result

@@ -345,37 +345,6 @@ class ElasticBody(MaterialBody):
         columns = self.picked.tocsc()
         return of_dof, of_dof[columns.indices[columns.indptr[:-1]]]
 
-    @cached_property
-    def entities(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-        """Dofs grouped by the mesh entity that carries them, for ordering and for rigid modes.
-
-        Returns
-        -------
-        entity : ndarray, shape (ndofs,)
-            Number of the vertex, edge, facet or cell of each dof.
-        points : ndarray, shape (dim, nentities)
-        cells : ndarray, shape (nentities a cell, ncells)
-            Entities of each cell.
-        """
-        dofs, mesh = self.basis.dofs, self.mesh
-        tables = (
-            (dofs.nodal_dofs, mesh.p),
-            (dofs.edge_dofs, None if self.dim == 2 else mesh.p[:, mesh.edges].mean(axis=1)),
-            (dofs.facet_dofs, mesh.p[:, mesh.facets].mean(axis=1)),
-            (dofs.interior_dofs, mesh.p[:, mesh.t].mean(axis=1)),
-        )
-        entity = np.full(self.basis.N, -1, dtype=np.int64)
-        start, points = 0, []
-        for table, where in tables:
-            if table is None or table.shape[0] == 0 or where is None:
-                continue
-            entity[table] = start + np.arange(table.shape[1])
-            points.append(where[:, : table.shape[1]])
-            start += table.shape[1]
-        cells = entity[self.basis.element_dofs[:: self.dim]]
-        first = np.flatnonzero(np.r_[True, np.any(cells[1:] != cells[:-1], axis=1)])
-        return entity, np.hstack(points), cells[first]
-
 
 def _constant(value: Any) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
     number = numbers("value", value)

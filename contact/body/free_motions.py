@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contact.body.cell_finder import CURVED
 from contact.body.rigid_modes import reduced_echelon, rigid_modes
 from contact.body.vector_element import DEFAULT_ELEMENT
-from contact.condensation.boundary_problem import Array
+
+Array = NDArray[np.float64]
 
 RIGID = 1e-12  # share of a rigid motion that supports, or a boundary, see by rounding alone
 

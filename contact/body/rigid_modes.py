@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
+from skfem import Basis
 
+from contact.body.discretised import Discretised
+from contact.body.dof_entities import dof_entities
 from contact.errors import InputError
-
-if TYPE_CHECKING:
-    from contact.body.elastic_body import ElasticBody
 
 Array = NDArray[np.float64]
 
@@ -20,7 +18,7 @@ _VALUE, _MIXED = -1, -2
 _KINDS = {"u": _VALUE, "u_x": 0, "u_y": 1, "u_z": 2, "u_xy": _MIXED}
 
 
-def rigid_modes(body: ElasticBody) -> Array:
+def rigid_modes(body: Discretised) -> Array:
     """Rigid motions of every connected piece, shape (ndofs, npieces * dim (dim + 1) / 2).
 
     Translations first, then rotations about the piece's middle, u_a = -x_b and u_b = x_a for
@@ -31,15 +29,16 @@ def rigid_modes(body: ElasticBody) -> Array:
     InputError
         A dof of the element is neither a value, a first derivative nor u_xy.
     """
-    entity, points, cells = body.entities
+    basis = body.basis
+    entity, points, cells = dof_entities(basis)
     pieces, piece = _pieces(cells, points.shape[1])
-    kind = _kind_of_dof(body)
-    dim, ndofs = body.dim, body.basis.N
+    kind = _kind_of_dof(basis)
+    dim, ndofs = basis.elem.dim, basis.N
     component = np.arange(ndofs) % dim
     modes = []
     for k in range(pieces):
         inside = piece[entity] == k
-        x = body.basis.doflocs - _middle(points[:, piece == k])[:, None]
+        x = basis.doflocs - _middle(points[:, piece == k])[:, None]
         modes += [inside * (component == c) * (kind == _VALUE) * 1.0 for c in range(dim)]
         for a in range(dim):
             for b in range(a + 1, dim):
@@ -52,17 +51,18 @@ def rigid_modes(body: ElasticBody) -> Array:
     return np.array(modes).T
 
 
-def rigid_field(body: ElasticBody, centre: Array) -> Array:
+def rigid_field(body: Discretised, centre: Array) -> Array:
     """Rigid motions of all of space in the body's dofs, shape (ndofs, dim (dim + 1) / 2).
 
     Translations, then rotations about `centre`: counter-clockwise in 2-D, about x, y, z in 3-D.
     """
-    kind, dim = _kind_of_dof(body), body.dim
-    component = np.arange(body.basis.N) % dim
-    x = body.basis.doflocs - centre[:, None]
+    basis = body.basis
+    kind, dim = _kind_of_dof(basis), basis.elem.dim
+    component = np.arange(basis.N) % dim
+    x = basis.doflocs - centre[:, None]
     columns = [((component == c) & (kind == _VALUE)) * 1.0 for c in range(dim)]
     for a, b in ((0, 1),) if dim == 2 else ((1, 2), (2, 0), (0, 1)):
-        rotation = np.zeros(body.basis.N)
+        rotation = np.zeros(basis.N)
         for moving, along, sign in ((a, b, -1.0), (b, a, 1.0)):
             here = component == moving
             rotation += here * (kind == _VALUE) * sign * x[along]
@@ -85,46 +85,48 @@ def _middle(points: Array) -> Array:
     return middle
 
 
-def _kind_of_dof(body: ElasticBody) -> NDArray[np.int64]:
+def _kind_of_dof(basis: Basis) -> NDArray[np.int64]:
     """-1 for a value, i for the derivative along x_i, -2 for a mixed second derivative."""
-    dofs = body.basis.dofs
-    kind = np.full(body.basis.N, -2, dtype=np.int64)
-    names = iter(body.basis.elem.dofnames)
+    dofs = basis.dofs
+    kind = np.full(basis.N, -2, dtype=np.int64)
+    names = iter(basis.elem.dofnames)
     for table in (dofs.nodal_dofs, dofs.facet_dofs, dofs.edge_dofs, dofs.interior_dofs):
         for row in () if table is None else table:
             name = next(names).split("^")[0]
             if name not in _KINDS:
                 raise InputError(
-                    f"element {type(body.element).__name__}: its dof {name!r} is neither a value, "
-                    "a first derivative nor u_xy, which contact needs for rigid motions"
+                    f"element {type(basis.elem.elem).__name__}: its dof {name!r} is neither a "
+                    "value, a first derivative nor u_xy, which contact needs for rigid motions"
                 )
             kind[row] = _KINDS[name]
     return kind
 
 
-def value_dofs(body: ElasticBody) -> NDArray[np.bool_]:
+def value_dofs(body: Discretised) -> NDArray[np.bool_]:
     """Dofs that are displacements, not derivatives, shape (ndofs,)."""
-    return np.asarray(_kind_of_dof(body) == _VALUE)
+    return np.asarray(_kind_of_dof(body.basis) == _VALUE)
 
 
-def dof_lengths(body: ElasticBody) -> Array:
+def dof_lengths(body: Discretised) -> Array:
     """Length that turns each dof into a displacement: 1 for values, the mean cell size otherwise.
 
     Shape (ndofs,). Residuals and norms over dofs of several kinds are taken in these units.
     """
-    cell = float(body.basis.dx.sum() / body.mesh.nelements) ** (1 / body.dim)
-    kind = _kind_of_dof(body)
+    basis = body.basis
+    cell = float(basis.dx.sum() / basis.mesh.nelements) ** (1 / basis.elem.dim)
+    kind = _kind_of_dof(basis)
     return np.where(kind == _VALUE, 1.0, np.where(kind == _MIXED, cell**2, cell))
 
 
-def describe_motion(body: ElasticBody, u: Array) -> str:
+def describe_motion(body: Discretised, u: Array) -> str:
     """Name a rigid motion, e.g. "a translation along x" or "a rotation about (0, 1)"."""
     modes = rigid_modes(body)
-    dim, per_piece = body.dim, body.dim * (body.dim + 1) // 2
+    dim = body.basis.elem.dim
+    per_piece = dim * (dim + 1) // 2
     coefficient = np.linalg.lstsq(modes, u, rcond=None)[0].reshape(-1, per_piece)
     k = int(np.argmax(np.abs(coefficient).max(axis=1)))
     shift, turn = coefficient[k, :dim], coefficient[k, dim:]
-    entity, points, _ = body.entities
+    entity, points, _ = dof_entities(body.basis)
     where = points[:, np.unique(entity[np.abs(modes[:, k * per_piece]) > 0])]
     reach = float(np.ptp(where, axis=1).max())
     if np.abs(turn).max() * reach < 1e-8 * np.abs(shift).max():

@@ -13,14 +13,13 @@ from scipy import sparse
 from contact.body.cell_finder import find_cells, places_in
 from contact.body.cell_strains import has_slender_cells, internal_forces
 from contact.body.rigid_modes import rigid_modes, value_dofs
+from contact.body.supports import live_rows
 from contact.errors import InputError, numbers
 from contact.portable import Portable, PortableBasis
 
 if TYPE_CHECKING:
     from skfem import Basis, Mesh
 
-    from contact.condensation.sparse import CondensedContact
-    from contact.rows.discretise import ContactRows
 
 Array = NDArray[np.float64]
 
@@ -83,16 +82,12 @@ class Solid(Portable, ABC):
         """A body with a Basis whose dofs are the first of this one's and hold its boundary."""
 
     @abstractmethod
-    def embedded(self, rows: ContactRows) -> ContactRows:
+    def embed(self, matrix: sparse.csr_array) -> sparse.csr_array:
         """Rows of the `trace` on all dofs of this body."""
 
     @abstractmethod
-    def condense(self, rows: ContactRows, solver: str, device: str) -> CondensedContact:
-        """Reduce the body to its contact boundary."""
-
-    @abstractmethod
     def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
-        """Rows that the supports leave something of; see `contact.rows.discretise.live_rows`."""
+        """Rows that the supports leave something of; see `contact.body.supports.live_rows`."""
 
     @abstractmethod
     def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
@@ -157,7 +152,7 @@ class BasisSolid(Solid):
     _live: tuple[sparse.csr_array, sparse.csr_array, NDArray[np.bool_]] | None = None
     _give: tuple[sparse.csr_array, Array] | None = None
     _portable: PortableBasis
-    _ANEW = ("stiffness", "absolute_stiffness", "lengths", "entities", "_live", "_give")
+    _ANEW = ("stiffness", "absolute_stiffness", "lengths", "_live", "_give")
     _KEPT: ClassVar[tuple[str, ...]] = ("constraint",)
     _values: NDArray[np.bool_] | None = None
     _slender: bool | None = None
@@ -208,32 +203,15 @@ class BasisSolid(Solid):
         """The body itself."""
         return self
 
-    @property
-    def _itself(self) -> Any:
-        return self
-
-    def embedded(self, rows: ContactRows) -> ContactRows:
+    def embed(self, matrix: sparse.csr_array) -> sparse.csr_array:
         """The same rows."""
-        return rows
-
-    def condense(self, rows: ContactRows, solver: str, device: str) -> CondensedContact:
-        """Reduce the body to its contact boundary by a sparse factorisation."""
-        from contact.condensation.sparse import CondensedContact
-
-        if device != "cpu":
-            raise InputError(
-                f"device={device!r}: sparse factorisation runs on the 'cpu'; a `LayeredBlock` can "
-                "be condensed on 'cuda'"
-            )
-        return CondensedContact(self, rows, solver)
+        return matrix
 
     def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
-        """Rows that the supports leave something of; see `contact.rows.discretise.live_rows`."""
-        from contact.rows.discretise import live_rows
-
+        """Rows that the supports leave something of; see `contact.body.supports.live_rows`."""
         T = self.constraint[0]
         if self._live is None or self._live[0] is not rows or self._live[1] is not T:
-            self._live = rows, T, live_rows(rows, self._itself)
+            self._live = rows, T, live_rows(rows, T, self.lengths)
         return self._live[2]
 
     def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
@@ -279,7 +257,7 @@ class BasisSolid(Solid):
     @property
     def _are_values(self) -> NDArray[np.bool_]:
         if self._values is None:
-            self._values = value_dofs(self._itself)
+            self._values = value_dofs(self)
         return self._values
 
     def reach(self, u: Array) -> float:
@@ -300,7 +278,7 @@ class BasisSolid(Solid):
     def total(self, forces: Array) -> Array:
         """Resultant of forces on all dofs, shape (dim,)."""
         per_piece = self.dim * (self.dim + 1) // 2
-        sums = (rigid_modes(self._itself).T @ forces).reshape(-1, per_piece)
+        sums = (rigid_modes(self).T @ forces).reshape(-1, per_piece)
         return np.asarray(sums[:, : self.dim].sum(axis=0))
 
     def mean_dilatation(self, u: Array) -> Array | None:

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from contact.body.dof_entities import dof_entities
 from contact.condensation.dissection import cell_graph, nested_dissection
 
 
 def elimination_order(body: Any) -> NDArray[np.int64]:
     """Free unknowns in the nested-dissection order of their mesh entities."""
-    entity, points, cells = body.entities
+    entity, points, cells = dof_entities(body.basis)
     picked = body.picked.tocsc()
     leading = picked.indices[picked.indptr[:-1]]
     count = points.shape[1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext, suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,19 +12,18 @@ from scipy import sparse
 from contact.arrays.blas_threads import one_blas_thread
 from contact.arrays.dense_arrays import HostArrays
 from contact.body.free_motions import RIGID, unseen_motion
+from contact.body.layers.layered_block import LayeredBlock
+from contact.body.layers.layers import PER_NODE
 from contact.body.rigid_modes import describe_motion, reduced_echelon, rigid_modes
 from contact.condensation.boundary_problem import BoundaryProblem, Friction
-from contact.condensation.slab_doubling import PER_NODE, SlabDoubling
+from contact.condensation.slab_doubling import SlabDoubling
 from contact.condensation.sparse import CondensedContact
 from contact.errors import NotConverged
 from contact.laws.device_newton import INNER, plane_newton
 from contact.laws.load_balance import check_held
 from contact.laws.methods import Options
 from contact.laws.semismooth_newton import Forces, Report
-
-if TYPE_CHECKING:
-    from contact.body.layers.layered_block import LayeredBlock
-    from contact.rows.discretise import ContactRows
+from contact.rows.discretise import ContactRows
 
 Array = NDArray[np.float64]
 

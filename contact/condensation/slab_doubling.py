@@ -37,6 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.arrays.dense_arrays import HostArrays
+from contact.body.layers.layers import PER_NODE, CellRows
 from contact.errors import InputError
 
 Array = NDArray[np.float64]
@@ -45,18 +46,6 @@ Pair = tuple[Any, Any]
 
 # Of the unknowns of a node, u, v, u_x, v_x, u_y, v_y: what a reflection up-down does to them.
 REFLECTION = np.array([1.0, -1.0, 1.0, -1.0, -1.0, 1.0])
-PER_NODE = 6
-
-
-class CellRows(NamedTuple):
-    """A layer: ``height`` rows of cells with the same element matrix.
-
-    ``stiffness`` has shape (24, 24), its nodes in the order bottom left, bottom right, top right,
-    top left.
-    """
-
-    stiffness: Array
-    height: int
 
 
 class Slab(NamedTuple):

@@ -24,7 +24,7 @@ from contact.laws.load_balance import LIMIT, at_the_limit, by_friction_alone
 from contact.laws.methods import Options, solve_boundary
 from contact.laws.semismooth_newton import Forces, Report
 from contact.obstacles.rigid import ObstacleMotion
-from contact.rows.discretise import ContactRows, live_rows, without_rounding
+from contact.rows.discretise import ContactRows, without_rounding
 
 Array = NDArray[np.float64]
 
@@ -85,7 +85,7 @@ class CondensedContact:
         G, tangents = (sparse.csr_array(part @ self._T) for part in (rows.G, rows.T))
         if self.slender:
             G, tangents = (without_rounding(A, body.lengths[1] * unit) for A in (G, tangents))
-        B = self._choose(G, tangents, live_rows(rows.G, body), live_rows(rows.T, body))
+        B = self._choose(G, tangents, body.live(rows.G), body.live(rows.T))
         self._B = sparse.csr_array(B[:, self._boundary])
         modes = free_motions(body) / unit[:, None]
         self._refuse(unseen_motion(modes, modes[self._boundary]))

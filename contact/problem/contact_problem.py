@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import LinAlgError
 
 from contact.body.solid import Solid
+from contact.condensation.condense import condense
 from contact.condensation.sparse import CondensedContact
 from contact.errors import InputError, NotConverged
 from contact.laws.load_balance import undetermined_slip
@@ -154,7 +155,8 @@ class ContactProblem(Portable):
         found = ContactBoundaries.of(self.body.trace, self.boundary, laws[0], self.functional)
         gap, motion = found.gap(laws[0]), found.motion(laws[0])
         self._take(laws, found)
-        rows = self.body.embedded(replace(found.rows, gap=gap))
+        G, T = (self.body.embed(part) for part in (found.rows.G, found.rows.T))
+        rows = replace(found.rows, G=G, T=T, gap=gap)
         self.__dict__.update(boundaries=found, rows=rows, motion=motion)
         self._supports = supports
         self._condensed = None
@@ -219,7 +221,7 @@ class ContactProblem(Portable):
         kept, material = self._condensed, self.body._material
         if kept is None or kept[1] is not material or device not in (None, kept[0]):
             where = device or ("cpu" if kept is None else kept[0])
-            kept = where, material, self.body.condense(self.rows, self.solver, where)
+            kept = where, material, condense(self.body, self.rows, self.solver, where)
             self._condensed = kept
         return kept[2]
 

@@ -14,7 +14,7 @@ from contact.body.elastic_body import ElasticBody
 from contact.errors import InputError
 from contact.facet_basis import facet_basis
 from contact.obstacles.shapes import Gap
-from contact.rows.frames import along_supports, norms, tangent_frame, within_supports
+from contact.rows.frames import along_supports, tangent_frame, within_supports
 from contact.rows.functionals import facet_functional
 from contact.rows.gap_rule import GapRule
 from contact.rows.numbering import along, first_occurrence, numbering
@@ -187,23 +187,6 @@ def _facet_basis(body: ElasticBody, facets: NDArray[np.int64], points: Array | N
     return facet_basis(
         body.mesh, body.element, facets, quadrature=rule, intorder=order, dofs=body.scalar_dofs
     )
-
-
-def live_rows(rows: sparse.csr_array, body: ElasticBody) -> NDArray[np.bool_]:
-    """Rows that the prescribed displacements leave something of.
-
-    Parameters
-    ----------
-    rows : csr_array, shape (nrows, ndofs)
-    body : ElasticBody
-
-    Returns
-    -------
-    ndarray of bool, shape (nrows,)
-    """
-    of_dof, of_free = body.lengths
-    left = rows @ body.constraint[0] @ sparse.diags_array(1.0 / of_free)
-    return norms(left) > 1e-9 * norms(rows @ sparse.diags_array(1.0 / of_dof))
 
 
 def without_rounding(rows: sparse.csr_array, lengths: Array) -> sparse.csr_array:

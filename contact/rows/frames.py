@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.body.supports import norms
 from contact.rows.outline import NEARLY
 
 Array = NDArray[np.float64]
@@ -111,8 +112,3 @@ def directed(B: sparse.csr_array, direction: Array) -> sparse.csr_array:
     result = sparse.coo_array((data, (rows, columns)), shape=(B.shape[0], dim * B.shape[1])).tocsr()
     result.eliminate_zeros()
     return result
-
-
-def norms(rows: sparse.csr_array) -> Array:
-    """Euclidean norms of the rows."""
-    return np.sqrt(np.asarray(rows.multiply(rows).sum(axis=1), dtype=float).ravel())

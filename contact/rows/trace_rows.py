@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from skfem import FacetBasis
 
-from contact.rows.frames import directed, norms, turned_tangents
+from contact.body.supports import norms
+from contact.rows.frames import directed, turned_tangents
 from contact.rows.outline import Outline
 from contact.rows.shares import Shares
 

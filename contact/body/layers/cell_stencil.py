@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.arrays.dense_arrays import HostArrays
-from contact.condensation.slab_doubling import PER_NODE, CellRows
+from contact.body.layers.layers import PER_NODE, CellRows
 
 Array = NDArray[np.float64]
 _CHUNK = 1 << 17  # cells whose dofs are gathered at a time

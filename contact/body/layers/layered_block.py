@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +18,21 @@ from contact.body.boundary_names import select_components
 from contact.body.elastic_body import ElasticBody, Field
 from contact.body.layers.bottom_row import LowestRow
 from contact.body.layers.cell_stencil import CellStencil
-from contact.body.layers.layers import grid, read_columns, read_layers, read_lengths, read_sides
+from contact.body.layers.layers import (
+    PER_NODE,
+    CellRows,
+    grid,
+    read_columns,
+    read_layers,
+    read_lengths,
+    read_sides,
+)
 from contact.body.material import checked_plane
 from contact.body.solid import Solid
-from contact.condensation.slab_doubling import PER_NODE, CellRows
+from contact.body.supports import live_rows
 from contact.errors import InputError
-from contact.rows.discretise import live_rows
 from contact.settled import settled
 from skfem_adini import ElementQuadAdini
-
-if TYPE_CHECKING:
-    from contact.condensation.sparse import CondensedContact
-    from contact.rows.discretise import ContactRows
 
 Array = NDArray[np.float64]
 
@@ -250,30 +253,21 @@ class LayeredBlock(Solid):
                 strip.fix(edge.facets(name), c, value)
         return strip
 
-    def embedded(self, rows: ContactRows) -> ContactRows:
+    def embed(self, matrix: sparse.csr_array) -> sparse.csr_array:
         """Rows of the lowest row of cells on all dofs."""
-
-        def widened(B: sparse.csr_array) -> sparse.csr_array:
-            return sparse.csr_array((B.data, B.indices, B.indptr), shape=(B.shape[0], self.f.size))
-
-        return replace(rows, G=widened(rows.G), T=widened(rows.T))
+        shape = matrix.shape[0], self.f.size
+        return sparse.csr_array((matrix.data, matrix.indices, matrix.indptr), shape=shape)
 
     def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
-        """Rows that the supports leave something of; see `contact.rows.discretise.live_rows`."""
-        return live_rows(sparse.csr_array(rows[:, : self.trace.f.size]), self.trace)
+        """Rows that the supports leave something of; see `contact.body.supports.live_rows`."""
+        own = sparse.csr_array(rows[:, : self.trace.f.size])
+        return live_rows(own, self.trace.constraint[0], self.trace.lengths)
 
-    def condense(self, rows: ContactRows, solver: str, device: str) -> CondensedContact:
-        """Reduce the body to its contact boundary by slab doubling."""
-        from contact.condensation.layers import CondensedLayers
-
-        if solver != "auto":
-            raise InputError(
-                f"solver={solver!r}: a LayeredBlock is condensed without sparse factorisation; "
-                "leave 'auto', or use block.elastic()"
-            )
+    def compute_on(self, device: str) -> HostArrays:
+        """Apply the stiffness on a device, "cpu" or "cuda", from now on; its arrays."""
         self.arrays = arrays_on(device)
         self.__dict__.pop("stiffness", None)
-        return CondensedLayers(self, rows, self.arrays)
+        return self.arrays
 
     @cached_property
     def stiffness(self) -> CellStencil:

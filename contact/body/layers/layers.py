@@ -12,6 +12,7 @@ from skfem import MeshQuad
 from contact.errors import InputError, numbers
 
 Array = NDArray[np.float64]
+PER_NODE = 6  # u, v, u_x, v_x, u_y, v_y
 
 
 class Layer(NamedTuple):
@@ -23,6 +24,17 @@ class Layer(NamedTuple):
     nu: float
     bottom: float
     first: int
+
+
+class CellRows(NamedTuple):
+    """A layer: ``height`` rows of cells with the same element matrix.
+
+    ``stiffness`` has shape (24, 24), its nodes in the order bottom left, bottom right, top right,
+    top left.
+    """
+
+    stiffness: Array
+    height: int
 
 
 def read_layers(layers: Any) -> list[Layer]:

@@ -1,0 +1,39 @@
+"""What functions of a body with a Basis see of it."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem import Basis
+
+Array = NDArray[np.float64]
+
+
+class Discretised(Protocol):
+    """A body by its Basis of a vector element."""
+
+    @property
+    def basis(self) -> Basis:
+        """The Basis."""
+        ...
+
+
+class Elastic(Discretised, Protocol):
+    """A body by its Basis and its material."""
+
+    @property
+    def lam(self) -> Array:
+        """Lame's first parameter, a number or one a cell."""
+        ...
+
+    @property
+    def mu(self) -> Array:
+        """Lame's second parameter, a number or one a cell."""
+        ...
+
+    @property
+    def dilatation(self) -> str:
+        """ "pointwise" or "mean"."""
+        ...

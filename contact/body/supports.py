@@ -1,0 +1,36 @@
+"""What supports leave of functionals of the displacement."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+Array = NDArray[np.float64]
+
+
+def live_rows(
+    rows: sparse.csr_array, T: sparse.csr_array, lengths: tuple[Array, Array]
+) -> NDArray[np.bool_]:
+    """Rows that the prescribed displacements leave something of.
+
+    Parameters
+    ----------
+    rows : csr_array, shape (nrows, ndofs)
+    T : csr_array, shape (ndofs, nfree)
+        Free unknowns z of ``u = T z + u0``.
+    lengths : pair of ndarray, shapes (ndofs,) and (nfree,)
+        What turns each dof, and each free unknown, into a displacement.
+
+    Returns
+    -------
+    ndarray of bool, shape (nrows,)
+    """
+    of_dof, of_free = lengths
+    left = rows @ T @ sparse.diags_array(1.0 / of_free)
+    return norms(left) > 1e-9 * norms(rows @ sparse.diags_array(1.0 / of_dof))
+
+
+def norms(rows: sparse.csr_array) -> Array:
+    """Euclidean norms of the rows."""
+    return np.sqrt(np.asarray(rows.multiply(rows).sum(axis=1), dtype=float).ravel())

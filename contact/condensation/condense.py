@@ -1,0 +1,58 @@
+"""Which condensation a body gets, by its type."""
+
+from __future__ import annotations
+
+from functools import singledispatch
+
+from contact.body.layers.layered_block import LayeredBlock
+from contact.body.solid import BasisSolid, Solid
+from contact.condensation.layers import CondensedLayers
+from contact.condensation.sparse import CondensedContact
+from contact.errors import InputError
+from contact.rows.discretise import ContactRows
+
+
+@singledispatch
+def condense(body: Solid, rows: ContactRows, solver: str, device: str) -> CondensedContact:
+    """Reduce a body to its contact boundary.
+
+    Another kind of body registers its own way: ``@condense.register(Kind)``.
+
+    Parameters
+    ----------
+    body : Solid
+    rows : ContactRows
+    solver : {"auto", "pardiso", "superlu"}
+        Sparse factorisation.
+    device : {"cpu", "cuda"}
+
+    Raises
+    ------
+    InputError
+        A solver or a device that this kind of body does not take, or a kind that is not known.
+    """
+    raise InputError(f"body: no way is known to condense a {type(body).__name__}")
+
+
+@condense.register(BasisSolid)
+def _by_factorisation(
+    body: BasisSolid, rows: ContactRows, solver: str, device: str
+) -> CondensedContact:
+    if device != "cpu":
+        raise InputError(
+            f"device={device!r}: sparse factorisation runs on the 'cpu'; a `LayeredBlock` can "
+            "be condensed on 'cuda'"
+        )
+    return CondensedContact(body, rows, solver)
+
+
+@condense.register(LayeredBlock)
+def _by_slab_doubling(
+    body: LayeredBlock, rows: ContactRows, solver: str, device: str
+) -> CondensedContact:
+    if solver != "auto":
+        raise InputError(
+            f"solver={solver!r}: a LayeredBlock is condensed without sparse factorisation; "
+            "leave 'auto', or use block.elastic()"
+        )
+    return CondensedLayers(body, rows, body.compute_on(device))
