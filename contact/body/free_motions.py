@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from contact.body.cell_finder import CURVED
 from contact.body.rigid_modes import reduced_echelon, rigid_modes
 from contact.body.vector_element import DEFAULT_ELEMENT
+from contact.errors import Unbounded
 
 Array = NDArray[np.float64]
 
@@ -64,3 +65,15 @@ def unseen_motion(modes: Array, on_boundary: Array) -> Array | None:
     _, singular, V = np.linalg.svd(on_boundary / size)
     seen = singular.size == size.size and singular[-1] > RIGID * singular[0]
     return None if seen else modes @ (V[-1] / size)
+
+
+def not_held(body: Any, name: str, u: Array) -> Unbounded:
+    """The error that names a rigid motion u, shape (ndofs,), of a body."""
+    work, f = float(body.f @ u), body.f
+    idle = abs(work) <= 1e-12 * float(np.abs(f) @ np.abs(u))
+    lack = ", and no load says how far it goes" if idle else " that could balance the loads"
+    return Unbounded(
+        f"the body is not held: {name} meets no resistance{lack}; fix a displacement that it "
+        "moves, or add friction or an obstacle that stops it",
+        u / np.abs(u).max(),
+    )

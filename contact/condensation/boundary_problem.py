@@ -25,7 +25,7 @@ class BoundaryProblem:
 
     Attributes
     ----------
-    W : ndarray, shape (n, n)
+    W : ndarray or DeviceMatrix, shape (n, n)
         Symmetric positive definite compliance of the live rows.
     v0 : ndarray, shape (n,)
         Displacement without contact forces (and without rigid motion).
@@ -93,6 +93,15 @@ class BoundaryProblem:
         """Potential energy up to a constant: l^T W l / 2 - s^T a."""
         forces = self.forces(mu, t)
         return float(0.5 * forces @ self.W @ forces - self.s @ a)
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Contact forces mu (m,), t (m, dim - 1) and rigid motion a (k,) of a boundary problem."""
+
+    mu: Array
+    t: Array
+    a: Array
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import numpy as np
@@ -15,14 +15,8 @@ from contact.body.free_motions import RIGID, unseen_motion
 from contact.body.layers.layered_block import LayeredBlock
 from contact.body.layers.layers import PER_NODE
 from contact.body.rigid_modes import describe_motion, reduced_echelon, rigid_modes
-from contact.condensation.boundary_problem import BoundaryProblem, Friction
 from contact.condensation.slab_doubling import SlabDoubling
 from contact.condensation.sparse import CondensedContact
-from contact.errors import NotConverged
-from contact.laws.device_newton import INNER, plane_newton
-from contact.laws.load_balance import check_held
-from contact.laws.methods import Options
-from contact.laws.semismooth_newton import Forces, Report
 from contact.rows.discretise import ContactRows
 
 Array = NDArray[np.float64]
@@ -107,31 +101,6 @@ class CondensedLayers(CondensedContact):
         everywhere = self._of_all_dofs(plain)
         everywhere[held] = 0.0
         return free, everywhere
-
-    def solve(
-        self,
-        problem: BoundaryProblem,
-        law: Friction | None,
-        options: Options,
-        start: Forces | None,
-        report: Report,
-    ) -> tuple[Forces, float]:
-        """Newton's method on the device; should it stall, or for other methods, on the host."""
-        with one_blas_thread(self.size):
-            if options.method == "newton" and self._arrays.xp is not np:
-                check_held(problem, law)
-                with suppress(NotConverged, np.linalg.LinAlgError):
-                    forces = plane_newton(
-                        problem,
-                        self._arrays,
-                        law,
-                        start,
-                        tol=INNER * options.tol,
-                        max_iterations=options.max_iterations,
-                        report=report,
-                    )
-                    return forces, 0.0
-            return super().solve(problem, law, options, start, report)
 
     def blas_threads(self) -> AbstractContextManager[None]:
         """All of them but for the boundary problem: recovery multiplies large matrices."""

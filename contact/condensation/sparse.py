@@ -12,17 +12,14 @@ from scipy import sparse
 
 from contact.arrays.blas_threads import one_blas_thread
 from contact.arrays.dense_arrays import HostArrays
-from contact.body.free_motions import free_motions, strained_by_rotation, unseen_motion
+from contact.body.free_motions import free_motions, not_held, unseen_motion
 from contact.body.rigid_modes import describe_motion
-from contact.condensation.boundary_problem import BoundaryProblem, Friction
+from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.elimination_order import elimination_order
 from contact.condensation.held_factor import held_factor
 from contact.condensation.schur import SchurFactor, schur_factor
 from contact.condensation.strain_factor import factor_of_strains, strains_can_be_factored
-from contact.errors import Infeasible, InputError, Unbounded
-from contact.laws.load_balance import LIMIT, at_the_limit, by_friction_alone
-from contact.laws.methods import Options, solve_boundary
-from contact.laws.semismooth_newton import Forces, Report
+from contact.errors import Infeasible, InputError
 from contact.obstacles.rigid import ObstacleMotion
 from contact.rows.discretise import ContactRows, without_rounding
 
@@ -286,19 +283,6 @@ class CondensedContact:
         found[motion.free] = self._driven(motion, self._scale)[1] * forces.a[self._N.shape[1] :]
         return found
 
-    def solve(
-        self,
-        problem: BoundaryProblem,
-        law: Friction | None,
-        options: Options,
-        start: Forces | None,
-        report: Report,
-    ) -> tuple[Forces, float]:
-        """Solve the dense problem where its matrix lies; see
-        `contact.laws.methods.solve_boundary`.
-        """
-        return solve_boundary(problem, law, options, start, self.point_scale, report)
-
     def blas_threads(self) -> AbstractContextManager[None]:
         """Threads of BLAS while a problem is solved, recovered and certified.
 
@@ -345,53 +329,18 @@ class CondensedContact:
         free: Array = self._T.T @ (load - self._lifted)
         return free
 
-    def not_held(self, a: Array) -> Unbounded:
-        """The error that names the rigid motion a."""
-        k = self._modes.shape[1]
-        if np.abs(a[k:]).max(initial=0.0) > np.abs(a[:k]).max(initial=0.0):
-            return Unbounded(
-                "the obstacle is not held: contact forces cannot balance the force or moment given "
-                "to its `Rigid`; hold a component of its motion, turn the force towards the body, "
-                "or add friction",
-                np.zeros_like(self.body.f),
-            )
-        return self._not_held(self._modes @ a[:k])
+    def rigid_motion(self, a: Array) -> tuple[str, Array]:
+        """Name and all dofs of the body's part of a motion a of the boundary problem."""
+        return self._motion_of(self._modes @ a[: self._modes.shape[1]])
 
-    def doubt(self, problem: BoundaryProblem, law: Friction | None) -> str:
-        """What may be the matter where there is no solution; raises at the limit of friction."""
-        limit, a, k = at_the_limit(problem, law), by_friction_alone(problem), self._modes.shape[1]
-        if limit is not None:
-            raise self.at_the_limit(limit)
-        if a is None or np.abs(a[k:]).max(initial=0.0) > np.abs(a[:k]).max(initial=0.0):
-            return strained_by_rotation(self.body)
-        return (
-            f"; or there is no equilibrium: {self._motion_of(self._modes @ a[:k])[0]} is driven by "
-            "the loads, friction alone resists it, and the pressure may be too small for that"
-        )
+    def moves_obstacle(self, a: Array) -> bool:
+        """Whether a motion a of the boundary problem is one of an obstacle, not of the body."""
+        k = self._modes.shape[1]
+        return bool(np.abs(a[k:]).max(initial=0.0) > np.abs(a[:k]).max(initial=0.0))
 
     def _refuse(self, motion: Array | None) -> None:
         if motion is not None:
-            raise self._not_held(motion)
-
-    def _not_held(self, motion: Array) -> Unbounded:
-        name, u = self._motion_of(motion)
-        work, f = float(self.body.f @ u), self.body.f
-        idle = abs(work) <= 1e-12 * float(np.abs(f) @ np.abs(u))
-        lack = ", and no load says how far it goes" if idle else " that could balance the loads"
-        return Unbounded(
-            f"the body is not held: {name} meets no resistance{lack}; fix a displacement that it "
-            "moves, or add friction or an obstacle that stops it",
-            u / np.abs(u).max(),
-        )
-
-    def at_the_limit(self, a: Array) -> Unbounded:
-        """The error that names a rigid motion a which friction just holds, however far it goes."""
-        name, u = self._motion_of(self._modes @ a[: self._modes.shape[1]])
-        return Unbounded(
-            f"the slip is undetermined: the loads are within {LIMIT:.0e} of the limit of what "
-            f"friction holds, and {name} may go on for ever; load less, add friction or a support",
-            u / (np.abs(u).max() or 1.0),
-        )
+            raise not_held(self.body, *self._motion_of(motion))
 
     def _motion_of(self, motion: Array) -> tuple[str, Array]:
         """Name and all dofs of a rigid motion in free unknowns."""

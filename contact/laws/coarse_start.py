@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.condensation.boundary_problem import BoundaryProblem, Friction
-from contact.laws.semismooth_newton import Forces
+from contact.condensation.boundary_problem import BoundaryProblem, Forces, Friction
 
 GROUP = 4  # contact points that become one
 FEW = 100  # points from which on a coarser problem pays

@@ -14,18 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.arrays.dense_arrays import HostArrays
-from contact.condensation.boundary_problem import BoundaryProblem, Friction, residual
+from contact.condensation.boundary_problem import BoundaryProblem, Forces, Friction, residual
 from contact.laws.semismooth_newton import (
     NEAR,
     PROXIMAL,
-    Forces,
     Iteration,
     Progress,
     Report,
     _Sets,
 )
 
-INNER = 1e-2  # of the certificate's tolerance: the body sees the boundary's residual enlarged
 START = 15  # active-set steps without friction to begin with
 
 

@@ -11,13 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError
 
-from contact.condensation.boundary_problem import BoundaryProblem, Friction
+from contact.arrays.dense_arrays import DeviceMatrix
+from contact.condensation.boundary_problem import BoundaryProblem, Forces, Friction
 from contact.errors import ContactError, InputError, NotConverged, numbers
 from contact.laws.active_set import signorini
 from contact.laws.coarse_start import CoarseProblem
+from contact.laws.device_newton import plane_newton
 from contact.laws.load_balance import check_held
 from contact.laws.proximal_point import proximal_point
-from contact.laws.semismooth_newton import Forces, Iteration, Report, semismooth_newton
+from contact.laws.semismooth_newton import Iteration, Report, semismooth_newton
 from contact.laws.tresca_loop import fixed_point, progress, tresca_loop
 from gpu import GpuError, Infeasible
 
@@ -98,6 +100,9 @@ def solve_boundary(
 ) -> tuple[Forces, float]:
     """Solve the condensed problem by the method named in the options.
 
+    Where its matrix lies on a device, Newton's method for plane contact runs there; should it
+    stall, and for all else, the host takes what it needs of the matrix.
+
     Parameters
     ----------
     problem : BoundaryProblem
@@ -118,6 +123,13 @@ def solve_boundary(
     check_held(problem, law)
     tol = options.tol * INNER
     method = options.method
+    if isinstance(problem.W, DeviceMatrix) and method == "newton" and problem.tangent.shape[1] == 1:
+        limit, arrays = options.max_iterations, problem.W.arrays
+        with suppress(NotConverged, LinAlgError):
+            forces = plane_newton(
+                problem, arrays, law, start, tol=tol, max_iterations=limit, report=report
+            )
+            return forces, 0.0
     peer = method[3:] if method.startswith("qp:") else None
     if start is None and method == "newton":
         start = _from_coarse(problem, law, options, report)

@@ -39,6 +39,7 @@ from scipy.linalg import LinAlgError, lapack
 from contact.condensation.boundary_problem import (
     Array,
     BoundaryProblem,
+    Forces,
     Friction,
     residual,
     rounding,
@@ -51,15 +52,6 @@ PATIENCE = 8  # steps without a new least residual after which the iteration cou
 PROXIMAL = 1e-13
 ROUND_OFF = 1e2  # times the tolerance: nearer than that a stalled iteration has come to its end
 NEAR = 0.1  # residual below which "switched" trusts the undamped Newton step
-
-
-@dataclass(frozen=True)
-class Forces:
-    """Contact forces mu (m,), t (m, dim - 1) and rigid motion a (k,) of a boundary problem."""
-
-    mu: Array
-    t: Array
-    a: Array
 
 
 @dataclass(frozen=True)

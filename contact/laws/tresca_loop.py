@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from contact.condensation.boundary_problem import Array, BoundaryProblem, Friction, residual
+from contact.condensation.boundary_problem import Array, BoundaryProblem, Forces, Friction, residual
 from contact.errors import NotConverged
 from contact.laws.active_set import signorini
-from contact.laws.semismooth_newton import Forces, Iteration, Report
+from contact.laws.semismooth_newton import Iteration, Report
 
 Tresca = Callable[[Array, Forces], Forces]
 

@@ -4,45 +4,34 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import LinAlgError
 
 from contact.body.solid import Solid
 from contact.condensation.condense import condense
 from contact.condensation.sparse import CondensedContact
-from contact.errors import InputError, NotConverged
-from contact.laws.load_balance import undetermined_slip
+from contact.errors import InputError
 from contact.laws.methods import Options
 from contact.laws.semismooth_newton import Iteration
 from contact.obstacles.rigid import ObstacleMotion
 from contact.obstacles.shapes import Gap
 from contact.portable import Portable
-from contact.problem.nested_start import start_forces
 from contact.problem.sagitta import warn_of_sagitta
-from contact.problem.small_displacements import warn_of_large_displacements
-from contact.problem.stiffness_form import fits, refined, solved_stiffly
-from contact.result.certify import certify
+from contact.problem.solve_system import solve_system
 from contact.result.contact_result import ContactResult
 from contact.result.contact_system import ContactSystem
 from contact.rows.contact_boundaries import ContactBoundaries
 from contact.rows.discretise import ContactRows
 from contact.settled import settled
-from gpu import Infeasible as QPInfeasible
-from gpu import InputError as QPInputError
-from gpu import NotConverged as QPNotConverged
 
 Array = NDArray[np.float64]
 Friction = float | ArrayLike | Callable[[Array], ArrayLike] | Sequence[Any]
 Laws = tuple[Gap, Friction, str | None]
 logger = logging.getLogger(__name__)
 _SAME: Any = object()
-STIFF = ("newton", "pdas", "tresca_loop")  # methods that may end in the stiffness form
-THOROUGH = 50  # iterations allowed from which on a failure is not the caller's impatience
 
 
 @settled("make a new ContactProblem", "body", "boundary", "functional", "solver")
@@ -317,73 +306,7 @@ class ContactProblem(Portable):
         report: Callable[[Iteration], None] = lambda line: None,
     ) -> ContactResult:
         """Solve and certify one discrete system on a condensation of its body; see `solve`."""
-        history: list[Iteration] = []
-
-        def keep(line: Iteration) -> None:
-            history.append(line)
-            report(line)
-
-        with condensed.blas_threads():
-            return self._solved(system, condensed, options, start, keep, history)
-
-    def _solved(
-        self,
-        system: ContactSystem,
-        condensed: CondensedContact,
-        options: Options,
-        start: ContactResult | None,
-        report: Callable[[Iteration], None],
-        history: list[Iteration],
-    ) -> ContactResult:
-        scale = condensed.point_scale
-        law = system.scaled_friction(scale)
-
-        def solved(load: Array, warm: Any, line: Callable[[Iteration], None]) -> Any:
-            boundary = condensed.boundary_problem(
-                load, system.rows.gap, system.slip_from, system.motion
-            )
-            if isinstance(warm, ContactResult):
-                warm = start_forces(warm, system, boundary, scale)
-            forces, slack = condensed.solve(boundary, law, options, warm, line)
-            endless = undetermined_slip(boundary, law, forces.mu, forces.t)
-            if endless is not None:
-                raise condensed.at_the_limit(endless)
-            return forces, slack, condensed.recover(load, boundary, forces)
-
-        try:
-            forces, slack, state = solved(system.load, start, report)
-            rest = condensed.unbalanced(system.load, *state)
-            if rest is not None:  # one step of iterative refinement
-                forces, slack, state = solved(system.load + rest, forces, lambda line: None)
-        except QPInfeasible as error:
-            raise condensed.not_held(error.certificate) from error
-        except QPInputError as error:
-            raise InputError(
-                f"functional {self.rows.functional!r}: the compliance of its rows is not positive "
-                f"semidefinite ({error}); choose another functional, or refine"
-            ) from error
-        except (QPNotConverged, NotConverged) as error:
-            if (condensed.thin or condensed.slender) and options.max_iterations >= THOROUGH:
-                with suppress(NotConverged, LinAlgError):
-                    return solved_stiffly(system, condensed, options, None, report, history)
-            given = system.load, system.rows.gap, system.slip_from, system.motion
-            doubt = condensed.doubt(condensed.boundary_problem(*given), law)
-            raise NotConverged(f"{error}{doubt}", tuple(history)) from error
-        (u, mu, t), motion = state, condensed.obstacle_motion(system.motion, forces)
-        result = ContactResult(
-            system, u, mu, t, options.method, tuple(history), motion, options.tol, slack
-        )
-        if condensed.slender and fits(condensed) and options.method in STIFF:
-            return refined(system, condensed, options, result, report, history)
-        try:
-            certify(result, options.tol, slack)
-        except NotConverged:
-            if options.method in STIFF:
-                with suppress(NotConverged, LinAlgError):
-                    return solved_stiffly(system, condensed, options, result, report, history)
-            raise
-        warn_of_large_displacements(result)
-        return result
+        return solve_system(system, condensed, options, start, report)
 
 
 def _check_same(rows: ContactRows, of_last: ContactRows) -> None:

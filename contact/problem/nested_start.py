@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from contact.condensation.boundary_problem import BoundaryProblem, Friction
+from contact.condensation.boundary_problem import BoundaryProblem, Forces, Friction
 from contact.errors import InputError
-from contact.laws.semismooth_newton import Forces
 
 if TYPE_CHECKING:
     from contact.result.contact_result import ContactResult

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError
 
+from contact.arrays.blas_threads import one_blas_thread
 from contact.errors import ContactError, warn
+from contact.laws.methods import Options, solve_boundary
 from contact.problem.nested_start import start_forces
 from gpu import GpuError
 
 if TYPE_CHECKING:
     from contact.condensation.sparse import CondensedContact
-    from contact.laws.methods import Options
     from contact.result.contact_result import ContactResult
 
 Array = NDArray[np.float64]
@@ -59,7 +60,8 @@ def warn_of_sagitta(
             system.load, system.rows.gap + rise, system.slip_from, system.motion
         )
         start = start_forces(result, system, boundary, scale)
-        forces, _ = condensed.solve(boundary, law, options, start, lambda line: None)
+        with one_blas_thread(condensed.size):
+            forces, _ = solve_boundary(boundary, law, options, start, scale, lambda line: None)
         size = float(np.linalg.norm(np.sqrt(w) * forces.mu / scale / w))
         change = float(np.linalg.norm(np.sqrt(w) * (forces.mu / scale / w - result.pressure)))
         if change <= _ERROR * size or not max(change, size) > 0:

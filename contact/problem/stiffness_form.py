@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.linalg import LinAlgError, block_diag
 
-from contact.condensation.boundary_problem import Array, BoundaryProblem, Friction
+from contact.condensation.boundary_problem import Array, BoundaryProblem, Forces, Friction
 from contact.errors import NotConverged
 from contact.laws.methods import INNER, Options
 from contact.laws.proximal_point import proximal_point
-from contact.laws.semismooth_newton import Forces, Iteration, Report, semismooth_newton
+from contact.laws.semismooth_newton import Iteration, Report, semismooth_newton
 from contact.result.certify import certify
 from contact.result.contact_result import ContactResult
 

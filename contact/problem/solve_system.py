@@ -1,0 +1,128 @@
+"""One discrete system, solved on a condensation of its body and certified."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError
+
+from contact.arrays.blas_threads import one_blas_thread
+from contact.condensation.boundary_problem import BoundaryProblem, Forces
+from contact.condensation.sparse import CondensedContact
+from contact.errors import InputError, NotConverged
+from contact.laws.load_balance import undetermined_slip
+from contact.laws.methods import Options, solve_boundary
+from contact.laws.semismooth_newton import Iteration, Report
+from contact.problem.equilibrium import doubt, driven, undetermined
+from contact.problem.nested_start import start_forces
+from contact.problem.small_displacements import warn_of_large_displacements
+from contact.problem.stiffness_form import fits, refined, solved_stiffly
+from contact.result.certify import certify
+from contact.result.contact_result import ContactResult
+from contact.result.contact_system import ContactSystem
+from gpu import Infeasible as QPInfeasible
+from gpu import InputError as QPInputError
+from gpu import NotConverged as QPNotConverged
+
+Array = NDArray[np.float64]
+STIFF = ("newton", "pdas", "tresca_loop")  # methods that may end in the stiffness form
+THOROUGH = 50  # iterations allowed from which on a failure is not the caller's impatience
+
+
+def solve_system(
+    system: ContactSystem,
+    condensed: CondensedContact,
+    options: Options,
+    start: ContactResult | None,
+    report: Report,
+) -> ContactResult:
+    """Solve and certify; see `contact.problem.contact_problem.ContactProblem.solve`.
+
+    Parameters
+    ----------
+    system : ContactSystem
+    condensed : CondensedContact
+        Of its body.
+    options : Options
+    start : ContactResult or None
+    report : callable
+        Receives each `Iteration`.
+
+    Raises
+    ------
+    NotConverged, Infeasible, Unbounded, InputError
+    """
+    history: list[Iteration] = []
+
+    def keep(line: Iteration) -> None:
+        history.append(line)
+        report(line)
+
+    with condensed.blas_threads():
+        return _solved(system, condensed, options, start, keep, history)
+
+
+def _solved(
+    system: ContactSystem,
+    condensed: CondensedContact,
+    options: Options,
+    start: ContactResult | None,
+    report: Report,
+    history: list[Iteration],
+) -> ContactResult:
+    scale = condensed.point_scale
+    law = system.scaled_friction(scale)
+
+    def solved(load: Array, warm: ContactResult | Forces | None, line: Report) -> Any:
+        boundary = _boundary_problem(system, condensed, load)
+        if isinstance(warm, ContactResult):
+            warm = start_forces(warm, system, boundary, scale)
+        with one_blas_thread(condensed.size):
+            forces, slack = solve_boundary(boundary, law, options, warm, scale, line)
+        endless = undetermined_slip(boundary, law, forces.mu, forces.t)
+        if endless is not None:
+            raise undetermined(condensed, endless)
+        return forces, slack, condensed.recover(load, boundary, forces)
+
+    try:
+        forces, slack, state = solved(system.load, start, report)
+        rest = condensed.unbalanced(system.load, *state)
+        if rest is not None:  # one step of iterative refinement
+            forces, slack, state = solved(system.load + rest, forces, lambda line: None)
+    except QPInfeasible as error:
+        raise driven(condensed, error.certificate) from error
+    except QPInputError as error:
+        raise InputError(
+            f"functional {system.rows.functional!r}: the compliance of its rows is not positive "
+            f"semidefinite ({error}); choose another functional, or refine"
+        ) from error
+    except (QPNotConverged, NotConverged) as error:
+        if (condensed.thin or condensed.slender) and options.max_iterations >= THOROUGH:
+            with suppress(NotConverged, LinAlgError):
+                return solved_stiffly(system, condensed, options, None, report, history)
+        more = doubt(condensed, _boundary_problem(system, condensed, system.load), law)
+        raise NotConverged(f"{error}{more}", tuple(history)) from error
+    (u, mu, t), motion = state, condensed.obstacle_motion(system.motion, forces)
+    result = ContactResult(
+        system, u, mu, t, options.method, tuple(history), motion, options.tol, slack
+    )
+    if condensed.slender and fits(condensed) and options.method in STIFF:
+        return refined(system, condensed, options, result, report, history)
+    try:
+        certify(result, options.tol, slack)
+    except NotConverged:
+        if options.method in STIFF:
+            with suppress(NotConverged, LinAlgError):
+                return solved_stiffly(system, condensed, options, result, report, history)
+        raise
+    warn_of_large_displacements(result)
+    return result
+
+
+def _boundary_problem(
+    system: ContactSystem, condensed: CondensedContact, load: Array
+) -> BoundaryProblem:
+    return condensed.boundary_problem(load, system.rows.gap, system.slip_from, system.motion)
