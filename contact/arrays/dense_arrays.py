@@ -182,6 +182,17 @@ class DeviceMatrix:
     def __add__(self, other: Any) -> Any:
         return self.arrays.get(self.values) + other
 
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Any:
+        return np.asarray(self.arrays.get(self.values), dtype=dtype)
+
+    def take(self, index: Any, axis: int) -> Any:
+        """Rows or columns, on the host."""
+        return self.arrays.get(self.values.take(self.arrays.xp.asarray(index), axis=axis))
+
+    def diagonal(self) -> Any:
+        """The diagonal, on the host."""
+        return self.arrays.get(self.values.diagonal())
+
 
 def mirrored(lower: Any) -> Any:
     """The symmetric matrix of a lower triangle, in place."""

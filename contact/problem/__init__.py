@@ -2,5 +2,5 @@
 
 In: body, boundary, obstacle, friction law, method.
 Out: a certified `ContactResult`, or an error that says what stands in the way.
-Start: `contact_problem`; the others give it starts, second attempts and warnings.
+Start: `contact_problem`, then `solve_system`; the others give it starts, second attempts, warnings.
 """
