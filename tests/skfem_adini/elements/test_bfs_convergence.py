@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from scipy.sparse.linalg import splu
-from skfem import Basis, BilinearForm, LinearForm, MeshQuad, condense
-from skfem.helpers import ddot
+from skfem import Basis, LinearForm, MeshQuad, condense
 from skfem.models.poisson import laplace
 
 from skfem_adini import ElementQuadBFS, essential_dofs
@@ -76,34 +75,3 @@ def test_interpolation_error_is_rounding(n, interpolate):
     X, Y = basis.global_coordinates()
     np.testing.assert_allclose(u, X**2 * Y, rtol=0, atol=1e-14)
     np.testing.assert_allclose(u.grad, [2 * X * Y, X**2], rtol=0, atol=1e-14 * n)
-
-
-def test_clamped_plate(convergence_order):
-    """A conforming plate element: order 2 in H2, where clamping fixes all dofs."""
-
-    @BilinearForm
-    def plate(u, v, _):
-        return ddot(u.hess, v.hess)
-
-    @LinearForm
-    def pressure(v, w):
-        a, b = 2 * pi * w.x
-        return 4 * pi**4 * (4 * np.cos(a) * np.cos(b) - np.cos(a) - np.cos(b)) * v
-
-    cells, errors = [8, 16, 32], []
-    for n in cells:
-        basis = Basis(square(n), ElementQuadBFS(derivatives=2), intorder=6)
-        fixed = essential_dofs(basis, basis.mesh.boundary_facets(), clamp_normal=True)
-        A, b, x, free = condense(plate.assemble(basis), pressure.assemble(basis), D=fixed)
-        x[free] = symmetric_solve(A, b)
-        hess = basis.interpolate(x).hess
-        a, b = 2 * pi * np.array(basis.global_coordinates())
-        mixed = np.sin(a) * np.sin(b)
-        exact = pi**2 * np.array(
-            [
-                [2 * np.cos(a) * np.sin(b / 2) ** 2, mixed],
-                [mixed, 2 * np.sin(a / 2) ** 2 * np.cos(b)],
-            ]
-        )
-        errors.append(np.sqrt(np.sum((hess - exact) ** 2 * basis.dx)))
-    assert convergence_order(cells, errors) == pytest.approx(2, abs=0.1)

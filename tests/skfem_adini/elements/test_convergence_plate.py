@@ -1,16 +1,17 @@
-"""As a plate element, Adini is nonconforming of order 2 in the broken H2 norm."""
+"""As plate elements, Adini (nonconforming) and BFS (conforming) are of order 2 in H2."""
 
 import numpy as np
 import pytest
 from skfem import Basis, BilinearForm, LinearForm, MeshQuad, condense, solve
 from skfem.helpers import ddot
 
-from skfem_adini import ElementQuadAdini, essential_dofs
+from skfem_adini import ElementQuadAdini, ElementQuadBFS, essential_dofs
 
 pi = np.pi
 
 
-def test_clamped_plate_is_nonconforming_of_order_two(convergence_order):
+@pytest.mark.parametrize("element", [ElementQuadAdini, ElementQuadBFS])
+def test_clamped_plate(element, convergence_order):
     """Broken H2 norm, w = (sin sin)^2, all dofs on the boundary fixed."""
 
     @BilinearForm
@@ -25,7 +26,7 @@ def test_clamped_plate_is_nonconforming_of_order_two(convergence_order):
     cells, errors = [8, 16, 32], []
     for n in cells:
         mesh = MeshQuad().refined(int(np.log2(n)))
-        basis = Basis(mesh, ElementQuadAdini(derivatives=2), intorder=6)
+        basis = Basis(mesh, element(derivatives=2), intorder=6)
         fixed = essential_dofs(basis, mesh.boundary_facets(), clamp_normal=True)
         x = solve(*condense(plate.assemble(basis), pressure.assemble(basis), D=fixed))
         hess = basis.interpolate(x).hess
