@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -74,7 +74,7 @@ def curves(x: Array, normals: Array, weights: Array, size: Array, part: Index) -
 
 def _nearest(x: Array, tangents: Array, weights: Array, sign: float) -> Index:
     """Return the nearest point ahead (sign 1) or behind (-1) of each, -1 where a curve ends."""
-    tree, count = KDTree(x.T), weights.size
+    tree, count = scipy.spatial.KDTree(x.T), weights.size
     result = np.full(count, -1)
     left = np.arange(count)
     k = min(16, count)
@@ -140,7 +140,7 @@ def _with_the_rest(found: list[Curve], heavy: Index, x: Array) -> list[Curve]:
     owner = np.concatenate([np.full(curve.points.size, k) for k, curve in enumerate(found)])
     points = np.concatenate([curve.points for curve in found])
     s = np.concatenate([curve.s for curve in found])
-    near = np.asarray(KDTree(x[:, points].T).query(x[:, rest].T)[1])
+    near = np.asarray(scipy.spatial.KDTree(x[:, points].T).query(x[:, rest].T)[1])
     result = []
     for k, curve in enumerate(found):
         mine = owner[near] == k

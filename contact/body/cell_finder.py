@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 from skfem import MappingAffine, Mesh, MeshHex2, MeshQuad2, MeshTet2, MeshTri2
 
 from contact.errors import InputError
@@ -49,7 +49,7 @@ def find_cells(mesh: Mesh, points: Array) -> NDArray[np.int64]:
 def _find_curved(mesh: Mesh, points: Array) -> NDArray[np.int64]:
     middles = mesh.p[:, mesh.t].mean(axis=1)
     tried = min(CANDIDATES, mesh.nelements)
-    near = KDTree(middles.T).query(points.T, k=tried)[1].reshape(-1, tried)
+    near = scipy.spatial.KDTree(middles.T).query(points.T, k=tried)[1].reshape(-1, tried)
     found = np.full(points.shape[1], -1, dtype=np.int64)
     nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
     low, high = nodes.min(axis=1), nodes.max(axis=1)

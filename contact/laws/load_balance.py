@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linprog
+import scipy
 
 from contact.condensation.boundary_problem import Array, BoundaryProblem, Friction
 from gpu import Infeasible
@@ -71,7 +71,9 @@ def check_held(problem: BoundaryProblem, law: Friction | None) -> None:
     for _ in range(_CUTS):
         of_a, of_w = np.split(np.vstack((*cuts, contact)) / size, [k], axis=1)
         A = np.vstack((np.hstack((of_a, -of_a, of_w)), total))
-        found = linprog(-gain, A_ub=A, b_ub=np.r_[np.zeros(A.shape[0] - 1), 1.0], method="highs")
+        found = scipy.optimize.linprog(
+            -gain, A_ub=A, b_ub=np.r_[np.zeros(A.shape[0] - 1), 1.0], method="highs"
+        )
         # A gain this small could be round-off of the program. The cuts make moduli too small and
         # the gain too large: without one, the body is held.
         if found.x is None or gain @ found.x <= 1e-7 * float(np.abs(problem.s).max()):
@@ -114,7 +116,7 @@ def by_friction_alone(problem: BoundaryProblem) -> Array | None:
     A = np.vstack((np.hstack((normal, -normal)), np.ones((1, 2 * k))))
     # A curve through the contact points is nearly a circle where it is one.
     b = np.r_[np.full(len(normal), 1e-6), 1.0]
-    found = linprog(-np.r_[problem.s, -problem.s], A_ub=A, b_ub=b, method="highs")
+    found = scipy.optimize.linprog(-np.r_[problem.s, -problem.s], A_ub=A, b_ub=b, method="highs")
     if found.x is None:
         return None
     motion: Array = found.x[:k] - found.x[k:]

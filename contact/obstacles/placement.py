@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 from skfem import Mesh
 
 from contact.errors import InputError, warn
@@ -77,7 +77,7 @@ def outward_normals(mesh: Mesh, x: Array) -> Array:
     """Outward normals of the boundary facets nearest to places x, (dim, ...)."""
     basis = facet_basis(mesh, mesh.elem(), mesh.boundary_facets(), intorder=1)
     middle = np.asarray(basis.global_coordinates()).mean(axis=2)
-    near = KDTree(middle.T).query(x.reshape(x.shape[0], -1).T)[1]
+    near = scipy.spatial.KDTree(middle.T).query(x.reshape(x.shape[0], -1).T)[1]
     normals: Array = np.asarray(basis.normals).mean(axis=2)[:, near].reshape(x.shape)
     return normals
 

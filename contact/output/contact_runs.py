@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from contact.body.cut_body import CutBody
 from contact.output.drawn import Drawn
@@ -84,7 +84,7 @@ def _runs_of_arc(result: Drawn, here: Index) -> list[Run]:
     owner = np.empty(arc.weights.size, dtype=np.int64)
     for k, curve in enumerate(arc.curves):
         owner[curve.points] = k
-    own = owner[KDTree(arc.x.T).query(x.T)[1]]
+    own = owner[scipy.spatial.KDTree(arc.x.T).query(x.T)[1]]
     runs = []
     for k in dict.fromkeys(own.tolist()):
         mine = np.flatnonzero(own == k)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from contact.condensation.boundary_problem import BoundaryProblem, Forces, Friction
 from contact.errors import InputError
@@ -77,7 +77,7 @@ def _interpolated(result: ContactResult, system: ContactSystem) -> tuple[Array, 
     found = np.zeros((traction.shape[0], rows.gap.size))
     for here, there in pairs:
         near = min(rows.x.shape[0], int(there.sum()))
-        distance, index = cKDTree(theirs.x[:, there].T).query(
+        distance, index = scipy.spatial.cKDTree(theirs.x[:, there].T).query(
             rows.x[:, here].T, k=range(1, near + 1)
         )
         share = 1.0 / np.maximum(distance, 1e-12 * float(np.ptp(theirs.x)))

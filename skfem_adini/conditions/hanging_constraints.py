@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
+import scipy
 import scipy.sparse as sp
-from scipy.spatial import KDTree
 
 from skfem_adini.arguments.finite_numbers import finite_numbers
 from skfem_adini.conditions.boundary_edges import Array, BoundaryEdges, Indices
@@ -164,7 +164,7 @@ class _HangingVertices:
         edges = BoundaryEdges.of(mesh, single)
         nodes = np.unique(single)
         middle = (edges.first + edges.last) / 2
-        near = KDTree(mesh.p[:, nodes].T).query_ball_point(middle.T, edges.length / 2)
+        near = scipy.spatial.KDTree(mesh.p[:, nodes].T).query_ball_point(middle.T, edges.length / 2)
         edge = np.repeat(np.arange(len(near)), [len(found) for found in near])
         vertex = nodes[np.concatenate([np.array(found, dtype=int) for found in near])]
 

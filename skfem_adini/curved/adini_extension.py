@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from skfem_adini.arguments.finite_numbers import finite_numbers
 from skfem_adini.arguments.positive_number import positive_number
@@ -249,7 +249,7 @@ def _roots_of_component(
         sound = good[((ends @ follows) == 0)[mesh.t[:, good]].all(axis=0)]
         if sound.size and outside.size:
             count = min(_NEAREST_CELLS, sound.size)
-            _, near = KDTree(centre[:, sound].T).query(mesh.p[:, outside].T, k=count)
+            _, near = scipy.spatial.KDTree(centre[:, sound].T).query(mesh.p[:, outside].T, k=count)
             cells = sound[np.asarray(near).reshape(len(outside), count)]
             steps = np.abs(mesh.p[:, outside, None] - centre[:, cells]) / size[:, cells]
             # Least extrapolation first, in cells; the distance decides between equals.

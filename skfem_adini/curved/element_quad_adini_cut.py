@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 from skfem.element import DiscreteField, ElementH1
 from skfem.refdom import RefQuad
 
@@ -232,7 +232,7 @@ def _crossings(mesh: Any, inside: NDArray[np.bool_], level_set: Callable[[Array]
     result = np.full((2, mesh.facets.shape[1]), np.nan)
     for facet in np.flatnonzero(inside[mesh.facets[0]] != inside[mesh.facets[1]]).tolist():
         a, b = mesh.p[:, mesh.facets[:, facet]].T
-        result[:, facet] = a + (b - a) * brentq(
+        result[:, facet] = a + (b - a) * scipy.optimize.brentq(
             _along(a, b - a, level_set), 0, 1, xtol=1e-15, rtol=1e-14
         )
     return result
@@ -251,7 +251,7 @@ def _points_between(
             reach *= 4
             if reach > 0.6:
                 return None
-        root = brentq(f, -reach, reach, xtol=1e-16, rtol=1e-14)
+        root = scipy.optimize.brentq(f, -reach, reach, xtol=1e-16, rtol=1e-14)
         found.append(a + (b - a) * k / (count + 1) + root * normal)
     return found
 
