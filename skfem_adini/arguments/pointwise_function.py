@@ -46,9 +46,11 @@ def pointwise(name: str, function: Callable[[Array], Any]) -> Callable[[Array], 
 
 def _check(name: str, function: Callable[[Array], Any], x: Array, value: Any) -> None:
     try:
-        found = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        return  # no numbers: the caller says so
+        found = np.asarray(value)
+    except ValueError:  # no array
+        return
+    if found.dtype.kind not in "biuf":  # no real numbers: the caller says so
+        return
     shape = x.shape[1:]
     if not x.size or not np.isfinite(found).all():
         return
