@@ -14,7 +14,7 @@ PYTEST ?=
 
 help:
 	@echo "make demo       install, solve the frictional contact block, write VTK and a picture to out/"
-	@echo "make test       install what tests need, run the whole suite"
+	@echo "make test       install what tests need, run all tests but the slow ones"
 	@echo "make test-slow  the same with the slow lanes"
 	@echo "make test-processor  the fast tests as another processor would run them, on two BLAS threads"
 	@echo "make test-oldest     the fast tests with the oldest versions of what we depend on, on Python 3.11"
@@ -22,7 +22,7 @@ help:
 	@echo "make doctest    the examples in docstrings"
 	@echo "make examples   every script in examples/, as a user would run it"
 	@echo "make docs       out/docs/index.html: guide, tutorials, gallery (with the pictures of make examples), reference"
-	@echo "make readme     write the tables of docs/ and README from benchmarks/results"
+	@echo "make readme     write the tables of docs/ from benchmarks/results"
 
 $(VENV)/pyvenv.cfg:
 	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed; try make PYTHON=python3.12" if sys.version_info < (3, 11) else 0)'

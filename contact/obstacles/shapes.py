@@ -1,9 +1,10 @@
 """Rigid obstacles: the gap from a boundary point along the body's outward normal.
 
-An obstacle is anything that can be called as ``obstacle(x, n)`` with points and unit normals of
-shape (dim, ...) and returns the signed distance d along n at which the obstacle begins: positive
-where there is a gap, zero at touch, negative where body and obstacle overlap at rest (a press
-fit), and ``inf`` where the ray meets nothing. Contact then reads u_n <= d.
+An obstacle is called as ``obstacle(x, n)`` with points and unit normals of shape (dim, ...) and
+returns the signed distance d along n at which it begins: positive where there is a gap, zero at
+touch, negative where body and obstacle overlap at rest (a press fit), and ``inf`` where the ray
+meets nothing. Contact then reads u_n <= d. A shape of one's own is a function of x alone that
+returns d.
 """
 
 from __future__ import annotations

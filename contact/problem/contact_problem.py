@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from contact.body.cut_arc import CutArc
 from contact.body.solid import Solid
 from contact.condensation.condense import condense
 from contact.condensation.sparse import CondensedContact
@@ -49,8 +50,8 @@ class ContactProblem(Portable):
 
     Parameters
     ----------
-    body : ElasticBody or LayeredBlock
-    boundary : str, list of str or array of facet numbers
+    body : ElasticBody, LayeredBlock or CutBody
+    boundary : str, list of str, array of facet numbers or CutArc
         The boundary where contact may occur. Together with a list of obstacles: a list of
         boundaries, each with its own; friction and functional may then be lists as well.
     obstacle : obstacle, Rigid, number, callable, array, None, or a list of these
@@ -90,7 +91,7 @@ class ContactProblem(Portable):
     def __init__(
         self,
         body: Solid,
-        boundary: str | Sequence[str] | ArrayLike,
+        boundary: str | Sequence[str] | ArrayLike | CutArc,
         obstacle: Gap,
         friction: Friction = 0.0,
         law: str | None = "coulomb",
@@ -99,7 +100,8 @@ class ContactProblem(Portable):
     ) -> None:
         if not isinstance(body, Solid):
             raise InputError(
-                f"body: expected an ElasticBody or a LayeredBlock, got {type(body).__name__}"
+                "body: expected an ElasticBody, a LayeredBlock or a CutBody, got "
+                f"{type(body).__name__}"
             )
         if not isinstance(solver, str):
             raise InputError(f"solver={solver!r}: expected 'auto', 'pardiso' or 'superlu'")
