@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from contact.body.cut_body import CutBody
 from contact.errors import InputError, numbers
 from contact.facet_basis import facet_basis
 from contact.laws.status import Status
@@ -172,6 +173,7 @@ def plot_field(
     grid = to_pyvista(
         body.basis, {"u": result.u}, subdivide=1 if nodal else _subdivision(body, per_cell)
     )
+    grid = body.clipped(grid) if isinstance(body, CutBody) else grid
     points, u = np.asarray(grid.points)[:, :2], np.asarray(grid.point_data["u"])[:, :2]
     triangles = _triangles(grid)
     where = points + magnification * u
@@ -205,10 +207,10 @@ def plot_cells(
     if body.dim != 2:
         raise InputError("plot: cells are drawn for bodies in 2-D; use to_pyvista in 3-D")
     ax = _axes(ax)
-    grid = body_grid(result, subdivide=1)
+    grid = body_grid(result, subdivide=None if isinstance(body, CutBody) else 1)
     where = np.asarray(grid.points) + magnification * np.asarray(grid.point_data["displacement"])
-    corners = np.asarray(grid.cells).reshape(grid.n_cells, -1)[:, 1:]
-    cells = PolyCollection(where[corners][:, :, :2], array=grid.cell_data["von_mises"], lw=0.3)
+    outlines = [where[corners, :2] for corners in _polygons(grid)]
+    cells = PolyCollection(outlines, array=grid.cell_data["von_mises"], lw=0.3)
     cells.set_edgecolor("face")
     ax.add_collection(cells)
     ax.figure.colorbar(cells, ax=ax, shrink=0.85, label=label)
@@ -246,11 +248,19 @@ def _subdivision(body: Any, per_cell: int) -> int:
     return per_cell if body.mesh.t.shape[0] == 4 else 2 ** int(np.ceil(np.log2(per_cell)))
 
 
+def _polygons(grid: Any) -> list[NDArray[np.int64]]:
+    """Corners of each cell: of a body that a curve cuts these are three or four."""
+    cells, found = np.asarray(grid.cells), []  # each as its number of corners, then these
+    while cells.size:
+        found.append(cells[1 : 1 + cells[0]])
+        cells = cells[1 + cells[0] :]
+    return found
+
+
 def _triangles(grid: Any) -> NDArray[np.int64]:
-    cells = np.asarray(grid.cells).reshape(grid.n_cells, -1)[:, 1:]
-    if cells.shape[1] == 3:
-        return cells
-    return np.vstack((cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]))
+    cells = _polygons(grid)
+    first = [corners[:3] for corners in cells]
+    return np.array(first + [corners[[0, 2, 3]] for corners in cells if len(corners) == 4])
 
 
 def _axes(ax: Any) -> Any:

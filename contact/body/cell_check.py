@@ -17,6 +17,8 @@ FLAT = 1e-12  # thickness over size: less is rounding of the vertices' places
 
 def check_cells(mesh: Mesh) -> None:
     """Raise unless every cell is mapped one to one and lies beside its neighbours, not on them."""
+    if not mesh.nelements:
+        raise InputError("mesh: has no cells")
     if not np.all(np.isfinite(mesh.doflocs)):
         raise InputError("mesh: has coordinates that are not finite")
     mapping = mesh.mapping()

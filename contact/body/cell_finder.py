@@ -18,6 +18,7 @@ STEPS = 20  # of Newton's method for a place in a curved cell
 INSIDE = 1e-8  # by how much a place may lie outside the reference cell
 CURVED = (MeshTri2, MeshQuad2, MeshTet2, MeshHex2)
 MET = 1e-10  # distance to the point, over the cell's size
+ROUNDINGS = 16  # of the largest coordinate, that a turned place on an edge may lie beside it
 
 
 def find_cells(mesh: Mesh, points: Array) -> NDArray[np.int64]:
@@ -33,17 +34,55 @@ def find_cells(mesh: Mesh, points: Array) -> NDArray[np.int64]:
     InputError
         A point lies outside the mesh.
     """
-    if isinstance(mesh, CURVED):
-        return _find_curved(mesh, points)
-    try:
-        finder = mesh.element_finder()
-        # It compares every point with the neighbours of all points: cost grows like a square.
-        some = np.array_split(points, max(points.shape[1] // CHUNK, 1), axis=1)
-        return np.concatenate([finder(*part) for part in some])
-    except Exception as error:  # scikit-fem raises ValueError, or Exception from its Newton
-        raise InputError(
-            f"points: scikit-fem's finder places at least one outside the body ({error})"
-        ) from error
+    found = (_find_curved if isinstance(mesh, CURVED) else _find_straight)(mesh, points)
+    for lost in np.flatnonzero(found < 0):
+        found[lost] = _nearest(mesh, points[:, lost])
+        if found[lost] < 0:
+            raise InputError(f"points: point {lost} at {points[:, lost]} lies outside the body")
+    return found
+
+
+def _find_straight(mesh: Mesh, points: Array) -> NDArray[np.int64]:
+    """Cells of points by scikit-fem, -1 where it finds none: it allows for no rounding."""
+    if not points.size:
+        return np.zeros(0, dtype=np.int64)
+    finder = mesh.element_finder()
+
+    def find(part: Array) -> NDArray[np.int64]:
+        try:
+            return np.asarray(finder(*part), dtype=np.int64)
+        except ValueError:  # one of them lies outside
+            if part.shape[1] == 1:
+                return np.array([-1])
+            return np.concatenate([find(half) for half in np.array_split(part, 2, axis=1)])
+
+    # It compares every point with the neighbours of all points: cost grows like a square.
+    some = np.array_split(points, max(points.shape[1] // CHUNK, 1), axis=1)
+    return np.concatenate([find(part) for part in some])
+
+
+def _nearest(mesh: Mesh, point: Array) -> int:
+    """The cell that a point exceeds least, -1 where that is more than rounding of places."""
+    rounding = ROUNDINGS * np.finfo(float).eps * float(np.abs(mesh.p).max())
+    nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
+    low, high = nodes.min(axis=1), nodes.max(axis=1)
+    room = rounding + (0.25 * (high - low) if isinstance(mesh, CURVED) else 0.0)
+    where = point[:, None]
+    cells = np.flatnonzero(np.all((where >= low - room) & (where <= high + room), axis=0))
+    if not cells.size:
+        return -1
+    mapping, there = mesh.mapping(), np.repeat(where, cells.size, axis=1)
+    X = places_in(mesh, mapping, there, cells)
+    outside = np.maximum(-X, X - 1.0).max(axis=0)
+    if len(mesh.t) == len(X) + 1:  # simplices
+        outside = np.maximum(outside, X.sum(axis=0) - 1.0)
+    if np.isnan(outside).all():
+        return -1
+    best = int(np.nanargmin(outside))
+    J = mapping.DF(np.clip(X[:, best : best + 1, None], 0.0, 1.0), tind=cells[[best]])
+    # What rounding of the place is in reference coordinates: more, the thinner the cell.
+    thickness = np.linalg.svd(J[:, :, 0, 0], compute_uv=False)[-1]
+    return int(cells[best]) if outside[best] <= INSIDE + rounding / thickness else -1
 
 
 def _find_curved(mesh: Mesh, points: Array) -> NDArray[np.int64]:
@@ -62,9 +101,6 @@ def _find_curved(mesh: Mesh, points: Array) -> NDArray[np.int64]:
         X = _newton(mesh.mapping(), points[:, i], near[i, j])
         hit = ~np.isnan(X).any(axis=0) & _inside(mesh, X)
         found[i[hit]] = near[i[hit], j[hit]]
-    if np.any(found < 0):
-        lost = int(np.flatnonzero(found < 0)[0])
-        raise InputError(f"points: point {lost} at {points[:, lost]} lies outside the body")
     return found
 
 
@@ -80,10 +116,12 @@ def _newton(mapping: Any, points: Array, cells: NDArray[np.int64]) -> Array:
     """Reference coordinates of points in given cells, NaN where there are none."""
     size = np.abs(mapping.detDF(np.full((len(points), 1), 0.25), tind=cells))[:, 0]
     size = size ** (1 / len(points))
+    rounding = ROUNDINGS * np.finfo(float).eps * np.abs(points).max(axis=0, initial=0.0)
+    near = np.maximum(MET * size, rounding)
     X = np.full((*points.shape, 1), 0.25)
     for _ in range(STEPS):
         off = points[:, :, None] - mapping.F(X, tind=cells)
-        if np.all(np.linalg.norm(off, axis=0)[:, 0] <= MET * size):
+        if np.all(np.linalg.norm(off, axis=0)[:, 0] <= near):
             break
         J = np.moveaxis(mapping.DF(X, tind=cells), (0, 1), (-2, -1))
         flat = np.abs(np.linalg.det(J)) < 1e-12 * size[:, None] ** len(points)
@@ -93,7 +131,7 @@ def _newton(mapping: Any, points: Array, cells: NDArray[np.int64]) -> Array:
         # Outside its cell a map of second order may fold.
         X = np.clip(X + np.moveaxis(step, -1, 0), -0.5, 1.5)
     off = points[:, :, None] - mapping.F(X, tind=cells)
-    met = np.linalg.norm(off[:, :, 0], axis=0) <= MET * size
+    met = np.linalg.norm(off[:, :, 0], axis=0) <= near
     return np.where(met, X[:, :, 0], np.nan)
 
 
