@@ -59,11 +59,11 @@ def held_dofs(basis: Basis) -> np.ndarray:
 
 
 def main(argv: list[str] | None = None) -> tuple[float, float, int]:
-    """Solve, save, return the errors of displacement and stress and the iterations."""
+    """Solve, save, draw, return the errors of displacement and stress and the iterations."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, default=2, help="across the section, an even number")
     parser.add_argument("--solver", choices=["auto", "pardiso", "superlu", "amg"], default="auto")
-    parser.add_argument("--output", type=Path, default=Path("out"), help="folder for the VTK file")
+    parser.add_argument("--output", type=Path, default=Path("out"), help="folder for VTK and PNG")
     options = parser.parse_args(argv)
 
     across = np.linspace(-0.5, 0.5, options.cells + 1)
@@ -95,7 +95,39 @@ def main(argv: list[str] | None = None) -> tuple[float, float, int]:
         point_data={"stress": stress, "von_mises": von_mises(stress)},
     )
     print(f"written: {path}")
+    picture(mesh, x[basis.nodal_dofs[:3]], stress[0, 0], options.output)
     return float(error), float(stress_error), solver.iterations
+
+
+def picture(mesh: MeshHex, u: np.ndarray, stress: np.ndarray, output: Path) -> None:
+    """Draw the vertices of the plane z = 0, moved and coloured by the stress, and the stress."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 4), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1.6, 1))
+    middle = mesh.p[2] == 0
+    around = np.linspace(0, 1, 50)
+    x = LENGTH * np.r_[around, 0 * around + 1, around[::-1], 0 * around]
+    y = np.r_[0 * around, around, 0 * around + 1, around[::-1]] - 0.5
+    moved = np.array([x, y]) + exact(np.array([x, y, 0 * x]))[:2]
+    left.plot(x, y, "0.6", label="undeformed")
+    left.plot(*moved, "k", lw=1, label="Saint-Venant")
+    points = (mesh.p + u)[:2, middle]
+    marks = left.scatter(*points, c=stress[middle], cmap="coolwarm", ec="k", zorder=3, label="ours")
+    figure.colorbar(marks, ax=left, location="bottom", label=r"$\sigma_{xx}$, arbitrary units")
+    left.set(
+        aspect="equal",
+        xlabel="x, arbitrary units",
+        ylabel="y",
+        title="plane z = 0, displacements to scale 1",
+    )
+    left.legend(loc="upper left")
+    right.plot(mesh.p[1], stress, "o", mfc="none", label="ours, all vertices")
+    right.plot([-0.5, 0.5], E * CURVATURE * np.array([0.5, -0.5]), "k", lw=1, label="$-E k y$")
+    right.set(xlabel="y, arbitrary units", ylabel=r"$\sigma_{xx}$, arbitrary units")
+    right.legend()
+    output.mkdir(parents=True, exist_ok=True)
+    figure.savefig(output / "bending.png", dpi=120)
 
 
 if __name__ == "__main__":

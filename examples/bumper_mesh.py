@@ -248,11 +248,11 @@ def plot(mesh: MeshTri2, path: str | Path) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Write the mesh and print its size and smallest angle."""
+    """Write and draw the mesh, print its size and smallest angle."""
     parser = argparse.ArgumentParser(description="Mesh of a D-shaped rubber bumper")
     parser.add_argument("--size", type=float, default=1.0, help="edge length in mm (%(default)s)")
     parser.add_argument("--output", type=Path, default=Path("out/bumper.msh"), metavar="FILE")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="also draw the mesh")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="picture; else beside the mesh")
     args = parser.parse_args(argv)
     try:
         mesh = bumper_mesh(args.size)
@@ -261,8 +261,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     args.output.parent.mkdir(parents=True, exist_ok=True)
     write_msh(mesh, args.output)
     print(f"{args.output}: {mesh.nelements} triangles, angles >= {smallest_angle(mesh):.1f} deg")
-    if args.plot:
-        plot(mesh, args.plot)
+    plot(mesh, args.plot or args.output.with_name("bumper_mesh.png"))
 
 
 if __name__ == "__main__":

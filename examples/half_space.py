@@ -7,10 +7,16 @@ With r = |x| and e = x / r (Flamant 1892; S. P. Timoshenko and J. N. Goodier, Th
     sigma = s e e^T,   s = -2 (f . e) / (pi r).
 
 A contact of half-width a is such a force up to terms of order (a / r)^2. The validation examples
-cut a block out of the half plane and load its sides with sigma n.
+cut a block out of the half plane and load its sides with sigma n. Run by itself the script
+draws mesh, stress and displacement near the origin.
+
+    python examples/half_space.py [--output out]
 """
 
 from __future__ import annotations
+
+import argparse
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -85,3 +91,42 @@ def displacement(x: ArrayLike, force: float, E: float, nu: float) -> Array:
     radial = -2 * p * c * np.log(r) - (1 - ratio) * p * turned * s
     hoop = 2 * ratio * p * s + 2 * p * s * np.log(r) - (1 - ratio) * p * (turned * c - s)
     return np.array([radial * c - hoop * s, radial * s + hoop * c])
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Draw the stress of a normal force and the displacement of a tangential one on a mesh."""
+    from matplotlib.colors import LogNorm
+    from matplotlib.figure import Figure
+
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--output", type=Path, default=Path("out"), help="folder for the PNG")
+    output = parser.parse_args(argv).output
+    mesh = half(0.5, 2.0, 8.0)
+    figure = Figure(figsize=(12, 4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    x = np.array(np.meshgrid(np.linspace(-8, 8, 321), np.linspace(0.02, 8, 200)))
+    drawn = left.pcolormesh(
+        *x, -np.trace(stress(x, (0.0, 1.0))), norm=LogNorm(1e-2, 1), shading="gouraud"
+    )
+    figure.colorbar(drawn, ax=left, shrink=0.8, extend="both", label="compression, P / length")
+    left.set_title("normal force P: Flamant's stress, and the cells")
+    p = np.where(np.hypot(*mesh.p) > 0, mesh.p, np.nan)  # at the force nothing is bounded
+    moved = p + displacement(p, 1.0, 1.0, 0.3)
+    for ax, place, style, label in (
+        (left, mesh.p, "w", None),
+        (right, mesh.p, "0.8", "undeformed"),
+        (right, moved, "C0", "deformed"),
+    ):
+        sides = np.pad(place[:, mesh.facets], ((0, 0), (0, 1), (0, 0)), constant_values=np.nan)
+        ax.plot(*sides.reshape(2, -1, order="F"), style, lw=0.6, label=label)
+    right.set_title("tangential force E, nu = .3: displacements to scale 1")
+    right.legend(loc="upper left", bbox_to_anchor=(1, 1))
+    for ax in (left, right):
+        ax.set(aspect="equal", xlabel="x, arbitrary units", ylabel="depth y, arbitrary units")
+        ax.invert_yaxis()
+    output.mkdir(parents=True, exist_ok=True)
+    figure.savefig(output / "half_space.png", dpi=120)
+
+
+if __name__ == "__main__":
+    main()

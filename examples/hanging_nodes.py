@@ -8,8 +8,12 @@ Cells near the peak are halved again and again, and their neighbours left alone,
 lie in the middle of a neighbour's edge. There u and the tangential derivative follow from the ends
 of that edge, the normal derivative stays free, and the field is continuous to round-off.
 
-    python examples/hanging_nodes.py
+    python examples/hanging_nodes.py [--output out]
 """
+
+import argparse
+import sys
+from pathlib import Path
 
 import numpy as np
 from skfem import Basis, BilinearForm, FacetBasis, Functional, LinearForm, MeshQuad
@@ -94,8 +98,11 @@ def largest_jump(basis, x):
     return np.abs(u - v).max() / np.abs(u).max()
 
 
-def main():
-    """Print errors against dofs; return them, as rows (dofs, error), and the largest jump."""
+def main(argv=()):
+    """Print and draw errors over dofs; return them, rows (dofs, error), and the largest jump."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--output", type=Path, default=Path("out"), help="folder for the PNG")
+    options = parser.parse_args(argv)
     tables = []
     print("mesh          cells   free dofs     L2 error")
     for name, meshes in {
@@ -111,8 +118,29 @@ def main():
     jump = largest_jump(basis, x)
     print(f"largest jump across edges with hanging nodes, relative: {jump:.1e}")
     assert jump < 1e-13
+    picture(*tables, basis, x, options.output)
     return *tables, jump
 
 
+def picture(uniform_rows, refined_rows, basis, x, output):
+    """Draw the solution with the cells of the finest refined mesh, and the errors over dofs."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    drawn = left.tripcolor(*basis.mesh.p, x[basis.nodal_dofs[0]], shading="gouraud")
+    figure.colorbar(drawn, ax=left, label="$u_h$ at the vertices, arbitrary units")
+    sides = basis.mesh.p[:, basis.mesh.facets]
+    sides = np.pad(sides, ((0, 0), (0, 1), (0, 0)), constant_values=np.nan)
+    left.plot(*sides.reshape(2, -1, order="F"), "w", lw=0.3)
+    left.set(aspect="equal", xlim=(0, 1), ylim=(0, 1), xlabel="x", ylabel="y")
+    for name, rows in (("uniform cells", uniform_rows), ("refined near the peak", refined_rows)):
+        right.loglog(*rows.T, "o-", label=name)
+    right.set(xlabel="free dofs", ylabel="error in L2, arbitrary units")
+    right.legend()
+    output.mkdir(parents=True, exist_ok=True)
+    figure.savefig(output / "hanging_nodes.png", dpi=120)
+
+
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

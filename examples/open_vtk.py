@@ -6,7 +6,8 @@ quadrilateral holds it exactly:
     u(X, Y) = sum_ij u(i/3, j/3) l_i(X) l_j(Y),   l_i the cubic Lagrange polynomials.
 
 `save` writes one such cell for each mesh cell. This script opens a .vtu or .vtk file in pyvista;
-with no file it first writes the interpolant of sin(2 pi x) cos(pi y) on 3 x 3 cells.
+with no file it first writes the interpolant of sin(2 pi x) cos(pi y) on 3 x 3 cells, and its
+picture.
 
     python examples/open_vtk.py [file] [--screenshot picture.png]
 """
@@ -14,6 +15,7 @@ with no file it first writes the interpolant of sin(2 pi x) cos(pi y) on 3 x 3 c
 import argparse
 import os
 import sys
+from pathlib import Path
 
 import numpy as np
 import pyvista as pv
@@ -39,10 +41,13 @@ def picture(grid, screenshot=None):
     """Show the first point field, vectors by their length; off screen when a file is given."""
     plotter = pv.Plotter(off_screen=screenshot is not None)
     surface = grid.extract_surface(algorithm="dataset_surface", nonlinear_subdivision=4)
-    plotter.add_mesh(surface, scalars=grid.point_data.keys()[0], show_edges=False)
+    name = grid.point_data.keys()[0]
+    bar = {"title": f"{name}, arbitrary units", "vertical": True, "position_x": 0.87, "fmt": "%.2f"}
+    plotter.add_mesh(surface, scalars=name, lighting=False, scalar_bar_args=bar)
     plotter.add_mesh(grid.extract_all_edges(), color="black", line_width=1)
     if np.ptp(grid.points[:, 2]) == 0:
         plotter.view_xy()
+    plotter.show_bounds(xtitle="x", ytitle="y", ztitle="z", fmt="%g", font_size=10)
     plotter.show(screenshot=screenshot)
 
 
@@ -63,6 +68,8 @@ def main(argv=()):
     low, high = grid.get_data_range(name)
     kind = int(grid.celltypes[0])
     print(f"{path}: {grid.n_cells} cells of VTK type {kind}, {name} from {low:.6f} to {high:.6f}")
+    if not arguments.file:
+        picture(grid, Path("out") / "open_vtk.png")
     if arguments.screenshot or has_display():
         picture(grid, arguments.screenshot)
     else:

@@ -13,10 +13,15 @@ where B follows the Hessian of the Lagrangian by damped BFGS steps and stays pos
 (M. J. D. Powell 1978); a step is halved until the l1 merit function falls. Each subproblem begins
 at the active set of the one before.
 
-    python examples/qp_sqp.py
+    python examples/qp_sqp.py [--output out]
 """
 
 from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -60,8 +65,8 @@ def damped_bfgs(B: Array, step: Array, change: Array) -> Array:
 
 
 def sqp(x: Array, tol: float = 1e-10) -> tuple[Array, QPResult, list[float]]:
-    """Minimiser, last subproblem, and the lengths of the steps."""
-    B, weight, start, lengths = np.eye(len(x)), 1.0, None, []
+    """All iterates, last subproblem, and the lengths of the steps."""
+    B, weight, start, lengths, path = np.eye(len(x)), 1.0, None, [], [x]
     for _ in range(50):
         (_, df), (c, dc), (e, de) = objective(x), inequality(x), equality(x)
         start = solve_qp(
@@ -71,7 +76,7 @@ def sqp(x: Array, tol: float = 1e-10) -> tuple[Array, QPResult, list[float]]:
         d = start.x
         lengths.append(float(np.linalg.norm(d)))
         if lengths[-1] <= tol:
-            return x, start, lengths
+            return np.array(path), start, lengths
         weight = max(weight, 2.0 * abs(start.y[0]), 2.0 * abs(start.z[0]))
         t, here = 1.0, merit(x, weight)
         while t > 1e-8 and merit(x + t * d, weight) > here:
@@ -83,12 +88,17 @@ def sqp(x: Array, tol: float = 1e-10) -> tuple[Array, QPResult, list[float]]:
 
         change = lagrangian(x + step) - lagrangian(x)
         x, B = np.clip(x + step, LOW, HIGH), damped_bfgs(B, step, change)
+        path.append(x)
     raise RuntimeError(f"no convergence: the last step has length {lengths[-1]:.1e}")
 
 
-def main() -> tuple[Array, QPResult, list[float]]:
-    """Solve, print, and compare with the published solution."""
-    x, last, lengths = sqp(np.array([1.0, 5.0, 5.0, 1.0]))
+def main(argv: Sequence[str] = ()) -> tuple[Array, QPResult, list[float]]:
+    """Solve, print, draw, and compare with the published solution."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--output", type=Path, default=Path("out"), help="folder for the PNG")
+    options = parser.parse_args(argv)
+    path, last, lengths = sqp(np.array([1.0, 5.0, 5.0, 1.0]))
+    x = path[-1]
     for k, length in enumerate(lengths, 1):
         print(f"{k:3d}  |d| = {length:.2e}")
     print(f"x = {x.round(8)}, f = {objective(x)[0]:.7f}")
@@ -97,8 +107,27 @@ def main() -> tuple[Array, QPResult, list[float]]:
     assert abs(objective(x)[0] - 17.0140173) < 1e-7
     assert abs(inequality(x)[0]) < 1e-9
     assert abs(equality(x)[0]) < 1e-9
+    picture(path, lengths, options.output)
     return x, last, lengths
 
 
+def picture(path: Array, lengths: list[float], output: Path) -> None:
+    """Draw the steps and the distances from the published solution."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6, 4), layout="constrained")
+    ax = figure.subplots()
+    k = np.arange(1, len(lengths) + 1)
+    ax.semilogy(k, lengths, "o-", label="length of the step |d|")
+    ax.semilogy(
+        k, np.linalg.norm(path - KNOWN, axis=1), "s-", label="distance from the published x"
+    )
+    ax.axhline(5e-9, color="0.5", ls="--", lw=1, label="half a unit of the last published digit")
+    ax.set(xlabel="subproblem", ylabel="length, arbitrary units", xticks=k)
+    ax.legend()
+    output.mkdir(parents=True, exist_ok=True)
+    figure.savefig(output / "qp_sqp.png", dpi=120)
+
+
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

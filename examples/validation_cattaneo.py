@@ -170,13 +170,15 @@ def errors(history: LoadHistory, h: float) -> dict[str, Array]:
 
 
 def main(argv: list[str] | None = None) -> SimpleNamespace:
-    """Run the history, print the errors, write the animation."""
+    """Run the history, print the errors, draw the shear, write the animation."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, default=24, help="cells in the half-width a")
     parser.add_argument("--steps", type=int, default=4, help="steps for each unit of time")
     parser.add_argument("--functional", default="bernstein")
     parser.add_argument("--coupled", action="store_true")
-    parser.add_argument("--output", type=Path, help="folder for the animation")
+    parser.add_argument(
+        "--output", type=Path, help="folder for animation and PNG; without it, the PNG is in out/"
+    )
     options = parser.parse_args(argv)
     found = uncoupled(options.cells, options.steps, options.functional)
     print(f"a / h = {options.cells}, errors of shear (rms, over F p0) and stick edge (in cells)")
@@ -191,9 +193,38 @@ def main(argv: list[str] | None = None) -> SimpleNamespace:
                 f"{coupled(options.cells, nu, True):.4f}, with friction: "
                 f"{coupled(options.cells, nu, False):.4f}"
             )
+    picture(found.history, options.output or Path("out"))
     if options.output:
         print("written to", found.history.to_pvd(options.output / "cattaneo.pvd", subdivide=1))
     return found
+
+
+def picture(history: LoadHistory, output: Path) -> None:
+    """Draw the shear on the formula at the turns and where no force is left."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 5), layout="constrained")
+    ax = figure.subplots()
+    x = A * np.sin(np.linspace(0, np.pi / 2, 400))
+    for sign in (1, -1):
+        label = "friction bound F p" if sign > 0 else None
+        ax.plot(x / A, sign * np.sqrt(1 - (x / A) ** 2), "0.6", lw=1, ls="--", label=label)
+    for k, t in enumerate((1, 2, 3, 4)):
+        result = history.results[np.flatnonzero(np.isclose(history.times, t))[0]]
+        ax.plot(x / A, exact(x, t)[0], f"C{k}", lw=1)
+        label = f"t = {t}, Q / F P = {tangential(t):.1f}"
+        ax.plot(
+            result.x[0] / A, result.shear[:, 0] / (F * P0), f"C{k}o", ms=4, mfc="none", label=label
+        )
+    ax.set(
+        xlim=(0, 1.1),
+        xlabel="x / a",
+        ylabel="shear / $F p_0$",
+        title="ours (circles) on Cattaneo and Mindlin (lines)",
+    )
+    ax.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1, 1))
+    output.mkdir(parents=True, exist_ok=True)
+    figure.savefig(output / "validation_cattaneo.png", dpi=120)
 
 
 if __name__ == "__main__":

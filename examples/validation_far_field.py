@@ -20,13 +20,15 @@ components over the rms of the stress.
 from __future__ import annotations
 
 import argparse
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import validation_hertz_line
 import validation_hertz_sphere
 from half_space import stress
 
-from contact import Parabola
+from contact import ContactResult, Parabola
 
 
 def deviation(found: np.ndarray, exact: np.ndarray) -> float:
@@ -45,12 +47,18 @@ def hertz(x: np.ndarray, p0: float, a: float = 1.0) -> np.ndarray:
     return p0 / a * np.array([[xx, xy], [xy, yy]])
 
 
-def line(radii: list[float], cells: int = 8) -> dict[float, tuple[float, float, float]]:
-    """Deviations from Hertz' field, the point force and a pair, at distances in half-widths."""
+@cache
+def pressed(cells: int) -> tuple[ContactResult, float]:
+    """A cylinder on the half plane, contact half-width 1, and its force."""
     star, R = 1 / (1 - 0.3**2), 20.0
     force = np.pi * star / (4 * R)
     obstacle = Parabola((0.0, 0.0), R)
-    result = validation_hertz_line.pressed(1.0, cells, force, obstacle, 1.0, "bernstein")
+    return validation_hertz_line.pressed(1.0, cells, force, obstacle, 1.0, "bernstein"), force
+
+
+def line(radii: list[float], cells: int = 8) -> dict[float, tuple[float, float, float]]:
+    """Deviations from Hertz' field, the point force and a pair, at distances in half-widths."""
+    result, force = pressed(cells)
     angle = (np.arange(40) + 0.5) / 40 * np.pi / 2
     where = np.array([np.cos(angle), np.sin(angle)])
     found = {r: result.stress(r * where) for r in radii}
@@ -89,8 +97,10 @@ def point(
 
 
 def main(argv: list[str] | None = None) -> dict[str, dict]:
-    """Print the deviations."""
-    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args(argv)
+    """Print the deviations, draw them and the stress below the contact."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--output", type=Path, default=Path("out"), help="folder for the PNG")
+    options = parser.parse_args(argv)
     lines, points = line([0.5, 1.0, 2.0, 5.0, 7.5, 15.0, 40.0]), point([5.0, 7.5])
     for r, (own, far, two) in lines.items():
         print(
@@ -99,7 +109,38 @@ def main(argv: list[str] | None = None) -> dict[str, dict]:
         )
     for r, (far, four) in points.items():
         print(f"point, r = {r:4g} a: from a point force {far:.1e}, from four {four:.1e}")
+    picture(lines, points, options.output)
     return {"line": lines, "point": points}
+
+
+def picture(lines: dict, points: dict, output: Path) -> None:
+    """Draw the stress on the axis on Hertz' own, and the deviations over the distance."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    result, force = pressed(8)
+    p0, fine, some = 2 * force / np.pi, np.linspace(0, 3, 200), np.linspace(0, 3, 25)
+    exact = hertz(np.array([0 * fine, fine]), p0) / p0
+    ours = result.stress(np.array([0 * some, some])) / p0
+    for i, name in enumerate(("xx", "yy")):
+        left.plot(fine, exact[i, i], f"C{i}", label=rf"$\sigma_{{{name}}}$, closed form")
+        left.plot(some, ours[i, i], f"C{i}o", ms=4, mfc="none", label=rf"$\sigma_{{{name}}}$, ours")
+    left.set(xlabel="depth / a, on the axis", ylabel="stress / $p_0$", title="below the line")
+    r = np.array(list(lines))
+    names = ("Hertz' own field", "a point force", "a pair of forces")
+    for name, off in zip(names, zip(*lines.values(), strict=True), strict=True):
+        right.loglog(r, off, "o-", ms=4, label=f"line, from {name}")
+    right.loglog(r, 0.5 / r**2, "k--", lw=1, label="$a^2 / 2 r^2$")
+    for name, off in zip(
+        ("a point force", "four"), zip(*points.values(), strict=True), strict=True
+    ):
+        right.loglog(list(points), off, "^:", ms=5, label=f"sphere, from {name}")
+    right.set(xlabel="distance r / a", ylabel="relative deviation of the stress, rms")
+    for ax in (left, right):
+        ax.legend(fontsize=8)
+    output.mkdir(parents=True, exist_ok=True)
+    figure.savefig(output / "validation_far_field.png", dpi=120)
 
 
 if __name__ == "__main__":

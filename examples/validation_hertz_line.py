@@ -18,6 +18,7 @@ NAFEMS 2006). Here the pair is one rigid cylinder on a block with the E* of both
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -48,26 +49,29 @@ def line(cells: int, functional: str = "bernstein", a: float = 1.0, R: float = 2
     p0 = 2 * force / (np.pi * a)
     exact = np.sqrt(1 - (x[inside] / a) ** 2)
     return {
+        "result": result,
+        "p0": p0,
         "force": 2 * mu.sum() / force - 1,
         "pressure": float(np.sqrt(np.mean((result.pressure[inside] / p0 - exact) ** 2))),
         "half_width": 2 * np.sqrt(mu @ x**2 / mu.sum()) / a - 1,
     }
 
 
-def cgs1(cells: int) -> tuple[float, float]:
-    """Half-width in mm and largest pressure in MPa of the NAFEMS cylinder."""
+def cgs1(cells: int) -> tuple[float, float, ContactResult]:
+    """Half-width in mm and largest pressure in MPa of the NAFEMS cylinder, and the result."""
     star = 1 / ((1 - NU**2) * (1 / STEEL + 1 / ALUMINIUM))
     a = float(np.sqrt(4 * FORCE * RADIUS / (np.pi * star)))
     cylinder = Cylinder((0.0, -RADIUS), RADIUS)
     result = pressed(a, cells, FORCE, cylinder, star * (1 - NU**2), "bernstein")
     half_width = 2 * np.sqrt(result.mu @ result.x[0] ** 2 / result.mu.sum())
-    return float(half_width), float(result.pressure.max())
+    return float(half_width), float(result.pressure.max()), result
 
 
 def main(argv: list[str] | None = None) -> SimpleNamespace:
-    """Print both tables."""
+    """Print both tables, draw both pressures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, nargs="+", default=[4, 8, 16])
+    parser.add_argument("--output", type=Path, default=Path("out"), help="folder for the PNG")
     options = parser.parse_args(argv)
     rows = [line(cells) for cells in options.cells]
     print("a / h   force error   rms pressure error   half-width error")
@@ -76,9 +80,37 @@ def main(argv: list[str] | None = None) -> SimpleNamespace:
             f"{cells:5d}   {row['force']:+.1e}      {row['pressure']:.1e}              "
             f"{row['half_width']:+.1e}"
         )
-    a, p = cgs1(options.cells[-1])
+    a, p, steel = cgs1(options.cells[-1])
     print(f"\nNAFEMS CGS-1: a = {a:.3f} mm (6.21), largest pressure {p:.0f} MPa (3585)")
+    picture(dict(zip(options.cells, rows, strict=True)), steel, options.output)
     return SimpleNamespace(rows=rows, cgs1=(a, p))
+
+
+def picture(rows: dict[int, dict], steel: ContactResult, output: Path) -> None:
+    """Draw the pressures on Hertz' and on NAFEMS' ellipse."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    s = np.sin(np.linspace(0, np.pi / 2, 200))
+    left.plot(s, np.sqrt(1 - s**2), "k", lw=1, label="Hertz")
+    for (cells, row), marker in zip(rows.items(), "sdo^v<>" * len(rows), strict=False):
+        result = row["result"]
+        p = result.pressure / row["p0"]
+        left.plot(result.x[0], p, marker, ms=4, mfc="none", label=f"a / h = {cells}")
+    left.set(
+        xlim=(0, 1.25),
+        xlabel="x / a",
+        ylabel="pressure / $p_0$",
+        title="rigid cylinder on a half plane",
+    )
+    right.plot(6.21 * s, 3585 * np.sqrt(1 - s**2), "k", lw=1, label="published: 6.21 mm, 3585 MPa")
+    right.plot(steel.x[0], steel.pressure, "o", ms=4, mfc="none", label="ours")
+    right.set(xlim=(0, 1.25 * 6.21), xlabel="x, mm", ylabel="pressure, MPa", title="NAFEMS CGS-1")
+    for ax in (left, right):
+        ax.legend()
+    output.mkdir(parents=True, exist_ok=True)
+    figure.savefig(output / "validation_hertz_line.png", dpi=120)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ body, tension positive, rho = |x|,
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,7 +27,7 @@ from half_space import graded
 from numpy.typing import NDArray
 from skfem import ElementHex2, MeshHex
 
-from contact import ContactProblem, ElasticBody, Parabola
+from contact import ContactProblem, ContactResult, ElasticBody, Parabola
 
 Array = NDArray[np.float64]
 E, NU, A, R, FAR = 1.0, 0.3, 1.0, 20.0, 12.0
@@ -77,15 +78,42 @@ def sphere(cells: int, growth: float = 1.7) -> SimpleNamespace:
 
 
 def main(argv: list[str] | None = None) -> SimpleNamespace:
-    """Print force, centre pressure and contact radius over those of Hertz."""
+    """Print force, centre pressure and contact radius over those of Hertz, draw the pressure."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, default=4, help="cells in the radius a")
+    parser.add_argument("--output", type=Path, default=Path("out"), help="folder for the PNG")
     options = parser.parse_args(argv)
     found = sphere(options.cells)
     body = found.result.system.body
     print(f"{body.mesh.nelements} quadratic hexahedra, {body.basis.N} unknowns")
     print(f"force {found.force:.6f}, p0 {found.p0:.4f}, a {found.a:.4f}, each over Hertz' value")
+    picture(found.result, options.output)
     return found
+
+
+def picture(result: ContactResult, output: Path) -> None:
+    """Draw the pressure over the radius on Hertz' ellipse, and on the surface."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    r, s = np.hypot(*result.x[:2]) / A, np.sin(np.linspace(0, np.pi / 2, 200))
+    near = np.all(result.x[:2] < 1.5 * A, axis=0)
+    left.plot(s, np.sqrt(1 - s**2), "k", lw=1, label="Hertz")
+    left.plot(r[near], result.pressure[near] / P0, "o", ms=4, mfc="none", label="ours")
+    left.set(xlim=(0, 1.4), xlabel="r / a", ylabel="pressure / $p_0$")
+    left.legend()
+    signs = np.array([[1, 1, -1, -1], [1, -1, 1, -1]])  # the other quarters by symmetry
+    points = (signs[:, :, None] * result.x[:2, None, near] / A).reshape(2, -1)
+    p = np.tile(result.pressure[near] / P0, 4)
+    drawn = right.tripcolor(*points, p, shading="gouraud")
+    angle = np.linspace(0, 2 * np.pi, 200)
+    right.plot(np.cos(angle), np.sin(angle), "w--", label="Hertz' circle, r = a")
+    right.set(xlim=(-1.3, 1.3), ylim=(-1.3, 1.3), aspect="equal", xlabel="x / a", ylabel="y / a")
+    right.legend(facecolor="0.3", labelcolor="w", loc="upper right")
+    figure.colorbar(drawn, ax=right, label="pressure / $p_0$")
+    output.mkdir(parents=True, exist_ok=True)
+    figure.savefig(output / "validation_hertz_sphere.png", dpi=120)
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import warnings
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -91,19 +92,23 @@ def quadratic(n: int) -> SimpleNamespace:
 
 
 def summary(basis: Basis, u: Array, S, f: Array, force: Array) -> SimpleNamespace:
-    """Contact force, energy, and where the membrane is within .01 of the stairs."""
+    """Contact force, energy, where the membrane is within .01 of the stairs, and a section."""
     s = (np.arange(150) + 0.5) / 75 - 1
     points = np.array(np.meshgrid(s, s)).reshape(2, -1)
     close = basis.probes(points) @ u - stairs(points) < 0.01
     energy = float(0.5 * u @ (S @ u) - f @ u)
-    return SimpleNamespace(u=u, force=float(force.sum()), close=close, energy=energy)
+    section = basis.probes(np.array([s, 0 * s])) @ u
+    return SimpleNamespace(
+        u=u, force=float(force.sum()), close=close, energy=energy, section=section
+    )
 
 
 def main(argv: list[str] | None = None) -> tuple[SimpleNamespace, SimpleNamespace]:
-    """Print contact force, contact set and energy of both."""
+    """Print contact force, contact set and energy of both, and draw them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, default=32)
     parser.add_argument("--fine", type=int, default=32)
+    parser.add_argument("--output", type=Path, default=Path("out"), help="folder for the PNG")
     options = parser.parse_args(argv)
     ours, reference = adini(options.cells), quadratic(options.fine)
     for name, found in (("Adini", ours), ("quadratic triangles", reference)):
@@ -112,7 +117,34 @@ def main(argv: list[str] | None = None) -> tuple[SimpleNamespace, SimpleNamespac
             f"stairs {4 * found.close.mean():.4f}, energy {found.energy:.5f}"
         )
     print(f"contact sets differ on {4 * np.mean(ours.close != reference.close):.4f}")
+    picture(ours, reference, options.output)
     return ours, reference
+
+
+def picture(ours: SimpleNamespace, reference: SimpleNamespace, output: Path) -> None:
+    """Draw the section y = 0 through both membranes and the stairs, and both contact sets."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    n = ours.section.size
+    s = (np.arange(n) + 0.5) / (n / 2) - 1
+    left.plot(s, reference.section, "k", lw=1, label="quadratic triangles, OSQP")
+    left.plot(s[::3], ours.section[::3], "C0o", ms=4, mfc="none", label="Adini")
+    left.fill_between(s, stairs(np.array([s])), -0.9, color="0.85", step="mid", label="stairs")
+    left.set(xlim=(-1, 1), ylim=(-0.9, 0.02), xlabel="x at y = 0")
+    left.set_ylabel("height, arbitrary units")
+    left.legend()
+    close = [found.close.reshape(n, n).astype(float) for found in (ours, reference)]
+    right.contourf(s, s, close[0], [0.5, 1.5], colors="#a9c8e6")
+    right.contour(s, s, close[1], [0.5], colors="k", linewidths=1)
+    right.fill([], [], color="#a9c8e6", label="Adini")
+    right.plot([], [], "k", lw=1, label="quadratic triangles, OSQP")
+    right.set(aspect="equal", xlabel="x", ylabel="y", title="membrane within .01 of the stairs")
+    right.set(xlim=(-1, 1), ylim=(-1, 1), xticks=(-1, -0.5, 0, 0.5, 1))
+    right.legend(loc="upper left", bbox_to_anchor=(1, 1))
+    output.mkdir(parents=True, exist_ok=True)
+    figure.savefig(output / "validation_membrane.png", dpi=120)
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ the origin (1.56), and within .2 a of that end (1.48); farther than a / 2 from i
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 import numpy as np
 import validation_far_field
@@ -83,15 +84,17 @@ def order(cells: list[int], errors: np.ndarray) -> float:
 
 
 def main(argv: list[str] | None = None) -> dict[str, float]:
-    """Print errors and fitted orders with part and with all of the boundary in contact."""
+    """Print and draw errors and orders with part and with all of the boundary in contact."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, nargs="+", default=[8, 12, 18, 27])
     parser.add_argument("--fine", type=int, default=72)
     parser.add_argument("--hertz", type=int, nargs="*", default=[5, 10, 20])
+    parser.add_argument("--output", type=Path, default=Path("out"), help="folder for the PNG")
     options = parser.parse_args(argv)
-    found = {}
+    found, hilly = {}, {}
     for name, press in (("part", 0.1), ("all", 0.6)):
         stress, energies = distances(options.cells, options.fine, press)
+        hilly[name] = stress
         found[name] = order(options.cells, stress)
         found[f"{name}, energy"] = order(options.cells, energies)
         print(f"{name} of the boundary in contact: order {found[name]:.2f} in H1")
@@ -101,7 +104,31 @@ def main(argv: list[str] | None = None) -> dict[str, float]:
         found[f"hertz, {name}"] = order(options.hertz, errors)
         print(f"Hertz, {name}: order {found[f'hertz, {name}']:.2f} in H1")
         print("   ", " ".join(f"{n}: {e:.1e}" for n, e in zip(options.hertz, errors, strict=True)))
+    picture((options.cells, hilly), (options.hertz, isolated), options.output)
     return found
+
+
+def picture(hilly: tuple, isolated: tuple, output: Path) -> None:
+    """Draw the errors of the stress on the hill and below Hertz' contact."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 4), layout="constrained")
+    panels = [(hilly, {"part": 1.5, "all": 3.0}, "hill, against a fine solution", "cells a side")]
+    if isolated[1]:
+        panels += [(isolated, {"end": 1.5}, "Hertz, against the closed form", "a / h")]
+    all_axes = figure.subplots(1, len(panels), squeeze=False)[0]
+    for ax, ((cells, errors), slopes, title, xlabel) in zip(all_axes, panels, strict=True):
+        for name, values in errors.items():
+            ax.loglog(cells, values, "o-", label=f"{name}: order {order(cells, values):.2f}")
+        for (name, slope), style in zip(slopes.items(), ("k--", "k:"), strict=False):
+            line = 0.7 * errors[name][0] * (np.array(cells) / cells[0]) ** -slope
+            ax.loglog(cells, line, style, lw=1, label=f"order {slope:g}")
+        ax.set(title=title, xlabel=xlabel, ylabel="relative L2 error of the stress")
+        ax.set_xticks(cells, [str(n) for n in cells])
+        ax.minorticks_off()
+        ax.legend()
+    output.mkdir(parents=True, exist_ok=True)
+    figure.savefig(output / "validation_order.png", dpi=120)
 
 
 if __name__ == "__main__":

@@ -89,3 +89,4 @@ def test_formula_stops_at_dissimilar_bodies(script):
 def test_animation(run):
     reader = pyvista.get_reader(run[1] / "cattaneo.pvd")
     assert len(reader.time_values) == 16
+    assert (run[1] / "validation_cattaneo.png").stat().st_size > 10_000

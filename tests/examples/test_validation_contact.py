@@ -8,9 +8,16 @@ def fitted(cells, errors):
     return -np.polyfit(np.log(cells), np.log(np.abs(errors)), 1)[0]
 
 
+def draws(script, folder):
+    """What the script returns; its picture bears its name."""
+    found = script.main(["--output", str(folder)])
+    assert (folder / f"{script.__name__}.png").stat().st_size > 10_000
+    return found
+
+
 @pytest.fixture(scope="module")
-def line(example):
-    return example("validation_hertz_line").main([])
+def line(example, tmp_path_factory):
+    return draws(example("validation_hertz_line"), tmp_path_factory.mktemp("line"))
 
 
 def test_hertz_line(line):
@@ -30,9 +37,9 @@ def test_nafems_cgs1(line):
     assert p == pytest.approx(3585, rel=0.01)
 
 
-def test_flat_punch(example):
+def test_flat_punch(example, tmp_path):
     """Centre pressure at h / a = 1 / 16 within .5 % (gauss) and 3 % (bernstein), first order."""
-    found = example("validation_flat_punch").main([])
+    found = draws(example("validation_flat_punch"), tmp_path)
     assert abs(found["gauss"][-1] - 1) < 0.005
     assert abs(found["bernstein"][-1] - 1) < 0.03
     assert 0.8 < fitted([4, 8, 16], np.array(found["bernstein"]) - 1) < 1.3
@@ -73,9 +80,9 @@ def test_boussinesq_is_in_equilibrium(example):
     np.testing.assert_allclose(total, [0, 0, -script.P], atol=1e-4 * script.P)
 
 
-def test_membrane(example):
+def test_membrane(example, tmp_path):
     """Contact force, energy and contact set against quadratic triangles and another solver: 1 %."""
-    ours, reference = example("validation_membrane").main([])
+    ours, reference = draws(example("validation_membrane"), tmp_path)
     assert ours.force == pytest.approx(reference.force, rel=0.01)
     assert ours.energy == pytest.approx(reference.energy, rel=0.01)
     assert np.sum(ours.close != reference.close) < 0.01 * np.sum(reference.close)
@@ -119,9 +126,9 @@ def test_stress_far_below_a_point_contact(example):
 
 
 @pytest.mark.slow
-def test_order(example):
+def test_order(example, tmp_path):
     """An end of contact inside the boundary costs an order; contact everywhere does not."""
-    found = example("validation_order").main([])
+    found = draws(example("validation_order"), tmp_path)
     # 3/2 in theory; where in a cell contact ends scatters the fit upwards (1.5 to 1.95 measured).
     assert 1.3 < found["part"] < 2.1
     assert 2.7 < found["all"] < 3.3

@@ -6,15 +6,17 @@ import pyvista as pv
 from example_scripts import load
 
 
-def test_poisson_adini(capsys):
-    l2, h1 = load("poisson_adini").main(["8", "16", "32"])
+def test_poisson_adini(tmp_path, capsys):
+    l2, h1 = load("poisson_adini").main(["8", "16", "32", "--output", str(tmp_path)])
+    assert (tmp_path / "poisson_adini.png").stat().st_size > 10_000
     assert l2 == pytest.approx(4, abs=0.1)
     assert h1 == pytest.approx(3, abs=0.1)
     assert "order" in capsys.readouterr().out
 
 
-def test_hanging_nodes(capsys):
-    uniform, refined, jump = load("hanging_nodes").main()
+def test_hanging_nodes(tmp_path, capsys):
+    uniform, refined, jump = load("hanging_nodes").main(["--output", str(tmp_path)])
+    assert (tmp_path / "hanging_nodes.png").stat().st_size > 10_000
     assert jump < 1e-13
     dofs, error = refined[-1]
     # Local refinement reaches the error of the finest uniform mesh with a sixth of its dofs.
@@ -42,6 +44,7 @@ def test_bending(tmp_path, capsys, solver):
     assert error < 1e-11
     assert stress_error < 1e-11
     assert (iterations > 0) == (solver == "amg")
+    assert (tmp_path / "bending.png").stat().st_size > 10_000
     points = np.random.default_rng(0).uniform(0.01, 0.99, (50, 3)) * [4, 1, 1] - [0, 0.5, 0.5]
     found = pv.PolyData(points).sample(pv.read(tmp_path / "bending.vtk"), tolerance=1e-12)
     np.testing.assert_allclose(found["stress"][:, 0], -0.2 * points[:, 1], atol=1e-10)
@@ -58,6 +61,7 @@ def test_open_vtk_writes_and_reads(tmp_path, monkeypatch):
     monkeypatch.setattr(example.sys, "platform", "linux")
     cells, kind, low, high = example.main([])
     assert (cells, kind) == (9, 70)
+    assert (tmp_path / "out" / "open_vtk.png").stat().st_size > 10_000
     assert high == pytest.approx(0.951781, abs=1e-6)
     assert low == pytest.approx(-high, abs=1e-12)
     assert example.main(["out/adini_field.vtu"]) == (cells, kind, low, high)

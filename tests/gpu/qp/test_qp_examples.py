@@ -14,9 +14,10 @@ def test_penalties_tend_to_multipliers(tmp_path):
     assert (tmp_path / "qp_penalty.png").stat().st_size > 10_000
 
 
-def test_sqp_finds_the_published_solution():
+def test_sqp_finds_the_published_solution(tmp_path):
     sqp = load("qp_sqp")
-    x, last, lengths = sqp.main()
+    x, last, lengths = sqp.main(["--output", str(tmp_path)])
+    assert (tmp_path / "qp_sqp.png").stat().st_size > 10_000
     # First-order conditions of the nonlinear program itself, by central differences.
     h, unit = 1e-6, np.eye(4)
 
