@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError
 
 from contact.arrays.blas_threads import one_blas_thread
+from contact.body.solid import BasisSolid
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.sparse import CondensedContact
 from contact.errors import InputError, NotConverged
@@ -75,6 +76,7 @@ def _solved(
 ) -> ContactResult:
     scale = condensed.point_scale
     law = system.scaled_friction(scale)
+    whole = isinstance(system.body, BasisSolid)  # layers have no stiffness to iterate on
 
     def solved(load: Array, warm: ContactResult | Forces | None, line: Report) -> Any:
         boundary = _boundary_problem(system, condensed, load)
@@ -100,7 +102,8 @@ def _solved(
             f"semidefinite ({error}); choose another functional, or refine"
         ) from error
     except (QPNotConverged, NotConverged) as error:
-        if (condensed.thin or condensed.slender) and options.max_iterations >= THOROUGH:
+        slender = whole and (condensed.thin or condensed.slender)
+        if slender and options.max_iterations >= THOROUGH:
             with suppress(NotConverged, LinAlgError):
                 return solved_stiffly(system, condensed, options, None, report, history)
         more = doubt(condensed, _boundary_problem(system, condensed, system.load), law)
@@ -114,7 +117,7 @@ def _solved(
     try:
         certify(result, options.tol, slack)
     except NotConverged:
-        if options.method in STIFF:
+        if whole and options.method in STIFF:
             with suppress(NotConverged, LinAlgError):
                 return solved_stiffly(system, condensed, options, result, report, history)
         raise

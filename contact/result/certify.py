@@ -39,7 +39,7 @@ def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
                 "; the displacements hold too few digits for the reactions of cells as slender as "
                 "these: make them squarer, or let tol be larger"
             )
-        if isinstance(state.system.body.element, skfem.ElementQuadBFS):
+        if isinstance(state.system.body.trace.element, skfem.ElementQuadBFS):
             remedy = (
                 "; take skfem_adini's ElementQuadBFS, scikit-fem's own loses digits in small cells"
             )

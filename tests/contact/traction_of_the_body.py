@@ -9,7 +9,9 @@ from types import SimpleNamespace
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
-from skfem import ElementHex2, ElementQuad2, ElementTetP2, ElementTriP2, FacetBasis
+from skfem import ElementHex2, ElementQuad2, ElementTetP2, ElementTriP2
+
+from contact.facet_basis import facet_basis
 
 
 def forces(result):
@@ -70,7 +72,7 @@ def traction(result, boundary):
     body = result.system.body
     facets, dim = body.facets(boundary), body.dim
     vertex, L = hats(body, facets)
-    basis = FacetBasis(body.mesh, body.element, facets=facets, dofs=body.scalar_dofs, intorder=8)
+    basis = facet_basis(body.mesh, body.element, facets, dofs=body.scalar_dofs, intorder=8)
     value = np.zeros((vertex.size, *basis.dx.shape))
     for field, dofs in zip(basis.basis, basis.element_dofs, strict=True):
         value += L[dofs].T[:, :, None] * np.asarray(field[0])

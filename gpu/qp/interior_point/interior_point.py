@@ -18,7 +18,7 @@ References
 .. [2] J. Gondzio, "Multiple centrality corrections in a primal-dual method for linear
    programming", Comput. Optim. Appl. 6 (1996) 137-156.
 .. [3] M. P. Friedlander, D. Orban, "A primal-dual regularized interior-point method for convex
-   quadratic programs", Math. StandardQP. Comput. 4 (2012) 71-107.
+   quadratic programs", Math. Program. Comput. 4 (2012) 71-107.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ Multipliers of what was taken out follow from stationarity, the last reduction f
 References
 ----------
 .. [1] A. L. Brearley, G. Mitra, H. P. Williams, "Analysis of mathematical programming problems
-   prior to applying the simplex algorithm", Math. StandardQP. 8 (1975) 54-83.
+   prior to applying the simplex algorithm", Math. Program. 8 (1975) 54-83.
 """
 
 from __future__ import annotations

