@@ -84,7 +84,7 @@ $(EXAMPLES): run-%:
 	@echo "== examples/$*" && $(BIN)/python examples/$*
 
 docs: $(VENV)/.docs
-	$(BIN)/sphinx-build --quiet --jobs 2 --fail-on-warning --keep-going docs out/docs
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going docs out/docs
 	@echo "written to out/docs/index.html"
 
 readme: $(VENV)/.demo
