@@ -121,8 +121,6 @@ class _Iteration:
         self.most_room = self._most_room()
         self.basis = space(self.most_room)
         self.S = np.zeros((self.most_room, self.most_room), dtype=self.basis.V.dtype)
-        # Where products are quick; on the host loading the compiler's work outlasts most runs.
-        self.compiled = self.basis.xp is not np
         self.kept, self.scale, self.count = 0, 0.0, 1
         self.locked = 0  # rows that a challenge began with
         self.hessenberg = limits.restart == "implicit"
@@ -155,7 +153,7 @@ class _Iteration:
         columns = S[:size, :size].T
         self.scale = max(self.scale, float(np.sqrt(np.vecdot(columns, columns).real.max())))
         for leading in (self._most_leading(size), size):
-            T, Q, values = ordered_schur(S[:size, :size], wanted.rank, leading, self.compiled)
+            T, Q, values = ordered_schur(S[:size, :size], wanted.rank, leading)
             spike = beta * Q[size - 1]
             moved = np.sqrt(np.cumsum(np.abs(spike) ** 2))
             converged = _leading(T, values, moved, wanted.tol, FLOOR * self.scale)
