@@ -222,7 +222,8 @@ def check_problem(
     rows, general = _rows("A", A, n, xp), _rows("G", G, n, xp)
     m, l = rows.shape[0], general.shape[0]
     right = xp.zeros(0) if b is None else _finite("b", _shaped("b", b, (m,), xp))
-    low, high = _bound("h_low", h_low, l, -np.inf, xp), _bound("h", h, l, np.inf, xp)
+    row_low = _bound("h_low", h_low, l, -np.inf, xp)
+    row_high = _bound("h", h, l, np.inf, xp)
     if is_sparse(factor.P) or is_sparse(rows) or is_sparse(general):
         if xp is not np:
             raise NotSupported("sparse matrices with device arrays: move all to the host")
@@ -232,7 +233,7 @@ def check_problem(
     return QPProblem(
         factor, q, rows, right,
         _bound("lb", lb, n, -np.inf, xp), _bound("ub", ub, n, np.inf, xp),
-        general, low, high,
+        general, row_low, row_high,
     )  # fmt: skip
 
 

@@ -33,15 +33,15 @@ STALLED_STEPS = 4
 NOTHING = np.finfo(float).eps / 16
 
 
-class Triple(NamedTuple):
+class PrimalDual(NamedTuple):
     """x and the multipliers of rows and bounds."""
 
     x: Array
     y: Array
-    z: Array
+    z_box: Array
 
 
-def extended(p: StandardQP, t: Triple) -> Iterator[Triple]:
+def extended(p: StandardQP, t: PrimalDual) -> Iterator[PrimalDual]:
     """Solutions of the active sets that t may mean, for a program on the host."""
     p = p.stored_sparsely()
     scaled, scaling = equilibrate(p)
@@ -58,17 +58,17 @@ def extended(p: StandardQP, t: Triple) -> Iterator[Triple]:
                 return
 
 
-def _active(p: StandardQP, scaling: Scaling, t: Triple, loose: bool) -> Sides:
+def _active(p: StandardQP, scaling: Scaling, t: PrimalDual, loose: bool) -> Sides:
     """Rows with a multiplier and variables at their bounds, in the scaled program p.
 
     If `loose`, rows and variables whose multiplier is larger than the distance to the side.
     """
     x, y = scaling.scaled_point(t.x, t.y)
-    z = t.z * scaling.variables * scaling.objective
+    z_box = t.z_box * scaling.variables * scaling.objective
     low, high = x == p.lb, x == p.ub
     rows = np.sign(y)
     if loose:
-        low, high = low | (-z > x - p.lb), high | (z > p.ub - x)
+        low, high = low | (-z_box > x - p.lb), high | (z_box > p.ub - x)
         Cx = p.C @ x
         rows = np.where(np.where(y > 0.0, p.row_high - Cx, Cx - p.row_low) < np.abs(y), rows, 0.0)
     bounds = np.where(low, -1, np.where(high, 1, 0))
@@ -79,10 +79,10 @@ def _refined(
     p: StandardQP,
     scaled: StandardQP,
     scaling: Scaling,
-    t: Triple,
+    t: PrimalDual,
     active: Sides,
     regularisation: float,
-) -> tuple[Triple, bool]:
+) -> tuple[PrimalDual, bool]:
     """The solution of an active set, from t on, rounded once; and whether it has settled."""
     x, y = scaling.scaled_point(t.x, t.y)
     held, used = active.bounds != 0, active.rows != 0
@@ -112,13 +112,13 @@ def _largest(a: Array) -> float:
     return float(np.abs(a).max(initial=0.0))
 
 
-def _rounded(p: StandardQP, x: Array, y: Array) -> Triple:
+def _rounded(p: StandardQP, x: Array, y: Array) -> PrimalDual:
     """Double precision, with the forces that the bounds can bear."""
     x = np.clip(x.astype(float), p.lb, p.ub)
     y = one_sided(y.astype(float), p.row_low, p.row_high)
     force = -(_long(p.P) @ x.astype(Long) + p.q + _long(p.C.T) @ y.astype(Long)).astype(float)
     at_side = ((force > 0.0) & (x == p.ub)) | ((force < 0.0) & (x == p.lb))
-    return Triple(x, y, np.where(at_side, force, 0.0))
+    return PrimalDual(x, y, np.where(at_side, force, 0.0))
 
 
 def _long(M: Matrix) -> Matrix:

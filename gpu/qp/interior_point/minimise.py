@@ -13,7 +13,7 @@ from gpu.errors import NotConverged
 from gpu.qp.data.standard_qp import Array, Residuals, StandardQP, one_sided, residuals
 from gpu.qp.interior_point.curvature_rows import curvature_rows
 from gpu.qp.interior_point.equilibrate import Scaling, equilibrate, largest_side
-from gpu.qp.interior_point.extended_precision import Triple, extended
+from gpu.qp.interior_point.extended_precision import PrimalDual, extended
 from gpu.qp.interior_point.infeasibility import Solve, farkas, ray
 from gpu.qp.interior_point.interior_point import interior_point
 from gpu.qp.interior_point.kkt_system import System, kkt_system
@@ -46,7 +46,7 @@ class Point:
 
     x: Array
     y: Array
-    z: Array
+    z_box: Array
     residuals: Residuals
     iterations: int
 
@@ -143,7 +143,7 @@ def minimise(p: StandardQP, tol: float, solver: str = "auto", proofs: bool = Tru
                 f"the iterates run away to {far:.0e} times the size of the data, and no ray was "
                 "found along which the objective falls for ever: bound the variables"
             )
-    return Point(best.x, best.y, best.z, best.residuals, steps)
+    return Point(best.x, best.y, best.z_box, best.residuals, steps)
 
 
 @dataclass(frozen=True)
@@ -244,8 +244,8 @@ class _Search:
 
     def _sharpened(self, best: Point) -> Point:
         """The same active set in extended precision, where that is better."""
-        for x, y, z in extended(self.p, Triple(best.x, best.y, best.z)):
-            sharper = Point(x, y, z, residuals(self.p, x, y, z), 0)
+        for solution in extended(self.p, PrimalDual(best.x, best.y, best.z_box)):
+            sharper = Point(*solution, residuals(self.p, *solution), 0)
             best = min([best, sharper], key=self._rank)
             if best.residuals.worst <= self.tol:
                 break
