@@ -6,7 +6,8 @@ from __future__ import annotations
 class CipError(Exception):
     """Base class of every error raised on purpose by `cip`.
 
-    Catch it where any failure of the package is to be treated alike; its subclasses tell what to do.
+    Catch it where any failure of the package is to be treated alike; its subclasses tell what to
+    do.
 
     Examples
     --------
@@ -89,7 +90,7 @@ class LeftDomain(CipError):
     >>> solver.step(solver.state(lambda x: x), 0.1)
     Traceback (most recent call last):
         ...
-    cip.errors.LeftDomain: boundary: ... comes in through the wall 'x-' ... pass boundary={'x-': value}
+    cip.errors.LeftDomain: boundary: ... comes in through the wall 'x-' ... pass boundary={'x-': ...
     """
 
 

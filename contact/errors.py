@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 class ContactError(Exception):
     """Base class of every error raised by `contact`.
 
-    Catch it where any failure of the package is to be treated alike; its subclasses tell what to do.
+    Catch it where any failure of the package is to be treated alike; its subclasses tell what to
+    do.
 
     Examples
     --------
@@ -70,7 +71,7 @@ class NotConverged(ContactError, RuntimeError):
     >>> problem.solve(method="fixed_point", max_iterations=2)
     Traceback (most recent call last):
         ...
-    contact.errors.NotConverged: fixed point: ... raise max_iterations or eps, or use method='newton'
+    contact.errors.NotConverged: fixed point: ... raise max_iterations or eps, or use method=...
     """
 
     def __init__(self, message: str, history: tuple[Any, ...] = ()) -> None:
@@ -81,8 +82,8 @@ class NotConverged(ContactError, RuntimeError):
 class Infeasible(ContactError):
     """No displacement satisfies the fixed values and the gap together.
 
-    Supports hold a contact point inside the obstacle. Free that support, or move the obstacle or the
-    support; the message names the contact point and its place.
+    Supports hold a contact point inside the obstacle. Free that support, or move it or the
+    obstacle; the message names the contact point and its place.
 
     Examples
     --------

@@ -10,7 +10,8 @@ import numpy as np
 class GpuError(Exception):
     """Base class of every error raised on purpose by `gpu`; copies and pickles keep all of it.
 
-    Catch it where any failure of the package is to be treated alike; its subclasses tell what to do.
+    Catch it where any failure of the package is to be treated alike; its subclasses tell what to
+    do.
 
     Examples
     --------
@@ -106,7 +107,7 @@ class NotConverged(GpuError):
     >>> eigs(np.diag(np.arange(1.0, 1401.0)), k=3, maxiter=1, ncv=8)
     Traceback (most recent call last):
         ...
-    gpu.errors.NotConverged: 0 of 3 eigenvalues converged in 1 restarts ... raise maxiter or ncv, ...
+    gpu.errors.NotConverged: 0 of 3 eigenvalues converged in 1 restarts ... raise maxiter or ...
     """
 
     def __init__(self, message: str, *, eigenvalues: Any = None, eigenvectors: Any = None) -> None:
@@ -165,7 +166,7 @@ class Infeasible(GpuError):
     ...     solve_qp(np.eye(2), [0.0, 0.0], A=[[1.0, 1.0]], b=[5.0], ub=1.0)
     ... except Infeasible as error:
     ...     y = error.certificate
-    >>> bool((y[0] * np.ones(2)).sum() < 5 * y[0])  # A'y x <= y (1 + 1) < b y for every x of the box
+    >>> bool(y[0] * (1.0 + 1.0) < y[0] * 5.0)  # the largest A x of the box, and b
     True
     """
 

@@ -4,7 +4,8 @@
 class AdiniError(Exception):
     """Base class of every exception raised by `skfem_adini`.
 
-    Catch it where any failure of the package is to be treated alike; its subclasses tell what to do.
+    Catch it where any failure of the package is to be treated alike; its subclasses tell what to
+    do.
 
     Examples
     --------
@@ -60,8 +61,8 @@ class MissingDependency(AdiniError, ImportError):
 class NotConverged(AdiniError):
     """An iteration did not reach its tolerance; the message says how far it came.
 
-    No result is returned. Raise the tolerance or the number of iterations, or take the direct solver
-    or the other shift that the message names.
+    No result is returned. Raise the tolerance or the number of iterations, or take the direct
+    solver or the other shift that the message names.
 
     Examples
     --------
