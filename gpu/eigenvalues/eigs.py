@@ -13,8 +13,8 @@ from gpu.arrays.namespace import namespace
 from gpu.eigenvalues.certificate import certify
 from gpu.eigenvalues.eigenpairs import Eigenpairs, Pairs
 from gpu.eigenvalues.iteration_operator import EigenProblem, shifts, told_apart
-from gpu.eigenvalues.krylov.krylov_schur import FLOOR, krylov_schur
-from gpu.eigenvalues.krylov.restart import RESTARTS, Limits, Wanted, room_for
+from gpu.eigenvalues.krylov.krylov_schur import ROUNDING_RESIDUAL, krylov_schur
+from gpu.eigenvalues.krylov.restart import RESTART_KINDS, Limits, Wanted, room_for
 from gpu.eigenvalues.operator import Matrix, as_matrix, ordinary
 from gpu.eigenvalues.schur.order import ORDERS, best_first, edge_of, rank_of
 from gpu.eigenvalues.schur.ordered_schur import Rank
@@ -124,7 +124,7 @@ def eigs(
         if mass.explicit is not None:
             _ = mass.magnitude  # raises
     start = None if v0 is None else start_vector(v0, n, xp)
-    choice("restart", restart, RESTARTS)
+    choice("restart", restart, RESTART_KINDS)
     choice("which", which, ORDERS)
     return_eigenvectors = flag("return_eigenvectors", return_eigenvectors)
     if not isinstance(tol, int | float | np.floating) or not 0 <= tol < 1:
@@ -283,7 +283,7 @@ def _iterated(
                     return found, pairs, None
                 theta = found.values[:k]
                 away = np.abs(problem.values(theta) - sigma)
-            if told_apart(theta, FLOOR * found.scale, away, abs(shift - sigma)):
+            if told_apart(theta, ROUNDING_RESIDUAL * found.scale, away, abs(shift - sigma)):
                 return found, pairs, None
             reason = NotConverged(
                 f"sigma={sigma} lies too close to an eigenvalue to tell the next {k} apart, or "

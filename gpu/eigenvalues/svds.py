@@ -12,7 +12,7 @@ from gpu.arrays.namespace import cupy, namespace, to_host
 from gpu.eigenvalues.eigs import DENSE, FALLBACK, PRODUCTS, eigs, start_vector
 from gpu.errors import InputError, NotConverged
 
-CERTIFIED = 1e-10  # |A v - s u| and |A^* u - s v| over |A|
+CERTIFIED_TRIPLET = 1e-10  # |A v - s u| and |A^* u - s v| over |A|
 
 
 def svds(
@@ -211,7 +211,7 @@ def _certify(factors: _Factors, u: Any, s: Any, vh: Any) -> None:
         squares = abs(factors.explicit)
         squares = squares.multiply(squares) if hasattr(squares, "multiply") else squares**2
         size = max(size, float(np.sqrt(float(squares.sum(axis=0).max()))))
-    good = xp.isfinite(s) & (error <= CERTIFIED * size)
+    good = xp.isfinite(s) & (error <= CERTIFIED_TRIPLET * size)
     if not bool(good.all()):
         raise NotConverged(
             f"{int((~good).sum())} of {len(s)} triplets fail their certificate: the residual "

@@ -22,9 +22,9 @@ from gpu.qp.interior_point.minimise import NoBound, NoPoint, Point, certified, m
 from gpu.qp.interior_point.polish import Sides
 from gpu.qp.last_digits import last_digits
 
-# Entries other than zero of P and C, stored sparsely and not, up to which the last digits of
-# absolute residuals are worth their time.
-LARGEST_SPARSE, LARGEST_DENSE = 300_000, 30_000
+# Entries other than zero of P and C, in sparse and in dense storage, up to which absolute residuals
+# are sharpened: that takes a few sparse factorisations, dear where the matrices are full.
+SHARPENED_SPARSE, SHARPENED_DENSE = 300_000, 30_000
 
 
 def solve_any_problem(
@@ -129,7 +129,7 @@ def _sharpened(problem: QPProblem, p: StandardQP, point: Point, tol: float) -> P
     if p.xp is not np or not point.residuals.worst <= tol:
         return point
     entries = p.P.nnz + p.C.nnz if p.is_sparse else np.count_nonzero(p.P) + np.count_nonzero(p.C)
-    if entries > (LARGEST_SPARSE if p.is_sparse else LARGEST_DENSE):
+    if entries > (SHARPENED_SPARSE if p.is_sparse else SHARPENED_DENSE):
         return point
     best = last_digits(problem, p, PrimalDual(point.x, point.y, point.z_box), tol)
     return replace(point, **best._asdict(), residuals=residuals(p, *best))

@@ -26,13 +26,13 @@ from gpu.qp.least_multipliers import least_multipliers
 
 # Of a number: what its rounding moves it by, on average.
 MEAN_ROUNDING = np.finfo(float).eps / 4
-# How many times less may come out of it.
+# Rounding errors may cancel: residuals so many times below the expected rounding are hoped for.
 LUCK = 8.0
 # Unknowns and rows up to which least multipliers are sought: they cost a solution.
 LARGEST_LEAST = 10_000
-# Numbers that are tried to close the gap, and the parts of it that they take.
+# Numbers that are tried to close the gap, how often, and the parts of it that each takes over.
 TRIALS, PASSES, PARTS = 60, 3, (1.0, 0.5)
-# Of what is asked for: residuals that others may grow to while the gap is closed.
+# Of the tolerance: what other residuals may grow to while the gap is closed.
 SHARE = 0.9
 
 

@@ -22,8 +22,10 @@ from gpu.qp.interior_point.equilibrate import largest_side
 from gpu.qp.interior_point.presolve import ACTIVITY_ROUNDING, nonempty
 
 logger = logging.getLogger(__name__)
-# Of the diagonal of P, and how many centres: where there is a solution, few are the rule.
-PROXIMITY, PROXIMAL_STEPS = 1e-6, 60
+# Of the diagonal of P: enough for a Cholesky factor, and nearly nothing beside the curvature.
+PROXIMITY = 1e-6
+# Proximal points that are tried: where there is a solution, few are the rule.
+PROXIMAL_STEPS = 60
 
 
 @np.errstate(all="ignore")  # what overflows shows in the residuals

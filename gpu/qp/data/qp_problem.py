@@ -16,11 +16,12 @@ from gpu.errors import InputError, NotSupported
 from gpu.qp.data.standard_qp import StandardQP, is_sparse
 
 # Largest |P_ij - P_ji| / sqrt(P_ii P_jj) that is taken for rounding of whoever computed P.
-ASYMMETRY = 1e-10
+HESSIAN_ASYMMETRY = 1e-10
 # Largest shift of the scaled P, for a thousand unknowns, that is taken for rounding of its entries.
 CONVEXITY = 1e-10
 # The same for entries that were written with some five digits: measured covariances, say.
 NEARLY = 3e-5
+# From here on a number stands for infinity, as in files of the field.
 INFINITE = 1e20
 
 
@@ -136,7 +137,7 @@ def _symmetric(matrix: Any, scaled: Any) -> Any:
             return np.array(matrix, order="C")
         half = matrix / 2.0 + matrix.T / 2.0  # a sum of the whole may overflow
         error = float(abs(scaled(matrix - half)).max())
-    if not error <= ASYMMETRY:
+    if not error <= HESSIAN_ASYMMETRY:
         raise InputError(
             f"P is not symmetric, |P - P'| reaches {2 * error:.1e} of its diagonal: "
             "only x'Px matters, so pass (P + P.T) / 2 if that is what is meant"
@@ -269,7 +270,6 @@ def _bound(name: str, value: ArrayLike | None, n: int, missing: float, xp: Any) 
     if bound.ndim == 0:
         bound = xp.full(n, float(bound))
     bound = _shaped(name, bound, (n,), xp)
-    # What stands for infinity in files of the field.
     bound = xp.where(xp.abs(bound) >= INFINITE, xp.copysign(xp.inf, bound), bound)
     wrong = xp.isnan(bound) | (bound == -missing)
     if bool(wrong.any()):

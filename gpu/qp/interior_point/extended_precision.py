@@ -26,9 +26,10 @@ from gpu.qp.interior_point.polish import HUGE, Sides
 
 # 64 bits of mantissa on x86, 113 on other Linux machines, and 53 where there is nothing longer.
 Long = np.longdouble
-REGULARISATIONS = (1e-9, 1e-12, 1e-14)
+# In scaled units, the first that converges: smaller ones serve rows that are all but dependent.
+EXTENDED_REGULARISATIONS = (1e-9, 1e-12, 1e-14)
 # Steps that may pass without the correction becoming half as large.
-STALLED_STEPS = 4
+STALLED_REFINEMENTS = 4
 # Of the largest entry: corrections below this are lost in rounding.
 NOTHING = np.finfo(float).eps / 16
 
@@ -48,7 +49,7 @@ def extended(p: StandardQP, t: PrimalDual) -> Iterator[PrimalDual]:
     tight, loose = (_active(scaled, scaling, t, loose) for loose in (False, True))
     same = all(np.array_equal(a, b) for a, b in zip(tight, loose, strict=True))
     for active in (tight,) if same else (tight, loose):
-        for regularisation in REGULARISATIONS:
+        for regularisation in EXTENDED_REGULARISATIONS:
             try:
                 found, settled = _refined(p, scaled, scaling, t, active, regularisation)
             except np.linalg.LinAlgError:
@@ -94,7 +95,7 @@ def _refined(
     P, C, Ct = _long(scaled.P), _long(scaled.C), _long(scaled.C.T)
     x, y = np.where(held, bound, x).astype(Long), np.where(used, y, 0.0).astype(Long)
     settled, last, stalled = False, np.inf, 0
-    while not settled and stalled < STALLED_STEPS:
+    while not settled and stalled < STALLED_REFINEMENTS:
         rd = np.where(held, 0.0, P @ x + scaled.q + Ct @ y)
         rp = np.where(used, goal - C @ x, 0.0)
         dx, dy = system.solve(-rd.astype(float), rp.astype(float), thorough=True)
