@@ -29,7 +29,7 @@ def svds(
 
     `eigs` finds the wanted eigenvectors of the smaller of :math:`A^* A` and :math:`A A^*`; the
     singular values are those of A on the space they span, not roots, so that no digits are lost
-    to the square. Every triplet has had both residuals recomputed.
+    to the square. Both residuals of every returned triplet are recomputed.
 
     Parameters
     ----------
@@ -59,14 +59,18 @@ def svds(
     Raises
     ------
     InputError
+        An argument is malformed, or an operator has no ``rmatvec``.
     NotConverged
+        Fewer than k triplets converged, or one failed its certificate.
     MissingDependency
+        A lives on a device and CuPy cannot be imported.
 
     Notes
     -----
-    Squares hide singular values below 1e-7 of the largest. Where these are wanted, stored matrices
-    with min(m, n) up to 4096 are decomposed fully, as are all up to 256 (operators: 128); operators
-    and larger ones raise `NotConverged`.
+    The eigenvalues of the square say nothing about singular values below 1e-7 of the largest. Where
+    these are wanted, stored matrices with min(m, n) up to 4096 are decomposed fully; operators and
+    larger matrices raise `NotConverged`. Matrices with min(m, n) up to 256 (operators: 128) are
+    always decomposed.
 
     Examples
     --------

@@ -71,6 +71,7 @@ def hamiltonian_inverse(
     Raises
     ------
     InputError
+        An argument is malformed.
     RiccatiError
         The Hamiltonian is singular, exactly or to working precision: a mode at zero cannot be
         stabilised or is not seen by Q.
