@@ -17,7 +17,7 @@ from contact.errors import (
 )
 from contact.histories.load_history import LoadHistory, LoadStep
 from contact.histories.load_stepper import LoadStepper
-from contact.laws.semismooth_newton import Iteration
+from contact.laws.iteration import Iteration
 from contact.laws.status import Status
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.shapes import ClosestPoint, Cylinder, Parabola, Plane, Sphere

@@ -38,7 +38,7 @@ from scipy import sparse
 
 from contact.condensation.boundary_problem import BoundaryProblem
 from contact.errors import InputError, NotConverged, Unbounded
-from contact.laws.methods import Options
+from contact.laws.options import Options
 from contact.problem.contact_problem import ContactProblem
 from contact.result.contact_result import ContactResult
 

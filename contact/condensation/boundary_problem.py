@@ -1,4 +1,4 @@
-"""The contact problem condensed to its boundary: a few dense arrays and the laws' residuals."""
+"""The contact problem condensed to its boundary: a few dense arrays."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_ROUNDING = 10.0  # machine precisions: sums and solves of some hundred terms lose a digit
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class BoundaryProblem:
     tangent : ndarray of int, shape (m, dim - 1)
         Rows of each point's tangents; -1 where the tangential displacement is prescribed. Where
         that is so for one component of two, its row has no compliance.
-    held : ndarray, shape (m, dim - 1)
+    prescribed_slip : ndarray, shape (m, dim - 1)
         Tangential displacement where it is prescribed.
     K : ndarray, shape (k, k), optional
         Stiffness of the motions a, where these are more than rigid
@@ -52,7 +51,7 @@ class BoundaryProblem:
     gap: Array
     normal: Index
     tangent: Index
-    held: Array
+    prescribed_slip: Array
     K: Array | None = None
 
     @property
@@ -75,14 +74,14 @@ class BoundaryProblem:
         """Normal and tangential displacement of every point, shapes (m,) and (m, dim - 1)."""
         v = self.v0 - self.W @ self.forces(mu, t) + self.C @ a
         u_n = np.where(self.normal >= 0, v[self.normal], 0.0)
-        u_t = np.where(self.tangent >= 0, v[self.tangent], self.held)
+        u_t = np.where(self.tangent >= 0, v[self.tangent], self.prescribed_slip)
         return u_n, u_t
 
     def penetration(self, u_n: Array) -> Array:
         """u_n - d where contact is possible, minus infinity elsewhere."""
         return np.where(self.can_touch, u_n - self.gap, -np.inf)
 
-    def scale(self, mu: Array, t: Array) -> float:
+    def residual_size(self, mu: Array, t: Array) -> float:
         """Size against which residuals are judged: the largest force, or what could cause one."""
         overlap = np.maximum(-self.gap, 0.0)
         causes = (float(np.abs(part).max(initial=0.0)) for part in (self.v0, self.s, overlap))
@@ -102,73 +101,3 @@ class Forces:
     mu: Array
     t: Array
     a: Array
-
-
-@dataclass(frozen=True)
-class Friction:
-    """Coulomb's law, ``value`` being the coefficient F, or a given bound g, ``value`` itself.
-
-    Attributes
-    ----------
-    value : ndarray, shape (m,)
-    coulomb : bool
-    """
-
-    value: Array
-    coulomb: bool
-
-    def bound(self, mu: Array) -> Array:
-        """Friction bound g of every point for the normal forces mu, shape (m,)."""
-        return self.value * np.maximum(mu, 0.0) if self.coulomb else self.value
-
-
-def project(q: Array, g: Array) -> Array:
-    """Project each row of q, shape (m, dim - 1), onto the ball of radius g, shape (m,)."""
-    length = np.linalg.norm(q, axis=1)
-    factor = np.where(length > g, g / np.where(length > 0, length, 1.0), 1.0)
-    return q * factor[:, None]
-
-
-def residual(problem: BoundaryProblem, mu: Array, t: Array, a: Array, bound: Array) -> float:
-    """Largest violation of the contact and the friction law, relative to the largest force.
-
-    Parameters
-    ----------
-    problem : BoundaryProblem
-    mu, t, a : ndarray
-        Forces and rigid motion.
-    bound : ndarray, shape (m,)
-        Friction bound g, for Coulomb F mu.
-    """
-    u_n, u_t = problem.displacements(mu, t, a)
-    contact = mu - np.maximum(0.0, mu + problem.penetration(u_n))
-    live = problem.tangent >= 0
-    friction = np.where(live, t - project(np.where(live, t + u_t, 0.0), bound), 0.0)
-    balance = problem.C.T @ problem.forces(mu, t) - problem.s
-    if problem.K is not None:
-        balance = balance + problem.K @ a
-    worst = max(np.abs(part).max(initial=0.0) for part in (contact, friction, balance))
-    return float(worst) / problem.scale(mu, t)
-
-
-def rounding(problem: BoundaryProblem, forces: Array, a: Array, size: float) -> float:
-    """What `residual` cannot fall below: rounding of the terms that cancel in it, over the size.
-
-    Parameters
-    ----------
-    problem : BoundaryProblem
-    forces : ndarray, shape (n,)
-        Of the live rows.
-    a : ndarray, shape (k,)
-    size : float
-        Of the forces, that of `BoundaryProblem.scale`.
-    """
-    l, C = np.abs(forces), np.abs(problem.C)
-    gap = np.where(np.isfinite(problem.gap), np.abs(problem.gap), 0.0)
-    # W is positive definite with a diagonal of about one: no entry is larger.
-    moved = np.abs(problem.v0) + l.sum() + C @ np.abs(a)
-    balanced = C.T @ l + np.abs(problem.s)
-    if problem.K is not None:
-        balanced = balanced + np.abs(problem.K) @ np.abs(a)
-    terms = (float(part.max(initial=0.0)) for part in (moved, balanced, gap))
-    return _ROUNDING * float(np.finfo(float).eps) * max(terms) / size

@@ -218,7 +218,7 @@ class CondensedContact:
             gap=gap / scale,
             normal=self._normal,
             tangent=self._tangent,
-            held=fixed_t / scale[:, None],
+            prescribed_slip=fixed_t / scale[:, None],
         )
 
     def _given(

@@ -17,8 +17,8 @@ from contact.errors import InputError, NotConverged, numbers
 from contact.histories.history_folder import HistoryFolder, fingerprint, same_conditions
 from contact.histories.load_history import LoadHistory, LoadStep, as_path, checked_times
 from contact.histories.time_factor import Factor, checked_factor, value_at
-from contact.laws.methods import Options
-from contact.obstacles.shapes import Gap
+from contact.laws.options import Options
+from contact.obstacles.shapes import ObstacleLike
 from contact.portable import Portable
 from contact.problem.sagitta import warn_of_sagitta
 from contact.settled import settled
@@ -111,7 +111,7 @@ class LoadStepper(Portable):
         self._supports = len(problem.body._supports)
         self._loads: list[tuple[Array, Factor]] = []
         self._motions: list[tuple[Array, Factor]] = []
-        self._obstacle: Callable[[float], Gap] | None = None
+        self._obstacle: Callable[[float], ObstacleLike] | None = None
 
     def load(self, boundary: Boundary, traction: Field, factor: Factor | None = None) -> Self:
         """Add the traction ``factor(t) * traction`` on a boundary; see `ElasticBody.load`.
@@ -193,7 +193,7 @@ class LoadStepper(Portable):
         self._motions.append((at_rest.constraint[1], checked_factor(factor)))
         return self
 
-    def obstacle(self, of_time: Callable[[float], Gap]) -> Self:
+    def obstacle(self, of_time: Callable[[float], ObstacleLike]) -> Self:
         """Let the obstacle vary: what `ContactProblem` takes as obstacle, as a function of time.
 
         Parameters

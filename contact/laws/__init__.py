@@ -2,5 +2,5 @@
 
 In: a `BoundaryProblem`, a friction law, a start.
 Out: `Forces` that satisfy the laws, with the history of the iteration.
-Start: `methods` chooses; `semismooth_newton` and `active_set` do most of the work.
+Start: `methods` chooses; `friction` has the laws; `semismooth_newton` and `active_set` solve most.
 """

@@ -6,8 +6,9 @@ import numpy as np
 
 from contact.condensation.boundary_problem import Array, BoundaryProblem, Forces
 from contact.errors import InputError
+from contact.laws.iteration import Iteration, Report
+from contact.laws.progress import ROUND_OFF
 from contact.laws.qp_peers import solve_box_with
-from contact.laws.semismooth_newton import ROUND_OFF, Iteration, Report
 from gpu import NotConverged, QPFactor, QPResult, solve_qp
 
 COMPLIANCE = 1e-9  # added to that of each row, which is about one, where rows are dependent

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.condensation.boundary_problem import BoundaryProblem, Forces, Friction
+from contact.condensation.boundary_problem import BoundaryProblem, Forces
+from contact.laws.friction import Coulomb, Friction, Tresca
 
 GROUP = 4  # contact points that become one
 FEW = 100  # points from which on a coarser problem pays
@@ -24,7 +25,7 @@ class CoarseProblem:
     Attributes
     ----------
     problem : BoundaryProblem
-    law : Friction or None
+    friction : Friction or None
     fine : BoundaryProblem
     row : ndarray, shape (n,)
         Coarse row of each fine row, -1 for those that bear no force.
@@ -33,13 +34,13 @@ class CoarseProblem:
     """
 
     problem: BoundaryProblem
-    law: Friction | None
+    friction: Friction | None
     fine: BoundaryProblem
     row: NDArray[np.int64]
     share: NDArray[np.float64]
 
     @classmethod
-    def of(cls, fine: BoundaryProblem, law: Friction | None) -> CoarseProblem | None:
+    def of(cls, fine: BoundaryProblem, friction: Friction | None) -> CoarseProblem | None:
         """Group the points of a problem in two dimensions; None where that does not pay.
 
         Points are numbered along the boundary, so that neighbours have neighbouring numbers.
@@ -74,12 +75,15 @@ class CoarseProblem:
             gap=np.where(there[:, 0], gap, np.inf),
             normal=number[:, 0],
             tangent=number[:, 1:],
-            held=(np.bincount(group, fine.held[:, 0], count) / scale)[:, None],
+            prescribed_slip=(np.bincount(group, fine.prescribed_slip[:, 0], count) / scale)[
+                :, None
+            ],
         )
-        if law is not None:
-            mean = np.bincount(group, law.value, count) / np.bincount(group)
-            law = Friction(mean if law.coulomb else mean * scale, law.coulomb)
-        return cls(problem, law, fine, row, share)
+        if isinstance(friction, Coulomb):
+            friction = Coulomb(_means(group, friction.coefficient))
+        elif friction is not None:
+            friction = Tresca(_means(group, friction.given) * scale)
+        return cls(problem, friction, fine, row, share)
 
     def refined(self, forces: Forces) -> Forces:
         """Forces of the fine problem from those of this one."""
@@ -90,3 +94,8 @@ class CoarseProblem:
         mu[normal] = stacked[self.fine.normal[normal]]
         t[tangent] = stacked[self.fine.tangent[tangent]]
         return Forces(mu, t, forces.a)
+
+
+def _means(group: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean of the values of each group."""
+    return np.asarray(np.bincount(group, values) / np.bincount(group))

@@ -14,15 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.arrays.dense_arrays import HostArrays
-from contact.condensation.boundary_problem import BoundaryProblem, Forces, Friction, residual
-from contact.laws.semismooth_newton import (
-    NEAR,
-    PROXIMAL,
-    Iteration,
-    Progress,
-    Report,
-    _Sets,
-)
+from contact.condensation.boundary_problem import BoundaryProblem, Forces
+from contact.laws.friction import Coulomb, Friction, Tresca
+from contact.laws.iteration import Iteration, Report
+from contact.laws.progress import NEAR, Progress
+from contact.laws.residual import residual
+from contact.laws.semismooth_newton import PROXIMAL
+from contact.laws.zones import Zones
 
 START = 15  # active-set steps without friction to begin with
 
@@ -30,7 +28,7 @@ START = 15  # active-set steps without friction to begin with
 def plane_newton(
     problem: BoundaryProblem,
     arrays: HostArrays,
-    law: Friction | None,
+    friction: Friction | None,
     start: Forces | None,
     *,
     tol: float,
@@ -44,11 +42,11 @@ def plane_newton(
     problem : BoundaryProblem
     arrays : HostArrays
         Where ``problem.W`` lies.
-    law : Friction or None
+    friction : Friction or None
     start : Forces or None
         None starts without friction, rigid motions on springs.
     tol : float
-        On `contact.condensation.boundary_problem.residual`.
+        On `contact.laws.residual.residual`.
     max_iterations : int
     report : callable
 
@@ -57,27 +55,27 @@ def plane_newton(
     NotConverged, LinAlgError
         The iteration stalls or meets a singular system.
     """
-    none = Friction(np.zeros(problem.gap.size), coulomb=False)
+    none = Tresca(np.zeros(problem.gap.size))
     weak = 1e-9 * float(np.abs(problem.C).max(initial=0.0)) ** 2
     now = start or Forces(*problem.zeros(), np.zeros(problem.s.size))
-    if start is None and law is not None:
+    if start is None and friction is not None:
         before: NDArray[np.bool_] | None = None
         for step in range(1, START + 1):
-            sets = _Sets.of(problem, now, none)
-            if before is not None and np.array_equal(before, sets.active):
+            zones = Zones.of(problem, now, none)
+            if before is not None and np.array_equal(before, zones.active):
                 break
-            before = sets.active
-            now = _step(problem, arrays, now, sets, none, False, 1e7 * weak, anchored=False)
-            report(Iteration(step, "frictionless", int(sets.active.sum()), 0, 0, np.nan))
-    friction = none if law is None else law
-    size = residual(problem, now.mu, now.t, now.a, friction.bound(now.mu))
+            before = zones.active
+            now = _step(problem, arrays, now, zones, none, False, 1e7 * weak, anchored=False)
+            report(Iteration(step, "frictionless", int(zones.active.sum()), 0, 0, np.nan))
+    acting = none if friction is None else friction
+    size = residual(problem, now.mu, now.t, now.a, acting.bound(now.mu))
     progress = Progress(tol)
     for step in range(1, max_iterations + 1):
-        sets = _Sets.of(problem, now, friction)
-        now = _step(problem, arrays, now, sets, friction, size >= NEAR, weak)
-        size = residual(problem, now.mu, now.t, now.a, friction.bound(now.mu))
-        active, stick, slip = (int(kind.sum()) for kind in (sets.active, sets.stick, sets.slip))
-        report(Iteration(step, "newton" if law else "active set", active, stick, slip, size))
+        zones = Zones.of(problem, now, acting)
+        now = _step(problem, arrays, now, zones, acting, size >= NEAR, weak)
+        size = residual(problem, now.mu, now.t, now.a, acting.bound(now.mu))
+        active, stick, slip = (int(kind.sum()) for kind in (zones.active, zones.stick, zones.slip))
+        report(Iteration(step, "newton" if friction else "active set", active, stick, slip, size))
         if progress.ended(problem, now, size):
             break
     return progress.best_of(problem, "newton")
@@ -87,7 +85,7 @@ def _step(
     problem: BoundaryProblem,
     arrays: HostArrays,
     now: Forces,
-    sets: _Sets,
+    zones: Zones,
     friction: Friction,
     damped: bool,
     weak: float,
@@ -99,16 +97,16 @@ def _step(
     k = 0 in the exact Newton step, ``g / (|q| - g) (1 - a b)`` in the damped one.
     """
     xp, k = arrays.xp, problem.s.size
-    rub = np.flatnonzero((sets.stick | sets.slip) & (problem.tangent[:, 0] >= 0))
-    rows = np.concatenate((problem.normal[sets.active], problem.tangent[rub, 0]))
-    n_n, n = int(sets.active.sum()), rows.size
+    rub = np.flatnonzero((zones.stick | zones.slip) & (problem.tangent[:, 0] >= 0))
+    rows = np.concatenate((problem.normal[zones.active], problem.tangent[rub, 0]))
+    n_n, n = int(zones.active.sum()), rows.size
     of_w, diagonal = np.ones(n), np.full(n, PROXIMAL)
     rhs = problem.v0[rows] + PROXIMAL * problem.forces(now.mu, now.t)[rows]
-    rhs[:n_n] -= problem.gap[sets.active]
+    rhs[:n_n] -= problem.gap[zones.active]
 
-    slip = np.flatnonzero(sets.slip[rub])
+    slip = np.flatnonzero(zones.slip[rub])
     points, at = rub[slip], n_n + slip
-    q, g = sets.q[points, 0], sets.g[points]
+    q, g = zones.q[points, 0], zones.g[points]
     b = np.sign(q)
     if damped:
         t = now.t[points, 0]
@@ -126,9 +124,11 @@ def _step(
     A[:n, :n] *= xp.asarray(of_w)[:, None]
     i = xp.arange(n)
     A[i, i] += xp.asarray(diagonal)
-    if friction.coulomb:
-        column = np.cumsum(sets.active) - 1
-        A[xp.asarray(at), xp.asarray(column[points])] -= xp.asarray(friction.value[points] * b_or_a)
+    if isinstance(friction, Coulomb):
+        column = np.cumsum(zones.active) - 1
+        A[xp.asarray(at), xp.asarray(column[points])] -= xp.asarray(
+            friction.coefficient[points] * b_or_a
+        )
     else:
         rhs[at] += g * b_or_a
     if k:
@@ -146,6 +146,6 @@ def _step(
     solution = last + np.asarray(arrays.get(xp.linalg.solve(A, left)))
     if not np.all(np.isfinite(solution)):
         raise np.linalg.LinAlgError("singular Newton system")
-    mu[sets.active] = solution[:n_n]
+    mu[zones.active] = solution[:n_n]
     t_new[rub, 0] = solution[n_n:n]
     return Forces(mu, t_new, solution[n:])

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from contact.condensation.boundary_problem import Array, BoundaryProblem, Friction
+from contact.condensation.boundary_problem import Array, BoundaryProblem
+from contact.laws.friction import Coulomb, Friction, Tresca
 from gpu import Infeasible
 
 _DIRECTIONS = 16  # of the slip in 3-D, over half a turn
@@ -14,7 +15,7 @@ LIMIT = 1e-6  # share of the friction within which loads count as those that it 
 _NOTHING = 1e-9  # relative; ten times what a certificate of 1e-10 leaves of forces and motions
 
 
-def check_held(problem: BoundaryProblem, law: Friction | None) -> None:
+def check_held(problem: BoundaryProblem, friction: Friction | None) -> None:
     r"""Raise the certificate of a rigid motion that no admissible contact forces resist.
 
     A motion a moves the contact points by ``v = C a``. Forces within the laws,
@@ -38,8 +39,8 @@ def check_held(problem: BoundaryProblem, law: Friction | None) -> None:
         return
     touch = problem.can_touch
     rubs = np.zeros(touch.size, dtype=bool)
-    if law is not None:
-        rubs = (law.value > 0) & (touch | (not law.coulomb))
+    if friction is not None:
+        rubs = friction.rubs(touch)
     live = (problem.tangent >= 0) & rubs[:, None]
     normal, tangential = problem.C[problem.normal[touch]], problem.C[problem.tangent[live]]
     seen = np.vstack((normal, tangential, np.zeros((k, k))))
@@ -55,12 +56,12 @@ def check_held(problem: BoundaryProblem, law: Friction | None) -> None:
     size = float(np.abs(problem.C).max())
     contact = np.hstack((normal, np.zeros((int(touch.sum()), points.size))))
     price = np.zeros(points.size)
-    if law is not None and law.coulomb:
+    if isinstance(friction, Coulomb):
         both = np.flatnonzero(place[touch] >= 0)
         at = place[touch][both]
-        contact[both, k + at] = law.value[points[at]]
-    elif law is not None:
-        price = law.value[points]
+        contact[both, k + at] = friction.coefficient[points[at]]
+    elif isinstance(friction, Tresca):
+        price = friction.given[points]
     gain = np.concatenate((problem.s, -problem.s, -price))
     total = np.r_[np.ones(2 * k), np.zeros(points.size)][None]
     cuts = [
@@ -89,15 +90,15 @@ def check_held(problem: BoundaryProblem, law: Friction | None) -> None:
         cuts.append(np.hstack((np.einsum("pi,pik->pk", b, V_t), -np.eye(points.size))))
 
 
-def at_the_limit(problem: BoundaryProblem, law: Friction | None) -> Array | None:
+def at_the_limit(problem: BoundaryProblem, friction: Friction | None) -> Array | None:
     """A rigid motion that friction less a share of `LIMIT` could not resist, or None.
 
     How far the body slips before it comes to rest then hangs on digits that no load has.
     """
-    if law is None:
+    if friction is None:
         return None
     try:
-        check_held(problem, Friction((1.0 - LIMIT) * law.value, law.coulomb))
+        check_held(problem, friction.times(1.0 - LIMIT))
     except Infeasible as error:
         return np.asarray(error.certificate)
     return None
@@ -124,7 +125,7 @@ def by_friction_alone(problem: BoundaryProblem) -> Array | None:
 
 
 def undetermined_slip(
-    problem: BoundaryProblem, law: Friction | None, mu: Array, t: Array
+    problem: BoundaryProblem, friction: Friction | None, mu: Array, t: Array
 ) -> Array | None:
     """A rigid motion that goes on for ever under the forces (mu, t) of a solution, or None.
 
@@ -133,9 +134,9 @@ def undetermined_slip(
     far the body has slipped does not follow from them.
     """
     k, force = problem.s.size, float(max(mu.max(initial=0.0), np.abs(t).max(initial=0.0)))
-    if k == 0 or law is None or force == 0.0:
+    if k == 0 or friction is None or force == 0.0:
         return None
-    g, size = law.bound(mu), np.linalg.norm(t, axis=1)
+    g, size = friction.bound(mu), np.linalg.norm(t, axis=1)
     live = problem.tangent >= 0
     yields = live.any(axis=1) & (g > _NOTHING * force) & (size >= g * (1.0 - _NOTHING))
     sticks = live & ((g > _NOTHING * force) & ~yields)[:, None]

@@ -2,97 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError
 
 from contact.arrays.dense_arrays import DeviceMatrix
-from contact.condensation.boundary_problem import BoundaryProblem, Forces, Friction
-from contact.errors import ContactError, InputError, NotConverged, numbers
+from contact.condensation.boundary_problem import BoundaryProblem, Forces
+from contact.errors import ContactError, NotConverged
 from contact.laws.active_set import signorini
 from contact.laws.coarse_start import CoarseProblem
 from contact.laws.device_newton import plane_newton
+from contact.laws.fixed_point import fixed_point
+from contact.laws.friction import Coulomb, Friction, Tresca
+from contact.laws.given_friction import GivenFriction
+from contact.laws.iteration import Iteration, Report, outer_step
 from contact.laws.load_balance import check_held
+from contact.laws.options import Options
 from contact.laws.proximal_point import proximal_point
-from contact.laws.semismooth_newton import Iteration, Report, semismooth_newton
-from contact.laws.tresca_loop import fixed_point, progress, tresca_loop
-from gpu import GpuError, Infeasible
+from contact.laws.semismooth_newton import semismooth_newton
+from contact.laws.tresca_loop import tresca_loop
+from gpu import GpuError
 
 Array = NDArray[np.float64]
 
-_OFFERED: dict[str | None, tuple[str, ...]] = {
-    None: ("newton", "pdas"),
-    "tresca": ("newton", "pdas", "fixed_point"),
-    "coulomb": ("newton", "pdas", "fixed_point", "tresca_loop"),
-}
-Given = Callable[[Array, Forces], Forces]
 # The boundary problem is solved further than the certificate asks, which sees it through the body.
 INNER = 1e-2
-
-
-@dataclass(frozen=True)
-class Options:
-    """What a caller of `ContactProblem.solve` may choose, checked."""
-
-    method: str
-    tol: float
-    max_iterations: int
-    eps: float | None
-
-    @classmethod
-    def checked(
-        cls,
-        law: str | None,
-        dim: int,
-        method: str,
-        tol: float | None,
-        max_iterations: int | None,
-        eps: float | None,
-    ) -> Self:
-        """Fill in defaults.
-
-        Raises
-        ------
-        InputError
-            An unknown method, one that the law does not take, or a number out of range.
-        """
-        peer = isinstance(method, str) and method.startswith("qp:")
-        if not (isinstance(method, str) and method in _OFFERED[law]) and not peer:
-            raise InputError(
-                f"method={method!r}: a {law or 'frictionless'} problem takes "
-                f"{', '.join(map(repr, _OFFERED[law]))} or 'qp:<solver>'"
-            )
-        if peer and law is not None and dim == 3:
-            raise InputError(f"method={method!r}: friction in 3-D is no QP; use 'newton' or 'pdas'")
-        if tol is None:
-            tol = default_tolerance(method)
-        for name, value in (("tol", tol), ("max_iterations", max_iterations), ("eps", eps)):
-            if value is not None and numbers(name, value).shape != ():
-                raise InputError(f"{name}={value!r}: expected one number")
-        if not 0 < tol < 1:
-            raise InputError(f"tol={tol!r}: expected a number between 0 and 1")
-        if max_iterations is None:
-            max_iterations = 2000 if method == "fixed_point" else 100
-        if not 1 <= max_iterations < np.inf or max_iterations != int(max_iterations):
-            raise InputError(f"max_iterations={max_iterations!r}: expected a whole number from 1")
-        if eps is not None and (method != "fixed_point" or not 0 < eps < np.inf):
-            raise InputError(f"eps={eps!r}: a positive number, for method 'fixed_point' only")
-        return cls(method, float(tol), int(max_iterations), eps)
-
-
-def default_tolerance(method: str) -> float:
-    """What a method's certificate is held to unless the caller chooses."""
-    return 1e-6 if method == "fixed_point" else 1e-7 if method.startswith("qp:") else 1e-10
+SLIP = (
+    1e-5  # of the largest displacement: slip below which the fixed point takes friction as linear
+)
+SLACK = 10.0  # the certificate weighs slip by other units than the fixed point: a digit is allowed
 
 
 def solve_boundary(
     problem: BoundaryProblem,
-    law: Friction | None,
+    friction: Friction | None,
     options: Options,
     start: Forces | None,
     scale: Array,
@@ -106,7 +52,7 @@ def solve_boundary(
     Parameters
     ----------
     problem : BoundaryProblem
-    law : Friction or None
+    friction : Friction or None
         In the problem's scale.
     options : Options
     start : Forces or None
@@ -119,82 +65,60 @@ def solve_boundary(
     forces : Forces
     slack : float
         By how much the method misses the friction law by design, relative to the largest force.
+
+    Raises
+    ------
+    gpu.Infeasible
+        No admissible contact forces balance the loads.
+    NotConverged, gpu.NotConverged
+        The method stalled, and so did what is tried after it.
+    gpu.InputError
+        The compliance is not positive semidefinite.
     """
-    check_held(problem, law)
-    tol = options.tol * INNER
-    method = options.method
-    if isinstance(problem.W, DeviceMatrix) and method == "newton" and problem.tangent.shape[1] == 1:
+    check_held(problem, friction)
+    tol, newton = options.tol * INNER, options.method == "newton"
+    if newton and isinstance(problem.W, DeviceMatrix) and problem.tangent.shape[1] == 1:
         limit, arrays = options.max_iterations, problem.W.arrays
         with suppress(NotConverged, LinAlgError):
             forces = plane_newton(
-                problem, arrays, law, start, tol=tol, max_iterations=limit, report=report
+                problem, arrays, friction, start, tol=tol, max_iterations=limit, report=report
             )
             return forces, 0.0
-    peer = method[3:] if method.startswith("qp:") else None
-    if start is None and method == "newton":
-        start = _from_coarse(problem, law, options, report)
-        if start is not None and law is not None and law.coulomb:
+    if newton and start is None:
+        start = _from_coarse(problem, friction, options, report)
+        if start is not None and isinstance(friction, Coulomb):
             with suppress(NotConverged, LinAlgError):
-                return semismooth_newton(problem, start, law, tol=tol, report=report), 0.0
+                return semismooth_newton(problem, start, friction, tol=tol, report=report), 0.0
             start = None
-    if law is None:
-        return signorini(problem, start=start, tol=tol, peer=peer, report=report), 0.0
-
-    three_d = problem.tangent.shape[1] > 1
+    if friction is None:
+        return signorini(problem, start=start, tol=tol, peer=options.peer, report=report), 0.0
     if start is None:
         start = _frictionless(problem, tol, report)
-    form = "damped" if method == "pdas" else "switched"
-
-    def given(bound: Array, near: Forces, note: Report = lambda iteration: None) -> Forces:
-        """Solve with given friction; where that cannot hold the loads, Coulomb's still may."""
-        try:
-            return of_given(bound, near, note)
-        except Infeasible as error:
-            if law is None or not law.coulomb:
-                raise
-            raise NotConverged("the friction of the last step cannot hold the loads") from error
-
-    def of_given(bound: Array, near: Forces, note: Report) -> Forces:
-        if three_d or method == "pdas":
-            return _given_friction(problem, bound, near, form, tol, note)
-        return signorini(problem, bound=bound, start=near, tol=tol, peer=peer, report=note)
-
-    if method == "fixed_point":
-        eps = options.eps
-        if eps is None:
-            eps = 1e-5 * _largest_displacement(problem, start, scale)
-        forces = fixed_point(
-            problem,
-            start,
-            eps=eps / scale,
-            friction=law,
-            tol=options.tol,
-            max_iterations=options.max_iterations,
-            report=report,
-        )
-        slip = eps / _largest_displacement(problem, forces, scale)
-        return forces, 10 * options.tol + 10 * slip
-    if not law.coulomb:
-        return given(law.value, start, report), 0.0
-    if method == "newton":
-        return _coulomb(problem, law, start, given, tol, options.max_iterations, report), 0.0
+    if options.method == "fixed_point":
+        return _regularised(problem, friction, options, start, scale, report)
+    given = GivenFriction(problem, options.method == "pdas", tol, options.peer)
+    if isinstance(friction, Tresca):
+        return given(friction.given, start, report), 0.0
+    limit = options.max_iterations
+    if newton:
+        return _coulomb(problem, friction, start, given, tol, limit, report), 0.0
     forces = tresca_loop(
         problem,
-        law,
+        friction,
         start,
-        given,
-        tol=tol if peer is None else options.tol,
-        max_iterations=options.max_iterations,
+        given.of_last_step,
+        tol=tol if options.peer is None else options.tol,
+        max_iterations=limit,
         report=report,
     )
     return forces, 0.0
 
 
 def _from_coarse(
-    problem: BoundaryProblem, law: Friction | None, options: Options, report: Report
+    problem: BoundaryProblem, friction: Friction | None, options: Options, report: Report
 ) -> Forces | None:
     """Solve with fewer points first, in turn from fewer still; None where that does not help."""
-    coarse = CoarseProblem.of(problem, law)
+    coarse = CoarseProblem.of(problem, friction)
     if coarse is None:
         return None
 
@@ -205,7 +129,7 @@ def _from_coarse(
     ones = np.ones(coarse.problem.gap.size)
     with suppress(ContactError, GpuError, LinAlgError):
         return coarse.refined(
-            solve_boundary(coarse.problem, coarse.law, options, None, ones, note)[0]
+            solve_boundary(coarse.problem, coarse.friction, options, None, ones, note)[0]
         )
     return None
 
@@ -225,25 +149,36 @@ def _frictionless(problem: BoundaryProblem, tol: float, report: Report) -> Force
     return signorini(problem, tol=tol, springs=springs, phase="frictionless", report=report)
 
 
-def _given_friction(
-    problem: BoundaryProblem, bound: Array, start: Forces, form: str, tol: float, report: Report
-) -> Forces:
-    """Newton for given friction; should it stall, damped from rest (4.16), then proximal points."""
-    friction = Friction(bound, coulomb=False)
-    rest = Forces(*problem.zeros(), np.zeros(problem.s.size))
-    for near, kind in ((start, form), (rest, "damped")):
-        with suppress(NotConverged, LinAlgError):
-            return semismooth_newton(
-                problem, near, friction, form=kind, tol=tol, phase=f"{kind} newton", report=report
-            )
-    return proximal_point(problem, friction, start, tol=tol, report=report)
+def _regularised(
+    problem: BoundaryProblem,
+    friction: Friction,
+    options: Options,
+    start: Forces,
+    scale: Array,
+    report: Report,
+) -> tuple[Forces, float]:
+    """The fixed point of (4.12), and by how much its friction law misses the true one."""
+    eps = options.eps
+    if eps is None:
+        eps = SLIP * _largest_displacement(problem, start, scale)
+    forces = fixed_point(
+        problem,
+        start,
+        eps=eps / scale,
+        friction=friction,
+        tol=options.tol,
+        max_iterations=options.max_iterations,
+        report=report,
+    )
+    slip = eps / _largest_displacement(problem, forces, scale)
+    return forces, SLACK * options.tol + SLACK * slip
 
 
 def _coulomb(
     problem: BoundaryProblem,
-    friction: Friction,
+    friction: Coulomb,
     start: Forces,
-    given: Given,
+    given: GivenFriction,
     tol: float,
     max_iterations: int,
     report: Report,
@@ -261,6 +196,6 @@ def _coulomb(
             with suppress(NotConverged):
                 return proximal_point(problem, friction, start, tol=tol, report=report)
         for step in range(1, 5 * (attempt + 1) + 1):
-            start = given(friction.bound(start.mu), start)
-            report(progress(problem, step, "tresca step", start, friction.bound(start.mu)))
+            start = given.of_last_step(friction.bound(start.mu), start)
+            report(outer_step(problem, step, "tresca step", start, friction.bound(start.mu)))
     raise NotConverged(f"{failure}; try method='tresca_loop' or a smaller friction coefficient")

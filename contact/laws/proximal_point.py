@@ -7,9 +7,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from contact.condensation.boundary_problem import BoundaryProblem, Forces, Friction, residual
+from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.errors import NotConverged
-from contact.laws.semismooth_newton import ROUND_OFF, Report, semismooth_newton
+from contact.laws.friction import Friction
+from contact.laws.iteration import Report
+from contact.laws.progress import ROUND_OFF
+from contact.laws.residual import residual
+from contact.laws.semismooth_newton import semismooth_newton
 
 SOFTEST, STIFFEST = 1e3, 1e-9  # compliance delta; that of each row is one
 STEPS = 100

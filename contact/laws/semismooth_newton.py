@@ -29,66 +29,20 @@ contact problems with Coulomb friction, SIAM J. Sci. Comput. 30 (2008).
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, lapack
 
-from contact.condensation.boundary_problem import (
-    Array,
-    BoundaryProblem,
-    Forces,
-    Friction,
-    residual,
-    rounding,
-)
-from contact.errors import NotConverged
+from contact.condensation.boundary_problem import Array, BoundaryProblem, Forces
+from contact.laws.friction import Coulomb, Friction
+from contact.laws.iteration import Iteration, Report
+from contact.laws.progress import NEAR, Progress
+from contact.laws.residual import residual
+from contact.laws.zones import Zones
 
-PATIENCE = 8  # steps without a new least residual after which the iteration counts as cycling
 # Compliance added for the change of the forces, that of each row being one: keeps the step defined
 # where rows depend on each other, vanishes at convergence, and is too small to cost a step.
 PROXIMAL = 1e-13
-ROUND_OFF = 1e2  # times the tolerance: nearer than that a stalled iteration has come to its end
-NEAR = 0.1  # residual below which "switched" trusts the undamped Newton step
-
-
-@dataclass(frozen=True)
-class Iteration:
-    """One line of a solver's history.
-
-    Attributes
-    ----------
-    step : int
-    phase : str
-        Which part of the method made the step.
-    active, stick, slip : int
-        Points in contact, and those of them (or of the friction zone) that stick and slip.
-    residual : float
-        Relative residual after the step.
-    energy : float
-        Potential energy up to a constant with the friction functional, where that is fixed.
-    change : float
-        Relative change of the displacement of the contact points.
-    """
-
-    step: int
-    phase: str
-    active: int
-    stick: int
-    slip: int
-    residual: float
-    energy: float = np.nan
-    change: float = np.nan
-
-    def __str__(self) -> str:
-        residual = "" if np.isnan(self.residual) else f"   residual {self.residual:.1e}"
-        zones = f", stick {self.stick:4d}, slip {self.slip:4d}" if self.stick or self.slip else ""
-        return f"{self.phase:>12} {self.step:3d}   active {self.active:4d}{zones}{residual}"
-
-
-Report = Callable[[Iteration], None]
 
 
 def semismooth_newton(
@@ -112,7 +66,7 @@ def semismooth_newton(
         Forces in the problem's own scale.
     form : {"switched", "radial", "damped"}
     tol : float
-        On the relative residual of `contact.condensation.boundary_problem.residual`.
+        On the relative residual of `contact.laws.residual.residual`.
     max_iterations : int
     phase : str
         Label in the history.
@@ -132,17 +86,17 @@ def semismooth_newton(
     size = residual(problem, now.mu, now.t, now.a, friction.bound(now.mu))
     progress = Progress(tol)
     for step in range(1, max_iterations + 1):
-        sets = _Sets.of(problem, now, friction)
+        zones = Zones.of(problem, now, friction)
         kind = ("radial" if size < NEAR else "damped") if form == "switched" else form
-        now = _step(problem, now, sets, friction, kind)
+        now = _step(problem, now, zones, friction, kind)
         size = residual(problem, now.mu, now.t, now.a, friction.bound(now.mu))
         report(
             Iteration(
                 step,
                 phase,
-                int(sets.active.sum()),
-                int(sets.stick.sum()),
-                int(sets.slip.sum()),
+                int(zones.active.sum()),
+                int(zones.stick.sum()),
+                int(zones.slip.sum()),
                 size,
             )
         )
@@ -151,91 +105,13 @@ def semismooth_newton(
     return progress.best_of(problem, phase)
 
 
-class Progress:
-    """When an iteration has converged, has come down to its rounding, or goes in circles.
-
-    Parameters
-    ----------
-    tol : float
-        On the residual.
-    """
-
-    def __init__(self, tol: float) -> None:
-        self._tol, self._least = tol, np.inf
-        self._best: Forces | None = None
-        self._since_best = self._since_half = 0
-        self._half = np.inf
-
-    def ended(self, problem: BoundaryProblem, now: Forces, size: float) -> bool:
-        """Take note of a step and of the residual it left."""
-        self._since_best += 1
-        self._since_half += 1
-        if size < self._least:
-            self._best, self._least, self._since_best = now, size, 0
-        if size <= 0.5 * self._half:
-            self._half, self._since_half = size, 0
-        if not size > self._tol or not np.isfinite(size):
-            return True
-        # A step of Newton's method near the solution that does not halve the residual has met
-        # rounding: of what cancels in it, or, for bad conditioning, a multiple of that.
-        if self._since_half >= 2 and self._least <= ROUND_OFF * self._tol:
-            return True
-        if self._since_half >= 1 and self._at_rounding(problem):
-            return True
-        return self._since_best >= PATIENCE
-
-    def _at_rounding(self, problem: BoundaryProblem) -> bool:
-        best = self._best
-        if best is None or self._least > NEAR:
-            return False
-        forces = problem.forces(best.mu, best.t)
-        return self._least <= rounding(problem, forces, best.a, problem.scale(best.mu, best.t))
-
-    def best_of(self, problem: BoundaryProblem, phase: str) -> Forces:
-        """The step of least residual.
-
-        Raises
-        ------
-        NotConverged
-            It is neither within the tolerance nor rounding.
-        """
-        near = self._least <= ROUND_OFF * self._tol or self._at_rounding(problem)
-        if self._best is None or not near:
-            raise NotConverged(
-                f"{phase}: residual {self._least:.1e} at best, tolerance {self._tol:.1e}"
-            )
-        return self._best
-
-
-@dataclass(frozen=True)
-class _Sets:
-    """Where each law holds at the current iterate; all masks have shape (m,)."""
-
-    active: NDArray[np.bool_]
-    stick: NDArray[np.bool_]
-    slip: NDArray[np.bool_]
-    q: Array
-    g: Array
-
-    @classmethod
-    def of(cls, problem: BoundaryProblem, now: Forces, friction: Friction) -> _Sets:
-        u_n, u_t = problem.displacements(now.mu, now.t, now.a)
-        contact = now.mu + problem.penetration(u_n)
-        active = contact > 0
-        g = friction.bound(np.where(active, contact, 0.0))
-        q = np.where(problem.tangent >= 0, now.t + u_t, 0.0)
-        length = np.linalg.norm(q, axis=1)
-        rubs = (g > 0) & np.any(problem.tangent >= 0, axis=1)
-        return cls(active, rubs & (length <= g), rubs & (length > g), q, g)
-
-
 def _step(
-    problem: BoundaryProblem, now: Forces, sets: _Sets, friction: Friction, form: str
+    problem: BoundaryProblem, now: Forces, zones: Zones, friction: Friction, form: str
 ) -> Forces:
     """Solve the linearised laws for new forces and rigid motion."""
     tangent, k = problem.tangent, problem.s.size
-    rubbing = (sets.stick | sets.slip)[:, None] & (tangent >= 0)
-    rows_n = problem.normal[sets.active]
+    rubbing = (zones.stick | zones.slip)[:, None] & (tangent >= 0)
+    rows_n = problem.normal[zones.active]
     rows_t = tangent[rubbing]
     rows = np.concatenate((rows_n, rows_t))
     n_n, n = rows_n.size, rows.size
@@ -246,15 +122,15 @@ def _step(
     A[np.arange(n), np.arange(n)] += PROXIMAL
     A[:n, n:] = -problem.C[rows]
     rhs = np.concatenate((problem.v0[rows], np.zeros(k)))
-    rhs[:n_n] -= problem.gap[sets.active]
+    rhs[:n_n] -= problem.gap[zones.active]
     rhs[:n] += PROXIMAL * problem.forces(now.mu, now.t)[rows]
 
     # Slip rows replace those of u_t by the linearised law.
     place = np.full(tangent.shape, -1)
     place[rubbing] = n_n + np.arange(rows_t.size)
-    normal_place = np.full(sets.active.size, -1)
-    normal_place[sets.active] = np.arange(n_n)
-    _impose_slip(A, rhs, now, sets, place, normal_place, friction, form)
+    normal_place = np.full(zones.active.size, -1)
+    normal_place[zones.active] = np.arange(n_n)
+    _impose_slip(A, rhs, now, zones, place, normal_place, friction, form)
 
     if k:
         # The balance of loads, with a proximal term that vanishes at convergence: it keeps the
@@ -271,7 +147,7 @@ def _step(
     # makes up for it.
     solution = last + _solve(A, rhs - A @ last)
     mu, t = problem.zeros()
-    mu[sets.active] = solution[:n_n]
+    mu[zones.active] = solution[:n_n]
     t[rubbing] = solution[n_n:n]
     return Forces(mu, t, solution[n:])
 
@@ -280,7 +156,7 @@ def _impose_slip(
     A: Array,
     rhs: Array,
     now: Forces,
-    sets: _Sets,
+    zones: Zones,
     place: NDArray[np.int64],
     normal_place: NDArray[np.int64],
     friction: Friction,
@@ -291,11 +167,11 @@ def _impose_slip(
     Each such row holds v = v0 - W l + C a as ``A x - rhs = -v``; a combination M v of them and
     the unknown t itself make up the law ``t - M' v - [mu] = ...``.
     """
-    points = np.flatnonzero(sets.slip)
+    points = np.flatnonzero(zones.slip)
     if points.size == 0:
         return
     dim_t = place.shape[1]
-    q, g = sets.q[points], sets.g[points]
+    q, g = zones.q[points], zones.g[points]
     length = np.linalg.norm(q, axis=1)
     b = q / length[:, None]
     identity = np.eye(dim_t)
@@ -321,11 +197,13 @@ def _impose_slip(
         for j in range(dim_t):
             both = live[:, i] & live[:, j]
             new_rows[np.flatnonzero(both), i, at[both, j]] += own[both, i, j]
-        if not friction.coulomb:
-            new_rhs[:, i] += g * direction[:, i]
-        else:
+        if isinstance(friction, Coulomb):
             column = normal_place[points]
-            new_rows[np.arange(points.size), i, column] -= friction.value[points] * direction[:, i]
+            new_rows[np.arange(points.size), i, column] -= (
+                friction.coefficient[points] * direction[:, i]
+            )
+        else:
+            new_rhs[:, i] += g * direction[:, i]
     A[at[live]] = new_rows[live]
     rhs[at[live]] = new_rhs[live]
 

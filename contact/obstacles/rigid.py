@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.errors import InputError, array_of, numbers
-from contact.obstacles.shapes import Gap
+from contact.obstacles.shapes import ObstacleLike
 
 Array = NDArray[np.float64]
 Components = float | Sequence[float | None]
@@ -57,7 +57,7 @@ class Rigid:
     [nan, -2.0, 0.0]
     """
 
-    obstacle: Gap
+    obstacle: ObstacleLike
     displacement: Sequence[float | None] | None = None
     force: Sequence[float | None] | None = None
     rotation: Components | None = None

@@ -20,7 +20,7 @@ from contact.errors import InputError, evaluated, numbers
 from contact.obstacles.signed_distance import SignedDistance
 
 Array = NDArray[np.float64]
-Gap = Any  # an obstacle, a number, a callable x -> d, an array of one gap a point, or None
+ObstacleLike = Any  # an obstacle, a number, a callable x -> d, an array of one gap a point, or None
 
 
 def _vector(name: str, value: ArrayLike) -> Array:
@@ -290,7 +290,7 @@ def _from_centre(obstacle: Cylinder | Sphere, x: Array) -> tuple[Array, Array]:
     return outward * (length - radius), outward * x / length
 
 
-def evaluate_gap(obstacle: Gap, x: Array, n: Array) -> Array:
+def evaluate_gap(obstacle: ObstacleLike, x: Array, n: Array) -> Array:
     """Gap of any obstacle at points x with outward normals n.
 
     Parameters

@@ -15,10 +15,10 @@ from contact.body.solid import Solid
 from contact.condensation.condense import condense
 from contact.condensation.sparse import CondensedContact
 from contact.errors import InputError
-from contact.laws.methods import Options
-from contact.laws.semismooth_newton import Iteration
+from contact.laws.iteration import Iteration
+from contact.laws.options import Options
 from contact.obstacles.rigid import ObstacleMotion
-from contact.obstacles.shapes import Gap
+from contact.obstacles.shapes import ObstacleLike
 from contact.portable import Portable
 from contact.problem.sagitta import warn_of_sagitta
 from contact.problem.solve_system import solve_system
@@ -29,8 +29,8 @@ from contact.rows.discretise import ContactRows
 from contact.settled import settled
 
 Array = NDArray[np.float64]
-Friction = float | ArrayLike | Callable[[Array], ArrayLike] | Sequence[Any]
-Laws = tuple[Gap, Friction, str | None]
+FrictionLike = float | ArrayLike | Callable[[Array], ArrayLike] | Sequence[Any]
+Laws = tuple[ObstacleLike, FrictionLike, str | None]
 logger = logging.getLogger(__name__)
 _SAME: Any = object()
 
@@ -92,8 +92,8 @@ class ContactProblem(Portable):
         self,
         body: Solid,
         boundary: str | Sequence[str] | ArrayLike | CutArc,
-        obstacle: Gap,
-        friction: Friction = 0.0,
+        obstacle: ObstacleLike,
+        friction: FrictionLike = 0.0,
         law: str | None = "coulomb",
         functional: str | Sequence[str | None] | None = None,
         solver: str = "auto",
@@ -113,12 +113,12 @@ class ContactProblem(Portable):
         self._discretise((obstacle, friction, law))
 
     @property
-    def obstacle(self) -> Gap:
+    def obstacle(self) -> ObstacleLike:
         """The obstacle, or a list of them; may be set anew."""
         return self._laws[0]
 
     @obstacle.setter
-    def obstacle(self, obstacle: Gap) -> None:
+    def obstacle(self, obstacle: ObstacleLike) -> None:
         self._discretise((obstacle, *self._laws[1:]))
 
     @property
@@ -127,7 +127,7 @@ class ContactProblem(Portable):
         return self._friction
 
     @friction.setter
-    def friction(self, friction: Friction) -> None:
+    def friction(self, friction: FrictionLike) -> None:
         self._take((self._laws[0], friction, self._laws[2]), self.boundaries)
 
     @property
@@ -183,7 +183,7 @@ class ContactProblem(Portable):
         return self.system_of(self.body)
 
     def system_of(
-        self, body: Solid, after: ContactResult | None = None, obstacle: Gap = _SAME
+        self, body: Solid, after: ContactResult | None = None, obstacle: ObstacleLike = _SAME
     ) -> ContactSystem:
         """The discrete system of a body under other loads, with another obstacle, after a step."""
         self._follow_body()

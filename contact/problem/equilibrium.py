@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from contact.body.free_motions import not_held, strained_by_rotation
-from contact.condensation.boundary_problem import Array, BoundaryProblem, Friction
+from contact.condensation.boundary_problem import Array, BoundaryProblem
 from contact.condensation.sparse import CondensedContact
 from contact.errors import Unbounded
+from contact.laws.friction import Friction
 from contact.laws.load_balance import LIMIT, at_the_limit, by_friction_alone
 
 
@@ -33,7 +34,7 @@ def undetermined(condensed: CondensedContact, a: Array) -> Unbounded:
     )
 
 
-def doubt(condensed: CondensedContact, problem: BoundaryProblem, law: Friction | None) -> str:
+def doubt(condensed: CondensedContact, problem: BoundaryProblem, friction: Friction | None) -> str:
     """What may be the matter where no solution was found.
 
     Parameters
@@ -41,14 +42,14 @@ def doubt(condensed: CondensedContact, problem: BoundaryProblem, law: Friction |
     condensed : CondensedContact
     problem : BoundaryProblem
         Its problem that was not solved.
-    law : Friction or None
+    friction : Friction or None
 
     Raises
     ------
     Unbounded
         The loads are at the limit of what friction holds.
     """
-    limit, a = at_the_limit(problem, law), by_friction_alone(problem)
+    limit, a = at_the_limit(problem, friction), by_friction_alone(problem)
     if limit is not None:
         raise undetermined(condensed, limit)
     if a is None or condensed.moves_obstacle(a):

@@ -8,8 +8,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from contact.condensation.boundary_problem import BoundaryProblem, Forces, Friction
+from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.errors import InputError
+from contact.laws.friction import Friction
 
 if TYPE_CHECKING:
     from contact.result.contact_result import ContactResult
@@ -55,8 +56,7 @@ def start_forces(
     mu, t = mu * scale, t * scale[:, None]
     motion = np.zeros(problem.s.size)
     if motion.size:
-        law = system.scaled_friction(scale)
-        motion = _motion(problem, mu, t, law)
+        motion = _motion(problem, mu, t, system.scaled_friction(scale))
     return Forces(mu, t, motion)
 
 
@@ -88,11 +88,11 @@ def _interpolated(result: ContactResult, system: ContactSystem) -> tuple[Array, 
     return mu, t
 
 
-def _motion(problem: BoundaryProblem, mu: Array, t: Array, law: Friction | None) -> Array:
+def _motion(problem: BoundaryProblem, mu: Array, t: Array, friction: Friction | None) -> Array:
     """Free rigid motions of the body and its obstacles by least squares, shape (k,)."""
     u_n, u_t = problem.displacements(mu, t, np.zeros(problem.s.size))
     loaded = problem.can_touch & (mu > 1e-9 * mu.max(initial=0.0))
-    g = np.zeros(mu.size) if law is None else law.bound(mu)
+    g = np.zeros(mu.size) if friction is None else friction.bound(mu)
     sticks = (problem.tangent >= 0) & (np.linalg.norm(t, axis=1) < 0.999 * g)[:, None]
     at = np.concatenate((problem.normal[loaded], problem.tangent[sticks]))
     off = np.concatenate(((problem.gap - u_n)[loaded], -u_t[sticks]))

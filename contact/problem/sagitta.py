@@ -11,7 +11,8 @@ from scipy.linalg import LinAlgError
 
 from contact.arrays.blas_threads import one_blas_thread
 from contact.errors import ContactError, warn
-from contact.laws.methods import Options, solve_boundary
+from contact.laws.methods import solve_boundary
+from contact.laws.options import Options
 from contact.problem.nested_start import start_forces
 from gpu import GpuError
 
@@ -53,7 +54,7 @@ def warn_of_sagitta(
     if np.abs(rise).max(initial=0.0) <= 1e-14 * float(np.ptp(body.trace.mesh.p, axis=1).max()):
         return
     scale, w = condensed.point_scale, system.rows.weights
-    law = system.scaled_friction(scale)
+    friction = system.scaled_friction(scale)
     # Where the curve's problem has no answer, there is none to differ from.
     with suppress(ContactError, GpuError, LinAlgError), condensed.blas_threads():
         boundary = condensed.boundary_problem(
@@ -61,7 +62,7 @@ def warn_of_sagitta(
         )
         start = start_forces(result, system, boundary, scale)
         with one_blas_thread(condensed.size):
-            forces, _ = solve_boundary(boundary, law, options, start, scale, lambda line: None)
+            forces, _ = solve_boundary(boundary, friction, options, start, scale, lambda line: None)
         size = float(np.linalg.norm(np.sqrt(w) * forces.mu / scale / w))
         change = float(np.linalg.norm(np.sqrt(w) * (forces.mu / scale / w - result.pressure)))
         if change <= _ERROR * size or not max(change, size) > 0:

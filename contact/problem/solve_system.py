@@ -14,9 +14,10 @@ from contact.body.solid import BasisSolid
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.sparse import CondensedContact
 from contact.errors import InputError, NotConverged
+from contact.laws.iteration import Iteration, Report
 from contact.laws.load_balance import undetermined_slip
-from contact.laws.methods import Options, solve_boundary
-from contact.laws.semismooth_newton import Iteration, Report
+from contact.laws.methods import solve_boundary
+from contact.laws.options import Options
 from contact.problem.equilibrium import doubt, driven, undetermined
 from contact.problem.nested_start import start_forces
 from contact.problem.small_displacements import warn_of_large_displacements
@@ -75,7 +76,7 @@ def _solved(
     history: list[Iteration],
 ) -> ContactResult:
     scale = condensed.point_scale
-    law = system.scaled_friction(scale)
+    friction = system.scaled_friction(scale)
     whole = isinstance(system.body, BasisSolid)  # layers have no stiffness to iterate on
 
     def solved(load: Array, warm: ContactResult | Forces | None, line: Report) -> Any:
@@ -83,8 +84,8 @@ def _solved(
         if isinstance(warm, ContactResult):
             warm = start_forces(warm, system, boundary, scale)
         with one_blas_thread(condensed.size):
-            forces, slack = solve_boundary(boundary, law, options, warm, scale, line)
-        endless = undetermined_slip(boundary, law, forces.mu, forces.t)
+            forces, slack = solve_boundary(boundary, friction, options, warm, scale, line)
+        endless = undetermined_slip(boundary, friction, forces.mu, forces.t)
         if endless is not None:
             raise undetermined(condensed, endless)
         return forces, slack, condensed.recover(load, boundary, forces)
@@ -106,7 +107,7 @@ def _solved(
         if slender and options.max_iterations >= THOROUGH:
             with suppress(NotConverged, LinAlgError):
                 return solved_stiffly(system, condensed, options, None, report, history)
-        more = doubt(condensed, _boundary_problem(system, condensed, system.load), law)
+        more = doubt(condensed, _boundary_problem(system, condensed, system.load), friction)
         raise NotConverged(f"{error}{more}", tuple(history)) from error
     (u, mu, t), motion = state, condensed.obstacle_motion(system.motion, forces)
     result = ContactResult(

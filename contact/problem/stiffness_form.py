@@ -18,11 +18,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.linalg import LinAlgError, block_diag
 
-from contact.condensation.boundary_problem import Array, BoundaryProblem, Forces, Friction
+from contact.condensation.boundary_problem import Array, BoundaryProblem, Forces
 from contact.errors import NotConverged
-from contact.laws.methods import INNER, Options
+from contact.laws.friction import Tresca
+from contact.laws.iteration import Iteration, Report
+from contact.laws.methods import INNER
+from contact.laws.options import Options
 from contact.laws.proximal_point import proximal_point
-from contact.laws.semismooth_newton import Iteration, Report, semismooth_newton
+from contact.laws.semismooth_newton import semismooth_newton
 from contact.result.certify import certify
 from contact.result.contact_result import ContactResult
 
@@ -93,7 +96,7 @@ class StiffnessForm:
             gap=system.rows.gap / self.point_scale,
             normal=condensed._normal,
             tangent=condensed._tangent,
-            held=fixed_t / self.point_scale[:, None],
+            prescribed_slip=fixed_t / self.point_scale[:, None],
             K=block_diag(S, np.zeros((rigid, rigid))),
         )
 
@@ -160,13 +163,13 @@ class StiffnessForm:
 
     def _change(self, problem: BoundaryProblem, start: Forces, tol: float, note: Report) -> Forces:
         scale = self.point_scale
-        law = self._system.scaled_friction(scale) or Friction(np.zeros(scale.size), coulomb=False)
+        friction = self._system.scaled_friction(scale) or Tresca(np.zeros(scale.size))
         try:
             return semismooth_newton(
-                problem, start, law, tol=tol, max_iterations=50, phase="stiff newton", report=note
+                problem, start, friction, tol=tol, phase="stiff newton", report=note
             )
         except (NotConverged, LinAlgError):
-            return proximal_point(problem, law, start, tol=tol, report=note)
+            return proximal_point(problem, friction, start, tol=tol, report=note)
 
     def _of_boundary(self, a: Array) -> Array:
         """The boundary's unknowns z of the motions a, elastic and rigid."""

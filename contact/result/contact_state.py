@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.laws.semismooth_newton import Iteration
+from contact.laws.iteration import Iteration
 from contact.result.contact_system import ContactSystem
 
 Array = NDArray[np.float64]

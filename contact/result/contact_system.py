@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.condensation.boundary_problem import Friction, project
 from contact.errors import InputError
+from contact.laws.friction import Coulomb, Friction, Tresca, project
 from contact.obstacles.rigid import ObstacleMotion
 from contact.rows.discretise import ContactRows
 
@@ -66,14 +66,14 @@ class ContactSystem:
 
     def bound(self, mu: Array) -> Array:
         """Friction bound g of every point for the normal forces mu, shape (m,)."""
-        return Friction(self.friction, self.law == "coulomb").bound(mu)
+        of_law = Coulomb if self.law == "coulomb" else Tresca
+        return of_law(self.friction).bound(mu)
 
     def scaled_friction(self, scale: Array) -> Friction | None:
         """The friction law with forces multiplied by the scale of each point; None without."""
         if self.law is None:
             return None
-        coulomb = self.law == "coulomb"
-        return Friction(self.friction if coulomb else self.friction * scale, coulomb)
+        return Coulomb(self.friction) if self.law == "coulomb" else Tresca(self.friction * scale)
 
     def kkt(self, u: Array, mu: Array, t: Array, w: Array | None = None) -> dict[str, float]:
         """Relative residuals of every law, computed from the problem and (u, mu, t, w) alone.

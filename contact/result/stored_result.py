@@ -18,8 +18,8 @@ from skfem.generic_utils import OrientedBoundary
 from contact.body.cut_body import CutBody
 from contact.body.elastic_body import ElasticBody
 from contact.errors import InputError, NotConverged
-from contact.laws.methods import default_tolerance
-from contact.laws.semismooth_newton import Iteration
+from contact.laws.iteration import Iteration
+from contact.laws.options import default_tolerance
 from contact.obstacles.rigid import ObstacleMotion
 from contact.output.archive import DamagedFile, read_arrays, write_arrays
 from contact.result.certify import as_lines, certify

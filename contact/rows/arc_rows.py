@@ -30,7 +30,7 @@ from scipy import sparse
 
 from contact.body.cut_arc import CutArc
 from contact.errors import InputError, numbers
-from contact.obstacles.shapes import Gap, evaluate_gap
+from contact.obstacles.shapes import ObstacleLike, evaluate_gap
 from contact.rows.discretise import ContactRows
 from contact.rows.frames import tangent_frame
 from contact.rows.shares import check_weights
@@ -107,7 +107,7 @@ class ArcGap:
         """The multipliers in their order."""
         return np.arange(self.mean.shape[0])
 
-    def __call__(self, obstacle: Gap) -> Array:
+    def __call__(self, obstacle: ObstacleLike) -> Array:
         """Gap of every contact point, shape (m,); ``inf`` where there is no obstacle.
 
         Raises

@@ -16,7 +16,7 @@ from contact.body.rigid_modes import rigid_field
 from contact.errors import InputError, evaluated
 from contact.obstacles.placement import check_placement, outward_normals
 from contact.obstacles.rigid import ObstacleMotion, Rigid
-from contact.obstacles.shapes import ClosestPoint, Gap
+from contact.obstacles.shapes import ClosestPoint, ObstacleLike
 from contact.rows.arc_rows import ArcGap, arc_rows
 from contact.rows.discretise import ContactRows, contact_boundary
 from contact.rows.gap_rule import GapRule
@@ -83,7 +83,7 @@ class ContactBoundaries:
         )
         return cls(body, rows, tuple(rule for _, rule in parts), several, directions)
 
-    def _obstacles(self, obstacle: Any) -> list[Gap]:
+    def _obstacles(self, obstacle: Any) -> list[ObstacleLike]:
         if not self.several:
             return [obstacle]
         if not isinstance(obstacle, list | tuple) or len(obstacle) != len(self.rules):
@@ -116,7 +116,7 @@ class ContactBoundaries:
             ]
         )
 
-    def _check_directions(self, obstacles: list[Gap]) -> None:
+    def _check_directions(self, obstacles: list[ObstacleLike]) -> None:
         places = self._of_each(self.rows.x_nominal)
         for there, o, x in zip(self.directions, obstacles, places, strict=True):
             now = _towards(o, x)

@@ -13,7 +13,7 @@ from skfem import FacetBasis
 from contact.body.elastic_body import ElasticBody
 from contact.errors import InputError
 from contact.facet_basis import facet_basis
-from contact.obstacles.shapes import Gap
+from contact.obstacles.shapes import ObstacleLike
 from contact.rows.frames import along_supports, tangent_frame, within_supports
 from contact.rows.functionals import facet_functional
 from contact.rows.gap_rule import GapRule
@@ -66,7 +66,7 @@ class ContactRows:
 
 
 def contact_rows(
-    body: ElasticBody, facets: NDArray[np.int64], obstacle: Gap, functional: str | None
+    body: ElasticBody, facets: NDArray[np.int64], obstacle: ObstacleLike, functional: str | None
 ) -> ContactRows:
     """Discretise a contact boundary.
 

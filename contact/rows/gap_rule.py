@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.errors import InputError, numbers
-from contact.obstacles.shapes import Gap, evaluate_gap
+from contact.obstacles.shapes import ObstacleLike, evaluate_gap
 from contact.rows.shares import Shares
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ class GapRule:
     raised: Array | None = None
     aside: tuple[Array, Array] | None = None
 
-    def __call__(self, obstacle: Gap) -> Array:
+    def __call__(self, obstacle: ObstacleLike) -> Array:
         """Gap of every contact point, shape (m,); ``inf`` where there is no obstacle.
 
         Raises
@@ -68,7 +68,7 @@ class GapRule:
             gap = self._read(obstacle)
         return (gap + self._turned(obstacle))[self.order]
 
-    def rise(self, obstacle: Gap) -> Array:
+    def rise(self, obstacle: ObstacleLike) -> Array:
         """How much wider the gap is at the curve that the facets stand in for, shape (m,)."""
         if self.raised is None or not np.any(self.raised != self.x):
             return np.zeros(self.order.size)
@@ -76,7 +76,7 @@ class GapRule:
         both = np.isfinite(here) & np.isfinite(there)
         return np.where(both, np.where(both, there, 0.0) - np.where(both, here, 0.0), 0.0)
 
-    def _read(self, obstacle: Gap) -> Array:
+    def _read(self, obstacle: ObstacleLike) -> Array:
         """The mean of what the facets read."""
         shares, count = self.shares, self.order.size
         at = evaluate_gap(obstacle, self.x, self.normals)
@@ -101,7 +101,7 @@ class GapRule:
             gap[seek] = evaluate_gap(obstacle, *where) * self.slant[seek]
         return gap
 
-    def _turned(self, obstacle: Gap) -> Array:
+    def _turned(self, obstacle: ObstacleLike) -> Array:
         """By how much the gap is longer along the normals of the rows, before sorting."""
         longer = np.zeros(self.order.size)
         if self.aside is not None:
@@ -113,7 +113,7 @@ class GapRule:
             longer[turned] = self.slant[turned] * (two - one)
         return longer
 
-    def _extrapolated(self, obstacle: Gap, offset: Array) -> Array:
+    def _extrapolated(self, obstacle: ObstacleLike, offset: Array) -> Array:
         """d plus its slope times the offset, as for the displacement; exact for quadratic d."""
         vertex = self.x_nominal - offset
         here, half, there = (
@@ -124,7 +124,7 @@ class GapRule:
         here, half, there = (np.where(open_, 0.0, d) for d in (here, half, there))
         return np.where(open_, np.inf, 4 * half - 2 * here - there)
 
-    def _given(self, obstacle: Gap) -> Array:
+    def _given(self, obstacle: ObstacleLike) -> Array:
         """One gap for each contact point, in their order."""
         given, x = numbers("obstacle", obstacle), self.x_nominal
         if given.shape not in ((), x.shape[1:]):

@@ -56,7 +56,7 @@ def test_rows_that_exclude_each_other():
         gap=np.array([-1.0, 0.0]),
         normal=np.arange(2),
         tangent=np.full((2, 1), -1),
-        held=np.zeros((2, 1)),
+        prescribed_slip=np.zeros((2, 1)),
     )
     with pytest.raises(NotConverged, match="dependent contact rows"):
         signorini(problem)

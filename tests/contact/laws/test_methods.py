@@ -5,7 +5,7 @@ import pytest
 from skfem import ElementQuad1, ElementTriP2, MeshQuad
 
 from contact import ContactProblem, ElasticBody, InputError
-from contact.laws import tresca_loop
+from contact.laws import fixed_point
 from skfem_adini import ElementQuadAdini
 
 # Relative difference of u to the default method: certificates at 1e-10, 1e-7 for QP solvers.
@@ -102,13 +102,13 @@ def iterates(monkeypatch):
     """Solve by the fixed point; return the history and the displacement after every step."""
 
     def run(problem, **options):
-        forces, step = [], tresca_loop.signorini
+        forces, step = [], fixed_point.signorini
 
         def recorded(*args, **keys):
             forces.append(step(*args, **keys))
             return forces[-1]
 
-        monkeypatch.setattr(tresca_loop, "signorini", recorded)
+        monkeypatch.setattr(fixed_point, "signorini", recorded)
         history = problem.solve("fixed_point", **options).history
         condensed, load = problem.condense(), problem.system.load
         boundary = condensed.boundary_problem(load, problem.rows.gap)

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from scipy.linalg import LinAlgError
 
-from contact.condensation.boundary_problem import BoundaryProblem, Friction
+from contact.condensation.boundary_problem import BoundaryProblem
 from contact.errors import ContactError
-from contact.laws.methods import Options, solve_boundary
+from contact.laws.friction import Coulomb, Tresca
+from contact.laws.methods import solve_boundary
+from contact.laws.options import Options
 from gpu import GpuError
 
 # What `solve` promises by default: the solvers aim a hundred times lower.
@@ -57,7 +59,7 @@ def random_problem(seed):
     coulomb = bool(rng.random() < 0.7)
     value = rng.uniform(0.0, 3.0) * np.where(rng.random(m) < 0.9, 1.0, 0.0)
     value = value if coulomb else value * scale
-    return problem, None if rng.random() < 0.15 else Friction(value, coulomb)
+    return problem, None if rng.random() < 0.15 else (Coulomb if coulomb else Tresca)(value)
 
 
 def compliance(rng, m, dim_t):
@@ -80,7 +82,7 @@ def compliance(rng, m, dim_t):
     return W + mean * (0.05 * rng.random() * noise @ noise.T / len(W) + 1e-3 * np.eye(len(W)))
 
 
-def error(problem, law, forces):
+def error(problem, friction, forces):
     """Largest violation of contact, friction and balance, from their definition.
 
     Displacements and forces are compared with the largest force: W has a unit diagonal.
@@ -93,7 +95,10 @@ def error(problem, law, forces):
     reach = np.isfinite(problem.gap)
     size = max(np.abs(stacked).max(), 1e-12 * np.abs(problem.v0).max())
     opening = np.where(reach, problem.gap - u_n, np.inf)
-    g = np.zeros(m) if law is None else law.value * (mu if law.coulomb else 1.0)
+    g = np.zeros(m)
+    if friction is not None:
+        coulomb = isinstance(friction, Coulomb)
+        g = friction.coefficient * mu if coulomb else friction.given
     length = np.linalg.norm(t, axis=1)
     power = np.sum(t * u_t, axis=1) - g * np.linalg.norm(u_t, axis=1)
     return max(
@@ -106,20 +111,20 @@ def error(problem, law, forces):
     )
 
 
-def solve(problem, law, method):
-    name = None if law is None else "coulomb" if law.coulomb else "tresca"
+def solve(problem, friction, method):
+    name = None if friction is None else type(friction).__name__.lower()
     options = Options.checked(name, 1 + problem.tangent.shape[1], method, None, None, None)
     scale = np.ones(problem.gap.size)
-    return solve_boundary(problem, law, options, None, scale, lambda line: None)[0]
+    return solve_boundary(problem, friction, options, None, scale, lambda line: None)[0]
 
 
 def unsolved(seeds, method):
     """Seeds of the problems that are given up; fails on an answer that is wrong."""
     given_up, wrong = [], []
     for seed in seeds:
-        problem, law = random_problem(seed)
+        problem, friction = random_problem(seed)
         try:
-            size = error(problem, law, solve(problem, law, method))
+            size = error(problem, friction, solve(problem, friction, method))
         except (ContactError, GpuError, LinAlgError):
             given_up.append(seed)
             continue
@@ -151,13 +156,13 @@ def test_damped_form_alone(count):
 
 def test_error_sees_a_wrong_answer():
     """The measure above is zero at a solution and is not after a small change."""
-    problem, law = next(
+    problem, friction = next(
         pair
         for pair in map(random_problem, range(20))
-        if pair[1] is not None and pair[1].coulomb and pair[0].gap.size > 5
+        if isinstance(pair[1], Coulomb) and pair[0].gap.size > 5
     )
-    forces = solve(problem, law, "newton")
-    assert error(problem, law, forces) < TOLERANCE
+    forces = solve(problem, friction, "newton")
+    assert error(problem, friction, forces) < TOLERANCE
     for field in ("mu", "t"):
         spoiled = type(forces)(**{**vars(forces), field: 1.001 * getattr(forces, field)})
-        assert error(problem, law, spoiled) > 1e-5
+        assert error(problem, friction, spoiled) > 1e-5

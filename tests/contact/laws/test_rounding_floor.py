@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from contact import ContactProblem, ElasticBody, Plane, Rigid
-from contact.condensation.boundary_problem import residual
+from contact.laws.residual import residual
 from contact.laws.semismooth_newton import semismooth_newton
 from contact.problem.nested_start import start_forces
 from skfem_adini import ElementQuadAdini

@@ -8,7 +8,8 @@ import pytest
 from contact import ContactProblem, LayeredBlock
 from contact.arrays.dense_arrays import DeviceMatrix, HostArrays
 from contact.laws.device_newton import plane_newton
-from contact.laws.methods import INNER, Options, solve_boundary
+from contact.laws.methods import INNER, solve_boundary
+from contact.laws.options import Options
 
 
 class Elsewhere(HostArrays):

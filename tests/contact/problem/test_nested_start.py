@@ -5,8 +5,9 @@ import pytest
 from skfem import ElementHex1, ElementQuad1, ElementQuad2, ElementTriP2
 
 from contact import ContactProblem, ElasticBody, LayeredBlock, Parabola, Plane, Rigid
-from contact.condensation.boundary_problem import BoundaryProblem, Forces, Friction
+from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.laws.coarse_start import CoarseProblem
+from contact.laws.friction import Coulomb, Tresca
 from skfem_adini import ElementQuadAdini
 
 FRICTION = [0.0, 0.3, 0.9, 1.5, 3.0]
@@ -141,12 +142,12 @@ def boundary_problem(seed, m=130):
     )
 
 
-@pytest.mark.parametrize("coulomb", [True, False])
+@pytest.mark.parametrize("law", [Coulomb, Tresca])
 @pytest.mark.parametrize("seed", range(5))
-def test_fewer_points_by_the_principle_of_virtual_work(seed, coulomb):
+def test_fewer_points_by_the_principle_of_virtual_work(seed, law):
     """Forces on groups do the work of the same forces on their points, and balance as they do."""
     fine = boundary_problem(seed)
-    coarse = CoarseProblem.of(fine, Friction(np.full(fine.gap.size, 0.5), coulomb))
+    coarse = CoarseProblem.of(fine, law(np.full(fine.gap.size, 0.5)))
     rng = np.random.default_rng(seed)
     p = coarse.problem
     assert p.gap.size == 33
@@ -165,8 +166,8 @@ def test_fewer_points_by_the_principle_of_virtual_work(seed, coulomb):
     assert l @ p.C == pytest.approx(f @ fine.C)
     bears, here = p.can_touch, fine.can_touch
     assert mu[bears] @ p.gap[bears] == pytest.approx(forces.mu[here] @ fine.gap[here])
-    if not coulomb:  # the bound on a group is reached where that on its points is
-        whole = coarse.refined(Forces(mu, coarse.law.value[:, None], np.zeros(1)))
+    if law is Tresca:  # the bound on a group is reached where that on its points is
+        whole = coarse.refined(Forces(mu, coarse.friction.given[:, None], np.zeros(1)))
         np.testing.assert_allclose(whole.t[fine.tangent >= 0], 0.5)
 
 

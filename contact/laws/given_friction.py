@@ -1,0 +1,85 @@
+"""Tresca friction: box QP or Newton's method, and two attempts more where that stalls."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError
+
+from contact.condensation.boundary_problem import BoundaryProblem, Forces
+from contact.errors import NotConverged
+from contact.laws.active_set import signorini
+from contact.laws.friction import Tresca
+from contact.laws.iteration import Report
+from contact.laws.proximal_point import proximal_point
+from contact.laws.semismooth_newton import semismooth_newton
+from gpu import Infeasible
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GivenFriction:
+    """Solves a boundary problem with any given bound.
+
+    Attributes
+    ----------
+    problem : BoundaryProblem
+    damped : bool
+        By the damped Newton method (4.16), also where the problem is a box QP.
+    tol : float
+    peer : str, optional
+        Solver of qpsolvers for the box QP.
+    """
+
+    problem: BoundaryProblem
+    damped: bool
+    tol: float
+    peer: str | None = None
+
+    def __call__(
+        self, bound: Array, start: Forces, report: Report = lambda iteration: None
+    ) -> Forces:
+        """Forces under the bound g, shape (m,), from a start.
+
+        Raises
+        ------
+        NotConverged
+            Newton's method and proximal points stalled, or a peer gave up.
+        gpu.Infeasible
+            No friction within the bound holds the loads.
+        """
+        if self.damped or self.problem.tangent.shape[1] > 1:
+            return self._by_newton(Tresca(bound), start, report)
+        return signorini(
+            self.problem, bound=bound, start=start, tol=self.tol, peer=self.peer, report=report
+        )
+
+    def of_last_step(self, bound: Array, start: Forces) -> Forces:
+        """A step towards Coulomb's law, under the bound that the last forces give.
+
+        Raises
+        ------
+        NotConverged
+            As above, or this bound cannot hold the loads, which Coulomb's friction still may.
+        """
+        try:
+            return self(bound, start)
+        except Infeasible as error:
+            raise NotConverged("the friction of the last step cannot hold the loads") from error
+
+    def _by_newton(self, friction: Tresca, start: Forces, report: Report) -> Forces:
+        """Newton; should it stall, damped from rest (4.16), then proximal points."""
+        problem, tol = self.problem, self.tol
+        rest = Forces(*problem.zeros(), np.zeros(problem.s.size))
+        form = "damped" if self.damped else "switched"
+        for near, kind in ((start, form), (rest, "damped")):
+            with suppress(NotConverged, LinAlgError):
+                phase = f"{kind} newton"
+                return semismooth_newton(
+                    problem, near, friction, form=kind, tol=tol, phase=phase, report=report
+                )
+        return proximal_point(problem, friction, start, tol=tol, report=report)

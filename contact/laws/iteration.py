@@ -1,0 +1,72 @@
+"""One line of the history of a solver."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.condensation.boundary_problem import BoundaryProblem, Forces
+from contact.laws.residual import residual
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """One line of a solver's history.
+
+    Attributes
+    ----------
+    step : int
+    phase : str
+        Which part of the method made the step.
+    active, stick, slip : int
+        Points in contact, and those of them (or of the friction zone) that stick and slip.
+    residual : float
+        Relative residual after the step.
+    energy : float
+        Potential energy up to a constant with the friction functional, where that is fixed.
+    change : float
+        Relative change of the displacement of the contact points.
+    """
+
+    step: int
+    phase: str
+    active: int
+    stick: int
+    slip: int
+    residual: float
+    energy: float = np.nan
+    change: float = np.nan
+
+    def __str__(self) -> str:
+        residual = "" if np.isnan(self.residual) else f"   residual {self.residual:.1e}"
+        zones = f", stick {self.stick:4d}, slip {self.slip:4d}" if self.stick or self.slip else ""
+        return f"{self.phase:>12} {self.step:3d}   active {self.active:4d}{zones}{residual}"
+
+
+Report = Callable[[Iteration], None]
+
+
+def outer_step(
+    problem: BoundaryProblem,
+    step: int,
+    phase: str,
+    now: Forces,
+    g: Array,
+    size: float | None = None,
+) -> Iteration:
+    """Describe an outer step; the residual is that of the laws with bound g unless given."""
+    rubs = (g > 0) & np.any(problem.tangent >= 0, axis=1)
+    slip = rubs & (np.linalg.norm(now.t, axis=1) >= g * (1 - 1e-9))
+    return Iteration(
+        step,
+        phase,
+        int((now.mu > 0).sum()),
+        int((rubs & ~slip).sum()),
+        int(slip.sum()),
+        residual(problem, now.mu, now.t, now.a, g) if size is None else size,
+    )

@@ -1,0 +1,76 @@
+"""What a caller may choose of a solve, and what is chosen where nothing is said."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from contact.errors import InputError, numbers
+
+_OFFERED: dict[str | None, tuple[str, ...]] = {
+    None: ("newton", "pdas"),
+    "tresca": ("newton", "pdas", "fixed_point"),
+    "coulomb": ("newton", "pdas", "fixed_point", "tresca_loop"),
+}
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a caller of `ContactProblem.solve` may choose, checked."""
+
+    method: str
+    tol: float
+    max_iterations: int
+    eps: float | None
+
+    @classmethod
+    def checked(
+        cls,
+        law: str | None,
+        dim: int,
+        method: str,
+        tol: float | None,
+        max_iterations: int | None,
+        eps: float | None,
+    ) -> Self:
+        """Fill in defaults.
+
+        Raises
+        ------
+        InputError
+            An unknown method, one that the law does not take, or a number out of range.
+        """
+        peer = isinstance(method, str) and method.startswith("qp:")
+        if not (isinstance(method, str) and method in _OFFERED[law]) and not peer:
+            raise InputError(
+                f"method={method!r}: a {law or 'frictionless'} problem takes "
+                f"{', '.join(map(repr, _OFFERED[law]))} or 'qp:<solver>'"
+            )
+        if peer and law is not None and dim == 3:
+            raise InputError(f"method={method!r}: friction in 3-D is no QP; use 'newton' or 'pdas'")
+        if tol is None:
+            tol = default_tolerance(method)
+        for name, value in (("tol", tol), ("max_iterations", max_iterations), ("eps", eps)):
+            if value is not None and numbers(name, value).shape != ():
+                raise InputError(f"{name}={value!r}: expected one number")
+        if not 0 < tol < 1:
+            raise InputError(f"tol={tol!r}: expected a number between 0 and 1")
+        if max_iterations is None:
+            max_iterations = 2000 if method == "fixed_point" else 100
+        if not 1 <= max_iterations < np.inf or max_iterations != int(max_iterations):
+            raise InputError(f"max_iterations={max_iterations!r}: expected a whole number from 1")
+        if eps is not None and (method != "fixed_point" or not 0 < eps < np.inf):
+            raise InputError(f"eps={eps!r}: a positive number, for method 'fixed_point' only")
+        return cls(method, float(tol), int(max_iterations), eps)
+
+    @property
+    def peer(self) -> str | None:
+        """Solver of qpsolvers that takes the place of ours."""
+        return self.method[3:] if self.method.startswith("qp:") else None
+
+
+def default_tolerance(method: str) -> float:
+    """What a method's certificate is held to unless the caller chooses."""
+    return 1e-6 if method == "fixed_point" else 1e-7 if method.startswith("qp:") else 1e-10

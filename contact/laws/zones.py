@@ -1,0 +1,46 @@
+"""Where contact, stick and slip hold at an iterate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.condensation.boundary_problem import BoundaryProblem, Forces
+from contact.laws.friction import Friction
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Zones:
+    """Contact points by what they do at an iterate, the sets of the primal-dual active set method.
+
+    Attributes
+    ----------
+    active, stick, slip : ndarray of bool, shape (m,)
+        Points in contact, and those whose friction holds them or is at its bound.
+    q : ndarray, shape (m, dim - 1)
+        ``t + u_t``, which the friction law projects.
+    g : ndarray, shape (m,)
+        Friction bound.
+    """
+
+    active: NDArray[np.bool_]
+    stick: NDArray[np.bool_]
+    slip: NDArray[np.bool_]
+    q: Array
+    g: Array
+
+    @classmethod
+    def of(cls, problem: BoundaryProblem, now: Forces, friction: Friction) -> Zones:
+        """Zones of forces and of the displacements that they cause."""
+        u_n, u_t = problem.displacements(now.mu, now.t, now.a)
+        contact = now.mu + problem.penetration(u_n)
+        active = contact > 0
+        g = friction.bound(np.where(active, contact, 0.0))
+        q = np.where(problem.tangent >= 0, now.t + u_t, 0.0)
+        length = np.linalg.norm(q, axis=1)
+        rubs = (g > 0) & np.any(problem.tangent >= 0, axis=1)
+        return cls(active, rubs & (length <= g), rubs & (length > g), q, g)
