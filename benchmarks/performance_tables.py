@@ -1,7 +1,8 @@
 """Write the tables of README and docs from benchmarks/results/*.json.
 
 A table stands between `<!-- name: begin -->` and `<!-- name: end -->`; `name` is a function of
-this file or of `kernel_tables.py`, which reads the results it is named after.
+this file or of `kernel_tables.py`, which reads the results it is named after, or an entry of
+`reproduction_tables.py`.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import kernel_tables
+import reproduction_tables
 from markdown_table import Record, rows_of, source
 
 ROOT = Path(__file__).parents[1]
@@ -287,8 +289,8 @@ TABLES: dict[str, Callable[[Record], str]] = {
         *(kernel_tables.qp, kernel_tables.qp_device_peers, kernel_tables.maros_meszaros),
         *(kernel_tables.eigs, kernel_tables.lqr, kernel_tables.lqr_device),
     )
-}
-FILES = {"mkl": "contact_block"}
+} | reproduction_tables.REPRODUCTION
+FILES = {"mkl": "contact_block"} | reproduction_tables.FILES
 
 
 def regenerated(text: str) -> str:
