@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
@@ -10,7 +10,9 @@ from types import FunctionType
 from typing import Any
 
 
-def compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+def compiled(
+    function: Callable[..., Any], parts: Iterable[Callable[..., Any]] = (), **options: Any
+) -> Callable[..., Any]:
     """Compile a function without the global interpreter lock; keep the code on disk if possible.
 
     numba keeps machine code beside the package or in the user's folder and notices a change of the
@@ -22,12 +24,16 @@ def compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]
     ----------
     function
         Plain Python of numba's kind; it is left as it is.
+    parts
+        Plain functions that it calls, to be compiled into it: a call counts the references to each
+        array that is passed, which can take as long as the work of a small function.
     **options
         For `numba.njit`.
     """
     import numba
 
-    copy = FunctionType(function.__code__, function.__globals__, function.__name__)
+    inside = {part.__name__: numba.njit(inline="always")(part) for part in parts}
+    copy = FunctionType(function.__code__, function.__globals__ | inside, function.__name__)
     copy.__qualname__ = f"{function.__qualname__}_{_STATE}"
     copy.__module__ = function.__module__
     result: Any = numba.njit(nogil=True, **options)(copy)
