@@ -109,6 +109,10 @@ class Solid(Portable, ABC):
         """Largest displacement at a node: derivatives among the dofs have other units."""
 
     @abstractmethod
+    def deformation(self, u: Array) -> float:
+        """Largest part of a displacement that no rigid motion explains, in the units of `reach`."""
+
+    @abstractmethod
     def support_error(self, u: Array) -> float:
         """Largest deviation from a prescribed displacement."""
 
@@ -263,6 +267,14 @@ class BasisSolid(Solid):
     def reach(self, u: Array) -> float:
         """Largest displacement at a node; where all are zero, of derivatives times their length."""
         return _largest(u[self._are_values]) or _largest(self.lengths[0] * u)
+
+    def deformation(self, u: Array) -> float:
+        """Largest part of a displacement that no rigid motion explains, in the units of `reach`."""
+        lengths = self.lengths[0]
+        modes = rigid_modes(self) * lengths[:, None]
+        modes /= np.linalg.norm(modes, axis=0)
+        motion = np.linalg.lstsq(modes, lengths * u, rcond=None)[0]
+        return _largest(lengths * u - modes @ motion)
 
     def support_error(self, u: Array) -> float:
         """Largest deviation from a prescribed displacement, derivatives times their length."""

@@ -21,7 +21,7 @@ from contact.condensation.schur import SchurFactor, schur_factor
 from contact.condensation.strain_factor import factor_of_strains, strains_can_be_factored
 from contact.errors import Infeasible, InputError
 from contact.obstacles.rigid import ObstacleMotion
-from contact.rows.discretise import ContactRows, without_rounding
+from contact.rows.discretise import ContactRows
 
 Array = NDArray[np.float64]
 
@@ -80,8 +80,6 @@ class CondensedContact:
         S.data *= np.repeat(unit, np.diff(S.indptr)) * unit[S.indices]
         self._prescribe(body)
         G, tangents = (sparse.csr_array(part @ self._T) for part in (rows.G, rows.T))
-        if self.slender:
-            G, tangents = (without_rounding(A, body.lengths[1] * unit) for A in (G, tangents))
         B = self._choose(G, tangents, body.live(rows.G), body.live(rows.T))
         self._B = sparse.csr_array(B[:, self._boundary])
         modes = free_motions(body) / unit[:, None]

@@ -14,6 +14,9 @@ from contact.obstacles.rigid import ObstacleMotion
 from contact.rows.discretise import ContactRows
 
 Array = NDArray[np.float64]
+# Part of a motion by supports whose forces are told apart from the rounding of the rest: thousand
+# machine precisions are 1e-10 of them.
+_TRAVEL = 1e-3
 
 
 @dataclass(frozen=True, repr=False)
@@ -131,7 +134,9 @@ class ContactSystem:
         """Missing part of the resultant of all forces.
 
         Where cells are slender, forces of neighbours cancel that are many times larger than what
-        the body bears, and `equilibrium` is relative to those.
+        the body bears, and `equilibrium` is relative to those. A body that supports have moved
+        until it touches, and hardly further, bears forces of the size of that motion's rounding:
+        they are relative to what a thousandth of the motion would cause.
         """
         body = self.body
         given = body.total(np.abs(self.load)) + body.total(np.abs(contact))
@@ -139,6 +144,8 @@ class ContactSystem:
             return 0.0
         reactions = body.at_supports(body.internal(u) + contact - self.load)
         size = _largest(given + body.total(np.abs(reactions)))
+        if not np.any(self.load):  # supports alone cause the forces, and their digits
+            size *= max(1.0, _TRAVEL * body.reach(u) / (body.deformation(u) or 1e-300))
         return _largest(body.total(self.load + reactions - contact)) / size
 
     def _unbalanced_obstacle(self, motion: ObstacleMotion, mu: Array, t: Array) -> float:

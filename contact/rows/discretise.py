@@ -24,8 +24,6 @@ from contact.rows.trace_rows import TraceRows
 from contact.rows.unequal_facets import Leaning
 
 Array = NDArray[np.float64]
-# Of the largest entry of a row: a hundred times what cells a million times as long as wide leave.
-_ROUNDING = 1e-8
 Direction = Callable[[Array], Array]
 
 
@@ -187,25 +185,3 @@ def _facet_basis(body: ElasticBody, facets: NDArray[np.int64], points: Array | N
     return facet_basis(
         body.mesh, body.element, facets, quadrature=rule, intorder=order, dofs=body.scalar_dofs
     )
-
-
-def without_rounding(rows: sparse.csr_array, lengths: Array) -> sparse.csr_array:
-    """Rows less the rounding of places on a facet, which reaches into the cell behind it.
-
-    Of slender cells that is many machine precisions, and would make unknowns of the far side part
-    of the boundary.
-
-    Parameters
-    ----------
-    rows : csr_array, shape (nrows, n)
-    lengths : ndarray, shape (n,)
-        What turns each unknown into a displacement.
-    """
-    size = np.abs(rows.data) / lengths[rows.indices]
-    row = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
-    largest = np.zeros(rows.shape[0])
-    np.maximum.at(largest, row, size)
-    kept = np.where(size > _ROUNDING * largest[row], rows.data, 0.0)
-    result = sparse.csr_array((kept, rows.indices, rows.indptr), shape=rows.shape)
-    result.eliminate_zeros()
-    return result

@@ -61,6 +61,16 @@ class Outline:
         return self.normals(reference_corners(self.body.dim, self.corners.shape[1]))
 
     @cached_property
+    def scalar_dofs(self) -> Index:
+        """Dofs of a scalar function on each facet, its edges and its vertices, (nfacets, ndofs)."""
+        dofs, mesh = self.body.scalar_dofs, self.body.mesh
+        held = [(dofs.nodal_dofs, self.corners.T), (dofs.facet_dofs, self.facets)]
+        if self.body.dim == 3:
+            held.append((dofs.edge_dofs, mesh.f2e[:, self.facets]))
+        tables = [table[:, of] for table, of in held if len(table)]
+        return np.vstack([table.reshape(-1, self.facets.size) for table in tables]).T
+
+    @cached_property
     def _vertices(self) -> tuple[Index, Index]:
         vertex, place = np.unique(self.corners, return_inverse=True)
         return vertex, place.reshape(self.corners.shape)

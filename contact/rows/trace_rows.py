@@ -70,7 +70,9 @@ class TraceRows:
             mine = (dofs[:, None, :] == carried[..., None]).any(axis=0)
             parts = (values * np.asarray(basis.dx)[..., None])[:, None] * mine[:, :, None]
         else:
-            parts = shares.C[..., None] * values[:, None]
+            # Other functions vanish on the facet, but for the rounding of the places on it.
+            on_facet = (dofs[:, None, :] == outline.scalar_dofs[..., None]).any(axis=1)
+            parts = shares.C[..., None] * (values * on_facet[:, None])[:, None]
         normals = np.asarray(basis.normals) if direction is None else direction(x)
         smooth = outline.smooth(normals, points) if direction is None else normals
         return cls(outline, shares, x, normals, smooth, parts, dofs)
@@ -149,8 +151,9 @@ class TraceRows:
         place = number.ravel(), column.ravel()
         total = sparse.coo_array((values.ravel(), place), shape=size).tocsr()
         result = sparse.csr_array(sparse.diags_array(1.0 / self.shares.weights) @ total)
+        # Directions along an axis have no other component but by rounding.
         length = body.lengths[0][body.dim * (result.indices // components)]
-        result.data[np.abs(result.data) < 1e-11 * length] = 0.0  # inverse-map dirt
+        result.data[np.abs(result.data) < 1e-11 * length] = 0.0
         result.eliminate_zeros()
         return result
 

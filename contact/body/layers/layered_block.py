@@ -308,6 +308,11 @@ class LayeredBlock(Solid):
         """Largest displacement at a node."""
         return float(np.abs(u.reshape(-1, PER_NODE)[:, :2]).max())
 
+    def deformation(self, u: Array) -> float:
+        """Largest part of a displacement that no translation explains."""
+        values = u.reshape(-1, PER_NODE)[:, :2]
+        return float(np.abs(values - values.mean(axis=0)).max())
+
     def support_error(self, u: Array) -> float:
         """Largest deviation from a prescribed displacement, derivatives times their length."""
         dofs, values = self.prescribed
