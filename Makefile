@@ -10,7 +10,7 @@ EXAMPLES := $(addprefix run-,$(notdir $(wildcard examples/*.py)))
 # A part of a lane, and where the clock ends it: make test-slow PYTEST="--shard=0/12 --start-within=200"
 PYTEST ?=
 
-.PHONY: help demo test test-slow test-processor test-oldest lint doctest examples docs readme clean $(EXAMPLES)
+.PHONY: help demo test test-slow test-processor test-oldest lint doctest examples docs browser-check readme clean $(EXAMPLES)
 
 help:
 	@echo "make demo       install, solve the frictional contact block, write VTK and a picture to out/"
@@ -22,6 +22,7 @@ help:
 	@echo "make doctest    the examples in docstrings"
 	@echo "make examples   every script in examples/, as a user would run it"
 	@echo "make docs       out/docs/index.html: guide, tutorials, gallery (with the pictures of make examples), reference"
+	@echo "make browser-check   look at the built site in Chromium, as a desktop and a phone show it"
 	@echo "make readme     write the tables of docs/ from benchmarks/results"
 
 $(VENV)/pyvenv.cfg:
@@ -86,6 +87,15 @@ $(EXAMPLES): run-%:
 docs: $(VENV)/.docs
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going docs out/docs
 	@echo "written to out/docs/index.html"
+
+$(VENV)/.browser: pyproject.toml | $(VENV)/pyvenv.cfg
+	$(BIN)/python -m pip install --quiet --editable '.[browser]'
+	@touch $@
+
+browser-check:
+	@if command -v chromium >/dev/null; then \
+		$(MAKE) --no-print-directory $(VENV)/.browser && $(BIN)/python docs/browser_check.py; \
+	else echo "skipped: no Chromium on the path (Debian: apt-get install chromium)"; fi
 
 readme: $(VENV)/.demo
 	$(BIN)/python benchmarks/performance_tables.py

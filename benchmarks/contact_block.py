@@ -54,8 +54,8 @@ def block(n: int) -> tuple[ElasticBody, dict[str, float]]:
 def base(body: ElasticBody, solver: str) -> float:
     """One factorisation and one solve of the supported body without contact; seconds."""
     begin = time.perf_counter()
-    T, u0 = body.constraint
-    free = T.tocsc().indices
+    P, u0 = body.constraint
+    free = P.tocsc().indices
     S, f = body.stiffness[free][:, free], (body.f - body.stiffness @ u0)[free]
     if solver == "superlu":
         entity, points, cells = dof_entities(body.basis)
@@ -123,9 +123,9 @@ def refactoring(problem: ContactProblem) -> tuple[float, float]:
     """Frictionless active-set method that factors the KKT matrix anew in each step (COLAMD)."""
     body, rows = problem.body, problem.rows
     begin = time.perf_counter()
-    T, u0 = body.constraint
-    S = sparse.csr_array(T.T @ body.stiffness @ T)
-    f, G, d = T.T @ (body.f - body.stiffness @ u0), rows.G @ T, rows.gap - rows.G @ u0
+    P, u0 = body.constraint
+    S = sparse.csr_array(P.T @ body.stiffness @ P)
+    f, G, d = P.T @ (body.f - body.stiffness @ u0), rows.G @ P, rows.gap - rows.G @ u0
     live = np.diff(sparse.csr_array(G).indptr) > 0
     G, d = sparse.csr_array(G)[live], d[live]
     active = np.zeros(d.size, dtype=bool)

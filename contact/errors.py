@@ -13,20 +13,65 @@ from numpy.typing import ArrayLike, NDArray
 
 
 class ContactError(Exception):
-    """Base class of every error raised by `contact`."""
+    """Base class of every error raised by `contact`.
+
+    Catch it where any failure of the package is to be treated alike; its subclasses tell what to
+    do.
+
+    Examples
+    --------
+    >>> from contact import ContactError, ElasticBody
+    >>> from skfem import MeshQuad
+    >>> try:
+    ...     ElasticBody.from_mesh(MeshQuad().refined(1), E=1.0, nu=0.5)
+    ... except ContactError as error:
+    ...     print(error)
+    nu=array(0.5): Poisson's ratio must lie in (-1, 1/2)
+    """
 
 
 class InputError(ContactError, ValueError):
-    """An argument is malformed: NaN, a wrong shape, an unknown name, an empty set, a wrong sign."""
+    """An argument is malformed: NaN, a wrong shape, an unknown name, an empty set, a wrong sign.
+
+    Nothing has been computed. Mend the argument that the message begins with; it is a `ValueError`
+    too, so that code which knows only the exceptions of Python catches it.
+
+    Examples
+    --------
+    >>> from contact import ContactProblem, ElasticBody
+    >>> from skfem import MeshQuad
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(1).with_defaults(), E=1.0, nu=0.3)
+    >>> ContactProblem(body, "bottom", 0.0, friction=-0.1).solve()
+    Traceback (most recent call last):
+        ...
+    contact.errors.InputError: friction: must be finite and not negative
+    """
 
 
 class NotConverged(ContactError, RuntimeError):
     """A solver stopped before its recomputed residual met the tolerance.
 
+    No result is returned, because it could not be certified. Do what the message says: it names the
+    residual that was reached, and the argument or the method to change.
+
     Attributes
     ----------
-    history
+    history : tuple of Iteration
         One entry an iteration, as in `ContactResult.history`.
+
+    Examples
+    --------
+    A fixed point that is allowed two steps; the message says what to change:
+
+    >>> from contact import ContactProblem, ElasticBody
+    >>> from skfem import MeshQuad
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    >>> body = body.fix("top", "xy").load("left", (0.1, -0.1))
+    >>> problem = ContactProblem(body, "bottom", -0.01, friction=0.5)
+    >>> problem.solve(method="fixed_point", max_iterations=2)
+    Traceback (most recent call last):
+        ...
+    contact.errors.NotConverged: fixed point: ... raise max_iterations or eps, or use method=...
     """
 
     def __init__(self, message: str, history: tuple[Any, ...] = ()) -> None:
@@ -35,16 +80,48 @@ class NotConverged(ContactError, RuntimeError):
 
 
 class Infeasible(ContactError):
-    """No displacement satisfies the fixed values and the gap together."""
+    """No displacement satisfies the fixed values and the gap together.
+
+    Supports hold a contact point inside the obstacle. Free that support, or move it or the
+    obstacle; the message names the contact point and its place.
+
+    Examples
+    --------
+    The upper left corner is held, and an obstacle on the left reaches .1 into the body:
+
+    >>> from contact import ContactProblem, ElasticBody
+    >>> from skfem import MeshQuad
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(1).with_defaults(), E=1.0, nu=0.3)
+    >>> ContactProblem(body.fix("top", "xy"), "left", -0.1).solve()
+    Traceback (most recent call last):
+        ...
+    contact.errors.Infeasible: obstacle: contact point ... is fixed at normal displacement 0, ...
+    """
 
 
 class Unbounded(ContactError):
     """The body is not held: a rigid motion meets no resistance.
 
+    Fix a displacement that this motion changes, add friction or an obstacle that stops it, or turn
+    the load that drives it away from the obstacle.
+
     Attributes
     ----------
     mode : ndarray, shape (ndofs,)
         The free rigid motion, normalised to a largest entry of one.
+
+    Examples
+    --------
+    A block that is pulled off its foundation:
+
+    >>> from contact import ContactProblem, ElasticBody
+    >>> from skfem import MeshQuad
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(1).with_defaults(), E=1.0, nu=0.3)
+    >>> body = body.fix("left", "x").load("top", (0.0, 1.0))
+    >>> ContactProblem(body, "bottom", 0.0).solve()
+    Traceback (most recent call last):
+        ...
+    contact.errors.Unbounded: the body is not held: a translation along y meets no resistance ...
     """
 
     def __init__(self, message: str, mode: NDArray[np.float64]) -> None:
@@ -56,11 +133,48 @@ class Unbounded(ContactError):
 
 
 class ContactWarning(UserWarning):
-    """The problem is well posed, but hardly the one that was meant; the message says what to do."""
+    """The problem is well posed, but hardly the one that was meant; the message says what to do.
+
+    A result is returned and is certified. Do what the message says, or filter the warning where the
+    problem is meant so.
+
+    Examples
+    --------
+    A load of Young's modulus itself, which suggests other units than those of E:
+
+    >>> import warnings
+    >>> from contact import ContactProblem, ElasticBody
+    >>> from skfem import MeshQuad
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(1).with_defaults(), E=1.0, nu=0.3)
+    >>> body = body.fix("top", "xy").load("left", (1.0, 0.0))
+    >>> with warnings.catch_warnings(record=True) as found:
+    ...     warnings.simplefilter("always")
+    ...     result = ContactProblem(body, "bottom", 0.0).solve()
+    >>> print(found[0].message)
+    displacements reach ... check the units of E and of the loads, ...
+    """
 
 
 class MissingDependency(ContactError, ImportError):
-    """An optional package is needed; the message holds the install line."""
+    """An optional package is needed; the message holds the install line.
+
+    Run the line that the message ends with and repeat the call; it is an `ImportError` too.
+
+    Examples
+    --------
+    An environment without pypardiso:
+
+    >>> from unittest.mock import patch
+    >>> from contact import ContactProblem, ElasticBody
+    >>> from skfem import MeshQuad
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(1).with_defaults(), E=1.0, nu=0.3)
+    >>> problem = ContactProblem(body.fix("top", "xy"), "bottom", -0.01, solver="pardiso")
+    >>> with patch.dict("sys.modules", {"pypardiso": None}):
+    ...     problem.solve()
+    Traceback (most recent call last):
+        ...
+    contact.errors.MissingDependency: PARDISO needs pypardiso: pip install 'skfem-adini[mkl]'
+    """
 
 
 def warn(message: str) -> None:

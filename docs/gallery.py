@@ -3,6 +3,9 @@
 The index shows the scripts in groups, contact first, each by a small copy of its first picture.
 Pictures are those in `out/` whose names stand in the script, so `make examples` comes first;
 without them the pages have no pictures.
+
+This is less than sphinx-gallery would need here: it runs the scripts again in the build, wants a
+folder for each group, and would have to be told where the pictures lie that a script saves.
 """
 
 import ast
@@ -63,7 +66,7 @@ def card(folder: Path, name: str, title: str, picture: str, at: str = "") -> str
     (folder / "small").mkdir(exist_ok=True)
     with Image.open(ROOT / "out" / picture) as image:
         small = image.convert("RGB")
-    small.thumbnail((480, 320))
+    small.thumbnail((640, 420))
     small.save(folder / "small" / f"{name}.png")
     return (
         f"   .. figure:: {at}small/{name}.png\n      :target: {at}{name}.html\n"

@@ -40,9 +40,9 @@ def strain_rows(body: Elastic) -> Array:
     basis, dim = _of_positive_weights(body.basis), body.basis.mesh.dim()
     g, dx, mean = _gradients(basis), basis.dx, body.dilatation == "mean"
     _, cells, points, n = g.shape
-    lam, mu = np.broadcast_to(body.lam, cells), np.broadcast_to(body.mu, cells)
-    elastic = np.zeros((cells, dim, dim)) + (0.0 if mean else 1.0) * lam[:, None, None]
-    elastic += 2.0 * mu[:, None, None] * np.eye(dim)
+    lame_lambda, lame_mu = np.broadcast_to(body.lam, cells), np.broadcast_to(body.mu, cells)
+    elastic = np.zeros((cells, dim, dim)) + (0.0 if mean else 1.0) * lame_lambda[:, None, None]
+    elastic += 2.0 * lame_mu[:, None, None] * np.eye(dim)
     L = np.linalg.cholesky(elastic)
     rows = []
     for a in range(dim):
@@ -53,13 +53,13 @@ def strain_rows(body: Elastic) -> Array:
     for a in range(dim):
         for b in range(a):
             row = np.zeros((cells, points, n, dim))
-            row[..., a] = np.sqrt(mu)[:, None, None] * g[b]
-            row[..., b] = np.sqrt(mu)[:, None, None] * g[a]
+            row[..., a] = np.sqrt(lame_mu)[:, None, None] * g[b]
+            row[..., b] = np.sqrt(lame_mu)[:, None, None] * g[a]
             rows.append(row)
     A = (np.stack(rows, axis=1) * np.sqrt(dx)[:, None, :, None, None]).reshape(cells, -1, n * dim)
     if mean:
         total = np.einsum("cq,acqn->cna", dx, g).reshape(cells, 1, n * dim)
-        A = np.hstack((A, np.sqrt(lam / dx.sum(axis=1))[:, None, None] * total))
+        A = np.hstack((A, np.sqrt(lame_lambda / dx.sum(axis=1))[:, None, None] * total))
     return A
 
 

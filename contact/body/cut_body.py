@@ -282,8 +282,10 @@ class CutBody(ElasticBody):
         """S over the part of the cells inside, all dofs of the active cells."""
         total = sparse.csr_array((self.basis.N, self.basis.N))
         for basis in self.domain.groups(self.basis.elem):
-            lam, mu = (value[basis.tind] if value.ndim else value for value in (self.lam, self.mu))
-            total = total + stiffness_matrix(basis, lam, mu)
+            lame_lambda, lame_mu = (
+                value[basis.tind] if value.ndim else value for value in (self.lam, self.mu)
+            )
+            total = total + stiffness_matrix(basis, lame_lambda, lame_mu)
         return sparse.csr_array(total)
 
     @cached_property
@@ -297,7 +299,7 @@ class CutBody(ElasticBody):
 
     @cached_property
     def constraint(self) -> tuple[sparse.csr_array, Array]:
-        """P and x0 of the extension: supports and the nodes outside together."""
+        """P and u0 of the extension: supports and the nodes outside together."""
         return sparse.csr_array(self.extension.P), self.extension.x0
 
     @cached_property

@@ -277,11 +277,11 @@ class ElasticBody(MaterialBody):
 
     @cached_property
     def constraint(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
-        """All prescribed displacements as ``u = T z + u0`` with free unknowns z.
+        """All prescribed displacements as ``u = P z + u0`` with free unknowns z.
 
         Returns
         -------
-        T : csr_array, shape (ndofs, nfree)
+        P : csr_array, shape (ndofs, nfree)
         u0 : ndarray, shape (ndofs,)
 
         Raises
@@ -296,7 +296,7 @@ class ElasticBody(MaterialBody):
             return sparse.eye_array(self.basis.N, format="csr"), np.zeros(self.basis.N)
         if isinstance(self.element, GRADIENT_DOFS):
             try:
-                T, u0 = essential_constraints(
+                P, u0 = essential_constraints(
                     self.basis,
                     [
                         (facets, [function if c == d else None for d in range(self.dim)])
@@ -306,7 +306,7 @@ class ElasticBody(MaterialBody):
                 )
             except AdiniInputError as error:
                 raise InputError(str(error)) from error
-            return sparse.csr_array(T), u0
+            return sparse.csr_array(P), u0
         u0 = np.full(self.basis.N, np.nan)
         size = 0.0
         for facets, component, function, _ in self._supports:

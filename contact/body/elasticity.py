@@ -89,11 +89,11 @@ def lame(
         raise InputError(f"nu={nu!r}: Poisson's ratio must lie in (-1, 1/2)")
     if plane is not None and not (isinstance(plane, str) and plane in ("strain", "stress")):
         raise InputError(f"plane={plane!r}: expected 'strain' or 'stress'")
-    mu = modulus / (2 * (1 + ratio))
-    lam = modulus * ratio / ((1 + ratio) * (1 - 2 * ratio))
+    lame_mu = modulus / (2 * (1 + ratio))
+    lame_lambda = modulus * ratio / ((1 + ratio) * (1 - 2 * ratio))
     if plane == "stress":
-        lam = 2 * lam * mu / (lam + 2 * mu)
-    return lam, mu
+        lame_lambda = 2 * lame_lambda * lame_mu / (lame_lambda + 2 * lame_mu)
+    return lame_lambda, lame_mu
 
 
 def checked_dilatation(dilatation: str, element: Any) -> str:
@@ -146,8 +146,8 @@ def check_locking(
 
 def stiffness_matrix(
     basis: Basis,
-    lam: NDArray[np.float64],
-    mu: NDArray[np.float64],
+    lame_lambda: NDArray[np.float64],
+    lame_mu: NDArray[np.float64],
     mean_dilatation: bool = False,
 ) -> sparse.csr_array:
     r"""Stiffness of sigma(u) : eps(v) for a vector basis made by ElementVector.
@@ -163,7 +163,7 @@ def stiffness_matrix(
     Parameters
     ----------
     basis : Basis of an ElementVector
-    lam, mu : ndarray, shape () or (ncells,)
+    lame_lambda, lame_mu : ndarray, shape () or (ncells,)
     mean_dilatation : bool
 
     Returns
@@ -177,8 +177,8 @@ def stiffness_matrix(
     """
     dim, n_local = basis.mesh.dim(), basis.Nbfun // basis.mesh.dim()
     n_cells, n_points = basis.dx.shape
-    lam = np.broadcast_to(lam, (n_cells,))[:, None, None]
-    mu = np.broadcast_to(mu, (n_cells,))[:, None, None]
+    lame_lambda = np.broadcast_to(lame_lambda, (n_cells,))[:, None, None]
+    lame_mu = np.broadcast_to(lame_mu, (n_cells,))[:, None, None]
     dofs = basis.element_dofs.T
     total = sparse.csr_array((basis.N, basis.N))
     for start in range(0, n_cells, _CHUNK):
@@ -199,8 +199,8 @@ def stiffness_matrix(
                 volume = K[c, d]
                 if mean_dilatation:
                     volume = total_of[c][:, :, None] * total_of[d][:, None, :] / size
-                block = lam[cells] * volume + mu[cells] * K[d, c]
-                local[:, :, c, :, d] = block + mu[cells] * laplacian if c == d else block
+                block = lame_lambda[cells] * volume + lame_mu[cells] * K[d, c]
+                local[:, :, c, :, d] = block + lame_mu[cells] * laplacian if c == d else block
         chunk = dofs[cells]
         rows = np.repeat(chunk, dim * n_local, axis=1).ravel()
         columns = np.tile(chunk, (1, dim * n_local)).ravel()
@@ -213,8 +213,8 @@ def stiffness_matrix(
 
 def stress(
     gradient: NDArray[Any],
-    lam: NDArray[np.float64],
-    mu: NDArray[np.float64],
+    lame_lambda: NDArray[np.float64],
+    lame_mu: NDArray[np.float64],
     dilatation: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Cauchy stress from the displacement gradient.
@@ -223,7 +223,7 @@ def stress(
     ----------
     gradient : ndarray, shape (dim, dim, ...)
         ``gradient[i, j]`` is d u_i / d x_j.
-    lam, mu : ndarray
+    lame_lambda, lame_mu : ndarray
         Broadcast against the trailing axes.
     dilatation : ndarray, optional
         What takes the place of div u in the volumetric part.
@@ -233,8 +233,8 @@ def stress(
     ndarray, shape (dim, dim, ...)
     """
     strain = 0.5 * (gradient + np.swapaxes(gradient, 0, 1))
-    result = 2 * mu * strain
-    trace = lam * (np.trace(strain) if dilatation is None else dilatation)
+    result = 2 * lame_mu * strain
+    trace = lame_lambda * (np.trace(strain) if dilatation is None else dilatation)
     for i in range(gradient.shape[0]):
         result[i, i] += trace
     return result

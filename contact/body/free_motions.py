@@ -18,14 +18,14 @@ RIGID = 1e-12  # share of a rigid motion that supports, or a boundary, see by ro
 
 
 def free_motions(body: Any) -> Array:
-    """Rigid motions that no support of a body with a Basis resists, in z of ``u = T z + u0``.
+    """Rigid motions that no support of a body with a Basis resists, in z of ``u = P z + u0``.
 
     Shape (nfree, k); translations are kept apart from rotations where that can be.
     """
     modes = rigid_modes(body)
-    T, picked = body.constraint[0], body.picked
+    P, picked = body.constraint[0], body.picked
     of_dof = body.lengths[0][:, None]
-    held = of_dof * (modes - T @ (picked.T @ modes))
+    held = of_dof * (modes - P @ (picked.T @ modes))
     size = np.linalg.norm(of_dof * modes, axis=0)
     _, singular, V = np.linalg.svd(held / size, full_matrices=False)
     plain = reduced_echelon(V[singular < RIGID] / size)

@@ -47,10 +47,10 @@ class MaterialBody(BasisSolid):
             new[name] = value
         new["plane"] = checked_plane(new["plane"], self.dim)
         new["dilatation"] = checked_dilatation(new["dilatation"], self.element)
-        lam, mu = lame(new["E"], new["nu"], new["plane"])
+        lame_lambda, lame_mu = lame(new["E"], new["nu"], new["plane"])
         check_locking(new["nu"], new["plane"], new["dilatation"], self.element)
         self._material = new
-        self.__dict__.update(lam=lam, mu=mu)
+        self.__dict__.update(lam=lame_lambda, mu=lame_mu)
         for derived in ("stiffness", "absolute_stiffness"):
             self.__dict__.pop(derived, None)
 

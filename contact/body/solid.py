@@ -180,7 +180,7 @@ class BasisSolid(Solid):
 
         @property
         def constraint(self) -> tuple[sparse.csr_array, Array]:
-            """T and u0 of u = T z + u0."""
+            """P and u0 of u = P z + u0."""
             ...
 
         @property
@@ -213,18 +213,18 @@ class BasisSolid(Solid):
 
     def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
         """Rows that the supports leave something of; see `contact.body.supports.live_rows`."""
-        T = self.constraint[0]
-        if self._live is None or self._live[0] is not rows or self._live[1] is not T:
-            self._live = rows, T, live_rows(rows, T, self.lengths)
+        P = self.constraint[0]
+        if self._live is None or self._live[0] is not rows or self._live[1] is not P:
+            self._live = rows, P, live_rows(rows, P, self.lengths)
         return self._live[2]
 
     def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
         """Largest force at a free dof that nothing balances, and largest of those that cancel."""
-        T, _ = self.constraint
+        P, _ = self.constraint
         _, lengths = self.lengths
         force = self.internal(u) + contact - load
         terms = self.absolute_stiffness @ np.abs(u) + np.abs(load)
-        return _largest(T.T @ force / lengths), _largest(abs(T.T @ terms) / lengths)
+        return _largest(P.T @ force / lengths), _largest(abs(P.T @ terms) / lengths)
 
     def give(self, forces: Array) -> float:
         """Largest displacement that one of the forces would cause, all other dofs held."""
@@ -234,7 +234,7 @@ class BasisSolid(Solid):
 
     @property
     def picked(self) -> sparse.csr_array:
-        """E with ``E^T T = I``, so that ``z = E^T (u - u0)``: T, whose columns are orthonormal."""
+        """E with ``E^T P = I``, so that ``z = E^T (u - u0)``: P, whose columns are orthonormal."""
         return self.constraint[0]
 
     def internal(self, u: Array) -> Array:
@@ -278,13 +278,13 @@ class BasisSolid(Solid):
 
     def support_error(self, u: Array) -> float:
         """Largest deviation from a prescribed displacement, derivatives times their length."""
-        T, u0 = self.constraint
-        return _largest(self.lengths[0] * (u - u0 - T @ (self.picked.T @ (u - u0))))
+        P, u0 = self.constraint
+        return _largest(self.lengths[0] * (u - u0 - P @ (self.picked.T @ (u - u0))))
 
     def at_supports(self, forces: Array) -> Array:
         """The part of forces on all dofs that acts where a displacement is prescribed."""
-        T, _ = self.constraint
-        part: Array = forces - self.picked @ (T.T @ forces)
+        P, _ = self.constraint
+        part: Array = forces - self.picked @ (P.T @ forces)
         return part
 
     def total(self, forces: Array) -> Array:
@@ -319,8 +319,10 @@ class BasisSolid(Solid):
     def material(self, points: Array) -> tuple[Array, Array, Array]:
         """Lame parameters lambda and mu, and Poisson's ratio, at points."""
         cells, count = self.cells_of(points), self.mesh.nelements
-        lam, mu, nu = (np.broadcast_to(v, count)[cells] for v in (self.lam, self.mu, self.nu))
-        return lam, mu, nu
+        lame_lambda, lame_mu, nu = (
+            np.broadcast_to(v, count)[cells] for v in (self.lam, self.mu, self.nu)
+        )
+        return lame_lambda, lame_mu, nu
 
     def _local(self, points: Array, cells: NDArray[np.int64]) -> Any:
         """Each local basis function at the points, and its dof in the cell of each point."""

@@ -10,15 +10,15 @@ Array = NDArray[np.float64]
 
 
 def live_rows(
-    rows: sparse.csr_array, T: sparse.csr_array, lengths: tuple[Array, Array]
+    rows: sparse.csr_array, P: sparse.csr_array, lengths: tuple[Array, Array]
 ) -> NDArray[np.bool_]:
     """Rows that the prescribed displacements leave something of.
 
     Parameters
     ----------
     rows : csr_array, shape (nrows, ndofs)
-    T : csr_array, shape (ndofs, nfree)
-        Free unknowns z of ``u = T z + u0``.
+    P : csr_array, shape (ndofs, nfree)
+        Free unknowns z of ``u = P z + u0``.
     lengths : pair of ndarray, shapes (ndofs,) and (nfree,)
         What turns each dof, and each free unknown, into a displacement.
 
@@ -27,7 +27,7 @@ def live_rows(
     ndarray of bool, shape (nrows,)
     """
     of_dof, of_free = lengths
-    left = rows @ T @ sparse.diags_array(1.0 / of_free)
+    left = rows @ P @ sparse.diags_array(1.0 / of_free)
     return norms(left) > 1e-9 * norms(rows @ sparse.diags_array(1.0 / of_dof))
 
 

@@ -144,7 +144,7 @@ def cross_check(
             f"result: has {result.u.size} unknowns and {result.mu.size} contact points, the "
             f"problem {problem.body.basis.N} and {problem.rows.gap.size}"
         )
-    rows, (T, u0) = system.rows, system.body.constraint
+    rows, (P, u0) = system.rows, system.body.constraint
     boundary = problem.condense().under(system.body) if condensed is not False else None
     if condensed is None and boundary is not None and boundary.unknowns > _DENSE:
         boundary = None
@@ -167,9 +167,9 @@ def cross_check(
         S, f = boundary.stiffness, boundary.reduce(system.load)
         G, R = boundary.restrict(G), boundary.restrict(R)
     else:
-        S = sparse.csr_array(T.T @ system.body.stiffness @ T)
-        f = T.T @ (system.load - system.body.stiffness @ u0)
-        G, R = sparse.csr_array(G @ T), sparse.csr_array(R @ T)
+        S = sparse.csr_array(P.T @ system.body.stiffness @ P)
+        f = P.T @ (system.load - system.body.stiffness @ u0)
+        G, R = sparse.csr_array(G @ P), sparse.csr_array(R @ P)
     keep_n, keep_t = _nonzero_rows(G), _nonzero_rows(R)
     if cones:
         keep_t = np.arange(R.shape[0])  # a row that supports hold still belongs to its cone
@@ -190,7 +190,7 @@ def cross_check(
     u, mu, t = np.full(result.u.size, np.nan), np.zeros(result.mu.size), np.zeros(result.t.size)
     if w is not None:
         z = unit.back @ w
-        u = boundary.expand(system.load, z) if boundary is not None else T @ z + u0
+        u = boundary.expand(system.load, z) if boundary is not None else P @ z + u0
     mu[np.flatnonzero(usable)[keep_n]] = pressing / unit.normal
     pushed = pushed.reshape(k, slips) / unit.tangential[:, None]
     t[np.flatnonzero(rubs)[keep_t]] = pushed.ravel()

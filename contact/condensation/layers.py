@@ -50,11 +50,11 @@ class CondensedLayers(CondensedContact):
         free[1, held[held >= top] - top] = False
         own = np.flatnonzero(free[0])
         per_length = 1.0 / np.tile([1.0, 1.0, *[body.cell_size] * 4], body.columns + 1)[own]
-        self._T = sparse.csr_array((per_length, (own, np.arange(own.size))), shape=(size, own.size))
+        self._P = sparse.csr_array((per_length, (own, np.arange(own.size))), shape=(size, own.size))
         self._prescribe(body)
         B = self._choose(
-            sparse.csr_array(rows.G[:, :size] @ self._T),
-            sparse.csr_array(rows.T[:, :size] @ self._T),
+            sparse.csr_array(rows.G[:, :size] @ self._P),
+            sparse.csr_array(rows.T[:, :size] @ self._P),
             body.live(rows.G),
             body.live(rows.T),
         )
@@ -97,7 +97,7 @@ class CondensedLayers(CondensedContact):
         scaled = np.vstack((length * of_held / size, np.zeros((3, 3))))
         _, singular, V = np.linalg.svd(scaled, full_matrices=False)
         plain = reduced_echelon(V[singular < RIGID * np.sqrt(max(held.size, 1))] / size).T
-        free: Array = self._T.T @ (self._all @ plain) / (self._T**2).sum(axis=0)[:, None]
+        free: Array = self._P.T @ (self._all @ plain) / (self._P**2).sum(axis=0)[:, None]
         everywhere = self._of_all_dofs(plain)
         everywhere[held] = 0.0
         return free, everywhere
@@ -108,7 +108,7 @@ class CondensedLayers(CondensedContact):
 
     def restrict(self, rows: Any) -> Array:
         """Rows of all dofs in the contact boundary's unknowns, shape (nrows, nb)."""
-        own: Array = (rows[:, : self.body.row_size] @ self._T)[:, self._boundary].toarray()
+        own: Array = (rows[:, : self.body.row_size] @ self._P)[:, self._boundary].toarray()
         return own
 
     def expand(self, load: Array, z_b: Array) -> Array:
@@ -136,7 +136,7 @@ class CondensedLayers(CondensedContact):
         """Name and all dofs of a rigid motion given on them."""
         body = self.body
         # Known by what it does to the bottom row.
-        seen, free = motion[: body.row_size], np.diff(self._T.indptr) > 0
+        seen, free = motion[: body.row_size], np.diff(self._P.indptr) > 0
         rigid: Any = np.linalg.lstsq(self._all[free], seen[free], rcond=None)[0]
         name = describe_motion(body.trace, rigid_modes(body.trace) @ _about(rigid, body))
         return name, self._of_all_dofs(rigid)

@@ -64,29 +64,29 @@ class CondensedContact:
 
     def __init__(self, body: Any, rows: ContactRows, solver: str = "auto") -> None:
         self.rows, self.slender = rows, body.slender
-        T, _ = body.constraint
-        if T.nnz == T.shape[1] and np.all(T.data == 1.0):
-            free = T.tocsc().indices
+        P, _ = body.constraint
+        if P.nnz == P.shape[1] and np.all(P.data == 1.0):
+            free = P.tocsc().indices
             S = body.stiffness[free][:, free]
         else:
-            S = sparse.csr_array(T.T @ body.stiffness @ T)
+            S = sparse.csr_array(P.T @ body.stiffness @ P)
         # Unknowns of unit stiffness: no unit of length, and no shape of a cell, sets values and
         # derivatives apart, or the directions. Powers of two leave the digits as they are.
         diagonal = S.diagonal()
         exponent = np.round(-0.5 * np.log2(np.where(diagonal > 0, diagonal, 1.0)))
         unit = np.ldexp(1.0, exponent.astype(np.int64))
-        self._T = sparse.csr_array(T @ sparse.diags_array(unit))
+        self._P = sparse.csr_array(P @ sparse.diags_array(unit))
         S = sparse.csr_array(S)
         S.data *= np.repeat(unit, np.diff(S.indptr)) * unit[S.indices]
         self._prescribe(body)
-        G, tangents = (sparse.csr_array(part @ self._T) for part in (rows.G, rows.T))
+        G, tangents = (sparse.csr_array(part @ self._P) for part in (rows.G, rows.T))
         B = self._choose(G, tangents, body.live(rows.G), body.live(rows.T))
         self._B = sparse.csr_array(B[:, self._boundary])
         modes = free_motions(body) / unit[:, None]
         self._refuse(unseen_motion(modes, modes[self._boundary]))
         if strains_can_be_factored(body, S.shape[0]):
-            self._factor, change, back = factor_of_strains(body, self._T, self._boundary)
-            self._T = sparse.csr_array(self._T @ change)
+            self._factor, change, back = factor_of_strains(body, self._P, self._boundary)
+            self._P = sparse.csr_array(self._P @ change)
             self._B = sparse.csr_array(B @ change[:, self._boundary])
             modes = back @ modes
         else:
@@ -297,7 +297,7 @@ class CondensedContact:
 
     def _resultants(self, load: Array) -> Array:
         """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
-        work: Array = self._modes.T @ (self._T.T @ load)
+        work: Array = self._modes.T @ (self._P.T @ load)
         return work
 
     def _scaled_schur(self) -> Any:
@@ -315,16 +315,16 @@ class CondensedContact:
 
     def restrict(self, rows: sparse.csr_array) -> Array:
         """Rows of all dofs in the contact boundary's unknowns, shape (nrows, nb)."""
-        reduced: Array = (rows @ self._T)[:, self._boundary].toarray()
+        reduced: Array = (rows @ self._P)[:, self._boundary].toarray()
         return reduced
 
     def expand(self, load: Array, z_b: Array) -> Array:
         """Displacement of all dofs from the contact boundary's unknowns."""
-        u: Array = self._T @ self._factor.expand(self._free_load(load), z_b)
+        u: Array = self._P @ self._factor.expand(self._free_load(load), z_b)
         return u + self.body.constraint[1]
 
     def _free_load(self, load: Array) -> Array:
-        free: Array = self._T.T @ (load - self._lifted)
+        free: Array = self._P.T @ (load - self._lifted)
         return free
 
     def rigid_motion(self, a: Array) -> tuple[str, Array]:
@@ -342,5 +342,5 @@ class CondensedContact:
 
     def _motion_of(self, motion: Array) -> tuple[str, Array]:
         """Name and all dofs of a rigid motion in free unknowns."""
-        u: Array = self._T @ motion
+        u: Array = self._P @ motion
         return describe_motion(self.body, u), u

@@ -35,8 +35,8 @@ class StrainFactor:
     Parameters
     ----------
     body : BasisSolid
-    T : csr_array, shape (ndofs, nfree)
-        Free unknowns z of ``u = T z``.
+    P : csr_array, shape (ndofs, nfree)
+        Free unknowns z of ``u = P z``.
     boundary : ndarray, shape (nb,)
         Ascending indices of the unknowns to keep.
 
@@ -46,20 +46,20 @@ class StrainFactor:
         A motion of the inner unknowns alone causes no strain.
     """
 
-    def __init__(self, body: BasisSolid, T: sparse.csr_array, boundary: NDArray[np.int64]) -> None:
+    def __init__(self, body: BasisSolid, P: sparse.csr_array, boundary: NDArray[np.int64]) -> None:
         cells: Array = np.asarray(np.linalg.qr(strain_rows(body), mode="r"))
         count, rows, local = cells.shape
         place = np.repeat(body.basis.element_dofs.T, rows, axis=0)
         start = local * np.arange(count * rows + 1)
         A = sparse.csr_array(
-            (cells.ravel(), place.ravel(), start), shape=(count * rows, T.shape[0])
+            (cells.ravel(), place.ravel(), start), shape=(count * rows, P.shape[0])
         )
-        inner = np.ones(T.shape[1], dtype=bool)
+        inner = np.ones(P.shape[1], dtype=bool)
         inner[boundary] = False
         self._inner, self._boundary = np.flatnonzero(inner), boundary
         order = np.concatenate((self._inner, boundary))
         R = np.zeros((order.size, order.size))
-        found = qr((A @ T[:, order]).toarray(), mode="r", overwrite_a=True, check_finite=False)[0]
+        found = qr((A @ P[:, order]).toarray(), mode="r", overwrite_a=True, check_finite=False)[0]
         R[: len(found)] = found[: order.size]
         k = self._inner.size
         self._R_II, self._R_Ib, self._R_bb = R[:k, :k], R[:k, k:], R[k:, k:]
@@ -122,14 +122,14 @@ def strains_can_be_factored(body: BasisSolid, unknowns: int) -> bool:
 
 
 def factor_of_strains(
-    body: BasisSolid, T: sparse.csr_array, boundary: NDArray[np.int64]
+    body: BasisSolid, P: sparse.csr_array, boundary: NDArray[np.int64]
 ) -> tuple[StrainFactor, sparse.csr_array, sparse.csr_array]:
     """Factor, and change to unknowns y whose boundary is of unit stiffness.
 
     Parameters
     ----------
     body : BasisSolid
-    T : csr_array, shape (ndofs, nfree)
+    P : csr_array, shape (ndofs, nfree)
     boundary : ndarray, shape (nb,)
 
     Returns
@@ -139,10 +139,10 @@ def factor_of_strains(
     change, back : csr_array, shape (nfree, nfree)
         ``z = change y`` and its inverse.
     """
-    factor, n, nb = StrainFactor(body, T, boundary), T.shape[1], boundary.size
+    factor, n, nb = StrainFactor(body, P, boundary), P.shape[1], boundary.size
     node = np.arange(nb)
-    if T.nnz == n:  # an unknown is a dof, and dofs come in vectors
-        node = np.asarray(T.tocsc().indices[boundary] // body.dim, dtype=np.int64)
+    if P.nnz == n:  # an unknown is a dof, and dofs come in vectors
+        node = np.asarray(P.tocsc().indices[boundary] // body.dim, dtype=np.int64)
     U, inverse = factor.equilibrate(node)
     place = sparse.csr_array((np.ones(nb), (boundary, np.arange(nb))), shape=(n, nb))
     rest = sparse.diags_array(1.0 - np.asarray(place.sum(axis=1)))

@@ -125,7 +125,7 @@ class StiffnessForm:
             now = replace(now, a=self._motions(problem, now.mu, now.t))
         for _ in range(_REFINEMENTS):
             now = self._change(problem, now, max(tol, _STEP), report)
-            du = self._condensed._T @ self._condensed._factor.expand(left, self._of_boundary(now.a))
+            du = self._condensed._P @ self._condensed._factor.expand(left, self._of_boundary(now.a))
             u = u + du
             if motion is not None and system.motion is not None:
                 found = self._per_unit * now.a[self._elastic + self._N.shape[1] :]
@@ -148,7 +148,7 @@ class StiffnessForm:
     def _about(self, u: Array, w: Array | None) -> tuple[BoundaryProblem, Array]:
         """The problem for the change of a displacement u, and the load that u leaves."""
         system, condensed = self._system, self._condensed
-        left = condensed._T.T @ (system.load - system.body.internal(u))
+        left = condensed._P.T @ (system.load - system.body.internal(u))
         reduced = condensed._factor.reduce(left)
         if self._N.shape[1]:
             unit = self._N / np.linalg.norm(self._N, axis=0)

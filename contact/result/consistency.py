@@ -44,7 +44,7 @@ def check_problem(body: ElasticBody, rows: ContactRows) -> None:
     InputError
     """
     mesh, dim, n = body.mesh, body.dim, body.basis.N
-    T, u0 = body.constraint
+    P, u0 = body.constraint
     m = rows.G.shape[0]
     for name, facets in (mesh.boundaries or {}).items():
         _whole(f"boundary {name!r}", facets, (None,), mesh.nfacets)
@@ -52,13 +52,13 @@ def check_problem(body: ElasticBody, rows: ContactRows) -> None:
         _whole(f"subdomain {name!r}", cells, (None,), mesh.nelements)
     _finite("u0", u0, (n,))
     for name, matrix, shape in (
-        ("constraint", T, (n, None)),
+        ("constraint", P, (n, None)),
         ("rows.G", rows.G, (m, n)),
         ("rows.T", rows.T, (m * (dim - 1), n)),
     ):
         _finite(name, matrix.data, (None,))
         _check_shape(name, matrix, shape)
-    held = T.T @ T - sparse.eye_array(T.shape[1])  # `BasisSolid.picked`: orthonormal columns
+    held = P.T @ P - sparse.eye_array(P.shape[1])  # `BasisSolid.picked`: orthonormal columns
     if np.abs(held.data).max(initial=0.0) > _UNIT:
         raise InputError("constraint: its columns are not orthonormal")
     shapes: tuple[tuple[str, tuple[int, ...]], ...] = (

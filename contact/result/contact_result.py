@@ -220,9 +220,9 @@ class ContactResult(ContactState):
             volume = None if mean is None else mean[:, None]
             return stress(gradient, _per_cell(body.lam), _per_cell(body.mu), volume)
         where = self._points(points)
-        lam, mu, _ = body.material(where)
+        lame_lambda, lame_mu, _ = body.material(where)
         volume = None if mean is None else mean[body.cells_of(where)]
-        return stress(body.gradient(self.u, where), lam, mu, volume)
+        return stress(body.gradient(self.u, where), lame_lambda, lame_mu, volume)
 
     def nodal_stress(self) -> Array:
         """Cauchy stress at the vertices of the mesh, shape (3, 3, nvertices)."""

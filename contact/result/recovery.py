@@ -49,9 +49,11 @@ def _stress_at(body: ElasticBody, u: Array, X: Array) -> Array:
     for i, dofs in enumerate(body.basis.element_dofs):
         field = body.basis.elem.gbasis(body.basis.mapping, X, i, tind=everywhere)[0]
         gradient += np.asarray(field.grad) * u[dofs][:, None]
-    lam, mu = (value[:, None] if value.ndim else value for value in (body.lam, body.mu))
+    lame_lambda, lame_mu = (
+        value[:, None] if value.ndim else value for value in (body.lam, body.mu)
+    )
     mean = body.mean_dilatation(u)
-    return stress(gradient, lam, mu, None if mean is None else mean[:, None])
+    return stress(gradient, lame_lambda, lame_mu, None if mean is None else mean[:, None])
 
 
 def _full(body: ElasticBody, sigma: Array, nu: Array) -> Array:

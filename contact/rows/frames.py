@@ -69,7 +69,7 @@ def turned_tangents(tangents: Array, mean: Array, normals: Array) -> Array:
     return np.asarray(tangents - (mean + normals)[:, None] * (along / size)[None])
 
 
-def within_supports(B: sparse.csr_array, normals: Array, T: sparse.csr_array) -> Array:
+def within_supports(B: sparse.csr_array, normals: Array, P: sparse.csr_array) -> Array:
     """Turn normals that all but lie in a plane of symmetry into it.
 
     Where a curved boundary ends at a support along an axis, the mean normal is that of one side
@@ -80,18 +80,18 @@ def within_supports(B: sparse.csr_array, normals: Array, T: sparse.csr_array) ->
     for c in range(dim):
         axis = np.zeros_like(normals)
         axis[c] = 1.0
-        held = norms(directed(B, axis) @ T) <= 1e-9 * norms(B)
+        held = norms(directed(B, axis) @ P) <= 1e-9 * norms(B)
         turned[c, held & (np.abs(normals[c]) < NEARLY)] = 0.0
     return turned / np.linalg.norm(turned, axis=0)
 
 
-def along_supports(B: sparse.csr_array, tangents: Array, T: sparse.csr_array) -> Array:
+def along_supports(B: sparse.csr_array, tangents: Array, P: sparse.csr_array) -> Array:
     """Turn the frames so that a prescribed tangential direction is one of their axes.
 
     Where supports (a plane of symmetry, say) hold a contact point in one tangential direction
     only, two rows in a general frame would depend on each other.
     """
-    rows = [directed(B, tangents[:, j]) @ T for j in (0, 1)]
+    rows = [directed(B, tangents[:, j]) @ P for j in (0, 1)]
     a, b, c = (
         np.asarray(rows[i].multiply(rows[j]).sum(axis=1)).ravel()
         for i, j in ((0, 0), (0, 1), (1, 1))

@@ -222,10 +222,10 @@ class Outline:
         only, off by half the turn of a facet; friction would act on what is left of the tangent.
         """
         body, turned = self.body, normals.copy()
-        T = body.constraint[0]
+        P = body.constraint[0]
         value = body.scalar_dofs.nodal_dofs[0, vertex]
         for c in range(body.dim):
-            held = np.diff(T.indptr)[body.dim * value + c] == 0
+            held = np.diff(P.indptr)[body.dim * value + c] == 0
             turned[c, held & (np.abs(normals[c]) < NEARLY)] = 0.0
         size = np.linalg.norm(turned, axis=0)
         return turned / np.where(size > 0, size, 1.0)

@@ -132,8 +132,8 @@ class TraceRows:
         turned = turned_tangents(along[:, None], mean, here)[:, 0]
         rows = self._rows(np.einsum("fspb,cfsp->cfsb", self.parts, turned), self.dim)
         rows = _chosen(sharp, directed(self.scalar, tangents), rows)
-        straight, T = directed(self.supported, tangents), self.outline.body.constraint[0]
-        return _chosen(norms(straight @ T) <= 1e-9 * norms(straight), straight, rows)
+        straight, P = directed(self.supported, tangents), self.outline.body.constraint[0]
+        return _chosen(norms(straight @ P) <= 1e-9 * norms(straight), straight, rows)
 
     @property
     def dim(self) -> int:

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-FILLED = 256  # below this order it does not matter
-FLOOR = 1e-40
+LEAST_FILLED = 256  # below this order slow numbers do not matter
+# Of the norm: far above the denormal numbers, also squared, and far below the rounding of anything.
+NOISE = 1e-40
 
 
 def filled(M: Any) -> Any:
@@ -17,13 +18,13 @@ def filled(M: Any) -> Any:
     numbers, with which processors are slower by two orders of magnitude: doubling of 2048 states
     took five minutes instead of half of one. Symmetric matrices stay so.
     """
-    if not isinstance(M, np.ndarray) or len(M) < FILLED:
+    if not isinstance(M, np.ndarray) or len(M) < LEAST_FILLED:
         return M
     size = float(np.linalg.norm(M))
     if not np.isfinite(size):
         return M
     noise: Any = np.random.default_rng(0).standard_normal(M.shape)
     noise += noise.T
-    noise *= FLOOR * size
+    noise *= NOISE * size
     noise += M
     return noise

@@ -20,8 +20,8 @@ from gpu.arrays.device_blas import MINUS, ONE, ZERO, DeviceBlas
 from gpu.cuda.symmetric import SOURCE as SYMMETRIC
 
 Array = Any  # numpy.ndarray or cupy.ndarray
-# Rows of a block, and columns up to which a triangular solve on a device takes blocks.
-BLOCK, FEW = 2048, 16
+# On a device a triangular solve with at most so many columns goes by blocks of so many rows.
+SOLVE_BLOCK, FEW_COLUMNS = 2048, 16
 TILE = 32  # of `gpu.cuda.symmetric`
 
 
@@ -94,7 +94,7 @@ def _device_lower_solve(L: Array, r: Array, transposed: bool) -> Array:
     assert L.flags.f_contiguous
     # Few columns are a matter of memory: products with all that is below a block wait for less
     # than the triangles of the library do.
-    block = BLOCK if 1 < columns <= FEW and not transposed else n
+    block = SOLVE_BLOCK if 1 < columns <= FEW_COLUMNS and not transposed else n
     with DeviceBlas() as (cublas, handle):
         operation = cublas.CUBLAS_OP_T if transposed else cublas.CUBLAS_OP_N
         for i in range(0, n, block):

@@ -30,6 +30,8 @@ from gpu.arrays.device_blas import MINUS, ONE, ZERO, DeviceBlas
 from gpu.cuda.triangle import SOURCE
 
 Array = Any  # cupy.ndarray
+# Rows of the diagonal blocks that are inverted, at most: a larger one costs more to invert than its
+# products save. They begin as triangles of SIDE rows, one a warp of `gpu.cuda.triangle`.
 LARGEST_BLOCK, SIDE = 1024, 32
 
 

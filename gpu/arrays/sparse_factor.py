@@ -24,6 +24,7 @@ from scipy.sparse.linalg import splu
 
 Vector = np.ndarray
 # PARDISO perturbs pivots that are small beside the whole matrix: its rows are scaled first.
+# Each round takes the square root of what is left of their sizes.
 SCALINGS = 3
 
 

@@ -10,7 +10,7 @@ from gpu.arrays.namespace import to_host
 from gpu.eigenvalues.operator import Matrix
 from gpu.errors import NotConverged
 
-CERTIFIED = 1e-11  # |A x - lambda M x| over |A| + |lambda| |M|
+CERTIFIED_PAIR = 1e-11  # |A x - lambda M x| over |A| + |lambda| |M|
 
 
 def certify(
@@ -49,13 +49,14 @@ def certify(
         error, size = np.sqrt(to_host(squares))
     modulus = np.abs(values) * unit
     allowed = (
-        CERTIFIED * (max(float(size.max()), scale) + modulus * (1.0 if mass is None else mass.norm))
+        CERTIFIED_PAIR
+        * (max(float(size.max()), scale) + modulus * (1.0 if mass is None else mass.norm))
         + 10 * tol * modulus
     )
     good = np.isfinite(allowed) & (error <= allowed)
     if not good.all():
         with np.errstate(invalid="ignore"):  # of numbers that are none
-            worst = CERTIFIED * float((error[~good] / allowed[~good]).max())
+            worst = CERTIFIED_PAIR * float((error[~good] / allowed[~good]).max())
         kept = np.flatnonzero(good)
         raise NotConverged(
             f"{int((~good).sum())} of {len(values)} pairs fail their certificate: |A x - lambda x| "

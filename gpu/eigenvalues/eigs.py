@@ -13,8 +13,8 @@ from gpu.arrays.namespace import namespace
 from gpu.eigenvalues.certificate import certify
 from gpu.eigenvalues.eigenpairs import Eigenpairs, Pairs
 from gpu.eigenvalues.iteration_operator import EigenProblem, shifts, told_apart
-from gpu.eigenvalues.krylov.krylov_schur import FLOOR, krylov_schur
-from gpu.eigenvalues.krylov.restart import RESTARTS, Limits, Wanted, room_for
+from gpu.eigenvalues.krylov.krylov_schur import ROUNDING_RESIDUAL, krylov_schur
+from gpu.eigenvalues.krylov.restart import RESTART_KINDS, Limits, Wanted, room_for
 from gpu.eigenvalues.operator import Matrix, as_matrix, ordinary
 from gpu.eigenvalues.schur.order import ORDERS, best_first, edge_of, rank_of
 from gpu.eigenvalues.schur.ordered_schur import Rank
@@ -43,8 +43,9 @@ def eigs(
 
     The signature is that of `scipy.sparse.linalg.eigs`; results live where A lives. Krylov-Schur
     iteration with thick restarts; what has converged is challenged from random vectors before it
-    is returned, so that copies of repeated eigenvalues are found too (see `challenge.unbeaten` for
-    the probability that one is missed), and every returned pair has had its residual recomputed.
+    is returned, so that copies of repeated eigenvalues are found too (the probability that one is
+    missed is in `gpu.eigenvalues.krylov.challenge.unbeaten`), and the residual of every returned
+    pair is recomputed.
 
     Parameters
     ----------
@@ -68,10 +69,10 @@ def eigs(
         again where some restarts have not been enough. The search for missed eigenvalues needs
         about half as many vectors, or k, on top.
     maxiter : int, optional
-        Restarts, of two products at least; by default enough for about 40 n products.
+        Most restarts, each of at least two products; by default enough for about 40 n products.
     tol : float
-        Residual relative to \|lambda\|. The default, 0, asks for 100 rounding units of \|A\|, with
-        `sigma` of the inverse, which is also the most that can be had.
+        Residual relative to \|lambda\|. The default, 0, asks for the smallest one that rounding
+        allows: 100 machine epsilons times \|A\|, with `sigma` times the norm of the inverse.
     return_eigenvectors : bool
     restart : {"krylov-schur", "implicit"}
         "implicit" restarts by explicitly shifted QR steps on the Hessenberg matrix (Sorensen 1992,
@@ -88,20 +89,26 @@ def eigs(
     Raises
     ------
     InputError
+        An argument is malformed; M is singular and no `sigma` given; `sigma` is given and A or M
+        has no stored entries, or no value beside it has factors.
     NotConverged
-        With attributes ``eigenvalues`` and ``eigenvectors``: what did converge.
+        Fewer than k eigenvalues converged, or a pair failed its certificate; its attributes
+        ``eigenvalues`` and ``eigenvectors`` hold what did converge.
     MissingDependency
+        A lives on a device and CuPy cannot be imported.
 
     Notes
     -----
-    Matrices of order up to 256 (operators: 128) are decomposed fully, and so are those up to 4096
-    with stored entries whose iteration does not converge, unless `maxiter` was given; for "SI"
-    these always, and with `sigma` for "SM" and "LI" too, since a Krylov space is slow to see
-    values inside the spectrum; "SM" and "SI" with operators may raise NotConverged for that
-    reason. Far from normal, as a convection
-    operator is at large cell Peclet numbers, an eigenvalue is known to residual times condition
-    only; what is returned then are eigenvalues of a matrix within `tol` of A, and newcomers that
-    are better by less do not count as missed.
+    Matrices of order up to 256 (operators: 128) are decomposed fully. So are matrices of order up
+    to 4096 with stored entries whose iteration does not converge, unless `maxiter` was given, and
+    without an iteration those whose wanted values lie inside the spectrum, which a Krylov space is
+    slow to see: "SI", and with `sigma` "SM" and "LI". Of operators "SM" and "SI" may raise
+    `NotConverged` for that reason.
+
+    Of a matrix far from normal, as a convection operator is at large cell Peclet numbers, an
+    eigenvalue is known to its residual times its condition only. What is returned then are
+    eigenvalues of a matrix within `tol` of A, and a value that is better by less than that does
+    not count as missed.
 
     References
     ----------
@@ -124,7 +131,7 @@ def eigs(
         if mass.explicit is not None:
             _ = mass.magnitude  # raises
     start = None if v0 is None else start_vector(v0, n, xp)
-    choice("restart", restart, RESTARTS)
+    choice("restart", restart, RESTART_KINDS)
     choice("which", which, ORDERS)
     return_eigenvectors = flag("return_eigenvectors", return_eigenvectors)
     if not isinstance(tol, int | float | np.floating) or not 0 <= tol < 1:
@@ -283,7 +290,7 @@ def _iterated(
                     return found, pairs, None
                 theta = found.values[:k]
                 away = np.abs(problem.values(theta) - sigma)
-            if told_apart(theta, FLOOR * found.scale, away, abs(shift - sigma)):
+            if told_apart(theta, ROUNDING_RESIDUAL * found.scale, away, abs(shift - sigma)):
                 return found, pairs, None
             reason = NotConverged(
                 f"sigma={sigma} lies too close to an eigenvalue to tell the next {k} apart, or "

@@ -18,7 +18,7 @@ from gpu.arrays.namespace import cupy, namespace, to_host
 from gpu.cuda.modulus import SOURCE as MODULUS
 from gpu.errors import InputError
 
-BLOCK = 1 << 30  # entries, which the library counts in 32 bits
+MOST_COUNTED = 1 << 30  # entries, which the library counts in 32 bits
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ def _magnitude(entries: Any, xp: Any) -> float:
         return 0.0
     if xp is np:
         parts = entries.reshape(-1).view(float)
-        total = sum(dasum(parts[i : i + BLOCK]) for i in range(0, parts.size, BLOCK))
+        total = sum(dasum(parts[i : i + MOST_COUNTED]) for i in range(0, parts.size, MOST_COUNTED))
         return total if np.isfinite(total) else float(np.abs(entries).max())
     if entries.dtype.kind == "c":
         return float(xp.abs(entries).max())

@@ -12,7 +12,7 @@ from gpu.arrays.namespace import cupy, namespace, to_host
 from gpu.eigenvalues.eigs import DENSE, FALLBACK, PRODUCTS, eigs, start_vector
 from gpu.errors import InputError, NotConverged
 
-CERTIFIED = 1e-10  # |A v - s u| and |A^* u - s v| over |A|
+CERTIFIED_TRIPLET = 1e-10  # |A v - s u| and |A^* u - s v| over |A|
 
 
 def svds(
@@ -29,7 +29,7 @@ def svds(
 
     `eigs` finds the wanted eigenvectors of the smaller of :math:`A^* A` and :math:`A A^*`; the
     singular values are those of A on the space they span, not roots, so that no digits are lost
-    to the square. Every triplet has had both residuals recomputed.
+    to the square. Both residuals of every returned triplet are recomputed.
 
     Parameters
     ----------
@@ -59,14 +59,18 @@ def svds(
     Raises
     ------
     InputError
+        An argument is malformed, or an operator has no ``rmatvec``.
     NotConverged
+        Fewer than k triplets converged, or one failed its certificate.
     MissingDependency
+        A lives on a device and CuPy cannot be imported.
 
     Notes
     -----
-    Squares hide singular values below 1e-7 of the largest. Where these are wanted, stored matrices
-    with min(m, n) up to 4096 are decomposed fully, as are all up to 256 (operators: 128); operators
-    and larger ones raise `NotConverged`.
+    The eigenvalues of the square say nothing about singular values below 1e-7 of the largest. Where
+    these are wanted, stored matrices with min(m, n) up to 4096 are decomposed fully; operators and
+    larger matrices raise `NotConverged`. Matrices with min(m, n) up to 256 (operators: 128) are
+    always decomposed.
 
     Examples
     --------
@@ -211,7 +215,7 @@ def _certify(factors: _Factors, u: Any, s: Any, vh: Any) -> None:
         squares = abs(factors.explicit)
         squares = squares.multiply(squares) if hasattr(squares, "multiply") else squares**2
         size = max(size, float(np.sqrt(float(squares.sum(axis=0).max()))))
-    good = xp.isfinite(s) & (error <= CERTIFIED * size)
+    good = xp.isfinite(s) & (error <= CERTIFIED_TRIPLET * size)
     if not bool(good.all()):
         raise NotConverged(
             f"{int((~good).sum())} of {len(s)} triplets fail their certificate: the residual "

@@ -17,17 +17,19 @@ from gpu.qp.data.qp_problem import QPProblem, power_of_two
 from gpu.qp.data.qp_result import QPResult, Status, boxes_only
 from gpu.qp.data.standard_qp import StandardQP, residuals
 from gpu.qp.data.step import Step
-from gpu.qp.interior_point.extended_precision import Triple
+from gpu.qp.interior_point.extended_precision import PrimalDual
 from gpu.qp.interior_point.minimise import NoBound, NoPoint, Point, certified, minimise, polished
 from gpu.qp.interior_point.polish import Sides
 from gpu.qp.last_digits import last_digits
 
-# Entries other than zero of P and C, stored sparsely and not, up to which the last digits of
-# absolute residuals are worth their time.
-LARGEST_SPARSE, LARGEST_DENSE = 300_000, 30_000
+# Entries other than zero of P and C, in sparse and in dense storage, up to which absolute residuals
+# are sharpened: that takes a few sparse factorisations, dear where the matrices are full.
+SHARPENED_SPARSE, SHARPENED_DENSE = 300_000, 30_000
 
 
-def solve_general(problem: QPProblem, start: QPResult | ArrayLike | None, tol: float) -> QPResult:
+def solve_any_problem(
+    problem: QPProblem, start: QPResult | ArrayLike | None, tol: float
+) -> QPResult:
     """The result of any checked problem, or the errors of `solve_qp`."""
     p = problem.program
     state = _first_state(problem, p, start)
@@ -127,12 +129,10 @@ def _sharpened(problem: QPProblem, p: StandardQP, point: Point, tol: float) -> P
     if p.xp is not np or not point.residuals.worst <= tol:
         return point
     entries = p.P.nnz + p.C.nnz if p.is_sparse else np.count_nonzero(p.P) + np.count_nonzero(p.C)
-    if entries > (LARGEST_SPARSE if p.is_sparse else LARGEST_DENSE):
+    if entries > (SHARPENED_SPARSE if p.is_sparse else SHARPENED_DENSE):
         return point
-    best = last_digits(problem, p, Triple(point.x, point.y, point.z), tol)
-    return replace(
-        point, x=best.x, y=best.y, z=best.z, residuals=residuals(p, best.x, best.y, best.z)
-    )
+    best = last_digits(problem, p, PrimalDual(point.x, point.y, point.z_box), tol)
+    return replace(point, **best._asdict(), residuals=residuals(p, *best))
 
 
 def _result(
@@ -140,7 +140,7 @@ def _result(
 ) -> QPResult:
     """The answer, with residuals recomputed."""
     xp, m = p.xp, problem.b.size
-    x, y, z, z_box = point.x, point.y[:m], point.y[m:], point.z
+    x, y, z, z_box = point.x, point.y[:m], point.y[m:], point.z_box
     if boxes_only(problem):
         kkt = kkt_residuals(problem, x, y, z_box)
     else:

@@ -29,8 +29,8 @@ def batch_solve_qp(
 ) -> list[QPResult]:
     """Solve problems that share P, G, A and the bounds, and differ in q, h, b and h_low.
 
-    P is checked and factored once, and each problem begins at the active set of the one before,
-    which is right for a sequence; it changes the way, not the answer.
+    P is checked and factored once, and each problem begins at the active set of the one before:
+    that saves steps where the problems are alike, and does not change the answers.
 
     Parameters
     ----------

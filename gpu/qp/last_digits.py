@@ -6,8 +6,8 @@ What is left is rounding, and there are three ways against it:
 * the active set is solved in extended precision and rounded once, see
   `gpu.qp.interior_point.extended_precision`;
 * multipliers that are not unique are taken as small as possible, see `gpu.qp.least_multipliers`;
-* the duality gap :math:`x^TPx + q^Tx + y^Tr + z^Tb` is closed by single numbers of x, y, z that
-  move it far and the other residuals little. With terms of :math:`10^7` a gap of
+* the duality gap :math:`x^TPx + q^Tx + y^Tr + z_\mathrm{box}^Tb` is closed by single numbers of x,
+  y, z_box that move it far and the other residuals little. With terms of :math:`10^7` a gap of
   :math:`2\cdot10^{-9}` is one unit of the last digit.
 """
 
@@ -21,18 +21,18 @@ from scipy import sparse
 
 from gpu.qp.data.qp_problem import QPProblem
 from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, largest, residuals
-from gpu.qp.interior_point.extended_precision import Triple, extended
+from gpu.qp.interior_point.extended_precision import PrimalDual, extended
 from gpu.qp.least_multipliers import least_multipliers
 
 # Of a number: what its rounding moves it by, on average.
 MEAN_ROUNDING = np.finfo(float).eps / 4
-# How many times less may come out of it.
+# Rounding errors may cancel: residuals so many times below the expected rounding are hoped for.
 LUCK = 8.0
 # Unknowns and rows up to which least multipliers are sought: they cost a solution.
 LARGEST_LEAST = 10_000
-# Numbers that are tried to close the gap, and the parts of it that they take.
+# Numbers that are tried to close the gap, how often, and the parts of it that each takes over.
 TRIALS, PASSES, PARTS = 60, 3, (1.0, 0.5)
-# Of what is asked for: residuals that others may grow to while the gap is closed.
+# Of the tolerance: what other residuals may grow to while the gap is closed.
 SHARE = 0.9
 
 
@@ -49,14 +49,14 @@ class Absolute(NamedTuple):
         return max(map(abs, self)) if all(np.isfinite(self)) else np.inf
 
 
-def absolute(problem: QPProblem, t: Triple) -> Absolute:
+def absolute(problem: QPProblem, t: PrimalDual) -> Absolute:
     """Residuals by the formulas as they stand, in double precision."""
-    P, (_, q, A, b, lb, ub, G, low, high) = problem.factor.P, problem
-    x, y, z, z_box = t.x, t.y[: b.size], t.y[b.size :], t.z
+    P, (_, q, A, b, lb, ub, G, row_low, row_high) = problem.factor.P, problem
+    x, y, z, z_box = t.x, t.y[: b.size], t.y[b.size :], t.z_box
     Px, Gx = P @ x, G @ x
     dual = Px + q + G.T @ z + A.T @ y + z_box
-    outside = (np.abs(A @ x - b), Gx - high, low - Gx, lb - x, x - ub)
-    sides = ((high, z, 1), (low, z, -1), (lb, z_box, -1), (ub, z_box, 1))
+    outside = (np.abs(A @ x - b), Gx - row_high, row_low - Gx, lb - x, x - ub)
+    sides = ((row_high, z, 1), (row_low, z, -1), (lb, z_box, -1), (ub, z_box, 1))
     parts = [_side(*side) for side in sides]
     gap = x @ Px + q @ x + (parts[0] + parts[1]) + b @ y + parts[2] + parts[3]
     primal = largest(*(float(v.max(initial=0.0)) for v in outside))
@@ -70,13 +70,13 @@ def _side(side: Array, multiplier: Array, sign: int) -> float:
 
 
 @np.errstate(all="ignore")  # what overflows shows in the residuals
-def last_digits(problem: QPProblem, p: StandardQP, t: Triple, tol: float) -> Triple:
+def last_digits(problem: QPProblem, p: StandardQP, t: PrimalDual, tol: float) -> PrimalDual:
     """The triple with absolute residuals below `tol`, or the best that was found.
 
     No relative residual becomes larger than it was or than a tenth of `tol`.
     """
     error = absolute(problem, t)
-    idle = Triple(t.x, np.zeros_like(t.y), np.zeros_like(t.z))
+    idle = PrimalDual(t.x, np.zeros_like(t.y), np.zeros_like(t.z_box))
     without = absolute(problem, idle)
     if without.dual <= error.dual and abs(without.gap) <= abs(error.gap):
         return idle  # the multipliers were rounding of zero
@@ -92,7 +92,9 @@ def last_digits(problem: QPProblem, p: StandardQP, t: Triple, tol: float) -> Tri
     return best
 
 
-def _candidates(problem: QPProblem, p: StandardQP, t: Triple, tol: float) -> Iterator[Triple]:
+def _candidates(
+    problem: QPProblem, p: StandardQP, t: PrimalDual, tol: float
+) -> Iterator[PrimalDual]:
     yield t
     yield closed(problem, p, t, tol)
     p = p.stored_sparsely()
@@ -107,18 +109,18 @@ def _candidates(problem: QPProblem, p: StandardQP, t: Triple, tol: float) -> Ite
     if t.x.size + t.y.size <= LARGEST_LEAST:
         smaller = least_multipliers(p, t.x, t.y, tol)
         if smaller is not None and not hopeless(smaller[0]):
-            t = Triple(t.x, *smaller)
+            t = PrimalDual(t.x, *smaller)
             yield t
             yield from _sharper(problem, p, t, tol)
 
 
-def _sharper(problem: QPProblem, p: StandardQP, t: Triple, tol: float) -> Iterator[Triple]:
+def _sharper(problem: QPProblem, p: StandardQP, t: PrimalDual, tol: float) -> Iterator[PrimalDual]:
     for found in extended(p, t):
         yield found
         yield closed(problem, p, found, tol)
 
 
-def closed(problem: QPProblem, p: StandardQP, t: Triple, tol: float) -> Triple:
+def closed(problem: QPProblem, p: StandardQP, t: PrimalDual, tol: float) -> PrimalDual:
     """The triple with the gap closed by shifts of single numbers, if that is all it lacks."""
     error = absolute(problem, t)
     if not (error.primal <= tol and error.dual <= tol < abs(error.gap)):
@@ -126,7 +128,7 @@ def closed(problem: QPProblem, p: StandardQP, t: Triple, tol: float) -> Triple:
     n, m = t.x.size, t.y.size
     inside = (t.x > p.lb) & (t.x < p.ub)
     row = np.where(t.y > 0.0, p.row_high, np.where(t.y < 0.0, p.row_low, 0.0))
-    bound = np.where(t.z > 0.0, p.ub, np.where(t.z < 0.0, p.lb, 0.0))
+    bound = np.where(t.z_box > 0.0, p.ub, np.where(t.z_box < 0.0, p.lb, 0.0))
     # What a unit of each number does to the gap, and at most to the other residuals.
     effect = np.concatenate([np.where(inside, 2.0 * (p.P @ t.x) + p.q, 0.0), row, bound])
     cost = np.concatenate([np.maximum(_columns(p.P), _columns(p.C)), _columns(p.C.T), np.ones(n)])
@@ -143,14 +145,14 @@ def closed(problem: QPProblem, p: StandardQP, t: Triple, tol: float) -> Triple:
                 tried[k] -= part * error.gap / effect[k]
                 if tried[k] == value[k] or tried[k] * value[k] < 0.0:
                     continue
-                found = absolute(problem, Triple(tried[:n], tried[n : n + m], tried[n + m :]))
+                found = absolute(problem, PrimalDual(tried[:n], tried[n : n + m], tried[n + m :]))
                 if max(found.primal, found.dual) <= limit and abs(found.gap) < abs(error.gap):
                     value, error = tried, found
             if abs(error.gap) <= goal:
                 break
         if abs(error.gap) <= goal or error is before:
             break
-    return Triple(value[:n], value[n : n + m], value[n + m :])
+    return PrimalDual(value[:n], value[n : n + m], value[n + m :])
 
 
 def _columns(M: Matrix) -> Array:

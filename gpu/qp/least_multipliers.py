@@ -3,11 +3,11 @@ r"""The least multipliers of a solution.
 Where active rows depend on each other, the multipliers of a solution x are a polyhedron, and an
 interior point may end far out in it. Of its points
 
-.. math:: \min \tfrac12 |y|^2 + \tfrac12 |z|^2 \quad\text{subject to}\quad
-          C^Ty + z = -(Px + q)
+.. math:: \min \tfrac12 |y|^2 + \tfrac12 |z_\mathrm{box}|^2 \quad\text{subject to}\quad
+          C^Ty + z_\mathrm{box} = -(Px + q)
 
-with the signs that the sides allow, y of active rows and z of held variables only, is the one whose
-rounding does the least to :math:`Px + q + C^Ty + z`.
+with the signs that the sides allow, y of active rows and :math:`z_\mathrm{box}` of held variables
+only, is the one whose rounding does the least to :math:`Px + q + C^Ty + z_\mathrm{box}`.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from gpu.arrays.dense import symmetric_product
 from gpu.arrays.namespace import namespace, to_host
 from gpu.errors import Infeasible, InputError, NotConverged, Unbounded
 from gpu.qp.active_set.box import ActiveSet, BoxQP
-from gpu.qp.any_problem import solve_general
+from gpu.qp.any_problem import solve_any_problem
 from gpu.qp.data.kkt import general_residuals, kkt_residuals
 from gpu.qp.data.qp_problem import QPFactor, QPProblem, check_problem, power_of_two
 from gpu.qp.data.qp_result import QPResult, Status, boxes_only
@@ -22,8 +22,10 @@ from gpu.qp.interior_point.equilibrate import largest_side
 from gpu.qp.interior_point.presolve import ACTIVITY_ROUNDING, nonempty
 
 logger = logging.getLogger(__name__)
-# Of the diagonal of P, and how many centres: where there is a solution, few are the rule.
-PROXIMITY, PROXIMAL_STEPS = 1e-6, 60
+# Of the diagonal of P: enough for a Cholesky factor, and nearly nothing beside the curvature.
+PROXIMITY = 1e-6
+# Proximal points that are tried: where there is a solution, few are the rule.
+PROXIMAL_STEPS = 60
 
 
 @np.errstate(all="ignore")  # what overflows shows in the residuals
@@ -155,11 +157,11 @@ def solve_qp(
             return _boxes(problem, start, tol)
         except NotConverged as error:
             try:
-                return solve_general(problem, None, tol)
+                return solve_any_problem(problem, None, tol)
             except NotConverged:
                 raise error from None
     try:
-        return solve_general(problem, start, tol)
+        return solve_any_problem(problem, start, tol)
     except NotConverged as error:
         result = _proximal(problem, tol)
         if result is None:
@@ -212,12 +214,13 @@ def _on_host(problem: QPProblem, start: QPResult | ArrayLike | None, tol: float)
     elif start is not None:
         start = to_host(start)
     host = [to_host(value) for value in (problem.factor.P, *problem[1:])]
-    matrix, q, A, b, lb, ub, G, low, high = host
+    matrix, q, A, b, lb, ub, G, row_low, row_high = host
+    general, equal = bool(row_low.size), bool(b.size)
     try:
         result = solve_qp(
-            matrix, q, G if low.size else None, high if low.size else None,
-            A if b.size else None, b if b.size else None, lb, ub,
-            h_low=low if low.size else None, start=start, tol=tol,
+            matrix, q, G if general else None, row_high if general else None,
+            A if equal else None, b if equal else None, lb, ub,
+            h_low=row_low if general else None, start=start, tol=tol,
         )  # fmt: skip
     except Infeasible as error:
         raise Infeasible(str(error), xp.asarray(error.certificate)) from None

@@ -138,8 +138,11 @@ def care(a: Any, b: Any, q: Any, r: Any, e: Any = None, s: Any = None) -> Any:
     Raises
     ------
     InputError
+        An argument is malformed.
     RiccatiError
+        There is no stabilising solution; names the mode in its way.
     NotConverged
+        What was found could not be certified.
 
     Examples
     --------
@@ -199,8 +202,11 @@ def lqe(
     Raises
     ------
     InputError
+        An argument is malformed, or W is not positive semidefinite.
     RiccatiError
+        There is no stable filter; names the mode that C does not see, or that no noise excites.
     NotConverged
+        What was found could not be certified.
 
     Examples
     --------

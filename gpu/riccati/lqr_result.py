@@ -35,15 +35,15 @@ class LQRResult:
         converged of the 12 nearest to zero (6 from 100,000 states on), and none where they stand
         too close for that.
     stable : bool
-        Whether every pole lies left of the imaginary axis beyond round-off: all poles were
-        computed, or `bound` proves it. Where that is NaN only the poles of E are known to.
+        Whether the poles lie left of the imaginary axis by more than round-off: shown for every
+        pole, or proved by `bound`; where `bound` is NaN, shown for the poles in E only.
     abscissa : float
         The largest real part of a pole in E, recomputed from A, B and K; `bound` where E is empty.
     bound : float
         No pole lies right of it: the abscissa where all poles are known, else proved by
         Lyapunov's inequality with bounds of all round-off; 0 where stability is proved without a
-        rate. NaN where nothing is: of large sparse problems that are not symmetric, or whose
-        weight is no multiple of E.
+        rate. NaN where nothing is proved: for large sparse problems that are not symmetric, or
+        whose weight is no multiple of the matrix E.
     residual : float
         Of the Riccati equation with S, relative to the size of its terms, recomputed from the
         data; NaN where S is low-rank or unknown, and the method has no measure of its own.
@@ -54,12 +54,12 @@ class LQRResult:
     method : str
     iterations : int
     solves : int
-        With A or a shifted A, and with transposes.
+        How many systems with A, a shifted A or their transposes were solved.
     info : dict
-        What else the method tells.
+        Further numbers, by method.
     problem : LQRProblem
-        What was solved. Of a LinearOperator it stays behind where the result is copied or
-        pickled, for its functions cannot go along; `cost` and `refined` need it.
+        What was solved; `cost` and `refined` need it. A copied or pickled result has None here if
+        A or Q is a LinearOperator, whose functions cannot be copied.
     """
 
     K: Any

@@ -32,7 +32,28 @@ _FACETS = ((0, 1), (1, 2), (2, 3), (0, 3))
 
 
 class UnisolvenceWarning(UserWarning):
-    """The matrix of a cut cell is nearly singular."""
+    """The matrix of a cut cell is nearly singular.
+
+    The coefficients of that cell lose as many digits as its entry of ``unisolvence`` has. Take
+    `AdiniExtension` instead, which needs no such matrix, or move the mesh a little.
+
+    Examples
+    --------
+    A boundary that is straight but for a curvature of 1e-7:
+
+    >>> import warnings
+    >>> import numpy as np
+    >>> from skfem import MeshQuad
+    >>> c, s = np.cos(0.2), np.sin(0.2)
+    >>> def nearly_straight(x):
+    ...     u, v = x[0] - 0.4, x[1] - 0.5
+    ...     return c * u + s * v + 5e-8 * (u**2 + v**2)
+    >>> with warnings.catch_warnings(record=True) as found:
+    ...     warnings.simplefilter("always")
+    ...     element = ElementQuadAdiniCut(MeshQuad(), nearly_straight)
+    >>> found[0].category.__name__
+    'UnisolvenceWarning'
+    """
 
 
 class ElementQuadAdiniCut(ElementH1):

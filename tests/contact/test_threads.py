@@ -96,6 +96,6 @@ def test_threads_of_mkl_that_change_after_the_factorisation(then, later, make):
     finally:
         set_threads(ctypes.c_int(before))
     assert np.isfinite(u).all()
-    T, _ = condensed.body.constraint
-    rest = T.T @ (condensed.body.stiffness @ u - load)
+    P, _ = condensed.body.constraint
+    rest = P.T @ (condensed.body.stiffness @ u - load)
     assert np.abs(rest).max() < 1e-10 * np.abs(load).max()

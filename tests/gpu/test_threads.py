@@ -13,7 +13,6 @@ from scipy import sparse
 from gpu import QPFactor, eigs, lqe, lqr, solve_qp, svds
 from gpu.arrays.sparse_factor import PardisoFactor, SuperLUFactor
 from gpu.eigenvalues.krylov import device_steps
-from gpu.eigenvalues.schur.real_schur import real_schur
 
 WORKERS = 8
 
@@ -106,12 +105,6 @@ def test_solves_with_one_factor(kind):
     factor = kind(K)
     factor.factor(np.linspace(3.0, 5.0, n))
     same([lambda i=i: (factor.solve(np.eye(n)[i]),) for i in range(40)], times=10)
-
-
-def test_compiled_schur_forms():
-    pytest.importorskip("numba")
-    rng = np.random.default_rng(3)
-    same([lambda S=S: real_schur(S) for S in rng.standard_normal((10, 30, 30))], times=10)
 
 
 def test_a_launch_is_granted_the_memory_it_asks_for(monkeypatch):

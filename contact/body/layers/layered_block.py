@@ -223,8 +223,8 @@ class LayeredBlock(Solid):
                 edge, place = self._edge(name)
                 for c, value in own:
                     edge.fix(edge.facets(name), c, value)
-                T, u0 = edge.constraint
-                held = np.diff(T.indptr) == 0
+                P, u0 = edge.constraint
+                held = np.diff(P.indptr) == 0
                 dofs.append(place[held])
                 values.append(u0[held])
         where, value = np.concatenate(dofs), np.concatenate(values)
@@ -285,7 +285,7 @@ class LayeredBlock(Solid):
 
     @property
     def constraint(self) -> tuple[sparse.csr_array, Array]:
-        """T and u0 of ``u = T z + u0``, as `ElasticBody.constraint`; built anew on every call."""
+        """P and u0 of ``u = P z + u0``, as `ElasticBody.constraint`; built anew on every call."""
         dofs, values = self.prescribed
         u0, free = np.zeros(self.f.size), np.ones(self.f.size, dtype=bool)
         u0[dofs], free[dofs] = values, False
@@ -345,8 +345,8 @@ class LayeredBlock(Solid):
     def material(self, points: Array) -> tuple[Array, Array, Array]:
         """Lame parameters lambda and mu, and Poisson's ratio, at points."""
         table = np.array([[float(c.lam), float(c.mu), float(c.nu)] for c in self._cells])
-        lam, mu, nu = table[self._locate(points)[0]].T
-        return lam, mu, nu
+        lame_lambda, lame_mu, nu = table[self._locate(points)[0]].T
+        return lame_lambda, lame_mu, nu
 
     def _locate(self, points: Array) -> tuple[NDArray[np.int64], Array, Array]:
         """Layer of each point, and its place in units of that layer's cells."""

@@ -102,7 +102,7 @@ def unbeaten(
         steps.project(S, kept, size, locked)
         beta = 0.0 if ended is not None else float(steps.betas[-1])
         leading = int(THICK * room) + 1 if size == room else 1
-        T, Q, values = ordered_schur(S[:size, :size], rank, leading, basis.xp is not np)
+        T, Q, values = ordered_schur(S[:size, :size], rank, leading)
         best, products = whole(T, 1), basis.matvecs - searched
         residual = beta * float(np.linalg.norm(Q[size - 1, :best]))
         distance = worst - float(rank(values[:1])[0])

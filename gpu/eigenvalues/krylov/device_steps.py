@@ -19,11 +19,11 @@ from gpu.errors import InputError
 
 THREADS = 1024
 ROWS = 8  # a block owns at least; more blocks than that wait for each other longer
-LINE = 16  # numbers that memory moves together
+CACHE_LINE = 16  # numbers that memory moves together
 SHARED = 48 * 1024  # bytes a block may have on every device without asking
 SUMS = 2048  # numbers of `gram_schmidt` in shared memory
 OWN = SUMS // 2 - THREADS // 32  # rows of a block whose sums fit there
-FILLED = 0.5  # of the common cache, by columns that stay there or are fetched ahead
+CACHE_SHARE = 0.5  # of the common cache, by columns that stay there or are fetched ahead
 SCARCE = 0.1  # part of the columns that is not worth keeping
 _launching = threading.Lock()
 _granted: dict[tuple[int, str], int] = {}  # bytes of shared memory, by device and kernel
@@ -69,8 +69,8 @@ class FusedSteps:
         numbers += (self.size + 1) * (own | 1) + own + self.n
         room = most_shared // 8 - numbers
         self._sweeps = room >= 0 and own <= OWN
-        self.near = max(0, min(self.n, room // own // LINE * LINE))
-        cached = int(FILLED * cache) // (8 * self.n) // LINE * LINE
+        self.near = max(0, min(self.n, room // own // CACHE_LINE * CACHE_LINE))
+        cached = int(CACHE_SHARE * cache) // (8 * self.n) // CACHE_LINE * CACHE_LINE
         if self.near < SCARCE * self.n:
             self.near, self.stay, self.ahead = 0, 0, min(self.n, cached)
         else:

@@ -16,8 +16,8 @@ from gpu.eigenvalues.krylov.implicit_restart import shifted_qr
 from gpu.eigenvalues.krylov.restart import Limits, Look, Standing, Wanted, room_for, vectors_kept
 from gpu.eigenvalues.schur.ordered_schur import Rank, ordered_schur, whole
 
-FLOOR = 100 * np.finfo(float).eps  # residuals below this times |A| are round-off
-CLOSE = 1e-2  # residual of what a challenge leaves aside over the distance of the rest
+ROUNDING_RESIDUAL = 100 * np.finfo(float).eps  # residuals below this times |A| are round-off
+SET_ASIDE = 1e-2  # residual of what a challenge leaves aside over the distance of the rest
 RESTARTS_BEFORE_GROWTH = 6  # restarts before the space grows, if it may
 
 
@@ -121,8 +121,6 @@ class _Iteration:
         self.most_room = self._most_room()
         self.basis = space(self.most_room)
         self.S = np.zeros((self.most_room, self.most_room), dtype=self.basis.V.dtype)
-        # Where products are quick; on the host loading the compiler's work outlasts most runs.
-        self.compiled = self.basis.xp is not np
         self.kept, self.scale, self.count = 0, 0.0, 1
         self.locked = 0  # rows that a challenge began with
         self.hessenberg = limits.restart == "implicit"
@@ -155,17 +153,17 @@ class _Iteration:
         columns = S[:size, :size].T
         self.scale = max(self.scale, float(np.sqrt(np.vecdot(columns, columns).real.max())))
         for leading in (self._most_leading(size), size):
-            T, Q, values = ordered_schur(S[:size, :size], wanted.rank, leading, self.compiled)
+            T, Q, values = ordered_schur(S[:size, :size], wanted.rank, leading)
             spike = beta * Q[size - 1]
             moved = np.sqrt(np.cumsum(np.abs(spike) ** 2))
-            converged = _leading(T, values, moved, wanted.tol, FLOOR * self.scale)
+            converged = _leading(T, values, moved, wanted.tol, ROUNDING_RESIDUAL * self.scale)
             if self.limits.challenge:  # which needs room
                 converged = whole(T, min(converged, self.most_room - max(self.ncv // 2, 4)))
             if converged + 2 < leading:
                 break
         residual = float(moved[whole(T, min(wanted.k, size)) - 1])
         now = (basis.matvecs, residual / self.scale if self.scale else 0.0)
-        left = _products_left(self.past, now, max(wanted.tol, FLOOR))
+        left = _products_left(self.past, now, max(wanted.tol, ROUNDING_RESIDUAL))
         self.past = now
         settled = T[:converged, :converged]
         return Look(T, Q, values, spike, moved, converged, settled, beta, ended, left)
@@ -173,7 +171,7 @@ class _Iteration:
     def stands(self, look: Look, meanwhile: Callable[..., Any] | None) -> bool:
         """Whether what has converged is what was wanted; then it leads the basis."""
         wanted, rank, converged = self.wanted, self.wanted.rank, look.converged
-        floor = FLOOR * self.scale
+        floor = ROUNDING_RESIDUAL * self.scale
         found = look.values[:converged]
         ranks = np.sort(rank(found))[::-1][: wanted.k]
         if (
@@ -207,7 +205,7 @@ class _Iteration:
             wanted.rank,
             wanted.edge,
             tol=wanted.tol,
-            floor=FLOOR * self.scale,
+            floor=ROUNDING_RESIDUAL * self.scale,
             restarts=self.limits.maxiter - self.count,
             patience=np.inf if wanted.inner else basis.matvecs,
             meanwhile=meanwhile and functools.partial(meanwhile, look.settled, basis),
@@ -284,7 +282,7 @@ def _aside(
         return converged
     counts = np.arange(converged + 1, min(whole(T, last), len(ranks) - 1) + 1)
     beyond = np.maximum.accumulate(ranks[::-1])[::-1]
-    close = moved[counts - 1] <= CLOSE * (worst - beyond[counts])
+    close = moved[counts - 1] <= SET_ASIDE * (worst - beyond[counts])
     found = counts[close & (T[counts, counts - 1] == 0)]
     return int(found[-1]) if found.size else converged
 

@@ -9,7 +9,7 @@ import numpy as np
 from gpu.eigenvalues.schur.order import Edge
 from gpu.eigenvalues.schur.ordered_schur import Rank, whole
 
-RESTARTS = ("krylov-schur", "implicit")
+RESTART_KINDS = ("krylov-schur", "implicit")
 
 
 @dataclass(frozen=True)

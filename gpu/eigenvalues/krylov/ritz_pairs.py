@@ -10,22 +10,24 @@ import numpy as np
 from gpu.arrays.device_blas import ONE, ZERO, DeviceBlas
 from gpu.cuda.ritz import SOURCE
 
-THREADS, WIDTH = 256, 32  # of a block that turns, and the columns it turns
-MOST = 192  # vectors whose columns fit into the 48 KiB that every block may have
+TURN_THREADS, TURN_COLUMNS = 256, 32  # of a block that turns, and the columns it turns
+MOST_TURNED = 192  # vectors whose columns fit into the 48 KiB that every block may have
 
 
 def turns(count: int) -> bool:
     """Whether `rotate` can turn so many vectors."""
-    return count <= MOST
+    return count <= MOST_TURNED
 
 
 def rotate(V: Any, Q: np.ndarray, residual: int) -> None:
     """Replace the first rows of V by the columns of Q, the next by the `residual`-th, in place."""
     n, (count, kept) = V.shape[1], Q.shape
     turned = _moved(np.ascontiguousarray(Q.T))
-    blocks = -(-n // WIDTH)
+    blocks = -(-n // TURN_COLUMNS)
     sizes = np.int64(n), np.int32(count), np.int32(kept), np.int32(residual)
-    _kernel("ritz_rotate")((blocks,), (THREADS,), (V, turned, *sizes), shared_mem=8 * WIDTH * count)
+    _kernel("ritz_rotate")(
+        (blocks,), (TURN_THREADS,), (V, turned, *sizes), shared_mem=8 * TURN_COLUMNS * count
+    )
 
 
 def pairs_with_residuals(

@@ -15,7 +15,7 @@ Edge = Callable[[float, np.ndarray], np.ndarray]
 EVENLY = 32  # points on the edge that do not depend on the values
 RANK_ROUNDING = 1e-14  # ranks are the same up to it
 CIRCLE = np.exp(2j * np.pi * np.arange(EVENLY) / EVENLY)
-LINE = np.linspace(-1.0, 1.0, EVENLY + 1)
+ALONG = np.linspace(-1.0, 1.0, EVENLY + 1)
 ORDERS = ("LM", "SM", "LR", "SR", "LI", "SI")
 
 
@@ -61,7 +61,7 @@ def edge_of(which: str, real: bool) -> Edge:
         size = np.abs(values)
         if which[1] == "M":
             return abs(worst) * np.concatenate((values[size > 0] / size[size > 0], CIRCLE))
-        along = LINE * size.max(initial=0.0)
+        along = ALONG * size.max(initial=0.0)
         if which[1] == "R":
             return sign * worst + 1j * np.concatenate((values.imag, along))
         along = np.concatenate((values.real, along))

@@ -7,11 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy.linalg.lapack import dgees, dtrexc, zgees, ztrexc
 
-from gpu.eigenvalues.schur.real_schur import real_schur
-
 Array = np.ndarray
 Rank = Callable[[Array], Array]
-SMALL = 12  # up to this order LAPACK is quicker
 
 
 def eigenvalues_of(T: Array) -> Array:
@@ -32,9 +29,7 @@ def eigenvalues_of(T: Array) -> Array:
     return values
 
 
-def ordered_schur(
-    S: Array, rank: Rank, leading: int, compiled: bool = False
-) -> tuple[Array, Array, Array]:
+def ordered_schur(S: Array, rank: Rank, leading: int) -> tuple[Array, Array, Array]:
     """``S = Q T Q^*`` with the best eigenvalues first.
 
     Parameters
@@ -44,8 +39,6 @@ def ordered_schur(
         The larger, the earlier; equal for the two of a conjugate pair.
     leading : int
         How many rows to put in order; blocks of two rows stay whole.
-    compiled : bool
-        Of a real matrix by `real_schur`, the quicker one once that has been compiled.
 
     Returns
     -------
@@ -59,13 +52,9 @@ def ordered_schur(
     186 (1993): LAPACK's trexc.
     """
     gees, trexc = (zgees, ztrexc) if S.dtype.kind == "c" else (dgees, dtrexc)
-    form = real_schur(S) if compiled and S.dtype.kind == "f" and len(S) > SMALL else None
-    if form is None:
-        found = gees(lambda *_: 0, S, sort_t=0)
-        form = found[0], found[-3]
-        if found[-1]:
-            raise np.linalg.LinAlgError(f"Schur form: info {found[-1]}")
-    T, Q = form
+    T, *_, Q, _, info = gees(lambda *_: 0, S, sort_t=0)
+    if info:
+        raise np.linalg.LinAlgError(f"the QR iteration for the Schur form failed: info {info}")
     values = eigenvalues_of(T)
     ranks, widths = rank(values).tolist(), _widths(T)
     moved, place = False, 0

@@ -4,11 +4,11 @@ The state of a variable is -1 (held at its lower bound), 0 (free) or +1 (held at
 A state determines x and the multipliers by one linear system. Violated are a free variable
 outside its bounds and a held one whose multiplier has the wrong sign; they change their state, all
 at once. This full exchange ([1]_, [2]_; as a semismooth Newton method [3]_) takes few steps but may
-cycle. When the number of violated indices has not fallen below its best value in `STALLED_STEPS`
-steps (the count of [4]_), the rest of the way is a path [5]_: bounds and multipliers are shifted
-until the best state so far solves the problem, and the shift is taken back continuously. On it
-x is continuous and piecewise linear, one variable changes its state at each kink, and as P is
-positive definite no state returns, so that it ends (ties go to the last index).
+cycle. When the number of violated indices has not fallen below its best value in
+`STALLED_EXCHANGES` steps (the count of [4]_), the rest of the way is a path [5]_: bounds and
+multipliers are shifted until the best state so far solves the problem, and the shift is taken back
+continuously. On it x is continuous and piecewise linear, one variable changes its state at each
+kink, and as P is positive definite no state returns, so that it ends (ties go to the last index).
 
 Equality rows enter by proximal steps in their multiplier [6]_: for a centre y_c
 
@@ -54,8 +54,8 @@ from gpu.errors import Infeasible, NotConverged
 from gpu.qp.data.step import Step
 
 # A full exchange that has not gained for so many steps may cycle, which the path cannot.
-STALLED_STEPS = 5
-# Two or three are the rule, more where rows almost depend on each other.
+STALLED_EXCHANGES = 5
+# Proximal centres of the equality rows: two or three are the rule, more where rows almost depend.
 MAX_CENTRES = 100
 # Of the terms of a sum: a violation below it is none.
 SUM_ROUNDING = 64 * np.finfo(float).eps
@@ -186,7 +186,7 @@ class ActiveSet:
         """Full exchanges until nothing is violated, or until they stall; then single ones."""
         centre = self.y
         fewest, stalled = self.state.size + 1, 0
-        while stalled < STALLED_STEPS:
+        while stalled < STALLED_EXCHANGES:
             self.x, self.y = self.point(self.problem, centre)
             slack = self.problem.slack(self.state, self.x, self.y)
             wrong = self.violated(slack, SUM_ROUNDING)

@@ -34,13 +34,14 @@ from gpu.arrays.namespace import to_host
 from gpu.qp.data.standard_qp import Array, StandardQP
 from gpu.qp.data.step import Step
 
-# Steps without progress, and in all, after which another method takes over.
-STALLED_STEPS, MAX_STEPS = 3, 60
+# Steps without fewer violations, and in all, after which the interior point takes over: it needs
+# about fifteen factorisations of n x n, an exchange one of the active rows.
+HOPELESS_EXCHANGES, MOST_EXCHANGES = 3, 60
 # Of the terms of a sum: a violation below it is none.
 SUM_ROUNDING = 64 * np.finfo(float).eps
 # Of the largest diagonal entry of W: rows that depend on each other share their multiplier.
 SOFTNESS = 1e-12
-# Part of the unknowns that active rows may take away.
+# Part of the unknowns that active rows may take away: with as many rows as unknowns W is singular.
 ROOM = 0.9
 
 
@@ -184,7 +185,7 @@ class WhitenedActiveSet:
                 break
             stalled = 0 if wrong < fewest else stalled + 1
             fewest = min(fewest, wrong)
-            if stalled >= STALLED_STEPS or len(self.history) >= MAX_STEPS:
+            if stalled >= HOPELESS_EXCHANGES or len(self.history) >= MOST_EXCHANGES:
                 raise GaveUp("the full exchange stalls")
             state = self._next(state, add, drop, below, above)
         x, mu = self.refine(x, mu)

@@ -17,29 +17,31 @@ from gpu.qp.data.standard_qp import Residuals, StandardQP, largest, one_sided, r
 class KKT:
     r"""Relative residuals of the optimality conditions, all zero at an exact solution.
 
-    They are taken in the variables :math:`D^{-1}x`, :math:`D = \mathrm{diag}(P)^{-1/2}`, so that
-    a change of the units of the objective, of a variable or of a row changes none of them.
+    Each is the largest error of one condition over the size of the terms that are added up in it,
+    so that rounding leaves about 1e-16 whatever the units of the problem are. The formulas below
+    hold for strictly convex problems on the host with bounds and equality rows only, in the
+    variables :math:`D^{-1}x`, :math:`D = \mathrm{diag}(P)^{-1/2}`. For all other problems
+    `stationarity` (there `dual`), `primal`, `complementarity` and `gap` are those of
+    `gpu.qp.data.standard_qp.Residuals`.
 
     Attributes
     ----------
     stationarity : float
-        :math:`|D(Px + q + A^Ty + z)|_\infty` over the size of the terms that cancel there,
+        :math:`|D(Px + q + A^Ty + z_\mathrm{box})|_\infty` over the size of the terms that cancel,
         :math:`\phi = |D(|P||x| + |q| + |A|^T|y|)|_\infty`.
     primal : float
-        Largest violation of a row over :math:`|a_i||x| + |b_i|`, what exceeds the rounding
-        :math:`64\epsilon|a_i|D\phi` of an x that the forces determine; or largest violation of a
-        bound over the largest entry of :math:`D^{-1}x`.
+        Largest violation of a row over :math:`|a_i||x| + |b_i|`, or of a bound over the largest
+        entry of :math:`D^{-1}x`. In rows, :math:`64\epsilon|a_i|D\phi` is not counted: so much
+        the rounding of the forces moves x.
     sign : float
         Largest multiplier that points to an infinite bound, over :math:`\phi`.
     complementarity : float
-        Largest of ``min(multiplier, distance to its bound)``, each over its size as above; with
-        inequality rows, a semidefinite or a sparse P their product, see
-        `gpu.qp.data.standard_qp.Residuals`.
+        Largest of ``min(multiplier, distance to its bound)``, the multiplier over :math:`\phi`,
+        the distance over the largest entry of :math:`D^{-1}x`.
     gap : float
-        :math:`|x^TPx + q^Tx + y^Tr + z^Tb|`, the difference of primal and dual objective, over
-        the terms :math:`|x|^T(|P||x| + |q| + |A|^T|y|) + |y|^T|r| + |z|^T|b|`; with inequality
-        rows, a semidefinite or a sparse P it is that of `gpu.qp.data.standard_qp.Residuals`, and
-        so are `stationarity` and `primal`.
+        Difference of primal and dual objective,
+        :math:`|x^T(Px + q) + y^Tb + z_\mathrm{box}^Ts|`, s the bounds that the multipliers point
+        to, over :math:`|x|^T(|P||x| + |q| + |A|^T|y|) + |y|^T|b| + |z_\mathrm{box}|^T|s|`.
     """
 
     stationarity: float

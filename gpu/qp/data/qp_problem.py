@@ -16,11 +16,12 @@ from gpu.errors import InputError, NotSupported
 from gpu.qp.data.standard_qp import StandardQP, is_sparse
 
 # Largest |P_ij - P_ji| / sqrt(P_ii P_jj) that is taken for rounding of whoever computed P.
-ASYMMETRY = 1e-10
+HESSIAN_ASYMMETRY = 1e-10
 # Largest shift of the scaled P, for a thousand unknowns, that is taken for rounding of its entries.
 CONVEXITY = 1e-10
 # The same for entries that were written with some five digits: measured covariances, say.
 NEARLY = 3e-5
+# From here on a number stands for infinity, as in files of the field.
 INFINITE = 1e20
 
 
@@ -136,7 +137,7 @@ def _symmetric(matrix: Any, scaled: Any) -> Any:
             return np.array(matrix, order="C")
         half = matrix / 2.0 + matrix.T / 2.0  # a sum of the whole may overflow
         error = float(abs(scaled(matrix - half)).max())
-    if not error <= ASYMMETRY:
+    if not error <= HESSIAN_ASYMMETRY:
         raise InputError(
             f"P is not symmetric, |P - P'| reaches {2 * error:.1e} of its diagonal: "
             "only x'Px matters, so pass (P + P.T) / 2 if that is what is meant"
@@ -222,7 +223,8 @@ def check_problem(
     rows, general = _rows("A", A, n, xp), _rows("G", G, n, xp)
     m, l = rows.shape[0], general.shape[0]
     right = xp.zeros(0) if b is None else _finite("b", _shaped("b", b, (m,), xp))
-    low, high = _bound("h_low", h_low, l, -np.inf, xp), _bound("h", h, l, np.inf, xp)
+    row_low = _bound("h_low", h_low, l, -np.inf, xp)
+    row_high = _bound("h", h, l, np.inf, xp)
     if is_sparse(factor.P) or is_sparse(rows) or is_sparse(general):
         if xp is not np:
             raise NotSupported("sparse matrices with device arrays: move all to the host")
@@ -232,7 +234,7 @@ def check_problem(
     return QPProblem(
         factor, q, rows, right,
         _bound("lb", lb, n, -np.inf, xp), _bound("ub", ub, n, np.inf, xp),
-        general, low, high,
+        general, row_low, row_high,
     )  # fmt: skip
 
 
@@ -268,7 +270,6 @@ def _bound(name: str, value: ArrayLike | None, n: int, missing: float, xp: Any) 
     if bound.ndim == 0:
         bound = xp.full(n, float(bound))
     bound = _shaped(name, bound, (n,), xp)
-    # What stands for infinity in files of the field.
     bound = xp.where(xp.abs(bound) >= INFINITE, xp.copysign(xp.inf, bound), bound)
     wrong = xp.isnan(bound) | (bound == -missing)
     if bool(wrong.any()):

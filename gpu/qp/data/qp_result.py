@@ -57,7 +57,7 @@ class QPResult:
         Multipliers of the bounds, not positive at a lower, not negative at an upper one:
         ``P x + q + A'y + G'z + z_box = 0``.
     status : Status
-        What is known about the answer.
+        Whether the active set is unique and P convex, see `Status`.
     active : (n,) numpy.ndarray of int8
         -1 held at the lower bound, 0 free, +1 held at the upper bound; for a fixed variable the
         side its multiplier points to.

@@ -3,9 +3,9 @@ r"""A convex quadratic program in the one form that the interior point and the p
 .. math:: \min_x \tfrac12 x^TPx + q^Tx \quad\text{subject to}\quad
           r_l \le Cx \le r_u, \quad l \le x \le u
 
-Equality rows have :math:`r_l = r_u`. With multipliers y of the rows and z of the bounds, positive
-where an upper side holds and negative where a lower side does, the solution has
-:math:`Px + q + C^Ty + z = 0`.
+Equality rows have :math:`r_l = r_u`. With multipliers y of all rows and z_box of the bounds,
+positive where an upper side holds and negative where a lower side does, the solution has
+:math:`Px + q + C^Ty + z_\mathrm{box} = 0`.
 """
 
 from __future__ import annotations
@@ -146,10 +146,11 @@ class Residuals:
         Largest violation of a row over the largest of :math:`|Cx|, |r|` in the rows where either
         side counts; bounds hold exactly.
     dual : float
-        Largest entry of :math:`Px + q + C^Ty + z` over the largest of its four terms.
+        Largest entry of :math:`Px + q + C^Ty + z_\mathrm{box}` over the largest of its four terms.
     gap : float
-        :math:`|x^TPx + q^Tx + y^Tr + z^Tb|` over the larger of the first two terms: large
-        multipliers that cancel excuse no error in the objective. What exceeds the rounding
+        :math:`|x^TPx + q^Tx + y^Tr + z_\mathrm{box}^Tb|`, with the sides r of rows and b of bounds
+        that the multipliers point to, over the larger of the first two terms: large multipliers
+        that cancel excuse no error in the objective. What exceeds the rounding
         :math:`16\epsilon|x|^T|P||x|` of the first term counts, |x| of the variables
         that are confined on both sides.
     complementarity : float
@@ -182,7 +183,7 @@ class Residuals:
 
 @np.errstate(all="ignore")  # what overflows is not a number, or infinite, in the end
 def residuals(
-    p: StandardQP, x: Array, y: Array, z: Array, products: tuple[Array, Array] | None = None
+    p: StandardQP, x: Array, y: Array, z_box: Array, products: tuple[Array, Array] | None = None
 ) -> Residuals:
     """Residuals of `x` within its bounds and of multipliers with the right signs.
 
@@ -204,13 +205,13 @@ def residuals(
         lambda: size_of(abs(p.C) @ size[0]),
     )
     dual = _over(
-        size_of(Px + p.q + Cy + z),
-        size_of(Px, p.q, Cy, z),
+        size_of(Px + p.q + Cy + z_box),
+        size_of(Px, p.q, Cy, z_box),
         lambda: size_of(abs(p.P) @ size[0] + abs(p.C).T @ size[1]),
     )
     row = xp.where(y > 0, p.row_high, xp.where(y < 0, p.row_low, 0.0))
-    bound = xp.where(z > 0, p.ub, xp.where(z < 0, p.lb, 0.0))
-    parts = [float(x @ Px), float(p.q @ x), float(y @ row), float(z @ bound)]
+    bound = xp.where(z_box > 0, p.ub, xp.where(z_box < 0, p.lb, 0.0))
+    parts = [float(x @ Px), float(p.q @ x), float(y @ row), float(z_box @ bound)]
     error = abs(sum(parts))
     if bool(p.q.any()) and error > SHARP_RESIDUAL * largest(*(abs(part) for part in parts[:2])):
         near = xp.where(p.bounded, size[0], 0.0)
@@ -223,13 +224,13 @@ def residuals(
             float(size[0] @ (xp.abs(Px) if bool(p.q.any()) else abs(p.P) @ size[0])),
             float(xp.abs(p.q) @ size[0]),
             float(size[1] @ xp.abs(row)),
-            float(xp.abs(z * bound).sum()),
+            float(xp.abs(z_box * bound).sum()),
         ),
     )
-    force, length = size_of(Px, p.q, Cy, z), size_of(x)
+    force, length = size_of(Px, p.q, Cy, z_box), size_of(x)
     pairs = (
         _pairs(y, Cx, p.row_low, p.row_high, force, largest(length, size_of(Cx))),
-        _pairs(z, x, p.lb, p.ub, force, length),
+        _pairs(z_box, x, p.lb, p.ub, force, length),
     )
     product, lesser = (largest(*(pair[i] for pair in pairs)) for i in (0, 1))
     return Residuals(primal, dual, gap, product, lesser)

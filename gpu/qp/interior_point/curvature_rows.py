@@ -18,8 +18,11 @@ from scipy import sparse
 
 from gpu.qp.data.standard_qp import Array, StandardQP
 
-# Linear terms below this, beside the curvature, are spelt so; of at most so many unknowns.
-SMALL, LARGEST = 1e-4, 500
+# In an equilibrated program P has entries near one: beside products with it a linear term below
+# this has lost four of its sixteen digits.
+SMALL_LINEAR_TERM = 1e-4
+# All eigenvectors of P are computed and M is dense: programs with more unknowns stay as they are.
+MOST_UNKNOWNS = 500
 # Of the largest eigenvalue of P and for each unknown: less is rounding of its entries.
 EIGENVALUE_ROUNDING = 4 * np.finfo(float).eps
 
@@ -54,8 +57,8 @@ class CurvatureRows:
 
 
 def curvature_rows(p: StandardQP) -> CurvatureRows | None:
-    """The form of an equilibrated program of the host; None where it needs none."""
-    if p.xp is not np or not 0 < p.q.size <= LARGEST:
+    """The program in (x, w), of an equilibrated one on the host; None where q is not small."""
+    if p.xp is not np or not 0 < p.q.size <= MOST_UNKNOWNS:
         return None
     size = float(np.abs(p.q).max())
-    return CurvatureRows(p, size) if 0.0 < size < SMALL else None
+    return CurvatureRows(p, size) if 0.0 < size < SMALL_LINEAR_TERM else None

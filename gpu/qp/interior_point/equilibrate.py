@@ -19,7 +19,8 @@ from scipy import sparse
 
 from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 
-ROUNDS = 12
+# Each takes about the square root of all sizes: twelve turn sixteen decades into 16 / 2^12.
+SCALING_ROUNDS = 12
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ def equilibrate(p: StandardQP) -> tuple[StandardQP, Scaling]:
     xp = p.xp
     D, E = xp.ones(p.q.size), xp.ones(p.row_low.size)
     sizes = _Sizes(p.P, xp), _Sizes(p.C, xp)
-    for _ in range(ROUNDS):
+    for _ in range(SCALING_ROUNDS):
         column = xp.maximum(sizes[0].columns(D, D), sizes[1].columns(E, D))
         row = sizes[1].rows(E, D)
         D = D / xp.sqrt(xp.where(column > 0, column, 1.0))

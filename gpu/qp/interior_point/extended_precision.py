@@ -26,29 +26,30 @@ from gpu.qp.interior_point.polish import HUGE, Sides
 
 # 64 bits of mantissa on x86, 113 on other Linux machines, and 53 where there is nothing longer.
 Long = np.longdouble
-REGULARISATIONS = (1e-9, 1e-12, 1e-14)
+# In scaled units, the first that converges: smaller ones serve rows that are all but dependent.
+EXTENDED_REGULARISATIONS = (1e-9, 1e-12, 1e-14)
 # Steps that may pass without the correction becoming half as large.
-STALLED_STEPS = 4
+STALLED_REFINEMENTS = 4
 # Of the largest entry: corrections below this are lost in rounding.
 NOTHING = np.finfo(float).eps / 16
 
 
-class Triple(NamedTuple):
+class PrimalDual(NamedTuple):
     """x and the multipliers of rows and bounds."""
 
     x: Array
     y: Array
-    z: Array
+    z_box: Array
 
 
-def extended(p: StandardQP, t: Triple) -> Iterator[Triple]:
+def extended(p: StandardQP, t: PrimalDual) -> Iterator[PrimalDual]:
     """Solutions of the active sets that t may mean, for a program on the host."""
     p = p.stored_sparsely()
     scaled, scaling = equilibrate(p)
     tight, loose = (_active(scaled, scaling, t, loose) for loose in (False, True))
     same = all(np.array_equal(a, b) for a, b in zip(tight, loose, strict=True))
     for active in (tight,) if same else (tight, loose):
-        for regularisation in REGULARISATIONS:
+        for regularisation in EXTENDED_REGULARISATIONS:
             try:
                 found, settled = _refined(p, scaled, scaling, t, active, regularisation)
             except np.linalg.LinAlgError:
@@ -58,17 +59,17 @@ def extended(p: StandardQP, t: Triple) -> Iterator[Triple]:
                 return
 
 
-def _active(p: StandardQP, scaling: Scaling, t: Triple, loose: bool) -> Sides:
+def _active(p: StandardQP, scaling: Scaling, t: PrimalDual, loose: bool) -> Sides:
     """Rows with a multiplier and variables at their bounds, in the scaled program p.
 
     If `loose`, rows and variables whose multiplier is larger than the distance to the side.
     """
     x, y = scaling.scaled_point(t.x, t.y)
-    z = t.z * scaling.variables * scaling.objective
+    z_box = t.z_box * scaling.variables * scaling.objective
     low, high = x == p.lb, x == p.ub
     rows = np.sign(y)
     if loose:
-        low, high = low | (-z > x - p.lb), high | (z > p.ub - x)
+        low, high = low | (-z_box > x - p.lb), high | (z_box > p.ub - x)
         Cx = p.C @ x
         rows = np.where(np.where(y > 0.0, p.row_high - Cx, Cx - p.row_low) < np.abs(y), rows, 0.0)
     bounds = np.where(low, -1, np.where(high, 1, 0))
@@ -79,10 +80,10 @@ def _refined(
     p: StandardQP,
     scaled: StandardQP,
     scaling: Scaling,
-    t: Triple,
+    t: PrimalDual,
     active: Sides,
     regularisation: float,
-) -> tuple[Triple, bool]:
+) -> tuple[PrimalDual, bool]:
     """The solution of an active set, from t on, rounded once; and whether it has settled."""
     x, y = scaling.scaled_point(t.x, t.y)
     held, used = active.bounds != 0, active.rows != 0
@@ -94,7 +95,7 @@ def _refined(
     P, C, Ct = _long(scaled.P), _long(scaled.C), _long(scaled.C.T)
     x, y = np.where(held, bound, x).astype(Long), np.where(used, y, 0.0).astype(Long)
     settled, last, stalled = False, np.inf, 0
-    while not settled and stalled < STALLED_STEPS:
+    while not settled and stalled < STALLED_REFINEMENTS:
         rd = np.where(held, 0.0, P @ x + scaled.q + Ct @ y)
         rp = np.where(used, goal - C @ x, 0.0)
         dx, dy = system.solve(-rd.astype(float), rp.astype(float), thorough=True)
@@ -112,13 +113,13 @@ def _largest(a: Array) -> float:
     return float(np.abs(a).max(initial=0.0))
 
 
-def _rounded(p: StandardQP, x: Array, y: Array) -> Triple:
+def _rounded(p: StandardQP, x: Array, y: Array) -> PrimalDual:
     """Double precision, with the forces that the bounds can bear."""
     x = np.clip(x.astype(float), p.lb, p.ub)
     y = one_sided(y.astype(float), p.row_low, p.row_high)
     force = -(_long(p.P) @ x.astype(Long) + p.q + _long(p.C.T) @ y.astype(Long)).astype(float)
     at_side = ((force > 0.0) & (x == p.ub)) | ((force < 0.0) & (x == p.lb))
-    return Triple(x, y, np.where(at_side, force, 0.0))
+    return PrimalDual(x, y, np.where(at_side, force, 0.0))
 
 
 def _long(M: Matrix) -> Matrix:

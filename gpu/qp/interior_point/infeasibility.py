@@ -21,15 +21,26 @@ from scipy import sparse
 from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 from gpu.qp.interior_point.equilibrate import largest_side
 
-# Rounding in a sum, over its terms; and the margin of a proof over the terms of its sums.
-SUM_ROUNDING, MARGIN = 1e-12, 1e-9
-# How many times the largest side a point that a proof does not exclude must be away.
-FAR = 1e4
-# What a row whose own terms vanish may keep, over its largest entry.
-FLOOR = 1e-16
-# Entries that are small beside the largest are left out, in the end.
-SMALL = (1e-12, 1e-9, 1e-7, 1e-5)
-CLOSE, NEAR, PROJECTED = 1e-8, 1e-4, 4_000_000
+# A sum below this part of its terms is zero: rounding of a few thousand terms reaches it.
+ZERO_SUM = 1e-12
+# Part of its terms by which the inequality of a proof holds: what was taken for zero cannot decide.
+PROOF_MARGIN = 1e-9
+# A proof with a component of C'y taken for zero at an infinite bound excludes no points that are
+# far away: they must be this many times farther than the largest side of the program.
+FARTHER = 1e4
+# Largest violation of a row by a ray: part of its terms, for as much is left by the projection; and
+# of its largest entry, where its terms vanish, half a unit of rounding.
+RAY_ROUNDING, ENTRY_ROUNDING = 1e-10, 1e-16
+# Entries this small beside the largest are set to zero, the first value that gives a proof counts:
+# a solution to 1e-10 leaves about its square root where a sharp proof has a zero.
+NEGLIGIBLE = (1e-12, 1e-9, 1e-7, 1e-5)
+# Components of C'y, for a largest y of one, that are taken for zero, and rows of a ray that are
+# taken for equalities, over their terms: both before the projection that makes them so.
+VANISHING, NEARLY_HELD = 1e-8, 1e-4
+# Entries of the dense block of a projection: 32 MB.
+LARGEST_PROJECTION = 4_000_000
+# Singular values of that block below this, over the largest, are rounding.
+DEPENDENT = 1e-13
 Solve = Callable[[StandardQP], Array]
 
 
@@ -69,7 +80,7 @@ def farkas(p: StandardQP, solve: Solve) -> Array | None:
     largest = float(xp.abs(y).max()) if m else 0.0
     if not largest or not np.isfinite(largest):
         return None
-    for small in SMALL:
+    for small in NEGLIGIBLE:
         support = xp.where(xp.abs(y) <= small * largest, 0.0, -y / largest)
         for candidate in (support, _projected(p, support)):
             proof = _verified(p, candidate)
@@ -83,17 +94,17 @@ def _projected(p: StandardQP, y: Array) -> Array:
     xp = p.xp
     rows = xp.flatnonzero(y)
     columns = xp.flatnonzero(xp.isinf(p.lb) | xp.isinf(p.ub))
-    if not rows.size or not columns.size or rows.size * columns.size > PROJECTED:
+    if not rows.size or not columns.size or rows.size * columns.size > LARGEST_PROJECTION:
         return y
     block = p.C[rows][:, columns]
     block = block.toarray() if is_sparse(block) else block
     c = p.C.T @ y
     loose = xp.isinf(p.lb[columns]) & xp.isinf(p.ub[columns])
     # A column with one side only must vanish where it points to the other, or nearly does so.
-    wrong = xp.where(xp.isinf(p.ub[columns]), c[columns] > -CLOSE, c[columns] < CLOSE)
+    wrong = xp.where(xp.isinf(p.ub[columns]), c[columns] > -VANISHING, c[columns] < VANISHING)
     keep = loose | wrong
     y = y.copy()
-    y[rows] -= xp.linalg.lstsq(block[:, keep].T, c[columns][keep], rcond=1e-13)[0]
+    y[rows] -= xp.linalg.lstsq(block[:, keep].T, c[columns][keep], rcond=DEPENDENT)[0]
     return y
 
 
@@ -103,18 +114,18 @@ def _verified(p: StandardQP, y: Array) -> Array | None:
     y = xp.where((y < 0) & xp.isinf(p.row_high), 0.0, y)
     c = p.C.T @ y
     corner = xp.where(c > 0, p.ub, xp.where(c < 0, p.lb, 0.0))
-    rounded = xp.isinf(corner) & (xp.abs(c) <= SUM_ROUNDING * (abs(p.C).T @ xp.abs(y)))
+    rounded = xp.isinf(corner) & (xp.abs(c) <= ZERO_SUM * (abs(p.C).T @ xp.abs(y)))
     rest = float(xp.abs(c[rounded]).sum())
     c, corner = xp.where(rounded, 0.0, c), xp.where(rounded, 0.0, corner)
     row = xp.where(y > 0, p.row_low, xp.where(y < 0, p.row_high, 0.0))
     most, least = float(c @ corner), float(y @ row)
     terms = float(xp.abs(c) @ xp.abs(corner)) + float(xp.abs(y) @ xp.abs(row))
     margin = least - most
-    if not margin > MARGIN * terms:
+    if not margin > PROOF_MARGIN * terms:
         return None
     # What was rounded off leaves points far away: they must be farther than any of the data.
     size = largest_side(p.row_low, p.row_high, p.lb, p.ub)
-    return y if margin > FAR * max(size, 1.0) * rest else None
+    return y if margin > FARTHER * max(size, 1.0) * rest else None
 
 
 def ray(p: StandardQP, solve: Solve, towards: Array | None = None) -> Array | None:
@@ -143,7 +154,7 @@ def ray(p: StandardQP, solve: Solve, towards: Array | None = None) -> Array | No
         largest = float(xp.abs(d).max())
         if not largest or not np.isfinite(largest):
             continue
-        for small in SMALL:
+        for small in NEGLIGIBLE:
             v = xp.clip(xp.where(xp.abs(d) <= small * largest, 0.0, d / largest), cone.lb, cone.ub)
             for candidate in (_straightened(cone, v), v):
                 if _falls(p, cone, candidate):
@@ -158,9 +169,11 @@ def _falls(p: StandardQP, cone: StandardQP, v: Array) -> bool:
     # Each row against itself: one that is small beside the others is a row all the same.
     size = abs(cone.C).max(axis=1)
     size = size.toarray() if is_sparse(size) else size
-    straight = bool((outside <= 1e-10 * terms + FLOOR * size * float(length.max())).all())
+    straight = bool(
+        (outside <= RAY_ROUNDING * terms + ENTRY_ROUNDING * size * float(length.max())).all()
+    )
     inside = bool(((cone.lb <= v) & (v <= cone.ub)).all())
-    return straight and inside and float(p.q @ v) < -MARGIN * float(xp.abs(p.q) @ length)
+    return straight and inside and float(p.q @ v) < -PROOF_MARGIN * float(xp.abs(p.q) @ length)
 
 
 def _straightened(cone: StandardQP, v: Array) -> Array:
@@ -168,14 +181,14 @@ def _straightened(cone: StandardQP, v: Array) -> Array:
     xp = cone.xp
     terms = abs(cone.C) @ xp.abs(v)
     near = (cone.row_low > -xp.inf) | (cone.row_high < xp.inf)
-    rows = xp.flatnonzero(near & (xp.abs(cone.C @ v) <= NEAR * terms) & (terms > 0.0))
+    rows = xp.flatnonzero(near & (xp.abs(cone.C @ v) <= NEARLY_HELD * terms) & (terms > 0.0))
     columns = xp.flatnonzero(v)
-    if not rows.size or not columns.size or rows.size * columns.size > PROJECTED:
+    if not rows.size or not columns.size or rows.size * columns.size > LARGEST_PROJECTION:
         return v
     block = cone.C[rows][:, columns]
     block = block.toarray() if is_sparse(block) else block
     v = v.copy()
-    v[columns] -= xp.linalg.lstsq(block, block @ v[columns], rcond=1e-13)[0]
+    v[columns] -= xp.linalg.lstsq(block, block @ v[columns], rcond=DEPENDENT)[0]
     return v
 
 

@@ -35,20 +35,25 @@ from gpu.qp.interior_point.start import LEAST_REGULARISATION, balanced, inside
 
 logger = logging.getLogger(__name__)
 
-MAX_STEPS = 200
-# Steps without progress that end the iteration; progress may pause for long.
-STALLED_STEPS = 40
-# Once products are as small as they are to become, Newton's steps are a matter of rounding.
-STALLED_STEPS_AT_FLOOR, NEAR_RESIDUAL = 10, 1e-4
+# A few dozen are usual; what goes on for longer but improves is rare, and may end so.
+MOST_INTERIOR_STEPS = 200
+# Steps in which neither the residual nor the merit falls by a tenth; progress may pause for long.
+STALLED_INTERIOR_STEPS = 40
+# The same once products are as small as they are to become and residuals below `NEAR_RESIDUAL`:
+# then Newton's steps are a matter of rounding.
+STALLED_STEPS_AT_FLOOR = 10
+# Relative; from here on extended precision can find the solution from the active set.
+NEAR_RESIDUAL = 1e-4
 # Below its target a point is still improved while steps help, down to what rounding leaves.
 STALLED_STEPS_BELOW_TARGET = 2
-# Proximal terms in scaled units at the start; they fall with the average product.
-REGULARISATION = 1e-6
-# At most so many corrections of Gondzio's; each costs one solve with the same factors.
+# Proximal terms at the start, in scaled units where the matrices are about one: small beside
+# their entries, large beside the rounding of a factorisation. They fall with the average product.
+FIRST_PROXIMAL = 1e-6
+# At most so many corrections of Gondzio's, each of which costs one solve with the same factors.
 CORRECTIONS = 2
 # Of the average product: a step is shortened until no product is left below this.
 CENTRAL = 1e-4
-# Within these, in scaled units where the matrices are about one.
+# Proximal terms stay within these: below, pivots are rounding; above, steps hardly move.
 LEAST_PROXIMAL, MOST_PROXIMAL = 1e-14, 1e-3
 # Relative residual of an accurate solve; how much the proximal terms may grow to reach it.
 SOLVED_RESIDUAL, MOST_BOOST = 1e-8, 1e8
@@ -83,7 +88,7 @@ class InteriorPoint:
         low = xp.concatenate([program.lb, program.row_low[self.rows]])
         high = xp.concatenate([program.ub, program.row_high[self.rows]])
         self.count = int(xp.isfinite(low).sum() + xp.isfinite(high).sum())
-        self.reg, self.boost, self.last, self.floor = REGULARISATION, 1.0, 1.0, 0.0
+        self.reg, self.boost, self.last, self.floor = FIRST_PROXIMAL, 1.0, 1.0, 0.0
         begin = (program, system, self.rows, low, high)
         self.v, self.y, self.s = inside(*begin, spread) if spread else balanced(*begin)
 
@@ -185,7 +190,7 @@ class InteriorPoint:
         """One predictor-corrector step; its two lengths."""
         xp, s = self.xp, self.s
         mu = self.mu
-        self.reg = max(min(self.reg, 1e-1 * REGULARISATION * mu), LEAST_REGULARISATION)
+        self.reg = max(min(self.reg, 1e-1 * FIRST_PROXIMAL * mu), LEAST_REGULARISATION)
         self.boost = max(1.0, 0.2 * self.boost)
         right = -(self._dual(self.v[: self.n], self.y) - s.z_low + s.z_high), self._primal()
         self.off_low = xp.where(s.has_low, self.v - xp.where(s.has_low, s.low, 0.0) - s.t_low, 0.0)
@@ -309,9 +314,9 @@ def interior_point(
         if best <= target:
             return STALLED_STEPS_BELOW_TARGET
         at_floor = best <= NEAR_RESIDUAL and iterate.mu <= 2.0 * iterate.floor
-        return STALLED_STEPS_AT_FLOOR if hurried and at_floor else STALLED_STEPS
+        return STALLED_STEPS_AT_FLOOR if hurried and at_floor else STALLED_INTERIOR_STEPS
 
-    while steps < MAX_STEPS and best > SHARP_RESIDUAL and stalled < patience():
+    while steps < MOST_INTERIOR_STEPS and best > SHARP_RESIDUAL and stalled < patience():
         try:
             iterate.step()
         except np.linalg.LinAlgError:

@@ -26,9 +26,12 @@ from gpu.arrays.dense import cholesky, cholesky_solve, lower_solve
 from gpu.arrays.sparse_factor import quasidefinite
 from gpu.qp.data.standard_qp import Array, StandardQP, largest
 
-REFINEMENT = 3
-# Relative residual above which refinement has failed, and how far GMRES goes then.
-POOR, DIRECTIONS = 1e-9, 20
+# At most; refinement ends where a step does not halve the residual.
+SYSTEM_REFINEMENTS = 3
+# Relative residual above which refinement has failed.
+POOR_RESIDUAL = 1e-9
+# Of GMRES, one for each perturbed pivot, which are few; all are kept.
+GMRES_DIRECTIONS = 20
 
 
 class SparseSystem:
@@ -58,14 +61,14 @@ class SparseSystem:
         size = float(np.abs(right).max())
         w, best = self.factors.solve(right), np.inf
         kept = w
-        for _ in range(REFINEMENT + 1):
+        for _ in range(SYSTEM_REFINEMENTS + 1):
             left = right - self._product(w)
             error = float(np.abs(left).max())
             if not error < 0.5 * best:
                 break
             kept, best = w, error
             w = w + self.factors.solve(left)
-        if thorough and best > POOR * size and np.isfinite(kept).all():
+        if thorough and best > POOR_RESIDUAL * size and np.isfinite(kept).all():
             w = self._minimal_residual(right, kept)
             error = float(np.abs(right - self._product(w)).max())
             if error < best:
@@ -87,10 +90,10 @@ class SparseSystem:
         if not 0.0 < length < np.inf:
             return w
         basis[0] /= length
-        H = np.zeros((DIRECTIONS + 1, DIRECTIONS))
-        goal = np.zeros(DIRECTIONS + 1)
+        H = np.zeros((GMRES_DIRECTIONS + 1, GMRES_DIRECTIONS))
+        goal = np.zeros(GMRES_DIRECTIONS + 1)
         goal[0] = length
-        for j in range(DIRECTIONS):
+        for j in range(GMRES_DIRECTIONS):
             q = self.factors.solve(self._product(basis[j]))
             for _ in range(2):
                 for i, b in enumerate(basis):
@@ -156,7 +159,7 @@ class DenseSystem:
         p = self.program
         u, v = self._once(r, s)
         kept, best = (u, v), np.inf
-        for _ in range(REFINEMENT + 1):
+        for _ in range(SYSTEM_REFINEMENTS + 1):
             top = r - p.P @ u - self.D * u - p.C.T @ v
             low = s - p.C @ u + self.E * v
             error = largest(float(abs(top).max()), float(abs(low).max() if low.size else 0.0))
@@ -200,7 +203,7 @@ class IndefiniteSystem:
         right = np.concatenate([r, s])
         w = kept = self._once(right)
         best = np.inf
-        for _ in range(REFINEMENT + 1):
+        for _ in range(SYSTEM_REFINEMENTS + 1):
             left = right - self.K @ w
             error = float(np.abs(left).max())
             if not error < 0.5 * best:

@@ -13,9 +13,9 @@ from gpu.errors import NotConverged
 from gpu.qp.data.standard_qp import Array, Residuals, StandardQP, one_sided, residuals
 from gpu.qp.interior_point.curvature_rows import curvature_rows
 from gpu.qp.interior_point.equilibrate import Scaling, equilibrate, largest_side
-from gpu.qp.interior_point.extended_precision import Triple, extended
+from gpu.qp.interior_point.extended_precision import PrimalDual, extended
 from gpu.qp.interior_point.infeasibility import Solve, farkas, ray
-from gpu.qp.interior_point.interior_point import interior_point
+from gpu.qp.interior_point.interior_point import NEAR_RESIDUAL, interior_point
 from gpu.qp.interior_point.kkt_system import System, kkt_system
 from gpu.qp.interior_point.polish import Sides, polish
 from gpu.qp.interior_point.presolve import contradiction, presolve
@@ -26,17 +26,16 @@ logger = logging.getLogger(__name__)
 ATTEMPTS = ((True, 0.0), (True, 1.0), (False, 1e3), (True, 1e6), (False, 1.0))
 # What the polish aims at: the accuracy of the arithmetic.
 POLISH_TARGET = 1e-14
-# No other choice of multipliers is tried below this.
+# Below this residual no other choice of multipliers is tried: it would gain no digit that counts.
 CLEAN_RESIDUAL = 1e-12
-# No proof is sought where all residuals are already below this.
+# No proof is sought where all residuals are already below this: an attempt with other multipliers
+# is likelier to find the solution.
 PLAUSIBLE_RESIDUAL = 1e-7
-# Of a product x'Px over its terms, with the digits that P itself has lost.
+# The objective over the terms of x'Px: less is rounding of P's entries.
 LOST_CURVATURE = 1e-13
 # No condition number that double precision can bear takes x so far beyond the data.
 RUNAWAY = 1e20
-# Where residuals are below this already, more digits may help.
-NEAR_RESIDUAL = 1e-4
-# Unknowns and rows up to which they take less time than another attempt.
+# Unknowns and rows up to which extended precision takes less time than another attempt.
 LARGEST_EXTENDED = 30_000
 
 
@@ -46,7 +45,7 @@ class Point:
 
     x: Array
     y: Array
-    z: Array
+    z_box: Array
     residuals: Residuals
     iterations: int
 
@@ -143,7 +142,7 @@ def minimise(p: StandardQP, tol: float, solver: str = "auto", proofs: bool = Tru
                 f"the iterates run away to {far:.0e} times the size of the data, and no ray was "
                 "found along which the objective falls for ever: bound the variables"
             )
-    return Point(best.x, best.y, best.z, best.residuals, steps)
+    return Point(best.x, best.y, best.z_box, best.residuals, steps)
 
 
 @dataclass(frozen=True)
@@ -244,8 +243,8 @@ class _Search:
 
     def _sharpened(self, best: Point) -> Point:
         """The same active set in extended precision, where that is better."""
-        for x, y, z in extended(self.p, Triple(best.x, best.y, best.z)):
-            sharper = Point(x, y, z, residuals(self.p, x, y, z), 0)
+        for solution in extended(self.p, PrimalDual(best.x, best.y, best.z_box)):
+            sharper = Point(*solution, residuals(self.p, *solution), 0)
             best = min([best, sharper], key=self._rank)
             if best.residuals.worst <= self.tol:
                 break

@@ -22,9 +22,14 @@ import numpy as np
 from gpu.qp.data.standard_qp import Array, StandardQP
 from gpu.qp.interior_point.kkt_system import System
 
+# A diagonal entry beside which entries of about one vanish in rounding, and that no product with
+# them overflows.
 HUGE = 1e20
-EXCHANGES, REFINEMENTS = 6, 6
-REGULARISATIONS = (1e-9, 1e-7, 1e-11)
+# The sides that an interior point guesses are right but for a few, and refinement gains digits by
+# the regularisation at each step: where six are not enough, more seldom are.
+EXCHANGES, POLISH_REFINEMENTS = 6, 6
+# rho and delta, in scaled units, tried in turn: between rounding and what refinement takes back.
+POLISH_REGULARISATIONS = (1e-9, 1e-7, 1e-11)
 
 
 class Sides(NamedTuple):
@@ -45,7 +50,7 @@ def polish(
 ) -> tuple[Array, Array, float]:
     """The best (x, y) that active-set steps find; `measure` is what is made small."""
     best, error = (x, y), measure(x, y)
-    for regularisation in REGULARISATIONS:
+    for regularisation in POLISH_REGULARISATIONS:
         state, point = sides, (x, y)
         for _ in range(EXCHANGES):
             try:
@@ -90,7 +95,7 @@ def _at(
     goal = xp.where(state.rows < 0, p.row_low, xp.where(state.rows > 0, p.row_high, p.row_low))
     goal = xp.where(used, goal, 0.0)
     best, found = np.inf, None
-    for _ in range(REFINEMENTS):
+    for _ in range(POLISH_REFINEMENTS):
         rd = xp.where(held, 0.0, p.gradient(x, y))
         rp = xp.where(used, goal - p.C @ x, 0.0)
         dx, dy = system.solve(-rd, rp)

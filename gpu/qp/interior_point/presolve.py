@@ -27,11 +27,12 @@ from scipy import sparse
 from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 from gpu.qp.interior_point.equilibrate import largest_side
 
-ROUNDS = 10
+# Looks at all rows: each may find what the one before has made visible; most find nothing soon.
+SEARCH_ROUNDS = 10
 # Of the terms of a row: what its bounds allow to the last digits is allowed in one way only.
 ACTIVITY_ROUNDING = 1e-14
-# Dense matrices with more entries are not searched.
-LARGEST_DENSE = 4_000_000
+# Dense matrices with more entries, 32 MB, are not searched: few of theirs are zero.
+LARGEST_SEARCHED = 4_000_000
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ Reduction = Parallel | Single | Forcing
 
 def presolve(p: StandardQP, search: bool = True) -> Presolved:
     """Take out what bounds and, if `search`, single rows decide."""
-    if search and p.xp is np and (p.is_sparse or p.C.size <= LARGEST_DENSE):
+    if search and p.xp is np and (p.is_sparse or p.C.size <= LARGEST_SEARCHED):
         tight, dropped, reductions = _Search(p).run()
     else:
         tight, dropped, reductions = p, p.xp.zeros(p.row_low.size, dtype=bool), ()
@@ -195,7 +196,7 @@ class _Search:
 
     def run(self) -> tuple[StandardQP, Array, tuple[Reduction, ...]]:
         self._parallel()
-        for _ in range(ROUNDS):
+        for _ in range(SEARCH_ROUNDS):
             before = len(self.found), int(self.dropped.sum())
             self._rows()
             if (len(self.found), int(self.dropped.sum())) == before:

@@ -9,8 +9,13 @@ import numpy as np
 from gpu.qp.data.standard_qp import Array, StandardQP
 from gpu.qp.interior_point.kkt_system import System
 
-START_Z, LEAST_REGULARISATION = 1e3, 1e-10
-# Curvature and softness of what no side holds, in the system of the first point.
+# A multiplier at the start is at most so many times the size that all have: a tiny distance to a
+# side must not make it huge.
+LARGEST_MULTIPLIER = 1e3
+# Least proximal term, in scaled units: pivots of that size still have six digits.
+LEAST_REGULARISATION = 1e-10
+# In the system of the first point variables without a bound get the diagonal entry LOOSE, the
+# others 1, and equality rows -FIRM: small, so that it does not move what is determined.
 LOOSE, FIRM = 1e-6, 1e-8
 
 
@@ -91,8 +96,10 @@ def inside(
     wrong = xp.where(has_low | has_high, wrong, 0.0)
     dual_push = max(spread, float(wrong.max()) if wrong.size else 1.0)
     product = dual_push * (float(push.max()) if push.size else 1.0)
-    z_low = xp.where(has_low, up + xp.minimum(product / t_low, START_Z * dual_push), 0.0)
-    z_high = xp.where(has_high, down + xp.minimum(product / t_high, START_Z * dual_push), 0.0)
+    z_low = xp.where(has_low, up + xp.minimum(product / t_low, LARGEST_MULTIPLIER * dual_push), 0.0)
+    z_high = xp.where(
+        has_high, down + xp.minimum(product / t_high, LARGEST_MULTIPLIER * dual_push), 0.0
+    )
     return v, y, Sides(low, high, has_low, has_high, t_low, t_high, z_low, z_high)
 
 

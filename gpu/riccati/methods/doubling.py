@@ -19,8 +19,8 @@ from gpu.riccati.problem.state_matrix import EPS
 from gpu.riccati.proof.lyapunov import cayley_shift
 from gpu.riccati.proof.refinement import finished, refine
 
-ITERATIONS = 60
-SMALL = 100  # up to this order the eigenvalues of the Hamiltonian choose the shift
+ITERATIONS = 60  # doublings: 2^60 steps of the transformed loop
+BEST_SHIFT = 100  # up to this order the eigenvalues of the Hamiltonian choose the shift
 QZ = 600  # up to this order QZ stands in where doubling fails
 
 
@@ -171,7 +171,7 @@ def double(A: Any, G: Any, Q: Any, gamma: float | None = None) -> Doubled:
         left = float(xp.linalg.norm(A))
         converged = float(xp.linalg.norm(step)) <= 4 * EPS * size and left < 1e-3
         # The next step is smaller than H by |A|^2, where G and H are semidefinite.
-        converged |= n > SMALL and left * left <= EPS
+        converged |= n > BEST_SHIFT and left * left <= EPS
     return Doubled(H, iteration, converged)
 
 
@@ -179,7 +179,7 @@ def _shift(A: Any, G: Any, Q: Any) -> float:
     xp, n = namespace(A), len(A)
     H = xp.empty((2 * n, 2 * n))
     H[:n, :n], H[:n, n:], H[n:, :n], H[n:, n:] = A, -G, -Q, -A.T
-    if n > SMALL:
+    if n > BEST_SHIFT:
         return cayley_shift(H)
     values = np.linalg.eigvals(to_host(H))
     values = values[values.real < 0.0]

@@ -25,10 +25,10 @@ PI = ("printed", "symmetric")
 STARTS = ("random", "inputs")
 COPIES = 100  # so many that no input reaches are computed beside those asked for
 EXTRA = 6  # beyond those asked for, so that neither +- nor conjugate pairs are cut
-DENSE = 128  # up to this order of the Hamiltonian all of its eigenvalues are computed
-RESTARTS = 300
+ALL_EIGENVALUES = 128  # up to this order of the Hamiltonian all of its eigenvalues are computed
+MOST_RESTARTS = 300  # of Krylov-Schur; one that converges takes a few dozen
 UNREACHED = 1e-8  # B^T y over |B| |y| of an eigenvector without a part in the gain
-CLOSE = 1e-6  # moduli that differ by less belong together
+SAME_MODULUS = 1e-6  # relative: eigenvalues whose moduli differ by less are taken together
 
 
 def solve(
@@ -148,7 +148,7 @@ def stable_subspace(
     size = np.abs(w)
     taken = np.ones(len(w), dtype=bool)
     if counted > modes:
-        taken = size >= size[np.flatnonzero(reached)[modes - 1]] * (1.0 - CLOSE)
+        taken = size >= size[np.flatnonzero(reached)[modes - 1]] * (1.0 - SAME_MODULUS)
     axis = np.abs(w.real) <= 1e-9 * size
     # Zero but for rounding, which makes a pair of roots of it where it is double; an operator has
     # no size to compare with.
@@ -188,7 +188,7 @@ def _largest(
     """Eigenvalues of largest modulus of the inverse, and vectors, a few more than asked for."""
     n, xp = inverse.state.n, inverse.state.xp
     wanted = min(modes + EXTRA, 2 * n)
-    if 2 * n <= max(DENSE, 2 * wanted + 23):
+    if 2 * n <= max(ALL_EIGENVALUES, 2 * wanted + 23):
         return _all(inverse)
     rng = np.random.default_rng(0)
     seed = xp.asarray(rng.standard_normal(2 * n))
@@ -199,7 +199,7 @@ def _largest(
         inverse.apply,
         2 * n,
         Wanted(wanted, np.abs, tol),
-        Limits(2 * wanted + 20, maxiter=RESTARTS, challenge=start == "random"),
+        Limits(2 * wanted + 20, maxiter=MOST_RESTARTS, challenge=start == "random"),
         dtype=np.dtype(float),
         xp=xp,
         start=seed,

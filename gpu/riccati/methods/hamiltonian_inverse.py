@@ -14,10 +14,10 @@ from gpu.errors import InputError, RiccatiError
 from gpu.riccati.problem.state_matrix import EPS, Factors, StateMatrix, as_sparse, factor, vanishing
 from gpu.riccati.problem.weights import Weight, scaled_input
 
-FEW_DIGITS = 1e-9  # a larger relative residual calls for another factorisation
-SEVERAL_DIGITS, NO_DIGITS = 1e-6, 0.1
-# An application with a larger relative residual is refined, by two more solves.
-ROUNDED_RESIDUAL = 4e-13
+# Relative residuals of applications of the inverse, from the best on: above the first they are
+# refined by two more solves, above the second the whole Hamiltonian is factored, above the third a
+# mode at zero that nothing moves is taken for the cause, and above the last no digit is right.
+ROUNDED_RESIDUAL, FEW_DIGITS, SEVERAL_DIGITS, NO_DIGITS = 4e-13, 1e-9, 1e-6, 0.1
 
 
 def hamiltonian_inverse(
@@ -71,6 +71,7 @@ def hamiltonian_inverse(
     Raises
     ------
     InputError
+        An argument is malformed.
     RiccatiError
         The Hamiltonian is singular, exactly or to working precision: a mode at zero cannot be
         stabilised or is not seen by Q.

@@ -29,8 +29,8 @@ from gpu.riccati.problem.state_matrix import (
 from gpu.riccati.problem.weights import Weight, low_rank_factor
 
 # Largest part of N outside of the range of Q, and negative joint cost, taken for rounding.
-OUTSIDE = 1e-9
-NEGATIVE = 1e-11
+OUTSIDE_RANGE = 1e-9
+NEGATIVE_COST = 1e-11
 
 
 class UpdatedMatrix(StateMatrix):
@@ -147,10 +147,10 @@ def _weight(problem: LQRProblem, F: Any) -> tuple[Weight, Any]:
         return CrossedWeight(problem.weight, F), None
     # A semidefinite joint weight has N in the range of Q: F = C^T Y with |Y| <= 1.
     Y = problem.xp.linalg.lstsq(C.T, F, rcond=None)[0]
-    if float(abs(C.T @ Y - F).max()) > OUTSIDE * float(abs(F).max()):
+    if float(abs(C.T @ Y - F).max()) > OUTSIDE_RANGE * float(abs(F).max()):
         raise InputError(NOT_SEMIDEFINITE)
     values, vectors = np.linalg.eigh(to_host(Y @ Y.T))
-    if values[-1] > 1.0 + NEGATIVE:
+    if values[-1] > 1.0 + NEGATIVE_COST:
         raise InputError(NOT_SEMIDEFINITE)
     root = vectors * np.sqrt(np.maximum(1.0 - values, 0.0)) @ vectors.T
     C = problem.xp.asarray(root) @ C
@@ -166,7 +166,7 @@ def _check(problem: LQRProblem, F: Any) -> None:
         factors = None if Q is None or hasattr(Q, "matvec") else factor(Q)
         if factors is None:
             return
-        good = linalg.eigvalsh(to_host(F.T @ factors.solve(F)))[-1] <= 1.0 + OUTSIDE
+        good = linalg.eigvalsh(to_host(F.T @ factors.solve(F)))[-1] <= 1.0 + OUTSIDE_RANGE
     if not good:
         raise InputError(NOT_SEMIDEFINITE)
 

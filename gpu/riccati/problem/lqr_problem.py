@@ -19,7 +19,7 @@ from gpu.riccati.problem.state_matrix import EPS, StateMatrix, stored, symmetric
 from gpu.riccati.problem.weights import Weight
 
 # Largest asymmetry of R or Q, relative to its largest entry, taken for rounding.
-ASYMMETRY = 1e-12
+WEIGHT_ASYMMETRY = 1e-12
 # Largest shift, relative to the largest entry, that is taken for rounding of a semidefinite Q.
 DEFINITENESS = 1e-12
 
@@ -323,7 +323,7 @@ def _weight_argument(Q: Any, n: int) -> Any:
 
 def _check_symmetric(name: str, M: Any) -> None:
     wrong = abs(M - M.T).max()
-    if float(wrong) > ASYMMETRY * float(abs(M).max()):
+    if float(wrong) > WEIGHT_ASYMMETRY * float(abs(M).max()):
         raise InputError(
             f"{name} is not symmetric, |{name} - {name}'| reaches {float(wrong):.1e}: pass "
             f"({name} + {name}.T) / 2 if that is what is meant"

@@ -17,14 +17,14 @@ from gpu.riccati.proof.lyapunov import SCHUR, LyapunovSolver, cayley_shift, lyap
 from gpu.riccati.proof.lyapunov_certificate import proven_bound
 
 ALL_POLES = 1500  # up to this order all poles are computed
-FEW = 12
+FEW_POLES = 12  # nearest to zero, where not all are computed
 LARGE = 100_000  # from this order on products with the basis cost more than applications
-RESTARTS = 30
-TOLERANCES = (1e-8, 1e-4)
+# For those few: poles in a cluster converge late, and then to four digits, or are left out.
+POLE_RESTARTS, POLE_TOLERANCES = 30, (1e-8, 1e-4)
 # Left of the axis by so much of the matrix, no meeting of eigenvalues there can be in question.
-FAR = 1e-3
-OUTSIDE = 1e-6  # of the unit circle, beyond what an eigenvalue there is converged to
-ROUNDINGS = 1e2
+CLEARLY_LEFT = 1e-3
+OUTSIDE_CIRCLE = 1e-6  # of the unit circle, beyond what an eigenvalue there is converged to
+POLE_ROUNDINGS = 1e2  # times rounding and condition: what a pole found may be off by
 SQUARES = 0.05  # the second order of a Newton step over the first where it converges
 
 
@@ -76,9 +76,9 @@ class DenseLoop:
             values = to_host(namespace(self.matrix).linalg.eigvalsh(self.matrix)) + 0j
         else:
             values = np.zeros(0, dtype=complex)
-            for tolerance in TOLERANCES:
+            for tolerance in POLE_TOLERANCES:
                 try:
-                    values = _nearest(self.matrix, sigma=0.0, k=FEW, tol=tolerance)
+                    values = _nearest(self.matrix, sigma=0.0, k=FEW_POLES, tol=tolerance)
                 except GpuError:
                     continue
                 break
@@ -175,7 +175,9 @@ class DenseLoop:
     def _near(self) -> bool:
         if self.doubt is None or len(self.matrix) > SCHUR:
             return False
-        return self.abscissa >= -FAR * float(namespace(self.matrix).linalg.norm(self.matrix))
+        return self.abscissa >= -CLEARLY_LEFT * float(
+            namespace(self.matrix).linalg.norm(self.matrix)
+        )
 
 
 def closed_loop_of(
@@ -226,7 +228,7 @@ def dense_loop(problem: LQRProblem, K: Any) -> DenseLoop:
     return closed_loop_of(problem, standard, problem.unit, K=K)
 
 
-def nearest_poles(state: StateMatrix, B: Any, K: Any, count: int = FEW) -> np.ndarray:
+def nearest_poles(state: StateMatrix, B: Any, K: Any, count: int = FEW_POLES) -> np.ndarray:
     """The poles of ``E^-1 (A - B K)`` nearest to zero, rightmost first, by solves with A alone.
 
     Raises
@@ -275,7 +277,7 @@ def unstable_pole(state: StateMatrix, B: Any, K: Any, nearest: float) -> complex
         if inverse is None:
             continue
         theta = _outermost(inverse, s, x)
-        if theta is None or not abs(theta) > 1.0 + OUTSIDE:
+        if theta is None or not abs(theta) > 1.0 + OUTSIDE_CIRCLE:
             continue
         pole = s * (theta + 1.0) / (theta - 1.0)
         if pole.real > _doubt(state, B, K, pole):
@@ -314,7 +316,7 @@ def _doubt(state: StateMatrix, B: Any, K: Any, pole: complex) -> float:
         x, y = x / xp.linalg.norm(x), y / xp.linalg.norm(y)
     size = (state.size() + float(abs(B).max()) * float(abs(K).max())) * n**0.5
     cosine = abs(complex((y * state.mass(x)).sum()))
-    return ROUNDINGS * EPS * size / max(cosine, 1e-300)
+    return POLE_ROUNDINGS * EPS * size / max(cosine, 1e-300)
 
 
 def _loop_inverse(
@@ -354,7 +356,7 @@ def _poles_by(inverse: Any, shift: float, n: int, xp: Any, count: int) -> np.nda
     return poles[np.argsort(-poles.real, kind="stable")]
 
 
-def _nearest(matrix: Any, tol: float = TOLERANCES[0], **options: Any) -> np.ndarray:
+def _nearest(matrix: Any, tol: float = POLE_TOLERANCES[0], **options: Any) -> np.ndarray:
     """What converged of the wanted eigenvalues in a few restarts: repeated ones may never all.
 
     Nobody says that the first of them are among those: what a looser tolerance finds beside them
@@ -363,12 +365,14 @@ def _nearest(matrix: Any, tol: float = TOLERANCES[0], **options: Any) -> np.ndar
     from gpu.eigenvalues.eigs import eigs
 
     found = np.zeros(0, dtype=complex)
-    for looser in (tol, *(other for other in TOLERANCES if other > tol)):
+    for looser in (tol, *(other for other in POLE_TOLERANCES if other > tol)):
         try:
-            more = eigs(matrix, return_eigenvectors=False, maxiter=RESTARTS, tol=looser, **options)
+            more = eigs(
+                matrix, return_eigenvectors=False, maxiter=POLE_RESTARTS, tol=looser, **options
+            )
         except NotConverged as error:
             if error.eigenvalues is None or not len(error.eigenvalues):
-                if looser == TOLERANCES[-1] and not len(found):
+                if looser == POLE_TOLERANCES[-1] and not len(found):
                     raise
                 continue
             more, complete = to_host(error.eigenvalues), False

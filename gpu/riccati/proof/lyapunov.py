@@ -16,7 +16,7 @@ from gpu.riccati.problem.lqr_problem import solve
 from gpu.riccati.problem.state_matrix import EPS
 
 SCHUR = 600  # up to this order the Schur form on the host is the quicker way
-SQUARINGS = 60
+SQUARINGS = 60  # 2^60 steps of Smith's series: a loop that needs more is stable by rounding alone
 
 
 class LyapunovSolver(NamedTuple):

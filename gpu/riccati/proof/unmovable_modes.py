@@ -15,10 +15,9 @@ EXAMINED = 1500  # up to this order modes are examined
 WORST = 24  # how many modes, beginning with the least stable
 # Smallest singular value in Hautus' test, relative to the matrix, that counts as zero.
 SINGULAR = 1e-12
-# An eigenvalue this near to the imaginary axis, relative to the matrix, may lie on it, if rounding
-# of the matrix may move it by as much.
-AXIS = 1e-6
-ROUNDINGS = 10.0
+# An eigenvalue this near to the imaginary axis, relative to the matrix, may lie on it, if so many
+# roundings of the matrix may move it by as much.
+AXIS, MODE_ROUNDINGS = 1e-6, 10.0
 
 
 def explain(problem: LQRProblem) -> RiccatiError | None:
@@ -123,7 +122,7 @@ def _unstable(A: np.ndarray) -> list[tuple[complex, float, float]]:
         return []
     values, left, right = linalg.eig(A, left=True)
     cosines = np.abs((left.conj() * right).sum(axis=0))
-    doubts = ROUNDINGS * EPS * size / np.maximum(cosines, np.finfo(float).tiny)
+    doubts = MODE_ROUNDINGS * EPS * size / np.maximum(cosines, np.finfo(float).tiny)
     order = np.argsort(-values.real, kind="stable")
     order = order[(values.imag >= 0.0)[order]]
     order = order[(values.real >= -np.minimum(AXIS * size, doubts))[order]][:WORST]

@@ -105,8 +105,8 @@ def compliance(n, centre, spacing):
     body = CutBody(mesh, circle(*centre, 0.41), 1.0, 0.3).fix("top")
     rows = ContactProblem(body, body.arc(spacing=spacing), 0.0).rows
     B = np.vstack([rows.G.toarray(), rows.T.toarray()]) @ body.constraint[0].toarray()
-    T = body.constraint[0]
-    S = (T.T @ body.stiffness @ T).toarray()
+    P = body.constraint[0]
+    S = (P.T @ body.stiffness @ P).toarray()
     return B @ np.linalg.solve(S, B.T), rows.gap.size
 
 

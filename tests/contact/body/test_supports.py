@@ -34,8 +34,8 @@ def test_tension(mesh, element, plane) -> None:
     for axis in "xyz"[: mesh.dim()]:
         body.fix(axis, axis)
     body.load("end", np.eye(mesh.dim())[0] * LOAD)
-    T, u0 = body.constraint
-    u = T @ spsolve((T.T @ body.stiffness @ T).tocsc(), T.T @ body.f) + u0
+    P, u0 = body.constraint
+    u = P @ spsolve((P.T @ body.stiffness @ P).tocsc(), P.T @ body.f) + u0
     strain = LOAD / E * np.array([1.0, -NU, -NU][: mesh.dim()])
     values = u[body.basis.nodal_dofs[: mesh.dim()]]
     # Linear fields lie in the space: only round-off of the solve is left.

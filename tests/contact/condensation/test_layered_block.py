@@ -164,7 +164,7 @@ def test_reduces_and_expands_any_load_as_a_dense_elimination_does(columns, rows,
         return
     factor, held = condensed._factor, block.prescribed[0]
     free = np.setdiff1d(np.arange(block.f.size), held)
-    unit = sorted(condensed._T[:, condensed._boundary].tocsc().indices)
+    unit = sorted(condensed._P[:, condensed._boundary].tocsc().indices)
     inner = np.setdiff1d(free, unit)
     S = block.elastic().stiffness.toarray()
     S_ii, S_ib = S[np.ix_(inner, inner)], S[np.ix_(inner, unit)]

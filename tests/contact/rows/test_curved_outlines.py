@@ -174,8 +174,8 @@ def test_errors_are_those_of_the_displacement(element, curved, make):
     body, loaded = ring(make, element, 12, curved), ring(make, element, 12, curved)
     exact = lame("left")
     loaded.load("left", lambda x: exact * x / np.linalg.norm(x, axis=0))
-    T, _ = loaded.constraint
-    u = T @ spsolve((T.T @ loaded.stiffness @ T).tocsc(), T.T @ loaded.f)
+    P, _ = loaded.constraint
+    u = P @ spsolve((P.T @ loaded.stiffness @ P).tocsc(), P.T @ loaded.f)
     gap = ContactProblem(body, "left", 0.0).rows.G @ u
     rms, _, _ = errors(ContactProblem(body, "left", gap).solve(), exact)
     # The load is radial, the contact along the facets' normals: they differ by half a turn squared.

@@ -44,8 +44,8 @@ def ring(n, cells):
 
 def reactions(body, rows):
     """Pressures that move the rows by -D without contact."""
-    T = body.constraint[0]
-    K, B = T.T @ body.stiffness @ T, sparse.diags_array(rows.weights) @ rows.G @ T
+    P = body.constraint[0]
+    K, B = P.T @ body.stiffness @ P, sparse.diags_array(rows.weights) @ rows.G @ P
     saddle = sparse.block_array([[K, B.T], [B, None]], format="csc")
     return spsolve(saddle, np.r_[np.zeros(K.shape[0]), -D * rows.weights])[K.shape[0] :]
 

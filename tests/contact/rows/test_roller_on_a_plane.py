@@ -167,8 +167,8 @@ def test_errors_are_those_of_the_displacement(element, curved):
 
     body = roller(element, 24, curved, np.eye(2))
     loaded = roller(element, 24, curved, np.eye(2)).load("roller", traction)
-    T, _ = loaded.constraint
-    u = T @ spsolve((T.T @ loaded.stiffness @ T).tocsc(), T.T @ loaded.f)
+    P, _ = loaded.constraint
+    u = P @ spsolve((P.T @ loaded.stiffness @ P).tocsc(), P.T @ loaded.f)
     gap = ContactProblem(body, "roller", 0.0).rows.G @ u
     result = ContactProblem(body, "roller", gap).solve()
     x = result.x[0]

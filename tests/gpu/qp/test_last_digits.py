@@ -8,7 +8,7 @@ from scipy import sparse
 
 from gpu import solve_qp
 from gpu.qp.data.qp_problem import check_problem
-from gpu.qp.interior_point.extended_precision import Triple, extended
+from gpu.qp.interior_point.extended_precision import PrimalDual, extended
 from gpu.qp.last_digits import absolute, closed, last_digits
 from gpu.qp.least_multipliers import least_multipliers
 
@@ -67,7 +67,7 @@ def test_extended_precision_has_digits_that_a_factorisation_loses(n):
     near = np.linalg.solve(A, A @ x)
     lost = abs(near - x).max()
     assert lost > 1e-13
-    found = [t.x for t in extended(p, Triple(near, np.zeros(n), np.zeros(n)))]
+    found = [t.x for t in extended(p, PrimalDual(near, np.zeros(n), np.zeros(n)))]
     assert min(abs(f - x).max() for f in found) <= 0.02 * lost
 
 
@@ -92,7 +92,7 @@ def test_a_gap_is_closed_without_harm():
     result = solve_qp(P, q, A=A, b=b, lb=lb)
     y = result.y.copy()
     y[0] += 1e-7 / b[0]
-    before = Triple(result.x, y, result.z_box)
+    before = PrimalDual(result.x, y, result.z_box)
     after = closed(problem, p, before, 1e-9)
     assert abs(absolute(problem, before).gap) > 1e-9 >= absolute(problem, after).worst
     moved = [np.flatnonzero(a != c).size for a, c in zip(before, after, strict=True)]
@@ -103,7 +103,7 @@ def test_what_is_sharp_already_stays_as_it_is():
     P, q, A, b, lb = transport(5, size=1.0)
     problem, p = checked(P, q, A=A, b=b, lb=lb)
     result = solve_qp(P, q, A=A, b=b, lb=lb)
-    t = Triple(result.x, result.y, result.z_box)
+    t = PrimalDual(result.x, result.y, result.z_box)
     assert last_digits(problem, p, t, 1e-9) is t
 
 
@@ -119,5 +119,5 @@ def test_small_multipliers_are_no_rounding_where_costs_are_small():
     """Beside a larger error of the rows their force looks like nothing in absolute residuals."""
     P, q, A, b = np.zeros((2, 2)), np.full(2, 1e-12), np.ones((1, 2)), np.zeros(1)
     problem, p = checked(P, q, A=A, b=b)
-    t = Triple(np.array([1e-9, 0.0]), np.array([-1e-12]), np.zeros(2))
+    t = PrimalDual(np.array([1e-9, 0.0]), np.array([-1e-12]), np.zeros(2))
     assert last_digits(problem, p, t, 1e-6).y.tolist() == [-1e-12]

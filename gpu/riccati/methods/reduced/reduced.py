@@ -24,7 +24,7 @@ from gpu.riccati.problem.weights import Weight, low_rank_factor
 
 COMPRESSIONS = ("galerkin", "printed")
 START = 8  # blocks before the first Newton step
-STEPS = 30
+STEPS = 30  # of Newton on the gain; quadratic once the first have settled
 MISSES = 16  # spaces without a stabilising solution, one after the other, that end the search
 STRIDE = 2  # blocks between two looks at the projected equation
 POLES = 6  # for values of low rank; each is factored once

@@ -15,7 +15,7 @@ from gpu.riccati.problem.state_matrix import EPS, Factors, factor, sparse_of, va
 
 # The smallest eigenvalue of what must be definite, where the exact solution has one; rounding is
 # smaller by orders of magnitude.
-MARGIN = 1e-2
+DEFINITE_MARGIN = 1e-2
 
 
 def proves_stable(problem: LQRProblem, projected: Projected, P: np.ndarray, q: float) -> bool:
@@ -77,7 +77,7 @@ def proves_stable(problem: LQRProblem, projected: Projected, P: np.ndarray, q: f
     small = root.T @ D @ root
     if not np.isfinite(small).all():
         return False
-    return bool(1.0 + np.linalg.eigvalsh((small + small.T) / 2.0)[0] >= MARGIN)
+    return bool(1.0 + np.linalg.eigvalsh((small + small.T) / 2.0)[0] >= DEFINITE_MARGIN)
 
 
 def _shifted(problem: LQRProblem) -> Any:

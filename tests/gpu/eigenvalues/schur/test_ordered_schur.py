@@ -1,4 +1,4 @@
-"""The compiled Schur form: backward error, standard blocks, eigenvalues beside LAPACK's."""
+"""The ordered Schur form: backward error, standard blocks, order; eigenvalues beside LAPACK's."""
 
 import numpy as np
 import pytest
@@ -6,10 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import linalg
 
-from gpu.eigenvalues.schur import real_schur as module
-from gpu.eigenvalues.schur import schur_kernels
-from gpu.eigenvalues.schur.ordered_schur import eigenvalues_of, ordered_schur
-from gpu.eigenvalues.schur.real_schur import real_schur
+from gpu.eigenvalues.schur.ordered_schur import ordered_schur
 
 EPS = np.finfo(float).eps
 
@@ -54,52 +51,72 @@ KINDS = {
 }
 
 
-def check(S, power=0):
-    """Of the matrix with largest entry one, times a power of ten."""
+RANKS = {
+    "modulus": np.abs,
+    "inverse modulus": lambda values: -np.abs(values),
+    "real part": lambda values: values.real,
+    "imaginary part": lambda values: np.abs(values.imag),
+}
+
+
+def check(S, rank=np.abs, power=0):
+    """Of the matrix with largest entry one, times a power of ten; values as they were ordered."""
     m, S = len(S), S / np.abs(S).max()
-    T, Q = real_schur(S * 10.0**power)
-    T /= 10.0**power
-    assert np.abs(Q.T @ Q - np.eye(m)).max() <= 20 * m * EPS
-    assert np.abs(Q @ T @ Q.T - S).max() <= 20 * m * EPS
+    T, Q, values = ordered_schur(S * 10.0**power, rank, m)
+    T, values = T / 10.0**power, values / 10.0**power
+    assert np.abs(Q.conj().T @ Q - np.eye(m)).max() <= 100 * m * EPS
+    assert np.abs(Q @ T @ Q.conj().T - S).max() <= 100 * m * EPS
+    if S.dtype.kind == "c":
+        assert not np.tril(T, -1).any()
+        return values
     assert not np.tril(T, -2).any()
     pairs = T.diagonal(-1).nonzero()[0]
     assert (np.diff(pairs) > 1).all()
-    for k in pairs:  # as LAPACK's trexc expects them
+    for k in pairs:  # LAPACK's standard blocks, which `eigenvalues_of` reads
         assert T[k, k] == T[k + 1, k + 1]
         assert np.sign(T[k, k + 1]) == -np.sign(T[k + 1, k])
-    return T
+        assert values[k] == values[k + 1].conj()
+        assert values[k].imag > 0.0
+    return values
 
 
 @settings(max_examples=150, deadline=None)
 @given(
     st.sampled_from(sorted(KINDS)),
+    st.sampled_from(sorted(RANKS)),
     st.integers(2, 70),
     st.integers(0, 2**32 - 1),
     st.sampled_from([0, -280, 280]),
+    st.booleans(),
 )
-def test_backward_error_and_form(kind, m, seed, power):
-    S = KINDS[kind](np.random.default_rng(seed), m)
+def test_backward_error_and_form(kind, rank, m, seed, power, is_complex):
+    rng = np.random.default_rng(seed)
+    S = KINDS[kind](rng, m)
+    if is_complex:
+        S = S + 1j * KINDS[kind](rng, m)
     if S.any():
-        check(S, power)
+        check(S, RANKS[rank], power)
 
 
-def test_entries_that_underflow_beside_others():
-    """Of 600 decades, subnormal ones among them; a few are left to LAPACK."""
-    rng, left = np.random.default_rng(5), 0
-    for m in rng.integers(2, 60, 400):
-        S = rng.choice([-1.0, 0.0, 1.0], (m, m)) * 10.0 ** rng.uniform(-320, 0, (m, m))
-        if rng.random() < 0.5:
-            S = np.triu(S, -1) - np.triu(S, -1).T
-        if S.any() and real_schur(S / np.abs(S).max()) is None:
-            left += 1
-        elif S.any():
-            check(S)
-    assert left < 20
+@pytest.mark.parametrize("rank", sorted(RANKS))
+@pytest.mark.parametrize("kind", ["gaussian", "arrow", "orthogonal", "companion", "symmetric"])
+@pytest.mark.parametrize("m", [2, 13, 40, 60])
+def test_in_order_and_as_by_lapack(kind, m, rank):
+    S = KINDS[kind](np.random.default_rng(2), m)
+    S /= np.abs(S).max()
+    values, rank = check(S, RANKS[rank]), RANKS[rank]
+    assert (np.diff(rank(values)) <= 100 * m * EPS).all()
+    theirs = np.sort(rank(linalg.eigvals(S)))[::-1]
+    assert rank(values) == pytest.approx(theirs, rel=1e-10, abs=1e-12)
 
 
-@pytest.mark.parametrize("size", [0.0, 1e-300, 1e300, np.inf, np.nan])
-def test_left_to_lapack(size):
-    assert real_schur(np.full((15, 15), size)) is None
+def test_only_the_leading_rows_are_put_in_order():
+    S = KINDS["gaussian"](np.random.default_rng(3), 30)
+    T, Q, values = ordered_schur(S, np.abs, 5)
+    best = np.sort(np.abs(values))[::-1]
+    assert np.abs(values[:5]) == pytest.approx(best[:5], rel=1e-10)
+    assert (np.diff(np.abs(values[6:])) > 1e-3).any()
+    assert np.abs(Q @ T @ Q.T - S).max() <= 100 * 30 * EPS * np.abs(S).max()
 
 
 @settings(max_examples=300, deadline=None)
@@ -112,9 +129,7 @@ def test_blocks_of_two(mantissas, powers):
     S = np.array(mantissas).reshape(2, 2) * 10.0 ** np.array(powers).reshape(2, 2)
     if not S.any():
         return
-    T = check(S)
-    theirs = eigenvalues_of(linalg.schur(S / np.abs(S).max())[0])
-    ours = eigenvalues_of(T)
+    ours, theirs = check(S), linalg.eigvals(S / np.abs(S).max())
     assert np.abs(np.sort_complex(ours) - np.sort_complex(theirs)).max() <= np.sqrt(100 * EPS)
     assert ours.sum() == pytest.approx(theirs.sum(), abs=10 * EPS)
     assert ours.prod() == pytest.approx(theirs.prod(), abs=10 * EPS)
@@ -137,44 +152,6 @@ def test_blocks_with_ties_and_subnormal_entries(entries):
 @pytest.mark.parametrize("power", [0, 5, 10, 15])
 def test_small_entries_stay_beside_large_ones(power):
     """What is small beside the diagonal need not be round-off: 1 +- 10^-3.5 are the values."""
-    values = eigenvalues_of(check(np.array([[1.0, 10.0**power], [10.0 ** (-power - 7), 1.0]])))
+    values = check(np.array([[1.0, 10.0**power], [10.0 ** (-power - 7), 1.0]]))
     assert values.imag.tolist() == [0.0, 0.0]
     assert np.sort(values.real) * 10.0**power == pytest.approx([1 - 10**-3.5, 1 + 10**-3.5], 1e-12)
-
-
-@pytest.mark.parametrize("kind", ["gaussian", "arrow", "orthogonal", "graded", "companion"])
-@pytest.mark.parametrize("m", [13, 40, 60])
-def test_ordered_as_by_lapack(kind, m):
-    S = KINDS[kind](np.random.default_rng(2), m)
-    T, Q, values = ordered_schur(S, np.abs, m, True)
-    assert np.abs(Q @ T @ Q.T - S).max() <= 100 * m * EPS * np.abs(S).max()
-    assert (np.diff(np.abs(values)) <= 100 * m * EPS * np.abs(S).max()).all()
-    theirs = ordered_schur(S, np.abs, m)[2]
-    if kind != "graded":
-        assert np.abs(values) == pytest.approx(np.abs(theirs), rel=1e-10, abs=1e-12)
-
-
-def test_lapack_takes_over_where_the_iteration_fails(monkeypatch):
-    monkeypatch.setattr(module, "_compiled", lambda: lambda W: False)
-    S = np.random.default_rng(3).standard_normal((20, 20))
-    for ours, theirs in zip(
-        ordered_schur(S, np.abs, 5, True), ordered_schur(S, np.abs, 5), strict=True
-    ):
-        assert np.array_equal(ours, theirs)
-
-
-def test_gives_up_after_so_many_sweeps(monkeypatch):
-    """The plain functions are those that are compiled."""
-    plain = {
-        kernel.__name__: getattr(kernel, "py_func", kernel) for kernel in schur_kernels.KERNELS
-    }
-    for name, kernel in plain.items():
-        monkeypatch.setattr(schur_kernels, name, kernel)
-    W = np.zeros((7, 13))
-    W[:6, :6] = linalg.hessenberg(np.random.default_rng(4).standard_normal((6, 6)))
-    W[:6, 7:] = np.eye(6)
-    same = W.copy()
-    assert plain["iterate"](W)
-    assert not np.tril(W[:6, :6], -2).any()
-    monkeypatch.setattr(schur_kernels, "SWEEPS", 0)
-    assert not plain["iterate"](same)
