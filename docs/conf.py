@@ -24,6 +24,7 @@ extensions = [
 extensions += [name for name in ["sphinx-mathjax-offline"] if find_spec(name)]
 exclude_patterns = ["_build", "gallery/front.rst"]
 myst_heading_anchors = 3
+myst_enable_extensions = ["dollarmath"]
 templates_path = ["_templates"]
 default_role = "py:obj"  # a name in single backticks links to its page of the reference
 # One page a name; these two would be one file where case does not count.
