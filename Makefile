@@ -74,7 +74,7 @@ lint: $(VENV)/.test
 	$(BIN)/lint-imports
 
 doctest: $(VENV)/.test
-	$(ONE_THREAD) $(BIN)/python -m pytest -q -n auto --doctest-modules skfem_adini contact cip gpu
+	$(ONE_THREAD) $(BIN)/python -m pytest -q -n auto --doctest-modules --import-mode=append skfem_adini contact cip gpu
 
 examples: $(VENV)/.test
 	$(ONE_THREAD) $(MAKE) --no-print-directory --jobs 2 --output-sync=target $(EXAMPLES)

@@ -44,6 +44,16 @@ def plot_tractions(
     ------
     InputError
         Not axes; in 3-D an abscissa, or axes without a third dimension.
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    >>> result = ContactProblem(body.fix("top", "xy"), "bottom", -0.01, friction=0.3).solve()
+    >>> ax = plot_tractions(result)
+    >>> len(ax.lines) > 0
+    True
     """
     if result.x.shape[0] != 2:
         if abscissa is not None:
@@ -87,6 +97,20 @@ def plot_pressure(result: Drawn, ax: Any = None) -> Any:
     Returns
     -------
     matplotlib Axes3D
+
+    Raises
+    ------
+    InputError
+        Axes without a third dimension.
+
+    Examples
+    --------
+    >>> from skfem import MeshHex
+    >>> from contact import ContactProblem, ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshHex().refined(1).with_defaults(), E=1.0, nu=0.3)
+    >>> result = ContactProblem(body.fix("top", "xyz"), "bottom", -0.01).solve()
+    >>> plot_pressure(result).name
+    '3d'
     """
     from matplotlib import cm
     from mpl_toolkits.mplot3d import art3d  # type: ignore[import-untyped]
@@ -112,7 +136,30 @@ def plot_pressure(result: Drawn, ax: Any = None) -> Any:
 
 
 def face_pressure(result: Drawn) -> tuple[NDArray[np.int64], Array]:
-    """Facets of a body in 3-D that its contact points lie on, and the mean pressure of each."""
+    """Facets of a body in 3-D that its contact points lie on, and the mean pressure of each.
+
+    Parameters
+    ----------
+    result : ContactResult
+        Of a body in 3-D.
+
+    Returns
+    -------
+    facets : ndarray, shape (k,)
+        Facet numbers of the mesh.
+    pressure : ndarray, shape (k,)
+        Force per area, the unit of E.
+
+    Examples
+    --------
+    >>> from skfem import MeshHex
+    >>> from contact import ContactProblem, ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshHex().refined(1).with_defaults(), E=1.0, nu=0.3)
+    >>> result = ContactProblem(body.fix("top", "xyz"), "bottom", -0.01).solve()
+    >>> facets, pressure = face_pressure(result)
+    >>> facets.size, bool((pressure > 0).all())
+    (4, True)
+    """
     mesh, rows = result.system.body.trace.mesh, result.system.rows
     facets = mesh.boundary_facets()
     corner = mesh.p[:, mesh.facets[:, facets]]
@@ -165,6 +212,21 @@ def plot_field(
     Returns
     -------
     matplotlib Axes
+
+    Raises
+    ------
+    InputError
+        A body in 3-D, or not axes.
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    >>> result = ContactProblem(body.fix("top", "xy"), "bottom", -0.01, friction=0.3).solve()
+    >>> ax = plot_field(result, 1, magnification=10.0, label="vertical displacement")
+    >>> ax.get_aspect()
+    1.0
     """
     body = result.system.body
     if body.dim != 2:
@@ -200,6 +262,20 @@ def plot_cells(
     Returns
     -------
     matplotlib Axes
+
+    Raises
+    ------
+    InputError
+        A body in 3-D, or not axes.
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    >>> result = ContactProblem(body.fix("top", "xy"), "bottom", -0.01, friction=0.3).solve()
+    >>> plot_cells(result, magnification=10.0).get_aspect()
+    1.0
     """
     from matplotlib.collections import PolyCollection
 
@@ -220,7 +296,33 @@ def plot_cells(
 
 
 def draw_edges(result: Drawn, ax: Any, magnification: float = 1.0, outline: bool = False) -> Any:
-    """Cell edges of the deformed body, or its outline alone, as the element bends them (2-D)."""
+    """Cell edges of the deformed body, or its outline alone, as the element bends them (2-D).
+
+    Parameters
+    ----------
+    result : ContactResult
+        Of a body in 2-D.
+    ax : matplotlib Axes
+    magnification : float
+        Of the deformation; 0 draws the body as it was.
+    outline : bool
+        Draw the boundary of the body only.
+
+    Returns
+    -------
+    matplotlib Axes
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    >>> result = ContactProblem(body.fix("top", "xy"), "bottom", -0.01, friction=0.3).solve()
+    >>> import matplotlib.pyplot as plt
+    >>> ax = draw_edges(result, plt.figure().add_subplot(), outline=True)
+    >>> len(ax.collections)
+    1
+    """
     from matplotlib.collections import LineCollection
 
     body = result.system.body

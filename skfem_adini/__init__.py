@@ -6,7 +6,8 @@ from skfem_adini.conditions.essential_dofs import essential_dofs
 from skfem_adini.conditions.hanging_constraints import hanging_constraints
 from skfem_adini.conditions.project_trace import project_trace
 from skfem_adini.curved.adini_extension import AdiniExtension
-from skfem_adini.curved.cut_domain import BoundaryBasis, CutDomain
+from skfem_adini.curved.boundary_basis import BoundaryBasis
+from skfem_adini.curved.cut_domain import CutDomain
 from skfem_adini.curved.element_quad_adini_cut import ElementQuadAdiniCut, UnisolvenceWarning
 from skfem_adini.curved.element_quad_adini_weighted import ElementQuadAdiniWeighted
 from skfem_adini.curved.ghost_penalty import ghost_penalty

@@ -48,6 +48,13 @@ def plot_shape_function(element: Any, i: int, ax: Any = None) -> Any:
         There is no function of this number.
     MissingDependency
         matplotlib is not installed.
+
+    Examples
+    --------
+    >>> from skfem_adini import ElementQuadAdini
+    >>> ax = plot_shape_function(ElementQuadAdini(), 1)
+    >>> ax.name
+    '3d'
     """
     if getattr(element, "refdom", None) is not RefQuad or not hasattr(element, "lbasis"):
         raise InputError(
@@ -100,6 +107,16 @@ def plot_matrix(A: Any, basis: Any, ax: Any = None) -> Any:
         the vertices, a wrong shape, or a diagonal that is not positive.
     MissingDependency
         matplotlib is not installed.
+
+    Examples
+    --------
+    >>> from skfem import Basis, MeshQuad
+    >>> from skfem.models.poisson import laplace
+    >>> from skfem_adini import ElementQuadAdini
+    >>> basis = Basis(MeshQuad().refined(2), ElementQuadAdini())
+    >>> ax = plot_matrix(laplace.assemble(basis), basis)
+    >>> len(ax.images)
+    1
     """
     names, dofs = _grouped_dofs(basis)
     if not sparse.issparse(A):
@@ -183,6 +200,15 @@ def plot_cut_domain(
         No cut domain.
     MissingDependency
         matplotlib is not installed.
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from skfem_adini import CutDomain
+    >>> mesh = MeshQuad.init_tensor(*[np.linspace(-1, 1, 9)] * 2)
+    >>> ax = plot_cut_domain(CutDomain(mesh, lambda x: x[0] ** 2 + x[1] ** 2 - 0.81))
+    >>> ax.get_aspect()
+    1.0
     """
     if not isinstance(domain, CutDomain):
         raise InputError(f"domain: expected a CutDomain, got {type(domain).__name__}")
@@ -246,6 +272,17 @@ def plot_cut_field(
         No cut domain, or dofs of wrong shape, complex or not finite.
     MissingDependency
         matplotlib is not installed.
+
+    Examples
+    --------
+    >>> from skfem import Basis, MeshQuad
+    >>> from skfem_adini import CutDomain, ElementQuadAdini
+    >>> mesh = MeshQuad.init_tensor(*[np.linspace(-1, 1, 9)] * 2)
+    >>> domain = CutDomain(mesh, lambda x: x[0] ** 2 + x[1] ** 2 - 0.81)
+    >>> x = Basis(mesh, ElementQuadAdini()).project(lambda x: x[0] * x[1])
+    >>> ax = plot_cut_field(domain, ElementQuadAdini(), x)
+    >>> ax.get_aspect()
+    1.0
     """
     if not isinstance(domain, CutDomain):
         raise InputError(f"domain: expected a CutDomain, got {type(domain).__name__}")

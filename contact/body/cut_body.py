@@ -131,6 +131,11 @@ class CutBody(ElasticBody):
             Distance of the contact points, in cell sizes along the arc. Below 1 the multipliers
             become unstable, see `contact.rows.arc_rows`.
 
+        Returns
+        -------
+        CutArc
+            Places of the contact points with their normals and weights.
+
         Raises
         ------
         InputError
@@ -240,6 +245,10 @@ class CutBody(ElasticBody):
     def body_force(self, force: Field) -> Self:
         """Add a volume force (force per volume); see `ElasticBody.body_force`.
 
+        Parameters
+        ----------
+        force : array of shape (2,) or callable x -> array of shape (2, ...)
+
         Raises
         ------
         InputError
@@ -315,7 +324,19 @@ class CutBody(ElasticBody):
     def fix(
         self, boundary: Any, components: Any = None, value: Field = 0.0, smooth: bool | None = None
     ) -> Self:
-        """Prescribe displacement components on mesh lines; see `ElasticBody.fix`."""
+        """Prescribe displacement components on mesh lines; see `ElasticBody.fix`.
+
+        Parameters
+        ----------
+        boundary : str, list of str or array of facet numbers
+        components, value, smooth
+            As for `ElasticBody.fix`.
+
+        Raises
+        ------
+        InputError
+            An arc, for displacements are prescribed on mesh lines only; those of `ElasticBody.fix`.
+        """
         if isinstance(boundary, CutArc):
             raise InputError(
                 "boundary: displacements are prescribed on mesh lines; for a curve add "

@@ -126,6 +126,10 @@ class ElasticBody(MaterialBody):
         E, nu, plane, dilatation
             As for the class.
 
+        Returns
+        -------
+        ElasticBody
+
         Raises
         ------
         InputError
@@ -236,6 +240,11 @@ class ElasticBody(MaterialBody):
         -------
         ElasticBody
             Itself, for chaining.
+
+        Raises
+        ------
+        InputError
+            An unknown boundary, or a traction of the wrong shape or not finite.
         """
         basis = facet_basis(self.mesh, self.basis.elem, self.facets(boundary))
         self.f = self.f + self._load_vector(basis, traction, "traction")
@@ -247,6 +256,11 @@ class ElasticBody(MaterialBody):
         Parameters
         ----------
         force : array of shape (dim,) or callable x -> array of shape (dim, ...)
+
+        Raises
+        ------
+        InputError
+            A force of the wrong shape or not finite.
         """
         self.f = self.f + self._load_vector(self.basis, force, "force")
         return self

@@ -48,6 +48,18 @@ class CrossCheck:
         bound that it was given.
     ours : float
         Largest residual of the result.
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    >>> body = body.fix("left", "x").load("top", (0.0, -0.1))
+    >>> problem = ContactProblem(body, "bottom", 0.0, friction=0.3)
+    >>> from contact import cross_check
+    >>> check = cross_check(problem, problem.solve())
+    >>> check.solver, check.displacement < 1e-6
+    ('osqp', True)
     """
 
     solver: str
@@ -102,6 +114,7 @@ def cross_check(
     in variables and rows of unit size (`contact.checks.unit_program`): the units of length and
     force are not seen. A Coulomb problem is checked at its solution: with the bound frozen at g = F
     mu it is the given-friction problem that the solution must also solve.
+    In 3-D the friction terms are cones, :math:`s_i \ge |T_i z|`, and the peer is Clarabel.
 
     Parameters
     ----------
@@ -112,8 +125,6 @@ def cross_check(
     condensed : bool, optional
         Hand over the dense problem on the contact boundary, or the full sparse one, on which
         peers are slower and less accurate. Default: the dense one up to 2000 unknowns.
-
-    In 3-D the friction terms are cones, s_i >= |T_i z|, and the peer is Clarabel.
 
     Returns
     -------
@@ -126,6 +137,19 @@ def cross_check(
         Friction in three dimensions and not Clarabel, or a solver that qpsolvers does not know.
     MissingDependency
         The solver is not installed.
+
+    Examples
+    --------
+    OSQP, which iterates on the sparse problem, finds the same contact forces:
+
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    >>> body = body.fix("left", "x").load("top", (0.0, -0.1))
+    >>> problem = ContactProblem(body, "bottom", 0.0, friction=0.3)
+    >>> check = cross_check(problem, problem.solve(), "osqp")
+    >>> check.multipliers < 1e-6, check.residual < 1e-6
+    (True, True)
     """
     for name, given, kind in (
         ("problem", problem, ContactProblem),

@@ -60,6 +60,21 @@ class Uniqueness:
         held by contact alone and for driven obstacles.
     others : tuple of ContactResult
         Certified solutions that differ from the one given and from each other.
+
+    Examples
+    --------
+    Friction below F* leaves one solution:
+
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    >>> body = body.fix("left", "x").load("top", (0.0, -0.1))
+    >>> problem = ContactProblem(body, "bottom", 0.0, friction=0.3)
+    >>> from contact import uniqueness
+    >>> problem.friction = 0.01
+    >>> found = uniqueness(problem, problem.solve(), starts=1)
+    >>> found.others, found.proven == bool(found.coefficient > 0.01)
+    ((), True)
     """
 
     proven: bool

@@ -36,6 +36,8 @@ class CondensedContact:
     Everything here depends on the stiffness, the supports and the rows alone; loads, gaps and
     friction come later, so one condensation serves a whole load history.
 
+    `ContactProblem.condense` makes it, and keeps it.
+
     Parameters
     ----------
     body : ElasticBody
@@ -56,6 +58,22 @@ class CondensedContact:
     S_b, the compliance of the rows B is ``W = B S_b^-1 B^T``. A body held by contact alone has
     rigid motions N with S_b N = 0: then S_b + rho N N^T takes the place of S_b, and the motion N a
     is an unknown of its own, with the balance of loads ``N^T (r - B^T l) = 0``.
+
+    References
+    ----------
+    R. J. Guyan, Reduction of stiffness and mass matrices, AIAA Journal 3 (1965), 380.
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    >>> body = body.fix("left", "x").load("top", (0.0, -0.1))
+    >>> problem = ContactProblem(body, "bottom", 0.0, friction=0.3)
+    >>> condensed = problem.condense()
+    >>> problem.friction = 0.5  # the same factorisation serves
+    >>> problem.condense() is condensed
+    True
     """
 
     _arrays = HostArrays()

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 class LoadStep:
     """What a progress callback is told of a finished step.
 
+    `LoadStepper.run` hands it to `callback` after each step.
+
     Attributes
     ----------
     number, count : int
@@ -32,6 +34,17 @@ class LoadStep:
     time : float
     result : ContactResult
     seconds : float
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, ElasticBody, LoadStepper
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(1).with_defaults(), E=1.0, nu=0.3)
+    >>> stepper = LoadStepper(ContactProblem(body.fix("top", "xy"), "bottom", 0.0, friction=0.3))
+    >>> _ = stepper.move("top", "y", -0.01)
+    >>> _ = stepper.run([1.0, 2.0], callback=lambda step: print(step.number, step.count, step.time))
+    1 2 1.0
+    2 2 2.0
     """
 
     number: int
@@ -63,6 +76,19 @@ class LoadHistory:
         One a step, each with its own certificate.
     damage : InputError or None
         Of a history read from a folder: why it ends before the last file there.
+
+    Examples
+    --------
+    A block that is pressed .01, then .02 into its foundation:
+
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, ElasticBody, LoadStepper
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(1).with_defaults(), E=1.0, nu=0.3)
+    >>> stepper = LoadStepper(ContactProblem(body.fix("top", "xy"), "bottom", 0.0, friction=0.3))
+    >>> _ = stepper.move("top", "y", -0.01)
+    >>> history = stepper.run([1.0, 2.0])
+    >>> print(history.times, history.resultant[:, 1] > 0)
+    [1. 2.] [ True  True]
     """
 
     times: Array = field(default_factory=lambda: np.zeros(0))
@@ -121,6 +147,13 @@ class LoadHistory:
         -------
         Path
             The collection of the body.
+
+        Raises
+        ------
+        InputError
+            Another suffix, or a history without a step.
+        MissingDependency
+            pyvista is not installed.
         """
         path = as_path(path)
         if path.suffix != ".pvd":
@@ -143,6 +176,15 @@ class LoadHistory:
         Every step is certified again, as `ContactResult.load` does, and shown to be of this run. A
         step that cannot be read ends the history before it, which is logged as a warning and told
         in `damage`; `LoadStepper.resume` solves it again.
+
+        Parameters
+        ----------
+        path : str or Path
+            The folder that was given to `LoadStepper.run`.
+
+        Returns
+        -------
+        LoadHistory
 
         Raises
         ------

@@ -31,6 +31,17 @@ class Iteration:
         Potential energy up to a constant with the friction functional, where that is fixed.
     change : float
         Relative change of the displacement of the contact points.
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    >>> body = body.fix("left", "x").load("top", (0.0, -0.1))
+    >>> problem = ContactProblem(body, "bottom", 0.0, friction=0.3)
+    >>> last = problem.solve().history[-1]
+    >>> last.active, last.residual < 1e-10
+    (9, True)
     """
 
     step: int

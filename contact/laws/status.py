@@ -13,6 +13,23 @@ class Status(IntEnum):
     STICK   in contact, no slip
     SLIP    in contact, the shear is at its bound
     ======  =====================================================================
+
+    Attributes
+    ----------
+    OPEN, STICK, SLIP : Status
+        Integers 0, 1 and 2, as `ContactResult.status` holds them.
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    >>> body = body.fix("left", "x").load("top", (0.0, -0.1))
+    >>> problem = ContactProblem(body, "bottom", 0.0, friction=0.3)
+    >>> from contact import Status
+    >>> status = problem.solve().status
+    >>> status.shape, bool((status == Status.OPEN).any())
+    ((9,), False)
     """
 
     OPEN = 0

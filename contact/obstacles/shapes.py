@@ -191,6 +191,12 @@ class Sphere:
     radius : float
     hollow : bool
         The obstacle is what lies outside: a spherical hole, with the body in it.
+
+    Examples
+    --------
+    >>> ball = Sphere((0.0, 0.0, -2.0), 1.5)
+    >>> ball(np.array([[0.0], [0.0], [0.0]]), np.array([[0.0], [0.0], [-1.0]])).tolist()
+    [0.5]
     """
 
     centre: Sequence[float]
@@ -221,6 +227,18 @@ class Parabola:
         Radius of curvature at the apex.
     offset : float
         Gap at the apex; negative for interference.
+
+    References
+    ----------
+    K. L. Johnson, Contact Mechanics, Cambridge University Press 1985, chapter 4.
+
+    Examples
+    --------
+    A roller of radius 2 below the origin, .1 away where it is nearest:
+
+    >>> roller = Parabola((0.0, 0.0), 2.0, offset=0.1)
+    >>> roller(np.array([[0.0, 0.2], [0.0, 0.0]]), np.array([[0.0, 0.0], [-1.0, -1.0]])).round(12)
+    array([0.1 , 0.11])
     """
 
     apex: Sequence[float]

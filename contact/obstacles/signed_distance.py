@@ -27,6 +27,15 @@ class SignedDistance:
         x of shape (dim, npoints), result of shape (npoints,).
     reach : float
         Rays that have met nothing within this length have gap ``inf``.
+
+    Examples
+    --------
+    A square block of side 2 whose upper face lies .5 below the point:
+
+    >>> import numpy as np
+    >>> block = SignedDistance(lambda x: np.maximum(np.abs(x[0]), np.abs(x[1] + 1.5)) - 1.0)
+    >>> block(np.array([[0.0], [0.0]]), np.array([[0.0], [-1.0]])).round(9)
+    array([0.5])
     """
 
     function: Callable[[Array], ArrayLike]

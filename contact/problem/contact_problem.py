@@ -70,6 +70,12 @@ class ContactProblem(Portable):
     InputError
         A malformed argument; the message names it.
 
+    References
+    ----------
+    N. Kikuchi and J. T. Oden, Contact Problems in Elasticity, SIAM 1988: the problems. M.
+    Hintermüller, K. Ito and K. Kunisch, SIAM J. Optim. 13 (2002), 865-888: the active set. P. Alart
+    and A. Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991), 353-375: Newton with friction.
+
     Examples
     --------
     A unit square pressed by its upper side on a foundation .03 below it:
@@ -205,6 +211,21 @@ class ContactProblem(Portable):
         device : {"cpu", "cuda"}, optional
             Where to condense and to solve; default: where it was done before, else "cpu".
             "cuda" needs a `LayeredBlock`, CuPy and a CUDA device.
+
+        Returns
+        -------
+        CondensedContact
+            On "cuda" the same of a `LayeredBlock`, with its arrays on the device.
+
+        Raises
+        ------
+        InputError
+            Another device, a body that has none there, or a contact boundary that is fixed
+            entirely.
+        Unbounded
+            A piece of the body is neither fixed nor connected to the contact boundary.
+        MissingDependency
+            The package of the solver, or CuPy, is not installed.
         """
         self._follow_body()
         if device is not None and not (isinstance(device, str) and device in ("cpu", "cuda")):

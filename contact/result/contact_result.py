@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact.body.elasticity import stress
 from contact.errors import InputError, numbers
-from contact.laws.status import Status
 from contact.output.vtk import body_grid, boundary_grid
 from contact.plot import plot_tractions
 from contact.result.certify import as_lines
-from contact.result.contact_state import ContactState
+from contact.result.contact_forces import ContactForces
 from contact.result.recovery import cell_stress, nodal_stress
 from contact.result.stored_result import read, write
 from contact.result.summary import as_html, as_text, counts, facts, vector
@@ -25,8 +24,11 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ContactResult(ContactState):
+class ContactResult(ContactForces):
     """Displacement, contact forces, and what follows from them.
+
+    Lengths have the unit of the mesh; stresses, pressures and tractions that of E; forces are
+    tractions times areas, in 2-D per unit depth.
 
     Attributes
     ----------
@@ -45,124 +47,35 @@ class ContactResult(ContactState):
         Of `Rigid` obstacles: translations, then rotation, one obstacle after the other.
     tol, slack : float
         What the certificate was held to, see `certify`; tol None stands for that of the method.
+
+    Examples
+    --------
+    The load of .1 on the top side stands on the foundation:
+
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    >>> body = body.fix("left", "x").load("top", (0.0, -0.1))
+    >>> problem = ContactProblem(body, "bottom", 0.0, friction=0.3)
+    >>> result = problem.solve()
+    >>> bool(abs(result.resultant[1] - 0.1) < 1e-10), bool(max(result.kkt.values()) < 1e-10)
+    (True, True)
     """
 
     def __repr__(self) -> str:
         return f"ContactResult({counts(self)}; resultant {vector(self.resultant)})"
 
     def summary(self) -> str:
-        """What was solved, what came out and how well it is proved, in ten lines."""
+        """What was solved, what came out and how well it is proved, in ten lines.
+
+        Returns
+        -------
+        str
+        """
         return as_text(facts(self), type(self).__name__)
 
     def _repr_html_(self) -> str:
         return as_html(facts(self), type(self).__name__)
-
-    @property
-    def x(self) -> Array:
-        """Places of the contact points: the functional's means, shape (dim, m)."""
-        return self.system.rows.x
-
-    @property
-    def x_nominal(self) -> Array:
-        """Nominal places of the contact points, shape (dim, m)."""
-        return self.system.rows.x_nominal
-
-    @property
-    def pressure(self) -> Array:
-        """Contact pressure at `x`, force per area, positive in compression, shape (m,)."""
-        return self.mu / self.system.rows.weights
-
-    @property
-    def shear(self) -> Array:
-        """Shear traction that acts on the body at `x`, along the tangents, (m, dim - 1).
-
-        Zero where the whole tangential displacement is prescribed.
-        """
-        return -self.t / self.system.rows.weights[:, None]
-
-    @cached_property
-    def normal_displacement(self) -> Array:
-        """u_n of the contact points along the outward normal, shape (m,)."""
-        return np.asarray(self.system.rows.G @ self.u)
-
-    @cached_property
-    def slip(self) -> Array:
-        """Tangential displacement relative to the obstacle, u_t - w_t, shape (m, dim - 1)."""
-        return self.system.relative(self.u, self.motion)[1]
-
-    @cached_property
-    def slip_increment(self) -> Array:
-        """Slip since the last step of a load history, which friction opposes, (m, dim - 1)."""
-        return self.system.slip_increment(self.slip)
-
-    @property
-    def gap(self) -> Array:
-        """What is left of the gap, d - (u_n - w_n), shape (m,)."""
-        return self.system.rows.gap - self.system.relative(self.u, self.motion)[0]
-
-    @property
-    def part(self) -> NDArray[np.int64]:
-        """Number of the contact boundary of each contact point, shape (m,)."""
-        part = self.system.rows.part
-        return part if part.size else np.zeros(self.mu.size, dtype=np.int64)
-
-    @cached_property
-    def status(self) -> NDArray[np.int8]:
-        """`Status` of each contact point, shape (m,)."""
-        size = max(float(self.mu.max(initial=0.0)), float(np.abs(self.t).max(initial=0.0)))
-        g = self.system.bound(self.mu)
-        loaded = self.mu > 1e-12 * size
-        if self.system.law == "tresca":
-            loaded = loaded | (g > 0)
-        force = np.linalg.norm(self.t, axis=1)
-        # What rounding leaves of a displacement is no slip.
-        moves = np.linalg.norm(self.slip_increment, axis=1) > 1e-10 * self.system.body.reach(self.u)
-        slides = loaded & moves & (force >= g * (1 - 1e-9))
-        return np.where(slides, Status.SLIP, np.where(loaded, Status.STICK, Status.OPEN)).astype(
-            np.int8
-        )
-
-    @property
-    def zone(self) -> Array:
-        """Span of the nominal places of loaded points, shape (dim, 2): least and largest.
-
-        NaN where nothing is in contact.
-        """
-        loaded = self.mu > 1e-12 * float(self.mu.max(initial=0.0))
-        if not loaded.any():
-            return np.full((self.x.shape[0], 2), np.nan)
-        where = self.x_nominal[:, loaded]
-        return np.column_stack((where.min(axis=1), where.max(axis=1)))
-
-    @cached_property
-    def resultant(self) -> Array:
-        """Force of the obstacle on the body, pressure and friction together, shape (dim,)."""
-        return self.system.body.total(-self.contact_forces)
-
-    @property
-    def resultants(self) -> Array:
-        """The resultant of each contact boundary, shape (nboundaries, dim)."""
-        return np.array(
-            [
-                self.system.body.total(-self._forces(self.part == k))
-                for k in range(self.part.max() + 1)
-            ]
-        )
-
-    def _forces(self, chosen: NDArray[np.bool_]) -> Array:
-        rows, t = self.system.rows, np.where(chosen[:, None], self.t, 0.0)
-        return np.asarray(rows.G.T @ np.where(chosen, self.mu, 0.0) + rows.T.T @ t.ravel())
-
-    @property
-    def contact_force(self) -> float:
-        """Sum of the normal forces."""
-        return float(self.mu.sum())
-
-    @cached_property
-    def contact_forces(self) -> Array:
-        """``G^T mu + T^T t`` on all dofs: the contact forces with the opposite sign."""
-        rows = self.system.rows
-        return np.asarray(rows.G.T @ self.mu + rows.T.T @ self.t.ravel())
 
     @cached_property
     def reactions(self) -> Array:
@@ -199,7 +112,12 @@ class ContactResult(ContactState):
         return self.system.kkt(self.u, self.mu, self.t, self.motion)
 
     def certificate(self) -> str:
-        """One line for each residual of `kkt`."""
+        """One line for each residual of `kkt`.
+
+        Returns
+        -------
+        str
+        """
         return as_lines(self.kkt)
 
     def stress(self, points: ArrayLike | None = None) -> Array:
@@ -212,6 +130,11 @@ class ContactResult(ContactState):
         Returns
         -------
         ndarray, shape (dim, dim, ncells, nquadrature) or (dim, dim, npoints)
+
+        Raises
+        ------
+        InputError
+            Points of another shape, not finite, or outside the body.
         """
         body = self.system.body
         mean = body.mean_dilatation(self.u)
@@ -225,26 +148,44 @@ class ContactResult(ContactState):
         return stress(body.gradient(self.u, where), lame_lambda, lame_mu, volume)
 
     def nodal_stress(self) -> Array:
-        """Cauchy stress at the vertices of the mesh, shape (3, 3, nvertices)."""
+        """Cauchy stress at the vertices of the mesh, shape (3, 3, nvertices).
+
+        Returns
+        -------
+        ndarray
+            In the unit of E; from the dofs of Adini's and the BFS element, see
+            `skfem_adini.nodal_stress`, else means over the cells around a vertex.
+        """
         return nodal_stress(self.system.body, self.u)
 
     def cell_stress(self) -> Array:
-        """Mean Cauchy stress of each cell, shape (3, 3, ncells)."""
+        """Mean Cauchy stress of each cell, shape (3, 3, ncells).
+
+        Returns
+        -------
+        ndarray
+            In the unit of E, shape (3, 3, ncells); in 2-D the last row and column hold only
+            sigma_zz.
+        """
         return cell_stress(self.system.body, self.stress())
 
-    @property
-    def centre_of_pressure(self) -> Array:
-        """Where the resultant of the pressure acts, on each contact boundary, (nboundaries, dim).
-
-        NaN where nothing is in contact. The forces act at the nominal places: the moment about
-        any point is that which the body feels.
-        """
-        parts = [self.part == k for k in range(self.part.max() + 1)]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.array([self.x_nominal[:, p] @ self.mu[p] / self.mu[p].sum() for p in parts])
-
     def von_mises(self, points: ArrayLike | None = None) -> Array:
-        """Von Mises stress, in the places of `stress`; plane strain keeps its sigma_zz."""
+        """Von Mises stress, in the places of `stress`; plane strain keeps its sigma_zz.
+
+        Parameters
+        ----------
+        points : array, shape (dim, npoints), optional
+
+        Returns
+        -------
+        ndarray, shape (ncells, nquadrature) or (npoints,)
+            In the unit of E.
+
+        Raises
+        ------
+        InputError
+            Points of another shape, not finite, or outside the body.
+        """
         body = self.system.body
         sigma = self.stress(points)
         trace = np.trace(sigma)
@@ -267,6 +208,11 @@ class ContactResult(ContactState):
         Returns
         -------
         ndarray, shape (dim, npoints)
+
+        Raises
+        ------
+        InputError
+            Points of another shape, not finite, or outside the body.
         """
         return self.system.body.displacement(self.u, self._points(points))
 
@@ -306,6 +252,14 @@ class ContactResult(ContactState):
         cannot see (names, weights, gaps of open points) a checksum covers. Functions are not in
         the file: supports, obstacles and friction are there as the numbers they gave.
 
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        ContactResult
+
         Raises
         ------
         InputError
@@ -315,15 +269,56 @@ class ContactResult(ContactState):
         return cls(**vars(read(path)))
 
     def to_pyvista(self, subdivide: int | None = None) -> Any:
-        """Body as a pyvista grid: displacement, cell-wise von Mises stress."""
+        """Body as a pyvista grid: displacement, cell-wise von Mises stress.
+
+        Parameters
+        ----------
+        subdivide : int, optional
+            Linear cells along each edge of a cell instead of exact ones, as for
+            `skfem_adini.to_pyvista`.
+
+        Returns
+        -------
+        pyvista.UnstructuredGrid
+
+        Raises
+        ------
+        MissingDependency
+            pyvista is not installed.
+        """
         return body_grid(self, subdivide)
 
     def boundary_to_pyvista(self) -> Any:
-        """Contact points as a pyvista point cloud or polyline with every contact field."""
+        """Contact points as a pyvista point cloud or polyline with every contact field.
+
+        Returns
+        -------
+        pyvista.PolyData
+
+        Raises
+        ------
+        MissingDependency
+            pyvista is not installed.
+        """
         return boundary_grid(self)
 
     def plot(self, ax: Any = None) -> Any:
-        """Pressure and shear along the boundary, stick and slip; in 3-D pressure on the faces."""
+        """Pressure and shear along the boundary, stick and slip; in 3-D pressure on the faces.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            In 3-D with ``projection="3d"``; new ones by default.
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        InputError
+            Not axes, or flat ones in 3-D.
+        """
         return plot_tractions(self, ax)
 
 

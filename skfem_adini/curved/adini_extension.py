@@ -140,6 +140,16 @@ class AdiniExtension:
     def apply(self, *matrices: Any) -> tuple[sp.csr_array, ...]:
         r"""Return :math:`P^T A P` for each of the matrices.
 
+        Parameters
+        ----------
+        *matrices
+            Sparse matrices of all dofs, shape (dofs, dofs), real or complex.
+
+        Returns
+        -------
+        tuple of csr_array
+            Shape (free, free) each; symmetric where the given one is.
+
         Raises
         ------
         InputError
@@ -151,6 +161,18 @@ class AdiniExtension:
 
     def load(self, b: Array, A: Any | None = None) -> Array:
         r"""Return :math:`P^T (b - A x_0)`; A is needed when x0 is not zero.
+
+        Parameters
+        ----------
+        b
+            Load vector of all dofs, shape (dofs,).
+        A
+            Matrix of the problem, shape (dofs, dofs).
+
+        Returns
+        -------
+        ndarray
+            Shape (free,).
 
         Raises
         ------
@@ -169,6 +191,16 @@ class AdiniExtension:
 
         A matrix of columns, as eigenvectors are, is taken as homogeneous.
 
+        Parameters
+        ----------
+        z
+            Free parameters, shape (free,) or (free, n).
+
+        Returns
+        -------
+        ndarray
+            Shape (dofs,) or (dofs, n).
+
         Raises
         ------
         InputError
@@ -179,7 +211,27 @@ class AdiniExtension:
         return np.asarray(self.P @ z + (self.x0 if z.ndim == 1 else 0))
 
     def solve(self, A: Any, b: Array, definite: bool = True, solver: Solver = "auto") -> Array:
-        """Return the dofs that solve A x = b among those of the extension."""
+        """Return the dofs that solve A x = b among those of the extension.
+
+        Parameters
+        ----------
+        A
+            Symmetric sparse matrix of all dofs, shape (dofs, dofs).
+        b
+            Load vector of all dofs, shape (dofs,).
+        definite, solver
+            As for `factorize`.
+
+        Returns
+        -------
+        ndarray
+            Shape (dofs,).
+
+        Raises
+        ------
+        InputError
+            Wrong sizes, NaN, or a matrix that `factorize` refuses.
+        """
         (reduced,) = self.apply(A)
         z = factorize(reduced, definite=definite, solver=solver).solve(self.load(b, A))
         return self.expand(z)

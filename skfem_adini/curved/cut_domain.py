@@ -15,6 +15,7 @@ from skfem.assembly.form.form import Form
 from skfem.element import DiscreteField, Element
 from skfem.refdom import RefQuad
 
+from skfem_adini.curved.boundary_basis import BoundaryBasis
 from skfem_adini.curved.cut_form_check import CutSample
 from skfem_adini.curved.quadrature.cut_quadrature import CutQuadrature, cut_quadrature
 from skfem_adini.curved.quadrature.level_set import LevelSet
@@ -158,7 +159,18 @@ class CutDomain:
         return single[~covered]
 
     def active_dofs(self, basis: Any) -> Indices:
-        """Return the dofs of the active cells, for `skfem.condense(..., I=...)`."""
+        """Return the dofs of the active cells, for `skfem.condense(..., I=...)`.
+
+        Parameters
+        ----------
+        basis
+            Basis on the mesh of the domain.
+
+        Returns
+        -------
+        ndarray
+            Dof numbers, ascending.
+        """
         return np.unique(basis.dofs.element_dofs[:, self.active])
 
     def basis(self, elem: Any, intorder: int | None = None) -> tuple[CellBasis, ...]:
@@ -201,6 +213,10 @@ class CutDomain:
             Leaves of the level set, in the order of its `leaves`, or sides of the polygon, on
             which the boundary is wanted; all by default.
 
+        Returns
+        -------
+        BoundaryBasis
+
         Raises
         ------
         InputError
@@ -239,6 +255,12 @@ class CutDomain:
         fields
             Numbers and vectors of dofs handed to the form.
 
+        Returns
+        -------
+        csr_matrix, ndarray or float
+            Matrix (dofs, dofs), load vector (dofs,) or number, by the kind of form; dofs of cells
+            outside have empty rows.
+
         Raises
         ------
         InputError
@@ -267,6 +289,18 @@ class CutDomain:
 
         The full cells are one, as in :meth:`basis`; cut cells with similar numbers of points come
         together, because padding would fill up the others.
+
+        Parameters
+        ----------
+        elem
+            Any element of quadrilaterals.
+        intorder
+            Order of integration on the full cells; that of `skfem.CellBasis` by default.
+
+        Yields
+        ------
+        CellBasis
+            All with the dof numbers of the whole mesh.
         """
         _check_element(elem)
         dofs = Dofs(self.mesh, elem)
@@ -284,7 +318,13 @@ class CutDomain:
                 yield CellBasis(self.mesh, elem, quadrature=(X, W), elements=cells, dofs=dofs)
 
     def on_active_cells(self) -> CutDomain:
-        """Return the same domain on the mesh of its active cells alone, in their order."""
+        """Return the same domain on the mesh of its active cells alone, in their order.
+
+        Returns
+        -------
+        CutDomain
+            It shares the points, weights and normals with this one.
+        """
         rule, active = self.quadrature, self.active
         place = np.full(self.mesh.t.shape[1], -1)
         place[active] = np.arange(active.size)
@@ -316,59 +356,6 @@ class CutDomain:
         X = reference_points(self.mesh, cells, points[:, slots])
         size = np.prod(np.ptp(self.mesh.p[:, self.mesh.t[:, cells]], axis=1), axis=0)
         return cells, X, np.where(real, weights[slots], 0.0) / size[:, None], slots
-
-
-class BoundaryBasis(CellBasis):
-    """A `CellBasis` whose points lie on a curve in the cells.
-
-    Forms see the unit normals as ``w.n`` and, as ``w.h``, the size of the cell across the curve,
-    :math:`1 / |DF^{-1} n|`, the side length of square cells.
-
-    Attributes
-    ----------
-    normals
-        Outward unit normals, shape (2, cells, points).
-    """
-
-    def __init__(self, *args: Any, normals: DiscreteField | None = None, **options: Any) -> None:
-        super().__init__(*args, **options)
-        self.normals = normals
-
-    def default_parameters(self) -> dict[str, Any]:
-        """Return x, h and n."""
-        return {**super().default_parameters(), "n": self.normals}
-
-    def mesh_parameters(self) -> DiscreteField:
-        """Return the size of the cells across the curve."""
-        corners = self.mesh.p[:, self.mesh.t[:, self.tind]]
-        size = np.ptp(corners, axis=1)[:, :, None]
-        return DiscreteField(1 / np.sqrt(np.sum((np.asarray(self.normals) / size) ** 2, axis=0)))
-
-    def with_element(self, elem: Any) -> BoundaryBasis:
-        """Return a similar basis with a different element."""
-        return BoundaryBasis(
-            self.mesh,
-            elem,
-            mapping=self.mapping,
-            quadrature=self.quadrature,
-            elements=self.tind,
-            normals=self.normals,
-        )
-
-    def of_cells(self, chosen: Indices) -> BoundaryBasis:
-        """Return the basis on the part of the curve in some cells."""
-        keep = np.isin(self.tind, chosen)
-        if not keep.any():
-            raise InputError("chosen: the curve does not meet these cells")
-        X, W = self.quadrature
-        return BoundaryBasis(
-            self.mesh,
-            self.elem,
-            mapping=self.mapping,
-            quadrature=(X[:, keep], W[keep]),
-            elements=self.tind[keep],
-            normals=DiscreteField(np.asarray(self.normals)[:, keep]),
-        )
 
 
 def _check_element(elem: Any) -> None:

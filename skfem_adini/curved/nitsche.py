@@ -14,7 +14,7 @@ from skfem.helpers import div, dot, grad, mul, sym_grad
 from skfem_adini.arguments.pointwise_function import pointwise
 from skfem_adini.arguments.positive_number import positive_number
 from skfem_adini.conditions.boundary_edges import Value, sample
-from skfem_adini.curved.cut_domain import BoundaryBasis
+from skfem_adini.curved.boundary_basis import BoundaryBasis
 from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]

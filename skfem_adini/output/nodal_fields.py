@@ -160,6 +160,11 @@ def von_mises(stress: ArrayLike) -> Array:
     InputError
         The first two axes are not of length 3: in the plane sigma_zz counts.
 
+    References
+    ----------
+    R. von Mises, Mechanik der festen Körper im plastisch-deformablen Zustand, Nachrichten von der
+    Gesellschaft der Wissenschaften zu Göttingen (1913), 582-592.
+
     Examples
     --------
     >>> float(von_mises(np.diag([3.0, 0.0, 0.0])))

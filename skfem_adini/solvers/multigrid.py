@@ -35,6 +35,17 @@ class NearNullSpace:
         One vector a column, shape (unknowns, modes).
     vertex
         Vertex of each unknown, shape (unknowns,).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfem import Basis, MeshQuad
+    >>> from skfem.models.poisson import laplace
+    >>> from skfem_adini import ElementQuadAdini, near_null_space
+    >>> basis = Basis(MeshQuad().refined(2), ElementQuadAdini())
+    >>> space = near_null_space(basis)
+    >>> bool(np.abs(laplace.assemble(basis) @ space.modes[:, 0]).max() < 1e-12)  # the constants
+    True
     """
 
     modes: Array

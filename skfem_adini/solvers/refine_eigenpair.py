@@ -36,6 +36,17 @@ class RefinedEigenpair:
         :math:`\|K x - \lambda M x\|_{D^{-1}} / (\lambda \|x\|_M)` with D the diagonal of M. An
         eigenvalue lies within a small multiple of it, relatively, and in a well separated one the
         value has an error of the order of its square.
+
+    Examples
+    --------
+    >>> from skfem import Basis, MeshQuad
+    >>> from skfem.models.poisson import laplace, mass
+    >>> from skfem_adini import ElementQuadAdini, lowest_eigenpairs
+    >>> basis = Basis(MeshQuad().refined(3), ElementQuadAdini())
+    >>> values, vectors = lowest_eigenpairs(laplace.assemble(basis), mass.assemble(basis), 2)
+    >>> pair = refine_eigenpair(basis, vectors[:, 1])
+    >>> bool(abs(float(pair.value) - values[1]) < 1e-9), bool(pair.residual < 1e-9)
+    (True, True)
     """
 
     value: np.longdouble
@@ -81,6 +92,10 @@ def refine_eigenpair(
     InputError
         Another element, a basis of facets, cells that are no boxes, an x of wrong shape, complex
         or no eigenvector, fixed dofs that do not exist.
+
+    References
+    ----------
+    B. N. Parlett, The Symmetric Eigenvalue Problem, SIAM 1998: the Rayleigh quotient and its error.
 
     Examples
     --------

@@ -66,6 +66,12 @@ class UniformSolver:
     free
         The dofs that the boundary condition leaves free, sorted.
 
+    Raises
+    ------
+    InputError
+        Not 2 or 3 whole numbers of cells from 2 on, another `bc`, numbers that are not finite, a
+        side or conductivity that is not positive, a negative reaction.
+
     Notes
     -----
     Vectors have the dofs of ``MeshQuad.init_tensor`` and ``MeshHex.init_tensor``: the dim + 1 dofs
@@ -137,6 +143,11 @@ class UniformSolver:
         bc, k, c
             As for the class.
 
+        Returns
+        -------
+        UniformSolver
+            Its vectors have the numbering of the basis.
+
         Raises
         ------
         InputError
@@ -183,6 +194,16 @@ class UniformSolver:
         ----------
         x
             Dofs or loads, shape (size,).
+
+        Returns
+        -------
+        ndarray
+            Shape (dim + 1, n_x + 1, n_y + 1), in 3-D (dim + 1, n_x + 1, n_y + 1, n_z + 1).
+
+        Raises
+        ------
+        InputError
+            Another shape, or no real numbers.
         """
         x = real_array("x", x)
         if x.shape != (self.size,):
@@ -196,6 +217,16 @@ class UniformSolver:
         ----------
         values
             Shape (dim + 1, n_x + 1, n_y + 1) or (dim + 1, n_x + 1, n_y + 1, n_z + 1).
+
+        Returns
+        -------
+        ndarray
+            Shape (size,).
+
+        Raises
+        ------
+        InputError
+            Another shape, or no real numbers.
         """
         values = real_array("values", values)
         if values.shape != self._blocks.shape:
@@ -255,6 +286,11 @@ class UniformSolver:
             `solve` on the free dofs. Fixed ones are divided by the diagonal of the matrix, and the
             constants of the pure Neumann problem by its next eigenvalue, so that the operator is
             definite and also serves systems in which these dofs are unknowns.
+
+        Raises
+        ------
+        InputError
+            A dof number that does not exist, or comes twice.
         """
         chosen = np.arange(self.size) if dofs is None else dof_numbers("dofs", dofs, self.size)
         if np.unique(chosen).size != chosen.size:
@@ -286,6 +322,15 @@ class UniformSolver:
         digits
             Significant digits.
 
+        Returns
+        -------
+        Decimal
+
+        Raises
+        ------
+        InputError
+            Another number of modes than directions, or modes out of range.
+
         Examples
         --------
         >>> solver = UniformSolver((4, 4))
@@ -303,6 +348,15 @@ class UniformSolver:
         ----------
         modes, digits
             As for `eigenvalue`.
+
+        Returns
+        -------
+        float
+
+        Raises
+        ------
+        InputError
+            As for `eigenvalue`, or the exact eigenvalue is zero.
 
         Examples
         --------

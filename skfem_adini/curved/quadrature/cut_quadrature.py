@@ -28,6 +28,8 @@ _WRONG_DIRECTION = 1e-4
 class CutQuadrature:
     """Quadrature points of cut cells and of the boundary.
 
+    Coordinates and weights have the units of the mesh.
+
     Attributes
     ----------
     lower, upper
@@ -45,6 +47,17 @@ class CutQuadrature:
     parts
         Which of the level set's leaves, or which side of the polygon, the boundary points lie on,
         shape (m,).
+
+    Examples
+    --------
+    The area of a disk of radius .9: full cells, and weights in the others:
+
+    >>> corners = np.meshgrid(np.linspace(-1, 0.75, 8), np.linspace(-1, 0.75, 8))
+    >>> lower = np.reshape(corners, (2, -1))
+    >>> rule = cut_quadrature(lambda x: x[0] ** 2 + x[1] ** 2 - 0.81, lower, lower + 0.25)
+    >>> area = rule.full.sum() * 0.25**2 + rule.weights.sum()
+    >>> bool(abs(area - 0.81 * np.pi) < 1e-12)
+    True
     """
 
     lower: Array

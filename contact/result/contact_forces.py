@@ -1,0 +1,138 @@
+"""What happens on the contact boundary: gap and slip, pressure and shear, and their resultants."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.laws.status import Status
+from contact.result.contact_state import ContactState
+
+Array = NDArray[np.float64]
+
+
+class ContactForces(ContactState):
+    """Fields of the contact points of a result, read from its numbers.
+
+    Lengths have the unit of the mesh, pressures and tractions that of E.
+    """
+
+    @property
+    def x(self) -> Array:
+        """Places of the contact points: the functional's means, shape (dim, m)."""
+        return self.system.rows.x
+
+    @property
+    def x_nominal(self) -> Array:
+        """Nominal places of the contact points, shape (dim, m)."""
+        return self.system.rows.x_nominal
+
+    @property
+    def pressure(self) -> Array:
+        """Contact pressure at `x`, force per area, positive in compression, shape (m,)."""
+        return self.mu / self.system.rows.weights
+
+    @property
+    def shear(self) -> Array:
+        """Shear traction that acts on the body at `x`, along the tangents, (m, dim - 1).
+
+        Zero where the whole tangential displacement is prescribed.
+        """
+        return -self.t / self.system.rows.weights[:, None]
+
+    @cached_property
+    def normal_displacement(self) -> Array:
+        """u_n of the contact points along the outward normal, shape (m,)."""
+        return np.asarray(self.system.rows.G @ self.u)
+
+    @cached_property
+    def slip(self) -> Array:
+        """Tangential displacement relative to the obstacle, u_t - w_t, shape (m, dim - 1)."""
+        return self.system.relative(self.u, self.motion)[1]
+
+    @cached_property
+    def slip_increment(self) -> Array:
+        """Slip since the last step of a load history, which friction opposes, (m, dim - 1)."""
+        return self.system.slip_increment(self.slip)
+
+    @property
+    def gap(self) -> Array:
+        """What is left of the gap, d - (u_n - w_n), shape (m,)."""
+        return self.system.rows.gap - self.system.relative(self.u, self.motion)[0]
+
+    @property
+    def part(self) -> NDArray[np.int64]:
+        """Number of the contact boundary of each contact point, shape (m,)."""
+        part = self.system.rows.part
+        return part if part.size else np.zeros(self.mu.size, dtype=np.int64)
+
+    @cached_property
+    def status(self) -> NDArray[np.int8]:
+        """`Status` of each contact point, shape (m,)."""
+        size = max(float(self.mu.max(initial=0.0)), float(np.abs(self.t).max(initial=0.0)))
+        g = self.system.bound(self.mu)
+        loaded = self.mu > 1e-12 * size
+        if self.system.law == "tresca":
+            loaded = loaded | (g > 0)
+        force = np.linalg.norm(self.t, axis=1)
+        # What rounding leaves of a displacement is no slip.
+        moves = np.linalg.norm(self.slip_increment, axis=1) > 1e-10 * self.system.body.reach(self.u)
+        slides = loaded & moves & (force >= g * (1 - 1e-9))
+        return np.where(slides, Status.SLIP, np.where(loaded, Status.STICK, Status.OPEN)).astype(
+            np.int8
+        )
+
+    @property
+    def zone(self) -> Array:
+        """Span of the nominal places of loaded points, shape (dim, 2): least and largest.
+
+        NaN where nothing is in contact.
+        """
+        loaded = self.mu > 1e-12 * float(self.mu.max(initial=0.0))
+        if not loaded.any():
+            return np.full((self.x.shape[0], 2), np.nan)
+        where = self.x_nominal[:, loaded]
+        return np.column_stack((where.min(axis=1), where.max(axis=1)))
+
+    @cached_property
+    def resultant(self) -> Array:
+        """Force of the obstacle on the body, pressure and friction together, shape (dim,)."""
+        return self.system.body.total(-self.contact_forces)
+
+    @property
+    def resultants(self) -> Array:
+        """The resultant of each contact boundary, shape (nboundaries, dim)."""
+        return np.array(
+            [
+                self.system.body.total(-self._forces(self.part == k))
+                for k in range(self.part.max() + 1)
+            ]
+        )
+
+    def _forces(self, chosen: NDArray[np.bool_]) -> Array:
+        rows, t = self.system.rows, np.where(chosen[:, None], self.t, 0.0)
+        return np.asarray(rows.G.T @ np.where(chosen, self.mu, 0.0) + rows.T.T @ t.ravel())
+
+    @property
+    def contact_force(self) -> float:
+        """Sum of the normal forces."""
+        return float(self.mu.sum())
+
+    @cached_property
+    def contact_forces(self) -> Array:
+        """``G^T mu + T^T t`` on all dofs: the contact forces with the opposite sign."""
+        rows = self.system.rows
+        return np.asarray(rows.G.T @ self.mu + rows.T.T @ self.t.ravel())
+
+    @property
+    def centre_of_pressure(self) -> Array:
+        """Where the resultant of the pressure acts, on each contact boundary, (nboundaries, dim).
+
+        NaN where nothing is in contact. The forces act at the nominal places: the moment about
+        any point is that which the body feels.
+        """
+        parts = [self.part == k for k in range(self.part.max() + 1)]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.array([self.x_nominal[:, p] @ self.mu[p] / self.mu[p].sum() for p in parts])
