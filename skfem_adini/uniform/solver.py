@@ -14,6 +14,7 @@ from skfem_adini.arguments.dof_numbers import dof_numbers
 from skfem_adini.arguments.real_numbers import real_array
 from skfem_adini.errors import InputError
 from skfem_adini.uniform.symbols import continuous_eigenvalue, extended_eigenvalue
+from skfem_adini.uniform.tensor_nodes import tensor_nodes
 from skfem_adini.uniform.transforms import BlockDiagonalGrid
 
 Array = NDArray[np.float64]
@@ -69,8 +70,7 @@ class UniformSolver:
     Raises
     ------
     InputError
-        Not 2 or 3 whole numbers of cells from 2 on, another `bc`, numbers that are not finite, a
-        side or conductivity that is not positive, a negative reaction.
+        Fewer than 2 cells, another `bc`, or lengths, k or c that are not finite or out of range.
 
     Notes
     -----
@@ -108,7 +108,8 @@ class UniformSolver:
         c: float = 0.0,
     ) -> None:
         cells = np.atleast_1d(np.asarray(shape))
-        if cells.ndim != 1 or cells.size not in (2, 3) or not _whole(cells) or cells.min() < 2:
+        whole = np.issubdtype(cells.dtype, np.integer)
+        if cells.ndim != 1 or cells.size not in (2, 3) or not whole or cells.min() < 2:
             raise InputError(
                 f"shape: expected 2 or 3 whole numbers of cells, each at least 2, got {shape!r}"
             )
@@ -124,7 +125,7 @@ class UniformSolver:
         self._blocks = BlockDiagonalGrid(
             self.shape, self._steps, self.k, self.c, dirichlet=bc == "dirichlet"
         )
-        self._nodes = _tensor_nodes(self._blocks.shape[1:])
+        self._nodes = tensor_nodes(self._blocks.shape[1:])
 
     @classmethod
     def from_basis(
@@ -387,14 +388,6 @@ class UniformSolver:
             return discrete + Decimal(self.c), exact + Decimal(self.c)
 
 
-def _tensor_nodes(grid: Sequence[int]) -> Indices:
-    """Return the vertex numbers of `init_tensor` as an array over the grid."""
-    if len(grid) == 2:
-        return np.arange(np.prod(grid)).reshape(grid)
-    x, y, z = grid
-    return np.arange(np.prod(grid)).reshape(z, x, y).transpose(1, 2, 0).copy()
-
-
 def _numbers(name: str, value: Any, count: int, zero: bool = False) -> tuple[float, ...]:
     """Return `count` positive numbers, from as many or from one."""
     try:
@@ -405,7 +398,3 @@ def _numbers(name: str, value: Any, count: int, zero: bool = False) -> tuple[flo
         kind = "not negative" if zero else "positive"
         raise InputError(f"{name}: expected {kind} and finite, got {value!r}")
     return tuple(float(number) for number in numbers)
-
-
-def _whole(values: Any) -> bool:
-    return bool(np.issubdtype(values.dtype, np.integer))
