@@ -92,6 +92,25 @@ def qp_device_peers(record: Record) -> str:
     return f"{table}\n\n{source('qp', record, device=record['device'])}"
 
 
+def qp_peers(record: Record) -> str:
+    """The same programs by the solvers of qpsolvers on the host."""
+    names = list(record["rows"][0]["peers"])
+    rows = [
+        (
+            f"{row['n']:,}",
+            f"{1e3 * row['seconds']:.0f} ms",
+            f"{1e3 * row['host']['seconds']:.0f} ms",
+            *(f"{1e3 * row['peers'][name]['seconds']:.0f} ms" for name in names),
+            ", ".join(f"{row['peers'][name]['distance']:.0e}" for name in names),
+        )
+        for row in record["rows"]
+        if row.get("peers")
+    ]
+    peers = " | ".join(names)
+    table = rows_of(f"n | ours, device | ours, host | {peers} | their distances to ours", rows)
+    return f"{table}\n\n{source('qp', record, *names, device=record['device'])}"
+
+
 def maros_meszaros(record: Record) -> str:
     """How many of Maros and Meszaros' problems are solved."""
     return (
@@ -151,6 +170,21 @@ def eigs(record: Record) -> str:
             + source("eigs", record, device="NVIDIA H200"),
         )
     )
+
+
+def eigs_products(record: Record) -> str:
+    """Products with the matrix beside ARPACK's, six kinds of matrices of order 400."""
+    rows = []
+    for space, found in record["against ARPACK"].items():
+        kinds: dict[str, list[float]] = {}
+        for name, row in found["rows"].items():
+            if row["converged"] and row["arpack converged"]:
+                ratio = row["products"] / row["arpack products"]
+                kinds.setdefault(name.rsplit(" ", 1)[0], []).append(ratio)
+        rows.append((space, f"**{found['median ratio']:.2f}**"))
+        rows[-1] += tuple(f"{sum(ratios) / len(ratios):.2f}" for ratios in kinds.values())
+    table = rows_of(f"space | median of all | {' | '.join(kinds)}", rows)
+    return f"{table}\n\n{source('eigs', record)}"
 
 
 def lqr(record: Record) -> str:

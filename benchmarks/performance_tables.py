@@ -15,6 +15,7 @@ from pathlib import Path
 
 import kernel_tables
 import reproduction_tables
+import validation_table
 from markdown_table import Record, rows_of, source
 
 ROOT = Path(__file__).parents[1]
@@ -286,8 +287,10 @@ TABLES: dict[str, Callable[[Record], str]] = {
         *(assembly, elements, sparse_solving, curved),
         *(contact_block, mkl, contact_scaling, contact_layers, contact_peers),
         *(kernel_tables.cip, kernel_tables.cip_device),
-        *(kernel_tables.qp, kernel_tables.qp_device_peers, kernel_tables.maros_meszaros),
-        *(kernel_tables.eigs, kernel_tables.lqr, kernel_tables.lqr_device),
+        *(kernel_tables.qp, kernel_tables.qp_peers, kernel_tables.qp_device_peers),
+        *(kernel_tables.maros_meszaros, validation_table.validation),
+        *(kernel_tables.eigs, kernel_tables.eigs_products),
+        *(kernel_tables.lqr, kernel_tables.lqr_device),
     )
 } | reproduction_tables.REPRODUCTION
 FILES = {"mkl": "contact_block"} | reproduction_tables.FILES

@@ -1,0 +1,116 @@
+"""Contact beside closed forms and published values: the validation scripts in numbers.
+
+python benchmarks/validation.py      # some minutes; writes results/validation.json
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from machine import describe
+from reproduction_runs import example
+
+RESULTS = Path(__file__).parent / "results"
+Found = dict[str, Any]
+
+
+def line(folder: str) -> Found:
+    """Hertz' line contact and NAFEMS CGS-1."""
+    cells = (4, 8, 16)
+    found = example("validation_hertz_line").main(["--cells", *map(str, cells), "--output", folder])
+    errors = [abs(row["pressure"]) for row in found.rows]
+    return {
+        "hertz line": {
+            "cells": cells[-1],
+            "pressure": float(errors[-1]),
+            "half-width": float(abs(found.rows[-1]["half_width"])),
+            "order": float(-np.polyfit(np.log(cells), np.log(errors), 1)[0]),
+        },
+        "NAFEMS CGS-1": {"a": float(found.cgs1[0]), "p": float(found.cgs1[1])},
+    }
+
+
+def punch(folder: str) -> Found:
+    """The flat punch."""
+    found = example("validation_flat_punch").main(["--output", folder])
+    return {"flat punch": {name: float(row[-1]) for name, row in found.items()}}
+
+
+def sphere(folder: str) -> Found:
+    """Hertz' sphere."""
+    found = example("validation_hertz_sphere").main(["--output", folder])
+    return {"hertz sphere": {"p0": float(found.p0), "a": float(found.a)}}
+
+
+def cattaneo(folder: str) -> Found:
+    """Cattaneo and Mindlin's load history."""
+    found = example("validation_cattaneo").main(["--steps", "8", "--output", folder])
+    steps = len(found.rms) // 4  # four quarters of the history
+    return {
+        "cattaneo": {
+            "instants": len(found.rms),
+            "worst": float(found.rms.max()),
+            "turns": float(found.rms[[steps - 1, 3 * steps - 1]].max()),
+            "edge": float(np.abs(found.edge).max()),
+        }
+    }
+
+
+def far_field(_: str) -> Found:
+    """Stresses far below the contact."""
+    script = example("validation_far_field")
+    lines, points = script.line([5.0, 15.0, 40.0]), script.point([5.0, 7.5], cells=3, growth=1.15)
+    return {
+        "far field": {
+            "line": float(max(errors[-1] for errors in lines.values())),
+            "point": float(max(errors[-1] for errors in points.values())),
+        }
+    }
+
+
+def order(folder: str) -> Found:
+    """Orders of convergence at the end of contact."""
+    found = example("validation_order").main(["--output", folder])
+    return {"order": {name: float(value) for name, value in found.items()}}
+
+
+def membrane(folder: str) -> Found:
+    """The membrane over a staircase."""
+    ours, reference = example("validation_membrane").main(["--output", folder])
+    apart = np.sum(ours.close != reference.close) / np.sum(reference.close)
+    return {
+        "membrane": {
+            "force": float(abs(ours.force / reference.force - 1)),
+            "contact set": float(apart),
+        }
+    }
+
+
+def cut(folder: str) -> Found:
+    """Hertz' line contact on a boundary that cuts the cells."""
+    rows = example("cut_hertz").main(["--output", folder]).rows
+    return {
+        "cut hertz": [
+            {"h": float(row.h), "half-width": float(row.half_width), "peak": float(row.peak)}
+            for row in rows
+        ]
+    }
+
+
+def main() -> None:
+    """Run all, and write after each."""
+    matplotlib.use("Agg")
+    record: Found = {"machine": describe()}
+    with tempfile.TemporaryDirectory() as folder:
+        for case in (line, punch, far_field, membrane, cut, sphere, cattaneo, order):
+            record |= case(folder)
+            (RESULTS / "validation.json").write_text(json.dumps(record, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

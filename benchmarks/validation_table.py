@@ -1,0 +1,60 @@
+"""The table of the guide's validation, from results/validation.json."""
+
+from __future__ import annotations
+
+from markdown_table import Record, rows_of, source
+
+
+def validation(record: Record) -> str:
+    """Contact beside closed forms and published values, with what the tests allow."""
+    line, cgs1, punch = record["hertz line"], record["NAFEMS CGS-1"], record["flat punch"]
+    far, order, membrane = record["far field"], record["order"], record["membrane"]
+    sphere, rub = record["hertz sphere"], record["cattaneo"]
+    rows = [
+        (
+            f"Hertz line contact, a/h = {line['cells']}",
+            f"rms pressure error {line['pressure']:.1e} of p0, half-width {line['half-width']:.1e}"
+            f", order {line['order']:.1f}",
+            "5e-4, 1e-3",
+        ),
+        (
+            "NAFEMS CGS-1: 6.21 mm, 3585 MPa",
+            f"a = {cgs1['a']:.3f} mm, p_max = {cgs1['p']:.0f} MPa",
+            "1 %",
+        ),
+        (
+            "flat punch, pressure at the centre over the formula's, a/h = 16",
+            f"{punch['gauss']:.4f} (`gauss`), {punch['bernstein']:.3f} (`bernstein`)",
+            ".5 %, 3 %",
+        ),
+        (
+            "Hertz sphere, a/h = 4",
+            f"p0 {sphere['p0']:.3f}, radius {sphere['a']:.3f} of the formula's",
+            "2 % at a/h = 8",
+        ),
+        (
+            "Cattaneo-Mindlin under a load history, a/h = 24",
+            f"rms shear off by at most {rub['worst']:.4f} F p0 at {rub['instants']} instants, "
+            f"{rub['turns']:.4f} at the turns; stick edge within {rub['edge']:.2f} cell",
+            ".01",
+        ),
+        (
+            "stress far below, five half-widths and more, beside forces with the pressure's "
+            "second moment",
+            f"{far['line']:.0e} (line), {100 * far['point']:.2f} % (point contact)",
+            "1 %",
+        ),
+        (
+            "order in H1 near the end of contact, and away from it, on Hertz' closed form",
+            f"{order['hertz, end']:.2f}, {order['hertz, away']:.2f}",
+            "1.5 +- .15, above 1.9",
+        ),
+        (
+            "membrane over a staircase (deal.II step-41)",
+            f"force {100 * membrane['force']:.1f} %, contact set "
+            f"{100 * membrane['contact set']:.1f} %",
+            "1 %",
+        ),
+    ]
+    table = rows_of("case | ours | the tests allow", rows)
+    return f"{table}\n\n{source('validation', record, 'scikit-fem')}"
