@@ -15,7 +15,18 @@ from gpu.eigenvalues.schur.ordered_schur import Rank
 
 
 class Pairs(NamedTuple):
-    """Values, best first, on the host and where the matrix is; vectors; what `certify` asks for."""
+    """Eigenvalues, best first, with their vectors.
+
+    Attributes
+    ----------
+    values : ndarray, shape (k,)
+        On the host.
+    there : array, shape (k,), or None
+        The same where the matrix is.
+    vectors : array, shape (n, k)
+    squares : array, shape (2, k), or None
+        Squares of the norms of ``A x - lambda M x`` and of ``A x``, see `certify`.
+    """
 
     values: np.ndarray
     there: Any
@@ -25,7 +36,7 @@ class Pairs(NamedTuple):
 
 @dataclass
 class Eigenpairs:
-    """Those from the last Schur form that was asked for and its basis.
+    """Eigenpairs of a partial Schur form and its basis; the last ones made are kept.
 
     Attributes
     ----------
@@ -45,7 +56,7 @@ class Eigenpairs:
     _made: Pairs | None = None
 
     def of(self, T: np.ndarray, basis: Arnoldi) -> Pairs:
-        """They are made once for each T: a device need not have finished what it does meanwhile."""
+        """The pairs of T; asked for again with the same T, those that have been made."""
         if T is self._T and self._made is not None:
             return self._made
         theta, Y = np.linalg.eig(T)

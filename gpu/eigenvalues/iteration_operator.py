@@ -11,12 +11,15 @@ import numpy as np
 from gpu.eigenvalues.operator import Matrix, factorized
 from gpu.errors import InputError
 
-DROWNED = 1e-6  # rounding over the least wanted eigenvalue of the inverse
-APART = 1e3  # distance of the last wanted from sigma over that of the shift, or less than 1 / APART
+# Rounding of the inverse over its least wanted eigenvalue: above this the order is rounding.
+DROWNED = 1e-6
+# The shift must be this many times nearer to sigma than the farthest wanted eigenvalue, or this
+# many times farther away; between, what is nearest to the shift need not be nearest to sigma.
+APART = 1e3
 
 
 def shifts(matrix: Matrix, mass: Matrix | None, sigma: Any) -> Iterator[Any]:
-    """Sigma, and values beside it, by small parts of it and of A, for where it is an eigenvalue."""
+    """Sigma, and shifts next to it for the case that it is an eigenvalue."""
     yield sigma
     if sigma is not None:
         yield from (sigma * (1.0 + step) for step in (1e-9, 1e-7) if sigma)
@@ -85,7 +88,7 @@ class EigenProblem:
 
 
 def told_apart(theta: np.ndarray, rounding: float, away: np.ndarray, moved: float) -> bool:
-    """Whether eigenvalues of an inverse say which are nearest to sigma.
+    """Whether the largest eigenvalues of an inverse are surely those nearest to sigma.
 
     Parameters
     ----------
@@ -96,7 +99,7 @@ def told_apart(theta: np.ndarray, rounding: float, away: np.ndarray, moved: floa
     away : ndarray
         Distances from sigma of the eigenvalues they belong to.
     moved : float
-        That of the shift. What lies no farther from sigma may be nearer than what was found.
+        Distance of the shift from sigma.
     """
     reach = float(away.max())
     return bool(

@@ -12,7 +12,8 @@ from gpu.arrays.namespace import cupy, namespace, to_host
 from gpu.eigenvalues.eigs import DENSE, FALLBACK, PRODUCTS, eigs, start_vector
 from gpu.errors import InputError, NotConverged
 
-CERTIFIED_TRIPLET = 1e-10  # |A v - s u| and |A^* u - s v| over |A|
+# Largest |A v - s u| and |A^* u - s v| over |A|: the square has cost some digits of the vectors.
+CERTIFIED_TRIPLET = 1e-10
 
 
 def svds(

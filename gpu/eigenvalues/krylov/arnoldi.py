@@ -11,14 +11,14 @@ import numpy as np
 from gpu.arrays.namespace import to_host
 from gpu.eigenvalues.krylov.arnoldi_steps import ArnoldiSteps
 
-ONE_LAUNCH = 10_000  # up to this order a sweep gains more than a library product does
-TINY = np.finfo(float).tiny
+ONE_LAUNCH = 10_000  # up to this order a sweep in one launch is quicker than library products
+TINY = np.finfo(float).tiny  # in place of a norm of zero
 # Of random vectors: a start drawn by the caller from a plain seed must not be drawn here again.
 SALT = 0x6A09E667F3BCC908
 
 
 class Arnoldi:
-    """Rows v_0, v_1, ... with ``A V_j = V_j S_j + v_j b_j`` for every leading part of the basis.
+    """Orthonormal rows v_0, v_1, ...; of the first j as columns, ``A V_j = V_j S_j + v_j b_j``.
 
     Orthogonalisation is classical Gram-Schmidt, twice (CGS2). Nothing waits for the device inside
     a sweep: the coefficients come to the host in one copy at its end.

@@ -1,4 +1,4 @@
-"""What a row of Arnoldi steps has found, on the host."""
+"""The coefficients of a sweep of Arnoldi steps, and the projected matrix they make."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.blas import dtrsm
 
-SLIGHT = 1e-9  # squares of such are round-off; no triangle is solved, which wakes all cores up
+# Entries of R below this: their squares are round-off, I - R is the inverse of I + R, and no
+# triangle is solved by a library that would start its threads for it.
+SLIGHT = 1e-9
 BREAKDOWN = 20 * np.finfo(float).eps  # beta below this times |A v| is round-off: invariant
 
 
@@ -25,9 +27,9 @@ class ArnoldiSteps:
     Attributes
     ----------
     coefficients : ndarray, shape (m, size + 1)
-        Row i: h_i, zero from entry j + i + 1 on or meaningless.
+        Row i: h_i; entries from j + i + 1 on are to be ignored.
     betas : ndarray, shape (m,)
-        Where one is round-off, later rows mean nothing: see `ended`.
+        Rows after one that is round-off are to be ignored: see `ended`.
     beside : ndarray, shape (m, size + 1), optional
         Row i: r_i in its first j + i entries. None where all are zero.
     """
@@ -44,12 +46,12 @@ class ArnoldiSteps:
 
     @functools.cached_property
     def norms(self) -> np.ndarray:
-        """Of the coefficients of every step, shape (m,): products within the basis."""
+        """Norms of the coefficients of every step, shape (m,)."""
         return np.sqrt(np.vecdot(self.coefficients, self.coefficients).real)
 
     @property
     def finite(self) -> bool:
-        """Whether all coefficients are, and their squares."""
+        """Whether all coefficients and their squares are finite."""
         return bool(np.isfinite(self.norms + self.betas).all())
 
     @property

@@ -1,4 +1,4 @@
-"""A search for eigenvalues that an iteration has missed, from a random vector beside its space."""
+"""A search for eigenvalues that an iteration has missed, in the complement of its space."""
 
 from __future__ import annotations
 
@@ -11,11 +11,13 @@ from gpu.eigenvalues.krylov.arnoldi import Arnoldi
 from gpu.eigenvalues.schur.order import Edge
 from gpu.eigenvalues.schur.ordered_schur import Rank, ordered_schur, whole
 
-INSIDE = 0.03  # residual of the best newcomer over its distance to the wanted: it lies inside
-THICK = 0.5  # of the searching space that outlives a restart
-FIRST = 3  # products before the first look
-SURE = 0.01  # by so little more than by chance would the random vector have to avoid what is missed
-LIKELY = 0.1  # the same where the best newcomer lies inside as well
+# Residual of the best newcomer over its distance from the wanted: below this it ranks below them.
+INSIDE = 0.03
+THICK = 0.5  # part of the searching space that outlives a restart
+FIRST = 3  # products before the first look: few do where the wanted stand apart
+# The numbers t of `unbeaten`: an eigenvalue goes unseen with a probability of at most .8 times t.
+# The second is enough where the best newcomer ranks below the wanted as well.
+SURE, LIKELY = 0.01, 0.1
 
 
 def unbeaten(
@@ -51,27 +53,27 @@ def unbeaten(
     probability is :math:`\sqrt{2 / \pi}\,t`, however far from normal A is. The modulus of
     p grows outwards from its roots, so that the edge of the wanted part of the plane is enough.
 
-    A small space may settle on an eigenvalue inside and see nothing else. Then that is left aside
-    too, and the search begins again from another vector.
+    A small space may converge to an eigenvalue that ranks below the wanted and see nothing else.
+    Then that one is left aside too, and the search begins again from another vector.
 
     Parameters
     ----------
     basis : Arnoldi
-        Its first `locked` rows span a space that is invariant to what the wanted are apart from
-        the rest. The rows beyond are overwritten.
+        Its first `locked` rows span a space whose residual is small beside the distance between
+        the wanted eigenvalues and the rest. The rows beyond are overwritten.
     locked : int
     worst : float
         Rank of the least wanted eigenvalue found.
     rank, edge : callable
-        See `order`; without `edge` the residual of the best newcomer decides.
+        See `gpu.eigenvalues.schur.order`; without `edge` the residual of the best newcomer decides.
     tol, floor : float
         A newcomer of less residual than tol times its modulus, or than floor, has converged.
     restarts : int
-        The most there may be.
+        At most so many.
     patience : float
-        Products after which a newcomer inside is enough, whatever the probability: far from
-        normal, and beside copies of the last wanted, p does not grow in practice. Infinite where
-        nothing but probability is to end the search.
+        Products after which the search ends once the best newcomer ranks below the wanted,
+        whatever the probability: for matrices far from normal, and where the last wanted
+        eigenvalue has copies, p hardly grows. Infinite where only the probability may end it.
     meanwhile : callable, optional
         See `Arnoldi.sweep`, for the first.
 

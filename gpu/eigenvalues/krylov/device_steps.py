@@ -18,13 +18,13 @@ from gpu.cuda.arnoldi import SOURCE
 from gpu.errors import InputError
 
 THREADS = 1024
-ROWS = 8  # a block owns at least; more blocks than that wait for each other longer
-CACHE_LINE = 16  # numbers that memory moves together
+ROWS = 8  # that a block owns at least: with smaller shares blocks wait longer than they work
+CACHE_LINE = 16  # numbers that memory moves together: 128 bytes
 SHARED = 48 * 1024  # bytes a block may have on every device without asking
-SUMS = 2048  # numbers of `gram_schmidt` in shared memory
+SUMS = 2048  # numbers that `gpu.cuda.gram_schmidt` keeps in shared memory for its sums
 OWN = SUMS // 2 - THREADS // 32  # rows of a block whose sums fit there
-CACHE_SHARE = 0.5  # of the common cache, by columns that stay there or are fetched ahead
-SCARCE = 0.1  # part of the columns that is not worth keeping
+CACHE_SHARE = 0.5  # part of the common cache for columns of A; vectors pass through the rest
+SCARCE = 0.1  # where less than this part of the columns fits, none is kept in shared memory
 _launching = threading.Lock()
 _granted: dict[tuple[int, str], int] = {}  # bytes of shared memory, by device and kernel
 

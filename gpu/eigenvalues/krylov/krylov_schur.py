@@ -16,8 +16,11 @@ from gpu.eigenvalues.krylov.implicit_restart import shifted_qr
 from gpu.eigenvalues.krylov.restart import Limits, Look, Standing, Wanted, room_for, vectors_kept
 from gpu.eigenvalues.schur.ordered_schur import Rank, ordered_schur, whole
 
-ROUNDING_RESIDUAL = 100 * np.finfo(float).eps  # residuals below this times |A| are round-off
-SET_ASIDE = 1e-2  # residual of what a challenge leaves aside over the distance of the rest
+# Over |A|: smaller residuals are round-off, of which a basis of a hundred vectors gathers as much.
+ROUNDING_RESIDUAL = 100 * np.finfo(float).eps
+# Residual of the Schur vectors that a challenge leaves aside, over the distance of their values
+# from the rest: so small that the challenger does not find them again.
+SET_ASIDE = 1e-2
 RESTARTS_BEFORE_GROWTH = 6  # restarts before the space grows, if it may
 
 
@@ -73,11 +76,11 @@ def krylov_schur(
 
     A Krylov space of one vector holds one eigenvector of a repeated eigenvalue only, and may be
     blind to others. So the outcome is challenged from random vectors: see `challenge.unbeaten`.
-    Beside what has converged the next Schur vectors are set aside as far as they are nearly
-    invariant; then the challenger has less to compete with. Where it finds something better, the
-    iteration goes on from that beside what has converged, with `ncv` vectors: near the edge of a
-    disc full of eigenvalues a space of the few that would be left settles on a few of many moduli,
-    blind to larger ones. Whatever is better comes in, and is challenged again.
+    The challenger searches the space orthogonal to the converged Schur vectors and to those
+    following ones that are nearly invariant. Where it finds a better eigenvalue, the iteration goes
+    on from that vector and the converged ones, and the new outcome is challenged again. It then
+    gets room for `ncv` new vectors: near the edge of a disc full of eigenvalues a smaller space
+    converges to values that are not the largest.
 
     Parameters
     ----------
@@ -89,8 +92,8 @@ def krylov_schur(
         See `Arnoldi`.
     start : array, optional
     meanwhile : callable (T, basis), optional
-        Called with what is the outcome unless it loses the challenge, of which a device has yet
-        to finish the first products.
+        Called with what has converged while a device computes the first products of the challenge,
+        so that the host need not wait for them: as a rule it is the outcome.
 
     References
     ----------
@@ -111,7 +114,7 @@ def krylov_schur(
 
 
 class _Iteration:
-    """The space and what has been learnt from it so far."""
+    """The Krylov space, its projected matrix and the counts that restarts depend on."""
 
     def __init__(
         self, wanted: Wanted, limits: Limits, n: int, space: Callable[[int], Arnoldi]
@@ -141,7 +144,7 @@ class _Iteration:
         return min(size, max(self.wanted.k, self.locked) + self.ncv // 2 + 3)
 
     def look(self) -> Look:
-        """Fill the space up to its goal, and bring it to Schur form."""
+        """Fill the space up to `goal`, and bring the projected matrix to ordered Schur form."""
         wanted, basis, S = self.wanted, self.basis, self.S
         steps = basis.sweep(self.kept, self.goal)
         if not steps.finite:
@@ -276,7 +279,7 @@ def _leading(T: np.ndarray, values: np.ndarray, moved: np.ndarray, tol: float, f
 def _aside(
     T: np.ndarray, ranks: np.ndarray, worst: float, moved: np.ndarray, converged: int, most: int
 ) -> int:
-    """How many leading Schur vectors a challenge leaves aside: those nearly invariant too."""
+    """How many leading Schur vectors a challenge leaves aside: converged and nearly invariant."""
     last = min(most, len(ranks) - 1) - 1
     if last <= converged:
         return converged
@@ -288,7 +291,7 @@ def _aside(
 
 
 def _products_left(past: tuple[int, float], now: tuple[int, float], limit: float) -> int:
-    """How many products the wanted are from convergence if it goes on at the rate of the last."""
+    """Products until the wanted converge, if the residual goes on falling at its last rate."""
     (before, large), (products, small) = past, now
     if not limit < small < large:
         return 1 << 30
@@ -307,11 +310,11 @@ def _better(
 ) -> bool:
     r"""Whether ranks have risen by more than they may be off: residual times condition.
 
-    A pair of residual r belongs to a matrix A + E, |E| = r, and its value is known to
-    :math:`r \kappa`, :math:`\kappa = |x| |y| / |y^* x|`. Newcomers which are better by less are no
-    evidence. The condition is that of the Ritz value in the whole space, y the nearest to x among
-    the left vectors of all copies; where first order means nothing the cube root of the residual
-    is the bound, as for Jordan blocks of three.
+    A pair (value, x) of residual r is an exact one of a matrix A + E, |E| = r. So the value is
+    known to :math:`r \kappa`, with :math:`\kappa = |x| |y| / |y^* x|` and the left eigenvector y;
+    of several copies y is the one nearest to x. Values that are better by less are no evidence of
+    a missed eigenvalue. For defective eigenvalues :math:`\kappa` is infinite, and the cube root of
+    the residual bounds the error, as for Jordan blocks of order three.
     """
     slack = 1e-9 * np.abs(ranks)
     if not np.any(ranks > champions + slack + floor):
@@ -341,7 +344,7 @@ def _unbeaten(
     locked: int,
     worst: float,
 ) -> bool:
-    """Whether the best newcomer has converged or lies inside by far more than its residual."""
+    """Whether the best newcomer ranks below the wanted, by far more than its residual."""
     if converged > locked or converged == len(values):
         return True
     following = whole(T, converged + 1)

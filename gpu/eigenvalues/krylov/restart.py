@@ -27,8 +27,8 @@ class Wanted:
     edge : callable, optional
         Of `rank`, see `order.edge_of`: lets challenges end as soon as probability allows.
     inner : bool
-        The wanted may lie inside the spectrum, where newcomers are slow to show: then nothing but
-        probability ends a challenge.
+        The wanted may lie inside the spectrum, where a Krylov space is slow to see others that are
+        better: then only the probability ends a challenge.
     """
 
     k: int
@@ -65,7 +65,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Look:
-    """A Krylov space in Schur form, what is wanted in front.
+    """A Krylov space in Schur form, the wanted eigenvalues first.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Look:
     spike : ndarray, shape (size,)
         Coefficients of the residual vector.
     moved : ndarray, shape (size,)
-        Residuals of the spaces of the leading vectors.
+        Entry c - 1: the residual norm of the first c Schur vectors, :math:`|b_{1..c}|`.
     converged : int
         How many leading vectors have.
     settled : ndarray, shape (converged, converged)
@@ -107,7 +107,7 @@ class Look:
 
 @dataclass(frozen=True)
 class Standing:
-    """Where the iteration stands at a restart.
+    """What `vectors_kept` has to know about the iteration.
 
     Attributes
     ----------

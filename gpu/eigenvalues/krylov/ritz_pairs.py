@@ -1,4 +1,4 @@
-"""Ritz vectors on the device in few launches, for real arrays of CuPy."""
+"""Ritz vectors and their residuals on a device in few launches, for real arrays of CuPy."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from gpu.arrays.device_blas import ONE, ZERO, DeviceBlas
 from gpu.cuda.ritz import SOURCE
 
-TURN_THREADS, TURN_COLUMNS = 256, 32  # of a block that turns, and the columns it turns
+TURN_THREADS, TURN_COLUMNS = 256, 32  # of a block of `ritz_rotate`, and the columns it rotates
 MOST_TURNED = 192  # vectors whose columns fit into the 48 KiB that every block may have
 
 
 def turns(count: int) -> bool:
-    """Whether `rotate` can turn so many vectors."""
+    """Whether `rotate` can take so many vectors."""
     return count <= MOST_TURNED
 
 
@@ -53,7 +53,7 @@ def pairs_with_residuals(
     values : cupy.ndarray of complex128, shape (k,)
     vectors : cupy.ndarray of complex128, shape (n, k)
     squares : cupy.ndarray, shape (2, k)
-        Nobody has waited for them.
+        May still be under way on return: reading them waits for the device.
     """
     import cupy
 

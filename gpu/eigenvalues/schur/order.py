@@ -13,7 +13,7 @@ from gpu.errors import InputError
 Edge = Callable[[float, np.ndarray], np.ndarray]
 
 EVENLY = 32  # points on the edge that do not depend on the values
-RANK_ROUNDING = 1e-14  # ranks are the same up to it
+RANK_ROUNDING = 1e-14  # relative: ranks that differ by less are the same
 CIRCLE = np.exp(2j * np.pi * np.arange(EVENLY) / EVENLY)
 ALONG = np.linspace(-1.0, 1.0, EVENLY + 1)
 ORDERS = ("LM", "SM", "LR", "SR", "LI", "SI")
@@ -52,8 +52,9 @@ def edge_of(which: str, real: bool) -> Edge:
     Returns
     -------
     callable (worst, values) -> ndarray
-        Of the rank on the curve, and of values beyond it: the points that are nearest to them, and
-        some all along. Curves without end go as far as the largest of the values.
+        Takes the rank on the curve and eigenvalues that rank below it; returns the points of the
+        curve nearest to these, and `EVENLY` more at equal distances. Unbounded curves are followed
+        as far as the largest modulus among the values.
     """
     sign = 1.0 if which[0] == "L" else -1.0
 
