@@ -125,7 +125,7 @@ def _whitened(
 
 
 def _sharpened(problem: QPProblem, p: StandardQP, point: Point, tol: float) -> Point:
-    """The point with absolute residuals below `tol` too, if that can be had on the host."""
+    """The point, or one with absolute residuals below `tol` too, where the problem is small."""
     if p.xp is not np or not point.residuals.worst <= tol:
         return point
     entries = p.P.nnz + p.C.nnz if p.is_sparse else np.count_nonzero(p.P) + np.count_nonzero(p.C)

@@ -90,7 +90,9 @@ class BoxQP:
         return np.where(state < 0, self.lb, np.where(state > 0, self.ub, x))
 
     def slack(self, state: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Distances to the bounds or, in the first row, multiplier with the sign it must have."""
+        """What must not be negative, shape (2, n): of free variables the distances to both bounds,
+        of held ones the multiplier towards the bound, then infinity.
+        """
         held = state != 0
         pressure = np.where(self.lb < self.ub, -state * self.gradient(x, y), np.inf)
         return np.stack(
@@ -158,7 +160,7 @@ class ActiveSet:
         self.block: FreeBlock | None = None
 
     def point(self, problem: BoxQP, centre: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where the present state leads in `problem`, from the present x: a step of refinement."""
+        """The x and y that the present state gives in `problem`, by one correction of x."""
         if self.block is None or not np.array_equal(self.block.state, self.state):
             self.block = FreeBlock(self.problem, self.state, self.rho)
         x = problem.hold(self.x, self.state)
@@ -178,7 +180,7 @@ class ActiveSet:
         return np.flatnonzero(violation > 0)
 
     def exchange(self, i: np.ndarray, order: np.ndarray) -> None:
-        """Free what is held among the indices i, hold what is free at its side of lower order."""
+        """Free the held ones of i, hold the free ones at the bound whose `order` is lower."""
         side = np.where(order[0] < order[1], -1, 1)
         self.state[i] = np.where(self.state[i] == 0, side, 0)
 
@@ -240,7 +242,7 @@ class ActiveSet:
             )
 
     def run(self, tol: float, max_steps: int) -> None:
-        """Settle, with equality rows for one centre after the other until they hold."""
+        """Exchange until the active set is right; with equality rows, for each proximal centre."""
         p = self.problem
         if not p.b.size:
             self.settle(tol, max_steps)

@@ -157,10 +157,10 @@ class Residuals:
         Largest product of a multiplier and the distance to its side, the one over the largest
         term of `dual`, the other over the largest entry of x, or of x and Cx for rows.
     pairing : float
-        Of each multiplier and the distance to its side, in the same units, take the smaller;
-        this is the largest of those. It tells whether the active set is the right one. It does
-        not count as a residual: where multiplier and distance both vanish at the solution it falls
-        with the square root of their product only, which `gap` bounds already.
+        Largest value of min(multiplier, distance to its side), in the same units: large where
+        the active set is a wrong one. It does not count as a residual: where multiplier and
+        distance both vanish at the solution, it is as large as the square root of their product,
+        which `gap` bounds already.
     """
 
     primal: float
@@ -239,7 +239,11 @@ def residuals(
 def _pairs(
     multiplier: Array, value: Array, low: Array, high: Array, force: float, length: float
 ) -> tuple[float, float]:
-    """Largest product and largest lesser one of multipliers and distances over their sizes."""
+    """Of multipliers and distances to their sides, each over its size: see `Residuals`.
+
+    The largest product (`complementarity`), and the largest value of min(multiplier, distance)
+    (`pairing`).
+    """
     if not value.size:
         return 0.0, 0.0
     xp = namespace(value)
@@ -250,7 +254,7 @@ def _pairs(
 
 
 def _over(value: float, size: float, terms: Callable[[], float]) -> float:
-    """`value` over `size`, or over the terms of sums that cancel, which are costly."""
+    """`value` over `size`, or over `terms`, the size of what cancels, computed where it matters."""
     if not np.isfinite(size):
         return np.nan
     if not value or value <= SHARP_RESIDUAL * size:

@@ -43,7 +43,7 @@ class PrimalDual(NamedTuple):
 
 
 def extended(p: StandardQP, t: PrimalDual) -> Iterator[PrimalDual]:
-    """Solutions of the active sets that t may mean, for a program on the host."""
+    """Solutions of the active sets that t suggests, for a program on the host."""
     p = p.stored_sparsely()
     scaled, scaling = equilibrate(p)
     tight, loose = (_active(scaled, scaling, t, loose) for loose in (False, True))
@@ -62,7 +62,7 @@ def extended(p: StandardQP, t: PrimalDual) -> Iterator[PrimalDual]:
 def _active(p: StandardQP, scaling: Scaling, t: PrimalDual, loose: bool) -> Sides:
     """Rows with a multiplier and variables at their bounds, in the scaled program p.
 
-    If `loose`, rows and variables whose multiplier is larger than the distance to the side.
+    If `loose`, also those whose multiplier is larger than the distance to the side.
     """
     x, y = scaling.scaled_point(t.x, t.y)
     z_box = t.z_box * scaling.variables * scaling.objective

@@ -90,7 +90,7 @@ def farkas(p: StandardQP, solve: Solve) -> Array | None:
 
 
 def _projected(p: StandardQP, y: Array) -> Array:
-    """The nearest y, of the same support, whose ``C'y`` vanishes on the free variables."""
+    """The nearest y with the same zeros whose ``C'y`` vanishes on the free variables."""
     xp = p.xp
     rows = xp.flatnonzero(y)
     columns = xp.flatnonzero(xp.isinf(p.lb) | xp.isinf(p.ub))
@@ -177,7 +177,7 @@ def _falls(p: StandardQP, cone: StandardQP, v: Array) -> bool:
 
 
 def _straightened(cone: StandardQP, v: Array) -> Array:
-    """The nearest direction, of the same support, along which rows that nearly hold do hold."""
+    """The nearest direction with the same zeros along which rows that nearly vanish do vanish."""
     xp = cone.xp
     terms = abs(cone.C) @ xp.abs(v)
     near = (cone.row_low > -xp.inf) | (cone.row_high < xp.inf)

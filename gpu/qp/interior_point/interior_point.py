@@ -296,7 +296,7 @@ def interior_point(
 ) -> tuple[Array, Array, tuple[Array, Array], int]:
     """Iterate until `measure` is below `target` and nothing improves any more.
 
-    If `hurried`, less is waited for where only rounding is left: more digits come from elsewhere.
+    If `hurried`, it ends sooner where only rounding is left: extended precision is to follow.
 
     Returns
     -------

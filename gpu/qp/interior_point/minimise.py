@@ -69,8 +69,8 @@ class NoBound(Exception):
 def certified(p: StandardQP, x: Array, y: Array) -> Point:
     """The point next to (x, y) whose bounds and signs hold, and its residuals.
 
-    Without a linear term the minimum may be zero, and then the multipliers are. What tends to them
-    is never small beside itself.
+    Without a linear term the minimum may be at zero, where all multipliers vanish. Residuals
+    relative to multipliers that converge to zero are never small: zero itself is tried too.
     """
     point = _certified(p, x, y)
     if point.residuals.sharp <= CLEAN_RESIDUAL or bool(p.q.any()):
@@ -125,15 +125,17 @@ def minimise(p: StandardQP, tol: float, solver: str = "auto", proofs: bool = Tru
         if not small.free.size:
             raise NoPoint(_violated(p, point.x))
     scaled, scaling = equilibrate(small.program)
-    spelt = curvature_rows(scaled)
+    rewritten = curvature_rows(scaled)
 
     def whole(x: Array, y: Array) -> Point:
-        point = (x, y) if spelt is None else spelt.point(x, y)
+        point = (x, y) if rewritten is None else rewritten.point(x, y)
         return certified(p, *small.point(*scaling.point(*point)))
 
-    search = _Search(p, scaled if spelt is None else spelt.program, whole, tol, solver, proofs)
-    # A linear term that is lost in rounding beside P is no evidence of a bound.
-    best, steps = search.run(unproved=spelt is not None and not bool(p.bounded.all()))
+    search = _Search(
+        p, scaled if rewritten is None else rewritten.program, whole, tol, solver, proofs
+    )
+    # Where q is rounding beside P, small residuals do not show that the objective is bounded.
+    best, steps = search.run(unproved=rewritten is not None and not bool(p.bounded.all()))
     if proofs and _lost_in_rounding(p, best.x):
         _prove_unbounded(p, solver, best.x if float(p.q @ best.x) < 0.0 else -best.x)
         far = float(p.xp.abs(best.x[small.free] / scaling.variables).max())
@@ -182,7 +184,7 @@ class _Search:
             if not found:
                 continue
             steps += count
-            # Where the active set is not unique, the polish may lose what the interior point had.
+            # Where the active set is not unique, the polish may end worse than it began.
             best = min(found if best is None else [best, *found], key=self._rank)
             if sharpen and tol < best.residuals.worst <= NEAR_RESIDUAL:
                 best = self._sharpened(best)
@@ -242,7 +244,7 @@ class _Search:
         return found, count
 
     def _sharpened(self, best: Point) -> Point:
-        """The same active set in extended precision, where that is better."""
+        """The solution of the same active set in extended precision, if its residuals are less."""
         for solution in extended(self.p, PrimalDual(best.x, best.y, best.z_box)):
             sharper = Point(*solution, residuals(self.p, *solution), 0)
             best = min([best, sharper], key=self._rank)
@@ -280,7 +282,7 @@ def polished(p: StandardQP, sides: Sides, x: Array, y: Array) -> Point | None:
 
 def _prove(p: StandardQP, best: Point, solver: str) -> None:
     """Raise with a certificate if there is one."""
-    # Relative to iterates that diverge even the rows of a contradiction hold: both are sought.
+    # Both are sought: beside iterates that diverge even contradictory rows have small residuals.
     if best.residuals.worst <= PLAUSIBLE_RESIDUAL:
         return
     small, scaling = equilibrate(p)

@@ -23,7 +23,7 @@ from gpu.riccati.problem.weights import Weight
 
 PI = ("printed", "symmetric")
 STARTS = ("random", "inputs")
-COPIES = 100  # so many that no input reaches are computed beside those asked for
+COPIES = 100  # at most so many eigenvalues that no input reaches are computed besides
 EXTRA = 6  # beyond those asked for, so that neither +- nor conjugate pairs are cut
 ALL_EIGENVALUES = 128  # up to this order of the Hamiltonian all of its eigenvalues are computed
 MOST_RESTARTS = 300  # of Krylov-Schur; one that converges takes a few dozen
@@ -59,8 +59,9 @@ def solve(
     Parameters
     ----------
     modes : int
-        L, from 2 to 2 n; about half of them are stable. From "inputs" only those count that an
-        input reaches: rounding brings up to 100 others into a dense A, and fewer into a diagonal.
+        L, from 2 to 2 n; about half of them are stable. With ``start="inputs"`` only those count
+        that an input reaches. Rounding brings others in, more for a dense A than for a diagonal:
+        up to 100 of them are computed besides.
     pi : {"symmetric", "printed"}
     start : {"random", "inputs"}, optional
         The seed of the Krylov space. "random", as in the dissertation and the default of
@@ -70,7 +71,7 @@ def solve(
     inner : array or sparse matrix, shape (n, n) or (n,), optional
         M, symmetric positive definite; identity by default. "printed" only.
     tol : float
-        Of the eigenvalues.
+        Relative residual of the eigenvalues.
 
     Returns
     -------
@@ -125,7 +126,7 @@ def stable_subspace(
     state: StateMatrix, B: Any, weight: Weight, modes: int, tol: float, start: str
 ) -> tuple[Any, Any, int]:
     """V and Y, shapes (n, r), of the stable eigenvalues among the first, and how many solves."""
-    # The two off-diagonal blocks of equal size: else one half of every vector is rounding.
+    # rho makes the off-diagonal blocks equally large: else one half of every vector is rounding.
     cost = weight.scale()
     reach = float((B * B).sum()) ** 0.5
     rho = cost**0.5 / reach if cost > 0.0 and reach > 0.0 else 1.0

@@ -40,9 +40,10 @@ class DenseLoop:
     value : array, shape (n, n), or None
         The Riccati solution in the same units, where it is known.
     doubt : tuple (B, W, T) or None
-        The inputs, what the value leaves of the Riccati equation, and the size of its terms.
+        The inputs; a bound of the residual of the value in its Riccati equation; the size of the
+        terms of that equation, entry by entry.
     parts : tuple (A, B, K) or None
-        What the matrix was made of.
+        Of which the matrix is ``A - B K``.
     """
 
     matrix: Any
@@ -55,13 +56,14 @@ class DenseLoop:
     def poles(self) -> np.ndarray:
         """Eigenvalues, rightmost first: all of a small or symmetric matrix, else some near zero.
 
-        Of the few nearest to zero those that converge; in a cluster to fewer digits, or none.
+        Of the few nearest to zero those that converge: poles in a cluster may have fewer digits, or
+        be missing.
         """
         return self._poles_and_tolerance[0]
 
     @property
     def tolerance(self) -> float:
-        """What the poles are known to, relative, as eigenvalues of a matrix so close."""
+        """The poles are exact ones of a matrix within this relative distance."""
         return self._poles_and_tolerance[1]
 
     @cached_property
@@ -246,7 +248,7 @@ def nearest_poles(state: StateMatrix, B: Any, K: Any, count: int = FEW_POLES) ->
         if state.kind == "operator":
             raise GpuError("the closed loop of an operator with a pole at zero is not examined")
         if digits is None:
-            # A mode of A at zero, which is none of the loop, costs no digits.
+            # A mode of A at zero that the loop has moved: the closed loop itself is factored.
             closed = state.factor_updated(B, K.T)
             if closed is not None:
                 return _poles_by(_pencil_inverse(closed, state), 0.0, n, xp, count)
@@ -257,7 +259,7 @@ def nearest_poles(state: StateMatrix, B: Any, K: Any, count: int = FEW_POLES) ->
 
 
 def unstable_pole(state: StateMatrix, B: Any, K: Any, nearest: float) -> complex | None:
-    r"""A pole of the loop right of the axis that shows itself in a few steps; else None.
+    r"""A pole of the loop right of the axis that a few Arnoldi steps find; else None.
 
     Of :math:`C = (A_c + s E)(A_c - s E)^{-1}`, s > 0, the eigenvalues
     :math:`(\lambda + s) / (\lambda - s)` outside of the unit circle are those of poles right of
@@ -347,7 +349,7 @@ def _pencil_inverse(closed: Factors, state: StateMatrix) -> Any:
 
 
 def _poles_by(inverse: Any, shift: float, n: int, xp: Any, count: int) -> np.ndarray:
-    """The poles of what ``inverse`` is the inverse of, moved by a shift."""
+    """Poles nearest to `shift`, of a loop whose inverse, shifted, is applied by ``inverse``."""
     start = xp.asarray(np.random.default_rng(0).standard_normal(n))
     few = max(count // 3, 1)
     options = {"k": few, "ncv": 4 * few} if n >= LARGE else {"k": min(count, n)}
@@ -357,10 +359,10 @@ def _poles_by(inverse: Any, shift: float, n: int, xp: Any, count: int) -> np.nda
 
 
 def _nearest(matrix: Any, tol: float = POLE_TOLERANCES[0], **options: Any) -> np.ndarray:
-    """What converged of the wanted eigenvalues in a few restarts: repeated ones may never all.
+    """The eigenvalues asked for, as far as they converge in a few restarts.
 
-    Nobody says that the first of them are among those: what a looser tolerance finds beside them
-    is added.
+    Copies of a repeated one may never converge, and what is missing may be the nearest of all:
+    so what a looser tolerance finds besides is added.
     """
     from gpu.eigenvalues.eigs import eigs
 

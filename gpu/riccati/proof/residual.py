@@ -1,4 +1,4 @@
-"""What a Riccati solution leaves of its equation, in the unit round-off or beyond it."""
+"""The residual of a Riccati solution, in double or in extended precision."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Orthonormal bases of block rational Krylov spaces, a few factored poles in turn."""
+"""Orthonormal bases of block rational Krylov spaces, with a few factored shifts in turn."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ DROP = 1e-11  # a new direction whose part outside the space is smaller is round
 class RationalKrylov:
     r"""The space of :math:`G,\ (A - s_1 E)^{-1} G,\ (A - s_2 E)^{-1} E (A - s_1 E)^{-1} G,\ \dots`
 
-    with the poles in turn, orthonormal, grown a block at a time (Ruhe 1984). The poles are few, so
-    that each is factored once.
+    with the shifts in turn, orthonormal, grown a block at a time (Ruhe 1984). The shifts are few,
+    so that each is factored once.
 
     Parameters
     ----------
     state : StateMatrix
     seed : array, shape (n, p)
         G.
-    poles : sequence of Factors
+    shifts : sequence of Factors
+        Of A - s E, one for each shift s.
     transposed : bool
         Of :math:`A^T, E^T`.
 
@@ -37,9 +38,9 @@ class RationalKrylov:
     """
 
     def __init__(
-        self, state: StateMatrix, seed: Any, poles: list[Factors], transposed: bool = False
+        self, state: StateMatrix, seed: Any, shifts: list[Factors], transposed: bool = False
     ) -> None:
-        self._state, self._poles, self._transposed = state, poles, transposed
+        self._state, self._shifts, self._transposed = state, shifts, transposed
         self._turn, self.solves, self.exhausted = 0, 0, False
         self._kept = state.xp.empty((state.n, 4 * seed.shape[1]), order="F")
         self.rank = 0
@@ -51,16 +52,16 @@ class RationalKrylov:
         return self._kept[:, : self.rank]
 
     def grow(self) -> None:
-        """Add a block: the last one, solved with the next pole."""
+        """Add a block: the last one, solved with the next shift."""
         if self.exhausted:
             return
-        pole = self._poles[self._turn % len(self._poles)]
+        factors = self._shifts[self._turn % len(self._shifts)]
         self._turn += 1
         self.solves += 1
         if self._transposed:
-            block = pole.solve_transposed(self._state.mass_transposed(self._last))
+            block = factors.solve_transposed(self._state.mass_transposed(self._last))
         else:
-            block = pole.solve(self._state.mass(self._last))
+            block = factors.solve(self._state.mass(self._last))
         self._append(block)
 
     def _projected(self, block: Any) -> Any:

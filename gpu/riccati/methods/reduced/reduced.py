@@ -27,7 +27,7 @@ START = 8  # blocks before the first Newton step
 STEPS = 30  # of Newton on the gain; quadratic once the first have settled
 MISSES = 16  # spaces without a stabilising solution, one after the other, that end the search
 STRIDE = 2  # blocks between two looks at the projected equation
-POLES = 6  # for values of low rank; each is factored once
+SHIFTS = 6  # of the Krylov space for values of low rank; each is factored once
 QUADRATIC = 1e-6  # a Newton step of this size leaves an error of its square
 
 
@@ -148,10 +148,10 @@ def _printed(problem: LQRProblem, W: Any) -> Found:
 
 def _low_rank(problem: LQRProblem, C: Any, tol: float, limit: int) -> Found:
     state, xp = problem.state, problem.xp
-    poles, moved = _poles(problem, C.T, POLES)
+    shifts, moved = _shifts(problem, C.T, SHIFTS)
     # The value is that of A E^-1 and C E^-1; a feedback that makes A regular must lie in its space.
     seed = xp.concatenate([_mass(state).solve_transposed(C.T), *moved], axis=1)
-    space = RationalKrylov(state, seed, poles, transposed=True)
+    space = RationalKrylov(state, seed, shifts, transposed=True)
     projected, residual, history, misses = None, np.inf, [], 0
     while True:
         for _ in range(2 * STRIDE):
@@ -198,7 +198,7 @@ def _full(problem: LQRProblem, tol: float, limit: int, refine: bool | None) -> F
             "or refine=False for the gain of the projection, which is not optimal"
         )
     B = problem.input
-    space = RationalKrylov(state, _mass(state).solve(B), _poles(problem, B, 2)[0])
+    space = RationalKrylov(state, _mass(state).solve(B), _shifts(problem, B, 2)[0])
     if refine:
         return _newton(problem, space, tol, limit)
     history: list[tuple[int, float]] = []
@@ -322,8 +322,10 @@ def _multiple(problem: LQRProblem) -> float | None:
     return ratio if apart <= 1e-10 * float(xp.linalg.norm(cost)) else None
 
 
-def _poles(problem: LQRProblem, seed: Any, count: int) -> tuple[list[Factors], list[Any]]:
-    """Poles at zero, where A may be singular, and on the way to the fastest modes, log-spaced."""
+def _shifts(problem: LQRProblem, seed: Any, count: int) -> tuple[list[Factors], list[Any]]:
+    """Factors of A and of A - s E, s log-spaced up to the fastest modes; see `moved` for a
+    singular A.
+    """
     state, xp = problem.state, problem.xp
     inverse = InverseHamiltonian(state, problem.input, problem.weight)
     slow_factors = inverse.factors
@@ -343,11 +345,11 @@ def _poles(problem: LQRProblem, seed: Any, count: int) -> tuple[list[Factors], l
     ladder = slow * (top / slow) ** (np.arange(1, count) / (count - 1))
     if count == 2:
         ladder = np.array([(slow * fast) ** 0.5])
-    poles = [slow_factors]
+    shifts = [slow_factors]
     for shift in ladder:
         for move in (1.0, 1.37, 0.71):
             factors = state.factor(float(move * shift))
             if factors is not None:
-                poles.append(factors)
+                shifts.append(factors)
                 break
-    return poles, inverse.moved
+    return shifts, inverse.moved

@@ -13,8 +13,8 @@ from gpu.riccati.methods.reduced.galerkin_riccati import Projected
 from gpu.riccati.problem.lqr_problem import LQRProblem
 from gpu.riccati.problem.state_matrix import EPS, Factors, factor, sparse_of, vanishing
 
-# The smallest eigenvalue of what must be definite, where the exact solution has one; rounding is
-# smaller by orders of magnitude.
+# Least eigenvalue of what must be definite, in units where that of the exact solution is at least
+# one: far above rounding.
 DEFINITE_MARGIN = 1e-2
 
 
@@ -22,8 +22,9 @@ def proves_stable(problem: LQRProblem, projected: Projected, P: np.ndarray, q: f
     r"""Whether Lyapunov's inequality holds for ``A - B K`` and a value near the Riccati solution.
 
     Let :math:`Q = q E`, and :math:`A_s = A - \delta E Z Z^T E` negative definite, Z of few
-    columns. Then :math:`S_0 = -\frac q2 A_s^{-1}` takes care of the weight, what is missing to the
-    Riccati solution has low rank, and the Galerkin solution P on the basis W knows it:
+    columns. Then :math:`S_0 = -\frac q2 A_s^{-1}` solves the equation without the quadratic term
+    and without :math:`\delta`. Its difference to the Riccati solution has low rank, and the
+    Galerkin solution P on the basis W gives it:
 
     .. math:: S = S_0 + W Y W^T,\qquad Y = P + \tfrac q2 (W^T A_s W)^{-1}.
 
