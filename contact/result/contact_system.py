@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 # Part of a motion by supports whose forces are told apart from the rounding of the rest: thousand
 # machine precisions are 1e-10 of them.
 _TRAVEL = 1e-3
+_DIGITS = 1e-12  # rounding of sums, below which the motion need not be looked at
 
 
 @dataclass(frozen=True, repr=False)
@@ -144,9 +145,10 @@ class ContactSystem:
             return 0.0
         reactions = body.at_supports(body.internal(u) + contact - self.load)
         size = _largest(given + body.total(np.abs(reactions)))
-        if not np.any(self.load):  # supports alone cause the forces, and their digits
-            size *= max(1.0, _TRAVEL * body.reach(u) / (body.deformation(u) or 1e-300))
-        return _largest(body.total(self.load + reactions - contact)) / size
+        left = _largest(body.total(self.load + reactions - contact)) / size
+        if left > _DIGITS and not np.any(self.load):  # supports alone cause the forces
+            left /= max(1.0, _TRAVEL * body.reach(u) / (body.deformation(u) or 1e-300))
+        return left
 
     def _unbalanced_obstacle(self, motion: ObstacleMotion, mu: Array, t: Array) -> float:
         """What is left of the forces on free motions, over all contact forces with their arms.

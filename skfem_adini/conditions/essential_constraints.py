@@ -46,7 +46,8 @@ def essential_constraints(
 
     - Edges in one line (turning by less than 1e-3, as noise on coordinates does) fix the derivative
       along it, as the mean of the derivatives from both sides, and leave the normal derivative
-      free: one column of T with the entries of the unit normal.
+      free: one column of T with the entries of the unit normal. That derivative moves the edges by
+      the order of the turn, which costs a uniform stress up to some 1e-5 of itself.
     - Edges in one plane in 3-D fix the gradient in that plane and leave the normal derivative.
     - Edges that turn further fix the whole gradient, each its own component: no conflict arises.
 
