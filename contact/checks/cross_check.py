@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
-from contact.checks.cone_program import solve_cones
-from contact.checks.unit_program import UnitProgram
+from contact.checks.frozen_problem import FrozenProblem
 from contact.errors import InputError
-from contact.laws.qp_peers import solve_with
 from contact.problem.contact_problem import ContactProblem
 from contact.result.contact_result import ContactResult
 from contact.result.contact_system import ContactSystem
@@ -113,8 +109,8 @@ def cross_check(
 
     in variables and rows of unit size (`contact.checks.unit_program`): the units of length and
     force are not seen. A Coulomb problem is checked at its solution: with the bound frozen at g = F
-    mu it is the given-friction problem that the solution must also solve.
-    In 3-D the friction terms are cones, :math:`s_i \ge |T_i z|`, and the peer is Clarabel.
+    mu it is the given-friction problem that the solution must also solve. In 3-D the friction terms
+    are cones, :math:`s_i \ge |T_i z|`, and the peer is Clarabel.
 
     Parameters
     ----------
@@ -151,15 +147,49 @@ def cross_check(
     >>> check.multipliers < 1e-6, check.residual < 1e-6
     (True, True)
     """
+    _check(problem, result, solver)
+    system, body = result.system, result.system.body
+    boundary = problem.condense().under(body) if condensed is not False else None
+    if condensed is None and boundary is not None and boundary.unknowns > _DENSE:
+        boundary = None
+    asked = FrozenProblem.of(result, boundary, _has_cones(result))
+    answer = asked.solved_by(solver)
+    u, mu, t = np.full(result.u.size, np.nan), answer.mu, answer.t
+    if answer.z is not None and boundary is not None:
+        u = boundary.expand(system.load, answer.z)
+    elif answer.z is not None:
+        P, u0 = body.constraint
+        u = P @ answer.z + u0
+    bound = system.bound(result.mu)
+
+    def energy(u: Array) -> float:
+        slip = np.linalg.norm(system.slip_increment(system.relative(u, result.motion)[1]), axis=1)
+        return system.energy(u) + float(bound @ slip)
+
+    ours, theirs = energy(result.u), energy(u)
+    force = max(np.abs(result.mu).max(initial=0.0), np.abs(result.t).max(initial=0.0)) or 1.0
+    difference = max(np.abs(mu - result.mu).max(initial=0.0), np.abs(t - result.t).max(initial=0.0))
+    return CrossCheck(
+        solver=solver,
+        size=asked.size,
+        displacement=body.reach(u - result.u) / (body.reach(result.u) or 1.0),
+        multipliers=float(difference / force),
+        objective=abs(ours - theirs) / max(abs(ours), abs(theirs), np.finfo(float).tiny),
+        seconds=answer.seconds,
+        residual=_residual(system, bound, u, mu, t, result.motion),
+        ours=max(result.kkt.values()),
+    )
+
+
+def _check(problem: ContactProblem, result: ContactResult, solver: str) -> None:
+    """Raise an `InputError` unless the solver can check the result, and it is of the problem."""
     for name, given, kind in (
         ("problem", problem, ContactProblem),
         ("result", result, ContactResult),
     ):
         if not isinstance(given, kind):
             raise InputError(f"{name}: expected a {kind.__name__}, got {type(given).__name__}")
-    system, body, dim = result.system, result.system.body, result.system.body.dim
-    cones = dim == 3 and system.law is not None
-    if cones and solver != "clarabel":
+    if _has_cones(result) and solver != "clarabel":
         raise InputError(
             "cross_check: friction in 3-D is a cone problem, not a QP; use solver='clarabel'"
         )
@@ -168,101 +198,10 @@ def cross_check(
             f"result: has {result.u.size} unknowns and {result.mu.size} contact points, the "
             f"problem {problem.body.basis.N} and {problem.rows.gap.size}"
         )
-    rows, (P, u0) = system.rows, system.body.constraint
-    boundary = problem.condense().under(system.body) if condensed is not False else None
-    if condensed is None and boundary is not None and boundary.unknowns > _DENSE:
-        boundary = None
-    usable = np.isfinite(rows.gap)
-    bound = system.bound(result.mu)
-    rubbing = bound > 0
-    if cones:  # friction of points whose whole slip is prescribed acts on supports alone
-        rubbing &= system.body.live(rows.T).reshape(result.t.shape).any(axis=1)
-    rubs = np.repeat(rubbing, dim - 1)
-    G: Any = rows.G[usable]
-    R: Any = rows.T[rubs]
-    gap, g, offset = rows.gap[usable] - G @ u0, bound[rubbing], R @ u0
-    if system.slip_from is not None:
-        offset = offset - system.slip_from.ravel()[rubs]
-    if system.motion is not None and result.motion is not None:  # checked at the motion found
-        w_n, w_t = system.motion.displacement(result.motion)
-        gap, offset = gap + w_n[usable], offset - w_t.ravel()[rubs]
-    S: Any
-    if boundary is not None:
-        S, f = boundary.stiffness, boundary.reduce(system.load)
-        G, R = boundary.restrict(G), boundary.restrict(R)
-    else:
-        S = sparse.csr_array(P.T @ system.body.stiffness @ P)
-        f = P.T @ (system.load - system.body.stiffness @ u0)
-        G, R = sparse.csr_array(G @ P), sparse.csr_array(R @ P)
-    keep_n, keep_t = _nonzero_rows(G), _nonzero_rows(R)
-    if cones:
-        keep_t = np.arange(R.shape[0])  # a row that supports hold still belongs to its cone
-    else:
-        g = g[keep_t]
-    G, gap, R, offset = G[keep_n], gap[keep_n], R[keep_t], offset[keep_t]
-
-    n, k = f.size, g.size
-    slips = R.shape[0] // k if k else 1  # of one point
-    unit = UnitProgram.of(S, f, G, R, slips)
-    gap, g = gap / unit.normal, g * unit.tangential
-    offset = offset.reshape(k, slips) / unit.tangential[:, None]
-    w: Any
-    if cones:
-        w, pressing, pushed, seconds = solve_cones(unit.P, unit.f, unit.G, gap, unit.R, offset, g)
-    else:
-        w, pressing, pushed, seconds = _solve_split(solver, unit, gap, offset.ravel(), g)
-    u, mu, t = np.full(result.u.size, np.nan), np.zeros(result.mu.size), np.zeros(result.t.size)
-    if w is not None:
-        z = unit.back @ w
-        u = boundary.expand(system.load, z) if boundary is not None else P @ z + u0
-    mu[np.flatnonzero(usable)[keep_n]] = pressing / unit.normal
-    pushed = pushed.reshape(k, slips) / unit.tangential[:, None]
-    t[np.flatnonzero(rubs)[keep_t]] = pushed.ravel()
-
-    def energy(u: Array) -> float:
-        slip = np.linalg.norm(system.slip_increment(system.relative(u, result.motion)[1]), axis=1)
-        return system.energy(u) + float(system.bound(result.mu) @ slip)
-
-    ours, theirs = energy(result.u), energy(u)
-    force = max(np.abs(result.mu).max(initial=0.0), np.abs(result.t).max(initial=0.0)) or 1.0
-    difference = max(
-        np.abs(mu - result.mu).max(initial=0.0), np.abs(t - result.t.ravel()).max(initial=0.0)
-    )
-    return CrossCheck(
-        solver=solver,
-        size=n + k,
-        displacement=body.reach(u - result.u) / (body.reach(result.u) or 1.0),
-        multipliers=float(difference / force),
-        objective=abs(ours - theirs) / max(abs(ours), abs(theirs), np.finfo(float).tiny),
-        seconds=seconds,
-        residual=_residual(system, bound, u, mu, t.reshape(result.t.shape), result.motion),
-        ours=max(result.kkt.values()),
-    )
 
 
-def _solve_split(
-    solver: str, unit: UnitProgram, gap: Array, offset: Array, g: Array
-) -> tuple[Array | None, Array, Array, float]:
-    """Given friction as a QP with a slack for the modulus of each slip: w, mu, t, seconds."""
-    n, k = unit.f.size, g.size
-    if sparse.issparse(unit.P):
-        one: Any = sparse.eye_array(k, format="csr")
-        none: Any = sparse.csr_array((n, k))
-        S: Any = unit.P
-        P: Any = sparse.vstack((sparse.hstack((S, none)), sparse.csr_array((k, n + k))))
-        H: Any = sparse.block_array(
-            [[unit.G, sparse.csr_array((gap.size, k))], [unit.R, -one], [-unit.R, -one]]
-        )
-    else:
-        one, none = np.eye(k), np.zeros((n, k))
-        P = np.block([[unit.P, none], [none.T, 0.0 * one]])
-        H = np.block([[unit.G, np.zeros((gap.size, k))], [unit.R, -one], [-unit.R, -one]])
-    h = np.concatenate((gap, -offset, offset))
-    solution, seconds = solve_with(solver, P, np.r_[-unit.f, g], H, h)
-    if solution.x is None or solution.z is None:
-        return None, np.full(gap.size, np.nan), np.full(k, np.nan), seconds
-    pushed = solution.z[gap.size : gap.size + k] - solution.z[gap.size + k :]
-    return solution.x[:n], solution.z[: gap.size], pushed, seconds
+def _has_cones(result: ContactResult) -> bool:
+    return result.system.body.dim == 3 and result.system.law is not None
 
 
 def _residual(
@@ -276,8 +215,3 @@ def _residual(
     # The obstacles stand where the result has them; their balance is that of the same forces.
     kkt = asked.kkt(u, mu, t, motion)
     return max(value for name, value in kkt.items() if name not in ("obstacle", "balance"))
-
-
-def _nonzero_rows(rows: Any) -> NDArray[np.int64]:
-    size = np.asarray((rows * rows).sum(axis=1)).ravel()
-    return np.flatnonzero(size > 1e-24 * size.max(initial=0.0))

@@ -9,7 +9,7 @@ from contact.body.solid import BasisSolid, Solid
 from contact.condensation.layers import CondensedLayers
 from contact.condensation.sparse import CondensedContact
 from contact.errors import InputError
-from contact.rows.discretise import ContactRows
+from contact.rows.contact_rows import ContactRows
 
 
 @singledispatch

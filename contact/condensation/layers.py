@@ -17,7 +17,7 @@ from contact.body.layers.layers import PER_NODE
 from contact.body.rigid_modes import describe_motion, reduced_echelon, rigid_modes
 from contact.condensation.slab_doubling import SlabDoubling
 from contact.condensation.sparse import CondensedContact
-from contact.rows.discretise import ContactRows
+from contact.rows.contact_rows import ContactRows
 
 Array = NDArray[np.float64]
 

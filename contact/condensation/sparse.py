@@ -21,7 +21,7 @@ from contact.condensation.schur import SchurFactor, schur_factor
 from contact.condensation.strain_factor import factor_of_strains, strains_can_be_factored
 from contact.errors import Infeasible, InputError
 from contact.obstacles.rigid import ObstacleMotion
-from contact.rows.discretise import ContactRows
+from contact.rows.contact_rows import ContactRows
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.rows.discretise import ContactRows
+from contact.rows.contact_rows import ContactRows
 
 Array = NDArray[np.float64]
 

@@ -25,7 +25,7 @@ from contact.problem.solve_system import solve_system
 from contact.result.contact_result import ContactResult
 from contact.result.contact_system import ContactSystem
 from contact.rows.contact_boundaries import ContactBoundaries
-from contact.rows.discretise import ContactRows
+from contact.rows.contact_rows import ContactRows
 from contact.settled import settled
 
 Array = NDArray[np.float64]

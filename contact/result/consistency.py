@@ -17,7 +17,7 @@ from contact.errors import InputError
 if TYPE_CHECKING:
     from contact.body.elastic_body import ElasticBody
     from contact.result.contact_state import ContactState
-    from contact.rows.discretise import ContactRows
+    from contact.rows.contact_rows import ContactRows
 
 Array = NDArray[np.float64]
 # Of unit vectors and of rows that average a constant: rounding of a few dozen terms.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from contact.errors import InputError
 from contact.laws.friction import Coulomb, Friction, Tresca, project
 from contact.obstacles.rigid import ObstacleMotion
-from contact.rows.discretise import ContactRows
+from contact.rows.contact_rows import ContactRows
 
 Array = NDArray[np.float64]
 # Part of a motion by supports whose forces are told apart from the rounding of the rest: thousand

@@ -26,7 +26,7 @@ from contact.result.certify import as_lines, certify
 from contact.result.consistency import check_mesh, check_problem, check_state
 from contact.result.contact_state import ContactState
 from contact.result.contact_system import ContactSystem
-from contact.rows.discretise import ContactRows
+from contact.rows.contact_rows import ContactRows
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
 _FORMAT, _BEFORE_CHECKSUMS = 3, 2

@@ -31,7 +31,7 @@ from scipy import sparse
 from contact.body.cut_arc import CutArc
 from contact.errors import InputError, numbers
 from contact.obstacles.shapes import ObstacleLike, evaluate_gap
-from contact.rows.discretise import ContactRows
+from contact.rows.contact_rows import ContactRows
 from contact.rows.frames import tangent_frame
 from contact.rows.shares import check_weights
 

@@ -18,7 +18,8 @@ from contact.obstacles.placement import check_placement, outward_normals
 from contact.obstacles.rigid import ObstacleMotion, Rigid
 from contact.obstacles.shapes import ClosestPoint, ObstacleLike
 from contact.rows.arc_rows import ArcGap, arc_rows
-from contact.rows.discretise import ContactRows, contact_boundary
+from contact.rows.contact_rows import ContactRows
+from contact.rows.discretise import contact_boundary
 from contact.rows.gap_rule import GapRule
 
 Array = NDArray[np.float64]

@@ -1,9 +1,9 @@
-"""Contact rows: normal and tangential displacement of a boundary as sparse functionals."""
+"""A contact boundary discretised: its contact rows, and how it reads a gap."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,9 @@ from contact.body.elastic_body import ElasticBody
 from contact.errors import InputError
 from contact.facet_basis import facet_basis
 from contact.obstacles.shapes import ObstacleLike
+from contact.rows.contact_rows import ContactRows
 from contact.rows.frames import along_supports, tangent_frame, within_supports
-from contact.rows.functionals import facet_functional
+from contact.rows.functionals import FacetFunctional, facet_functional
 from contact.rows.gap_rule import GapRule
 from contact.rows.numbering import along, first_occurrence, numbering
 from contact.rows.outline import Outline
@@ -24,43 +25,8 @@ from contact.rows.trace_rows import TraceRows
 from contact.rows.unequal_facets import Leaning
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 Direction = Callable[[Array], Array]
-
-
-@dataclass(frozen=True, repr=False)
-class ContactRows:
-    """The contact boundary, discretised: m points, each with a normal and dim - 1 tangents.
-
-    Attributes
-    ----------
-    G : csr_array, shape (m, ndofs)
-        ``G u`` is the normal displacement u_n along the outward normal of the body.
-    T : csr_array, shape (m * (dim - 1), ndofs)
-        Tangential displacement; the rows of one point are consecutive.
-    gap : ndarray, shape (m,)
-        The gap d under the same functional; ``inf`` where there is no obstacle.
-    weights : ndarray, shape (m,)
-        Length or area of each point: a multiplier (a force) over its weight is a pressure.
-    x : ndarray, shape (dim, m)
-        Mean place of the functional's dual function: where the pressure is reported.
-    x_nominal : ndarray, shape (dim, m)
-    normals : ndarray, shape (dim, m)
-    tangents : ndarray, shape (dim, dim - 1, m)
-    functional : str
-    part : ndarray of int, shape (m,)
-        Number of the contact boundary of each point; empty where there is one only.
-    """
-
-    G: sparse.csr_array
-    T: sparse.csr_array
-    gap: Array
-    weights: Array
-    x: Array
-    x_nominal: Array
-    normals: Array
-    tangents: Array
-    functional: str
-    part: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 def contact_rows(
@@ -102,80 +68,127 @@ def contact_boundary(
     direction : callable x -> n, optional
         Unit vectors that take the place of the outward normals, see `ClosestPoint`.
     """
-    form = facet_functional(body.element, functional)
     outline = Outline(body, facets)
-    if form.straight and outline.curved.any():
-        if form.name != "gauss":
-            raise InputError(
-                f"functional={form.name!r}: cannot be trusted on a curved boundary; leave "
-                "functional out there"
-            )
-        form = facet_functional(body.element, None)
+    form = _usable(outline, functional)
     number, count = numbering(outline, form)
-    facet, slot = first_occurrence(number, count)
-    x_nominal = body.basis.mapping.G(form.nominal, find=facets)[:, facet, slot]
-
     integrals = _facet_basis(body, facets, None)
     at_points = integrals if form.mean else _facet_basis(body, facets, form.points)
     shares = Shares.of(outline, form, number, integrals)
-    x = shares.x
-    if form.trace is not None:
-        spline = Shares.of(outline, form.trace, numbering(outline, form.trace)[0], integrals)
-        x = placed_on(shares, spline, form.trace.basis(form.points))
     trace = TraceRows.of(outline, at_points, shares, direction)
-    offset = None
-    if form.mean:
-        derivatives = body.scalar_dofs.nodal_dofs[1 : 1 + body.dim, outline.corners[facet, slot]]
-        offset = trace.scalar[np.arange(count)[None], derivatives].toarray()
-        x_nominal = x_nominal + offset
-    normals, own, sharp = outline.mean_normals(form.nominal, number, shares.omega)
-    slant = np.linalg.norm(own, axis=0)
-    G, aside = trace.normal(normals, sharp), None
-    if direction is not None:
-        normals = direction(x_nominal)
+    x_nominal, offset = _nominal_places(trace, form, number, count)
+    means, own, sharp = outline.mean_normals(form.nominal, number, shares.omega)
+    if direction is None:
+        G, normals, aside = _along_normals(trace, form, means, own, sharp)
     else:
-        normals = within_supports(trace.supported, normals, body.constraint[0])
-        leaning = Leaning.of(outline, form, shares)
-        G = sparse.csr_array(G + leaning.rows(body.scalar_dofs.nodal_dofs[0], G.shape))
-        # At a plane of symmetry the facets beyond it turn the normal back.
-        read, turned = (
-            within_supports(trace.supported, n / np.linalg.norm(n, axis=0), body.constraint[0])
-            for n in (normals if form.mean else own, own + leaning.turn(count))
-        )
-        aside = read, turned
+        G, normals, aside = trace.normal(means, sharp), direction(x_nominal), None
     tangents = tangent_frame(normals)
     if body.dim == 3:
         tangents = along_supports(trace.supported, tangents, body.constraint[0])
-
     order = along(outline, form, number, count)
-    raised = outline.raised(trace.x, np.asarray(at_points.X))
     rule = GapRule(
         trace.x,
         trace.normals,
         shares,
         x_nominal,
         normals,
-        slant,
+        np.linalg.norm(own, axis=0),
         sharp,
         order,
         offset,
-        raised,
+        outline.raised(trace.x, np.asarray(at_points.X)),
         aside,
     )
-    T = [trace.tangential(normals, tangents[:, j], sharp)[order] for j in range(body.dim - 1)]
-    interleaved = np.arange(count * (body.dim - 1)).reshape(body.dim - 1, count).T.ravel()
     rows = ContactRows(
         G[order],
-        sparse.csr_array(sparse.vstack(T))[interleaved],
+        _along_tangents(trace, normals, tangents, sharp, order),
         np.full(count, np.inf),
         shares.weights[order],
-        x[:, order],
+        _mean_places(outline, form, shares, integrals)[:, order],
         x_nominal[:, order],
         normals[:, order],
         tangents[:, :, order],
         form.name,
     )
     return rows, rule
+
+
+def _usable(outline: Outline, functional: str | None) -> FacetFunctional:
+    """The functional of that name, or another of the element where a curve has none of that kind.
+
+    Raises
+    ------
+    InputError
+        The boundary is curved, and the functional can be trusted on straight ones only.
+    """
+    element = outline.body.element
+    form = facet_functional(element, functional)
+    if not (form.straight and outline.curved.any()):
+        return form
+    if form.name != "gauss":
+        raise InputError(
+            f"functional={form.name!r}: cannot be trusted on a curved boundary; leave "
+            "functional out there"
+        )
+    return facet_functional(element, None)
+
+
+def _nominal_places(
+    trace: TraceRows, form: FacetFunctional, number: Index, count: int
+) -> tuple[Array, Array | None]:
+    """Nominal place of each contact point, and its offset from the vertex for ``centroid``."""
+    outline, (facet, slot) = trace.outline, first_occurrence(number, count)
+    body = outline.body
+    x = body.basis.mapping.G(form.nominal, find=outline.facets)[:, facet, slot]
+    if not form.mean:
+        return x, None
+    derivatives = body.scalar_dofs.nodal_dofs[1 : 1 + body.dim, outline.corners[facet, slot]]
+    offset = trace.scalar[np.arange(count)[None], derivatives].toarray()
+    return x + offset, offset
+
+
+def _mean_places(
+    outline: Outline, form: FacetFunctional, shares: Shares, integrals: FacetBasis
+) -> Array:
+    """Mean place of the dual function of each contact point, shape (dim, m)."""
+    if form.trace is None:
+        return shares.x
+    spline = Shares.of(outline, form.trace, numbering(outline, form.trace)[0], integrals)
+    return placed_on(shares, spline, form.trace.basis(form.points))
+
+
+def _along_normals(
+    trace: TraceRows, form: FacetFunctional, means: Array, own: Array, sharp: NDArray[np.bool_]
+) -> tuple[sparse.csr_array, Array, tuple[Array, Array]]:
+    """Rows of the normal displacement, their normals, and both kinds of `GapRule.aside`.
+
+    Parameters
+    ----------
+    trace : TraceRows
+    form : FacetFunctional
+    means, own, sharp
+        Of `Outline.mean_normals`.
+    """
+    outline, shares, P = trace.outline, trace.shares, trace.outline.body.constraint[0]
+    G = trace.normal(means, sharp)
+    normals = within_supports(trace.supported, means, P)
+    leaning = Leaning.of(outline, form, shares)
+    G = sparse.csr_array(G + leaning.rows(outline.body.scalar_dofs.nodal_dofs[0], G.shape))
+    # At a plane of symmetry the facets beyond it turn the normal back.
+    read, turned = (
+        within_supports(trace.supported, n / np.linalg.norm(n, axis=0), P)
+        for n in (normals if form.mean else own, own + leaning.turn(means.shape[1]))
+    )
+    return G, normals, (read, turned)
+
+
+def _along_tangents(
+    trace: TraceRows, normals: Array, tangents: Array, sharp: NDArray[np.bool_], order: Index
+) -> sparse.csr_array:
+    """Rows of the tangential displacement, sorted, those of one contact point together."""
+    count, columns = order.size, tangents.shape[1]
+    T = [trace.tangential(normals, tangents[:, j], sharp)[order] for j in range(columns)]
+    together = np.arange(count * columns).reshape(columns, count).T.ravel()
+    return sparse.csr_array(sparse.vstack(T))[together]
 
 
 def _facet_basis(body: ElasticBody, facets: NDArray[np.int64], points: Array | None) -> FacetBasis:

@@ -130,7 +130,7 @@ def test_verdicts(make, monkeypatch):
     from dataclasses import replace
 
     problem, result = make.solved()
-    module = importlib.import_module("contact.checks.cross_check")
+    module = importlib.import_module("contact.checks.split_program")
     assert cross_check(problem, replace(result, u=1.01 * result.u)).verdict == "disagrees"
 
     def gives_up(*program):

@@ -1,0 +1,39 @@
+"""Given friction in two dimensions as a quadratic program, for the solvers of qpsolvers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.checks.unit_program import UnitProgram
+from contact.laws.qp_peers import solve_with
+
+Array = NDArray[np.float64]
+
+
+def solve_split(
+    solver: str, unit: UnitProgram, gap: Array, offset: Array, g: Array
+) -> tuple[Array | None, Array, Array, float]:
+    """Given friction as a QP with a slack for the modulus of each slip: w, mu, t, seconds."""
+    n, k = unit.f.size, g.size
+    if sparse.issparse(unit.P):
+        one: Any = sparse.eye_array(k, format="csr")
+        none: Any = sparse.csr_array((n, k))
+        S: Any = unit.P
+        P: Any = sparse.vstack((sparse.hstack((S, none)), sparse.csr_array((k, n + k))))
+        H: Any = sparse.block_array(
+            [[unit.G, sparse.csr_array((gap.size, k))], [unit.R, -one], [-unit.R, -one]]
+        )
+    else:
+        one, none = np.eye(k), np.zeros((n, k))
+        P = np.block([[unit.P, none], [none.T, 0.0 * one]])
+        H = np.block([[unit.G, np.zeros((gap.size, k))], [unit.R, -one], [-unit.R, -one]])
+    h = np.concatenate((gap, -offset, offset))
+    solution, seconds = solve_with(solver, P, np.r_[-unit.f, g], H, h)
+    if solution.x is None or solution.z is None:
+        return None, np.full(gap.size, np.nan), np.full(k, np.nan), seconds
+    pushed = solution.z[gap.size : gap.size + k] - solution.z[gap.size + k :]
+    return solution.x[:n], solution.z[: gap.size], pushed, seconds

@@ -1,0 +1,47 @@
+"""Contact rows: normal and tangential displacement of a boundary as sparse functionals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, repr=False)
+class ContactRows:
+    """The contact boundary, discretised: m points, each with a normal and dim - 1 tangents.
+
+    Attributes
+    ----------
+    G : csr_array, shape (m, ndofs)
+        ``G u`` is the normal displacement u_n along the outward normal of the body.
+    T : csr_array, shape (m * (dim - 1), ndofs)
+        Tangential displacement; the rows of one point are consecutive.
+    gap : ndarray, shape (m,)
+        The gap d under the same functional; ``inf`` where there is no obstacle.
+    weights : ndarray, shape (m,)
+        Length or area of each point: a multiplier (a force) over its weight is a pressure.
+    x : ndarray, shape (dim, m)
+        Mean place of the functional's dual function: where the pressure is reported.
+    x_nominal : ndarray, shape (dim, m)
+    normals : ndarray, shape (dim, m)
+    tangents : ndarray, shape (dim, dim - 1, m)
+    functional : str
+    part : ndarray of int, shape (m,)
+        Number of the contact boundary of each point; empty where there is one only.
+    """
+
+    G: sparse.csr_array
+    T: sparse.csr_array
+    gap: Array
+    weights: Array
+    x: Array
+    x_nominal: Array
+    normals: Array
+    tangents: Array
+    functional: str
+    part: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
