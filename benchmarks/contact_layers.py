@@ -39,7 +39,7 @@ def operations(problem: ContactProblem) -> dict[str, float]:
     factor: Any = condensed._factor
     plus, minus = factor._plus.size, factor._minus.size
     m, kept, rest = plus + minus, factor._kept.size, factor._rest.size
-    rows = condensed._B.shape[0]
+    rows = condensed.B.shape[0]
     levels = max(len(fold.middles) for fold in factor.folds)
     doubling = (plus**3 + minus**3) / 3 + (plus**2 + minus**2) * m
     doubling += m * (plus**2 + minus**2) + 2 * m * plus * minus

@@ -30,11 +30,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from contact.condensation.boundary_problem import BoundaryProblem
 from contact.errors import InputError, NotConverged, Unbounded
@@ -131,7 +129,7 @@ def uniqueness(
         raise InputError(
             f"result: has {result.mu.size} contact points, the problem {problem.rows.gap.size}"
         )
-    if not _same_stiffness(result.system.body, problem.body):
+    if not result.system.body.has_stiffness_of(problem.body):
         raise InputError(
             "result: its body has another material or mesh than the problem's; solve the problem "
             "as it is now"
@@ -198,17 +196,6 @@ def _starts(
             np.where(live, reach * rng.random(live.size) * (rng.random(live.size) < 0.7), 0.0),
             reach * rng.normal(size=problem.tangent.shape) * (problem.tangent >= 0),
         )
-
-
-def _same_stiffness(one: Any, other: Any) -> bool:
-    """Whether two bodies answer alike, where their matrices are at hand."""
-    S: Any = one.stiffness
-    if one._material is other._material or not isinstance(S, sparse.csr_array):
-        return True
-    # Rounding of another machine, should the result come from a file.
-    return S.shape == other.stiffness.shape and bool(
-        abs(S - other.stiffness).max() <= 1e-12 * abs(S).max()
-    )
 
 
 def _apart(one: ContactResult, other: ContactResult) -> bool:

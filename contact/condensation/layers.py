@@ -58,7 +58,7 @@ class CondensedLayers(CondensedContact):
             body.live(rows.G),
             body.live(rows.T),
         )
-        self._B = sparse.csr_array(B[:, self._boundary])
+        self.B = sparse.csr_array(B[:, self._boundary])
         self._per_length = per_length[self._boundary]
         self._factor: Any = SlabDoubling(
             body.columns, body.cell_rows, free[0], free[1], own[self._boundary], arrays
@@ -72,7 +72,7 @@ class CondensedLayers(CondensedContact):
         self.body: Any = body
         dofs, values = body.prescribed
         self._u0 = np.zeros(body.f.size) if values.any() else None
-        self._lifted: Any = None
+        self._lifted = None
         size = body.row_size
         bottom = np.zeros(size)
         bottom[dofs[dofs < size]] = values[dofs < size]
@@ -111,11 +111,14 @@ class CondensedLayers(CondensedContact):
         own: Array = (rows[:, : self.body.row_size] @ self._P)[:, self._boundary].toarray()
         return own
 
-    def expand(self, load: Array, z_b: Array) -> Array:
-        """Displacement of all dofs from the contact boundary's unknowns."""
-        u: Array = self._factor.expand(self._free_load(load), self._per_length * z_b)
-        if self._u0 is not None:
-            u += self._u0
+    def carried(self, forces: Array) -> Array:
+        """Forces on all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        carried: Array = self._per_length * self._factor.reduce(forces)
+        return carried
+
+    def moved(self, forces: Array, z_b: Array) -> Array:
+        """Displacement of all dofs under forces on them and supports at rest."""
+        u: Array = self._factor.expand(forces, self._per_length * z_b)
         return u
 
     def unbalanced(self, load: Array, u: Array, mu: Array, t: Array) -> Array:
@@ -128,9 +131,6 @@ class CondensedLayers(CondensedContact):
         rest: Array = load - (rows.G.T @ mu + rows.T.T @ t.ravel()) - body.stiffness @ u
         rest[body.prescribed[0]] = 0.0
         return rest
-
-    def _free_load(self, load: Array) -> Array:
-        return load if self._lifted is None else load - self._lifted
 
     def _motion_of(self, motion: Array) -> tuple[str, Array]:
         """Name and all dofs of a rigid motion given on them."""
@@ -147,7 +147,7 @@ class CondensedLayers(CondensedContact):
         y = np.repeat(self.body.y, self.body.row_size)
         return _motions(x, y, self.body) @ rigid
 
-    def _resultants(self, load: Array) -> Array:
+    def resultants(self, load: Array) -> Array:
         """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
         work: Array = self._modes.T @ load
         return work
@@ -156,11 +156,6 @@ class CondensedLayers(CondensedContact):
         """S_b on the device, a copy."""
         per_length = self._arrays.put(self._per_length)
         return per_length[:, None] * self._factor.schur * per_length
-
-    def reduce(self, load: Array) -> Array:
-        """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
-        carried: Array = self._per_length * self._factor.reduce(self._free_load(load))
-        return carried
 
 
 def _motions(

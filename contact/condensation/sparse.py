@@ -17,6 +17,7 @@ from contact.body.rigid_modes import describe_motion
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.elimination_order import elimination_order
 from contact.condensation.held_factor import held_factor
+from contact.condensation.point_rows import PointRows
 from contact.condensation.schur import SchurFactor, schur_factor
 from contact.condensation.strain_factor import factor_of_strains, strains_can_be_factored
 from contact.errors import Infeasible, InputError
@@ -44,6 +45,17 @@ class CondensedContact:
     rows : ContactRows
     solver : {"auto", "pardiso", "superlu"}
         Sparse factorisation; see `contact.condensation.schur`.
+
+    Attributes
+    ----------
+    points : PointRows
+        Which rows of B belong to which contact point.
+    B : csr_array, shape (n, nb)
+        Live contact rows in the contact boundary's unknowns.
+    N : ndarray, shape (nb, k)
+        Rigid motions of the boundary that no support resists.
+    slender, thin : bool
+        Cells, or the body, are so thin that digits are lost.
 
     Raises
     ------
@@ -99,13 +111,13 @@ class CondensedContact:
         self._prescribe(body)
         G, tangents = (sparse.csr_array(part @ self._P) for part in (rows.G, rows.T))
         B = self._choose(G, tangents, body.live(rows.G), body.live(rows.T))
-        self._B = sparse.csr_array(B[:, self._boundary])
+        self.B = sparse.csr_array(B[:, self._boundary])
         modes = free_motions(body) / unit[:, None]
         self._refuse(unseen_motion(modes, modes[self._boundary]))
         if strains_can_be_factored(body, S.shape[0]):
             self._factor, change, back = factor_of_strains(body, self._P, self._boundary)
             self._P = sparse.csr_array(self._P @ change)
-            self._B = sparse.csr_array(B @ change[:, self._boundary])
+            self.B = sparse.csr_array(B @ change[:, self._boundary])
             modes = back @ modes
         else:
             self._factor = schur_factor(S, self._boundary, lambda: elimination_order(body), solver)
@@ -125,7 +137,7 @@ class CondensedContact:
                 "boundary: every displacement of the contact boundary is prescribed; "
                 "fix less of it or choose another contact boundary"
             )
-        self._normal = np.where(live_n, np.cumsum(live_n) - 1, -1)
+        normal = np.where(live_n, np.cumsum(live_n) - 1, -1)
         # Where supports prescribe one component of the slip, it still turns the friction: its row
         # has no compliance. Where they prescribe all of it, friction acts on supports alone.
         alive = live_t.reshape(live_n.size, -1)
@@ -134,7 +146,7 @@ class CondensedContact:
         tangents = sparse.csr_array(sparse.diags_array(live_t.astype(float)) @ tangents)
         tangents.eliminate_zeros()
         number = live_n.sum() + np.cumsum(seen) - 1
-        self._tangent = np.where(seen, number, -1).reshape(alive.shape)
+        self.points = PointRows(normal, np.where(seen, number, -1).reshape(alive.shape))
         B = sparse.vstack([G[live_n], tangents[seen]], format="csr")
         self._boundary = np.unique(B.indices).astype(np.int64)
         return B
@@ -142,7 +154,8 @@ class CondensedContact:
     def _prescribe(self, body: Any) -> None:
         u0, rows = body.constraint[1], self.rows
         self.body: Any = body
-        self._lifted: Any = body.internal(u0) if u0.any() else np.zeros_like(u0)
+        self._u0: Array | None = u0
+        self._lifted: Array | None = body.internal(u0) if u0.any() else None
         self._fixed_normal = rows.G @ u0
         self._fixed_tangent = (rows.T @ u0).reshape(rows.gap.size, body.dim - 1)
 
@@ -159,40 +172,33 @@ class CondensedContact:
             N, R = np.linalg.qr(N)
             modes = np.linalg.solve(R.T, modes.T).T
         self._L, self.thin = held_factor(arrays, self._scaled_schur, N)
-        W = arrays.gram(arrays.solve(self._L, arrays.dense(self._B.T)))
+        W = arrays.gram(arrays.solve(self._L, arrays.dense(self.B.T)))
         diagonal = arrays.get(W.diagonal())
         if "thesis" in self.rows.functional.split(","):  # rank 2N + 2: see REGULARISATION
             i = arrays.xp.arange(diagonal.size)
             W[i, i] += REGULARISATION * diagonal.max()
-        # One length for each point, so that its friction ball stays a ball.
-        scale = np.empty(self._B.shape[0])
-        for rows in np.column_stack((self._normal, self._tangent)):
-            live = rows[rows >= 0]
-            own = diagonal[live][diagonal[live] > 0]
-            scale[live] = np.sqrt(own.mean()) if own.size else 1.0
-        self._scale = scale
+        self._scale = scale = self.points.lengths(diagonal)
         W /= arrays.put(scale)
         W /= arrays.put(scale)[:, None]
         self._W = arrays.matrix(W)
         # Balance then reads in the units of scaled forces.
-        self._N, self._modes = N * float(np.mean(scale)), modes * float(np.mean(scale))
-        self._C = (self._B @ self._N) / scale[:, None]
+        self.N, self._modes = N * float(np.mean(scale)), modes * float(np.mean(scale))
+        self._C = (self.B @ self.N) / scale[:, None]
 
     @property
     def size(self) -> int:
         """Order of the largest dense matrix."""
-        return max(self._B.shape)
+        return max(self.B.shape)
 
     @property
     def unknowns(self) -> int:
         """Number of the contact boundary's unknowns."""
-        return self._B.shape[1]
+        return self.B.shape[1]
 
     @property
     def point_scale(self) -> Array:
         """Physical force = scaled force / point_scale; physical displacement = scaled * it."""
-        first = np.maximum(self._normal, self._tangent.max(axis=1))
-        return np.where(first >= 0, self._scale[np.maximum(first, 0)], 1.0)
+        return self.points.of_points(self._scale)
 
     def boundary_problem(
         self,
@@ -217,27 +223,23 @@ class CondensedContact:
         Infeasible
             A point whose normal displacement is prescribed lies behind the obstacle.
         """
-        fixed_n, fixed_t = self._given(gap, slip_from, motion)
-        reduced = self.reduce(load)
-        v0 = self._B @ self._flexed(reduced)
-        live_n, live_t = self._normal >= 0, self._tangent >= 0
-        v0[self._normal[live_n]] += fixed_n[live_n]
-        v0[self._tangent[live_t]] += fixed_t[live_t]
+        fixed_n, fixed_t = self.prescribed(gap, slip_from, motion)
+        v0 = self.B @ self._flexed(self.reduce(load)) + self.points.stacked(fixed_n, fixed_t)
         scale = self.point_scale
-        R, per_unit = self._driven(motion, self._scale)
+        R, per_unit = self.driven(motion, self._scale)
         force = np.zeros(0) if motion is None else motion.force[motion.free]
         return BoundaryProblem(
             W=self._W,
             v0=v0 / self._scale,
             C=np.hstack((self._C, R)) if R.size else self._C,
-            s=np.concatenate((self._resultants(load), per_unit * force)),
+            s=np.concatenate((self.resultants(load), per_unit * force)),
             gap=gap / scale,
-            normal=self._normal,
-            tangent=self._tangent,
+            normal=self.points.normal,
+            tangent=self.points.tangent,
             prescribed_slip=fixed_t / scale[:, None],
         )
 
-    def _given(
+    def prescribed(
         self, gap: Array, slip_from: Array | None, motion: ObstacleMotion | None
     ) -> tuple[Array, Array]:
         """Displacements of the points that supports and obstacles prescribe, (m,), (m, dim - 1)."""
@@ -251,7 +253,7 @@ class CondensedContact:
             fixed_t = fixed_t - slip_from
             largest = max(largest, float(np.abs(slip_from).max(initial=0.0)))
         fixed_t = np.where(self._stiff & (np.abs(fixed_t) <= 1e-12 * largest), 0.0, fixed_t)
-        prescribed = self._normal < 0
+        prescribed = self.points.normal < 0
         # Rounding of the coordinates.
         round_off = 1e-12 * float(np.ptp(self.body.trace.mesh.p, axis=1).max())
         through = prescribed & (fixed_n - gap > round_off)
@@ -263,14 +265,14 @@ class CondensedContact:
             )
         return fixed_n, fixed_t
 
-    def _driven(self, motion: ObstacleMotion | None, scale: Array) -> tuple[Array, Array]:
+    def driven(self, motion: ObstacleMotion | None, scale: Array) -> tuple[Array, Array]:
         """Columns of C for the free motions of obstacles, and physical over scaled motion."""
         if motion is None or not np.any(motion.free):
             return np.zeros((scale.size, 0)), np.zeros(0)
         free, R = motion.free, np.zeros((scale.size, int(motion.free.sum())))
-        live_n, live_t = self._normal >= 0, self._tangent >= 0
-        R[self._normal[live_n]] = -motion.normal[live_n][:, free]
-        R[self._tangent[live_t]] = -motion.tangent[live_t.ravel()][:, free]
+        normal, tangent = self.points.normal, self.points.tangent
+        R[normal[normal >= 0]] = -motion.normal[normal >= 0][:, free]
+        R[tangent[tangent >= 0]] = -motion.tangent[tangent.ravel() >= 0][:, free]
         R /= scale[:, None]
         size = np.abs(R).max(axis=0)
         per_unit = 1.0 / np.where(size > 0, size, 1.0)
@@ -281,9 +283,9 @@ class CondensedContact:
     ) -> tuple[Array, Array, Array]:
         """Displacement of all dofs and physical forces: (u, mu, t)."""
         stacked = problem.forces(forces.mu, forces.t) / self._scale
-        reduced = self.reduce(load) - self._B.T @ stacked
-        of_body = forces.a[: self._N.shape[1]]
-        z_b = self._flexed(reduced) + self._N @ of_body
+        reduced = self.reduce(load) - self.B.T @ stacked
+        of_body = forces.a[: self.N.shape[1]]
+        z_b = self._flexed(reduced) + self.N @ of_body
         scale = self.point_scale
         return self.expand(load, z_b), forces.mu / scale, forces.t / scale[:, None]
 
@@ -296,7 +298,7 @@ class CondensedContact:
         if motion is None:
             return None
         found = motion.prescribed.copy()
-        found[motion.free] = self._driven(motion, self._scale)[1] * forces.a[self._N.shape[1] :]
+        found[motion.free] = self.driven(motion, self._scale)[1] * forces.a[self.N.shape[1] :]
         return found
 
     def blas_threads(self) -> AbstractContextManager[None]:
@@ -313,7 +315,7 @@ class CondensedContact:
         half = arrays.solve(self._L, arrays.put(r[:, None]))
         return np.asarray(arrays.get(arrays.solve(self._L, half, transposed=True)))[:, 0]
 
-    def _resultants(self, load: Array) -> Array:
+    def resultants(self, load: Array) -> Array:
         """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
         work: Array = self._modes.T @ (self._P.T @ load)
         return work
@@ -329,7 +331,11 @@ class CondensedContact:
 
     def reduce(self, load: Array) -> Array:
         """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
-        return self._factor.reduce(self._free_load(load))
+        return self.carried(self._from_rest(load))
+
+    def carried(self, forces: Array) -> Array:
+        """Forces on all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        return self._factor.reduce(self._P.T @ forces)
 
     def restrict(self, rows: sparse.csr_array) -> Array:
         """Rows of all dofs in the contact boundary's unknowns, shape (nrows, nb)."""
@@ -338,12 +344,17 @@ class CondensedContact:
 
     def expand(self, load: Array, z_b: Array) -> Array:
         """Displacement of all dofs from the contact boundary's unknowns."""
-        u: Array = self._P @ self._factor.expand(self._free_load(load), z_b)
-        return u + self.body.constraint[1]
+        u = self.moved(self._from_rest(load), z_b)
+        return u if self._u0 is None else u + self._u0
 
-    def _free_load(self, load: Array) -> Array:
-        free: Array = self._P.T @ (load - self._lifted)
-        return free
+    def moved(self, forces: Array, z_b: Array) -> Array:
+        """Displacement of all dofs under forces on them and supports at rest."""
+        u: Array = self._P @ self._factor.expand(self._P.T @ forces, z_b)
+        return u
+
+    def _from_rest(self, load: Array) -> Array:
+        """The load less the forces that prescribed displacements cause."""
+        return load if self._lifted is None else load - self._lifted
 
     def rigid_motion(self, a: Array) -> tuple[str, Array]:
         """Name and all dofs of the body's part of a motion a of the boundary problem."""

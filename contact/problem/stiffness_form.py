@@ -59,8 +59,7 @@ class StiffnessForm:
         if not fits(condensed):
             raise NotConverged(f"stiffness form: more than {_LARGEST} unknowns")
         self._condensed, self._system = condensed, system
-        S, B = condensed.stiffness, condensed._B.toarray()
-        N = condensed._N
+        S, B, N = condensed.stiffness, condensed.B.toarray(), condensed.N
         if N.shape[1]:  # no rounding of S_b resists rigid motions
             unit = N / np.linalg.norm(N, axis=0)
             B_z = B - (B @ unit) @ unit.T
@@ -69,24 +68,20 @@ class StiffnessForm:
         else:
             B_z = B
         # Each point in units of its own compliance, all other unknowns held.
-        own, scale = (B**2) @ (1.0 / S.diagonal()), np.ones(B.shape[0])
-        for rows in np.column_stack((condensed._normal, condensed._tangent)):
-            live = rows[rows >= 0]
-            if np.any(own[live] > 0):
-                scale[live] = np.sqrt(own[live][own[live] > 0].mean())
+        points = condensed.points
+        scale = points.lengths((B**2) @ (1.0 / S.diagonal()))
         self._scale, self._N = scale, N
-        first = np.maximum(condensed._normal, condensed._tangent.max(axis=1))
-        self.point_scale = np.where(first >= 0, scale[np.maximum(first, 0)], 1.0)
+        self.point_scale = points.of_points(scale)
         moved = B @ N / scale[:, None]
         self._turn = 1.0 / np.maximum(np.abs(moved).max(axis=0, initial=0.0), 1e-300)
-        R, self._per_unit = condensed._driven(system.motion, scale)
+        R, self._per_unit = condensed.driven(system.motion, scale)
         self._elastic = S.shape[0]
         rigid = moved.shape[1] + R.shape[1]
         motion = system.motion
         force = np.zeros(0) if motion is None else motion.force[motion.free]
-        _, fixed_t = condensed._given(system.rows.gap, system.slip_from, motion)
+        _, fixed_t = condensed.prescribed(system.rows.gap, system.slip_from, motion)
         self._resting = np.concatenate(
-            (self._turn * condensed._resultants(system.load), self._per_unit * force)
+            (self._turn * condensed.resultants(system.load), self._per_unit * force)
         )
         self.problem = BoundaryProblem(
             W=np.zeros((scale.size, scale.size)),
@@ -94,8 +89,8 @@ class StiffnessForm:
             C=np.hstack((B_z / scale[:, None], moved * self._turn, R)),
             s=np.zeros(S.shape[0] + rigid),
             gap=system.rows.gap / self.point_scale,
-            normal=condensed._normal,
-            tangent=condensed._tangent,
+            normal=points.normal,
+            tangent=points.tangent,
             prescribed_slip=fixed_t / self.point_scale[:, None],
             K=block_diag(S, np.zeros((rigid, rigid))),
         )
@@ -125,7 +120,7 @@ class StiffnessForm:
             now = replace(now, a=self._motions(problem, now.mu, now.t))
         for _ in range(_REFINEMENTS):
             now = self._change(problem, now, max(tol, _STEP), report)
-            du = self._condensed._P @ self._condensed._factor.expand(left, self._of_boundary(now.a))
+            du = self._condensed.moved(left, self._of_boundary(now.a))
             u = u + du
             if motion is not None and system.motion is not None:
                 found = self._per_unit * now.a[self._elastic + self._N.shape[1] :]
@@ -148,16 +143,13 @@ class StiffnessForm:
     def _about(self, u: Array, w: Array | None) -> tuple[BoundaryProblem, Array]:
         """The problem for the change of a displacement u, and the load that u leaves."""
         system, condensed = self._system, self._condensed
-        left = condensed._P.T @ (system.load - system.body.internal(u))
-        reduced = condensed._factor.reduce(left)
+        left = system.load - system.body.internal(u)
+        reduced = condensed.carried(left)
         if self._N.shape[1]:
             unit = self._N / np.linalg.norm(self._N, axis=0)
             reduced = reduced - unit @ (unit.T @ reduced)
         u_n, u_t = system.relative(u, w)
-        u_t, v0 = system.slip_increment(u_t), np.zeros(self._scale.size)
-        live_n, live_t = condensed._normal >= 0, condensed._tangent >= 0
-        v0[condensed._normal[live_n]] = u_n[live_n]
-        v0[condensed._tangent[live_t]] = u_t[live_t]
+        v0 = condensed.points.stacked(u_n, system.slip_increment(u_t))
         s = np.concatenate((reduced, self._resting))
         return replace(self.problem, v0=v0 / self._scale, s=s), left
 
@@ -199,7 +191,7 @@ class StiffnessForm:
 
 def fits(condensed: CondensedContact) -> bool:
     """Whether the matrix of the stiffness form is of moderate size."""
-    return sum(condensed._B.shape) <= _LARGEST
+    return sum(condensed.B.shape) <= _LARGEST
 
 
 def solved_stiffly(

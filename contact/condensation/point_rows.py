@@ -1,0 +1,54 @@
+"""Which of the live rows belong to which contact point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class PointRows:
+    """Numbers of the live rows: those that supports leave something of.
+
+    Attributes
+    ----------
+    normal : ndarray of int, shape (m,)
+        Row of each point's normal; -1 where the normal displacement is prescribed.
+    tangent : ndarray of int, shape (m, dim - 1)
+        Rows of each point's tangents; -1 where the whole tangential displacement is prescribed.
+    """
+
+    normal: Index
+    tangent: Index
+
+    def stacked(self, of_normal: Array, of_tangent: Array) -> Array:
+        """Values of points, shapes (m,) and (m, dim - 1), on the live rows, shape (n,)."""
+        live_n, live_t = self.normal >= 0, self.tangent >= 0
+        values = np.zeros(int(live_n.sum() + live_t.sum()))
+        values[self.normal[live_n]] = of_normal[live_n]
+        values[self.tangent[live_t]] = of_tangent[live_t]
+        return values
+
+    def lengths(self, compliance: Array) -> Array:
+        """Root of the mean compliance of each point, on all its rows, shape (n,).
+
+        One length a point, so that its friction ball stays a ball. Rows without compliance do not
+        count; a point that has no other is of length one.
+        """
+        lengths = np.ones(compliance.size)
+        for rows in np.column_stack((self.normal, self.tangent)):
+            live = rows[rows >= 0]
+            own = compliance[live][compliance[live] > 0]
+            if own.size:
+                lengths[live] = np.sqrt(own.mean())
+        return lengths
+
+    def of_points(self, of_rows: Array) -> Array:
+        """What the rows of each point share, shape (m,); one for a point without live rows."""
+        first = np.maximum(self.normal, self.tangent.max(axis=1))
+        return np.where(first >= 0, of_rows[np.maximum(first, 0)], 1.0)
