@@ -43,6 +43,11 @@ class Grid:
         Widths of the cells in each direction.
     periodic, uniform : tuple of bool
 
+    Raises
+    ------
+    InputError
+        Bounds that do not increase or are not finite, or fewer than 4 cells.
+
     Examples
     --------
     >>> from cip import Grid
@@ -109,6 +114,15 @@ class Grid:
             Strictly increasing coordinates, at least 5 in each direction; in a periodic direction
             the last one is the image of the first.
         periodic : bool, or one for each direction
+
+        Returns
+        -------
+        Grid
+
+        Raises
+        ------
+        InputError
+            Coordinates that do not increase, too few of them, or z without y.
         """
         if x is None:
             raise InputError("x: expected coordinates, got None")
@@ -200,7 +214,13 @@ class Grid:
         return result
 
     def mesh(self) -> tuple[Array, ...]:
-        """Coordinates of all nodes, one array of shape `nodes` for each direction."""
+        """Coordinates of all nodes, one array of shape `nodes` for each direction.
+
+        Returns
+        -------
+        tuple of ndarray
+            In the unit of the bounds.
+        """
         return tuple(np.meshgrid(*self.coordinates, indexing="ij"))
 
     def index_displacement(self, axis: int, start: Array, shift: Array, index: Any) -> Array:
@@ -214,6 +234,11 @@ class Grid:
         shift : ndarray
             Where the point lies from there; never wrapped into the period.
         index : ndarray of int
+
+        Returns
+        -------
+        ndarray
+            In cells, positive to the right.
         """
         line, cells = self.edges[axis], self.cells[axis]
         if self.uniform[axis]:

@@ -102,6 +102,11 @@ class Velocity:
             these variables, numbers, pi and e, with sin, cos, tan, arcsin, arccos, arctan, sinh,
             cosh, tanh, exp, log, sqrt, abs and sign.
 
+        Returns
+        -------
+        Velocity
+            Exact: its derivatives are taken from the formulas.
+
         Raises
         ------
         InputError

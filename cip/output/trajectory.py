@@ -30,12 +30,23 @@ class Scheme(Protocol):
 class Diagnostics:
     r"""Sums over the grid at every snapshot, with the weight w of each node (`Grid.weights`).
 
+    Amounts have the unit of the field, `mass`, `l1` and `l2` that times lengths of the grid.
+
     Attributes
     ----------
     t, mass, total_variation, minimum, maximum, l1, l2 : ndarray
         `mass` is that of `State.mass`; `l1` is ``sum w |u|``, `l2` is sqrt(sum w u^2); the total
         variation is the sum over all lines of ``|u_{i+1} - u_i|``, times the widths across the
         line.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cip import Grid, Solver
+    >>> solver = Solver(Grid((0, 1), 20, periodic=True), 1.0, form="advection", profile="csl2")
+    >>> run = solver.run(solver.state(lambda x: 1 + np.sin(2 * np.pi * x)), 0.5, dt=0.05)
+    >>> bool(np.ptp(run.diagnostics.mass) < 1e-12)
+    True
     """
 
     t: Array
@@ -57,6 +68,8 @@ class Diagnostics:
 class Trajectory:
     """Snapshots of a run.
 
+    `Solver.run` returns it.
+
     Attributes
     ----------
     states : tuple of State
@@ -67,6 +80,15 @@ class Trajectory:
         Length of the full steps.
     interrupted : bool
         Whether the run was stopped before its end; the last state is where it stood.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cip import Grid, Solver
+    >>> solver = Solver(Grid((0, 1), 20, periodic=True), 1.0)
+    >>> run = solver.run(solver.state(lambda x: np.sin(2 * np.pi * x)), 0.5, dt=0.05, snapshots=2)
+    >>> run.times.tolist(), run.final["u"].shape
+    ([0.0, 0.25, 0.5], (20,))
     """
 
     states: tuple[State, ...]
@@ -149,6 +171,15 @@ class Trajectory:
 
         In directions in which a moment is a mean its coordinate is ``x_cell``, the middle of the
         cell, likewise ``y_cell`` and ``z_cell``.
+
+        Returns
+        -------
+        xarray.Dataset
+
+        Raises
+        ------
+        MissingDependency
+            xarray is not installed.
         """
         try:
             xarray = importlib.import_module("xarray")
@@ -177,6 +208,15 @@ class Trajectory:
 
         The mean over cells is data of the cells. A mean in some of the directions only stands at
         the node where its cells begin, NaN where none begins.
+
+        Parameters
+        ----------
+        place : int
+            Number of the snapshot, the last by default.
+
+        Returns
+        -------
+        pyvista.RectilinearGrid
         """
         import pyvista
 
@@ -216,6 +256,8 @@ class Trajectory:
         ------
         OSError
             No space left, or no right to write; snapshots written before stay.
+        InputError
+            A name that does not end in .pvd.
         """
         try:
             series = Path(path)
@@ -236,13 +278,36 @@ class Trajectory:
         return [series, *written]
 
     def plot(self, ax: Any = None, places: Sequence[int] | None = None) -> Any:
-        """Draw snapshots: curves in one dimension, a map of the last one in two."""
+        """Draw snapshots: curves in one dimension, a map of the last one in two.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+        places : sequence of int, optional
+            Numbers of the snapshots to draw.
+
+        Returns
+        -------
+        matplotlib Axes
+        """
         from cip.output.plot import plot_states
 
         return plot_states(self.states, ax, places)
 
     def animate(self, path: str | Path | None = None, fps: int = 20) -> Any:
-        """An animation of the snapshots, written to `path` (.gif) if given."""
+        """An animation of the snapshots, written to `path` (.gif) if given.
+
+        Parameters
+        ----------
+        path : str or Path, optional
+            Ends in .gif.
+        fps : int
+            Frames a second.
+
+        Returns
+        -------
+        matplotlib.animation.FuncAnimation
+        """
         from cip.output.plot import animate_states
 
         return animate_states(self.states, path, fps)

@@ -105,6 +105,13 @@ class Solver:
     ------
     InputError, NotSupported, MissingDependency
 
+    References
+    ----------
+    T. Yabe and T. Aoki, A universal solver for hyperbolic equations by cubic-polynomial
+    interpolation, Comput. Phys. Commun. 66 (1991), 219-232. S. A. King, Multi-Moment Methods for
+    PDEs and GPUs for Large-Scale Scientific Computations, dissertation, North Carolina State
+    University 2012.
+
     Examples
     --------
     >>> import numpy as np
@@ -214,12 +221,35 @@ class Solver:
             raise InputError(f"backend: expected 'cpu' or 'cupy', got {self.backend!r}")
 
     def state(self, f: Any, derivatives: Any = None, t: float = 0.0) -> State:
-        """`State.from_function` with the grid, profile and precision of this solver."""
+        """`State.from_function` with the grid, profile and precision of this solver.
+
+        Parameters
+        ----------
+        f, derivatives, t
+            As for `State.from_function`.
+
+        Returns
+        -------
+        State
+            Where the solver works: in host memory, or on the device.
+        """
         made = State.from_function(f, self.grid, self.profile, derivatives, t, self.dtype)
         return self._kernels.place(made)
 
     def step(self, state: State, dt: float) -> State:
         """The state after one step of length dt, of any size.
+
+        Parameters
+        ----------
+        state : State
+            Of this solver's grid and profile.
+        dt : float
+            Positive.
+
+        Returns
+        -------
+        State
+            At the time ``state.t + dt``.
 
         Raises
         ------
@@ -311,7 +341,20 @@ class Solver:
         return State(self.grid, self.profile, data, state.t + dt)
 
     def feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
-        """Feet of a stage in the precision of the solver, kept for a steady velocity."""
+        """Feet of a stage in the precision of the solver, kept for a steady velocity.
+
+        Parameters
+        ----------
+        stage : Stage
+        t : float
+            Time at the end of the step.
+        dt : float
+            Length of the step.
+
+        Returns
+        -------
+        StageFeet
+        """
         return self._kernels.feet(stage, t, dt)
 
 

@@ -78,6 +78,10 @@ class State:
         t : float
         dtype : float64 or float32
 
+        Returns
+        -------
+        State
+
         Raises
         ------
         InputError
@@ -144,13 +148,30 @@ class State:
         return _sum(self["u"], self.grid.weights)
 
     def host(self) -> State:
-        """The same state in NumPy arrays."""
+        """The same state in NumPy arrays.
+
+        Returns
+        -------
+        State
+            Itself where it lies in host memory already.
+        """
         if isinstance(self.data, np.ndarray):
             return self
         return State(self.grid, self.profile, self.data.get(), self.t)
 
     def check(self, name: str = "state") -> None:
-        """Raise `InputError` unless the moments are real, finite and of the right shape."""
+        """Raise `InputError` unless the moments are real, finite and of the right shape.
+
+        Parameters
+        ----------
+        name : str
+            How the message calls the state.
+
+        Raises
+        ------
+        InputError
+            The message names the first moment and node that is not.
+        """
         if not isinstance(self.grid, Grid):
             raise InputError(f"{name}: expected a Grid, got {type(self.grid).__name__}")
         expected = (len(self.names), *self.grid.nodes)
@@ -170,7 +191,17 @@ class State:
             raise InputError(f"{name}: {where} at t = {self.t:.6g}")
 
     def require_finite(self) -> State:
-        """This state; raises `NotFinite` with moment, node and time when it is not finite."""
+        """This state; raises `NotFinite` with moment, node and time when it is not finite.
+
+        Returns
+        -------
+        State
+
+        Raises
+        ------
+        NotFinite
+            A moment is NaN or infinite.
+        """
         where = self.first_not_finite()
         if where is not None:
             raise NotFinite(
@@ -180,7 +211,13 @@ class State:
         return self
 
     def first_not_finite(self) -> str | None:
-        """Where the first NaN or infinity is, in words."""
+        """Where the first NaN or infinity is, in words.
+
+        Returns
+        -------
+        str or None
+            None where all moments are finite.
+        """
         data = self.data.reshape(len(self.names), -1)
         # One pass without a temporary array; a finite sum has finite terms.
         with np.errstate(all="ignore"):

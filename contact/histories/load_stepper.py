@@ -65,6 +65,11 @@ class LoadStepper(Portable):
     history : LoadHistory
         The finished steps, also after an interruption: `run` goes on from there.
 
+    Raises
+    ------
+    InputError
+        Not a problem, or options that `ContactProblem.solve` refuses.
+
     References
     ----------
     P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, section 5.2.
@@ -123,14 +128,11 @@ class LoadStepper(Portable):
         factor : callable t -> float, optional
             Default: t itself.
         """
-        vector = self._unloaded().load(boundary, traction).f
-        self._loads.append((vector, checked_factor(factor)))
-        return self
+        return self.load_vector(self._unloaded().load(boundary, traction).f, factor)
 
     def body_force(self, force: Field, factor: Factor | None = None) -> Self:
         """Add the volume force ``factor(t) * force``; see `ElasticBody.body_force`."""
-        self._loads.append((self._unloaded().body_force(force).f, checked_factor(factor)))
-        return self
+        return self.load_vector(self._unloaded().body_force(force).f, factor)
 
     def load_vector(self, vector: ArrayLike, factor: Factor | None = None) -> Self:
         """Add the load ``factor(t) * vector``, one number a dof, such as another body's ``f``."""

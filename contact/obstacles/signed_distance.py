@@ -19,7 +19,7 @@ class SignedDistance:
 
     The ray is marched by the distance itself and the sign change closed in by bisection and
     secant steps, so any continuous function that is positive outside and does not overestimate
-    the distance will do (Hart, Sphere tracing, The Visual Computer 12, 1996).
+    the distance will do.
 
     Parameters
     ----------
@@ -27,6 +27,10 @@ class SignedDistance:
         x of shape (dim, npoints), result of shape (npoints,).
     reach : float
         Rays that have met nothing within this length have gap ``inf``.
+
+    References
+    ----------
+    J. C. Hart, Sphere tracing, The Visual Computer 12 (1996), 527-545.
 
     Examples
     --------

@@ -73,6 +73,11 @@ def svds(
     larger matrices raise `NotConverged`. Matrices with min(m, n) up to 256 (operators: 128) are
     always decomposed.
 
+    References
+    ----------
+    G. W. Stewart, A Krylov-Schur algorithm for large eigenproblems, SIAM J. Matrix Anal. Appl. 23
+    (2002), 601-614.
+
     Examples
     --------
     >>> import numpy as np

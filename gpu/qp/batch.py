@@ -53,6 +53,8 @@ def batch_solve_qp(
     ------
     GpuError
         As `solve_qp` does; its attribute `index` is the number of the problem.
+    InputError
+        As for `solve_qp`, or numbers of rows that differ.
 
     Examples
     --------

@@ -106,6 +106,12 @@ def solve_qp(
     The problem is scaled to a diagonal of P between 1/2 and 2, by powers of two and hence without
     rounding: multiplying P, or a variable, by such a number changes no digit of the result.
 
+    References
+    ----------
+    M. Hintermüller, K. Ito and K. Kunisch, The primal-dual active set strategy as a semismooth
+    Newton method, SIAM J. Optim. 13 (2002), 865-888. S. Mehrotra, On the implementation of a
+    primal-dual interior point method, SIAM J. Optim. 2 (1992), 575-601.
+
     Examples
     --------
     The point of the unit simplex next to (1, 0.6, -1):

@@ -58,6 +58,8 @@ def lqr(
         Krylov space. "auto": doubling where A is dense; else reduced, but doubling with all
         entries where that fails for at most 1500 states, or takes longer (at most 400 states and
         a Q of full rank that is no multiple of E, or a nonsymmetric A).
+    factored : bool
+        Q is the factor C of ``Q = C^T C``.
     inverse : LinearOperator, optional
         ``A^-1`` of an operator A, with ``rmatvec``.
     unstable : {"warn", "raise", "ignore"}
@@ -144,6 +146,10 @@ def care(a: Any, b: Any, q: Any, r: Any, e: Any = None, s: Any = None) -> Any:
     NotConverged
         What was found could not be certified.
 
+    References
+    ----------
+    E. K.-W. Chu, H.-Y. Fan and W.-W. Lin, Linear Algebra Appl. 396 (2005), 55-80.
+
     Examples
     --------
     >>> from gpu import care
@@ -207,6 +213,11 @@ def lqe(
         There is no stable filter; names the mode that C does not see, or that no noise excites.
     NotConverged
         What was found could not be certified.
+
+    References
+    ----------
+    R. E. Kalman and R. S. Bucy, New results in linear filtering and prediction theory, J. Basic
+    Eng. 83 (1961), 95-108.
 
     Examples
     --------

@@ -23,6 +23,8 @@ PROVED = 600  # up to this order all poles are computed although stability is pr
 class LQRResult:
     r"""The optimal feedback :math:`u = -K x`; unpacks as ``K, S, E``.
 
+    `lqr` and `lqe` return it.
+
     Attributes
     ----------
     K : array, shape (m, n)
@@ -60,6 +62,13 @@ class LQRResult:
     problem : LQRProblem
         What was solved; `cost` and `refined` need it. A copied or pickled result has None here if
         A or Q is a LinearOperator, whose functions cannot be copied.
+
+    Examples
+    --------
+    >>> from gpu import lqr
+    >>> result = lqr([[1.0]], [[1.0]], [[3.0]], 1.0)
+    >>> result.K.tolist(), result.stable, result.cost([2.0])  # S = 3, and 3 * 2**2
+    ([[3.0]], True, 12.0)
     """
 
     K: Any
@@ -112,6 +121,15 @@ class LQRResult:
     def cost(self, x0: Any) -> float:
         """The optimal cost from the state ``x0``, shape (n,).
 
+        Parameters
+        ----------
+        x0 : array, shape (n,)
+
+        Returns
+        -------
+        float
+            The least value of the integral that `lqr` minimises.
+
         Raises
         ------
         ValueError
@@ -124,6 +142,17 @@ class LQRResult:
 
     def refined(self, *, steps: int = 200, tol: float = 1e-12) -> LQRResult:
         """The optimal gain by Newton-Kleinman from this one, or from one that stabilises.
+
+        Parameters
+        ----------
+        steps : int
+            Most Newton steps.
+        tol : float
+            Relative change of the gain at which they end.
+
+        Returns
+        -------
+        LQRResult
 
         Raises
         ------

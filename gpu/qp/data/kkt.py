@@ -42,6 +42,14 @@ class KKT:
         Difference of primal and dual objective,
         :math:`|x^T(Px + q) + y^Tb + z_\mathrm{box}^Ts|`, s the bounds that the multipliers point
         to, over :math:`|x|^T(|P||x| + |q| + |A|^T|y|) + |y|^T|b| + |z_\mathrm{box}|^T|s|`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from gpu import solve_qp
+    >>> kkt = solve_qp(np.eye(2), [1.0, -1.0], lb=0.0).kkt
+    >>> kkt.worst < 1e-15
+    True
     """
 
     stationarity: float

@@ -27,6 +27,16 @@ class Status(Enum):
                    diagonal: x is stationary, and no other point at a distance d lies
                    lower by more than :math:`|\lambda_{min}| d^2 / 2`
     =============  =====================================================================
+
+    Attributes
+    ----------
+    OPTIMAL, DEGENERATE, NEARLY : Status
+
+    Examples
+    --------
+    >>> from gpu import Status, solve_qp
+    >>> solve_qp([[1.0]], [-1.0]).status is Status.OPTIMAL
+    True
     """
 
     OPTIMAL = "optimal: every recomputed residual is below tol, nothing is left to do"
@@ -72,6 +82,16 @@ class QPResult:
         The same as `active` for the rows of G.
     path : str
         "active set" or "interior point".
+
+    Examples
+    --------
+    The first variable is held at its lower bound 0 with the multiplier -1:
+
+    >>> import numpy as np
+    >>> from gpu import solve_qp
+    >>> result = solve_qp(np.eye(2), [1.0, -1.0], lb=0.0)
+    >>> result.x.tolist(), result.active.tolist(), result.z_box.tolist()
+    ([0.0, 1.0], [-1, 0], [-1.0, 0.0])
     """
 
     x: Any

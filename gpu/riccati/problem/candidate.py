@@ -38,6 +38,12 @@ class LowRankValue:
     M : array, shape (r, r)
         Symmetric.
 
+    References
+    ----------
+    P. Benner, J.-R. Li and T. Penzl, Numerical solution of large-scale Lyapunov equations, Riccati
+    equations, and linear-quadratic optimal control problems, Numer. Linear Algebra Appl. 15 (2008),
+    755-777.
+
     Examples
     --------
     >>> import numpy as np
@@ -72,9 +78,19 @@ class LowRankValue:
         return self.Z @ (self.M @ (self.Z.T @ x))
 
     def diagonal(self) -> Any:
-        """The diagonal of S, shape (n,)."""
+        """The diagonal of S, shape (n,).
+
+        Returns
+        -------
+        array, shape (n,)
+        """
         return ((self.Z @ self.M) * self.Z).sum(axis=1)
 
     def toarray(self) -> Any:
-        """S with all its entries."""
+        """S with all its entries.
+
+        Returns
+        -------
+        array, shape (n, n)
+        """
         return self.Z @ self.M @ self.Z.T
