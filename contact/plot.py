@@ -82,7 +82,7 @@ def plot_tractions(
             ax.plot(s[at], result.pressure[at], "o", ms=4, color=colour, label=status.name.lower())
     ax.set_xlabel(xlabel or "arc length along the contact boundary")
     ax.set_ylabel("contact traction")
-    ax.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=5)
+    ax.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=5)
     return ax
 
 

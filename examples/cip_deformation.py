@@ -112,12 +112,38 @@ def norms(end: np.ndarray, start: np.ndarray) -> Norms:
     )
 
 
+def picture(run: Trajectory, u: np.ndarray, output: Path) -> None:
+    """Draw the field from above, half way and at the end, beside the start and the splines."""
+    from matplotlib.figure import Figure
+
+    middle = len(run) // 2
+    fields = {
+        "start": run[0]["u"],
+        f"csl4, t = {run.times[middle]:g}": run[middle]["u"],
+        f"csl4, t = {run.times[-1]:g}": run.final["u"],
+        f"splines, t = {run.times[-1]:g}": u,
+    }
+    figure = Figure(figsize=(11, 3.2), layout="constrained")
+    axes = figure.subplots(1, len(fields), sharey=True)
+    for ax, (title, field) in zip(axes, fields.items(), strict=True):
+        # The largest value along x3, as the ball leaves any plane on its way.
+        image = ax.imshow(
+            field.max(axis=2).T, origin="lower", extent=(0, 1, 0, 1), vmin=0, vmax=1, cmap="viridis"
+        )
+        ax.set(title=title, xlabel="$x_1$", xticks=[0, 0.5, 1])
+    axes[0].set_ylabel("$x_2$")
+    label = "largest p along $x_3$,\narbitrary units"
+    figure.colorbar(image, ax=axes, label=label, shrink=0.8, extend="both")
+    output.mkdir(parents=True, exist_ok=True)
+    figure.savefig(output / "cip_deformation.png", dpi=120)
+
+
 def main(argv: list[str] | None = None) -> dict[str, Any]:
-    """Run, print errors and mass, write the series."""
+    """Run, print errors and mass, write the series and a picture."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, default=24)
     parser.add_argument("--steps", type=int, default=16)
-    parser.add_argument("--output", type=Path, default=Path("out"), help="folder for the series")
+    parser.add_argument("--output", type=Path, default=Path("out"), help="folder for the files")
     options = parser.parse_args(argv)
     found: dict[str, Any] = {}
     print(f"{options.cells}^3 cells, {options.steps} steps")
@@ -147,6 +173,7 @@ def main(argv: list[str] | None = None) -> dict[str, Any]:
         errors = "".join(f"{e:7.3f}" for e in row["means"])
         nodal = "".join(f"{e:7.3f}" for e in row["nodes"])
         print(f"{name:23s}{errors}   {nodal} {row['mass']:9.1e} {row['least']:7.3f}")
+    picture(run, u, options.output)
     print(f"written: {written[0].name} and {len(written) - 1} snapshots in {options.output}")
     return found
 

@@ -79,13 +79,15 @@ def main(folder: Path = Path("out")) -> None:
     folder.mkdir(exist_ok=True)
     grid = window(result)
     grid.save(folder / "layered_block.vti")
-    figure, (above, below) = plt.subplots(2, figsize=(6, 6), layout="constrained")
+    figure, (above, below) = plt.subplots(2, figsize=(7, 7), layout="constrained")
     shape = grid.dimensions[1::-1]
     colours = above.imshow(
         grid.point_data["von_mises"].reshape(shape), origin="lower", extent=(0.5, 1.5, 0.0, 0.5)
     )
-    figure.colorbar(colours, ax=above, label="von Mises stress")
+    figure.colorbar(colours, ax=above, shrink=0.8, label="von Mises stress, arbitrary units")
+    above.set(title="around the contact; the layers meet at y = .25", xlabel="x", ylabel="y")
     result.plot(below)
+    below.set(xlabel="x, arbitrary units", ylabel="traction, arbitrary units")
     figure.savefig(folder / "layered_block.png", dpi=120)
     plt.close(figure)
     print(result.certificate())

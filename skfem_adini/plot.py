@@ -240,7 +240,8 @@ def plot_cut_domain(
         )  # fmt: skip
     ax.autoscale()
     ax.set_aspect("equal")
-    ax.legend(fontsize=7, loc="upper right")
+    ax.set(xlabel="x", ylabel="y")
+    ax.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3)
     return ax
 
 
@@ -316,5 +317,5 @@ def plot_cut_field(
             drawn = ax.scatter(*where[:, keep], c=field[keep], s=4, **style)
     label = "$u$" if exact is None else r"$\log_{10} |u_h - u|$"
     ax.figure.colorbar(drawn, ax=ax, shrink=0.8, label=label)
-    ax.set_aspect("equal")
+    ax.set(aspect="equal", xlabel="x", ylabel="y")
     return ax

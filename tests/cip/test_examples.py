@@ -61,3 +61,4 @@ def test_deformation(tmp_path, capsys):
     assert abs(found["splines"]["mass"]) > 1e-6
     assert "nodes" in capsys.readouterr().out
     assert (tmp_path / "cip_deformation.pvd").exists()
+    assert (tmp_path / "cip_deformation.png").stat().st_size > 10_000

@@ -1,6 +1,14 @@
-"""Scripts that others import draw what they define when they are run by themselves."""
+"""Every script draws; those that others import do so when they are run by themselves."""
+
+import re
 
 import pytest
+from example_scripts import EXAMPLES
+
+
+@pytest.mark.parametrize("script", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
+def test_script_names_a_picture_for_the_gallery(script):
+    assert re.search(r'"\w+\.(png|gif)"', script.read_text())
 
 
 @pytest.mark.parametrize("name", ["half_space", "heat_model"])
