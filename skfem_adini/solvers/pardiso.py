@@ -151,7 +151,8 @@ class Pardiso:
             self._run(phase, x=block if phase in _FACTORISATIONS else None)
         self._anew = ()
 
-    def _run(self, phase: int, b: Array | None = None, x: Array | None = None) -> None:
+    def _check(self, phase: int, b: Array | None, x: Array | None) -> None:
+        """Refuse what PARDISO would not, but would misread."""
         if phase in _SOLUTIONS:
             if not self._factored:
                 raise AdiniError(f"PARDISO: phase {phase} needs a factorisation, phase 22, before")
@@ -168,11 +169,15 @@ class Pardiso:
                     )
             if b is not None and x is not None and b.shape != x.shape:
                 raise AdiniError(f"PARDISO: b has the shape {b.shape} and x {x.shape}")
-        elif phase in _ANALYSES + _FACTORISATIONS:
-            self._factored = False
-            schur = (self._chosen, self._chosen) if self._given_iparm[35] else None
-            if phase in _FACTORISATIONS and schur and (x is None or x.shape != schur):
+        elif phase in _FACTORISATIONS and self._given_iparm[35]:
+            schur = (self._chosen, self._chosen)
+            if x is None or x.shape != schur:
                 raise AdiniError(f"PARDISO: phase {phase} takes x of shape {schur} here")
+
+    def _run(self, phase: int, b: Array | None = None, x: Array | None = None) -> None:
+        if phase in _ANALYSES + _FACTORISATIONS:
+            self._factored = False
+        self._check(phase, b, x)
         nothing = np.zeros(1)
         b, x = (nothing if array is None else array for array in (b, x))
         error = ctypes.c_int32(0)

@@ -12,7 +12,10 @@ from skfem_adini.curved.quadrature import bernstein_kernels as poly
 from skfem_adini.curved.quadrature import graph_rules as rules
 from skfem_adini.curved.quadrature.graph_rules import Array, State, Table
 
-KERNELS = ("classify", "joined", "meeting_point", "best_direction", "subdivide", "cut_boxes")
+KERNELS = (
+    "classify", "joined", "meeting_point", "dividing_point", "settle_by_middle", "best_direction",
+    "subdivide", "cut_boxes",
+)  # fmt: skip
 
 # Halvings of a box after which its side, 1e-12, is near the rounding of its coefficients.
 _MOST_DIVISIONS = 40
@@ -76,6 +79,25 @@ def meeting_point(f: Array, g: Array) -> tuple[float, float]:
     inside = -_ON_SIDE < x < 1 + _ON_SIDE and -_ON_SIDE < y < 1 + _ON_SIDE
     interior = _ON_SIDE < x < 1 - _ON_SIDE or _ON_SIDE < y < 1 - _ON_SIDE
     return (x, y) if inside and interior else (-1.0, -1.0)
+
+
+def dividing_point(c: Array, state: State) -> tuple[float, float]:
+    """Return where a box is divided: at a common zero of two open leaves, or in the middle."""
+    for k in range(state.size):
+        for l in range(k):
+            if state[k] == 2 and state[l] == 2:
+                x, y = meeting_point(c[k], c[l])
+                if x >= 0:
+                    return x, y
+    return 0.5, 0.5
+
+
+def settle_by_middle(c: Array, state: State) -> None:
+    """Count every open leaf as containing the box, or not, by its sign in the middle."""
+    for k in range(state.size):
+        if state[k] == 2:
+            middle = poly.value(poly.line(c[k], 0, 0.5), 0.5)
+            state[k] = 1 if middle < 0 else 0
 
 
 def best_direction(c: Array, state: State, lengths: Array) -> int:
@@ -144,7 +166,8 @@ def cut_boxes(
     stack = np.empty((3 * _MOST_DIVISIONS + 8, K, m, m))
     places = np.empty((3 * _MOST_DIVISIONS + 8, 5))
     parts, boxes = np.empty((4, K, m, m)), np.empty((4, 4))
-    state, row, lengths = np.empty(K, np.int64), np.empty(4), np.empty(2)
+    state, lengths = np.empty(K, np.int64), np.empty(2)
+    middle, one = np.full(1, 0.5), np.ones(1)
     for b in range(count):
         table = joined(coefficients[b], tables[b])
         stack[0] = coefficients[b]
@@ -162,14 +185,7 @@ def cut_boxes(
             if open_leaves == 0:
                 if not table[rules.index_of(state)]:
                     continue
-                for i in range(nodes.size):
-                    for j in range(nodes.size):
-                        row[0] = b
-                        row[1] = place[0] + place[2] * nodes[i]
-                        row[2] = place[1] + place[3] * nodes[j]
-                        row[3] = place[2] * place[3] * weights[i] * weights[j]
-                        volume = poly.append(volume, nv, row)
-                        nv += 1
+                volume, nv = rules.product_rule(b, place, nodes, weights, volume, nv)
                 whole[b] = visited == 1
                 surface, ns = rules.face_rule(
                     c, state, tol, table, b, place, lengths, nodes, weights, surface, ns
@@ -186,25 +202,12 @@ def cut_boxes(
                 )
                 continue
             if place[4] >= _MOST_DIVISIONS:
-                # Narrower than rounding: the middle decides.
-                for k in range(K):
-                    if state[k] == 2:
-                        middle = poly.value(poly.line(c[k], 0, 0.5), 0.5)
-                        state[k] = 1 if middle < 0 else 0
+                # Narrower than rounding.
+                settle_by_middle(c, state)
                 if table[rules.index_of(state)]:
-                    row[0], row[3] = b, place[2] * place[3]
-                    row[1], row[2] = place[0] + 0.5 * place[2], place[1] + 0.5 * place[3]
-                    volume = poly.append(volume, nv, row)
-                    nv += 1
+                    volume, nv = rules.product_rule(b, place, middle, one, volume, nv)
                 continue
-            x, y = -1.0, -1.0
-            if open_leaves > 1:
-                for k in range(K):
-                    for l in range(k):
-                        if x < 0 and state[k] == 2 and state[l] == 2:
-                            x, y = meeting_point(c[k], c[l])
-            if x < 0:
-                x, y = 0.5, 0.5
+            x, y = dividing_point(c, state)
             pieces = subdivide(c, x, y, parts, boxes)
             for i in range(pieces):
                 stack[top] = parts[i]

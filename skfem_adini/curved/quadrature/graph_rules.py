@@ -18,7 +18,7 @@ Table = NDArray[np.uint8]
 
 KERNELS = (
     "relevant", "index_of", "good_direction", "height", "clamped_height", "crossing",
-    "emit_surface", "sorted_breaks",  "face_rule", "height_rule",
+    "emit_surface", "sorted_breaks", "product_rule", "face_rule", "height_breaks", "height_rule",
 )  # fmt: skip
 
 # In sides of a box: places nearer than this are one, some fifty roundings of 1 apart.
@@ -32,6 +32,8 @@ _LEAST_TO_LARGEST_SLOPE = 0.7
 _OFF_END = 1e-12
 # `_LEAST_SLOPE` with several zero lines, whose angle stays when their box is divided.
 _LEAST_SLOPE_OF_MANY = 1e-6
+# Of a polynomial along a line: eight times its degree, should rounding add any.
+_MOST_ROOTS = 64
 
 
 def relevant(table: Table, state: State, k: int) -> bool:
@@ -179,6 +181,22 @@ def sorted_breaks(breaks: Array, count: int) -> None:
         breaks[j] = moving
 
 
+def product_rule(
+    box: int, geometry: Array, nodes: Array, weights: Array, volume: Array, count: int
+) -> tuple[Array, int]:
+    """Append the points of a box that lies inside."""
+    row = np.empty(4)
+    for i in range(nodes.size):
+        for j in range(nodes.size):
+            row[0] = box
+            row[1] = geometry[0] + geometry[2] * nodes[i]
+            row[2] = geometry[1] + geometry[3] * nodes[j]
+            row[3] = geometry[2] * geometry[3] * weights[i] * weights[j]
+            volume = poly.append(volume, count, row)
+            count += 1
+    return volume, count
+
+
 def face_rule(
     c: Array,
     state: State,
@@ -193,7 +211,7 @@ def face_rule(
     count: int,
 ) -> tuple[Array, int]:
     """Append the points of faces on which a leaf that contains the box vanishes."""
-    breaks, found = np.empty(66 * state.size + 2), np.empty(64)
+    breaks, found = np.empty(_MOST_ROOTS * state.size + 2), np.empty(_MOST_ROOTS)
     here = state.copy()
     for k in range(state.size):
         if state[k] != 1:
@@ -240,25 +258,9 @@ def face_rule(
     return surface, count
 
 
-def height_rule(
-    c: Array,
-    state: State,
-    tol: Array,
-    table: Table,
-    d: int,
-    box: int,
-    geometry: Array,
-    lengths: Array,
-    nodes: Array,
-    weights: Array,
-    volume: Array,
-    nv: int,
-    surface: Array,
-    ns: int,
-) -> tuple[Array, int, Array, int]:
-    """Append the points of a box in which every open zero line is a graph over one side."""
-    K = state.size
-    breaks, found = np.empty(66 * K * 2 + K * K * 130 + 2), np.empty(64)
+def height_breaks(c: Array, state: State, tol: Array, d: int, breaks: Array) -> int:
+    """Write where zero lines meet the sides or each other, sorted; return how many there are."""
+    K, found = state.size, np.empty(_MOST_ROOTS)
     breaks[0], breaks[1], used = 0.0, 1.0, 2
     for k in range(K):
         if state[k] == 2:
@@ -278,6 +280,30 @@ def height_rule(
                         breaks[used] = x
                         used += 1
     sorted_breaks(breaks, used)
+    return used
+
+
+def height_rule(
+    c: Array,
+    state: State,
+    tol: Array,
+    table: Table,
+    d: int,
+    box: int,
+    geometry: Array,
+    lengths: Array,
+    nodes: Array,
+    weights: Array,
+    volume: Array,
+    nv: int,
+    surface: Array,
+    ns: int,
+) -> tuple[Array, int, Array, int]:
+    """Append the points of a box in which every open zero line is a graph over one side."""
+    K = state.size
+    simple = 2 + 2 * K * _MOST_ROOTS
+    breaks = np.empty(simple + K * (K - 1) // 2 * simple)
+    used = height_breaks(c, state, tol, d, breaks)
     heights, starts, ends = np.empty(K), np.zeros(K, np.bool_), np.zeros(K, np.bool_)
     here = state.copy()
     row, cuts = np.empty(4), np.empty(K + 2)
