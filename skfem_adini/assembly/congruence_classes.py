@@ -57,26 +57,34 @@ def congruence_classes(points: Array, nodes: Integers, words: Words) -> Classes:
 
 @lru_cache
 def _compiled() -> Callable[..., Any]:
-    return compiled(_label)
+    return compiled(_label, [_power_of_two])
+
+
+def _power_of_two(least: Any) -> Any:
+    size = 4
+    while size < least:
+        size *= 2
+    return size
 
 
 def _label(points: Any, nodes: Any, words: Any) -> Any:
-    """Label the cells with an open hash table; equal keys are compared word by word."""
+    """Label the cells with an open hash table; equal keys are compared word by word.
+
+    The hash is that of Fowler, Noll and Vo, with their offset basis and prime of 64 bits. Its high
+    bits are folded into the low ones, which alone choose the slot.
+    """
     dim = points.shape[0]
     corners, cells = nodes.shape
     more = words.shape[1]
     width = dim * (corners - 1) + more
-    slots = 4
-    while slots < 2 * cells:
-        slots *= 2
+    slots = _power_of_two(2 * cells)
     mask = np.uint64(slots - 1)
     table = np.full(slots, -1, dtype=np.int32)
     keys = np.empty((cells, width), dtype=np.uint64)  # only the rows in use take memory
     labels = np.empty(cells, dtype=np.int32)
     representatives = np.empty(cells, dtype=np.int64)
-    differences = np.empty(dim * (corners - 1) + 1, dtype=np.float64)
-    bits = differences.view(np.uint64)
     key = np.empty(width, dtype=np.uint64)
+    differences = key.view(np.float64)
     count = 0
     last = -1
     for c in range(cells):
@@ -87,8 +95,6 @@ def _label(points: Any, nodes: Any, words: Any) -> Any:
             for d in range(dim):
                 differences[at] = points[d, node] - points[d, origin] + 0.0  # no negative zero
                 at += 1
-        for k in range(at):
-            key[k] = bits[k]
         for k in range(more):
             key[at + k] = words[c, k]
         if last >= 0:
