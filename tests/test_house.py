@@ -93,3 +93,24 @@ def test_modules_hold_one_concept() -> None:
     for path in MODULES:
         assert len(path.read_text().splitlines()) <= 400, path
         assert path.stem not in {"utils", "helpers", "common", "misc"}, path
+
+
+# Functions that are longer, each with the reason.
+LONGER = {
+    "contact/checks/cross_check.py:cross_check": "one program written for each kind of solver",
+    "contact/rows/discretise.py:contact_boundary": "rows and gap rule share what it computes",
+    "cip/engines/path_kernel.py:path_source": "the text of one kernel",
+}
+
+
+def test_functions_fit_on_a_page() -> None:
+    """At most 60 lines of body, what stands in them and comments included, the docstring not."""
+    longer = {}
+    for path in MODULES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                body = node.body[ast.get_docstring(node) is not None :] or node.body
+                lines = (body[-1].end_lineno or 0) - body[0].lineno + 1
+                if lines > 60:
+                    longer[f"{path.relative_to(ROOT)}:{node.name}"] = lines
+    assert {name: lines for name, lines in longer.items() if name not in LONGER} == {}
