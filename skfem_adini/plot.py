@@ -15,8 +15,8 @@ from skfem_adini.curved.cut_domain import CutDomain
 from skfem_adini.elements.vertex_dofs import scalar_element
 from skfem_adini.errors import InputError, MissingDependency
 
-# Of a surface in each direction.
-_POINTS = 25
+# Points of a surface in each direction: a cubic looks smooth.
+_SURFACE_POINTS = 25
 # Points of a cell in each direction between which a field is drawn linearly.
 _LATTICE = 6
 # Of a matrix that is drawn entry by entry: a picture has no more pixels.
@@ -61,7 +61,7 @@ def plot_shape_function(element: Any, i: int, ax: Any = None) -> Any:
             f"element: expected an element of quadrilaterals with lbasis, got "
             f"{type(element).__name__}"
         )
-    ticks = np.linspace(0, 1, _POINTS)
+    ticks = np.linspace(0, 1, _SURFACE_POINTS)
     X, Y = np.meshgrid(ticks, ticks, indexing="ij")
     values = element.lbasis(np.array([X.ravel(), Y.ravel()]), i)[0].reshape(X.shape)
     if ax is None:
@@ -69,7 +69,9 @@ def plot_shape_function(element: Any, i: int, ax: Any = None) -> Any:
     if not hasattr(ax, "plot_surface"):
         raise InputError('ax: expected 3-D axes; make them with projection="3d"')
     ax.computed_zorder = False  # else the surface may hide the vertex
-    ax.plot_surface(X, Y, values, cmap="viridis", rcount=_POINTS, ccount=_POINTS, lw=0)
+    ax.plot_surface(
+        X, Y, values, cmap="viridis", rcount=_SURFACE_POINTS, ccount=_SURFACE_POINTS, lw=0
+    )
     x, y = element.doflocs[i]
     height = float(element.lbasis(np.array([[x], [y]]), i)[0][0])
     ax.plot([x], [y], [height], "o", color="#d1495b", zorder=10)

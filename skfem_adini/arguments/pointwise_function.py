@@ -12,7 +12,7 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[Any]
 
-_OTHERS = 6  # places tried beside the outermost ones
+_MORE_PLACES = 6  # tried beside the outermost ones
 _ROUNDING = 1e-11  # of the largest value: vector instructions round equal numbers differently
 
 
@@ -71,7 +71,7 @@ def _check(name: str, function: Callable[[Array], Any], x: Array, value: Any) ->
 
 
 def _places(x: Array) -> NDArray[np.integer]:
-    others = np.random.default_rng(0).permutation(x.shape[1])[:_OTHERS]
+    others = np.random.default_rng(0).permutation(x.shape[1])[:_MORE_PLACES]
     return np.unique(np.concatenate((x.argmin(axis=1), x.argmax(axis=1), others)))
 
 

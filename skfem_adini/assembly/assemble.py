@@ -32,7 +32,7 @@ Integers = NDArray[np.integer]
 
 _log = logging.getLogger(__name__)
 
-_FEW = 9
+_FEW_CELLS = 9  # an array over no more of them may be a tensor of 3 x 3 numbers as well
 _TYPES = [np.dtype(kind) for kind in (np.float32, np.float64, np.complex64, np.complex128)]
 
 
@@ -303,7 +303,7 @@ class _Problem:
                 found.numbers[name] = (
                     DiscreteField(value) if isinstance(value, np.ndarray) else value
                 )
-            elif cells <= _FEW:
+            elif cells <= _FEW_CELLS:
                 raise _SlowPath(f"there are too few cells to tell the field {name} from a tensor")
             elif (parts := constant_parts(value, cells)) is None:
                 found.withheld.add(name)

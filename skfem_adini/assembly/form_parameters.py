@@ -16,8 +16,9 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[Any]
 
-# Larger ones are fields over another mesh.
-_TENSOR = 36
+# Components along one axis of a tensor: 6 x 6 elastic moduli in one row. What has more is a field
+# over another mesh.
+_MOST_COMPONENTS = 36
 
 
 class NotConstant(Exception):
@@ -118,7 +119,7 @@ def checked(name: str, value: Any, cells: int, points: int, dofs: int) -> Any:
         raise InputError(
             f"{name}: expected {cells} numbers, one for each cell, or {dofs} dofs, got {len(value)}"
         )
-    tensor = value.shape[-2] == 1 or max(value.shape) <= _TENSOR
+    tensor = value.shape[-2] == 1 or max(value.shape) <= _MOST_COMPONENTS
     field = value.shape[-2] == cells and value.shape[-1] in (1, points)
     if not (field or (tensor and not isinstance(value, DiscreteField))):
         raise InputError(

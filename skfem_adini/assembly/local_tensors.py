@@ -21,9 +21,11 @@ from skfem_adini.errors import InputError
 Array = NDArray[Any]
 Integers = NDArray[np.integer]
 
-# Quadrature points a call of the form: its temporary arrays stay in the second cache.
-_POINTS = 2**15
-_FIELDS = 2**20
+# Quadrature points a call of the form: its temporary arrays of 256 kB stay in the second-level
+# cache.
+_POINTS_OF_CALL = 2**15
+# Values of all functions at the points of the cells prepared at a time: 8 MB for each component.
+_VALUES_PREPARED = 2**20
 
 
 # Value, gradient, ... of all functions, (..., functions * cells, points), for each component.
@@ -132,11 +134,13 @@ def local_tensors(
     rows = _Rows(form, spaces, sizes, shapes, classes, cells, coefficients)
     points = spaces[0].W.size
     order = np.argsort(rows.shape_of, kind="stable")
-    step = max(1, _FIELDS // (max(sizes) * points))
+    step = max(1, _VALUES_PREPARED // (max(sizes) * points))
     for begin in range(0, len(order), step):
         some = order[begin : begin + step]
         rows.prepare(some)
-        for entries in _batches(len(some), flat.shape[1], max(1, _POINTS // points), len(cells)):
+        for entries in _batches(
+            len(some), flat.shape[1], max(1, _POINTS_OF_CALL // points), len(cells)
+        ):
             member, entry = np.divmod(entries, flat.shape[1])
             flat[some[member], entry] = np.sum(rows.densities(some[member], entry), axis=1)
     check_pointwise(rows, flat, sizes, rows.coefficients_of_classes(), len(cells))

@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 Integers = NDArray[np.integer]
 
-_CLASSES = 8
-_ENTRIES = 4
-_OTHERS = 300  # rows of one class around the others: no mean, quantile or deviation resists them
+# Classes of cells, and entries of each, that are computed again: a form that mixes cells differs in
+# nearly all of them.
+_CLASSES_TRIED = 8
+_ENTRIES_TRIED = 4
+# Rows of one class around the others: they move any mean, quantile or deviation.
+_ROWS_AROUND = 300
 # Of the sum of the moduli over the points. Equal operations on equal numbers differ by a few
 # roundings at most, where vector instructions or BLAS take them in another order.
 ROUNDING = 1e-11
@@ -94,18 +97,18 @@ def _chosen(coefficients: Array, rng: np.random.Generator) -> tuple[Integers, In
     classes = coefficients.shape[1]
     varying = coefficients[np.ptp(coefficients, axis=1) > 0] if coefficients.size else coefficients
     extreme = np.array([varying.argmin(axis=1), varying.argmax(axis=1)]).T.ravel()
-    extreme = extreme[np.sort(np.unique(extreme, return_index=True)[1])][:_CLASSES]
-    more = rng.permutation(classes)[: max(2, _CLASSES - extreme.size)]
+    extreme = extreme[np.sort(np.unique(extreme, return_index=True)[1])][:_CLASSES_TRIED]
+    more = rng.permutation(classes)[: max(2, _CLASSES_TRIED - extreme.size)]
     return np.unique(np.append(extreme, more if varying.size else more[:2])), extreme
 
 
 def _entries(sizes: Sequence[int], rng: np.random.Generator) -> Integers:
     """Return entries on the diagonal of a local matrix, and others."""
     count = int(np.prod(sizes))
-    diagonal = rng.permutation(min(sizes))[: _ENTRIES // 2] * (sizes[0] + 1)
-    return np.append(diagonal if len(sizes) == 2 else [], rng.permutation(count)[:_ENTRIES]).astype(
-        int
-    )
+    diagonal = rng.permutation(min(sizes))[: _ENTRIES_TRIED // 2] * (sizes[0] + 1)
+    return np.append(
+        diagonal if len(sizes) == 2 else [], rng.permutation(count)[:_ENTRIES_TRIED]
+    ).astype(int)
 
 
 def _batches(
@@ -119,9 +122,11 @@ def _batches(
     everything = _Batch(np.repeat(chosen, entries.size), np.tile(entries, chosen.size))
     yield _Batch(everything.classes[::-1], everything.entries[::-1])
     for label in extreme:
-        others = np.full(_OTHERS, label)
-        order = rng.permutation(everything.classes.size + _OTHERS)
+        others = np.full(_ROWS_AROUND, label)
+        order = rng.permutation(everything.classes.size + _ROWS_AROUND)
         yield _Batch(
             np.append(everything.classes, others)[order],
-            np.append(everything.entries, entries[rng.integers(entries.size, size=_OTHERS)])[order],
+            np.append(everything.entries, entries[rng.integers(entries.size, size=_ROWS_AROUND)])[
+                order
+            ],
         )

@@ -16,6 +16,7 @@ from skfem_adini.elements.hermite_factors import (
     derivatives,
 )
 
+# Exact to degree 15 in each direction; products of two traces have degree 6, the rest is for data.
 _GAUSS_POINTS = 8
 _EDGE: tuple[Function, ...] = (((HERMITE,),), ((SLOPE,),))
 _FACE = adini_functions(2)

@@ -24,7 +24,7 @@ _SQUARINGS = 60
 # Of the largest entry: some hundred roundings.
 _CONVERGED = 1e-13
 # Components of a unit tangent that are rounding: derivatives across stay free exactly.
-_PARALLEL = 1e-12
+_NO_COMPONENT = 1e-12
 
 
 def hanging_constraints(
@@ -188,7 +188,7 @@ class _HangingVertices:
         Rounding of coordinates must not mix the two slopes at a vertex on an axis-parallel edge.
         """
         tangent = self.edges.tangent
-        return np.where(np.abs(tangent) < _PARALLEL, 0.0, tangent)
+        return np.where(np.abs(tangent) < _NO_COMPONENT, 0.0, tangent)
 
 
 def _one_step(dofs: Indices, hanging: _HangingVertices) -> sp.csr_array:

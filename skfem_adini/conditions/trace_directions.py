@@ -11,7 +11,7 @@ from skfem_adini.conditions.boundary_edges import Array, BoundaryEdges, Indices
 Mask = NDArray[np.bool_]
 
 # Of the largest eigenvalue, a squared sine: edges that turn by less than 1e-6 are one straight one.
-_STRAIGHT = 1e-12
+_STRAIGHT_SQUARED_SINE = 1e-12
 
 
 class TraceDirections:
@@ -64,7 +64,7 @@ class TraceDirections:
         axes = axes.transpose(0, 2, 1)
         largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=2)[..., None], axis=2)
         axes = axes * np.sign(largest)
-        hidden = eigenvalues <= _STRAIGHT * eigenvalues[:, -1:]
+        hidden = eigenvalues <= _STRAIGHT_SQUARED_SINE * eigenvalues[:, -1:]
 
         untouched = np.ones(self.dofs.size, dtype=bool)
         untouched[u] = untouched[gradient] = False

@@ -29,6 +29,7 @@ _NEAREST_CELLS = 12
 _FARTHEST = 2.0
 # Share of a cell inside the domain: less than this does not determine its polynomial.
 _LEAST_SHARE = 0.05
+# Each squaring follows twice as many vertices outside to those inside: no chain has 2^60.
 _SQUARINGS = 60
 # Shares and weights nearer to one, or to a threshold, than this are equal but for rounding.
 _ROUNDED_ONE = 1e-12

@@ -20,9 +20,11 @@ Array = NDArray[Any]
 Integers = NDArray[np.integer]
 Parts = list[Array | None]  # value, gradient, ... over (..., cells, points)
 
-_CELLS = 4  # of each batch, beside those with extreme places and parameters
-_POINTS = 4  # of each cell
-_FUNCTIONS = 4
+# Cells of a batch beside those with extreme places and parameters, points of each, and functions: a
+# form that mixes cells or points differs at nearly all of them.
+_CELLS_TRIED = 4
+_POINTS_TRIED = 4
+_FUNCTIONS_TRIED = 4
 
 
 class CutSample:
@@ -51,7 +53,7 @@ class CutSample:
             What the form was assembled with. Derivatives that it did not ask for are not made.
         """
         if not self._which:
-            self._which = sorted(self._rng.permutation(basis.Nbfun)[:_FUNCTIONS])
+            self._which = sorted(self._rng.permutation(basis.Nbfun)[:_FUNCTIONS_TRIED])
         cells, points = shape = basis.dx.shape
         fields = {**basis.default_parameters(), **parameters}
         for name, value in list(fields.items()):
@@ -59,8 +61,8 @@ class CutSample:
                 self._others[name] = fields.pop(name)
         numbers = _first_points([[np.asarray(field)] for field in fields.values()])
         chosen = np.unique([*numbers.argmin(axis=1), *numbers.argmax(axis=1),
-                            *self._rng.permutation(cells)[:_CELLS]])  # fmt: skip
-        some = np.linspace(0, points - 1, _POINTS).astype(int)
+                            *self._rng.permutation(cells)[:_CELLS_TRIED]])  # fmt: skip
+        some = np.linspace(0, points - 1, _POINTS_TRIED).astype(int)
 
         def sampled(field: DiscreteField) -> Parts:
             return [
@@ -86,11 +88,15 @@ class CutSample:
         try:
             with np.errstate(all="ignore"):  # statistics of equal numbers divide by zero
                 there = rows.densities(classes, entries)
-                padded = rows.densities(classes, entries, np.append(np.arange(_POINTS), [0, 0, 0]))
+                padded = rows.densities(
+                    classes, entries, np.append(np.arange(_POINTS_TRIED), [0, 0, 0])
+                )
             found = there.sum(axis=1).reshape(rows.shape)
             check_pointwise(rows, found, rows.sizes, rows.coefficients, len(classes))
             limit = ROUNDING * np.abs(there).max()
-            if not np.allclose(padded[:, :_POINTS], there, rtol=0, atol=limit, equal_nan=True):
+            if not np.allclose(
+                padded[:, :_POINTS_TRIED], there, rtol=0, atol=limit, equal_nan=True
+            ):
                 raise FormNotPointwise("it gives other numbers where a point comes several times")
         except FormNotPointwise as error:
             raise InputError(
@@ -136,7 +142,7 @@ class _Rows:
         if points is not None:
             arguments, fields = ([_at(f, points) for f in some] for some in (arguments, fields))
         parameters = {**self._others, **dict(zip(self._fields, fields, strict=True))}
-        width = _POINTS if points is None else len(points)
+        width = _POINTS_TRIED if points is None else len(points)
         try:
             density = self._form.form(*arguments, FormExtraParams(parameters))
             return np.asarray(density * np.ones((len(classes), width)))

@@ -22,6 +22,8 @@ Indices = NDArray[np.integer]
 # P2, then the rest of P3, then Adini's two.
 _POWERS = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)]
 _POWERS += [(3, 1), (1, 3)]
+# By the number of vertices inside: powers of the polynomial, and points on the arc between the two
+# ends of the cut, so that three conditions a vertex and one a point determine the polynomial.
 _TERMS = {1: 6, 2: 10, 3: 12, 4: 12}
 _ARC_POINTS = {1: 1, 2: 2, 3: 1, 4: 0}
 # 1 / sigma_min of a cell's conditions, of order 1 each: here four digits are left.

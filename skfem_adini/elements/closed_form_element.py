@@ -21,6 +21,7 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Cells = QuadCells | HexCells
 
+# The highest order that scikit-fem's DiscreteField has a place for.
 _MOST_DERIVATIVES = 6
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+# In lengths of the longest side: noise of coordinates in files is far below.
 NEGLIGIBLE_TWIST = 1e-3
 
 _logger = logging.getLogger(__name__)

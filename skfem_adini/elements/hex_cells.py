@@ -16,7 +16,7 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
 
-_OTHERS = ((1, 2), (2, 0), (0, 1))
+_OTHER_AXES = ((1, 2), (2, 0), (0, 1))
 # Parts of a cell in each direction in which its volume is bounded anew where the first bound fails.
 _FINE_STEPS = 8
 
@@ -86,7 +86,7 @@ class HexCells:
         return np.array(
             [
                 a[i] + c[k] * X[j] + c[j] * X[k] + d * (X[j] * X[k])
-                for i, (j, k) in enumerate(_OTHERS)
+                for i, (j, k) in enumerate(_OTHER_AXES)
             ]
         )
 
@@ -99,13 +99,13 @@ class HexCells:
             Reference points, shape (3, points) or (3, cells, points).
         """
         t = self.a[..., None] if self.affine else self.tangents(*X)
-        G = np.array([_cross(t[j], t[k]) for j, k in _OTHERS])
+        G = np.array([_cross(t[j], t[k]) for j, k in _OTHER_AXES])
         G /= _dot(t[0], G[0])
         return G
 
     def second_derivatives(self, X: Array) -> Iterator[tuple[tuple[int, int], Array]]:
         """Yield the mixed second derivatives of the map, shapes (3, cells, 1 or points)."""
-        for i, (j, k) in enumerate(_OTHERS):
+        for i, (j, k) in enumerate(_OTHER_AXES):
             yield (j, k), self.c[i][..., None] + self.d[..., None] * X[i]
 
     def check(self) -> float:
@@ -164,7 +164,7 @@ class HexCells:
 
 def _cross(u: Array, v: Array) -> Array:
     """Return the vector product along the first axis."""
-    return np.array([u[j] * v[k] - u[k] * v[j] for j, k in _OTHERS])
+    return np.array([u[j] * v[k] - u[k] * v[j] for j, k in _OTHER_AXES])
 
 
 def _dot(u: Array, v: Array) -> Array:

@@ -15,6 +15,7 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
 
+# Of the angle between two sides: a Jacobian from smaller ones has less than four digits.
 SMALLEST_SINE = 1e-12
 
 

@@ -29,6 +29,7 @@ Indices = NDArray[np.integer]
 Fields = Array | Mapping[str, Array]
 Step = tuple[float, Fields] | tuple[float, Fields, Mapping[str, Any]]
 
+# Linear parts of a side: the chords of a cubic stray by a sixteenth of what one part would.
 _DEFAULT_SUBDIVISION = 4
 
 

@@ -18,9 +18,12 @@ from skfem_adini.solvers.factorize import Factorization, Solver, factorize
 Array = NDArray[np.float64]
 
 # In units of the largest eigenvalue: far above its rounding, and below the lowest of a fine mesh.
-_ZERO = 1e-9
+_ZERO_EIGENVALUE = 1e-9
+# From one trial shift to the next: five lead from there beyond the largest eigenvalue.
 _STEP = 100.0
-_SPREAD = 1e3  # of distances to the shift that costs no more digits than the mesh does
+# Largest over least distance of an eigenvalue to the shift: up to here the shift costs no more
+# digits than the mesh does.
+_SPREAD = 1e3
 
 
 def lowest_eigenpairs(
@@ -134,10 +137,10 @@ def _shifted_twice(K: Any, M: Any, count: int, solver: Solver) -> tuple[Array, A
     if count == 1 and shift < 0:  # how far the next one is
         high = float(_nearest(K, M, min(4, K.shape[0] - 1), shift, factors)[0].max())
     near = high - shift > _SPREAD * (low - shift)
-    far = shift < 0 and low - shift > _SPREAD * (high - low) > _SPREAD * _ZERO
+    far = shift < 0 and low - shift > _SPREAD * (high - low) > _SPREAD * _ZERO_EIGENVALUE
     if not (near or far):
         return values, z
-    better = low - max((high - low) / max(count - 1, 1), _ZERO)
+    better = low - max((high - low) / max(count - 1, 1), _ZERO_EIGENVALUE)
     try:
         return _nearest(K, M, count, better, _factors(K, M, better, solver))
     except InputError:  # not definite to rounding
@@ -153,7 +156,7 @@ def _first_shift(K: Any, M: Any, solver: Solver) -> tuple[float, Factorization]:
         except InputError:
             if shift < -1.0:
                 raise
-        shift = min(-_ZERO, _STEP * shift)
+        shift = min(-_ZERO_EIGENVALUE, _STEP * shift)
 
 
 def _factors(K: Any, M: Any, shift: float, solver: Solver) -> Factorization:

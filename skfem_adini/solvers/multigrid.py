@@ -21,7 +21,8 @@ Indices = NDArray[np.integer]
 _RESTARTS = 3
 # Of |b|: no more than this is put down to the rounding of A x.
 _MOST_ROUNDING = 1e-6
-_COARSEST = 20  # blocks
+# Blocks of the coarsest matrix, which is solved directly as a dense one.
+_COARSEST = 20
 _SMOOTHER = ("block_gauss_seidel", {"sweep": "symmetric"})
 
 

@@ -21,6 +21,7 @@ from skfem_adini.errors import AdiniError
 
 Array = NDArray[np.float64]
 
+# PARDISO's numbers: kinds of real symmetric matrices, errors, phases (oneMKL reference, `pardiso`).
 DEFINITE, INDEFINITE = 2, -2
 _NOT_ENOUGH_MEMORY = -2
 _PIVOTS = (-4, -7)

@@ -18,7 +18,7 @@ KERNELS = (
 )  # fmt: skip
 
 # Halvings of a box after which its side, 1e-12, is near the rounding of its coefficients.
-_MOST_DIVISIONS = 40
+_MOST_HALVINGS_OF_BOXES = 40
 # Parts of one box: more are needed only where a zero line is degenerate.
 _MOST_PARTS = 20_000
 # Of the largest coefficient: polynomials that agree so well, but for a factor, have one zero line.
@@ -163,8 +163,8 @@ def cut_boxes(
     volume, nv = np.empty((1024, 4)), 0
     surface, ns = np.empty((256, 7)), 0
     whole = np.zeros(count, np.bool_)
-    stack = np.empty((3 * _MOST_DIVISIONS + 8, K, m, m))
-    places = np.empty((3 * _MOST_DIVISIONS + 8, 5))
+    stack = np.empty((3 * _MOST_HALVINGS_OF_BOXES + 8, K, m, m))
+    places = np.empty((3 * _MOST_HALVINGS_OF_BOXES + 8, 5))
     parts, boxes = np.empty((4, K, m, m)), np.empty((4, 4))
     state, lengths = np.empty(K, np.int64), np.empty(2)
     middle, one = np.full(1, 0.5), np.ones(1)
@@ -201,7 +201,7 @@ def cut_boxes(
                     c, state, tol, table, b, place, lengths, nodes, weights, surface, ns
                 )
                 continue
-            if place[4] >= _MOST_DIVISIONS:
+            if place[4] >= _MOST_HALVINGS_OF_BOXES:
                 # Narrower than rounding.
                 settle_by_middle(c, state)
                 if table[rules.index_of(state)]:

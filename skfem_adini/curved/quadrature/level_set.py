@@ -18,7 +18,8 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
 
-_MOST_LEAVES = 6
+# Composed in one level set, whose truth table has 2^16 entries.
+_MOST_FUNCTIONS = 16
 
 
 class LevelSet:
@@ -205,9 +206,9 @@ class TruthTable:
         """Tabulate a level set of any composition."""
         leaves = level_set.leaves
         count = len(leaves)
-        if count > _MOST_LEAVES + 10:
+        if count > _MOST_FUNCTIONS:
             raise InputError(
-                f"level_set: {count} functions are composed, at most {_MOST_LEAVES + 10} can be; "
+                f"level_set: {count} functions are composed, at most {_MOST_FUNCTIONS} can be; "
                 "give straight-sided domains as a Polygon"
             )
         keys = [id(leaf) for leaf in leaves]

@@ -19,15 +19,17 @@ _COARSE, _FINE = 4, 8
 # Of the variation of phi in a box: allowed error of an interpolant.
 _ACCURATE = 3e-12
 # Rounding of phi in units of its size: of an expression with some thirty operations.
-_ROUNDING = 32 * np.finfo(float).eps
+_ROUNDING_OF_PHI = 32 * np.finfo(float).eps
 # The error is taken for so many times its estimate before a sign counts as settled.
 _SAFETY = 4.0
 # Of the size of phi in a cell: smaller values are zero, so that boundaries on grid lines are found.
-_ZERO = 1e-13
+_ZERO_LEVEL = 1e-13
 # Halvings of a cell, to 6e-8 of its side.
-_MOST_DIVISIONS = 24
+_MOST_HALVINGS_OF_CELLS = 24
+# Beside two for each cell; one has 81 coefficients for each leaf: 32 MB with one.
 _MOST_BOXES = 50_000
-_MOST_LEAVES = 6
+# Zero lines in one box, whose truth table has 2^6 entries; more meet in one point only.
+_MOST_LEAVES_OF_BOX = 6
 
 
 @dataclass(frozen=True)
@@ -88,15 +90,15 @@ def accurate_boxes(table: TruthTable, lower: Array, size: Array) -> AccurateBoxe
     found: dict[int, list[OpenBoxes]] = {}
     most = _MOST_BOXES + 2 * len(cell)
     zeros = np.zeros(len(table.leaves))
-    for level in range(_MOST_DIVISIONS + 1):
+    for level in range(_MOST_HALVINGS_OF_CELLS + 1):
         boxes = _Screened(table, cell, lower, size, zeros)
         divide = np.zeros(len(cell), dtype=bool)
         for pattern, members in boxes.patterns():
             matter, reduced = _reduce(table, pattern)
-            crowded = len(matter) > _MOST_LEAVES
-            if crowded and level == _MOST_DIVISIONS:
+            crowded = len(matter) > _MOST_LEAVES_OF_BOX
+            if crowded and level == _MOST_HALVINGS_OF_CELLS:
                 raise InputError(f"level_set: {len(matter)} zero lines meet in one point")
-            if level < _MOST_DIVISIONS:
+            if level < _MOST_HALVINGS_OF_CELLS:
                 rough = members[crowded | ~boxes.accurate[matter][:, members].all(axis=0)]
                 divide[rough] = True
                 members = np.setdiff1d(members, rough, assume_unique=True)
@@ -155,13 +157,13 @@ class _Screened:
                 low, high = polynomials.min(axis=(1, 2)), polynomials.max(axis=(1, 2))
                 if degree == _FINE and zeros[k] == 0 and left.size:
                     # One tolerance for all, so that neighbours agree on which zeros lie on a side.
-                    zeros[k] = _ZERO * np.median(np.maximum(np.abs(low), np.abs(high)))
+                    zeros[k] = _ZERO_LEVEL * np.median(np.maximum(np.abs(low), np.abs(high)))
                 zero = zeros[k]
                 self.state[k, left[high + _SAFETY * error < -zero]] = 1
                 self.state[k, left[low - _SAFETY * error > zero]] = 0
                 if degree == _FINE:
-                    allowed = (_ACCURATE + _ROUNDING * offset[left]) * (high - low)
-                    self.accurate[k, left] = error <= allowed + _ROUNDING * np.abs(high)
+                    allowed = (_ACCURATE + _ROUNDING_OF_PHI * offset[left]) * (high - low)
+                    self.accurate[k, left] = error <= allowed + _ROUNDING_OF_PHI * np.abs(high)
                     self.place[k, left] = np.arange(len(left))
                 else:
                     left = left[self.state[k, left] == 2]
