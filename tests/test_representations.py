@@ -95,7 +95,7 @@ def test_numbers_that_are_none_are_not_shown_as_zero():
         spoilt.summary()
 
 
-@pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.__name__)
+@pytest.mark.parametrize("package", PACKAGES)
 def test_packages_show_their_public_names(package):
     assert package.__version__ == version("skfem-adini")
     assert {name for name in dir(package) if not name.startswith("_")} == set(package.__all__)

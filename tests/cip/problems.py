@@ -35,8 +35,3 @@ def advection_exact(x, t):
     square = 1 - x**2 + x**2 * np.exp(-2 * t)
     with np.errstate(all="ignore"):
         return np.nan_to_num(bell(foot_inside(x, t)) * np.exp(-t) * np.abs(square) ** -1.5)
-
-
-def order(sizes, errors):
-    """Order in h ~ 1 / size by a least-squares fit."""
-    return -np.polyfit(np.log(sizes), np.log(errors), 1)[0]

@@ -7,43 +7,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from skfem import (
-    ElementHex1,
-    ElementHex2,
-    ElementQuad1,
-    ElementQuad2,
-    ElementTetP1,
-    ElementTetP2,
-    ElementTriP1,
-    ElementTriP2,
-    MeshHex,
-    MeshQuad,
-    MeshTet,
-    MeshTri,
-)
 
 from contact import ContactProblem, ElasticBody, Plane
-from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
+from skfem_adini import ElementQuadAdini
 
-# The suite imports test modules by path; `traction_of_the_body` lies beside them.
+# The suite imports test modules by path; what they share lies beside this file.
 sys.path.insert(0, str(Path(__file__).parent))
+from families import STRAIGHT
 
 # A graded side, no two cells alike; 0 and 1 are its ends.
 GRADED = np.array([0.0, 0.13, 0.2, 0.41, 0.55, 0.8, 0.86, 1.0])
 FOUNDATION = {2: Plane((0.0, -0.03), (0.0, 1.0)), 3: Plane((0.0, 0.0, -0.03), (0.0, 0.0, 1.0))}
-_MESHES = {
-    ElementTriP1: MeshTri,
-    ElementTriP2: MeshTri,
-    ElementQuad1: MeshQuad,
-    ElementQuad2: MeshQuad,
-    ElementQuadAdini: MeshQuad,
-    ElementQuadBFS: MeshQuad,
-    ElementTetP1: MeshTet,
-    ElementTetP2: MeshTet,
-    ElementHex1: MeshHex,
-    ElementHex2: MeshHex,
-    ElementHexAdini: MeshHex,
-}
 
 
 def box(element, *ticks):
@@ -51,7 +25,7 @@ def box(element, *ticks):
 
     The names are left, right, bottom, top (the last axis, in 3-D too), front, back.
     """
-    mesh = _MESHES[element].init_tensor(*(np.asarray(t, dtype=float) for t in ticks))
+    mesh = STRAIGHT[element].init_tensor(*(np.asarray(t, dtype=float) for t in ticks))
     last = mesh.dim() - 1
 
     def side(axis, i):
@@ -149,5 +123,4 @@ def make():
         law_error=law_error,
         foundation=FOUNDATION,
         graded=GRADED,
-        meshes=_MESHES,
     )

@@ -2,35 +2,16 @@
 
 import numpy as np
 import skfem
-from skfem import (
-    ElementHex1,
-    ElementHex2,
-    ElementQuad1,
-    ElementQuad2,
-    ElementTetP1,
-    ElementTetP2,
-    ElementTriP1,
-    ElementTriP2,
-    MeshHex2,
-    MeshQuad2,
-    MeshTet2,
-    MeshTri2,
-)
+from families import CURVED, SOLID
+from skfem import ElementHex2, ElementQuad2, ElementTetP2, ElementTriP2
 
 from contact import ElasticBody
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
-PLANE = [ElementTriP1, ElementTriP2, ElementQuad1, ElementQuad2, ElementQuadAdini]
-SOLID = [ElementTetP1, ElementTetP2, ElementHex1, ElementHex2, ElementHexAdini]
 ADINI = (ElementQuadAdini, ElementHexAdini)
+QUADRATIC = (ElementTriP2, ElementQuad2, ElementTetP2, ElementHex2)
 BFS = (ElementQuadBFS, skfem.ElementQuadBFS)
 DEPTH = 0.3  # of solids, across the plane of the outline
-SECOND = {  # of those elements that hold linear fields on curved cells
-    ElementTriP2: MeshTri2,
-    ElementQuad2: MeshQuad2,
-    ElementTetP2: MeshTet2,
-    ElementHex2: MeshHex2,
-}
 
 
 def outline(kind, bend):
@@ -88,7 +69,7 @@ def body_of(
     cells = ElementQuadBFS if element in BFS else element
     mesh = make.box(cells, s, *([depth] if solid else []), r)
     names = dict(mesh.boundaries)
-    mesh = SECOND[element].from_mesh(mesh) if curved else mesh
+    mesh = CURVED[element].from_mesh(mesh) if curved else mesh
     place = mesh.doflocs.copy()
     c, n = shape(place[0])
     place[0], place[-1] = c - 0.6 * place[-1] * n

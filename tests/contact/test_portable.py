@@ -67,7 +67,7 @@ PROBLEMS = {
 }
 
 
-@pytest.mark.parametrize("copied", [sent, copy.deepcopy, copy.copy], ids=lambda f: f.__name__)
+@pytest.mark.parametrize("copied", [sent, copy.deepcopy, copy.copy])
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_problems_and_results(name, copied, make):
     """Bit for bit, the certificate too; a factorisation is made anew and gives the same."""

@@ -55,7 +55,7 @@ PARALLELOGRAMS = {
 }
 
 
-@pytest.fixture(params=PARALLELOGRAMS, ids=str)
+@pytest.fixture(params=PARALLELOGRAMS)
 def parallelograms(request):
     return PARALLELOGRAMS[request.param]()
 
@@ -65,7 +65,7 @@ def convex_quads():
     return _convex()
 
 
-@pytest.fixture(params=[*PARALLELOGRAMS, "convex"], ids=str)
+@pytest.fixture(params=[*PARALLELOGRAMS, "convex"])
 def any_quads(request):
     return (PARALLELOGRAMS | {"convex": _convex})[request.param]()
 
@@ -112,7 +112,7 @@ PARALLELEPIPEDS = {
 }
 
 
-@pytest.fixture(params=PARALLELEPIPEDS, ids=str)
+@pytest.fixture(params=PARALLELEPIPEDS)
 def parallelepipeds(request):
     return PARALLELEPIPEDS[request.param]()
 
@@ -122,7 +122,7 @@ def warped_hexes():
     return _warped_bricks()
 
 
-@pytest.fixture(params=[*PARALLELEPIPEDS, "warped"], ids=str)
+@pytest.fixture(params=[*PARALLELEPIPEDS, "warped"])
 def any_hexes(request):
     return (PARALLELEPIPEDS | {"warped": _warped_bricks})[request.param]()
 
@@ -132,7 +132,7 @@ _CELLS |= {f"hexes-{name}": make for name, make in PARALLELEPIPEDS.items()}
 _CELLS["hexes-warped"] = _warped_bricks
 
 
-@pytest.fixture(params=_CELLS, ids=str)
+@pytest.fixture(params=_CELLS)
 def any_cells(request):
     return _CELLS[request.param]()
 

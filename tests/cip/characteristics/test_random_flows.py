@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from convergence import order
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from problems import order
 from scipy.integrate import solve_ivp
 
 from cip import Grid, Solver, Velocity

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 import sympy
-from problems import foot_inside, order, speed
+from convergence import order
+from problems import foot_inside, speed
 
 from cip import Grid, Solver, Velocity
 from cip.characteristics.feet import integrate

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from problems import order
+from convergence import order
 
 from cip import Grid, Solver, Velocity
 

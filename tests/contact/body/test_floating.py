@@ -4,15 +4,7 @@ import numpy as np
 import pytest
 from skfem import ElementHex1, ElementQuad1, ElementTetP1, ElementTriP2, MeshQuad
 
-from contact import (
-    ContactProblem,
-    ElasticBody,
-    InputError,
-    Plane,
-    Sphere,
-    Status,
-    Unbounded,
-)
+from contact import ContactProblem, ElasticBody, InputError, Plane, Sphere, Status, Unbounded
 from contact.body.rigid_modes import rigid_modes
 from skfem_adini import ElementQuadAdini
 
@@ -20,16 +12,12 @@ ELEMENTS = [ElementQuadAdini, ElementTriP2, ElementQuad1, ElementTetP1, ElementH
 PLANAR = ELEMENTS[:3]
 
 
-def ids(value):
-    return getattr(value, "__name__", str(value))
-
-
 @pytest.fixture
 def loose(make):
     """A unit square or cube without any support."""
 
     def build(element, n=5):
-        dim = make.meshes[element]().dim()
+        dim = element().dim
         ticks = np.linspace(0, 1, n + 1 if dim == 2 else 4)
         return ElasticBody.from_mesh(make.box(element, *(ticks,) * dim), element(), E=2.0, nu=0.3)
 
@@ -45,7 +33,7 @@ def checked(result, make):
 
 
 @pytest.mark.parametrize("method", ["newton", "pdas", "tresca_loop", "fixed_point"])
-@pytest.mark.parametrize("element", ELEMENTS, ids=ids)
+@pytest.mark.parametrize("element", ELEMENTS)
 def test_friction_alone_holds_the_body(element, method, loose, make):
     """A block on a rough floor, without support, under its weight and a side load of .1."""
     body = loose(element)
@@ -61,7 +49,7 @@ def test_friction_alone_holds_the_body(element, method, loose, make):
     assert Status.STICK in result.status
 
 
-@pytest.mark.parametrize("element", PLANAR, ids=ids)
+@pytest.mark.parametrize("element", PLANAR)
 def test_floor_and_wall_without_friction(element, loose, make):
     """In a corner the resultant is minus the load, each side carrying its component."""
     body = loose(element).body_force((-0.3, -1.0))
@@ -70,7 +58,7 @@ def test_floor_and_wall_without_friction(element, loose, make):
     assert np.abs(result.resultant - [0.3, 1.0]).max() < 1e-12
 
 
-@pytest.mark.parametrize("element", [ElementTetP1, ElementHex1], ids=ids)
+@pytest.mark.parametrize("element", [ElementTetP1, ElementHex1])
 def test_cube_on_a_ball(element, loose, make):
     """Two sides guide the cube down; the ball below carries it at its middle."""
     body = loose(element).fix("left", "x").fix("front", "y").body_force((0, 0, -1.0))
@@ -80,7 +68,7 @@ def test_cube_on_a_ball(element, loose, make):
     assert abs(result.resultant[2] - 1.0) < 1e-11
 
 
-@pytest.mark.parametrize("element", PLANAR, ids=ids)
+@pytest.mark.parametrize("element", PLANAR)
 def test_moment_is_carried(element, loose, make):
     """The centre of pressure lies below the load's: friction at the floor has no moment there."""
     body = loose(element, 8).load("top", lambda x: np.array([0 * x[0], -2 * x[0]]))
@@ -91,7 +79,7 @@ def test_moment_is_carried(element, loose, make):
     assert abs(result.mu @ result.x_nominal[0] - 2 / 3) < 1e-10
 
 
-@pytest.mark.parametrize("element", ELEMENTS, ids=ids)
+@pytest.mark.parametrize("element", ELEMENTS)
 def test_frictionless_translation_is_named(element, loose):
     """Nothing along x resists on a smooth floor, whether or not something pushes."""
     body = loose(element).body_force(-np.eye(make_dim(element))[-1])
@@ -141,7 +129,7 @@ def test_one_sided_block_on_a_far_floor(make):
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
-@pytest.mark.parametrize("element", ELEMENTS, ids=ids)
+@pytest.mark.parametrize("element", ELEMENTS)
 def test_lifting_off_is_named(element, friction, loose):
     body = loose(element).body_force(np.eye(make_dim(element))[-1])
     body.fix("left", "x")
@@ -160,7 +148,7 @@ def test_sliding_beyond_friction(method, loose):
         ContactProblem(body, "bottom", 0.01, 0.3).solve(method, max_iterations=50)
 
 
-@pytest.mark.parametrize("element", [ElementQuadAdini, ElementHex1], ids=ids)
+@pytest.mark.parametrize("element", [ElementQuadAdini, ElementHex1])
 @pytest.mark.parametrize("method", ["newton", "pdas"])
 def test_sliding_beyond_a_given_bound(method, element, loose):
     body = loose(element)
@@ -192,7 +180,7 @@ def two_blocks(element):
 
 
 @pytest.mark.parametrize("supported", [True, False], ids=["one-held", "none-held"])
-@pytest.mark.parametrize("element", [ElementQuad1, ElementQuadAdini], ids=ids)
+@pytest.mark.parametrize("element", [ElementQuad1, ElementQuadAdini])
 def test_two_pieces(element, supported, make):
     """Every piece has its rigid motions; a rough floor carries each piece's own load."""
     body = two_blocks(element).load("top", (0.0, -0.1))
@@ -214,7 +202,7 @@ def test_piece_out_of_touch(solver):
         ContactProblem(body, "bottom1", 0.0, solver=solver).solve()
 
 
-@pytest.mark.parametrize("element", ELEMENTS, ids=ids)
+@pytest.mark.parametrize("element", ELEMENTS)
 def test_rigid_modes_carry_no_energy(element, loose):
     body = loose(element)
     modes = rigid_modes(body)

@@ -35,9 +35,7 @@ KINDS = [
     (MeshHex, MeshHex2, ElementHex1),
 ]
 SIMPLICES = [MeshTri, MeshTet]
-kinds = pytest.mark.parametrize(
-    ("plain", "curved", "element"), KINDS, ids=lambda v: getattr(v, "__name__", str(v))
-)
+kinds = pytest.mark.parametrize(("plain", "curved", "element"), KINDS)
 
 
 def grid(plain, curved=None, places=lambda x: x):

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from convergence import order
+from rings import NU, ring
 from scipy.sparse.linalg import spsolve
 from skfem import ElementQuad2
 
@@ -10,21 +12,7 @@ from skfem_adini import ElementHexAdini, ElementQuadAdini
 
 pytestmark = pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
 
-NU = 0.3
 LAM, MU = NU / ((1 + NU) * (1 - 2 * NU)), 0.5 / (1 + NU)
-
-
-def quarter(make, element, n):
-    """A quarter of a ring of radii one and two in its planes of symmetry; E = 1."""
-    solid = element is ElementHexAdini
-    ticks = [np.linspace(1, 2, max(2, n // 2) + 1), np.linspace(0, np.pi / 2, n + 1)]
-    mesh = make.box(element, *ticks, *([np.array([0.0, 0.3])] if solid else []))
-    p = mesh.p.copy()
-    p[:2] = p[0] * np.array([np.cos(p[1]), np.sin(p[1])])
-    body = ElasticBody.from_mesh(make.remesh(mesh, p), element(), E=1.0, nu=NU)
-    ends = ("front", "back") if solid else ("bottom", "top")
-    body.fix(ends[0], "y").fix(ends[1], "x")
-    return body.fix(["bottom", "top"], "z") if solid else body
 
 
 def exact(x):
@@ -56,15 +44,11 @@ def error(body):
     return np.sqrt(np.sum(off**2 * dx) / np.sum(at**2 * dx)), 0.5 * body.f @ u
 
 
-def order(n, found):
-    return -np.polyfit(np.log(n), np.log(found), 1)[0]
-
-
 @pytest.mark.parametrize("element", [ElementQuadAdini, ElementHexAdini])
 def test_a_ring_held_inside(element, make):
     n = [3, 5, 7] if element is ElementHexAdini else [4, 8, 16]
-    found = [error(pulled(quarter(make, element, k).fix("left", "xy"))) for k in n]
-    facets = [error(pulled(quarter(make, element, k).fix("left", "xy", smooth=False))) for k in n]
+    found = [error(pulled(ring(make, element, k).fix("left", "xy"))) for k in n]
+    facets = [error(pulled(ring(make, element, k).fix("left", "xy", smooth=False))) for k in n]
     assert order(n, [e for e, _ in found]) > 1.8
     assert found[-1][0] < 0.15 * facets[-1][0]
     depth = 0.3 if element is ElementHexAdini else 1.0
@@ -88,13 +72,13 @@ def test_numbers_are_held_along_the_curve_and_fields_on_the_facets(make):
     }
     free = {}
     for name, (value, smooth) in ways.items():
-        body = pulled(quarter(make, ElementQuadAdini, 4))
+        body = pulled(ring(make, ElementQuadAdini, 4))
         body._supports = []
         free[name] = body.fix("left", "xy", value, smooth=smooth).constraint[0].shape[1]
     assert free["number"] == free["smooth number"] == free["smooth field"]
     assert free["field"] == free["number on facets"] < free["number"]
     with pytest.raises(InputError, match="smooth"):
-        quarter(make, ElementQuadAdini, 4).fix("left", "xy", smooth="curve")
+        ring(make, ElementQuadAdini, 4).fix("left", "xy", smooth="curve")
 
 
 @pytest.mark.parametrize("element", [ElementQuadAdini, ElementHexAdini])
@@ -120,7 +104,7 @@ def test_contact_of_a_ring_held_inside(make):
     """Pressed in by a hole that is too small: the pressure is that of quadratic elements."""
     found = {}
     for element in (ElementQuadAdini, ElementQuad2):
-        body = quarter(make, element, 16).fix("left", "xy")
+        body = ring(make, element, 16).fix("left", "xy")
         found[element] = ContactProblem(body, "right", -0.01, 0.3).solve().pressure
     exact = 0.01 * ((LAM + 2 * MU) * 1.25 + LAM * 0.75) / 1.5
     for pressure in found.values():
@@ -132,7 +116,7 @@ def test_a_moving_support_on_a_curve(value, make):
     """A motion is prescribed in the way in which the support holds."""
 
     def body():
-        free = quarter(make, ElementQuadAdini, 8)
+        free = ring(make, ElementQuadAdini, 8)
         free._supports = []
         return free.fix("top", "x").load("right", (0.0, -0.01))
 

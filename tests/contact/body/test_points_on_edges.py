@@ -58,7 +58,7 @@ def plate(kind, ratio, moved=0.0):
 
 
 @pytest.mark.parametrize(("ratio", "moved"), [(1e2, 0.0), (1e6, 0.0), (1e5, 100.0)])
-@pytest.mark.parametrize(("kind", "element"), KINDS, ids=lambda k: k.__name__)
+@pytest.mark.parametrize(("kind", "element"), KINDS)
 def test_vertices_and_middles(kind, element, ratio, moved):
     """Turned triangles from 1e2:1 and bilinear cells at 1e6:1 refused their own vertices."""
     mesh, turn = plate(kind, ratio, moved)

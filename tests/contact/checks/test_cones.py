@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from skfem import ElementHex1, ElementHex2, ElementTetP2, MeshHex, MeshTet
+from families import STRAIGHT
+from skfem import ElementHex1, ElementHex2, ElementTetP2
 
 from contact import (
     ContactProblem,
@@ -68,7 +69,7 @@ def test_other_solvers_have_no_cones(make):
 
 def held_cube(element, **where):
     """A cube on a sloping floor; its left side is held in x, its front in y."""
-    mesh = (MeshHex if element is ElementHex1 else MeshTet).init_tensor(*[np.linspace(0, 1, 3)] * 3)
+    mesh = STRAIGHT[element].init_tensor(*[np.linspace(0, 1, 3)] * 3)
     sides = {"left": 0, "front": 1, "bottom": 2}
     named = {name: lambda x, a=axis: x[a] == 0.0 for name, axis in sides.items()}
     mesh = mesh.with_boundaries(named | {"top": lambda x: x[2] == 1.0})

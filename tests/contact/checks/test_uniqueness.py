@@ -2,16 +2,10 @@
 
 import numpy as np
 import pytest
+from convergence import order
 from skfem import ElementHex1, ElementQuad1, ElementTriP1, MeshTri
 
-from contact import (
-    ContactProblem,
-    ElasticBody,
-    InputError,
-    LoadStepper,
-    SignedDistance,
-    uniqueness,
-)
+from contact import ContactProblem, ElasticBody, InputError, LoadStepper, SignedDistance, uniqueness
 
 SHEAR = -0.11  # v_n / v_t without contact: the load lifts the point a little and drags it
 
@@ -105,8 +99,8 @@ def test_bound_falls_like_the_root_of_the_mesh(make):
     for n in cells:
         problem = make.problem(int(n), 5.0, element=ElementQuad1)
         bounds.append(uniqueness(problem, problem.solve(), starts=0).coefficient)
-    order = -np.polyfit(np.log(cells), np.log(bounds), 1)[0]
-    assert 0.35 < order < 0.65
+    rate = order(cells, bounds)
+    assert 0.35 < rate < 0.65
 
 
 def test_without_coulomb_the_solution_is_unique(make):

@@ -26,7 +26,7 @@ from skfem_adini import ElementQuadAdini
 
 def dragged(make, element=ElementQuadAdini, friction=0.3, law="coulomb", n=6, gap=0.0):
     """A block held by its top, pressed on a foundation and dragged to and fro."""
-    dim = make.meshes[element]().dim()
+    dim = element().dim
     ticks = np.linspace(0, 1, n + 1)
     body = ElasticBody.from_mesh(make.box(element, *(ticks,) * dim), element(), E=1.0, nu=0.3)
     body.fix("top")

@@ -30,16 +30,12 @@ ROWS = [
 ]
 
 
-def ids(value):
-    return getattr(value, "__name__", str(value))
-
-
 def difference(result, reference):
     return np.abs(result.u - reference.u).max() / np.abs(reference.u).max()
 
 
-@pytest.mark.parametrize(("element", "functional"), ROWS, ids=ids)
-@pytest.mark.parametrize(("law", "method"), OFFERED, ids=str)
+@pytest.mark.parametrize(("element", "functional"), ROWS)
+@pytest.mark.parametrize(("law", "method"), OFFERED)
 def test_agreement(law, method, element, functional, make):
     if method.startswith("qp:"):
         pytest.importorskip({"osqp": "osqp", "proxqp": "proxsuite"}[method[3:]])
@@ -223,9 +219,7 @@ def test_solutions_are_reproducible(make):
 
 
 @pytest.mark.parametrize(
-    ("law", "method"),
-    [(None, "fixed_point"), (None, "tresca_loop"), ("tresca", "tresca_loop")],
-    ids=str,
+    ("law", "method"), [(None, "fixed_point"), (None, "tresca_loop"), ("tresca", "tresca_loop")]
 )
 def test_methods_that_make_no_sense(law, method, make):
     problem, _ = make.solved(law=law, friction=FRICTION[law])

@@ -12,10 +12,6 @@ ELEMENTS = [ElementHex1, ElementTetP1]
 FRICTION = [0.1, 0.3, 0.9, 3.0]
 
 
-def ids(value):
-    return getattr(value, "__name__", str(value))
-
-
 @pytest.fixture(scope="module")
 def reference(make):
     """Results of the default method, one for each problem."""
@@ -32,7 +28,7 @@ def reference(make):
 
 
 @pytest.mark.parametrize("friction", FRICTION)
-@pytest.mark.parametrize("element", ELEMENTS, ids=ids)
+@pytest.mark.parametrize("element", ELEMENTS)
 @pytest.mark.parametrize(
     ("method", "tol"), [("pdas", 1e-10), ("tresca_loop", 1e-10), ("fixed_point", 1e-4)]
 )
@@ -47,7 +43,7 @@ def test_coulomb_methods_agree(method, tol, element, friction, reference):
 
 
 @pytest.mark.parametrize("bound", [0.001, 0.01, 0.1])
-@pytest.mark.parametrize("element", ELEMENTS, ids=ids)
+@pytest.mark.parametrize("element", ELEMENTS)
 def test_tresca_methods_agree(element, bound, reference):
     problem, expected = reference(element, bound, "tresca")
     result = problem.solve("pdas")
@@ -56,7 +52,7 @@ def test_tresca_methods_agree(element, bound, reference):
 
 
 @pytest.mark.parametrize("friction", FRICTION)
-@pytest.mark.parametrize("element", ELEMENTS, ids=ids)
+@pytest.mark.parametrize("element", ELEMENTS)
 def test_law_is_met(element, friction, reference):
     """Contact and cone, written out in the test; slip and stick both occur at F = .3."""
     _, result = reference(element, friction)
@@ -79,14 +75,14 @@ def make_sure(result):
 
 
 @pytest.mark.parametrize("friction", FRICTION)
-@pytest.mark.parametrize("element", ELEMENTS, ids=ids)
+@pytest.mark.parametrize("element", ELEMENTS)
 def test_law_error(element, friction, reference, make):
     # Newton's tolerance on the condensed problem is 1e-12.
     assert make.law_error(reference(element, friction)[1]) < 1e-11
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
-@pytest.mark.parametrize("element", ELEMENTS, ids=ids)
+@pytest.mark.parametrize("element", ELEMENTS)
 def test_balance(element, friction, reference):
     _, result = reference(element, friction)
     # Rounding; the body has 75 to 225 dofs.
@@ -116,7 +112,7 @@ def turned_problem(make, element, Q, law, friction):
 
 @pytest.mark.parametrize(("law", "friction"), [(None, 0.0), ("tresca", 0.01), ("coulomb", 0.3)])
 @pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("element", ELEMENTS, ids=ids)
+@pytest.mark.parametrize("element", ELEMENTS)
 def test_rotation(element, seed, law, friction, make):
     """A turned problem has the turned solution, whatever frame the tangents take."""
     Q = Rotation.random(random_state=seed).as_matrix()
@@ -152,7 +148,7 @@ def test_symmetry(make):
     assert {Status.STICK, Status.SLIP} <= set(result.status)
 
 
-@pytest.mark.parametrize("element", ELEMENTS, ids=ids)
+@pytest.mark.parametrize("element", ELEMENTS)
 def test_plane_strain_is_the_two_dimensional_problem(element, make):
     """A slice of hexahedra held between two walls against quadrilaterals; Q1 in both."""
     from skfem import ElementQuad1
@@ -175,7 +171,7 @@ def test_plane_strain_is_the_two_dimensional_problem(element, make):
         assert np.abs(at[[0, 2]] - expected).max() < 1e-10
 
 
-@pytest.mark.parametrize("element", ELEMENTS, ids=ids)
+@pytest.mark.parametrize("element", ELEMENTS)
 def test_tangents_and_normals_of_a_whole_surface(element, make):
     """Rows on all sides of a box: u_n and both u_t are an orthonormal frame's components."""
     ticks = np.linspace(0, 1, 3)

@@ -6,14 +6,8 @@ line around a body closes.
 
 import numpy as np
 import pytest
-from skfem import (
-    ElementQuad1,
-    ElementQuad2,
-    ElementTriP1,
-    ElementTriP2,
-    MeshQuad,
-    MeshTri,
-)
+from families import STRAIGHT
+from skfem import ElementQuad1, ElementQuad2, ElementTriP1, ElementTriP2, MeshQuad
 
 from contact import ContactProblem, ContactResult, CutBody, ElasticBody, LayeredBlock
 from contact.output.contact_runs import arc_length
@@ -83,7 +77,7 @@ def test_sides_of_a_slender_column(element, functional, several, make):
 
 def ring(element, n):
     """4 n facets around a bore of one half and a rim of one."""
-    kind = MeshTri if element in (ElementTriP1, ElementTriP2) else MeshQuad
+    kind = STRAIGHT[element]
     around = 4 * n
     strip = kind.init_tensor(np.arange(3.0), np.arange(around + 1.0))
     i, j = strip.p.round().astype(int)

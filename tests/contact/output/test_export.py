@@ -19,9 +19,9 @@ ELEMENTS = [
 ]
 
 
-@pytest.fixture(params=ELEMENTS, ids=lambda e: e.__name__)
+@pytest.fixture(params=ELEMENTS)
 def result(request, make):
-    if make.meshes[request.param]().dim() == 3:
+    if request.param().dim == 3:
         return make.dome(request.param).solve()
     return make.solved(n=6, element=request.param, friction=0.4)[1]
 

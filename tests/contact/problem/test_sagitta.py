@@ -1,6 +1,6 @@
 """A polygon that stands in for a curve, pressed on an exact obstacle: warned of where it matters.
 
-The rings of `test_curved_outlines`, shrunk into a bore or onto a shaft by a multiple of their
+The rings of `test_curved_outlines` are shrunk into a bore or onto a shaft by a multiple of their
 facets' height h^2 / 8R beside the curve: Lame's pressure tells how far off the polygon's is.
 """
 
@@ -8,6 +8,7 @@ import warnings
 
 import numpy as np
 import pytest
+from rings import A, B, lame, ring
 from skfem import (
     ElementHex1,
     ElementHex2,
@@ -16,7 +17,6 @@ from skfem import (
     ElementTetP2,
     ElementTriP1,
     ElementTriP2,
-    MeshQuad2,
 )
 
 from contact import (
@@ -34,25 +34,8 @@ from skfem_adini import ElementQuadAdini
 
 pytestmark = pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
 
-A, B, NU = 1.0, 2.0, 0.3
 N = 8  # facets of the quarter
 SAGITTA = {"right": B * (np.pi / 2 / N) ** 2 / 8, "left": A * (np.pi / 2 / N) ** 2 / 8}
-
-
-def ring(make, element, n=N, curved=False, size=1.0):
-    """A quarter of the ring, held in its planes of symmetry."""
-    ticks = [np.linspace(A, B, max(2, n // 2) + 1), np.linspace(0, np.pi / 2, n + 1)]
-    solid = element in (ElementHex1, ElementHex2, ElementTetP2)
-    mesh = make.box(element, *ticks, *([np.array([0.0, 0.3])] if solid else []))
-    names = dict(mesh.boundaries)
-    mesh = MeshQuad2.from_mesh(mesh) if curved else mesh
-    place = mesh.doflocs.copy()
-    place[:2] = place[0] * np.array([np.cos(place[1]), np.sin(place[1])])
-    mesh = type(mesh)(size * place, mesh.t, sort_t=False).with_boundaries(names)
-    body = ElasticBody.from_mesh(mesh, element(), E=1.0, nu=NU)
-    ends = ("front", "back") if solid else ("bottom", "top")
-    body.fix(ends[0], "y").fix(ends[1], "x")
-    return body.fix(["bottom", "top"], "z") if solid else body
 
 
 def obstacle(side, d, size=1.0):
@@ -66,11 +49,6 @@ def obstacle(side, d, size=1.0):
 def plane_obstacle(side, d, size=1.0):
     solid = obstacle(side, d, size)
     return Cylinder(solid.centre[:2], solid.radius, hollow=solid.hollow)
-
-
-def lame(side, d):
-    E, nu, k = 1 / (1 - NU**2), NU / (1 - NU), (B**2 + A**2) / (B**2 - A**2)
-    return d * E / (B * (k - nu)) if side == "right" else d * E / (A * (k + nu))
 
 
 def solved(problem, **options):
@@ -92,7 +70,9 @@ def test_shrink_fit(element, side, make):
     """Warned of where the pressure is off, by as much as it is; not where it is right."""
     for ratio in (0.1, 1.0, 3.0, 10.0, 100.0):
         d = ratio * SAGITTA[side]
-        problem = ContactProblem(ring(make, element), side, plane_obstacle(side, d), friction=0.2)
+        problem = ContactProblem(
+            ring(make, element, N), side, plane_obstacle(side, d), friction=0.2
+        )
         result, said = solved(problem)
         off = error(result, lame(side, d))
         assert len(said) == (ratio < 10)
@@ -106,7 +86,7 @@ def test_shrink_fit(element, side, make):
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_as_many_facets_as_the_warning_asks_for(side, make):
     d = SAGITTA[side]
-    _, said = solved(ContactProblem(ring(make, ElementQuad2), side, plane_obstacle(side, d)))
+    _, said = solved(ContactProblem(ring(make, ElementQuad2, N), side, plane_obstacle(side, d)))
     times = int(said[0].split("facets ")[2].split(" times")[0])
     finer = ring(make, ElementQuad2, times * N)
     result, said = solved(ContactProblem(finer, side, plane_obstacle(side, d)))
@@ -120,7 +100,7 @@ def test_gaps_read_at_the_vertices(element, side, make):
     """P1 and Q1 read it where the polygon lies on the curve: right, and nothing to warn of."""
     for ratio in (0.1, 1.0):
         d = ratio * SAGITTA[side]
-        problem = ContactProblem(ring(make, element), side, plane_obstacle(side, d))
+        problem = ContactProblem(ring(make, element, N), side, plane_obstacle(side, d))
         result, said = solved(problem)
         assert not said
         mean = result.mu.sum() / result.system.rows.weights.sum()
@@ -149,7 +129,7 @@ WRAPS = {
 
 @pytest.mark.parametrize("name", ["closest", "distance", "function", "still"])
 def test_whatever_gives_the_gap(name, make):
-    _, said = solved(ContactProblem(ring(make, ElementQuad2), "right", WRAPS[name]))
+    _, said = solved(ContactProblem(ring(make, ElementQuad2, N), "right", WRAPS[name]))
     assert len(said) == 1
 
 
@@ -164,7 +144,7 @@ def test_roller_that_moves(steps, make):
 
 
 def test_load_steps_are_warned_of_too(make):
-    problem = ContactProblem(ring(make, ElementQuad2), "right", plane_obstacle("right", D))
+    problem = ContactProblem(ring(make, ElementQuad2, N), "right", plane_obstacle("right", D))
     with pytest.warns(ContactWarning, match="stands for a curve"):
         LoadStepper(problem).run([1.0])
     free = ContactProblem(problem.body, "right", plane_obstacle("right", 50 * D))
@@ -175,7 +155,7 @@ def test_load_steps_are_warned_of_too(make):
 
 @pytest.mark.parametrize("d", [1e-6, 1e-3, 0.1])
 def test_nothing_is_said_of_curved_cells(d, make):
-    body = ring(make, ElementQuad2, curved=True)
+    body = ring(make, ElementQuad2, N, curved=True)
     result, said = solved(ContactProblem(body, "right", plane_obstacle("right", d)))
     assert not said
     assert error(result, lame("right", d)) < 0.01
@@ -183,7 +163,7 @@ def test_nothing_is_said_of_curved_cells(d, make):
 
 @pytest.mark.parametrize("gap", [-1e-6, lambda x: -1e-6 + 0 * x[0]], ids=["number", "function"])
 def test_nothing_is_said_of_a_given_clearance(gap, make):
-    result, said = solved(ContactProblem(ring(make, ElementQuad2), "right", gap))
+    result, said = solved(ContactProblem(ring(make, ElementQuad2, N), "right", gap))
     assert not said
     assert error(result, lame("right", 1e-6)) < 0.01
 

@@ -13,7 +13,7 @@ ELEMENTS = [*PLANAR, ElementHex1, ElementHex2, ElementTetP2, ElementHexAdini]
 
 def squeezed(make, element, plane="strain"):
     """A block on a flat foundation under a uniform pressure of one: uniform stress."""
-    dim = make.meshes[element]().dim()
+    dim = element().dim
     ticks = make.graded if dim == 2 else make.graded[[0, 3, 5, 7]]
     mesh = make.box(element, *(ticks,) * dim)
     body = ElasticBody.from_mesh(mesh, element(), E=2.0, nu=0.3, plane=plane)
@@ -63,7 +63,7 @@ def test_nodal_stress_converges(element, make):
 @pytest.mark.parametrize("element", [ElementQuadAdini, ElementTriP2, ElementHex1])
 def test_centre_of_pressure_balances_the_moment(element, make):
     """A stamp with an eccentric force and free to tilt: the pressure's centre is the force's."""
-    dim = make.meshes[element]().dim()
+    dim = element().dim
     ticks = np.linspace(0, 1, 7 if dim == 2 else 5)
     body = ElasticBody.from_mesh(make.box(element, *(ticks,) * dim), element(), E=2.0, nu=0.3)
     body.fix("top")

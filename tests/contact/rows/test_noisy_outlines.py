@@ -5,6 +5,7 @@ The weights of contact points sum to the boundary, and a uniform pressure stays 
 
 import numpy as np
 import pytest
+from families import CURVED
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from skfem import (
@@ -17,10 +18,6 @@ from skfem import (
     ElementTriP1,
     ElementTriP2,
     FacetBasis,
-    MeshHex2,
-    MeshQuad2,
-    MeshTet2,
-    MeshTri2,
 )
 
 from contact import ContactProblem, ElasticBody, InputError
@@ -43,25 +40,11 @@ OFFERED = {
     ElementHexAdini: ["centroid"],
 }
 CASES = [(element, name) for element, names in OFFERED.items() for name in names]
-SECOND = {
-    ElementTriP1: MeshTri2,
-    ElementTriP2: MeshTri2,
-    ElementQuad1: MeshQuad2,
-    ElementQuad2: MeshQuad2,
-    ElementTetP1: MeshTet2,
-    ElementTetP2: MeshTet2,
-    ElementHex1: MeshHex2,
-    ElementHex2: MeshHex2,
-}
-
-
-def ids(value):
-    return getattr(value, "__name__", str(value))
 
 
 def noisy(make, element, rng, noise, size=1.0, angle=0.0):
     """Box of random cells, its lower side rough by `noise` of its length; turned by an angle."""
-    dim = make.meshes[element]().dim()
+    dim = element().dim
     ticks = [
         np.sort(np.r_[0, rng.uniform(0.05, 0.95, 3 if dim == 3 else 5), 1]) for _ in range(dim)
     ]
@@ -79,7 +62,7 @@ def noisy(make, element, rng, noise, size=1.0, angle=0.0):
 
 def rough(make, element, rng, noise, curved, size, angle):
     """Box of random cells, all coordinates of its lower side noisy; of straight or curved cells."""
-    dim = make.meshes[element]().dim()
+    dim = element().dim
     ticks = [
         np.sort(np.r_[0, rng.uniform(0.05, 0.95, 2 if dim == 3 else 5), 1]) for _ in range(dim - 1)
     ]
@@ -87,7 +70,7 @@ def rough(make, element, rng, noise, curved, size, angle):
     rectangles = element is ElementQuadBFS  # takes no other cells
     mesh = make.box(element, *ticks, np.array([0.0, rng.uniform(0.4, 0.8), 1.0]))
     names = dict(mesh.boundaries)
-    mesh = SECOND[element].from_mesh(mesh) if curved else mesh
+    mesh = CURVED[element].from_mesh(mesh) if curved else mesh
     p = mesh.doflocs.copy()
     low = p[-1] == 0
     # Half of the lowest layer at most, and along it a fifth of the shortest facet.
@@ -134,7 +117,7 @@ def measure(body, facets):
 def test_weights_sum_to_the_boundary(make, case, curved, seed, digits, angle):
     """Of straight and curved cells, under noise of a tenth to rounding, in any unit of length."""
     element, functional = case
-    size, curved = 10.0 ** (seed % 7 - 3), curved and element in SECOND
+    size, curved = 10.0 ** (seed % 7 - 3), curved and element in CURVED
     turn = 0.0 if element is ElementHexAdini else angle
     body = rough(make, element, np.random.default_rng(seed), 10**-digits, curved, size, turn)
     facets = body.facets("bottom")
@@ -164,7 +147,6 @@ def test_weights_sum_to_the_boundary(make, case, curved, seed, digits, angle):
         if c[0] is not ElementQuadBFS  # takes rectangles alone
         and (c[1] not in ("thesis", "nodal") or c[0] is not ElementQuadAdini)
     ],
-    ids=ids,
 )
 def test_uniform_pressure_and_friction(element, functional, exponent, make):
     """A block pressed on what follows its lower side: pressure one, friction as without noise."""

@@ -4,31 +4,21 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from skfem import (
-    ElementHex1,
-    ElementHex2,
-    ElementQuad1,
-    ElementQuad2,
-    ElementTetP1,
-    ElementTetP2,
-    ElementTriP1,
-    ElementTriP2,
-)
+from families import PLANE, SOLID
+from skfem import ElementHex1, ElementHex2, ElementQuad1, ElementQuad2
 
 from contact import ContactProblem, ElasticBody
 from skfem_adini import ElementHexAdini, ElementQuadAdini
 
 pytestmark = pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
 
-PLANE = [ElementTriP1, ElementTriP2, ElementQuad1, ElementQuad2, ElementQuadAdini]
-SOLID = [ElementTetP1, ElementTetP2, ElementHex1, ElementHex2, ElementHexAdini]
 FRICTION = {"tresca": 0.2, "coulomb": 0.3}
 NOISES = [1e-12, 1e-8, 1e-5, 3e-5, 1e-4, 2e-4, 3e-4, 1e-3, 1e-2]
 
 
 def halves(make, element, noise=0.0, whole=False, cells=3):
     """A block under a load that grows outwards, its lower side rough; the half, or all of it."""
-    dim = make.meshes[element]().dim()
+    dim = element().dim
     side = np.linspace(0, 1, cells + 1) ** 1.2
     side = np.r_[-side[:0:-1], side] if whole else side
     ticks = [side] * (dim - 1) + [np.linspace(0, 1, cells + 1)]
@@ -49,10 +39,6 @@ def solved(body, law, functional=None):
     return ContactProblem(
         body, "bottom", lambda x: 0 * x[0], FRICTION[law], law, functional
     ).solve()
-
-
-def ids(value):
-    return getattr(value, "__name__", str(value))
 
 
 def shear(result):
@@ -80,7 +66,6 @@ def quick(element, law):
         for e, f in CASES
         for law in FRICTION
     ],
-    ids=ids,
 )
 def test_noise_of_any_size(element, functional, law, make):
     """Answers change by what the coordinates do; more where the contact points are others."""
@@ -100,7 +85,7 @@ def test_noise_of_any_size(element, functional, law, make):
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-7, 1e-2])
-@pytest.mark.parametrize("element", PLANE + SOLID, ids=ids)
+@pytest.mark.parametrize("element", PLANE + SOLID)
 def test_nothing_rubs_across_a_plane_of_symmetry(element, noise, make):
     """The other half moves the other way: no slip, and no friction."""
     result = solved(halves(make, element, noise), "tresca")
@@ -115,11 +100,11 @@ def test_nothing_rubs_across_a_plane_of_symmetry(element, noise, make):
 
 
 def body_dim(element, make):
-    return make.meshes[element]().dim()
+    return element().dim
 
 
 @pytest.mark.parametrize("law", FRICTION)
-@pytest.mark.parametrize(("element", "functional"), [c for c in CASES if c[0] in MIRRORED], ids=ids)
+@pytest.mark.parametrize(("element", "functional"), [c for c in CASES if c[0] in MIRRORED])
 def test_the_whole_body_says_the_same(element, functional, law, make):
     """Pressure and shear of the half, and of the whole without supports on its planes."""
     cells = 2 if element in SOLID else 4

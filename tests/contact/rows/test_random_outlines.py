@@ -9,7 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import skfem
-from random_bodies import ADINI, BFS, PLANE, SECOND, SOLID, body_of, outline, ticks, turned
+from families import PLANE, SOLID
+from random_bodies import ADINI, BFS, QUADRATIC, body_of, outline, ticks, turned
 from skfem import ElementHex1, ElementHex2
 from traction_of_the_body import mismatch
 
@@ -34,7 +35,7 @@ def uniform_case(seed):
     n = int(rng.integers(3, 7)) if solid else int(rng.integers(3, 17))
     grading = float(rng.choice([1.0, 3.0, 100.0 if not solid else 10.0]))
     s = ticks(rng, n, grading)
-    curved = bool(element in SECOND and kind != "wavy" and rng.random() < 0.25)
+    curved = bool(element in QUADRATIC and kind != "wavy" and rng.random() < 0.25)
     h = np.diff(s).min()
     noise = 10.0 ** rng.uniform(-14, -1) * h * rng.choice([0.0, 1.0, 1.0])
     move = noise * rng.standard_normal((2, n + 1))

@@ -8,7 +8,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from random_bodies import DEPTH, PLANE, SECOND, SOLID, body_of, outline, ticks, turned
+from families import PLANE, SOLID
+from random_bodies import DEPTH, QUADRATIC, body_of, outline, ticks, turned
 from skfem import ElementQuad2, ElementTetP1, ElementTriP1
 from traction_of_the_body import mismatch
 
@@ -42,7 +43,7 @@ def pressed_case(seed):
         friction={"none": 0.0, "tresca": 0.02, "coulomb": rng.uniform(0.1, 0.8)}[law],
         bend=rng.uniform(0.4, 0.9) if kind != "kinked" else rng.uniform(-0.6, 0.6),
         grading=float(rng.choice([1.0, 3.0])),
-        curved=bool(element in SECOND and rng.random() < 0.3),
+        curved=bool(element in QUADRATIC and rng.random() < 0.3),
         noise=10.0 ** rng.uniform(-14, -6) * rng.choice([0.0, 1.0]),
         push=rng.uniform(0.03, 0.06),
         slide=rng.uniform(-0.02, 0.02),

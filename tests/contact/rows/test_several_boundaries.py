@@ -12,7 +12,7 @@ ELEMENTS = [ElementQuadAdini, ElementTriP2, ElementQuad1, ElementHex1]
 
 def squeezed(make, element, n=6):
     """A square or cube between two planes, on a smooth wall at its left."""
-    dim = make.meshes[element]().dim()
+    dim = element().dim
     ticks = np.linspace(0, 1, (n if dim == 2 else 3) + 1)
     body = ElasticBody.from_mesh(make.box(element, *(ticks,) * dim), element(), E=2.0, nu=0.3)
     body.fix("left", "x").body_force(0.02 * np.eye(dim)[-1])

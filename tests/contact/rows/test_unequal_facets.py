@@ -6,20 +6,9 @@ slides along the curve must not count as a way towards the plane.
 
 import numpy as np
 import pytest
-from skfem import (
-    ElementHex1,
-    ElementQuad1,
-    ElementQuad2,
-    ElementTetP1,
-    ElementTetP2,
-    ElementTriP1,
-    ElementTriP2,
-    MeshHex,
-    MeshQuad,
-    MeshTet,
-    MeshTri,
-    MeshTri2,
-)
+from convergence import order
+from families import CURVED, PLANE, STRAIGHT
+from skfem import ElementHex1, ElementQuad1, ElementTetP1, ElementTetP2, ElementTriP1, ElementTriP2
 
 from contact import ContactProblem, ElasticBody, Plane
 from skfem_adini import ElementHexAdini, ElementQuadAdini
@@ -27,18 +16,6 @@ from skfem_adini import ElementHexAdini, ElementQuadAdini
 pytestmark = pytest.mark.filterwarnings("ignore::skfem_adini.ReducedOrderWarning")
 
 D, NU, REACH, DEPTH = 0.15, 0.3, 0.8, 0.1
-KINDS = {
-    ElementTriP1: MeshTri,
-    ElementTriP2: MeshTri,
-    ElementQuad1: MeshQuad,
-    ElementQuad2: MeshQuad,
-    ElementQuadAdini: MeshQuad,
-    ElementTetP1: MeshTet,
-    ElementTetP2: MeshTet,
-    ElementHex1: MeshHex,
-    ElementHexAdini: MeshHex,
-}
-PLANE = [ElementTriP1, ElementTriP2, ElementQuad1, ElementQuad2, ElementQuadAdini]
 SOLID = [ElementTetP1, ElementTetP2, ElementHex1, ElementHexAdini]
 
 
@@ -52,21 +29,20 @@ def lengths(pattern, n):
     }[pattern]
 
 
-def pressed(element, n, pattern, second=None, functional=None):
+def pressed(element, n, pattern, curved=False, functional=None):
     """Roller of radius one, held along its upper side, moved by D into a plane: x, p, weights."""
-    kind = KINDS[element]
-    solid = kind in (MeshTet, MeshHex)
+    solid = element in SOLID
     size = lengths(pattern, 2 * round(REACH / (np.pi / 2 / n)))
     angle = REACH * (2 * np.r_[0.0, np.cumsum(size)] / size.sum() - 1)
     ticks = [angle, np.linspace(0, 1, max(2, n // 2) + 1)]
-    mesh = kind.init_tensor(*ticks, *([np.array([0.0, DEPTH])] if solid else []))
+    mesh = STRAIGHT[element].init_tensor(*ticks, *([np.array([0.0, DEPTH])] if solid else []))
     names = {
         "roller": mesh.facets_satisfying(lambda x: x[1] < 1e-9),
         "held": mesh.facets_satisfying(lambda x: x[1] > 1 - 1e-9),
     }
     if solid:
         names["ends"] = mesh.facets_satisfying(lambda x: np.abs(x[2] - DEPTH / 2) > 0.499 * DEPTH)
-    mesh = mesh if second is None else second.from_mesh(mesh)
+    mesh = CURVED[element].from_mesh(mesh) if curved else mesh
     x = mesh.doflocs.copy()
     x[:2] = np.sin(x[0]), -np.cos(x[0]) * (1 - x[1])
     mesh = type(mesh)(x, mesh.t, sort_t=False).with_boundaries(names)
@@ -82,7 +58,7 @@ def pressed(element, n, pattern, second=None, functional=None):
 @pytest.fixture(scope="module")
 def exact():
     """Half-width, largest pressure, and the pressure on curved quadratic triangles."""
-    x, p, _ = pressed(ElementTriP2, 64, "equal", MeshTri2)
+    x, p, _ = pressed(ElementTriP2, 64, "equal", curved=True)
     along = np.argsort(x)
     x, p = x[along], p[along]
     edge = (x > 0) & (p > 0.2 * p.max()) & (p < 0.6 * p.max())
@@ -106,15 +82,7 @@ def error(exact, *case, **more):
     return float(np.sqrt(np.sum(w * off**2) / w.sum()))
 
 
-def ids(value):
-    return getattr(value, "__name__", str(value))
-
-
-def order(facets, found):
-    return -np.polyfit(np.log(facets), np.log(found), 1)[0]
-
-
-@pytest.mark.parametrize("element", PLANE, ids=ids)
+@pytest.mark.parametrize("element", PLANE)
 def test_one_beside_two(element, exact):
     """Rms over four meshes whose facets lie differently about the edge of the zone.
 
@@ -133,7 +101,7 @@ def test_one_beside_two(element, exact):
 
 
 @pytest.mark.parametrize("pattern", ["one beside four", "any"])
-@pytest.mark.parametrize("element", PLANE, ids=ids)
+@pytest.mark.parametrize("element", PLANE)
 def test_roller(element, pattern, exact):
     """Straight cells in the plane; stresses of linear triangles are of first order."""
     facets = [12, 24, 48]
@@ -155,10 +123,10 @@ def test_shares_of_the_mean(exact):
     assert found[1] < 0.5 * found[0]
 
 
-@pytest.mark.parametrize("element", SOLID, ids=ids)
+@pytest.mark.parametrize("element", SOLID)
 def test_roller_in_space(element, exact):
     """Triangles at the ends of a slice lie unevenly about their vertices."""
     facets = [8, 16, 24] if element is not ElementHexAdini else [8, 16]
     found = [error(exact, element, n, "equal") for n in facets]
     assert found[-1] < (0.03 if element is ElementTetP1 else 0.01)
-    assert -np.polyfit(np.log(facets), np.log(found), 1)[0] > 1.2 or element is ElementHex1
+    assert order(facets, found) > 1.2 or element is ElementHex1

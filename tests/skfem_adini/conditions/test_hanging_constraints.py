@@ -65,7 +65,7 @@ def mutual():
 MESHES = {f.__name__: f for f in (local, chain, uneven, slanted, sheared_chain, mutual)}
 
 
-@pytest.fixture(params=MESHES, ids=str)
+@pytest.fixture(params=MESHES)
 def mesh(request):
     return MESHES[request.param]()
 

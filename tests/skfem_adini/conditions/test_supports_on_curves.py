@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from convergence import order
 from scipy.sparse.linalg import spsolve
 from skfem import Basis, FacetBasis, LinearForm, MeshHex, MeshQuad
 from skfem.models.poisson import laplace
@@ -49,10 +50,6 @@ def logarithm(x):
 
 def flux(x):
     return np.concatenate([x[:2] / np.sum(x[:2] ** 2, axis=0), 0 * x[2:]])
-
-
-def order(n, found):
-    return -np.polyfit(np.log(n), np.log(found), 1)[0]
 
 
 @pytest.mark.parametrize("solid", [False, True], ids=["ring", "cylinder"])

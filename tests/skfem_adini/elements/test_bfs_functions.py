@@ -32,7 +32,7 @@ def mixed():
 RECTANGLES = {"refined": lambda: MeshQuad().refined(2), "graded": graded, "mixed": mixed}
 
 
-@pytest.fixture(params=RECTANGLES, ids=str)
+@pytest.fixture(params=RECTANGLES)
 def rectangles(request):
     return RECTANGLES[request.param]()
 

@@ -2,14 +2,7 @@
 
 import numpy as np
 import pytest
-from skfem import (
-    Basis,
-    ElementDG,
-    ElementVector,
-    FacetBasis,
-    Functional,
-    MeshQuad,
-)
+from skfem import Basis, ElementDG, ElementVector, FacetBasis, Functional, MeshQuad
 from skfem.helpers import dot
 
 from skfem_adini import ElementQuadBFS, essential_constraints, essential_dofs, project_trace

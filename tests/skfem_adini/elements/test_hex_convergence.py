@@ -6,11 +6,7 @@ from scipy.sparse.linalg import eigsh, splu
 from skfem import Basis, LinearForm, MeshHex
 from skfem.models.poisson import laplace, mass
 
-from skfem_adini import (
-    ElementHexAdini,
-    essential_constraints,
-    essential_dofs,
-)
+from skfem_adini import ElementHexAdini, essential_constraints, essential_dofs
 
 pi = np.pi
 

@@ -2,15 +2,7 @@
 
 import numpy as np
 import pytest
-from skfem import (
-    Basis,
-    BilinearForm,
-    ElementDG,
-    ElementVector,
-    FacetBasis,
-    LinearForm,
-    MeshHex,
-)
+from skfem import Basis, BilinearForm, ElementDG, ElementVector, FacetBasis, LinearForm, MeshHex
 from skfem.helpers import ddot, dot, sym_grad
 from skfem.models.poisson import laplace, mass
 

@@ -43,7 +43,7 @@ CASES = {
 }
 
 
-@pytest.fixture(scope="module", params=CASES, ids=str)
+@pytest.fixture(scope="module", params=CASES)
 def case(request):
     return CASES[request.param]
 

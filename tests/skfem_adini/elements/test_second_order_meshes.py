@@ -35,7 +35,7 @@ PAIRS = {
 }
 
 
-@pytest.fixture(params=PAIRS, ids=str)
+@pytest.fixture(params=PAIRS)
 def bases(request):
     first, second, element = PAIRS[request.param]
     second = second.from_mesh(first)

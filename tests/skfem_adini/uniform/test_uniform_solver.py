@@ -9,13 +9,7 @@ from skfem import Basis, BilinearForm, ElementQuad1, LinearForm, MeshHex, MeshQu
 from skfem.helpers import dot, grad
 from skfem.models.poisson import laplace, mass
 
-from skfem_adini import (
-    ElementHexAdini,
-    ElementQuadAdini,
-    InputError,
-    UniformSolver,
-    essential_dofs,
-)
+from skfem_adini import ElementHexAdini, ElementQuadAdini, InputError, UniformSolver, essential_dofs
 
 
 def grid_basis(shape, lengths):
