@@ -1,4 +1,4 @@
-"""Quadrature points of curves in the order in which the curves are run through."""
+"""Quadrature points of curves, ordered along each curve."""
 
 from __future__ import annotations
 
@@ -38,8 +38,9 @@ class Curve:
 def curves(x: Array, normals: Array, weights: Array, size: Array, part: Index) -> list[Curve]:
     """Put the quadrature points of smooth curves in order.
 
-    The successor of a point is the nearest one ahead of it, along the tangent, that looks back at
-    it. Distances along the curve are chords, corrected by the turn of the normal for a circle.
+    The successor of a point is the nearest point ahead of it along the tangent whose own nearest
+    point behind is the first one. Distances along the curve are chords, corrected for the turn of
+    the normal as on a circle.
 
     Parameters
     ----------
@@ -55,8 +56,8 @@ def curves(x: Array, normals: Array, weights: Array, size: Array, part: Index) -
     Returns
     -------
     list of Curve
-        Every point belongs to one of them; those of negligible weight lie where their nearest
-        neighbour does.
+        Every point belongs to one of them; points of negligible weight take the place of their
+        nearest neighbour.
     """
     heavy = np.flatnonzero(weights > _NEGLIGIBLE * weights.max())
     successor = np.full(weights.size, -1)

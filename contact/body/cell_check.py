@@ -1,4 +1,4 @@
-"""Cells that a body can be made of."""
+"""Checks of a mesh: every cell is valid, and no two cells overlap at a facet."""
 
 from __future__ import annotations
 

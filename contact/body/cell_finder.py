@@ -1,4 +1,4 @@
-"""Which cell a point lies in, and where: straight cells by scikit-fem, curved ones by Newton."""
+"""The cell and the reference coordinates of points: curved cells by Newton's method."""
 
 from __future__ import annotations
 

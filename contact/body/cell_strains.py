@@ -1,13 +1,15 @@
-r"""Strains cell by cell, for bodies whose cells are too slender for the digits of a matrix.
+r"""Internal forces from the strains of each cell, for meshes with slender cells.
 
-In a cell of sides h and r h entries of the stiffness are r^2 apart, and forces that the body bears
-are small differences of large terms: a product with the assembled matrix leaves rounding of
-:math:`r^2` machine precisions. The strains of the cell are differences of displacements at its own
-nodes; made first, and multiplied by the stress afterwards, they lose a factor r.
+In a cell with sides h and r h the entries of the stiffness matrix differ by a factor r^2, and
+internal forces are small differences of large products: the rounding error of a product with the
+assembled matrix is :math:`r^2` machine precisions. The strains of a cell are differences of
+displacements at its own nodes. If they are computed first and the stresses from them, the rounding
+error is only r machine precisions.
 
-Bodies of up to 3000 unknowns are factored and refined so, and solved up to r = 1e6; a column that
-stands on a floor alone, whose bending resists by r^-4 of the rest, up to 1e4 and, where digits
-last, beyond. Other solutions are refused by an error that speaks of slender cells.
+Bodies of up to 3000 unknowns are factored and refined in this way, and solved up to r = 1e6. The
+exception is a column that only stands on a floor, whose bending stiffness is r^-4 of its axial
+stiffness: it is solved up to r = 1e4, and beyond if the solution still meets its certificate.
+Where it does not, the error names the slender cells.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from contact.body.discretised import Elastic
 from contact.body.rigid_modes import value_dofs
 
 Array = NDArray[np.float64]
-SLENDER = 300.0  # ratio of a cell's sides from which the matrix costs five digits
+SLENDER = 300.0  # side ratio at which a product with the matrix loses five digits
 
 
 def has_slender_cells(mesh: Mesh) -> bool:
@@ -35,7 +37,7 @@ def strain_rows(body: Elastic) -> Array:
 
     At each quadrature point the rows are :math:`L^T (\epsilon_{11}, \epsilon_{22}, \dots)`, with
     :math:`L L^T = \lambda 1 1^T + 2 \mu I`, and :math:`2 \sqrt\mu\, \epsilon_{ij}`, times the root
-    of the weight. A mean dilatation keeps the part with lambda apart, one row a cell.
+    of the weight. With mean dilatation the part with lambda is a separate row, one for each cell.
     """
     basis, dim = _of_positive_weights(body.basis), body.basis.mesh.dim()
     g, dx, mean = _gradients(basis), basis.dx, body.dilatation == "mean"

@@ -1,4 +1,4 @@
-"""A curve that cuts the cells of a mesh, as a place: where it runs, and which trace it sees."""
+"""The curved boundary of a cut body: its quadrature points and the trace on them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class CutArc:
     trace : csr_array, shape (n, scalar dofs)
         Values of the scalar functions at the points.
     spacing : float
-        Distance of multipliers in cell sizes.
+        Distance between neighbouring multipliers, in cell sizes.
     """
 
     body: ElasticBody

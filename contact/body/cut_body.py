@@ -27,10 +27,10 @@ Array = NDArray[np.float64]
 class CutBody(ElasticBody):
     """An elastic body inside a level set, on a mesh of rectangles that need not fit it.
 
-    Adini elements on the cells that the body fills or cuts, integrals over what lies inside, and
-    the displacement of nodes outside that of a cell well inside (`AdiniExtension`): the matrices
-    are those of a mesh that fits, for any cut. Contact may occur on the curve, see `arc`, supports
-    on mesh lines.
+    The body has Adini elements on the cells that it fills or cuts, and integrals are taken over the
+    part inside. At nodes outside, the displacement continues the polynomial of a cell well inside
+    (`AdiniExtension`), so that small cuts do not spoil the condition of the matrices. Contact may
+    occur on the curve, see `arc`; supports lie on mesh lines.
 
     Parameters
     ----------
@@ -42,7 +42,8 @@ class CutBody(ElasticBody):
         Material, for each cell of the mesh if it varies.
     plane : {"strain", "stress"}
     threshold : float
-        Share of a cell inside from which it is good, see `skfem_adini.AdiniExtension`.
+        Smallest share inside of a cell whose polynomial may be continued, see
+        `skfem_adini.AdiniExtension`.
     q : int
         Gauss points in each direction in cut cells.
 
@@ -206,8 +207,9 @@ class CutBody(ElasticBody):
         Raises
         ------
         InputError
-            A facet of a cut cell, or a traction of the wrong shape, or one on an arc that reduces
-            over the places, as ``x - x.mean()``: these are as dense as the cuts have it.
+            A facet of a cut cell, or a traction of the wrong shape. On an arc also a function that
+            reduces over the points it is given, as ``x - x.mean()``: the quadrature points lie more
+            densely in some cells than in others, so such a mean has no meaning.
         """
         if not isinstance(boundary, CutArc):
             self.whole_facets(boundary)
@@ -252,8 +254,9 @@ class CutBody(ElasticBody):
         Raises
         ------
         InputError
-            A force of the wrong shape, or one that reduces over the places, as ``x - x.mean()``:
-            these come in batches, as dense as the cuts have it.
+            A force of the wrong shape, or a function that reduces over the points it is given, as
+            ``x - x.mean()``: they are passed in batches, more densely in some cells than in
+            others, so such a mean has no meaning.
         """
         force = _pointwise("force", force)
         try:
@@ -267,12 +270,12 @@ class CutBody(ElasticBody):
         return self
 
     def clipped(self, grid: Any) -> Any:
-        """The part of a pyvista grid inside, its boundary straight within each of its cells.
+        """The part of a pyvista grid inside the body, with a straight boundary in each grid cell.
 
         Parameters
         ----------
         grid : pyvista.UnstructuredGrid
-            Of linear cells, fine enough for the curve.
+            Grid of linear cells, fine enough to resolve the curve.
         """
         x = np.asarray(grid.points, dtype=float).T[:2]
         if isinstance(self.level_set, Polygon):
@@ -288,7 +291,7 @@ class CutBody(ElasticBody):
 
     @cached_property
     def stiffness(self) -> sparse.csr_array:
-        """S over the part of the cells inside, all dofs of the active cells."""
+        """S, integrated over the part of the cells inside; all dofs of the active cells."""
         total = sparse.csr_array((self.basis.N, self.basis.N))
         for basis in self.domain.groups(self.basis.elem):
             lame_lambda, lame_mu = (
@@ -299,7 +302,7 @@ class CutBody(ElasticBody):
 
     @cached_property
     def extension(self) -> AdiniExtension:
-        """The extension under the supports."""
+        """The extension to the nodes outside, which respects the supports."""
         essential = self._supported() if self._supports else None
         try:
             return AdiniExtension(self.basis, self.domain, self.threshold, essential)
@@ -308,7 +311,7 @@ class CutBody(ElasticBody):
 
     @cached_property
     def constraint(self) -> tuple[sparse.csr_array, Array]:
-        """P and u0 of the extension: supports and the nodes outside together."""
+        """P and u0 of ``u = P z + u0``: the supports and the extension to the nodes outside."""
         return sparse.csr_array(self.extension.P), self.extension.x0
 
     @cached_property

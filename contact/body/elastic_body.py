@@ -39,14 +39,15 @@ class ElasticBody(MaterialBody):
     """A linearly elastic body, discretised by any scikit-fem vector basis.
 
     The data flow is `basis -> stiffness S, load f, conditions C x = c`; each is an attribute.
-    E, nu, plane, dilatation and f may be set anew, and problems follow; results keep theirs.
+    E, nu, plane, dilatation and f may be assigned later: problems then use the new values, results
+    keep those that they were solved with.
 
     Parameters
     ----------
     basis : Basis
-        Of ``ElementVector(...)``, 2-D or 3-D; how slender cells may be:
-        `contact.body.cell_strains`. Linear triangles that all have one diagonal, and linear
-        tetrahedra, know stresses and contact pressures to first order only: take crossed triangles
+        Of ``ElementVector(...)``, 2-D or 3-D. `contact.body.cell_strains` says how slender cells
+        may be. Stresses and contact pressures of linear triangles whose diagonals are all parallel,
+        and of linear tetrahedra, are of first order only: take crossed triangles
         (``MeshQuad.to_meshtri(style="x")``) or quadratic elements.
     E : float or ndarray, shape (ncells,)
         Young's modulus, positive.
@@ -55,8 +56,8 @@ class ElasticBody(MaterialBody):
     plane : {"strain", "stress"}
         Two dimensions only.
     dilatation : {"pointwise", "mean"}
-        "mean" takes the change of volume of each Q1 cell by its mean: these then stand nearly
-        incompressible materials, see `stiffness_matrix`. Other elements are "pointwise".
+        "mean" replaces div u in each Q1 cell by its mean, so that nearly incompressible materials
+        do not lock, see `stiffness_matrix`. All other elements are "pointwise".
 
     Raises
     ------
@@ -183,7 +184,7 @@ class ElasticBody(MaterialBody):
         return select_facets(self.mesh, boundary)
 
     def whole_facets(self, boundary: str | Sequence[str] | ArrayLike) -> NDArray[np.int64]:
-        """Facets that the body fills: all of them, unless its boundary cuts cells."""
+        """The given facets, refused if the boundary of the body cuts their cells (`CutBody`)."""
         return self.facets(boundary)
 
     def fix(
@@ -195,7 +196,8 @@ class ElasticBody(MaterialBody):
     ) -> Self:
         """Prescribe displacement components on a boundary.
 
-        For Adini elements value and tangential derivative, the normal derivative in corners only.
+        With Adini elements the value and its tangential derivative are prescribed, the normal
+        derivative in corners only.
 
         Parameters
         ----------
@@ -204,8 +206,10 @@ class ElasticBody(MaterialBody):
         value : float or callable x -> array of shape x.shape[1:]
             The displacement; x has shape (dim, npoints).
         smooth : bool, optional
-            Adini only: facets that turn by less than .9 stand for a curve. Else the value gives the
-            whole gradient where they turn, right if it is a field. Default: if it is a number.
+            For Adini elements only. True: straight facets that meet at an angle of less than .9 rad
+            approximate a curve, and the derivative along that curve is prescribed. False: the whole
+            gradient of `value` is prescribed where facets meet at an angle, which is right if
+            `value` is a field. Default: True for a number, False for a callable.
 
         Returns
         -------
@@ -340,12 +344,12 @@ class ElasticBody(MaterialBody):
         return sparse.csr_array(unit[:, free]), np.where(free, 0.0, u0)
 
     def under(self, f: NDArray[np.float64], u0: NDArray[np.float64]) -> Self:
-        """The same body, its matrices shared, under other loads and prescribed displacements.
+        """The same body, sharing its matrices, with other loads and prescribed displacements.
 
         Parameters
         ----------
         f, u0 : ndarray, shape (ndofs,)
-            u0 meets the same supports as ``constraint[1]``.
+            u0 takes the place of ``constraint[1]``; the supported dofs are the same.
         """
         _ = self.stiffness, self.absolute_stiffness, self.lengths
         other = copy(self)
@@ -354,7 +358,7 @@ class ElasticBody(MaterialBody):
 
     @cached_property
     def lengths(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """What turns each dof, and each free unknown, into a displacement; see `dof_lengths`."""
+        """Lengths that make each dof, and each free unknown, a displacement; see `dof_lengths`."""
         of_dof = dof_lengths(self)
         columns = self.picked.tocsc()
         return of_dof, of_dof[columns.indices[columns.indptr[:-1]]]

@@ -97,7 +97,7 @@ def lame(
 
 
 def checked_dilatation(dilatation: str, element: Any) -> str:
-    """How a body takes the change of volume, checked.
+    """Check the name of the volumetric strain, "pointwise" or "mean", against the element.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def checked_dilatation(dilatation: str, element: Any) -> str:
 def check_locking(
     nu: NDArray[np.float64], plane: str | None, dilatation: str, element: Any
 ) -> None:
-    """Warn of an element that the material is too incompressible for; see this module's tables.
+    """Warn if the element locks because nu is close to 1/2; see the tables of this module.
 
     Warns
     -----
@@ -226,7 +226,7 @@ def stress(
     lame_lambda, lame_mu : ndarray
         Broadcast against the trailing axes.
     dilatation : ndarray, optional
-        What takes the place of div u in the volumetric part.
+        Replaces div u in the volumetric part.
 
     Returns
     -------

@@ -18,9 +18,9 @@ RIGID = 1e-12  # share of a rigid motion that supports, or a boundary, see by ro
 
 
 def free_motions(body: Any) -> Array:
-    """Rigid motions that no support of a body with a Basis resists, in z of ``u = P z + u0``.
+    """Rigid motions that no support of a body resists, as vectors z of ``u = P z + u0``.
 
-    Shape (nfree, k); translations are kept apart from rotations where that can be.
+    Shape (nfree, k); translations are separated from rotations where possible.
     """
     modes = rigid_modes(body)
     P, picked = body.constraint[0], body.picked
@@ -34,9 +34,9 @@ def free_motions(body: Any) -> Array:
 
 
 def strained_by_rotation(body: Any) -> str:
-    """What to do where free rigid motions strain the body, as an end of an error; else empty.
+    """End of an error message if free rigid motions strain the body; else an empty string.
 
-    On curved cells functions of lower order than the cells hold no linear displacement.
+    On curved cells an element of lower order than the cells does not contain the linear functions.
     """
     mesh, element = body.mesh, body.element
     if mesh.affine or not isinstance(mesh, CURVED) or element.maxdeg >= mesh.elem.maxdeg:
@@ -56,8 +56,8 @@ def strained_by_rotation(body: Any) -> str:
 def unseen_motion(modes: Array, on_boundary: Array) -> Array | None:
     """A combination of modes, shape (n, k), that is zero on the boundary, or None.
 
-    A piece of the body that is neither held nor connected to the contact boundary moves so. It is
-    found before anything is factored: whether a pivot of it comes out as zero is left to rounding.
+    This is the motion of a piece that is neither supported nor connected to the contact boundary.
+    It is looked for before the factorisation, in which rounding decides whether a pivot is zero.
     """
     size = np.linalg.norm(modes, axis=0)
     if not size.size:

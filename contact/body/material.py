@@ -21,7 +21,7 @@ def _property(name: str, text: str) -> Any:
 
 @settled("it follows from E, nu and plane; set these", "lam", "mu")
 class MaterialBody(BasisSolid):
-    """A body whose material may be set anew: what was computed from the old one is dropped."""
+    """A body whose material may be changed; cached results of the old material are dropped."""
 
     dim: int
     element: Any
@@ -33,7 +33,7 @@ class MaterialBody(BasisSolid):
     _material: dict[str, Any]
 
     def _set_material(self, **changed: Any) -> None:
-        """Check and take over a material; a problem knows it by the identity of the dict."""
+        """Check and store a material; a problem recognises a change by the identity of the dict."""
         new = self.__dict__.get("_material", {}) | changed
         count = self.basis.mesh.nelements
         for name in ("E", "nu"):
@@ -55,7 +55,7 @@ class MaterialBody(BasisSolid):
             self.__dict__.pop(derived, None)
 
     def check_unchanged(self) -> None:
-        """Raise an `InputError` where mesh or loads were edited in place to what cannot be."""
+        """Raise an `InputError` if the mesh was edited in place, or the loads to invalid values."""
         super().check_unchanged()
         if not hasattr(self, "_places"):
             self._places = self.mesh.doflocs.copy(), self.mesh.t.copy()

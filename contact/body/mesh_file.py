@@ -62,7 +62,7 @@ def read_mesh(path: str | Path) -> Mesh:
 
 
 def _named(file: Any) -> Any:
-    """The same mesh as scikit-fem wants it: boundary cells by their corners, corners first.
+    """The same mesh in scikit-fem's order: boundary cells by their corners, corners numbered first.
 
     scikit-fem numbers the vertices of a mesh of second order anew, and looks boundary cells up by
     the new numbers: they must be the old ones.

@@ -22,7 +22,7 @@ def rigid_modes(body: Discretised) -> Array:
     """Rigid motions of every connected piece, shape (ndofs, npieces * dim (dim + 1) / 2).
 
     Translations first, then rotations about the piece's middle, u_a = -x_b and u_b = x_a for
-    a < b. The prescribed displacements are not looked at.
+    a < b. Supports are ignored.
 
     Raises
     ------
@@ -108,9 +108,9 @@ def value_dofs(body: Discretised) -> NDArray[np.bool_]:
 
 
 def dof_lengths(body: Discretised) -> Array:
-    """Length that turns each dof into a displacement: 1 for values, the mean cell size otherwise.
+    """Length by which each dof is multiplied to become a displacement: 1 or the mean cell size.
 
-    Shape (ndofs,). Residuals and norms over dofs of several kinds are taken in these units.
+    Shape (ndofs,); 1 for values. Residuals and norms over dofs of several kinds use these units.
     """
     basis = body.basis
     cell = float(basis.dx.sum() / basis.mesh.nelements) ** (1 / basis.elem.dim)

@@ -1,4 +1,4 @@
-"""What contact asks of an elastic body, and how a body with a Basis answers."""
+"""The interface of elastic bodies that contact uses, and its part for bodies with a Basis."""
 
 from __future__ import annotations
 
@@ -66,12 +66,12 @@ class Solid(Portable, ABC):
         self._f = given
 
     def check_unchanged(self) -> None:
-        """Raise an `InputError` where the loads were edited in place to what cannot be."""
+        """Raise an `InputError` if the loads were edited in place to values that are not finite."""
         if not np.all(np.isfinite(self._f)):
             raise InputError("f: the load vector holds values that are not finite")
 
     def snapshot(self) -> Self:
-        """The body as it is now, for a result: later loads and supports do not reach it."""
+        """A copy for a result, which later loads and supports do not change."""
         other = copy(self)
         other._f = self._f.copy()
         return other
@@ -89,19 +89,19 @@ class Solid(Portable, ABC):
     @property
     @abstractmethod
     def trace(self) -> Any:
-        """A body with a Basis whose dofs are the first of this one's and hold its boundary."""
+        """A body with a Basis; its dofs come first in this body and determine the boundary."""
 
     @abstractmethod
     def embed(self, matrix: sparse.csr_array) -> sparse.csr_array:
-        """Rows of the `trace` on all dofs of this body."""
+        """Rows given on the dofs of `trace`, extended to all dofs of this body."""
 
     @abstractmethod
     def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
-        """Rows that the supports leave something of; see `contact.body.supports.live_rows`."""
+        """Rows that the supports do not fix; see `contact.body.supports.live_rows`."""
 
     @abstractmethod
     def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
-        """Largest force at a free dof that nothing balances, and largest of those that cancel.
+        """Largest residual force at a free dof, and the largest sum of the terms' moduli there.
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class Solid(Portable, ABC):
 
     @abstractmethod
     def reach(self, u: Array) -> float:
-        """Largest displacement at a node: derivatives among the dofs have other units."""
+        """Largest displacement at a node; dofs that are derivatives do not count."""
 
     @abstractmethod
     def deformation(self, u: Array) -> float:
@@ -140,18 +140,18 @@ class Solid(Portable, ABC):
 
     @abstractmethod
     def gradient(self, u: Array, points: Array) -> Array:
-        """Its gradient d u_i / d x_j at points, shape (dim, dim, npoints)."""
+        """Gradient d u_i / d x_j of the displacement at points, shape (dim, dim, npoints)."""
 
     @abstractmethod
     def material(self, points: Array) -> tuple[Array, Array, Array]:
         """Lame parameters lambda and mu, and Poisson's ratio, at points."""
 
     def mean_dilatation(self, u: Array) -> Array | None:
-        """Mean div u of each cell where that makes the stress, shape (ncells,); else None."""
+        """Mean div u of each cell, shape (ncells,), with mean dilatation; else None."""
         return None
 
     def give(self, forces: Array) -> float:
-        """Largest displacement that one of the forces alone would cause; 0 where it is unknown."""
+        """Scale of the displacement that the forces would cause; 0 where it is unknown."""
         return 0.0
 
 
@@ -199,7 +199,7 @@ class BasisSolid(Solid):
             ...
 
     def snapshot(self) -> Self:
-        """The body as it is now, its matrices shared."""
+        """A copy for a result, which shares the matrices."""
         _ = self.stiffness, self.absolute_stiffness, self.lengths
         return super().snapshot()
 
@@ -222,14 +222,14 @@ class BasisSolid(Solid):
         return matrix
 
     def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
-        """Rows that the supports leave something of; see `contact.body.supports.live_rows`."""
+        """Rows that the supports do not fix; see `contact.body.supports.live_rows`."""
         P = self.constraint[0]
         if self._live is None or self._live[0] is not rows or self._live[1] is not P:
             self._live = rows, P, live_rows(rows, P, self.lengths)
         return self._live[2]
 
     def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
-        """Largest force at a free dof that nothing balances, and largest of those that cancel."""
+        """Largest residual force at a free dof, and the largest sum of the terms' moduli there."""
         P, _ = self.constraint
         _, lengths = self.lengths
         force = self.internal(u) + contact - load
@@ -237,20 +237,20 @@ class BasisSolid(Solid):
         return _largest(P.T @ force / lengths), _largest(abs(P.T @ terms) / lengths)
 
     def give(self, forces: Array) -> float:
-        """Largest displacement that one of the forces would cause, all other dofs held."""
+        """Largest displacement that one of the forces would cause if all other dofs were fixed."""
         if self._give is None or self._give[0] is not self.stiffness:
             self._give = self.stiffness, self.lengths[0] / self.stiffness.diagonal()
         return _largest(forces * self._give[1])
 
     @property
     def picked(self) -> sparse.csr_array:
-        """E with ``E^T P = I``, so that ``z = E^T (u - u0)``: P, whose columns are orthonormal."""
+        """E with ``z = E^T (u - u0)``: P itself, because its columns are orthonormal."""
         return self.constraint[0]
 
     def internal(self, u: Array) -> Array:
-        """Internal forces S u; the mean translation is left out, which causes rounding alone.
+        """Internal forces S u, without the mean translation, which would only add rounding.
 
-        Of slender cells they are made from the strains, see `contact.body.cell_strains`.
+        Slender cells: from the strains, see `contact.body.cell_strains`.
         """
         if self.slender:
             return internal_forces(self, u)
@@ -263,7 +263,7 @@ class BasisSolid(Solid):
 
     @property
     def slender(self) -> bool:
-        """Whether cells are too slender for sums of forces by the assembled matrix."""
+        """Whether cells are too slender to compute forces with the assembled matrix."""
         if self._slender is None:
             self._slender = has_slender_cells(self.mesh)
         return self._slender
@@ -275,7 +275,7 @@ class BasisSolid(Solid):
         return self._values
 
     def reach(self, u: Array) -> float:
-        """Largest displacement at a node; where all are zero, of derivatives times their length."""
+        """Largest displacement at a node; if all are zero, largest derivative times its length."""
         return _largest(u[self._are_values]) or _largest(self.lengths[0] * u)
 
     def deformation(self, u: Array) -> float:
@@ -287,7 +287,7 @@ class BasisSolid(Solid):
         return _largest(lengths * u - modes @ motion)
 
     def support_error(self, u: Array) -> float:
-        """Largest deviation from a prescribed displacement, derivatives times their length."""
+        """Largest deviation from a prescribed displacement; derivatives are times their length."""
         P, u0 = self.constraint
         return _largest(self.lengths[0] * (u - u0 - P @ (self.picked.T @ (u - u0))))
 
@@ -304,7 +304,7 @@ class BasisSolid(Solid):
         return np.asarray(sums[:, : self.dim].sum(axis=0))
 
     def mean_dilatation(self, u: Array) -> Array | None:
-        """Mean div u of each cell where that makes the stress, shape (ncells,); else None."""
+        """Mean div u of each cell, shape (ncells,), with mean dilatation; else None."""
         if self.dilatation != "mean":
             return None
         divergence = np.trace(np.asarray(self.basis.interpolate(u).grad))
@@ -319,7 +319,7 @@ class BasisSolid(Solid):
         )
 
     def gradient(self, u: Array, points: Array) -> Array:
-        """Its gradient d u_i / d x_j at points, shape (dim, dim, npoints)."""
+        """Gradient d u_i / d x_j of the displacement at points, shape (dim, dim, npoints)."""
         cells = self.cells_of(points)
         return sum(
             (field.grad[..., 0] * u[dofs] for field, dofs in self._local(points, cells)),

@@ -1,4 +1,4 @@
-"""What supports leave of functionals of the displacement."""
+"""Which functionals of the displacement the supports fix, and which stay free."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 def live_rows(
     rows: sparse.csr_array, P: sparse.csr_array, lengths: tuple[Array, Array]
 ) -> NDArray[np.bool_]:
-    """Rows that the prescribed displacements leave something of.
+    """Rows that the prescribed displacements do not fix: those with ``rows @ T`` not zero.
 
     Parameters
     ----------
@@ -20,7 +20,7 @@ def live_rows(
     P : csr_array, shape (ndofs, nfree)
         Free unknowns z of ``u = P z + u0``.
     lengths : pair of ndarray, shapes (ndofs,) and (nfree,)
-        What turns each dof, and each free unknown, into a displacement.
+        Lengths that make each dof, and each free unknown, a displacement.
 
     Returns
     -------

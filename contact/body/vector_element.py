@@ -1,4 +1,4 @@
-"""The vector element of a body, from what the caller gave."""
+"""The vector element of a body, from a scalar or vector element."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ DEFAULT_ELEMENT = {
 def vector_element(element: Any, mesh: Mesh) -> ElementVector:
     """Return an `ElementVector` of a scalar element, or the vector element itself.
 
-    Our scalar elements are made anew without Hessian: `ElementVector` would copy it into every
-    function, twice the time and the memory, and strains need none.
+    Scalar elements of `skfem_adini` are constructed anew without Hessian: strains need none, and
+    `ElementVector` would copy it into every function, at twice the time and memory.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The part of a layered block that meets the obstacle."""
+"""The bottom row of cells of a layered block, which carries the contact boundary."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from contact.errors import InputError
 
 
 class LowestRow(ElasticBody):
-    """The lowest row of cells of a `LayeredBlock`, whose other edges but "bottom" lie inside."""
+    """The bottom row of cells of a `LayeredBlock`; only its edge "bottom" may be in contact."""
 
     def whole_facets(self, boundary: Any) -> NDArray[np.int64]:
-        """Facets of the bottom, asked for by name: numbers would be those of another mesh."""
+        """Facets of "bottom", given by name: facet numbers would belong to another mesh."""
         names = [boundary] if isinstance(boundary, str) else boundary
         if not isinstance(names, list | tuple) or any(not isinstance(n, str) for n in names):
             raise InputError(

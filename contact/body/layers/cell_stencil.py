@@ -23,7 +23,7 @@ class CellStencil:
     layers : list of CellRows
         From the bottom up.
     arrays : HostArrays
-        Where to compute; vectors come from the host and go back there.
+        Where to compute; vectors are passed from the host and returned there.
     """
 
     def __init__(self, columns: int, layers: list[CellRows], arrays: HostArrays) -> None:
@@ -45,7 +45,7 @@ class CellStencil:
         held : ndarray of int
             Dofs that do not count.
         cell : float
-            Length by which derivatives become displacements, and their forces are divided.
+            Length that derivatives are multiplied by, and their forces divided by.
         """
         xp = self.arrays.xp
         shape = (-1, self.columns + 1, PER_NODE)

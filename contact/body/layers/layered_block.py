@@ -243,7 +243,7 @@ class LayeredBlock(Solid):
 
     @cached_property
     def trace(self) -> ElasticBody:
-        """The lowest row of cells with the sides' supports; its dofs are this body's first."""
+        """The bottom row of cells, supported at its sides; its dofs come first in this body."""
         edge, _ = self._edge("bottom")
         basis, bottom = copy(edge.basis), {"bottom": edge.facets("bottom")}
         basis.mesh = replace(edge.mesh, _boundaries=bottom)  # contact is offered there only
@@ -254,17 +254,17 @@ class LayeredBlock(Solid):
         return strip
 
     def embed(self, matrix: sparse.csr_array) -> sparse.csr_array:
-        """Rows of the lowest row of cells on all dofs."""
+        """Rows given on the dofs of the bottom row of cells, extended to all dofs."""
         shape = matrix.shape[0], self.f.size
         return sparse.csr_array((matrix.data, matrix.indices, matrix.indptr), shape=shape)
 
     def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
-        """Rows that the supports leave something of; see `contact.body.supports.live_rows`."""
+        """Rows that the supports do not fix; see `contact.body.supports.live_rows`."""
         own = sparse.csr_array(rows[:, : self.trace.f.size])
         return live_rows(own, self.trace.constraint[0], self.trace.lengths)
 
     def compute_on(self, device: str) -> HostArrays:
-        """Apply the stiffness on a device, "cpu" or "cuda", from now on; its arrays."""
+        """Apply the stiffness on "cpu" or "cuda" from now on; return the arrays of that device."""
         self.arrays = arrays_on(device)
         self.__dict__.pop("stiffness", None)
         return self.arrays
@@ -299,7 +299,7 @@ class LayeredBlock(Solid):
         return other
 
     def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
-        """Largest force at a free dof that nothing balances, and largest of those that cancel."""
+        """Largest residual force at a free dof, and the largest sum of the terms' moduli there."""
         return self.stiffness.residual(
             u, contact - load, np.abs(load), self.prescribed[0], self.cell_size
         )
@@ -314,7 +314,7 @@ class LayeredBlock(Solid):
         return float(np.abs(values - values.mean(axis=0)).max())
 
     def support_error(self, u: Array) -> float:
-        """Largest deviation from a prescribed displacement, derivatives times their length."""
+        """Largest deviation from a prescribed displacement; derivatives are times their length."""
         dofs, values = self.prescribed
         length = np.where(dofs % PER_NODE < 2, 1.0, self.cell_size)
         return float(np.abs(length * (u[dofs] - values)).max(initial=0.0))
@@ -336,7 +336,7 @@ class LayeredBlock(Solid):
         return value
 
     def gradient(self, u: Array, points: Array) -> Array:
-        """Its gradient d u_i / d x_j at points, shape (2, 2, npoints)."""
+        """Gradient d u_i / d x_j of the displacement at points, shape (2, 2, npoints)."""
         value = np.zeros((2, 2, points.shape[1]))
         for at, field, own in self._local(u, points):
             value[:, :, at] += np.asarray(field.grad)[:, :, 0] * own
@@ -378,7 +378,7 @@ class LayeredBlock(Solid):
                 yield here, field, u[PER_NODE * nodes[local // PER_NODE] + local % PER_NODE]
 
     def elastic(self) -> ElasticBody:
-        """The same body with a mesh and a Basis, loads and supports included; dofs as here."""
+        """The same body as an `ElasticBody`, with loads and supports; dofs are numbered as here."""
         mesh = grid(self.x, self.y)
         cells = [self.columns * layer.cells for layer in self.layers]
         E, nu = (np.repeat([getattr(l, key) for l in self.layers], cells) for key in ("E", "nu"))
@@ -390,7 +390,7 @@ class LayeredBlock(Solid):
 
     @property
     def basis(self) -> Any:
-        """None is built: an `InputError` that names the way out."""
+        """Raise an `InputError`: a `LayeredBlock` has no Basis; `elastic` builds one."""
         raise InputError(
             "a LayeredBlock has no mesh and no Basis, which this needs; block.elastic() is the "
             "same body with them, and result.sample(points) evaluates the solution anywhere"
