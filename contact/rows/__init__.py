@@ -1,6 +1,7 @@
-"""Contact functionals: how forces at contact points meet the displacement of a boundary.
+"""Contact functionals: the displacement of a boundary, and the gap, at contact points.
 
-In: the trace of a body on one or several boundaries, and obstacles before them.
+In: the trace of a body on one or several boundaries, and the obstacles opposite.
 Out: `ContactRows` (sparse normal and tangential rows, weights, frames) and a `GapRule`.
-Start: `discretise`; `functionals` and `shares` say what a contact point reads.
+Start: `discretise`; `functionals` and `shares` define the value at a contact point, `gap_rule`
+measures the gap.
 """

@@ -1,22 +1,23 @@
-r"""Contact on a curve that cuts the cells of a mesh: hats along the arc as multipliers.
+r"""Contact on a curve that cuts the cells of a mesh: hat functions along the arc as multipliers.
 
-The boundary of a cut domain meets its cells in pieces of any length, so multipliers that belong to
-cells would be as many as the trace cannot control, and tiny pieces would have their own. Here the
-arc is run through in units of the cells that it crosses and divided evenly, whatever the cuts:
-with the hat functions :math:`N_k \ge 0`, :math:`\sum N_k = 1`
+The boundary of a cut domain crosses its cells in pieces of any length. One multiplier a cell would
+give tiny pieces multipliers of their own, more than the trace space controls (inf-sup). Instead,
+length along the arc is measured in sizes of the cells that it crosses, and the arc is divided
+evenly in that measure, however the cells are cut. With the hat functions :math:`N_k \ge 0`,
+:math:`\sum N_k = 1`
 
 .. math::
     u_{n,k} = \frac{1}{w_k} \int N_k \, n \cdot u, \qquad
     d_k = \frac{1}{w_k} \int N_k \, d, \qquad w_k = \int N_k,
 
 and the multipliers :math:`\mu_k \ge 0` are those of the continuous, piecewise linear pressure
-:math:`p = \sum_k (\mu_k / w_k) N_k \ge 0`: it has a sign, a uniform one is exact on any mesh, and
-friction within :math:`|t_k| \le F \mu_k` keeps :math:`|q| \le F p` everywhere.
+:math:`p = \sum_k (\mu_k / w_k) N_k \ge 0`: it is nowhere negative, a uniform pressure is exact on
+any mesh, and friction within :math:`|t_k| \le F \mu_k` keeps :math:`|q| \le F p` everywhere.
 
-How many multipliers the trace controls is measured: the least eigenvalue of the compliance W
-relative to that of the same hats on cells a quarter of the size, over shifted disks and slivers.
-At a distance of 2, 1.5, 1, 0.75, 0.5 cells it is at least .75, .54, .30, .08, .02 (shear, the
-pressure is better off); an exact trace space would give 1. The default is 1.5.
+How many multipliers the trace controls was measured by the least eigenvalue of the compliance W,
+relative to W of the same hats on cells a quarter of the size, over shifted disks and slivers. At
+a distance of 2, 1.5, 1, 0.75, 0.5 cells it is at least .75, .54, .30, .08, .02 for the shear, and
+larger for the pressure; an exact trace space would give 1. The default is 1.5.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def arc_rows(
     functional: str | None = None,
     direction: Callable[[Array], Array] | None = None,
 ) -> tuple[ContactRows, ArcGap]:
-    """Contact rows of an arc and how it reads a gap.
+    """Contact rows of an arc, and the rule that evaluates its gap.
 
     Parameters
     ----------
@@ -86,14 +87,14 @@ def arc_rows(
 
 @dataclass(frozen=True)
 class ArcGap:
-    """The gap between an arc and an obstacle, under the hats; see `contact.rows.gap_rule.GapRule`.
+    """The gap between an arc and an obstacle, averaged by the hats, as `gap_rule.GapRule`.
 
     Attributes
     ----------
     x, normals : ndarray, shape (2, n)
         Quadrature points and outward normals there.
     mean : csr_array, shape (m, n)
-        Means under the hats.
+        Mean values of a function weighted by each hat.
     x_nominal : ndarray, shape (2, m)
     """
 
@@ -104,7 +105,7 @@ class ArcGap:
 
     @property
     def order(self) -> NDArray[np.int64]:
-        """The multipliers in their order."""
+        """Order of the multipliers: as they are."""
         return np.arange(self.mean.shape[0])
 
     def __call__(self, obstacle: ObstacleLike) -> Array:

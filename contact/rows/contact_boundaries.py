@@ -36,7 +36,7 @@ class ContactBoundaries:
         Of all boundaries, one after the other; without a gap.
     rules : tuple of GapRule or ArcGap
     several : bool
-        Obstacles and friction come as lists.
+        Obstacles and friction are given as lists, one entry for each boundary.
     directions : tuple of (ndarray, shape (dim, m), or None)
         Towards the closest points of a `ClosestPoint`; None where contact is along the normal.
     """
@@ -51,7 +51,7 @@ class ContactBoundaries:
     def of(
         cls, body: ElasticBody, boundary: Any, obstacle: Any, functional: Any
     ) -> ContactBoundaries:
-        """Discretise what `ContactProblem` was given.
+        """Discretise the boundaries as given to `ContactProblem`.
 
         Raises
         ------
@@ -108,7 +108,7 @@ class ContactBoundaries:
         return np.concatenate(gaps)
 
     def rise(self, obstacle: Any) -> Array:
-        """How much wider each gap is at the curve that straight facets stand in for, shape (m,)."""
+        """Gap from the curve that straight facets approximate minus the gap from them, (m,)."""
         plain = [o.obstacle if isinstance(o, Rigid) else o for o in self._obstacles(obstacle)]
         return np.concatenate(
             [
@@ -171,7 +171,7 @@ class ContactBoundaries:
         return np.concatenate([_values(f, x) for f, x in zip(each, places, strict=True)])
 
     def _of_each(self, x: Array) -> list[Array]:
-        """Places of all contact points, split by boundaries."""
+        """Values at all contact points, split by boundary."""
         return np.split(x, np.cumsum([rule.order.size for rule in self.rules])[:-1], axis=1)
 
 

@@ -59,7 +59,7 @@ def contact_boundary(
     functional: str | None,
     direction: Direction | None = None,
 ) -> tuple[ContactRows, GapRule]:
-    """Discretise a contact boundary whose obstacle comes later: rows, and how to read a gap.
+    """Discretise a contact boundary without its obstacle: rows, and the rule for its gap.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Frames of contact points: tangents of the normals, turned to supports, and along the facets."""
+"""Frames of contact points: normals, tangents, and how supports and facets turn them."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ def tangent_frame(normals: Array) -> Array:
     """Orthonormal tangents of the unit normals of one contact boundary.
 
     In two dimensions the tangent is the normal turned by +90 degrees: (1, 0) on a bottom edge. In
-    three the frame is a smooth function of the normal on all of the sphere but one point, the pole
-    (0, 0, 1) for a boundary whose mean normal has n_z <= 0, (0, 0, -1) for others: about that pole
-    frames turn twice, as they must somewhere on a closed surface. The first tangent lies in the
-    plane of x and z where n_y = 0, so (1, 0, 0) on horizontal faces. Friction knows no directions:
-    a turn of the frame changes the components of the shear, not the vector.
+    three the frame is a smooth function of the normal on the whole sphere except one pole,
+    (0, 0, 1) for a boundary whose mean normal has n_z <= 0, else (0, 0, -1): no frame is smooth on
+    all of a sphere. The first tangent lies in the
+    plane of x and z where n_y = 0, so (1, 0, 0) on horizontal faces. Friction is
+    isotropic: another frame changes the components of the shear, not the vector.
 
     Parameters
     ----------
@@ -55,14 +55,14 @@ def tangent_frame(normals: Array) -> Array:
 
 
 def turned_tangents(tangents: Array, mean: Array, normals: Array) -> Array:
-    r"""Tangents taken along with their normal, :math:`t - (n \cdot t) (m + n) / (1 + m \cdot n)`.
+    r"""Tangents rotated with their normal: :math:`t - (n \cdot t) (m + n) / (1 + m \cdot n)`.
 
     Parameters
     ----------
     tangents : ndarray, shape (dim, dim - 1, ...)
         Orthonormal to `mean`.
     mean, normals : ndarray, shape (dim, ...)
-        Unit normals m of the tangents, and those n that they are turned to by the shortest way.
+        Unit normals m of the tangents, and n, to which the shortest rotation takes m.
     """
     along = np.sum(normals[:, None] * tangents, axis=0)
     size = 1.0 + np.sum(mean * normals, axis=0)
@@ -70,7 +70,7 @@ def turned_tangents(tangents: Array, mean: Array, normals: Array) -> Array:
 
 
 def within_supports(B: sparse.csr_array, normals: Array, P: sparse.csr_array) -> Array:
-    """Turn normals that all but lie in a plane of symmetry into it.
+    """Turn normals that lie in a plane of symmetry up to a small angle exactly into it.
 
     Where a curved boundary ends at a support along an axis, the mean normal is that of one side
     only, off by half the turn of a facet; friction would act on what is left of the tangent.
@@ -88,8 +88,8 @@ def within_supports(B: sparse.csr_array, normals: Array, P: sparse.csr_array) ->
 def along_supports(B: sparse.csr_array, tangents: Array, P: sparse.csr_array) -> Array:
     """Turn the frames so that a prescribed tangential direction is one of their axes.
 
-    Where supports (a plane of symmetry, say) hold a contact point in one tangential direction
-    only, two rows in a general frame would depend on each other.
+    Where supports (a plane of symmetry, say) fix a contact point in one tangential direction
+    only, the two tangential rows in any other frame would be linearly dependent.
     """
     rows = [directed(B, tangents[:, j]) @ P for j in (0, 1)]
     a, b, c = (

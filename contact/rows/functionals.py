@@ -1,9 +1,9 @@
-r"""Constraint functionals: how a multiplier meets the trace of the displacement.
+r"""Constraint functionals: the values of the displacement's trace that contact conditions act on.
 
-A functional takes, on each contact facet, the values of the trace at a few points to a few
-numbers, ``value_k = sum_j C[k, j] v(s_j)``. Numbers that belong to a shared vertex are one and the
-same for both facets. The same combination is applied to the gap, so a gap in the trace space is
-met exactly.
+On each contact facet a functional combines the values of the trace at a few points into a few
+numbers, ``value_k = sum_j C[k, j] v(s_j)``. A number that belongs to a vertex is shared by the
+facets that meet there. The same combination is applied to the gap, so that a gap in the trace space
+is satisfied exactly.
 
 ==============  ===================================  ========  =====================================
 name            numbers                              passes    remark
@@ -19,33 +19,36 @@ name            numbers                              passes    remark
 ``thesis``      3N + 1 points at thirds              --        rank 2N + 2: reproduction only
 ==============  ===================================  ========  =====================================
 
-For Adini and BFS the trace is a C1 cubic spline. Where two facets continue each other the vertex
-number is a mean of its two neighbours and is dropped; what remains has full rank 2N + 2.
+For Adini and BFS the trace is a C1 cubic spline. At a vertex between two facets on a straight line
+the number is a mean of its two neighbours and is dropped; the remaining ones have full rank
+2N + 2.
 
-Quadratic elements cannot use vertex and midpoint values: the mean of a quadratic triangle weighs
-its vertices with zero, so forces there have no pressure (and in their neighbourhood no sign).
-All Bernstein coefficients of a face weigh the same, 1/6 on triangles and 1/9 on quadrilaterals.
+Quadratic elements cannot use vertex and midpoint values: in the mean over a quadratic triangle its
+vertices have weight zero, so a force there has no pressure. All Bernstein coefficients of a face
+have the same weight, 1/6 on triangles and 1/9 on quadrilaterals.
 
 On the facets of a curve ``bernstein`` is one number a vertex, see `contact.rows.shares`. Two Gauss
 points a facet cannot be trusted there: pressure and shear oscillate by a fifth on any mesh.
 ``gauss`` on a boundary with a curve is ``bernstein``, and ``thesis`` is refused. Where facets
 differ in length see `contact.rows.unequal_facets`; ``nodal`` of Adini stays 1.5 % off there.
 
-Linear triangles and tetrahedra have pressures of first order, their own consistent reactions:
-cells with one diagonal leave .026 of the largest on a roller of 24 facets a quarter, facets of 1:2
-.04, tetrahedra on a bore as fine .06. Triangles that cross in each cell
-(``MeshQuad.to_meshtri(style="x")``) leave .002, quadratic ones .006, and both converge faster.
-Bilinear cells leave .004, but where long and short ones alternate .009, of first order.
+Pressures of linear triangles and tetrahedra, which are their consistent reactions, are of first
+order. Their rms error on a roller with 24 facets a quarter is .026 of the largest pressure if all
+diagonals are parallel, .04 with facets of lengths 1:2, and .06 for tetrahedra on a bore as fine. It
+is .002 with crossed triangles (``MeshQuad.to_meshtri(style="x")``) and .006 with quadratic ones,
+and both converge faster. Bilinear cells have .004, and .009, of first order, where long and short
+cells alternate.
 
 A face of the Adini brick has three numbers a vertex, u and its slopes along the face. Control
-points along the edges would be four, points of Gauss four a face: rows that depend on each other.
-``centroid`` asks for one, the part of the mean of u that the functions phi_j of the vertex v carry,
+points along the edges, or Gauss points, would be four a face, and their rows would be linearly
+dependent. ``centroid`` takes one a vertex v, the part of the mean of u that belongs to its
+functions phi_j,
 
 .. math::
     b_v(u) = \frac1{w_v} \sum_{j \in v} u_j \int \phi_j, \qquad w_v = \int \phi_{v},
 
-that is u plus the slope times the way to the centroid of phi_v's load: the vertex value itself on
-a uniform mesh. The forces w_v p then are the load of a uniform pressure p on any mesh.
+that is u plus the slope times the vector to the centroid of phi_v: the vertex value itself on a
+uniform mesh. On any mesh the forces w_v p are then the load of a uniform pressure p.
 """
 
 from __future__ import annotations
@@ -72,22 +75,23 @@ class FacetFunctional:
         Where the trace is evaluated, on the reference facet.
     C : ndarray, shape (nvalues, npoints)
     nominal : ndarray, shape (dim - 1, nvalues)
-        Where each number is thought to sit.
+        Nominal place of each number on the reference facet.
     vertex : tuple of int or pairs of int
         Local vertex that carries the number, the two ends of the edge that does, or -1 for the
         facet.
     smooth : bool
-        The trace is C1: drop vertex numbers where two facets continue each other.
+        The trace is C1: vertex numbers are dropped between two facets on a straight line.
     mean : bool
         Replace the vertex values by the vertices' shares of the mean (``centroid``).
     reduced : bool
-        On the facets of a curve take the vertex hats alone: there values at vertices and in the
-        middle of a facet, off the curve by its height over the facet, contradict each other.
+        On straight facets that approximate a curve only the hats of the vertices are used:
+        conditions at vertices and in the middle of a facet, which the sagitta separates from the
+        curve, contradict each other.
     straight : bool
         Of use on straight boundaries only.
     trace : FacetFunctional, optional
-        One that spans the traces: where this one's numbers are fewer, pressures are reported where
-        a linear one is met best.
+        A functional with as many numbers as the trace has dofs. Given if this one has fewer: it
+        determines where pressures are reported, see `contact.rows.shares.placed_on`.
     """
 
     name: str
@@ -103,12 +107,12 @@ class FacetFunctional:
 
     @property
     def shared(self) -> NDArray[np.bool_]:
-        """Numbers that a vertex or an edge carries, not the facet alone, shape (nvalues,)."""
+        """Numbers that belong to a vertex or an edge, not to the facet alone, shape (nvalues,)."""
         return np.array([carrier != -1 for carrier in self.vertex])
 
     @property
     def corners(self) -> NDArray[np.int64]:
-        """The numbers that vertices carry, in ring order."""
+        """The numbers that belong to vertices, in ring order."""
         return np.flatnonzero([isinstance(c, int) and c >= 0 for c in self.vertex])
 
     def basis(self, points: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The gap between a contact boundary and an obstacle, under the functional of the trace."""
+"""The gap between a contact boundary and an obstacle, by the functional of the displacement."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GapRule:
-    """How a contact boundary reads a gap: with the same functional as the displacement.
+    """Evaluates the gap of a contact boundary with the same functional as the displacement.
 
     Attributes
     ----------
@@ -26,17 +26,18 @@ class GapRule:
     x_nominal, mean_normals : ndarray, shape (dim, m)
         Of the contact points, before sorting.
     slant : ndarray, shape (m,)
-        Length of the mean of the facets' normals at each, as in the rows: 1 where they are one.
+        Length of the mean of the facets' normals at each point, as in the rows: 1 where they
+        agree.
     sharp : ndarray of bool, shape (m,)
-        Facets meet there in a real corner.
+        Facets meet there in a sharp corner.
     order : ndarray of int, shape (m,)
         Sorts the contact points.
     offset : ndarray, shape (dim, m), optional
-        From the vertex to the point, before sorting, of the functional ``centroid``.
+        Vector from the vertex to the point, before sorting; for the functional ``centroid``.
     raised : ndarray, shape (dim, nfacets, npoints), optional
-        Places on the curve over `x`, where facets stand in for one; see `Outline.raised`.
+        Points above `x` on the curve that the facets approximate; see `Outline.raised`.
     aside : pair of ndarray, shape (dim, m), optional
-        Normals that the gap is read along, and those of the rows; see
+        Normals along which the gap is evaluated, and those of the rows; see
         `contact.rows.unequal_facets`.
     """
 
@@ -69,7 +70,7 @@ class GapRule:
         return (gap + self._turned(obstacle))[self.order]
 
     def rise(self, obstacle: ObstacleLike) -> Array:
-        """How much wider the gap is at the curve that the facets stand in for, shape (m,)."""
+        """Gap from the curve that the facets approximate, minus the gap from them, shape (m,)."""
         if self.raised is None or not np.any(self.raised != self.x):
             return np.zeros(self.order.size)
         here, there = self(obstacle), replace(self, x=self.raised)(obstacle)
@@ -77,7 +78,7 @@ class GapRule:
         return np.where(both, np.where(both, there, 0.0) - np.where(both, here, 0.0), 0.0)
 
     def _read(self, obstacle: ObstacleLike) -> Array:
-        """The mean of what the facets read."""
+        """The mean of the facets' gaps."""
         shares, count = self.shares, self.order.size
         at = evaluate_gap(obstacle, self.x, self.normals)
         open_ = np.isinf(at)
@@ -102,7 +103,7 @@ class GapRule:
         return gap
 
     def _turned(self, obstacle: ObstacleLike) -> Array:
-        """By how much the gap is longer along the normals of the rows, before sorting."""
+        """Gap along the normals of the rows minus that along the facets' mean, before sorting."""
         longer = np.zeros(self.order.size)
         if self.aside is not None:
             turned = np.flatnonzero(np.abs(self.aside[1] - self.aside[0]).max(axis=0) > 1e-12)
@@ -113,8 +114,8 @@ class GapRule:
             longer[turned] = self.slant[turned] * (two - one)
         return longer
 
-    def _extrapolated(self, obstacle: ObstacleLike, offset: Array) -> Array:
-        """d plus its slope times the offset, as for the displacement; exact for quadratic d."""
+    def _extrapolated(self, obstacle: Gap, offset: Array) -> Array:
+        """d plus its derivative along the offset, as for u; exact for quadratic d."""
         vertex = self.x_nominal - offset
         here, half, there = (
             evaluate_gap(obstacle, vertex + part * offset, self.mean_normals)

@@ -1,4 +1,4 @@
-"""Contact points of a boundary: which values of its facets are one, and their order."""
+"""Contact points of a boundary: which values of its facets are shared, and their order."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ Index = NDArray[np.int64]
 def numbering(outline: Outline, form: FacetFunctional) -> tuple[Index, int]:
     """Contact point of each facet's values, shape (nfacets, nvalues), and how many there are.
 
-    -1 for one that others take the place of, see `contact.rows.shares`: a value at a vertex that
-    two straight facets pass, where the trace is smooth, and on a facet of a curve all but the
-    corners.
+    -1 for a value that is expressed by others, see `contact.rows.shares`: at a vertex between two
+    facets on a straight line, where the trace is C1, and on a facet of a curve all values but those
+    at its corners.
     """
     count, ends = outline.facets.size, outline.corners.T
     carried = form.shared
@@ -44,13 +44,13 @@ def numbering(outline: Outline, form: FacetFunctional) -> tuple[Index, int]:
 
 
 def _edge_key(ends: Index, nvertices: int) -> Index:
-    """A number for each edge, the same from either side and above those of the vertices."""
+    """A number for each edge, the same from both facets and larger than all vertex numbers."""
     low, high = np.sort(ends.astype(np.int64), axis=0)
     return np.asarray(nvertices * (1 + low) + high)
 
 
 def first_occurrence(number: Index, count: int) -> tuple[Index, Index]:
-    """Facet and value that first bear the number of each contact point."""
+    """First facet and value that belong to each contact point."""
     first = np.zeros(count, dtype=np.int64)
     flat = number.ravel()
     used = np.flatnonzero(flat >= 0)[::-1]
@@ -59,7 +59,7 @@ def first_occurrence(number: Index, count: int) -> tuple[Index, Index]:
 
 
 def along(outline: Outline, form: FacetFunctional, number: Index, count: int) -> Index:
-    """In two dimensions the points in the order in which the boundary is run through."""
+    """In two dimensions: the points sorted along the boundary."""
     mesh, ends = outline.body.mesh, outline.corners.T
     if mesh.dim() == 3:
         return np.arange(count)

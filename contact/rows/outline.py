@@ -1,12 +1,12 @@
-"""How the facets of a boundary continue each other: turns, corners, and smooth normals.
+"""How the facets of a boundary meet: angles, corners, and smooth normals.
 
-Straight facets along a curve have normals that jump at every vertex, by turns that refinement
-makes as small as one likes. What acts along the normal keeps the normals of the facets: a uniform
-pressure then loads a polygon as it must, and a polygon that shrinks keeps a gap of one size along
-each facet. Slip is measured along smooth tangents instead, for a polygon that shrinks moves along
-its facets, forth and back, by the size of the turn. The weights of N. Max (Weights for computing
-vertex normals from facet normals, J. Graphics Tools 4, 1999) make the normals at vertices exact on
-circles and spheres, whatever the facets' lengths.
+The normals of straight facets along a curve jump at every vertex by an angle that tends to zero
+under refinement. Normal displacement and gap use the normals of the facets: a uniform pressure then
+loads the polygon exactly, and a polygon that shrinks has a uniform gap along each facet. Slip is
+measured along smooth tangents instead: in their own directions, the facets of a polygon that
+shrinks move to and fro by the size of the angle, which is no slip. The weights of N. Max (Weights
+for computing vertex normals from facet normals, J. Graphics Tools 4, 1999) make the normals at
+vertices exact on circles and spheres for facets of any length.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Outline:
 
     @cached_property
     def turned(self) -> Array:
-        """Smooth normals at the corners of each facet, its own at real corners; as `at_corners`."""
+        """Smooth normals at the corners of each facet, at sharp corners its own; cf. `at_corners`."""
         vertex, place = self._vertices
         weight, own = corner_weights(self.body.mesh.p[:, self.corners], axis=2), self.at_corners
         mean = _unit_sums(weight * own, place, vertex.size)
@@ -87,7 +87,7 @@ class Outline:
 
     @cached_property
     def curved(self) -> NDArray[np.bool_]:
-        """Facets that stand for a piece of a curve or of a curved surface, shape (nfacets,)."""
+        """Whether a facet approximates a piece of a curve or curved surface, shape (nfacets,)."""
         tilt = np.maximum(*self._tilts)
         return np.asarray((tilt > 0.5 * CURVED).any(axis=1))
 
@@ -127,7 +127,7 @@ class Outline:
     def smooth(self, normals: Array, points: Array) -> Array:
         """Smooth normals at points of the facets.
 
-        The facets' own, and the change to the smooth normals at their corners, interpolated.
+        The normals of the facets plus the interpolated difference to the smooth normals at corners.
 
         Parameters
         ----------
@@ -158,9 +158,10 @@ class Outline:
         normals : ndarray, shape (dim, m)
             Means of the smooth normals, of unit length.
         own : ndarray, shape (dim, m)
-            Means of the facets' own normals, shorter where these differ, but in corners.
+            Means of the normals of the facets, shorter than one where these differ; in sharp
+            corners of unit length.
         sharp : ndarray of bool, shape (m,)
-            Facets meet in a real corner.
+            Facets meet in a sharp corner.
 
         Raises
         ------
@@ -184,10 +185,10 @@ class Outline:
 
     @cached_property
     def bent(self) -> NDArray[np.bool_]:
-        """Straight facets whose corners lean one way, pieces of a curve, shape (nfacets,).
+        """Straight facets whose smooth normals spread or close at all corners, shape (nfacets,).
 
-        Not one beside a flat side, nor one under noise; and one of second order follows the curve
-        itself.
+        These approximate a curve. Facets next to a flat side are not among them, nor those whose
+        angles are noise, nor facets of second order, which follow the curve themselves.
         """
         corner, change = self.body.mesh.p[:, self.corners], self.turned - self.at_corners
         lean = np.sum(change * (corner - corner.mean(axis=2, keepdims=True)), axis=0)
@@ -197,17 +198,17 @@ class Outline:
         return np.asarray(bent & (within < 0.5 * between))
 
     def raised(self, x: Array, points: Array) -> Array:
-        """Places on the smooth surface over places of the facets that stand in for it.
+        """Points on the smooth surface above points of the facets that approximate it.
 
-        Over a facet it is half the mean, by the hats, of the heights of the planes through its
-        corners along the smooth normals there: exact to second order on circles and spheres. A
-        facet that is not `bent` is itself.
+        The height above a facet is half the mean, weighted by the hats of its corners, of the
+        heights of the planes through each corner normal to the smooth normal there: exact to second
+        order on circles and spheres. Facets that are not `bent` are not raised.
 
         Parameters
         ----------
         x : ndarray, shape (dim, nfacets, n)
         points : ndarray, shape (dim - 1, n)
-            The same places on the reference facet.
+            The same points on the reference facet.
         """
         corner, change = self.body.mesh.p[:, self.corners], self.turned - self.at_corners
         bent = self.bent
@@ -216,7 +217,7 @@ class Outline:
         return np.asarray(x + self.normals(points) * np.where(bent[:, None], height, 0.0))
 
     def _within_supports(self, normals: Array, vertex: Index) -> Array:
-        """Turn normals that all but lie in a plane of symmetry into it.
+        """Turn normals that lie in a plane of symmetry up to a small angle exactly into it.
 
         Where a curved boundary ends at a support along an axis, the mean normal is that of one side
         only, off by half the turn of a facet; friction would act on what is left of the tangent.
@@ -240,10 +241,10 @@ def _unit_sums(v: Array, at: Index, count: int) -> Array:
 
 
 def _sharp(normals: Array, at: Index, count: int) -> NDArray[np.bool_]:
-    """Where two of the facets that meet turn by more than a corner does, however large they are.
+    """Whether two of the facets that meet form an angle larger than `CORNER`.
 
-    A mean of their normals does not tell: it leans to the small ones, and is up to all of the turn
-    off the others'.
+    The angles to their mean normal do not tell: the mean is weighted towards the small facets, and
+    may differ from the normal of a large one by the whole angle.
     """
     order = np.argsort(at, kind="stable")
     at, normals = at[order], normals[:, order]

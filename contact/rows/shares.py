@@ -1,27 +1,30 @@
-r"""What each facet contributes to the contact points: functionals, weights and mean places.
+r"""What each facet contributes to the contact points: functionals, weights and centroids.
 
-A facet e holds its part of the trace as :math:`\sum_k c_k^e(v) N_k`, with polynomials N_k that sum
-to one; several facets share a number. It is the mean of what they read, by what they hold of N_k,
+On a facet e the trace is :math:`\sum_k c_k^e(v) N_k`, with polynomials N_k that sum to one. Where
+several facets share the value k, it is the mean of their values, weighted by their integrals of
+N_k,
 
 .. math::
     P_k v = \frac1{w_k} \sum_e \omega_k^e \, c_k^e(v), \qquad
     \omega_k^e = \int_e N_k, \qquad w_k = \sum_e \omega_k^e, \qquad x_k = \frac1{w_k} \int N_k x ,
 
-on straight facets the integral of v with the dual multipliers :math:`N M_e^{-1} \omega^e` (B.
-Wohlmuth, SIAM J. Numer. Anal. 38, 2000). The weights sum to the boundary, and :math:`\sum_k w_k P_k
-v` is the integral of v on every facet: a uniform pressure is exact on any outline.
+on straight facets this is the integral of v with the dual multipliers :math:`N M_e^{-1} \omega^e`
+(B. Wohlmuth, SIAM J. Numer. Anal. 38, 2000). The weights sum to the length or area of the boundary,
+and :math:`\sum_k w_k P_k v` is the integral of v on every facet: a uniform pressure is exact on any
+outline.
 
-A cubic trace that continues from facet f to g has no number at the vertex between: as a C1 spline
-in arc length it is :math:`(l_g c_f + l_f c_g) / (l_f + l_g)` there, with c_f and c_g next to it on
-either side. So f reads, besides its own :math:`c_f`, the number of its neighbour as
-:math:`c_g = ((l_f + l_g) c_v - l_g c_f) / l_f`, which on a straight line is what g reads. A turn at
-the vertex makes the two differ a little, and three numbers a facet would all but depend on each
-other, as the trace tells them apart by the turn alone.
+Between two facets f and g on a straight line a cubic trace has no value of its own at the vertex:
+as a C1 spline in arc length it is :math:`(l_g c_f + l_f c_g) / (l_f + l_g)` there, with c_f and c_g
+next to it on either side. So on f, besides its own :math:`c_f`, the value of its neighbour is
+:math:`c_g = ((l_f + l_g) c_v - l_g c_f) / l_f`, which on a straight line is the value on g. At a
+small angle the two differ a little. Keeping the value at the vertex as well would make the rows
+nearly dependent, because only the small angle distinguishes them.
 
-On the facets of a curve, which turn by more than noise does, numbers between the vertices and at
-them contradict each other: a displacement that is smooth on the curve differs by the facet's
-sagitta times its gradient, and a pressure that enforces both is wrong by the turn of a facet. There
-the N_k are the hats of the vertices, c_k^e the projection of v onto them: all see one sagitta.
+Where straight facets approximate a curve (their angles exceed noise), conditions at vertices and
+between them contradict each other: for a displacement that is smooth on the curve they differ by
+its gradient times the sagitta of the facet, and a pressure that enforces both is wrong by the angle
+of a facet. There the N_k are the hats of the vertices, and c_k^e is the projection of v onto them,
+so that all conditions contain the same sagitta.
 """
 
 from __future__ import annotations
@@ -44,25 +47,25 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Shares:
-    """The parts of all facets in the numbers of a boundary.
+    """The contributions of all facets to the values at the contact points of a boundary.
 
     Attributes
     ----------
     number : ndarray of int, shape (nfacets, nvalues)
-        Contact point that each value of a facet belongs to; of its neighbour where `lent`.
+        Contact point of each value of a facet; where `lent`, one of the neighbouring facet.
     lent : ndarray of bool, shape (nfacets, nvalues)
     C : ndarray, shape (nfacets, nvalues, npoints)
         ``omega_k^e c_k^e`` of the values at the functional's points.
     omega : ndarray, shape (nfacets, nvalues)
     weights : ndarray, shape (m,)
     x : ndarray, shape (dim, m)
-        Mean places of the N_k.
+        Centroids of the N_k.
     mean : bool
-        The numbers are the vertices' shares of the mean (``centroid``) instead.
+        The values are the vertices' shares of the mean (``centroid``) instead.
     hub : ndarray of int, shape (nfacets, nvalues)
-        Vertex of the values that stand for it or for its surroundings; else -1.
+        Vertex that each value belongs to, -1 for other values.
     mix : ndarray, shape (nfacets, nvalues, nvalues)
-        Takes the polynomials of one facet to the N_k.
+        Matrix from the polynomials of one facet to the N_k.
     """
 
     number: Index
@@ -83,14 +86,14 @@ class Shares:
         number: Index,
         integrals: FacetBasis,
     ) -> Shares:
-        """Parts of the facets of a boundary.
+        """Compute the contributions of the facets of a boundary.
 
         Parameters
         ----------
         outline : Outline
         form : FacetFunctional
         number : ndarray of int, shape (nfacets, nvalues)
-            Contact point of each value, -1 for one that a neighbour's takes the place of.
+            Contact point of each value, -1 for one that is expressed by others.
         integrals : FacetBasis
             Quadrature on the facets.
 
@@ -133,17 +136,18 @@ class Shares:
 
 
 def placed_on(shares: Shares, spline: Shares, values: Array) -> Array:
-    """Mean places of point values, which are fewer than the trace has dofs, shape (dim, m).
+    """Centroids for point values that are fewer than the dofs of the trace, shape (dim, m).
 
-    A pressure that is linear in x loads the trace by ``w_j x_j``; forces ``w_k x_k`` at the points
-    come closest to it, in the mean of the spline's own weights.
+    A pressure that is linear in x loads the dofs of the spline by ``w_j x_j``. The centroids x_k
+    are those for which forces ``w_k x_k`` at the points are closest to this load, in a
+    least-squares sense with the weights of the spline.
 
     Parameters
     ----------
     shares, spline : Shares
-        Of the point values, and of the spline that spans the trace.
+        Those of the point values, and those of the spline that spans the trace.
     values : ndarray, shape (nvalues, npoints)
-        Of the polynomials of a facet that the spline is made of, at the points.
+        Values at the points of the polynomials that make up the spline on a facet.
     """
     N = spline.mix @ values
     j = np.broadcast_to(spline.number[:, :, None], N.shape)

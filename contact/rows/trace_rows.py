@@ -1,4 +1,4 @@
-"""Rows of the displacement's trace: what the facets' shares make of its normal and tangents."""
+"""Rows for normal and tangential displacement at contact points, from the facets' shares."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class TraceRows:
     shares : Shares
     x : ndarray, shape (dim, nfacets, npoints)
     normals, smooth : ndarray, shape (dim, nfacets, npoints)
-        Along which contact acts, the facets' own; and those that tangents belong to.
+        Normals of the facets, along which contact acts; smooth normals, for the tangents.
     parts : ndarray, shape (nfacets, nvalues, npoints, nfunctions)
-        Of every scalar function at every point in every number of the facet.
+        Contribution of every scalar function at every point to every value of the facet.
     dofs : ndarray of int, shape (nfacets, nfunctions)
     """
 
@@ -84,11 +84,11 @@ class TraceRows:
 
     @cached_property
     def supported(self) -> sparse.csr_array:
-        """Rows of a scalar trace that supports hold where they hold the contact point.
+        """Rows of a scalar trace by which one decides whether supports fix a contact point.
 
-        What stands for the surroundings of a vertex is held where the vertex is. A mean over the
-        facets on this side of a plane of symmetry may slide along them, that of both sides cannot:
-        the other half moves the other way.
+        A functional that belongs to a vertex counts as fixed where the vertex is. Its mean over the
+        facets on one side of a plane of symmetry may slide normal to the plane, but the mean over
+        both sides cannot: the other half moves the opposite way.
         """
         hub = self.shares.hub
         k, place = np.unique(self.shares.number[hub >= 0], return_index=True)
@@ -104,7 +104,7 @@ class TraceRows:
         Parameters
         ----------
         normals : ndarray, shape (dim, m)
-            Means, which count in corners, where `sharp`.
+            Mean normals, used in sharp corners only.
         sharp : ndarray of bool, shape (m,)
         """
         rows = self._rows(np.einsum("fspb,cfp->cfsb", self.parts, self.normals), self.dim)
@@ -116,7 +116,7 @@ class TraceRows:
         """Rows of the displacement along one tangent a contact point, shape (m, ndofs).
 
         The tangents follow the smooth normals along the facets, except in corners and where
-        supports hold a point in the direction of its tangent.
+        supports fix a point in the direction of its tangent.
 
         Parameters
         ----------
@@ -161,7 +161,7 @@ class TraceRows:
 def _chosen(
     where: NDArray[np.bool_], rows: sparse.csr_array, other: sparse.csr_array
 ) -> sparse.csr_array:
-    """Rows of the one where wanted, else of the other."""
+    """Rows of the first matrix where chosen, else of the second."""
     pick, leave = (sparse.diags_array(part.astype(float)) for part in (where, ~where))
     result = sparse.csr_array(pick @ rows + leave @ other)
     result.eliminate_zeros()

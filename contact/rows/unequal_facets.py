@@ -1,22 +1,23 @@
-r"""What facets of unequal size along a curve leave of a slide in the normal displacement.
+r"""Correction of the normal rows where straight facets of unequal size approximate a curve.
 
-A contact point reads :math:`\bar n \cdot u`, the mean normal of its facets times the displacement
-at their vertex. Where one facet is longer than the other the mean is the normal of a place aside,
-:math:`\bar n = n + \beta t`, and what the body slides along the curve, u_t, counts as a way towards
-the obstacle: by :math:`\beta u_t`, of the first order in the facets' lengths, forth at one vertex
-and back at the next. Pressures answer with waves whose height no refinement lowers.
+The normal displacement at a contact point is :math:`\bar n \cdot u`, with the mean normal of its
+facets and the displacement at their vertex. Where one facet is longer than the other, the mean
+normal is that of a point beside the vertex, :math:`\bar n = n + \beta t`, and a displacement u_t
+along the curve is counted as normal displacement :math:`\beta u_t`: of first order in the lengths
+of the facets, with a sign that changes from vertex to vertex. The pressure then oscillates, by an
+amplitude that refinement does not reduce.
 
-The normals themselves must stay, for a uniform pressure loads a polygon along them. So each facet
-takes :math:`\omega_k (n_k - \tfrac1\omega \sum_j \omega_j n_j)` times one displacement, that of
-the place whose smooth normal is the facet's, its middle in 2-D, into the row of its corner k, n_k
-the smooth normals of its corners: the sum over its corners is zero, so that a uniform pressure does
-not feel it, and the sum over the facets of a vertex turns :math:`\bar n` into n, to second order.
-In two dimensions, and on rectangles, that is all.
+The mean normals themselves must stay, because a uniform pressure loads the polygon along them. So
+each facet adds :math:`\omega_k (n_k - \tfrac1\omega \sum_j \omega_j n_j)` times one displacement,
+that of the point whose smooth normal is the normal of the facet (in 2-D its middle), to the row of
+its corner k, where n_k is the smooth normal at its corner k: the sum over its corners is zero, so
+that a uniform pressure has the same load as before, and the sum over the facets of a vertex turns
+:math:`\bar n` into n, to second order. In two dimensions and on rectangles this is complete.
 
-On triangles, whose plane's normal is not that of their middle, the theorem of Gauss adds what a
-straight edge ij leaves of a parabola, :math:`\nu l \, (n_i - n_j) \cdot (x_i - x_j) / 36`, with
-the edge's normal :math:`\nu`, away from the corner that it lies opposite to: what one of the edge's
-two triangles gains the other loses.
+On triangles the normal of the plane is not the smooth normal of the middle. By the divergence
+theorem, a straight edge ij in place of a parabola adds
+:math:`\nu l \, (n_i - n_j) \cdot (x_i - x_j) / 36`, with the normal :math:`\nu` of the edge, away
+from the opposite corner; the terms of the two triangles at an edge have opposite signs.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ _OF_MEAN = 2.0 / 3.0
 
 @dataclass(frozen=True)
 class Leaning:
-    """Displacements of vertices that the rows of contact points take besides.
+    """Terms with displacements of vertices that are added to the rows of contact points.
 
     Attributes
     ----------
@@ -55,7 +56,7 @@ class Leaning:
 
     @classmethod
     def of(cls, outline: Outline, form: FacetFunctional, shares: Shares) -> Leaning:
-        """Those of a boundary's facets."""
+        """The terms of the facets of a boundary."""
         dim, slot = outline.body.dim, form.corners
         bent = np.flatnonzero(outline.bent & (slot.size > 0))
         if not bent.size:
@@ -80,7 +81,7 @@ class Leaning:
         return cls(k, np.concatenate(vertex), np.hstack(parts) / shares.weights[k])
 
     def turn(self, count: int) -> Array:
-        """By how much the normals of the contact points turn, shape (dim, count)."""
+        """Change of the normals of the contact points, shape (dim, count)."""
         return np.array([np.bincount(self.point, part, count) for part in self.part])
 
     def rows(self, value: Index, shape: tuple[int, int]) -> sparse.csr_array:
@@ -99,10 +100,10 @@ class Leaning:
 
 
 def _at_their_normals(normal: Array, own: Array) -> Array:
-    """Shares of the corners in the place where the smooth normal is the facet's own.
+    """Barycentric weights of the point where the smooth normal is the normal of the facet.
 
-    The nearest such place to the middle, shape (nfacets, ncorners): a polygon that shrinks evenly
-    does not slide there.
+    The nearest such point to the middle, shape (nfacets, ncorners). A polygon that shrinks evenly
+    has no tangential displacement there.
 
     Parameters
     ----------
