@@ -1,4 +1,4 @@
-"""What contact raises: one tree, each message naming the argument, the finding and the remedy."""
+"""Exceptions and warnings; each message names the argument, what was found, and the remedy."""
 
 from __future__ import annotations
 

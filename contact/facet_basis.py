@@ -1,8 +1,8 @@
-"""Bases on facets of a mesh, whose places in their cells are known and not searched for.
+"""Bases on facets of a mesh, with reference coordinates that are computed in closed form.
 
-scikit-fem looks for them with Newton's method and a tolerance in reference coordinates, which the
-rounding of places along a cell some 1e4 times as long as wide exceeds: it then raises a bare
-Exception. They need no search: the reference facet lies in the reference cell as its corners do.
+scikit-fem inverts the mapping by Newton's method with a tolerance in reference coordinates. In
+cells some 1e4 times as long as wide the rounding of coordinates exceeds it, and a bare Exception is
+raised. No inversion is needed: the corners of a facet determine its place in the reference cell.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def facet_basis(
     intorder: int | None = None,
     dofs: Any = None,
 ) -> FacetBasis:
-    """A `skfem.FacetBasis` seen from the first cell of each facet, on cells of any shape.
+    """A `skfem.FacetBasis` on the first cell of each facet, for cells of any shape.
 
     Parameters
     ----------

@@ -206,7 +206,7 @@ def plot_field(
     magnification : float
         Of the deformation.
     nodal : bool
-        Draw the values at the mesh vertices, linear in between, as coarse as the mesh.
+        Draw the values at the mesh vertices only, linearly interpolated.
     label : str, optional
 
     Returns
@@ -351,7 +351,7 @@ def _subdivision(body: Any, per_cell: int) -> int:
 
 
 def _polygons(grid: Any) -> list[NDArray[np.int64]]:
-    """Corners of each cell: of a body that a curve cuts these are three or four."""
+    """Corners of each cell; those of a cut body have three or four."""
     cells, found = np.asarray(grid.cells), []  # each as its number of corners, then these
     while cells.size:
         found.append(cells[1 : 1 + cells[0]])

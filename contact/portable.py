@@ -1,4 +1,4 @@
-"""Objects that can be copied and sent to other processes, functions included as far as they go."""
+"""Objects that can be copied and pickled, with their functions as far as pickle can carry them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from contact.errors import InputError
 
 
 class Portable:
-    """What pickles without what is computed anew, and without functions that pickle cannot carry.
+    """Base of classes that pickle without cached values and without functions pickle cannot carry.
 
     A copy shares everything with the original; a deep copy shares functions only.
     """
@@ -43,7 +43,7 @@ class Portable:
 
 @dataclass(frozen=True)
 class LostFunction:
-    """Stands for what pickle could not carry; whoever calls it is told.
+    """Placeholder of a function that pickle could not carry; calling it raises.
 
     Attributes
     ----------
@@ -75,9 +75,9 @@ def carried(value: Any) -> Any:
 
 
 class PortableBasis:
-    """A Basis for pickle: what it was made of instead of its tables, which are many times larger.
+    """A Basis for pickle: its arguments instead of its tables, which are many times larger.
 
-    Bodies that share one Basis share one of these, and again one Basis after they were sent.
+    Bodies that share one Basis share one of these, and so one Basis after unpickling.
     """
 
     def __init__(self, basis: Any) -> None:

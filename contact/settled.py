@@ -1,4 +1,4 @@
-"""Attributes that are given once, and say so when they are assigned again."""
+"""Attributes that cannot be assigned a second time."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ Kind = TypeVar("Kind", bound=type)
 def settled(remedy: str, *names: str) -> Callable[[Kind], Kind]:
     """Class decorator: setting one of the attributes a second time raises an AttributeError.
 
-    What was computed from it would not follow, and the assignment would be without effect. The
-    class itself may change the value, through ``self.__dict__``.
+    Values computed from the attribute would not follow such an assignment. The class itself may
+    change the value, through ``self.__dict__``.
 
     Parameters
     ----------

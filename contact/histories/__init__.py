@@ -1,4 +1,4 @@
-"""Load histories: steps that follow each other, because friction remembers the path.
+"""Load histories: successive steps of a problem whose friction depends on the path.
 
 In: a problem, and loads and motions that vary in time.
 Out: `LoadHistory`: finished steps in memory, in a folder, as an animation.

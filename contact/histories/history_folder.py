@@ -1,4 +1,4 @@
-"""A load history on disk: a folder whose files belong to one run, and show it."""
+"""A load history on disk: a folder of steps that are checked to belong to one run."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ logger = logging.getLogger(__name__)
 class HistoryFolder:
     """A folder with ``history.json``, ``problem.npz`` and one ``step_00001.npz`` a finished step.
 
-    Every file appears under its name only once it is complete, so that an interruption, a kill or
-    a full disk costs the step at hand and none before. ``history.json`` is made by one process
-    only, whoever else starts there, and gives the run a random name. It holds the checksum of the
-    problem; each step holds the name of the run, its number and time, and the checksum of the step
-    before: files of another run, or of another place in this one, are refused.
+    Every file appears under its name only once it is complete, so that an interruption, a killed
+    process or a full disk costs the current step only. ``history.json`` is created by one process,
+    even if several start in the folder, and gives the run a random name. It has the checksum of the
+    problem; each step has the name of the run, its number and time, and the checksum of the step
+    before. Files of another run, or of another position in this one, are refused.
 
     Attributes
     ----------
     path : Path
     times : ndarray, shape (n,)
-        Of all steps that the run was asked for.
+        Times of all steps of the run, finished or not.
     fingerprint : str
-        Of the problem, its loads and its motions.
+        Checksum of the problem, its loads and its motions.
     damage : InputError or None
         Why `finished` ended before the last file.
     """
@@ -62,7 +62,7 @@ class HistoryFolder:
     def created(
         cls, path: Path, times: Array, system: ContactSystem, fingerprint: str
     ) -> HistoryFolder:
-        """Make the folder; `InputError` when it holds anything, or another process makes it."""
+        """Create the folder; `InputError` if it is not empty, or another process creates it."""
         about = {
             "format": _FORMAT,
             "run": token_hex(16),
@@ -84,7 +84,7 @@ class HistoryFolder:
 
     @classmethod
     def opened(cls, path: Path) -> HistoryFolder:
-        """Find an existing folder; `InputError` when it is none."""
+        """Open an existing folder; `InputError` if it holds no history."""
         try:
             about = json.loads((path / "history.json").read_text())
             if about["format"] == 1:
@@ -102,7 +102,7 @@ class HistoryFolder:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep other processes from writing here; the lock goes with this one, even killed.
+        """Lock the folder against other processes; the lock ends with this process, even if killed.
 
         Raises
         ------
@@ -127,7 +127,7 @@ class HistoryFolder:
         Raises
         ------
         InputError
-            It lies there already.
+            The step has a file already.
         """
         place = {"run": self._run, "number": k + 1, "time": float(self.times[k])}
         place |= {"before": self._before}
@@ -142,18 +142,18 @@ class HistoryFolder:
         self._before = checksum(arrays)
 
     def finished(self, system: ContactSystem | None = None) -> Iterator[ContactResult]:
-        """The steps up to the first that is missing or cannot be read; that is logged.
+        """The steps before the first one that is missing or cannot be read, which is logged.
 
         Parameters
         ----------
         system : ContactSystem, optional
-            Of the problem at hand: the results then share its body and rows.
+            Of the current problem: the results then share its body and rows.
 
         Raises
         ------
         InputError
-            A step can be read but is not this run's: of another one, of another place or time,
-            changed, or no solution of the problem.
+            A step can be read but does not belong here: it is of another run, position or time, was
+            changed, or does not solve the problem.
         """
         last = max(self._steps(), default=0)
         if last == 0:
@@ -176,10 +176,10 @@ class HistoryFolder:
             yield ContactResult(**vars(state))
 
     def prepare(self, count: int, system: ContactSystem) -> None:
-        """Make ready for the steps after the first `count`, the problem included.
+        """Prepare the folder for the steps after the first `count`, and write the problem.
 
-        Steps that lie there are set aside, and so is a problem that cannot be read; what killed
-        processes left is removed.
+        Existing files of later steps, and a problem that cannot be read, are renamed; temporary
+        files of killed processes are removed.
         """
         remove_unfinished(self.path)
         for number in self._steps():
@@ -238,7 +238,7 @@ def _digest(about: dict[str, Any]) -> str:
 
 
 def fingerprint(system: ContactSystem, vectors: Sequence[Array]) -> str:
-    """SHA-256 of what makes two problems, with the loads and motions that vary in time, the same.
+    """SHA-256 of a problem together with its loads and motions that vary in time.
 
     Raises
     ------
@@ -254,7 +254,7 @@ def fingerprint(system: ContactSystem, vectors: Sequence[Array]) -> str:
 
 
 def same_conditions(now: ContactSystem, then: ContactSystem) -> bool:
-    """Whether loads, supports, gaps, friction and obstacles of a step are those of another."""
+    """Whether two steps have the same loads, supports, gaps, friction and obstacles."""
     pairs = [
         (now.load, then.load),
         (now.body.constraint[1], then.body.constraint[1]),
@@ -269,7 +269,7 @@ def same_conditions(now: ContactSystem, then: ContactSystem) -> bool:
 
 
 def _same(a: Array, b: Array) -> bool:
-    """Up to what a function of time may round differently."""
+    """Equal up to rounding of functions of time."""
     if a.shape != b.shape:
         return False
     finite = np.isfinite(b)

@@ -23,14 +23,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LoadStep:
-    """What a progress callback is told of a finished step.
+    """A finished step, as passed to a progress callback.
 
     `LoadStepper.run` hands it to `callback` after each step.
 
     Attributes
     ----------
     number, count : int
-        This step, from one, and how many the run has.
+        Number of this step, from one, and number of steps of the run.
     time : float
     result : ContactResult
     seconds : float
@@ -173,9 +173,9 @@ class LoadHistory:
     def load(cls, path: str | Path) -> LoadHistory:
         """Read the finished steps of a folder that `LoadStepper.run` wrote, complete or not.
 
-        Every step is certified again, as `ContactResult.load` does, and shown to be of this run. A
-        step that cannot be read ends the history before it, which is logged as a warning and told
-        in `damage`; `LoadStepper.resume` solves it again.
+        Every step is certified again, as by `ContactResult.load`, and checked to belong to this
+        run. A step that cannot be read ends the history before it; this is logged as a warning, and
+        `damage` has the reason. `LoadStepper.resume` solves the step again.
 
         Parameters
         ----------
@@ -189,7 +189,8 @@ class LoadHistory:
         Raises
         ------
         InputError
-            No history lies there; a step is another run's or was changed; the problem is damaged.
+            The folder holds no history; a step belongs to another run or was changed; the problem
+            is damaged.
         """
         folder = HistoryFolder.opened(as_path(path))
         results = tuple(folder.finished())

@@ -1,4 +1,4 @@
-"""Load histories: steps that follow each other, because friction remembers the path."""
+"""Quasi-static load histories: successive steps, because friction depends on the path."""
 
 from __future__ import annotations
 
@@ -216,7 +216,7 @@ class LoadStepper(Portable):
         Raises
         ------
         InputError
-            The time is not finite or not later than the last step's.
+            The time is not finite, or not later than that of the last step.
         NotConverged
             Not even steps halved `halvings` times converge; the history holds what was finished.
         """
@@ -303,8 +303,8 @@ class LoadStepper(Portable):
         Raises
         ------
         InputError
-            No history lies there, or another problem's; a step is another run's or was changed;
-            another process is at it.
+            The folder holds no history, or that of another problem; a step belongs to another run
+            or was changed; another process is writing to the folder.
         """
         folder = HistoryFolder.opened(as_path(path))
         another = InputError(
@@ -381,7 +381,7 @@ class LoadStepper(Portable):
         return base.under(f, u0)
 
     def _extrapolated(self, last: ContactResult, begin: float, end: float) -> ContactResult:
-        """Where the last two steps point to: a start that spares about one Newton step."""
+        """Linear extrapolation of the last two steps: a start that saves about one Newton step."""
         if len(self.history) < 2 or self.history.times[-1] != begin:
             return last
         before = self.history.results[-2]

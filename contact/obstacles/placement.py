@@ -1,4 +1,4 @@
-"""Whether an obstacle lies where one can be meant: before the boundary, and not around it."""
+"""Checks that an obstacle lies in front of the contact boundary, not behind or around it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 def check_placement(obstacle: Any, gap: Array, x: Array, n: Array, size: float) -> None:
-    """Raise or warn where the gaps of an obstacle tell that it was hardly meant as it is.
+    """Raise or warn if the position of an obstacle is almost certainly a mistake.
 
     Parameters
     ----------
@@ -32,14 +32,14 @@ def check_placement(obstacle: Any, gap: Array, x: Array, n: Array, size: float) 
     Raises
     ------
     InputError
-        A `Plane` that every part of the boundary faces away from.
+        Every part of the boundary faces away from a `Plane`.
 
     Warns
     -----
     ContactWarning
-        No ray along the normals meets the obstacle; most of the boundary lies in it and faces its
-        surface from within, so that the body would be pushed out on the other side; or they
-        overlap by more than the body's size.
+        No ray along the normals meets the obstacle; or most of the boundary lies inside the
+        obstacle with its nearest surface ahead, so that the body would be pushed out on the other
+        side; or body and obstacle overlap by more than the size of the body.
     """
     if obstacle is None:
         return

@@ -1,4 +1,4 @@
-"""Rigid obstacles that move: by a given displacement, or as far as a given force pushes them."""
+"""Rigid obstacles that move by a given displacement or under a given force."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ class Rigid:
     The contact law acts on the relative displacement: :math:`u_n - w_n \le d`, and friction on
     :math:`u_t - w_t`. Every component of the translation c and of the rotation theta is either
     prescribed or free; a free one is found such that the contact forces balance the given force or
-    moment. The theory is that of small motions: for a large way along a curved obstacle give the
-    obstacle in its new place.
+    moment. Motions are assumed small: for a large motion along a curved obstacle define the
+    obstacle at its new position.
 
     Parameters
     ----------
     obstacle : obstacle, number, callable or array
         Where the obstacle is before it moves.
     displacement : sequence of float or None, optional
-        Translation, one number a direction. None, everywhere or in one direction: zero there, or
-        free if a force is given.
+        Translation, one number a direction. None, as a whole or for one direction, means zero
+        there, or free if a force is given.
     force : sequence of float or None, optional
         External force on the obstacle, per unit depth in 2-D; None in directions in which it is
         held. A force that presses a foundation below the body against it points up.
@@ -74,7 +74,7 @@ class Rigid:
         Returns
         -------
         motion, force : ndarray, shape (3,) in 2-D and (6,) in 3-D
-            Exactly one of both is NaN in each place.
+            For each component exactly one of the two is NaN.
         """
         turns = dim * (dim - 1) // 2
         motion = np.concatenate(
@@ -118,12 +118,12 @@ def _read(name: str, given: Any, count: int) -> Array:
 
 @dataclass(frozen=True)
 class ObstacleMotion:
-    """The motions of all obstacles, as the contact points see them.
+    """The motions of all obstacles, expressed at the contact points.
 
     Attributes
     ----------
     normal : ndarray, shape (m, k)
-        w_n of each contact point for unit motions, under the functional of the trace.
+        w_n of each contact point for unit motions, by the functional of the displacement.
     tangent : ndarray, shape (m * (dim - 1), k)
     prescribed : ndarray, shape (k,)
         NaN for a free motion.
@@ -138,7 +138,7 @@ class ObstacleMotion:
 
     @property
     def free(self) -> NDArray[np.bool_]:
-        """Motions that a force drives, shape (k,)."""
+        """Whether each motion is free, driven by a force, shape (k,)."""
         return np.isnan(self.prescribed)
 
     def displacement(self, motion: Array) -> tuple[Array, Array]:

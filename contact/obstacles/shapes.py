@@ -1,10 +1,10 @@
 """Rigid obstacles: the gap from a boundary point along the body's outward normal.
 
 An obstacle is called as ``obstacle(x, n)`` with points and unit normals of shape (dim, ...) and
-returns the signed distance d along n at which it begins: positive where there is a gap, zero at
+returns the signed distance d along n to its surface: positive where there is a gap, zero where they
 touch, negative where body and obstacle overlap at rest (a press fit), and ``inf`` where the ray
-meets nothing. Contact then reads u_n <= d. A shape of one's own is a function of x alone that
-returns d.
+meets nothing. The contact condition is u_n <= d. Instead of an obstacle, a function of x that
+returns d may be given.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def _flag(name: str, value: bool) -> bool:
 
 
 def _keep(obstacle: Any, *names: str) -> None:
-    """Copy given vectors: an array that the caller edits later would not reach the gaps."""
+    """Copy given vectors, so that later edits of the caller's array have no effect."""
     for name in names:
         value = getattr(obstacle, name)
         if isinstance(value, list) or (isinstance(value, np.ndarray) and value.ndim):
@@ -140,7 +140,7 @@ class Cylinder:
     axis : sequence of float
         Three dimensions only: direction of the axis.
     hollow : bool
-        The obstacle is what lies outside: a bore, with the body in it.
+        The obstacle is the outside, a bore, and the body lies in it.
 
     Examples
     --------
@@ -166,7 +166,7 @@ class Cylinder:
         return _round_gap(self, self._across(x - _column(centre, x)), self._across(n))
 
     def _across(self, x: Array) -> Array:
-        """The part of x across the axis."""
+        """The component of x perpendicular to the axis."""
         if x.shape[0] == 2:
             return x
         axis = _vector("axis", self.axis)
@@ -259,10 +259,10 @@ class Parabola:
 class ClosestPoint:
     r"""Measure the gap to the closest point of an obstacle instead of along the body's normal.
 
-    With the signed distance phi of the obstacle, contact reads
+    With the signed distance phi of the obstacle, the contact condition is
     :math:`-\nabla\phi \cdot u \le \phi`: the pressure acts along the normal of the *obstacle*,
-    which is what counts where the boundary is not parallel to it. Both readings agree to second
-    order in the angle between them.
+    which matters where the boundary is not parallel to it. The two conditions agree to second
+    order in the angle between the normals.
 
     Parameters
     ----------
@@ -291,7 +291,7 @@ class ClosestPoint:
             )
 
     def __call__(self, x: Array, n: Array) -> Array:
-        """Return the signed distance of x, shape (...); n does not matter."""
+        """Return the signed distance of x, shape (...); n is not used."""
         return self.obstacle.distance(x)[0]
 
     def direction(self, x: Array) -> Array:

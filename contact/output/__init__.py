@@ -1,6 +1,6 @@
-"""What leaves the package: VTK data, arrays in archives, runs of the boundary for plots.
+"""Output: VTK data, archives of arrays, connected runs of the boundary for plots.
 
 In: the fields of a result.
-Out: PyVista grids, and archives that show whether they are whole.
-Start: `vtk` for pictures, `archive` for bytes.
+Out: PyVista grids, which write VTK files, and archives with a checksum.
+Start: `vtk` for ParaView and PyVista, `archive` for files that are read again.
 """

@@ -1,4 +1,4 @@
-"""Arrays in a NumPy archive that shows whether it is whole and as it was written."""
+"""Arrays in a NumPy archive with a checksum, which shows damage and changes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class DamagedFile(InputError):
 def checksum(arrays: Mapping[str, Any]) -> str:
     """SHA-256 of names, types, shapes and values.
 
-    It tells damage and edits, not forgery: whoever writes a new archive writes its checksum too.
+    It detects damage and edits, not forgery: a newly written archive has a valid checksum.
     """
     digest = hashlib.sha256()
     for name in sorted(arrays):
@@ -46,16 +46,16 @@ def checksum(arrays: Mapping[str, Any]) -> str:
 def write_arrays(
     path: Path, arrays: Mapping[str, Any], compress: bool = True, exclusive: bool = False
 ) -> Path:
-    """Write an archive beside its place and move it there, complete or not at all.
+    """Write an archive under another name and rename it, so that it is complete or absent.
 
-    Its `checksum` stands in it.
+    The archive contains its `checksum`.
 
     Parameters
     ----------
     path : Path
     arrays : mapping of str to array
     compress, exclusive : bool
-        `exclusive` leaves a file that lies there and raises `FileExistsError`.
+        `exclusive`: leave an existing file and raise `FileExistsError`.
     """
     with complete_file(path, exclusive=exclusive) as file, uninterrupted():
         whole = {name: np.asarray(value) for name, value in arrays.items()}
@@ -66,20 +66,20 @@ def write_arrays(
 
 
 def read_arrays(path: Path) -> tuple[dict[str, Any], str | None]:
-    """Read an archive and compare it with the checksum in it.
+    """Read an archive and compare its arrays with its checksum.
 
     Returns
     -------
     arrays : dict of str to ndarray
     checksum : str or None
-        None where the archive has none, as those of formats 1 and 2.
+        None if the archive has none, as in formats 1 and 2.
 
     Raises
     ------
     DamagedFile
-        It is cut short or no archive of arrays: wrong sums, sizes that contradict each other.
+        The file is truncated or not an archive of arrays.
     InputError
-        It is missing, encrypted, larger than it could be, or was changed after it was written.
+        The file is missing, encrypted, implausibly large, or was changed after it was written.
     """
     if not path.is_file():
         raise InputError(f"result file {path} does not exist")
@@ -104,7 +104,7 @@ def read_arrays(path: Path) -> tuple[dict[str, Any], str | None]:
 
 
 def _check_sizes(path: Path, archive: zipfile.ZipFile) -> None:
-    """Refuse what must not even be unpacked."""
+    """Refuse archives that must not even be unpacked."""
     names = [info.filename for info in archive.filelist]
     if len(set(names)) < len(names):
         raise DamagedFile(f"result file {path} cannot be read: two of its arrays have one name")

@@ -1,4 +1,4 @@
-"""The contact boundary of a result as connected runs of facets, and places along them (2-D)."""
+"""The contact boundary of a result as connected runs of facets, and arc lengths (2-D)."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class Run:
     Attributes
     ----------
     points : ndarray of int, shape (n,)
-        Their numbers, in the order in which the boundary is run through.
+        Numbers of the contact points, in order along the boundary.
     s : ndarray, shape (n,)
-        Places along the run.
+        Arc length of each point along the run.
     length : float
-        Of the run: of its facets, or from the first to the last knot of a cut arc.
+        Length of the facets of the run, or from the first to the last knot of a cut arc.
     closed : bool
         The first point follows the last one.
     """
@@ -45,10 +45,10 @@ class Run:
 
 
 def arc_length(result: Drawn) -> tuple[Array, Index]:
-    """Place of each contact point along the boundary, and the number of its connected run.
+    """Arc length of each contact point along the boundary, and the number of its connected run.
 
-    Lengths are measured from the start of the boundary, where the first contact point need not
-    lie; each run begins where the one before ended, a closed one at the facet of its first point.
+    Lengths are measured from the start of the boundary, not from the first contact point. Each run
+    continues the lengths of the run before; a closed run starts at the facet of its first point.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def _runs_of_facets(result: Drawn, here: Index) -> list[Run]:
 
 
 def _vertices(trace: Any, G: Any) -> Index | None:
-    """The vertex that each point measures the displacement of, if none measures that of two."""
+    """The vertex of each point, if every point belongs to a single vertex."""
     dofs = trace.scalar_dofs.nodal_dofs[0]
     size = sum(abs(G[:, trace.dim * dofs + c]) for c in range(trace.dim))
     vertex = np.asarray(size.argmax(axis=1)).ravel()
@@ -148,7 +148,7 @@ class _Line:
         return place, away
 
     def along(self, x: Array, nominal: Array) -> Array:
-        """Places of x, run through in the order of the nominal places."""
+        """Arc lengths of x, in the order of the nominal places."""
         length, starts = self.length, self.starts
         place, order = self.project(x)[0], self.project(nominal)[0]
         if np.sum(np.sign(np.diff(order))) < 0:
@@ -166,7 +166,7 @@ class _Line:
 def _lines(mesh: Mesh, nominal: Array, normals: Array, vertex: Index | None) -> list[_Line]:
     """The runs of the facets that the contact points belong to.
 
-    Points that stand for a `vertex` each may have left the facets between two of them.
+    Points that belong to a `vertex` each may lie off the facets between them.
     """
     facets = mesh.boundary_facets()
     s = np.linspace(0.0, 1.0, _PIECES + 1)[None]
@@ -188,7 +188,7 @@ def _lines(mesh: Mesh, nominal: Array, normals: Array, vertex: Index | None) -> 
 
 
 def _met(curve: Array, outward: Array, nominal: Array, normals: Array) -> NDArray[np.bool_]:
-    """Facets with a point within, or one at either end."""
+    """Facets with a point inside, or points at both ends."""
     size = np.linalg.norm(curve[:, :, -1] - curve[:, :, 0], axis=0)
     touched = np.zeros((size.size, 2), dtype=bool)
     within = np.zeros(size.size, dtype=bool)
@@ -209,7 +209,7 @@ def _met(curve: Array, outward: Array, nominal: Array, normals: Array) -> NDArra
 
 
 def _chained(curve: Array, ends: Index) -> list[_Line]:
-    """Facets put one after another."""
+    """Facets sorted into chains."""
     at: dict[int, list[int]] = {}
     for f, pair in enumerate(ends.T.tolist()):
         for v in pair:

@@ -1,4 +1,4 @@
-"""What pictures and VTK data need to know of a solved contact problem: arrays, and their body."""
+"""The interface of a solved contact problem that pictures and VTK output use."""
 
 from __future__ import annotations
 
@@ -56,11 +56,11 @@ class Drawn(Protocol):
 
     @property
     def x_nominal(self) -> Array:
-        """Their nominal places, shape (dim, m)."""
+        """Nominal places of the contact points, shape (dim, m)."""
 
     @property
     def part(self) -> NDArray[np.int64]:
-        """The contact boundary each belongs to, shape (m,)."""
+        """Number of the contact boundary of each point, shape (m,)."""
 
     @property
     def pressure(self) -> Array:
@@ -76,7 +76,7 @@ class Drawn(Protocol):
 
     @property
     def gap(self) -> Array:
-        """What is left of the gap, shape (m,)."""
+        """Gap in the deformed state, shape (m,)."""
 
     @property
     def status(self) -> NDArray[np.int8]:

@@ -1,4 +1,4 @@
-"""A few milliseconds that Ctrl-C waits for."""
+"""Short blocks of code that Ctrl-C does not interrupt."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ from typing import Any
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Hold an interruption back until the block is left.
+    """Delay an interruption (KeyboardInterrupt) until the block is left.
 
-    For code that an interruption may break: zipfile can neither close nor forget an archive whose
-    entry was interrupted, and its error would hide the interruption. Threads but the main one are
-    never interrupted.
+    zipfile can neither close nor discard an archive whose entry was interrupted, and its error
+    would hide the interruption. Only the main thread is ever interrupted.
     """
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(before):

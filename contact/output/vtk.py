@@ -21,8 +21,8 @@ def body_grid(result: Drawn, subdivide: int | None = None) -> Any:
     ----------
     result : ContactResult
     subdivide : int, optional
-        Linear sub-cells along each edge instead of exact high-order cells; 4 for a `CutBody`, of
-        which they hold the part inside.
+        Number of linear sub-cells along each edge, instead of exact high-order cells. A `CutBody`
+        always has sub-cells, 4 by default, clipped to the part inside.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def body_grid(result: Drawn, subdivide: int | None = None) -> Any:
 def boundary_grid(result: Drawn) -> Any:
     """Contact points as pyvista.PolyData: a polyline in 2-D, a point cloud in 3-D.
 
-    There is one for each run of connected facets, closed where these are.
+    There is one polyline for each run of connected facets, closed where the facets are.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def boundary_grid(result: Drawn) -> Any:
 
 
 def boundary_grids(results: Iterable[Drawn]) -> Iterator[Any]:
-    """The grids of several results, whose points are joined once where they are the same."""
+    """The grids of several results; points that are the same are joined only once."""
     places, runs = np.zeros(0), []
     for result in results:
         if result.x.shape[0] == 2 and not np.array_equal(places, result.x_nominal):
@@ -80,7 +80,7 @@ def _points(result: Drawn, runs: list[Run]) -> Any:
         raise MissingDependency("VTK export needs pyvista: pip install pyvista") from error
     for name, forces in (("mu", result.mu), ("t", result.t)):
         if not np.all(np.isfinite(forces)):
-            raise InputError(f"{name}: the result holds NaN or infinity, which is not written")
+            raise InputError(f"{name}: the result holds NaN or infinity, which cannot be written")
     rows = result.system.rows
     dim, m = rows.x.shape
     points = np.zeros((m, 3))

@@ -2,5 +2,5 @@
 
 In: the discrete problem (`ContactSystem`) with displacement and forces.
 Out: `ContactResult`: residuals, tractions, status, stresses; the same from a file.
-Start: `contact_system` for what is proved, `contact_result` for how.
+Start: `contact_system` for the residuals, `contact_result` for all that is derived.
 """

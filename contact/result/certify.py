@@ -1,4 +1,4 @@
-"""Whether a result meets the tolerance it is held to."""
+"""The certificate: all recomputed residuals of a result are below the tolerance."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from contact.result.contact_state import ContactState
 
 
 def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
-    """Recompute every residual, and raise unless all meet the tolerance.
+    """Recompute every residual, and raise unless all are below the tolerance.
 
     Parameters
     ----------
     state : ContactState
     tol : float
     slack : float
-        Allowed besides in the friction law, by a method that regularises it.
+        Additional tolerance of the friction law, for a method that regularises it.
 
     Returns
     -------
@@ -27,6 +27,7 @@ def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
     Raises
     ------
     NotConverged
+        A residual exceeds its tolerance.
     """
     limits = dict.fromkeys(("cone", "slip"), tol + slack)
     kkt = state.system.kkt(state.u, state.mu, state.t, state.motion)

@@ -1,6 +1,7 @@
-"""What must hold between the parts of a problem and of a state beside their equations.
+"""Checks that the arrays of a problem and of a state, read from a file, fit each other.
 
-A file may hold anything: these are the checks that its arrays fit each other before they are used.
+A file may hold anything. These conditions are checked before the arrays are used, and in addition
+to the residuals of the equations.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _UNIT = 1e-9
 
 
 def check_mesh(p: Array, t: NDArray[np.int64], kind: Any) -> None:
-    """Vertices are finite and exist; scikit-fem looks at neither.
+    """Vertices are finite, and cells refer to existing ones; scikit-fem checks neither.
 
     Raises
     ------
@@ -37,7 +38,7 @@ def check_mesh(p: Array, t: NDArray[np.int64], kind: Any) -> None:
 
 
 def check_problem(body: ElasticBody, rows: ContactRows) -> None:
-    """Shapes and ranges, and that the rows measure displacements along their own frames.
+    """Shapes and ranges of a problem, and that rows measure displacements along their frames.
 
     Raises
     ------
@@ -86,7 +87,7 @@ def check_problem(body: ElasticBody, rows: ContactRows) -> None:
 
 
 def check_state(state: ContactState) -> None:
-    """Shapes, numbers that are finite, friction that is not negative.
+    """Shapes of a state, finite numbers, friction that is not negative.
 
     Raises
     ------
@@ -122,7 +123,7 @@ def check_state(state: ContactState) -> None:
         _finite("motion.prescribed", system.motion.prescribed[~free], (k - int(free.sum()),))
         _finite("motion.force", system.motion.force[free], (int(free.sum()),))
         if np.any(state.motion[~free] != system.motion.prescribed[~free]):
-            raise InputError("motion: another one than prescribed")
+            raise InputError("motion: differs from the prescribed one")
 
 
 def _check_shape(name: str, array: Any, shape: tuple[int | None, ...]) -> None:
@@ -140,7 +141,7 @@ def _finite(name: str, array: Any, shape: tuple[int | None, ...]) -> None:
 
 
 def _whole(name: str, array: Any, shape: tuple[int | None, ...], count: int) -> None:
-    """Numbers of things of which there are `count`."""
+    """Check that the entries are integers from 0 to `count` - 1."""
     _check_shape(name, array, shape)
     if array.dtype.kind not in "iu" or (array.size and not 0 <= array.min() <= array.max() < count):
         raise InputError(f"{name}: expected numbers from 0 to {count - 1}")

@@ -84,14 +84,14 @@ class ContactResult(ContactForces):
         return np.asarray(system.body.internal(self.u) + self.contact_forces - system.load)
 
     def balance(self) -> dict[str, Array]:
-        """Applied load, support reactions, contact force, and what is left of their sum.
+        """Applied load, support reactions, contact force, and the residual of their sum.
 
         Returns
         -------
         dict
             ``load``, ``support``, ``contact``: resultants, shape (dim,); ``residual``: their sum
-            over the largest of them, or over the forces inside the body where all of them are
-            rounding of those; reactions count only where a displacement is prescribed.
+            divided by the largest of them, or by the internal forces of the body if all resultants
+            are rounding errors of these. Only reactions at prescribed displacements count.
         """
         body = self.system.body
         parts = {
@@ -228,7 +228,7 @@ class ContactResult(ContactForces):
         Parameters
         ----------
         path : str or Path
-            Ends in .npz, which is added to a name without a suffix or with a number for one.
+            Ends in .npz, which is added to a name that has no suffix, or only a number as suffix.
 
         Returns
         -------
@@ -239,7 +239,7 @@ class ContactResult(ContactForces):
         ------
         InputError
             Another suffix; a state that fails its certificate or holds NaN; a body or an element
-            that no file holds.
+            that cannot be stored.
         """
         return write(self, path)
 
@@ -247,10 +247,10 @@ class ContactResult(ContactForces):
     def load(cls, path: str | Path) -> ContactResult:
         """Read a file written by `save`: nothing is lost, and the certificate is computed anew.
 
-        The stiffness is assembled from the mesh, the element, E and nu in the file, so that
-        residuals see whether these, loads, laws and solution still belong together. What residuals
-        cannot see (names, weights, gaps of open points) a checksum covers. Functions are not in
-        the file: supports, obstacles and friction are there as the numbers they gave.
+        The stiffness is assembled from the mesh, the element, E and nu in the file, so that the
+        residuals show whether these, loads, laws and solution still belong together. A checksum
+        covers what does not enter the residuals (names, weights, gaps of open points). Functions
+        are not stored: the file has the values that supports, obstacles and friction took.
 
         Parameters
         ----------
@@ -263,8 +263,9 @@ class ContactResult(ContactForces):
         Raises
         ------
         InputError
-            No such file; damaged, changed, encrypted or foreign; the solution in it does not solve
-            the problem in it. Files of format 2, before checksums, are certified all the same.
+            The file does not exist, is damaged, changed, encrypted or of another format, or its
+            solution does not solve its problem. Files of format 2, which have no checksum, are
+            certified as well.
         """
         return cls(**vars(read(path)))
 

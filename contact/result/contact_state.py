@@ -1,4 +1,4 @@
-"""What a solver found: the problem, its unknowns, and how they were found."""
+"""The output of a solver: the problem, its unknowns, and how they were computed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactState:
-    """The numbers that a result consists of: what a file holds and a certificate looks at.
+    """The primary data of a result, which a file stores and a certificate checks.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The discrete contact problem: what a solver is given and what a result is proved against."""
+"""The discrete contact problem, which a solver solves and a certificate checks."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class ContactSystem:
     ----------
     body : Solid
     rows : ContactRows
-        Its ``gap`` is the one in force.
+        Its ``gap`` is the current one.
     load : ndarray, shape (ndofs,)
     law : {"coulomb", "tresca", None}
     friction : ndarray, shape (m,)
@@ -37,7 +37,7 @@ class ContactSystem:
         Tangential displacement of the last converged step of a load history: friction opposes
         the slip since then. None: at rest in the reference state.
     motion : ObstacleMotion, optional
-        Of obstacles that move; displacements of contact points are then relative to them.
+        Motions of obstacles, if any move; displacements of contact points are then relative.
     """
 
     body: Any
@@ -92,15 +92,15 @@ class ContactSystem:
         Returns
         -------
         dict
-            ``equilibrium``: largest unbalanced force at a free dof over the largest force that
-            cancels there; ``balance``: what is left of the sum of all loads, reactions and contact
-            forces over the sum of their moduli; ``support``: violation of the prescribed
+            ``equilibrium``: largest residual force at a free dof, divided by the largest sum of
+            moduli of the forces there; ``balance``: the sum of all loads, reactions and contact
+            forces, divided by the sum of their moduli; ``support``: violation of the prescribed
             displacements;
             ``penetration``, ``sign``, ``complementarity``: the contact law; ``cone``, ``slip``:
             |t| <= g, and t = P_g(t + c u_t) with the slip increment u_t. Lengths are relative to
-            the largest displacement (or what a contact force alone would cause, should that be
-            more), forces to the largest contact force. For obstacles driven by
-            forces besides ``obstacle``: what is left of those over what cancels there.
+            the largest displacement, or to the one that a contact force alone would cause if that
+            is larger; forces are relative to the largest contact force. If obstacles are driven by
+            forces, also ``obstacle``: their residual force divided by the sum of moduli.
         """
         rows = self.rows
         contact = rows.G.T @ mu + rows.T.T @ t.ravel()
@@ -132,12 +132,12 @@ class ContactSystem:
         return result
 
     def _unbalanced(self, u: Array, contact: Array) -> float:
-        """Missing part of the resultant of all forces.
+        """Residual of the resultant of all forces.
 
-        Where cells are slender, forces of neighbours cancel that are many times larger than what
-        the body bears, and `equilibrium` is relative to those. A body that supports have moved
-        until it touches, and hardly further, bears forces of the size of that motion's rounding:
-        they are relative to what a thousandth of the motion would cause.
+        This is checked in addition to `equilibrium`, which in slender cells is relative to forces
+        of neighbouring nodes that cancel and are many times larger than the load. If supports have
+        moved a body until it just touches the obstacle, its forces are of the size of the rounding
+        errors of that motion: they are relative to those that a thousandth of it would cause.
         """
         body = self.body
         given = body.total(np.abs(self.load)) + body.total(np.abs(contact))
@@ -151,9 +151,9 @@ class ContactSystem:
         return left
 
     def _unbalanced_obstacle(self, motion: ObstacleMotion, mu: Array, t: Array) -> float:
-        """What is left of the forces on free motions, over all contact forces with their arms.
+        """Residual forces on free motions, relative to all contact forces times their arms.
 
-        A component in which nothing pushes bears rounding alone, and is not measured by itself.
+        Components without any force hold rounding errors only, so each is not judged by itself.
         """
         free = motion.free
         arms = np.maximum(

@@ -1,4 +1,4 @@
-"""Stresses where engineers read them: at the vertices and as means of the cells."""
+"""Stresses at the vertices, and mean stresses of the cells."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 def nodal_stress(body: ElasticBody, u: Array) -> Array:
     """Stress at the vertices, shape (3, 3, nvertices).
 
-    Adini and BFS hold the gradient among their dofs. For other elements the stresses of the cells
+    Adini and BFS have the gradient among their dofs. For other elements the stresses of the cells
     around a vertex are evaluated there and averaged by the cells' sizes.
     """
     if isinstance(body.element, GRADIENT_DOFS):

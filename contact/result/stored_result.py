@@ -82,7 +82,7 @@ def _named(path: str | Path) -> Path:
 
 
 def problem_arrays(system: ContactSystem) -> dict[str, Any]:
-    """What all steps of a load history share: body, supports, contact rows."""
+    """Arrays that all steps of a load history share: body, supports, contact rows."""
     body = system.body
     if isinstance(body, CutBody):
         raise InputError(
@@ -170,7 +170,7 @@ def read(path: str | Path) -> ContactState:
 def rebuild(
     path: Path, arrays: dict[str, Any], with_checksum: bool, near: ContactSystem | None = None
 ) -> ContactState:
-    """The state that the arrays of a file hold, certified anew.
+    """The state stored in the arrays of a file, certified again.
 
     Parameters
     ----------
@@ -179,9 +179,9 @@ def rebuild(
     arrays : dict
         Those of `problem_arrays` and `state_arrays` together.
     with_checksum : bool
-        Whether one was found beside them, and right.
+        Whether the file had a checksum, which was correct.
     near : ContactSystem, optional
-        Lends its body and rows.
+        Its body and rows are used instead of new ones.
 
     Raises
     ------
@@ -202,7 +202,7 @@ def rebuild(
 
 @contextmanager
 def _told(path: Path) -> Iterator[None]:
-    """Tell what arrays that contradict each other do to NumPy, scikit-fem and us."""
+    """Re-raise errors from arrays that contradict each other as those of this package."""
     try:
         yield
     except InputError as error:
@@ -212,7 +212,7 @@ def _told(path: Path) -> Iterator[None]:
 
 
 def _certify(state: ContactState, consequence: str) -> None:
-    """Certify a result again, on whatever processor: residuals near their limit may round up."""
+    """Certify a result again; on another processor residuals near their limit may round up."""
     tol = default_tolerance(state.method) if state.tol is None else state.tol
     try:
         kkt = certify(state, max(2 * tol, 1e-12), 2 * state.slack)

@@ -1,4 +1,4 @@
-"""A contact result in a few lines, for people: a summary, and the same as a table of HTML."""
+"""A contact result in a few lines of text, or as an HTML table."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def counts(result: Any) -> str:
 
 
 def facts(result: Any) -> dict[str, str]:
-    """What a reader wants to know first, by its name.
+    """The most important facts of a result, by name.
 
     Parameters
     ----------
@@ -60,6 +60,6 @@ def as_html(rows: dict[str, str], title: str) -> str:
 
 
 def vector(values: Any) -> str:
-    """Six digits of each component; one that is rounding beside the largest is 0."""
+    """Six digits of each component; components that are rounding errors are shown as 0."""
     rounding = 1e-12 * np.abs(values).max()
     return "(" + ", ".join("0" if abs(v) <= rounding else f"{v:.6g}" for v in values) + ")"

@@ -77,7 +77,7 @@ class Outline:
 
     @cached_property
     def turned(self) -> Array:
-        """Smooth normals at the corners of each facet, at sharp corners its own; cf. `at_corners`."""
+        """Smooth normals at the corners of each facet, where sharp its own; as `at_corners`."""
         vertex, place = self._vertices
         weight, own = corner_weights(self.body.mesh.p[:, self.corners], axis=2), self.at_corners
         mean = _unit_sums(weight * own, place, vertex.size)
