@@ -1,4 +1,4 @@
-"""Output: VTK data, archives of arrays, connected runs of the boundary for plots.
+"""VTK data, archives of arrays, connected runs of the boundary for plots.
 
 In: the fields of a result.
 Out: PyVista grids, which write VTK files, and archives with a checksum.

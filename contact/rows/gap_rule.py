@@ -114,7 +114,7 @@ class GapRule:
             longer[turned] = self.slant[turned] * (two - one)
         return longer
 
-    def _extrapolated(self, obstacle: Gap, offset: Array) -> Array:
+    def _extrapolated(self, obstacle: ObstacleLike, offset: Array) -> Array:
         """d plus its derivative along the offset, as for u; exact for quadratic d."""
         vertex = self.x_nominal - offset
         here, half, there = (
