@@ -74,6 +74,12 @@ def test_every_public_object_fits_in_a_few_lines(objects):
     assert not long
 
 
+def test_a_contact_problem_names_its_body_and_law():
+    problem = next(each for each in contact_objects() if isinstance(each, contact.ContactProblem))
+    body = "ElasticBody(2-D, 486 unknowns of ElementQuadAdini)"
+    assert repr(problem) == f"ContactProblem({body}, {problem.rows.gap.size} points, law='coulomb')"
+
+
 def test_a_contact_result_sums_itself_up():
     result = next(each for each in contact_objects() if isinstance(each, contact.ContactResult))
     text, html = result.summary(), result._repr_html_()

@@ -61,7 +61,8 @@ class ContactProblem(Portable):
     law : {"coulomb", "tresca", None}
         None is frictionless, as is friction = 0.
     functional : str, optional
-        How multipliers meet the trace, and how exact P1 is: see `contact.rows.functionals`.
+        The values that contact conditions act on, and the accuracy of P1, see
+        `contact.rows.functionals`.
     solver : {"auto", "pardiso", "superlu"}
         Sparse factorisation.
 
@@ -117,6 +118,9 @@ class ContactProblem(Portable):
         self.rows: ContactRows
         self.motion: ObstacleMotion | None
         self._discretise((obstacle, friction, law))
+
+    def __repr__(self) -> str:
+        return f"ContactProblem({self.body!r}, {self.friction.size} points, law={self.law!r})"
 
     @property
     def obstacle(self) -> ObstacleLike:

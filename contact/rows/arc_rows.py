@@ -30,10 +30,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.body.cut_arc import CutArc
-from contact.errors import InputError, numbers
+from contact.errors import InputError
 from contact.obstacles.shapes import ObstacleLike, evaluate_gap
 from contact.rows.contact_rows import ContactRows
 from contact.rows.frames import tangent_frame
+from contact.rows.gap_rule import given_gaps
 from contact.rows.shares import check_weights
 
 Array = NDArray[np.float64]
@@ -117,12 +118,7 @@ class ArcGap:
             NaN, minus infinity or a wrong shape.
         """
         if isinstance(obstacle, np.ndarray | list | tuple):
-            given, x = numbers("obstacle", obstacle), self.x_nominal
-            if given.shape not in ((), x.shape[1:]):
-                raise InputError(
-                    f"obstacle: {given.size} gaps given for {x.shape[1]} contact points"
-                )
-            return evaluate_gap(given, x, x)
+            return given_gaps(obstacle, self.x_nominal)
         at = evaluate_gap(obstacle, self.x, self.normals)
         open_ = np.isinf(at)
         gap = self.mean @ np.where(open_, 0.0, at)

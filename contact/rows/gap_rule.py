@@ -62,7 +62,7 @@ class GapRule:
             NaN, minus infinity or a wrong shape.
         """
         if isinstance(obstacle, np.ndarray | list | tuple):
-            return self._given(obstacle)
+            return given_gaps(obstacle, self.x_nominal)
         if self.offset is not None:
             gap = self._extrapolated(obstacle, self.offset)
         else:
@@ -125,9 +125,16 @@ class GapRule:
         here, half, there = (np.where(open_, 0.0, d) for d in (here, half, there))
         return np.where(open_, np.inf, 4 * half - 2 * here - there)
 
-    def _given(self, obstacle: ObstacleLike) -> Array:
-        """One gap for each contact point, in their order."""
-        given, x = numbers("obstacle", obstacle), self.x_nominal
-        if given.shape not in ((), x.shape[1:]):
-            raise InputError(f"obstacle: {given.size} gaps given for {x.shape[1]} contact points")
-        return evaluate_gap(given, x, x)
+
+def given_gaps(obstacle: ObstacleLike, x: Array) -> Array:
+    """Gaps given as one number for each contact point x, shape (dim, m), in their order.
+
+    Raises
+    ------
+    InputError
+        Another count, NaN or minus infinity.
+    """
+    given = numbers("obstacle", obstacle)
+    if given.shape not in ((), x.shape[1:]):
+        raise InputError(f"obstacle: {given.size} gaps given for {x.shape[1]} contact points")
+    return evaluate_gap(given, x, x)
