@@ -54,9 +54,7 @@ def farkas(p: StandardQP, solve: Solve) -> Array | None:
     eq = xp.flatnonzero(equal)
     Ct = _transposed(p.C)
     unit = _identity(p.P, p.q.size, xp)
-    blocks = [
-        _take(Ct, eq), _take(Ct, up), -_take(Ct, down), _take(unit, at_ub), -_take(unit, at_lb)
-    ]  # fmt: skip
+    blocks = [Ct[:, eq], Ct[:, up], -Ct[:, down], unit[:, at_ub], -unit[:, at_lb]]
     cost = xp.concatenate(
         [p.row_low[eq], p.row_high[up], -p.row_low[down], p.ub[at_ub], -p.lb[at_lb]]
     )
@@ -198,10 +196,6 @@ def _transposed(C: Matrix) -> Matrix:
 
 def _identity(like: Matrix, n: int, xp: Any) -> Matrix:
     return sparse.eye_array(n, format="csc") if is_sparse(like) else xp.eye(n)
-
-
-def _take(M: Matrix, columns: Array) -> Matrix:
-    return M[:, columns]
 
 
 def _stack(blocks: list[Matrix], like: Matrix, xp: Any) -> Matrix:

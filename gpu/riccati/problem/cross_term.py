@@ -169,6 +169,3 @@ def _check(problem: LQRProblem, F: Any) -> None:
         good = linalg.eigvalsh(to_host(F.T @ factors.solve(F)))[-1] <= 1.0 + OUTSIDE_RANGE
     if not good:
         raise InputError(NOT_SEMIDEFINITE)
-
-
-__all__ = ["without_cross_term"]

@@ -73,6 +73,3 @@ def _definite(M: Any, unit: Any, error: float) -> bool:
     except np.linalg.LinAlgError:
         return False
     return bool(xp.isfinite(L.diagonal()).all())
-
-
-__all__ = ["proven_bound"]

@@ -147,6 +147,3 @@ def _mass_solve(E: Any) -> Any:
 def _definite(P: np.ndarray) -> bool:
     values = np.linalg.eigvalsh(P)
     return bool(values[0] > 1e-13 * values[-1])
-
-
-__all__ = ["proves_stable"]
