@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 
 # Up to here one thread is quicker: measured at 260 and at 1040 boundary unknowns.
-_LARGEST = 2000
+_ONE_THREAD = 2000
 _lock = threading.Lock()
 _inside = 0
 _limits: list[Any] = []
@@ -30,7 +30,7 @@ def one_blas_thread(size: int) -> Iterator[None]:
         Order of the largest dense matrix; from 2000 on the threads are left alone.
     """
     global _inside
-    openblas = _openblas() if size < _LARGEST else None
+    openblas = _openblas() if size < _ONE_THREAD else None
     if openblas is None:
         yield
         return

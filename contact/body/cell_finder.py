@@ -16,7 +16,7 @@ CHUNK = 100  # points for which scikit-fem's finder is asked at once
 CANDIDATES = 48  # cells tried for a point, in the order of their middles' distance
 STEPS = 20  # of Newton's method for a place in a curved cell
 INSIDE = 1e-8  # by how much a place may lie outside the reference cell
-CURVED = (MeshTri2, MeshQuad2, MeshTet2, MeshHex2)
+CURVED_MESHES = (MeshTri2, MeshQuad2, MeshTet2, MeshHex2)
 MET = 1e-10  # distance to the point, over the cell's size
 ROUNDINGS = 16  # of the largest coordinate, that a turned place on an edge may lie beside it
 
@@ -34,7 +34,7 @@ def find_cells(mesh: Mesh, points: Array) -> NDArray[np.int64]:
     InputError
         A point lies outside the mesh.
     """
-    found = (_find_curved if isinstance(mesh, CURVED) else _find_straight)(mesh, points)
+    found = (_find_curved if isinstance(mesh, CURVED_MESHES) else _find_straight)(mesh, points)
     for lost in np.flatnonzero(found < 0):
         found[lost] = _nearest(mesh, points[:, lost])
         if found[lost] < 0:
@@ -66,7 +66,7 @@ def _nearest(mesh: Mesh, point: Array) -> int:
     rounding = ROUNDINGS * np.finfo(float).eps * float(np.abs(mesh.p).max())
     nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
     low, high = nodes.min(axis=1), nodes.max(axis=1)
-    room = rounding + (0.25 * (high - low) if isinstance(mesh, CURVED) else 0.0)
+    room = rounding + (0.25 * (high - low) if isinstance(mesh, CURVED_MESHES) else 0.0)
     where = point[:, None]
     cells = np.flatnonzero(np.all((where >= low - room) & (where <= high + room), axis=0))
     if not cells.size:

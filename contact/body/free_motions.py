@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.body.cell_finder import CURVED
+from contact.body.cell_finder import CURVED_MESHES
 from contact.body.rigid_modes import reduced_echelon, rigid_modes
 from contact.body.vector_element import DEFAULT_ELEMENT
 from contact.errors import Unbounded
@@ -39,7 +39,7 @@ def strained_by_rotation(body: Any) -> str:
     On curved cells an element of lower order than the cells does not contain the linear functions.
     """
     mesh, element = body.mesh, body.element
-    if mesh.affine or not isinstance(mesh, CURVED) or element.maxdeg >= mesh.elem.maxdeg:
+    if mesh.affine or not isinstance(mesh, CURVED_MESHES) or element.maxdeg >= mesh.elem.maxdeg:
         return ""
     modes = body.constraint[0] @ free_motions(body)
     terms = abs(body.stiffness) @ np.abs(modes)

@@ -85,6 +85,7 @@ class BoundaryProblem:
         """Size against which residuals are judged: the largest force, or what could cause one."""
         overlap = np.maximum(-self.gap, 0.0)
         causes = (float(np.abs(part).max(initial=0.0)) for part in (self.v0, self.s, overlap))
+        # Forces below that are the rounding of what causes them.
         tiny = 1e-12 * max(*causes, np.finfo(float).tiny)
         return max(float(mu.max(initial=0.0)), float(np.abs(t).max(initial=0.0)), tiny)
 

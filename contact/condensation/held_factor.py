@@ -10,7 +10,7 @@ import numpy as np
 
 from contact.arrays.dense_arrays import HostArrays
 from contact.condensation.boundary_problem import Array
-from contact.condensation.strain_factor import LARGEST
+from contact.condensation.strain_factor import STRAIN_UNKNOWNS
 from contact.errors import InputError
 
 # Of the mean stiffness: what resists less, by rounding alone, is shifted. The solution of such a
@@ -42,5 +42,5 @@ def held_factor(arrays: HostArrays, stiffness: Callable[[], Any], N: Array) -> t
     raise InputError(
         "stiffness: the condensed stiffness is not positive definite; the material or the mesh is "
         "not admissible, or cells are too slender for its digits: make them squarer, or fewer (up "
-        f"to {LARGEST} unknowns the strains are factored instead, with twice the digits)"
+        f"to {STRAIN_UNKNOWNS} unknowns the strains are factored instead, with twice the digits)"
     )

@@ -26,7 +26,7 @@ from contact.errors import InputError
 
 Array = NDArray[np.float64]
 _APART = 16.0  # ratio of stiffnesses, as singular values, whose directions are told apart
-LARGEST = 3000  # unknowns whose dense factor takes some ten seconds
+STRAIN_UNKNOWNS = 3000  # at most: their dense factor takes some ten seconds
 
 
 class StrainFactor:
@@ -118,7 +118,7 @@ class StrainFactor:
 def strains_can_be_factored(body: BasisSolid, unknowns: int) -> bool:
     """Whether the body has slender cells, is of moderate size, and its energy a sum of squares."""
     squares = body.dilatation == "pointwise" or bool(np.all(body.lam >= 0))
-    return body.slender and squares and unknowns <= LARGEST
+    return body.slender and squares and unknowns <= STRAIN_UNKNOWNS
 
 
 def factor_of_strains(

@@ -12,7 +12,7 @@ from contact.laws.qp_peers import solve_box_with
 from gpu import NotConverged, QPFactor, QPResult, solve_qp
 
 COMPLIANCE = 1e-9  # added to that of each row, which is about one, where rows are dependent
-STEPS = 30
+PROXIMAL_POINTS = 30  # at most: where rows exclude each other the forces grow without end
 PINCHED = 1e-2 / COMPLIANCE  # forces over displacements: only rows that exclude each other get here
 
 
@@ -130,7 +130,7 @@ def _box_qp(
     x = np.zeros(q.size) if guess is None else guess
     start: Array | QPResult | None = guess
     least, best = np.inf, None
-    for _ in range(STEPS):
+    for _ in range(PROXIMAL_POINTS):
         result = solve_qp(factor, q - COMPLIANCE * x, A=A, b=b, lb=lb, ub=ub, start=start, tol=tol)
         x, before, start = result.x, x, result
         missed = COMPLIANCE * float(np.abs(x - before).max())

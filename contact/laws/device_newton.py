@@ -19,10 +19,11 @@ from contact.laws.friction import Coulomb, Friction, Tresca
 from contact.laws.iteration import Iteration, Report
 from contact.laws.progress import NEAR, Progress
 from contact.laws.residual import residual
-from contact.laws.semismooth_newton import PROXIMAL
+from contact.laws.semismooth_newton import PROXIMAL, WEAK
 from contact.laws.zones import Zones
 
-START = 15  # active-set steps without friction to begin with
+START = 15  # active-set steps without friction to begin with, if they do not end before
+SPRINGS = 1e7  # that hold free motions meanwhile, in units of `WEAK`: hundredths of a stiffness
 
 
 def plane_newton(
@@ -56,7 +57,7 @@ def plane_newton(
         The iteration stalls or meets a singular system.
     """
     none = Tresca(np.zeros(problem.gap.size))
-    weak = 1e-9 * float(np.abs(problem.C).max(initial=0.0)) ** 2
+    weak = WEAK * float(np.abs(problem.C).max(initial=0.0)) ** 2
     now = start or Forces(*problem.zeros(), np.zeros(problem.s.size))
     if start is None and friction is not None:
         before: NDArray[np.bool_] | None = None
@@ -65,7 +66,7 @@ def plane_newton(
             if before is not None and np.array_equal(before, zones.active):
                 break
             before = zones.active
-            now = _step(problem, arrays, now, zones, none, False, 1e7 * weak, anchored=False)
+            now = _step(problem, arrays, now, zones, none, False, SPRINGS * weak, anchored=False)
             report(Iteration(step, "frictionless", int(zones.active.sum()), 0, 0, np.nan))
     acting = none if friction is None else friction
     size = residual(problem, now.mu, now.t, now.a, acting.bound(now.mu))

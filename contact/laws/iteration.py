@@ -72,6 +72,7 @@ def outer_step(
 ) -> Iteration:
     """Describe an outer step; the residual is that of the laws with bound g unless given."""
     rubs = (g > 0) & np.any(problem.tangent >= 0, axis=1)
+    # Beside the bound by more than rounding, the force is one of stick.
     slip = rubs & (np.linalg.norm(now.t, axis=1) >= g * (1 - 1e-9))
     return Iteration(
         step,

@@ -12,6 +12,13 @@ from gpu import Infeasible
 _DIRECTIONS = 16  # of the slip in 3-D, over half a turn
 _CUTS = 30  # rounds of cutting planes, each of which makes moduli four times as exact
 LIMIT = 1e-6  # share of the friction within which loads count as those that it just holds
+# Of the largest entry of C: what no row sees but by rounding, the motion is undetermined.
+_UNSEEN = 1e-10
+_GAIN = 1e-7  # of the loads: less work along a motion is rounding of the linear program
+# Of the largest entry of C: a motion that presses points by less presses none, as a turn about the
+# middle of a curve that is a circle but for the places of its vertices.
+_PRESSES = 1e-6
+_DRIVEN = 1e-4  # of the loads: a motion along which they do more work is driven by them
 _NOTHING = 1e-9  # relative; ten times what a certificate of 1e-10 leaves of forces and motions
 
 
@@ -45,7 +52,7 @@ def check_held(problem: BoundaryProblem, friction: Friction | None) -> None:
     normal, tangential = problem.C[problem.normal[touch]], problem.C[problem.tangent[live]]
     seen = np.vstack((normal, tangential, np.zeros((k, k))))
     _, singular, V = np.linalg.svd(seen, full_matrices=False)
-    if singular[-1] <= 1e-10 * float(np.abs(problem.C).max(initial=1e-300)):
+    if singular[-1] <= _UNSEEN * float(np.abs(problem.C).max(initial=1e-300)):
         raise Infeasible("no contact row sees this rigid motion", V[-1])
 
     # Unknowns: a = a+ - a- with |a|_1 <= 1, which favours plain motions, and w_i >= |v_t,i|.
@@ -77,7 +84,7 @@ def check_held(problem: BoundaryProblem, friction: Friction | None) -> None:
         )
         # A gain this small could be round-off of the program. The cuts make moduli too small and
         # the gain too large: without one, the body is held.
-        if found.x is None or gain @ found.x <= 1e-7 * float(np.abs(problem.s).max()):
+        if found.x is None or gain @ found.x <= _GAIN * float(np.abs(problem.s).max()):
             return
         motion = found.x[:k] - found.x[k : 2 * k]
         v = V_t @ motion
@@ -115,13 +122,12 @@ def by_friction_alone(problem: BoundaryProblem) -> Array | None:
         return None
     normal = problem.C[problem.normal[problem.can_touch]] / size
     A = np.vstack((np.hstack((normal, -normal)), np.ones((1, 2 * k))))
-    # A curve through the contact points is nearly a circle where it is one.
-    b = np.r_[np.full(len(normal), 1e-6), 1.0]
+    b = np.r_[np.full(len(normal), _PRESSES), 1.0]
     found = scipy.optimize.linprog(-np.r_[problem.s, -problem.s], A_ub=A, b_ub=b, method="highs")
     if found.x is None:
         return None
     motion: Array = found.x[:k] - found.x[k:]
-    return motion if problem.s @ motion > 1e-4 * float(np.abs(problem.s).max()) else None
+    return motion if problem.s @ motion > _DRIVEN * float(np.abs(problem.s).max()) else None
 
 
 def undetermined_slip(

@@ -30,9 +30,10 @@ Array = NDArray[np.float64]
 
 # The boundary problem is solved further than the certificate asks, which sees it through the body.
 INNER = 1e-2
-SLIP = (
-    1e-5  # of the largest displacement: slip below which the fixed point takes friction as linear
-)
+# Stiffness of the springs on which free motions hang in the frictionless start, over the square of
+# the largest entry of C: soft beside contact, whose stiffness is one.
+SPRINGS = 1e-2
+SLIP = 1e-5  # of the largest displacement: less slip the fixed point takes as linear in friction
 SLACK = 10.0  # the certificate weighs slip by other units than the fixed point: a digit is allowed
 
 
@@ -145,7 +146,7 @@ def _frictionless(problem: BoundaryProblem, tol: float, report: Report) -> Force
     if not np.any(problem.can_touch):
         mu, t = problem.zeros()
         return Forces(mu, t, np.zeros(problem.s.size))
-    springs = 1e-2 * float(np.abs(problem.C).max()) ** 2 if problem.s.size else 0.0
+    springs = SPRINGS * float(np.abs(problem.C).max()) ** 2 if problem.s.size else 0.0
     return signorini(problem, tol=tol, springs=springs, phase="frictionless", report=report)
 
 

@@ -16,7 +16,7 @@ from contact.laws.residual import residual
 from contact.laws.semismooth_newton import semismooth_newton
 
 SOFTEST, STIFFEST = 1e3, 1e-9  # compliance delta; that of each row is one
-STEPS = 100
+ATTEMPTS = 100  # Newton solves: twenty lead from one of these compliances to the other
 
 
 def proximal_point(
@@ -57,7 +57,7 @@ def proximal_point(
     """
     now = best = start
     least, delta = np.inf, 0.1
-    for _ in range(STEPS):
+    for _ in range(ATTEMPTS):
         shifted = replace(
             problem,
             W=problem.W + delta * np.eye(problem.v0.size),

@@ -43,6 +43,9 @@ from contact.laws.zones import Zones
 # Compliance added for the change of the forces, that of each row being one: keeps the step defined
 # where rows depend on each other, vanishes at convergence, and is too small to cost a step.
 PROXIMAL = 1e-13
+# Stiffness, over the square of the largest entry of C, that holds the change of free motions while
+# too few points hold the body; it vanishes at convergence too.
+WEAK = 1e-9
 
 
 def semismooth_newton(
@@ -133,9 +136,8 @@ def _step(
     _impose_slip(A, rhs, now, zones, place, normal_place, friction, form)
 
     if k:
-        # The balance of loads, with a proximal term that vanishes at convergence: it keeps the
-        # step well defined while too few points hold the body.
-        weak = np.full(k, 1e-9 * float(np.abs(problem.C).max()) ** 2)
+        # The balance of loads.
+        weak = np.full(k, WEAK * float(np.abs(problem.C).max()) ** 2)
         A[n:, :n] = problem.C[rows].T
         if problem.K is not None:
             weak[np.diag(problem.K) > 0] = 0.0  # elastic motions hold themselves

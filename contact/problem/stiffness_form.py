@@ -34,10 +34,10 @@ if TYPE_CHECKING:
     from contact.result.contact_system import ContactSystem
 
 
-_REFINEMENTS = 10
-_STEP = 1e-8  # residual of a change, which the next one lowers
+_REFINEMENTS = 10  # each adds the digits of the factor, and a body without any is refused
+_CHANGE = 1e-8  # residual of a change, which the next one lowers
 _SETTLED = 1e-6  # last change of a displacement, relative: six digits of it hold
-_LARGEST = 8000  # order of a matrix that takes 20 s and half a gigabyte to factor
+_LARGEST_ORDER = 8000  # order of a matrix that takes 20 s and half a gigabyte to factor
 
 
 class StiffnessForm:
@@ -57,7 +57,7 @@ class StiffnessForm:
 
     def __init__(self, condensed: CondensedContact, system: ContactSystem) -> None:
         if not fits(condensed):
-            raise NotConverged(f"stiffness form: more than {_LARGEST} unknowns")
+            raise NotConverged(f"stiffness form: more than {_LARGEST_ORDER} unknowns")
         self._condensed, self._system = condensed, system
         S, B, N = condensed.stiffness, condensed.B.toarray(), condensed.N
         if N.shape[1]:  # no rounding of S_b resists rigid motions
@@ -119,7 +119,7 @@ class StiffnessForm:
         if near is None:
             now = replace(now, a=self._motions(problem, now.mu, now.t))
         for _ in range(_REFINEMENTS):
-            now = self._change(problem, now, max(tol, _STEP), report)
+            now = self._change(problem, now, max(tol, _CHANGE), report)
             du = self._condensed.moved(left, self._of_boundary(now.a))
             u = u + du
             if motion is not None and system.motion is not None:
@@ -179,6 +179,7 @@ class StiffnessForm:
         assert problem.K is not None
         a = np.zeros(problem.s.size)
         left = problem.s - problem.C.T @ problem.forces(mu, t)
+        # Ranks are cut at the rounding of a stiffness, and at that of places.
         a[:n] = np.linalg.lstsq(problem.K[:n, :n], left[:n], rcond=1e-14)[0]
         if a.size > n:
             u_n, _ = problem.displacements(np.zeros_like(mu), np.zeros_like(t), a)
@@ -191,7 +192,7 @@ class StiffnessForm:
 
 def fits(condensed: CondensedContact) -> bool:
     """Whether the matrix of the stiffness form is of moderate size."""
-    return sum(condensed.B.shape) <= _LARGEST
+    return sum(condensed.B.shape) <= _LARGEST_ORDER
 
 
 def solved_stiffly(
