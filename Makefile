@@ -10,7 +10,7 @@ EXAMPLES := $(addprefix run-,$(notdir $(wildcard examples/*.py)))
 # A part of a lane, and where the clock ends it: make test-slow PYTEST="--shard=0/12 --start-within=200"
 PYTEST ?=
 
-.PHONY: help demo test test-slow test-processor test-oldest lint doctest examples docs browser-check readme clean $(EXAMPLES)
+.PHONY: help demo test test-slow test-processor test-oldest test-wheel lint doctest examples docs browser-check readme clean $(EXAMPLES)
 
 help:
 	@echo "make demo       install, solve the frictional contact block, write VTK and a picture to out/"
@@ -18,6 +18,7 @@ help:
 	@echo "make test-slow  the same with the slow lanes"
 	@echo "make test-processor  the fast tests as another processor would run them, on two BLAS threads"
 	@echo "make test-oldest     the fast tests with the oldest versions of what we depend on, on Python 3.11"
+	@echo "make test-wheel      the fast tests with the wheel, installed apart from this tree: make test-wheel PYTHON=python3.13"
 	@echo "make lint       ruff, mypy, and which rooms know which"
 	@echo "make doctest    the examples in docstrings"
 	@echo "make examples   every script in examples/, as a user would run it"
@@ -67,6 +68,20 @@ $(OLDEST)/.test: pyproject.toml .ci/oldest_versions.py
 test-oldest: $(OLDEST)/.test
 	$(ONE_THREAD) $(OLDEST)/bin/python -m pytest -n auto --dist worksteal -m "not slow" $(PYTEST)
 
+# A copy without the packages, so that only the installed ones can be found.
+APART := $(VENV)-wheel
+
+test-wheel: $(VENV)/.test
+	rm -rf $(APART)
+	$(BIN)/python -m build --outdir $(APART)/dist .
+	$(BIN)/python .ci/check_distributions.py $(APART)/dist
+	$(PYTHON) -m venv $(APART)/venv
+	$(APART)/venv/bin/python -m pip install --quiet "$$(echo $(APART)/dist/*.whl)[test]"
+	mkdir $(APART)/tree
+	cp -r tests examples benchmarks docs pyproject.toml README.md CONTRIBUTING.md CHANGELOG.md $(APART)/tree
+	rm $(APART)/tree/tests/test_house.py $(APART)/tree/tests/test_rooms.py $(APART)/tree/tests/test_release.py
+	cd $(APART)/tree && $(ONE_THREAD) ../venv/bin/python -m pytest -n auto --dist worksteal -m "not slow" $(PYTEST)
+
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -101,4 +116,4 @@ readme: $(VENV)/.demo
 	$(BIN)/python benchmarks/performance_tables.py
 
 clean:
-	rm -rf $(VENV) $(OLDEST) out build dist *.egg-info
+	rm -rf $(VENV) $(OLDEST) $(APART) out build dist *.egg-info

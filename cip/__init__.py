@@ -35,7 +35,7 @@ __all__ = [
     "Velocity",
 ]
 
-__version__ = "0.1.0"
+__version__ = "1.0.0rc1"
 
 
 def __dir__() -> list[str]:

@@ -58,7 +58,7 @@ __all__ = [
     "svds",
 ]
 
-__version__ = "0.1.0"
+__version__ = "1.0.0rc1"
 
 
 def __dir__() -> list[str]:

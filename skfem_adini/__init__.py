@@ -79,7 +79,7 @@ __all__ = [
     "von_mises",
 ]
 
-__version__ = "0.1.0"
+__version__ = "1.0.0rc1"
 
 
 def __dir__() -> list[str]:
