@@ -55,3 +55,10 @@ def test_the_citation_holds_what_its_format_requires() -> None:
 
 def test_the_places_that_the_project_names_exist() -> None:
     assert [place for place in PROJECT["urls"].values() if not (ROOT / place).is_file()] == []
+
+
+def test_the_paper_cites_what_its_bibliography_holds() -> None:
+    cited = set(re.findall(r"\[@(\w+)\]", (ROOT / "docs" / "paper.md").read_text()))
+    entries = re.findall(r"^@\w+\{(\w+),", (ROOT / "docs" / "paper.bib").read_text(), re.MULTILINE)
+    assert cited
+    assert sorted(cited) == sorted(entries)
