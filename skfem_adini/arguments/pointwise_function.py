@@ -17,11 +17,11 @@ _ROUNDING = 1e-11  # of the largest value: vector instructions round equal numbe
 
 
 def pointwise(name: str, function: Callable[[Array], Any]) -> Callable[[Array], Any]:
-    """Return the function, made to refuse where its values hang on the other places.
+    """Return the function, made to raise where a value depends on the other places.
 
-    Of cells that a curve cuts, quadrature points come in several batches, with points of weight
-    zero among them: the largest value or the mean of such a batch has no meaning. So values are
-    compared with those at single places, the outermost ones among them.
+    The quadrature points of cut cells are evaluated in several batches, padded with points of
+    weight zero, so a maximum or a mean over the points of a call has no meaning. Values are
+    therefore compared with those at a few single places, the outermost ones among them.
 
     Parameters
     ----------

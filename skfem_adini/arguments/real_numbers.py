@@ -1,4 +1,4 @@
-"""Vectors and matrices of real numbers: no imaginary part is lost without a word."""
+"""Vectors and matrices of real numbers; imaginary parts are refused, not dropped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Discrete extension: nodes outside follow the polynomial of a cell well inside."""
+"""Discrete extension: dofs of outer vertices are values of the polynomial of a cell inside."""
 
 from __future__ import annotations
 
@@ -69,9 +69,9 @@ class AdiniExtension:
     good
         Good cells.
     outside
-        The vertices that follow others, shape (n,), and
+        The vertices of active cells that no good cell holds, shape (n,).
     roots
-        the good cell that each follows, shape (n,).
+        The good cell whose polynomial gives the dofs of each of these, shape (n,).
 
     Raises
     ------

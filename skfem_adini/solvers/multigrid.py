@@ -70,9 +70,9 @@ class Multigrid:
     near_null
         Its near-null space in the same scaling.
     tol
-        Bound of |b - A x| / |b| in the Euclidean norm, recomputed after the iteration. To it comes
-        the rounding of A x, 2.2e-16 times the norm of abs(A) abs(x), which exceeds it where x is
-        very large, as in slender bodies; at most 1e-6 |b|.
+        Bound of |b - A x| / |b| in the Euclidean norm, recomputed after the iteration. The rounding
+        error of A x, 2.2e-16 times the norm of abs(A) abs(x) and at most 1e-6 |b|, is allowed on
+        top of it: it dominates where x is very large, as in slender bodies.
     max_iterations
         Of conjugate gradients, over all restarts.
 

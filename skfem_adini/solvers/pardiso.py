@@ -153,7 +153,7 @@ class Pardiso:
         self._anew = ()
 
     def _check(self, phase: int, b: Array | None, x: Array | None) -> None:
-        """Refuse what PARDISO would not, but would misread."""
+        """Raise for calls that PARDISO does not check itself: they would end the process."""
         if phase in _SOLUTIONS:
             if not self._factored:
                 raise AdiniError(f"PARDISO: phase {phase} needs a factorisation, phase 22, before")
@@ -334,7 +334,7 @@ def _threads() -> int:
 def _held_to(threads: int) -> Iterator[None]:
     """Give MKL the threads that the factors were laid out for.
 
-    With another number the two-level factors are read wrongly, without a word.
+    With another number of threads PARDISO misreads two-level factors and returns no error.
     """
     from pypardiso import ps
 
