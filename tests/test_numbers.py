@@ -28,7 +28,8 @@ PAGES = ["README.md"] + [
 ]
 # Decimal numbers, powers of ten, and whole numbers that count as measured by what is around them.
 CLAIM = re.compile(
-    r"(?<![\w.])(?:\d*\.\d+(?:e[+-]?\d+)?|\d+e[+-]?\d+|(?<=factor of )\d+"
+    r"(?<![\w.])(?:\d*\.\d+(?:e[+-]?\d+)?|\d+e[+-]?\d+"
+    r"|(?:(?<=factor of )|(?<=order )|(?<=orders )|(?<=orders are ))\d+"
     r"|\d+(?= ?%| times\b| x (?!\d)| m?s\b| seconds\b))(?!\.?\d)"
 )
 # What looks like one: numbers of tables, sections and equations, versions.

@@ -98,7 +98,7 @@ def test_stress_below_a_line_contact(example):
     assert max(own.values()) < 0.002
     assert far[15.0] < 0.01
     assert far[5.0] == pytest.approx(0.02, abs=0.01)
-    # 7e-4: two forces with that second moment.
+    # 1e-3: two forces with that second moment.
     assert max(pair[r] for r in (5.0, 15.0, 40.0)) < 0.01
 
 
