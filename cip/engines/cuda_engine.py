@@ -56,11 +56,12 @@ def device_source(
         line_kernels,
         line_profiles,
         plane_kernels,
+        records,
     )
 
-    modules: list[Any] = [line_profiles, plane_kernels, line_kernels]
+    modules: list[Any] = [records, line_profiles, plane_kernels, line_kernels]
     if stage.conservative:
-        modules = [line_profiles, conservative_profiles, conservative_kernels]
+        modules = [records, line_profiles, conservative_profiles, conservative_kernels]
     entries = [name]
     grid, uniform = stage.grid, all(stage.grid.uniform)
     if computed:
@@ -74,30 +75,34 @@ def device_source(
         parameters += ["const real t", "const real step", "const index count", "int* said"]
     else:
         parameters.append("const real* __restrict__ feet")
-    constants, place, call = _plane(grid) if stage.axis is None else _line(stage)
+    constants, place, lines = _plane(grid) if stage.axis is None else _line(stage)
     body = [place]
     if uniform:
         widths = enumerate(float(width[0]) for width in grid.widths)
         body += [f"    const real h{axis} = (real){width!r};" for axis, width in widths]
     else:
         parameters += [f"const real* __restrict__ h{axis}" for axis in range(grid.dim)]
-    foot, stride, base = ("feet", "size", "o")
+    body.append(lines)
+    axis, advect = stage.axis or 0, int(stage.advect)
+    body.append(f"    const Update update = {{size, {grid.dim}, {axis}, {advect}}};")
+    foot = "feet, size, o"
     if computed:
-        foot, stride, base = ("foot", "1", "0")
+        foot = "room, 1, 0"
         x = ["(real)0"] * 3
         for axis, index_of in enumerate(_indices(grid)):
             x[axis] = f"line{axis}[{index_of}]"
-        body.append(f"    real foot[{_COMPONENTS}];")
-        body.append(f"    const index found = path(foot, {', '.join(x)}, t, step, count);")
+        body.append(f"    real room[{_COMPONENTS}];")
+        body.append(f"    const index found = path(room, {', '.join(x)}, t, step, count);")
         # A byte for each thing said: nobody reads what others write.
         body.append("    if (found != 0) ((unsigned char*)said)[found - 1] = 1;")
-    tail = f"{int(stage.advect)}, {limiter}"
     if stage.conservative:
         parameters += ["const real low", "const real high", "const real slack"]
-        call = call.replace("{feet}", "feet")
-        tail = f"{limiter}, low, high, slack"
-    call = call.replace("{feet}", f"{foot}, {stride}, {base}")
-    body.append(f"    {name}(m, out, {call}, {tail});")
+        body.append(f"    const Limits limits = {{{limiter}, low, high, slack}};")
+        body.append(f"    {name}(m, out, feet, x, update, o, i, limits);")
+    else:
+        along = "x, y, update, o, i, j" if stage.axis is None else "x, update, o, i"
+        body.append(f"    const Foot foot = {{{foot}}};")
+        body.append(f"    {name}(m, out, foot, {along}, {limiter});")
     head = f'extern "C" __global__ void run({", ".join(parameters)}) {{'
     return "\n".join(
         [
@@ -116,7 +121,8 @@ def _plane(grid: Any) -> tuple[list[str], str, str]:
     (nx, ny), (px, py) = grid.nodes, map(int, grid.periodic)
     constants = _constants(size=grid.size, nx_=nx, ny_=ny)
     place = f"    const index size = size_, nx = nx_, ny = ny_;{_PLANE_PLACE}"
-    return constants, place, f"{{feet}}, h0, h1, size, o, i, j, nx, ny, {px}, {py}"
+    lines = f"    const Line x = {{h0, 0, ny, nx, {px}}}, y = {{h1, 0, 1, ny, {py}}};"
+    return constants, place, lines
 
 
 def _line(stage: Stage) -> tuple[list[str], str, str]:
@@ -125,9 +131,8 @@ def _line(stage: Stage) -> tuple[list[str], str, str]:
     inner = int(np.prod(grid.nodes[axis + 1 :]))
     constants = _constants(size=grid.size, inner_=inner, n_=grid.nodes[axis])
     place = f"    const index size = size_, inner = inner_, n = n_;{_LINE_PLACE}"
-    periodic = int(grid.periodic[axis])
-    call = f"{{feet}}, h{axis}, size, {grid.dim}, {axis}, o, base, inner, n, {periodic}, i"
-    return constants, place, call
+    lines = f"    const Line x = {{h{axis}, base, inner, n, {int(grid.periodic[axis])}}};"
+    return constants, place, lines
 
 
 def _constants(size: int, **others: int) -> list[str]:

@@ -1,9 +1,9 @@
 """C from the kernels: one source serves numba on the CPU and NVRTC on the device.
 
 The kernel language is the part of Python that `cip.jit` describes. A function becomes an inline C
-function with the same arithmetic in the same order; several results become output pointers. Types
-follow from the annotations of the arguments and from the operations: whole numbers are `index`,
-all others `real`, which the prelude sets to double or float.
+function with the same arithmetic in the same order; several results become output pointers, records
+(`cip.profiles.records`) structs. Types follow from the annotations of the arguments and from the
+operations: whole numbers are `index`, all others `real`, which the prelude sets to double or float.
 """
 
 from __future__ import annotations
@@ -12,6 +12,9 @@ import ast
 import inspect
 from collections.abc import Sequence
 from types import ModuleType
+
+# Of each record, the C types of its fields by name.
+Records = dict[str, dict[str, str]]
 
 _TYPES = {"Index": "index", "Real": "real", "Array": "const real* __restrict__"}
 _TYPES.update(Out="real* __restrict__", Widths="widths")
@@ -52,20 +55,23 @@ def translate(modules: Sequence[ModuleType | str], *entries: str) -> str:
     Parameters
     ----------
     modules : sequence of module or str
-        Where the kernels are, in any order: modules, or generated source.
+        Where the kernels and their records are, in any order: modules, or generated source.
     *entries : str
 
     Returns
     -------
     str
-        Functions in an order in which each is defined before it is used.
+        The records, then the functions in an order in which each is defined before it is used.
     """
     trees: dict[str, ast.FunctionDef] = {}
+    records: Records = {}
     for module in modules:
         text = module if isinstance(module, str) else inspect.getsource(module)
         for node in ast.parse(text).body:
             if isinstance(node, ast.FunctionDef):
                 trees[node.name] = node
+            elif isinstance(node, ast.ClassDef):
+                records[node.name] = _fields(node)
     done: dict[str, str] = {}
 
     def visit(name: str) -> None:
@@ -75,11 +81,26 @@ def translate(modules: Sequence[ModuleType | str], *entries: str) -> str:
             called = node.func if isinstance(node, ast.Call) else None
             if isinstance(called, ast.Name) and called.id in trees:
                 visit(called.id)
-        done[name] = _Function(trees[name], trees).code()
+        done[name] = _Function(trees[name], trees, records).code()
 
     for entry in entries:
         visit(entry)
-    return "\n".join(done.values())
+    return "\n".join([*(_struct(name, of) for name, of in records.items()), *done.values()])
+
+
+def _fields(record: ast.ClassDef) -> dict[str, str]:
+    """C types of the fields of a record."""
+    return {
+        item.target.id: _TYPES[item.annotation.id]
+        for item in record.body
+        if isinstance(item, ast.AnnAssign)
+        and isinstance(item.target, ast.Name)
+        and isinstance(item.annotation, ast.Name)
+    }
+
+
+def _struct(name: str, fields: dict[str, str]) -> str:
+    return f"typedef struct {{ {' '.join(f'{of} {x};' for x, of in fields.items())} }} {name};"
 
 
 def results(tree: ast.FunctionDef) -> list[str]:
@@ -88,20 +109,23 @@ def results(tree: ast.FunctionDef) -> list[str]:
     if returns is None or (isinstance(returns, ast.Constant) and returns.value is None):
         return []
     if isinstance(returns, ast.Name):
-        return [_TYPES[returns.id]]
+        return [_TYPES.get(returns.id, returns.id)]
     assert isinstance(returns, ast.Subscript)
     assert isinstance(returns.slice, ast.Tuple)
     return [_TYPES[item.id] for item in returns.slice.elts if isinstance(item, ast.Name)]
 
 
 class _Function:
-    def __init__(self, tree: ast.FunctionDef, trees: dict[str, ast.FunctionDef]) -> None:
-        self.tree, self.trees = tree, trees
+    def __init__(
+        self, tree: ast.FunctionDef, trees: dict[str, ast.FunctionDef], records: Records
+    ) -> None:
+        self.tree, self.trees, self.records = tree, trees, records
         self.types: dict[str, str] = {}
         self.arguments = []
         for argument in tree.args.args:
             assert isinstance(argument.annotation, ast.Name), argument.arg
-            self.types[argument.arg] = _TYPES[argument.annotation.id]
+            kind = argument.annotation.id
+            self.types[argument.arg] = _TYPES.get(kind, kind)
             self.arguments.append(argument.arg)
         self.returned = results(tree)
 
@@ -164,11 +188,15 @@ class _Function:
             return [f"{value.func.id}({', '.join(call)});"]
         if isinstance(target, ast.Name):
             self.types.setdefault(target.id, self.kind(value))
+            if self.types[target.id] in self.records and self.made(value):
+                return [f"{{ {self.made(value)} {target.id} = made; }}"]
         return [f"{self.expression(target)} = {self.expression(value)};"]
 
     def result(self, value: ast.expr | None) -> list[str]:
         if value is None:
             return ["return;"]
+        if len(self.returned) == 1 and self.made(value):
+            return [self.made(value), "return made;"]
         if len(self.returned) == 1:
             return [f"return {self.expression(value)};"]
         if isinstance(value, ast.Call):
@@ -180,12 +208,23 @@ class _Function:
         lines = [f"*result{q} = {self.expression(item)};" for q, item in enumerate(value.elts)]
         return [*lines, "return;"]
 
+    def made(self, node: ast.expr) -> str:
+        """The declaration of a record `made`, if an expression makes one."""
+        if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)):
+            return ""
+        if node.func.id not in self.records:
+            return ""
+        values = ", ".join(self.expression(a) for a in node.args)
+        return f"const {node.func.id} made = {{{values}}};"
+
     def kind(self, node: ast.expr) -> str:
         """Type of an expression."""
         if isinstance(node, ast.Constant):
             return "index" if isinstance(node.value, int) else "real"
         if isinstance(node, ast.Name):
             return self.types[node.id]
+        if isinstance(node, ast.Attribute):
+            return self.records[self.kind(node.value)][node.attr]
         if isinstance(node, ast.Subscript):
             return "real"
         if isinstance(node, ast.UnaryOp):
@@ -196,6 +235,8 @@ class _Function:
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
             if node.func.id == "floor":
                 return "index"
+            if node.func.id in self.records:
+                return node.func.id
             if node.func.id in self.trees:
                 return results(self.trees[node.func.id])[0]
             return "real"
@@ -208,7 +249,10 @@ class _Function:
             return node.id
         if isinstance(node, ast.Subscript):
             name, place = self.expression(node.value), self.expression(node.slice)
-            return f"WIDTH({name}, {place})" if self.types[name] == "widths" else f"{name}[{place}]"
+            widths = self.kind(node.value) == "widths"
+            return f"WIDTH({name}, {place})" if widths else f"{name}[{place}]"
+        if isinstance(node, ast.Attribute):
+            return f"{self.expression(node.value)}.{node.attr}"
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
             return f"(-{self.expression(node.operand)})"
         if isinstance(node, ast.BinOp):

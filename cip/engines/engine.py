@@ -134,10 +134,11 @@ class Engine:
         def attempt(count: int) -> int:
             found = 0
             for row, block in zip(feet, stage.blocks, strict=True):
-                points = [np.ascontiguousarray(x.ravel()) for x in stage.points(block)]
+                points: list[Any] = [np.ascontiguousarray(x.ravel()) for x in stage.points(block)]
                 points += [np.zeros(size)] * (3 - self.grid.dim)
-                clock = (t_end, length / count, count)
-                arguments = (row, said, *points, box, size, len(stage.jets), *clock)
+                x, y, z = points
+                paths = tuple(path_loops.Paths(x, y, z, t_end, length / count, count, box))
+                arguments = (row, said, paths, size, len(stage.jets))
 
                 def work(start: int, stop: int, arguments: Any = arguments) -> None:
                     run_feet(start, stop, *arguments)

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from cip.engines.cpu_loops import address
+from cip.engines.cpu_loops import address, at_addresses
 from cip.jit import Array, Index, Out, Real, kernel, loop, room
 from cip.profiles.line_kernels import move_cubic
 from cip.profiles.line_profiles import cubic, locate
+from cip.profiles.records import Foot, Line, Update
 
 _BLOCK = 128
 
@@ -91,7 +92,7 @@ def cubic_block(
         va = width * near[2 * _BLOCK + q]
         vb = width * near[3 * _BLOCK + q]
         value, slope = cubic(near[q], near[_BLOCK + q], va, vb, inside[q])
-        move_cubic(value, slope / width, feet, n, o + q, advect, out, n, o + q)
+        move_cubic(value, slope / width, Foot(feet, n, o + q), advect, out, n, o + q)
 
 
 @kernel
@@ -105,7 +106,7 @@ def cubic_row(
         va = width * m[n + k + q]
         vb = width * m[n + k + q + 1]
         value, slope = cubic(m[k + q], m[k + q + 1], va, vb, inside[q])
-        move_cubic(value, cells * slope, feet, n, o + q, advect, out, n, o + q)
+        move_cubic(value, cells * slope, Foot(feet, n, o + q), advect, out, n, o + q)
 
 
 def end_room(dtype: DTypeLike, h: Array) -> Any:
@@ -117,12 +118,14 @@ def end_room(dtype: DTypeLike, h: Array) -> Any:
 
 @loop
 def run_cubic(
-    start: Index, stop: Index, m: Array, out: Out, feet: Array, h: Array, n: Index,
-    periodic: Index, advect: Index, uniform: Index, near: Out,
+    start: Index, stop: Index, m: Array, out: Out, feet: Array, line: Line, update: Update,
+    uniform: Index, near: Out,
 ) -> None:  # fmt: skip
     """Nodes start..stop of the line."""
     at, inside = numbers(np.empty(1, np.int64)), numbers(m)
-    m, out, feet, h, near = address(m), address(out), address(feet), address(h), address(near)
+    m, out, feet, near = address(m), address(out), address(feet), address(near)
+    line, advect = at_addresses(line), Update(*update).advect
+    h, n, periodic = line.h, line.n, line.periodic
     for o in range(start, stop, _BLOCK):
         count = min(_BLOCK, stop - o)
         low, high = offsets(feet, o, count, at, inside)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from cip.engines.cpu_loops import address
+from cip.engines.cpu_loops import address, at_addresses
 from cip.engines.path_kernel import box_of, path_source
 from cip.formulas.expression import RULES
 from cip.grid import Grid
 from cip.jit import Array, Index, Out, Real, generated, room
+from cip.profiles.records import Foot, Line, Update
 from cip.stages.stage import Stage
 
 # No stage reads more components of the feet.
@@ -23,6 +24,22 @@ foot_room = room(_COMPONENTS)
 # In their place `loop_over` puts kernels.
 node: Any = None
 path: Any = None
+
+
+class Paths(NamedTuple):
+    """Where paths end and how they are followed back.
+
+    Coordinates are those of the grid's lines (0 in directions that it lacks), or those of single
+    points. `t` is the end of so many sub-steps of length `step`; `box` as `box_of` says.
+    """
+
+    x: Array
+    y: Array
+    z: Array
+    t: Real
+    step: Real
+    substeps: Index
+    box: Array
 
 
 def compiled(grid: Grid, stage: Stage) -> tuple[Any, Any]:
@@ -40,32 +57,34 @@ def _path(source: str) -> Any:
 
 
 def run_plane_path(
-    start: Index, stop: Index, m: Array, out: Out, said: Out,
-    x: Array, y: Array, box: Array, t: Real, step: Real, count: Index, hx: Array, hy: Array,
-    size: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, limiter: Index,
+    start: Index, stop: Index, m: Array, out: Out, said: Out, paths: Paths, x: Line, y: Line,
+    update: Update, limiter: Index,
 ) -> None:  # fmt: skip
     """Rows start..stop of a plane; said[row] gathers what `path` says."""
-    m, out, said, hx, hy = address(m), address(out), address(said), address(hx), address(hy)
-    foot, box = foot_room(np.empty(1)), address(box)
+    m, out, said = address(m), address(out), address(said)
+    x, y, update, paths = at_addresses(x), at_addresses(y), Update(*update), Paths(*paths)
+    x1, x2 = address(paths.x), address(paths.y)
+    feet, box = foot_room(np.empty(1)), address(paths.box)
+    t, step, count = paths.t, paths.step, paths.substeps
     for i in range(start, stop):
         found = 0
-        for j in range(ny):
-            found |= path(foot, x[i], y[j], 0.0, t, step, count, box)
-            node(
-                m, out, foot, 1, 0, hx, hy, size, i * ny + j, i, j, nx, ny, px, py, advect, limiter
-            )
+        for j in range(y.n):
+            found |= path(feet, x1[i], x2[j], 0.0, t, step, count, box)
+            node(m, out, Foot(feet, 1, 0), x, y, update, i * y.n + j, i, j, limiter)
         said[i] = found
 
 
 def run_lines_path(
-    start: Index, stop: Index, m: Array, out: Out, said: Out,
-    x: Array, y: Array, z: Array, box: Array, ny: Index, nz: Index, t: Real, step: Real,
-    count: Index, h: Array, size: Index, dim: Index, axis: Index, inner: Index, n: Index,
-    periodic: Index, advect: Index, limiter: Index,
+    start: Index, stop: Index, m: Array, out: Out, said: Out, paths: Paths, line: Line,
+    update: Update, limiter: Index,
 ) -> None:  # fmt: skip
-    """Rows start..stop of a sweep."""
-    m, out, said, h = address(m), address(out), address(said), address(h)
-    foot, box = foot_room(np.empty(1)), address(box)
+    """Rows start..stop of a sweep, as `cip.engines.cpu_loops.run_lines` counts them."""
+    m, out, said = address(m), address(out), address(said)
+    line, update, paths = at_addresses(line), Update(*update), Paths(*paths)
+    feet, box = foot_room(np.empty(1)), address(paths.box)
+    x, y, z = address(paths.x), address(paths.y), address(paths.z)
+    t, step, count = paths.t, paths.step, paths.substeps
+    ny, nz, inner, n = paths.y.size, paths.z.size, line.stride, line.n
     block = start // n
     i = start - block * n
     for row in range(start, stop):
@@ -73,11 +92,9 @@ def run_lines_path(
         base = block * n * inner
         for q in range(inner):
             o = base + i * inner + q
-            found |= path(foot, x[o // (ny * nz)], y[o // nz % ny], z[o % nz], t, step, count, box)
-            node(
-                m, out, foot, 1, 0, h, size, dim, axis, o, base + q, inner, n, periodic, i,
-                advect, limiter,
-            )  # fmt: skip
+            found |= path(feet, x[o // (ny * nz)], y[o // nz % ny], z[o % nz], t, step, count, box)
+            own = Line(line.h, base + q, inner, n, line.periodic)
+            node(m, out, Foot(feet, 1, 0), own, update, o, i, limiter)
         said[row] = found
         i += 1
         if i == n:
@@ -86,12 +103,14 @@ def run_lines_path(
 
 
 def run_feet(
-    start: Index, stop: Index, feet: Out, said: Out, x: Array, y: Array, z: Array,
-    box: Array, size: Index, components: Index, t: Real, step: Real, count: Index,
-) -> None:  # fmt: skip
+    start: Index, stop: Index, feet: Out, said: Out, paths: Paths, size: Index, components: Index
+) -> None:
     """Feet of the points start..stop, component after component."""
-    foot, box = foot_room(np.empty(1)), address(box)
+    paths = Paths(*paths)
+    foot, box = foot_room(np.empty(1)), address(paths.box)
     feet, said = address(feet), address(said)
+    x, y, z = address(paths.x), address(paths.y), address(paths.z)
+    t, step, count = paths.t, paths.step, paths.substeps
     for o in range(start, stop):
         said[o] = path(foot, x[o], y[o], z[o], t, step, count, box)
         for f in range(components):

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from cip.engines.cpu_loops import address
+from cip.engines.cpu_loops import address, at_addresses
 from cip.jit import Array, Index, Out, kernel, loop, room
 from cip.profiles.line_profiles import locate
 from cip.profiles.plane_kernels import adini_profile, bicubic_profile, move_adini, move_bicubic
+from cip.profiles.records import Corners, Foot, Line, Update
 
 _BLOCK = 64
 
@@ -25,13 +26,13 @@ numbers = room(4 * _BLOCK)
 
 @kernel
 def places(
-    feet: Array, size: Index, o: Index, count: Index, i: Index, j: Index,
-    nx: Index, ny: Index, px: Index, py: Index, at: Out, inside: Out,
+    feet: Array, size: Index, o: Index, count: Index, i: Index, j: Index, x: Line, y: Line,
+    at: Out, inside: Out,
 ) -> None:  # fmt: skip
     """Cells of the feet of `count` nodes of a row and the places in them."""
     for q in range(count):
-        k, _right, s = locate(i, feet[o + q], nx, px)
-        l, _right, t = locate(j + q, feet[size + o + q], ny, py)
+        k, _right, s = locate(i, feet[o + q], x.n, x.periodic)
+        l, _right, t = locate(j + q, feet[size + o + q], y.n, y.periodic)
         at[q] = k
         at[_BLOCK + q] = l
         inside[q] = s
@@ -40,8 +41,8 @@ def places(
 
 @kernel
 def corners(
-    m: Array, size: Index, moments: Index, nx: Index, ny: Index, hx: Array, hy: Array,
-    uniform: Index, count: Index, at: Array, near: Out,
+    m: Array, size: Index, moments: Index, x: Line, y: Line, uniform: Index, count: Index,
+    at: Array, near: Out,
 ) -> None:  # fmt: skip
     """Moment after moment at the four corners of the cells, then their widths.
 
@@ -51,13 +52,13 @@ def corners(
         k = at[q]
         l = at[_BLOCK + q]
         kr = k + 1
-        if kr == nx:
+        if kr == x.n:
             kr = 0
         lr = l + 1
-        if lr == ny:
+        if lr == y.n:
             lr = 0
-        low = k * ny
-        high = kr * ny
+        low = k * y.n
+        high = kr * y.n
         for moment in range(moments):
             row = 4 * moment * _BLOCK + q
             near[row] = m[low + l]
@@ -68,8 +69,15 @@ def corners(
             high += size
         if uniform == 0:
             row = 4 * moments * _BLOCK + q
-            near[row] = hx[k]
-            near[row + _BLOCK] = hy[l]
+            near[row] = x.h[k]
+            near[row + _BLOCK] = y.h[l]
+
+
+@kernel
+def beside(near: Array, moment: Index, q: Index) -> Corners:
+    """A moment at the corners of the cell of node q of the block."""
+    row = 4 * moment * _BLOCK + q
+    return Corners(near[row], near[row + _BLOCK], near[row + 2 * _BLOCK], near[row + 3 * _BLOCK])
 
 
 @kernel
@@ -80,13 +88,10 @@ def adini_block(
     """The new moments of a block, Adini's profile."""
     B = _BLOCK
     for q in range(count):
-        value, fx, fy = adini_profile(
-            near[q], near[B + q], near[2 * B + q], near[3 * B + q],
-            near[4 * B + q], near[5 * B + q], near[6 * B + q], near[7 * B + q],
-            near[8 * B + q], near[9 * B + q], near[10 * B + q], near[11 * B + q],
-            near[12 * B + q], near[13 * B + q], inside[q], inside[B + q],
-        )  # fmt: skip
-        move_adini(value, fx, fy, feet, size, o + q, advect, new, B, q)
+        u, ux, uy = beside(near, 0, q), beside(near, 1, q), beside(near, 2, q)
+        a, b = near[12 * B + q], near[13 * B + q]
+        value, fx, fy = adini_profile(u, ux, uy, a, b, inside[q], inside[B + q])
+        move_adini(value, fx, fy, Foot(feet, size, o + q), advect, new, B, q)
 
 
 @kernel
@@ -97,14 +102,14 @@ def bicubic_block(
     """The new moments of a block, bicubic profile."""
     B = _BLOCK
     for q in range(count):
+        u, ux = beside(near, 0, q), beside(near, 1, q)
+        uy, uxy = beside(near, 2, q), beside(near, 3, q)
+        a, b = near[16 * B + q], near[17 * B + q]
         value, fx, fy, fxx, fxy, fyy = bicubic_profile(
-            near[q], near[B + q], near[2 * B + q], near[3 * B + q],
-            near[4 * B + q], near[5 * B + q], near[6 * B + q], near[7 * B + q],
-            near[8 * B + q], near[9 * B + q], near[10 * B + q], near[11 * B + q],
-            near[12 * B + q], near[13 * B + q], near[14 * B + q], near[15 * B + q],
-            near[16 * B + q], near[17 * B + q], inside[q], inside[B + q],
-        )  # fmt: skip
-        move_bicubic(value, fx, fy, fxx, fxy, fyy, feet, size, o + q, advect, new, B, q)
+            u, ux, uy, uxy, a, b, inside[q], inside[B + q]
+        )
+        foot = Foot(feet, size, o + q)
+        move_bicubic(value, fx, fy, fxx, fxy, fyy, foot, advect, new, B, q)
 
 
 @kernel
@@ -129,39 +134,39 @@ def corner_room(moments: int, dtype: DTypeLike, *widths: Array) -> Any:
 
 @loop
 def run_adini(
-    start: Index, stop: Index, m: Array, out: Out, feet: Array, hx: Array, hy: Array,
-    size: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, uniform: Index,
-    near: Out,
+    start: Index, stop: Index, m: Array, out: Out, feet: Array, x: Line, y: Line, update: Update,
+    uniform: Index, near: Out,
 ) -> None:  # fmt: skip
     """Rows start..stop of a plane, Adini's profile."""
     at, inside, new = numbers(np.empty(1, np.int64)), numbers(m), numbers(m)
     m, out, feet, near = address(m), address(out), address(feet), address(near)
-    hx, hy = address(hx), address(hy)
+    x, y, update = at_addresses(x), at_addresses(y), Update(*update)
+    size, ny = update.size, y.n
     for i in range(start, stop):
         for j in range(0, ny, _BLOCK):
             count = min(_BLOCK, ny - j)
             o = i * ny + j
-            places(feet, size, o, count, i, j, nx, ny, px, py, at, inside)
-            corners(m, size, 3, nx, ny, hx, hy, uniform, count, at, near)
-            adini_block(near, inside, feet, size, o, count, advect, new)
+            places(feet, size, o, count, i, j, x, y, at, inside)
+            corners(m, size, 3, x, y, uniform, count, at, near)
+            adini_block(near, inside, feet, size, o, count, update.advect, new)
             keep(new, 3, size, count, out, o)
 
 
 @loop
 def run_bicubic(
-    start: Index, stop: Index, m: Array, out: Out, feet: Array, hx: Array, hy: Array,
-    size: Index, nx: Index, ny: Index, px: Index, py: Index, advect: Index, uniform: Index,
-    near: Out,
+    start: Index, stop: Index, m: Array, out: Out, feet: Array, x: Line, y: Line, update: Update,
+    uniform: Index, near: Out,
 ) -> None:  # fmt: skip
     """Rows start..stop of a plane, bicubic profile."""
     at, inside, new = numbers(np.empty(1, np.int64)), numbers(m), numbers(m)
     m, out, feet, near = address(m), address(out), address(feet), address(near)
-    hx, hy = address(hx), address(hy)
+    x, y, update = at_addresses(x), at_addresses(y), Update(*update)
+    size, ny = update.size, y.n
     for i in range(start, stop):
         for j in range(0, ny, _BLOCK):
             count = min(_BLOCK, ny - j)
             o = i * ny + j
-            places(feet, size, o, count, i, j, nx, ny, px, py, at, inside)
-            corners(m, size, 4, nx, ny, hx, hy, uniform, count, at, near)
-            bicubic_block(near, inside, feet, size, o, count, advect, new)
+            places(feet, size, o, count, i, j, x, y, at, inside)
+            corners(m, size, 4, x, y, uniform, count, at, near)
+            bicubic_block(near, inside, feet, size, o, count, update.advect, new)
             keep(new, 4, size, count, out, o)

@@ -18,9 +18,10 @@ from __future__ import annotations
 
 from math import floor
 
-from cip.jit import Array, Index, Out, Real, Widths, kernel
+from cip.jit import Array, Index, Out, Real, kernel
 from cip.profiles.conservative_profiles import csl2, csl4
 from cip.profiles.line_profiles import cubic
+from cip.profiles.records import Limits, Line, Means, Update
 
 
 @kernel
@@ -40,17 +41,17 @@ def cell_of(i: Index, d: Real, n: Index, periodic: Index) -> tuple[Index, Real]:
 
 
 @kernel
-def slope_of(
-    m: Array, h: Widths, value: Index, mean: Index, stride: Index, n: Index, periodic: Index,
-    i: Index,
-) -> Real:  # fmt: skip
+def slope_of(m: Array, line: Line, value: Index, mean: Index, i: Index) -> Real:
     r"""Slope at node i of the quartic with the values and means of two cells: beside it, if it can.
 
     With the integral M from the node and :math:`g(x) = (M(x) - M'(0) x) / x^2`, a cubic known with
     its derivative at the other two nodes, the slope is :math:`M''(0) = 2 g(0)`.
     """
+    h = line.h
+    n = line.n
+    stride = line.stride
     first = i - 1
-    if periodic == 0:
+    if line.periodic == 0:
         first = min(max(first, 0), n - 3)
     k0 = first
     if k0 < 0:
@@ -96,11 +97,13 @@ def slope_of(
 
 @kernel
 def profile(
-    m: Array, h: Widths, value: Index, slope: Index, mean: Index, stride: Index, n: Index,
-    periodic: Index, cell: Index, s: Real, order: Index, carried: Index,
-    limiter: Index, low: Real, high: Real, slack: Real,
-) -> tuple[Real, Real, Real]:  # fmt: skip
+    m: Array, line: Line, means: Means, cell: Index, s: Real, order: Index, limits: Limits
+) -> tuple[Real, Real, Real]:
     """Value, slope (per length) and integral from the left end of a cell, all at s."""
+    n = line.n
+    stride = line.stride
+    value = means.value
+    mean = means.mean
     k = cell
     if k < 0 or k >= n:
         k = k % n
@@ -109,47 +112,50 @@ def profile(
         r = 0
     a = m[value + k * stride]
     b = m[value + r * stride]
-    width = h[k]
+    width = line.h[k]
     if order == 2:
-        f0, f1, mass = csl2(a, b, m[mean + k * stride], s, limiter, low, high, slack)
+        f0, f1, mass = csl2(a, b, m[mean + k * stride], s, limits)
     else:
-        if carried == 1:
-            va = width * m[slope + k * stride]
-            vb = width * m[slope + r * stride]
+        if means.carried == 1:
+            va = width * m[means.slope + k * stride]
+            vb = width * m[means.slope + r * stride]
         else:
-            va = width * slope_of(m, h, value, mean, stride, n, periodic, k)
-            vb = width * slope_of(m, h, value, mean, stride, n, periodic, r)
-        f0, f1, mass = csl4(a, b, va, vb, m[mean + k * stride], s, limiter, low, high, slack)
+            va = width * slope_of(m, line, value, mean, k)
+            vb = width * slope_of(m, line, value, mean, r)
+        f0, f1, mass = csl4(a, b, va, vb, m[mean + k * stride], s, limits)
     return f0, f1 / width, mass * width
 
 
 @kernel
-def mass_of(m: Array, h: Widths, mean: Index, stride: Index, n: Index, cell: Index) -> Real:
+def mass_of(m: Array, line: Line, mean: Index, cell: Index) -> Real:
     """Integral over a whole cell."""
     k = cell
-    if k < 0 or k >= n:
-        k = k % n
-    return m[mean + k * stride] * h[k]
+    if k < 0 or k >= line.n:
+        k = k % line.n
+    return m[mean + k * line.stride] * line.h[k]
 
 
 @kernel
 def node_csl(
-    m: Array, out: Out, feet: Array, h: Widths, size: Index, dim: Index, axis: Index,
-    o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
-    limiter: Index, low: Real, high: Real, slack: Real, order: Index,
+    m: Array, out: Out, feet: Array, line: Line, update: Update, o: Index, i: Index,
+    limits: Limits, order: Index,
 ) -> None:  # fmt: skip
     """All (value, mean) pairs along the sweep at one node and in the cell after it."""
+    n = line.n
+    base = line.first
+    periodic = line.periodic
+    size = update.size
     nxt = i + 1
     if nxt == n:
         nxt = 0
     bit = 1
-    for _ in range(axis):
+    for _ in range(update.axis):
         bit = bit * 2
     count = 1
-    for _ in range(dim):
+    for _ in range(update.dim):
         count = count * 2
     carried = 0
-    if order == 4 and dim == 1:
+    if order == 4 and update.dim == 1:
         carried = 1
     at = 0
     for pair in range(count):
@@ -160,28 +166,23 @@ def node_csl(
             if carried == 1:
                 slope = size + base
                 mean = 2 * size + base
+            means = Means(value, slope, mean, carried)
             k1, s1 = cell_of(i, feet[at + o], n, periodic)
-            f0, f1, left = profile(
-                m, h, value, slope, mean, stride, n, periodic, k1, s1, order, carried,
-                limiter, low, high, slack,
-            )  # fmt: skip
+            f0, f1, left = profile(m, line, means, k1, s1, order, limits)
             J = feet[at + size + o]
             out[pair * size + o] = J * f0
             if carried == 1:
                 out[size + o] = J * J * f1 + feet[at + 2 * size + o] * f0
             if periodic == 1 or i < n - 1:
-                k2, s2 = cell_of(i + 1, feet[at + base + nxt * stride], n, periodic)
-                _value, _slope, right = profile(
-                    m, h, value, slope, mean, stride, n, periodic, k2, s2, order, carried,
-                    limiter, low, high, slack,
-                )  # fmt: skip
+                k2, s2 = cell_of(i + 1, feet[at + base + nxt * line.stride], n, periodic)
+                _value, _slope, right = profile(m, line, means, k2, s2, order, limits)
                 if k1 == k2:
                     mass = right - left
                 else:
-                    mass = mass_of(m, h, mean, stride, n, k1) - left + right
+                    mass = mass_of(m, line, mean, k1) - left + right
                     for k in range(k1 + 1, k2):
-                        mass = mass + mass_of(m, h, mean, stride, n, k)
-                out[mean - base + o] = mass / h[i]
+                        mass = mass + mass_of(m, line, mean, k)
+                out[mean - base + o] = mass / line.h[i]
             else:
                 out[mean - base + o] = 0.0
             at = at + (2 + carried) * size
@@ -189,25 +190,15 @@ def node_csl(
 
 @kernel
 def node_csl2(
-    m: Array, out: Out, feet: Array, h: Widths, size: Index, dim: Index, axis: Index,
-    o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
-    limiter: Index, low: Real, high: Real, slack: Real,
-) -> None:  # fmt: skip
+    m: Array, out: Out, feet: Array, line: Line, update: Update, o: Index, i: Index, limits: Limits
+) -> None:
     """Values and means."""
-    node_csl(
-        m, out, feet, h, size, dim, axis, o, base, stride, n, periodic, i,
-        limiter, low, high, slack, 2,
-    )  # fmt: skip
+    node_csl(m, out, feet, line, update, o, i, limits, 2)
 
 
 @kernel
 def node_csl4(
-    m: Array, out: Out, feet: Array, h: Widths, size: Index, dim: Index, axis: Index,
-    o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
-    limiter: Index, low: Real, high: Real, slack: Real,
-) -> None:  # fmt: skip
+    m: Array, out: Out, feet: Array, line: Line, update: Update, o: Index, i: Index, limits: Limits
+) -> None:
     """Values, slopes and means of a line; values and means in several dimensions."""
-    node_csl(
-        m, out, feet, h, size, dim, axis, o, base, stride, n, periodic, i,
-        limiter, low, high, slack, 4,
-    )  # fmt: skip
+    node_csl(m, out, feet, line, update, o, i, limits, 4)

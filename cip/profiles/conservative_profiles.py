@@ -19,17 +19,18 @@ from __future__ import annotations
 
 from math import sqrt
 
-from cip.jit import Index, Real, kernel
+from cip.jit import Real, kernel
+from cip.profiles.records import Limits
 
 
 @kernel
-def scaling(m: Real, low: Real, high: Real, least: Real, most: Real, slack: Real) -> Real:
+def scaling(m: Real, least: Real, most: Real, limits: Limits) -> Real:
     """The factor theta that brings the range least..most of a profile into the bounds."""
     theta = 1.0
-    if least < low - slack:
-        theta = min(theta, max(0.0, (m - low) / (m - least)))
-    if most > high + slack:
-        theta = min(theta, max(0.0, (high - m) / (most - m)))
+    if least < limits.low - limits.slack:
+        theta = min(theta, max(0.0, (m - limits.low) / (m - least)))
+    if most > limits.high + limits.slack:
+        theta = min(theta, max(0.0, (limits.high - m) / (most - m)))
     return theta
 
 
@@ -106,11 +107,9 @@ def quartic_range(c0: Real, c1: Real, c2: Real, c3: Real, c4: Real) -> tuple[Rea
 
 
 @kernel
-def csl2(
-    a: Real, b: Real, m: Real, s: Real, limiter: Index, low: Real, high: Real, slack: Real
-) -> tuple[Real, Real, Real]:
+def csl2(a: Real, b: Real, m: Real, s: Real, limits: Limits) -> tuple[Real, Real, Real]:
     """Value, slope in s, and the integral from 0 to s."""
-    if limiter == 3:
+    if limits.limiter == 3:
         A = m - a
         B = b - m
         if A * B > 0.0:
@@ -125,9 +124,9 @@ def csl2(
     value = a + s * (c1 + s * c2)
     slope = c1 + 2.0 * s * c2
     mass = s * (a + s * (0.5 * c1 + s * c2 / 3.0))
-    if limiter == 4:
+    if limits.limiter == 4:
         least, most = quadratic_range(a, c1, c2)
-        theta = scaling(m, low, high, least, most, slack)
+        theta = scaling(m, least, most, limits)
         if theta < 1.0:
             value = m + theta * (value - m)
             slope = theta * slope
@@ -137,9 +136,8 @@ def csl2(
 
 @kernel
 def csl4(
-    a: Real, b: Real, va: Real, vb: Real, m: Real, s: Real,
-    limiter: Index, low: Real, high: Real, slack: Real,
-) -> tuple[Real, Real, Real]:  # fmt: skip
+    a: Real, b: Real, va: Real, vb: Real, m: Real, s: Real, limits: Limits
+) -> tuple[Real, Real, Real]:
     """Value, slope in s, and the integral from 0 to s."""
     A = b - a - va
     B = vb - va
@@ -150,16 +148,16 @@ def csl4(
     value = quartic(a, va, c2, c3, c4, s)
     slope = va + s * (2.0 * c2 + s * (3.0 * c3 + s * 4.0 * c4))
     mass = s * (a + s * (0.5 * va + s * (c2 / 3.0 + s * (0.25 * c3 + s * 0.2 * c4))))
-    if limiter == 4:
+    if limits.limiter == 4:
         # Bernstein coefficients enclose the quartic cheaply; its exact range is rarely needed.
         b1 = a + 0.25 * va
         b2 = a + 0.5 * va + c2 / 6.0
         b3 = b - 0.25 * vb
         least = min(min(min(a, b), min(b1, b2)), b3)
         most = max(max(max(a, b), max(b1, b2)), b3)
-        if least < low - slack or most > high + slack:
+        if least < limits.low - limits.slack or most > limits.high + limits.slack:
             least, most = quartic_range(a, va, c2, c3, c4)
-            theta = scaling(m, low, high, least, most, slack)
+            theta = scaling(m, least, most, limits)
             if theta < 1.0:
                 value = m + theta * (value - m)
                 slope = theta * slope

@@ -1,13 +1,12 @@
 r"""One sweep along an axis for profiles of point values: kernels for CPU and device.
 
-Every node function writes the new moments of node `o`, which is number `i` of `n` on the line with
-the nodes ``base + i stride``. For transport the new field is u(X) and for advection J u(X) with
-J = X_a; derivatives follow by the chain rule, with X_a, X_aa, ... along the sweep and X_b, X_ab,
-... across it (King 2012, section 3.1.3, in the form without division by c). Derivatives across the
-sweep are interpolated along it by cubics through four nodes: linear interpolation costs a factor
-3.6 in the error of his example 1.
+Every node function writes the new moments of node `o`, which is number `i` of its `Line`. For
+transport the new field is u(X) and for advection J u(X) with J = X_a; derivatives follow by the
+chain rule, with X_a, X_aa, ... along the sweep and X_b, X_ab, ... across it (King 2012, section
+3.1.3, in the form without division by c). Derivatives across the sweep are interpolated along it by
+cubics through four nodes: linear interpolation costs a factor 3.6 in the error of his example 1.
 
-Arrays are flat; moment q is at ``q size``, component f of the feet at ``f fs + fo``:
+Arrays are flat; moment q is at ``q size``, the feet lie as `Foot` says:
 
 | profile | moments | feet, transport | feet, advection |
 | --- | --- | --- | --- |
@@ -20,7 +19,7 @@ The parentheses repeat for each direction across.
 
 from __future__ import annotations
 
-from cip.jit import Array, Index, Out, Real, Widths, kernel
+from cip.jit import Array, Index, Out, Real, kernel
 from cip.profiles.line_profiles import (
     cubic,
     lagrange,
@@ -31,33 +30,30 @@ from cip.profiles.line_profiles import (
     smoothed,
     tangents,
 )
+from cip.profiles.records import Foot, Line, Update
 
 
 @kernel
 def node_linear(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Widths, size: Index,
-    dim: Index, axis: Index,
-    o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
-    advect: Index, limiter: Index,
-) -> None:  # fmt: skip
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limiter: Index
+) -> None:
     """Linear interpolation of the values."""
-    k, r, s = locate(i, feet[fo], n, periodic)
-    a = m[base + k * stride]
-    value = a + s * (m[base + r * stride] - a)
-    if advect == 1:
-        value = value * feet[fs + fo]
+    k, r, s = locate(i, foot.feet[foot.first], line.n, line.periodic)
+    a = m[line.first + k * line.stride]
+    value = a + s * (m[line.first + r * line.stride] - a)
+    if update.advect == 1:
+        value = value * foot.feet[foot.stride + foot.first]
     out[o] = value
 
 
 @kernel
 def move_cubic(
-    value: Real, slope: Real, feet: Array, fs: Index, fo: Index, advect: Index,
-    out: Out, slopes: Index, o: Index,
-) -> None:  # fmt: skip
+    value: Real, slope: Real, foot: Foot, advect: Index, out: Out, slopes: Index, o: Index
+) -> None:
     """The new value and the new slope along the sweep."""
-    J = feet[fs + fo]
+    J = foot.feet[foot.stride + foot.first]
     if advect == 1:
-        K = feet[2 * fs + fo]
+        K = foot.feet[2 * foot.stride + foot.first]
         out[o] = J * value
         out[slopes + o] = J * J * slope + K * value
     else:
@@ -67,15 +63,19 @@ def move_cubic(
 
 @kernel
 def hermite(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Widths, size: Index,
-    dim: Index, axis: Index,
-    o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
-    advect: Index, limiter: Index, piecewise: Index,
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index,
+    limiter: Index, piecewise: Index,
 ) -> None:  # fmt: skip
     """Cubic or piecewise linear profile of values and slopes, with the limiters of the cubic."""
-    d = feet[fo]
-    k, r, s = locate(i, d, n, periodic)
-    width = h[k]
+    feet = foot.feet
+    size = update.size
+    axis = update.axis
+    advect = update.advect
+    base = line.first
+    stride = line.stride
+    d = feet[foot.first]
+    k, r, s = locate(i, d, line.n, line.periodic)
+    width = line.h[k]
     slopes = (1 + axis) * size + base
     a = m[base + k * stride]
     b = m[base + r * stride]
@@ -83,7 +83,7 @@ def hermite(
     vb = width * m[slopes + r * stride]
     lines = piecewise
     if limiter == 2:
-        lines = rough(m, h, base, stride, n, periodic, k, r, a, b, va, vb, 0.1)
+        lines = rough(m, line, k, r, a, b, va, vb, 0.1)
     if lines == 1:
         value, slope = tangents(a, b, va, vb, s, d)
     elif lines == 2:
@@ -98,102 +98,73 @@ def hermite(
             high = max(a, b)
             value = min(max(value, low), high)
     slope = slope / width
-    move_cubic(value, slope, feet, fs, fo, advect, out, (1 + axis) * size, o)
-    J = feet[fs + fo]
+    move_cubic(value, slope, foot, advect, out, (1 + axis) * size, o)
+    J = feet[foot.stride + foot.first]
     component = 2 + advect
-    for b_axis in range(dim):
+    for b_axis in range(update.dim):
         if b_axis != axis:
             q = (1 + b_axis) * size
             if piecewise > 0:
                 f0 = m[q + base + k * stride]
                 across = f0 + s * (m[q + base + r * stride] - f0)
             else:
-                across, _slope = lagrange(m, h, q + base, stride, n, periodic, k, s)
-            across = across + feet[component * fs + fo] * slope
+                across, _slope = lagrange(m, line, q, k, s)
+            across = across + feet[component * foot.stride + foot.first] * slope
             component = component + 1
             if advect == 1:
-                across = J * across + feet[component * fs + fo] * value
+                across = J * across + feet[component * foot.stride + foot.first] * value
                 component = component + 1
             out[q + o] = across
 
 
 @kernel
 def node_piecewise_linear(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Widths, size: Index,
-    dim: Index, axis: Index,
-    o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
-    advect: Index, limiter: Index,
-) -> None:  # fmt: skip
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limiter: Index
+) -> None:
     """The piecewise linear profile."""
-    hermite(m, out, feet, fs, fo, h, size, dim, axis, o, base, stride, n, periodic, i, advect, 0, 1)
+    hermite(m, out, foot, line, update, o, i, 0, 1)
 
 
 @kernel
 def node_smoothed(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Widths, size: Index,
-    dim: Index, axis: Index,
-    o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
-    advect: Index, limiter: Index,
-) -> None:  # fmt: skip
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limiter: Index
+) -> None:
     """The piecewise linear profile with the smoothed choice (2.18)."""
-    hermite(m, out, feet, fs, fo, h, size, dim, axis, o, base, stride, n, periodic, i, advect, 0, 2)
+    hermite(m, out, foot, line, update, o, i, 0, 2)
 
 
 @kernel
 def node_cubic(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Widths, size: Index,
-    dim: Index, axis: Index,
-    o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
-    advect: Index, limiter: Index,
-) -> None:  # fmt: skip
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limiter: Index
+) -> None:
     """The cubic profile without limiter, which the compiler then drops."""
-    hermite(m, out, feet, fs, fo, h, size, dim, axis, o, base, stride, n, periodic, i, advect, 0, 0)
+    hermite(m, out, foot, line, update, o, i, 0, 0)
 
 
 @kernel
 def node_cubic_limited(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Widths, size: Index,
-    dim: Index, axis: Index,
-    o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
-    advect: Index, limiter: Index,
-) -> None:  # fmt: skip
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limiter: Index
+) -> None:
     """The cubic profile with a limiter."""
-    hermite(
-        m,
-        out,
-        feet,
-        fs,
-        fo,
-        h,
-        size,
-        dim,
-        axis,
-        o,
-        base,
-        stride,
-        n,
-        periodic,
-        i,
-        advect,
-        limiter,
-        0,
-    )
+    hermite(m, out, foot, line, update, o, i, limiter, 0)
 
 
 @kernel
 def node_quintic(
-    m: Array, out: Out, feet: Array, fs: Index, fo: Index, h: Widths, size: Index,
-    dim: Index, axis: Index,
-    o: Index, base: Index, stride: Index, n: Index, periodic: Index, i: Index,
-    advect: Index, limiter: Index,
-) -> None:  # fmt: skip
+    m: Array, out: Out, foot: Foot, line: Line, update: Update, o: Index, i: Index, limiter: Index
+) -> None:
     """The quintic profile of values, slopes and second derivatives."""
-    k, r, s = locate(i, feet[fo], n, periodic)
-    width = h[k]
-    q1 = (1 + 2 * axis) * size
-    q2 = (2 + 2 * axis) * size
-    left = base + k * stride
-    right = base + r * stride
+    feet = foot.feet
+    fs = foot.stride
+    fo = foot.first
+    size = update.size
+    advect = update.advect
+    k, r, s = locate(i, feet[fo], line.n, line.periodic)
+    width = line.h[k]
+    q1 = (1 + 2 * update.axis) * size
+    q2 = (2 + 2 * update.axis) * size
+    left = line.first + k * line.stride
+    right = line.first + r * line.stride
     half = 0.5 * width * width
     f0, f1, f2, f3 = quintic(
         m[left], m[right], width * m[q1 + left], width * m[q1 + right],
@@ -217,12 +188,12 @@ def node_quintic(
         out[o] = f0
         out[q1 + o] = J * f1
         out[q2 + o] = J * J * f2 + K * f1
-    for b_axis in range(dim):
-        if b_axis != axis:
+    for b_axis in range(update.dim):
+        if b_axis != update.axis:
             p1 = (1 + 2 * b_axis) * size
             p2 = (2 + 2 * b_axis) * size
-            g0, g1 = lagrange(m, h, p1 + base, stride, n, periodic, k, s)
-            e0, _slope = lagrange(m, h, p2 + base, stride, n, periodic, k, s)
+            g0, g1 = lagrange(m, line, p1, k, s)
+            e0, _slope = lagrange(m, line, p2, k, s)
             Q = feet[component * fs + fo]
             P = feet[(component + 1) * fs + fo]
             once = g0 + Q * f1

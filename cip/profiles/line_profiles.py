@@ -14,7 +14,8 @@ from __future__ import annotations
 
 from math import exp, floor
 
-from cip.jit import Array, Index, Real, Widths, kernel
+from cip.jit import Array, Index, Real, kernel
+from cip.profiles.records import Line
 
 
 @kernel
@@ -147,9 +148,8 @@ def quintic(
 
 @kernel
 def rough(
-    m: Array, h: Widths, base: Index, stride: Index, n: Index, periodic: Index,
-    k: Index, r: Index, a: Real, b: Real, va: Real, vb: Real, factor: Real,
-) -> Index:  # fmt: skip
+    m: Array, line: Line, k: Index, r: Index, a: Real, b: Real, va: Real, vb: Real, factor: Real
+) -> Index:
     r"""Whether the data of a cell is no smooth function: the essentially non-oscillatory choice.
 
     The cubic's third difference |va + vb - 2 d| is compared with a part (`factor`) of the jumps
@@ -158,30 +158,33 @@ def rough(
     d = b - a
     left = d
     right = d
-    cells = n - 1 + periodic
-    if k > 0 or periodic == 1:
+    n = line.n
+    cells = n - 1 + line.periodic
+    if k > 0 or line.periodic == 1:
         p = k - 1
         if p < 0:
             p = n - 1
-        left = (a - m[base + p * stride]) * h[k] / h[p]
-    if r < n - 1 or periodic == 1:
+        left = (a - m[line.first + p * line.stride]) * line.h[k] / line.h[p]
+    if r < n - 1 or line.periodic == 1:
         q = r + 1
         if q >= n:
             q = 0
-        right = (m[base + q * stride] - b) * h[k] / h[r % cells]
+        right = (m[line.first + q * line.stride] - b) * line.h[k] / line.h[r % cells]
     if abs(va + vb - 2.0 * d) > factor * (abs(d) + abs(left) + abs(right)):
         return 1
     return 0
 
 
 @kernel
-def lagrange(
-    m: Array, h: Widths, base: Index, stride: Index, n: Index, periodic: Index, k: Index, s: Real
-) -> tuple[Real, Real]:
-    """Value and slope (per length) of the cubic through the four nodes around a cell."""
+def lagrange(m: Array, line: Line, moment: Index, k: Index, s: Real) -> tuple[Real, Real]:
+    """Value and slope (per length) of the cubic through a moment at the nodes around a cell."""
+    h = line.h
+    n = line.n
+    base = moment + line.first
+    stride = line.stride
     first = k - 1
     cells = n
-    if periodic == 0:
+    if line.periodic == 0:
         cells = n - 1
         if first < 0:
             first = 0

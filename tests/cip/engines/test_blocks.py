@@ -12,6 +12,7 @@ from cip import Grid, Solver, Velocity
 from cip.engines import cpu_loops
 from cip.jit import loop_over
 from cip.profiles import line_kernels, line_profiles, plane_kernels
+from cip.profiles.records import Line, Update
 
 locate: Any = getattr(line_profiles.locate, "py_func", line_profiles.locate)
 
@@ -75,19 +76,18 @@ def test_blocks_are_the_node_functions(profile, regular, form):
     m = state.data.reshape(-1)
     new, expected = np.full_like(m, np.nan), np.full_like(m, np.nan)
     solver._kernels.launch(stage, m, new, feet)
-    widths = grid.widths
-    ends, advect = tuple(map(int, grid.periodic)), int(form == "advection")
+    strides, ends = (grid.nodes[-1], 1)[-grid.dim :], map(int, grid.periodic)
+    lines = [
+        Line(h, 0, stride, n, end)
+        for h, stride, n, end in zip(grid.widths, strides, grid.nodes, ends, strict=True)
+    ]
+    update = Update(grid.size, grid.dim, 0, int(form == "advection"))
     if profile == "cubic":
-        loop_over(cpu_loops.run_line, node=line_kernels.node_cubic)(
-            0, 301, m, expected, feet, widths[0], grid.nodes[0], *ends,
-            advect, 0,
-        )  # fmt: skip
+        run = loop_over(cpu_loops.run_line, node=line_kernels.node_cubic)
+        run(0, grid.nodes[0], m, expected, feet, *lines, update, 0)
     else:
-        node = getattr(plane_kernels, f"node_{profile}")
-        loop_over(cpu_loops.run_plane, node=node)(
-            0, grid.nodes[0], m, expected, feet, *widths, grid.size, *grid.nodes, *ends,
-            advect, 0,
-        )  # fmt: skip
+        run = loop_over(cpu_loops.run_plane, node=getattr(plane_kernels, f"node_{profile}"))
+        run(0, grid.nodes[0], m, expected, feet, *lines, update, 0)
     assert np.isfinite(expected).all()
     # Multiply-adds may be fused in one and not in the other; second derivatives go with h^-2.
     scale = np.abs(expected).max()

@@ -52,6 +52,7 @@ def test_bounds_leave_fine_profiles_alone(profile):
 def test_rational_profile_with_means(seed):
     """It takes both end values and the mean, monotone in monotone cells however steep."""
     from cip.profiles.conservative_profiles import csl2
+    from cip.profiles.records import Limits
 
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(-1, 1, 2)
@@ -60,7 +61,7 @@ def test_rational_profile_with_means(seed):
     m = a + (b - a) * (part if rng.uniform() < 0.5 else 1 - part) if inside else a + b + 2.5
 
     def at(s):
-        return csl2.py_func(a, b, m, s, 3, 0.0, 0.0, 0.0)
+        return csl2.py_func(a, b, m, s, Limits(3, 0.0, 0.0, 0.0))
 
     assert at(0.0)[0] == pytest.approx(a, abs=1e-14)
     assert at(0.0)[2] == 0.0
