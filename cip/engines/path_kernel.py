@@ -16,7 +16,8 @@ from cip.formulas.expression import COORDINATES
 from cip.formulas.straight_line_code import statements
 from cip.grid import Grid
 
-_STAGES = ((0.5, "0.5"), (0.5, "0.5"), (1.0, "1.0"))
+# Parts of a sub-step at which the classical Runge-Kutta method takes its rates.
+_STAGES = (0.0, 0.5, 0.5, 1.0)
 # What `path` says of a path: it left the box, or its sub-steps were too long. Codes are bits.
 LEFT, COARSE = 1, 2
 _NUMBERS = 5  # of `box_of` for each direction
@@ -71,68 +72,91 @@ def path_source(
     depend on t alone. The displacements speak for the derivatives too: where these err by a part,
     neighbouring feet move by that part of a cell against each other.
     """
-    jets = system.jets
-    names = [jet.name for jet in jets]
-    reals = ", ".join(f"{name}: Real" for name in (*COORDINATES, *names))
-    kinds = _kinds(len(jets))
-    rates = {f"r{q}": rate for q, rate in enumerate(system.rates)}
-    moving = range(len(system.moving))
-    first = {f"r{q}": system.rates[q] for q in moving}
     numbers = [repr(x) if constant else f"box[{q}]" for q, x in enumerate(box)]
-    sides = [numbers[_NUMBERS * q : _NUMBERS * (q + 1)] for q in moving]
+    sides = [numbers[start : start + _NUMBERS] for start in range(0, len(numbers), _NUMBERS)]
     lines = [
-        f"def rates({reals}) -> {kinds}:",
+        *_rate_functions(system),
+        "def path(feet: Out, x1: Real, x2: Real, x3: Real, t: Real, step: Real,"
+        f" count: Index{'' if constant else ', box: Array'}) -> Index:",
+        "    found = 0",
+        *(f"    y{q} = {system.start(jet)!r}" for q, jet in enumerate(system.jets)),
+        *(f"    {letter}{q} = 0.0" for letter in "eog" for q in range(len(sides))),
+        "    for n in range(count):",
+        *(f"        {line}" for line in _substep(system)),
+        *(f"        {line}" for line in _leaves(system, sides)),
+        *(f"    {line}" for line in _judgement(system, sides)),
+        *(f"    {line}" for line in _results(system, wanted, [side[0] for side in sides])),
+        f"    if found == {LEFT}:",
+        "        feet[0] = 1e308 * 1e308",
+        "    return found",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _rate_functions(system: System) -> list[str]:
+    """The functions `rates` of all unknowns and `velocity` of the displacements alone."""
+    reals = ", ".join(f"{name}: Real" for name in (*COORDINATES, *(j.name for j in system.jets)))
+    rates = {f"r{q}": rate for q, rate in enumerate(system.rates)}
+    first = {f"r{q}": system.rates[q] for q in range(len(system.moving))}
+    return [
+        f"def rates({reals}) -> {_kinds(len(rates))}:",
         *statements(rates),
         f"    return {', '.join(rates)}",
         "",
         f"def velocity({', '.join(f'{name}: Real' for name in COORDINATES)}) -> "
-        f"{_kinds(len(moving))}:",
+        f"{_kinds(len(first))}:",
         *statements(first),
         f"    return {', '.join(first)}",
         "",
-        "def path(feet: Out, x1: Real, x2: Real, x3: Real, t: Real, step: Real,"
-        f" count: Index{'' if constant else ', box: Array'}) -> Index:",
-        "    found = 0",
     ]
-    lines += [f"    y{q} = {system.start(jet)!r}" for q, jet in enumerate(jets)]
-    lines += [f"    {letter}{q} = 0.0" for letter in "eog" for q in moving]
-    lines.append("    for n in range(count):")
-    lines.append("        s = t - n * step")
-    for stage in range(4):
-        lines += [f"        {line}" for line in _stage(system, stage)]
-        if stage == 0:
-            lines += ["        if n % 2 == 1:"]
-            lines += [f"            g{q} = g{q} + 4.0 * a{q}" for q in moving]
-            lines += ["        else:", "            if n > 0:"]
-            lines += [f"                {_defect(q, 'a')}" for q in moving]
-            for q in moving:
-                lines += [f"            o{q} = y{q}", f"            g{q} = a{q}"]
-    for q in range(len(jets)):
+
+
+def _substep(system: System) -> list[str]:
+    """A Runge-Kutta step; after every second one the defect of Simpson's rule is added."""
+    moving = range(len(system.moving))
+    lines = ["s = t - n * step", *_stage(system, 0), "if n % 2 == 1:"]
+    lines += [f"    g{q} = g{q} + 4.0 * a{q}" for q in moving]
+    lines += ["else:", "    if n > 0:"]
+    lines += [f"        {_defect(q, 'a')}" for q in moving]
+    for q in moving:
+        lines += [f"    o{q} = y{q}", f"    g{q} = a{q}"]
+    for stage in (1, 2, 3):
+        lines += _stage(system, stage)
+    for q in range(len(system.jets)):
         total = f"a{q} + 2.0 * b{q} + 2.0 * c{q} + d{q}"
-        lines.append(f"        y{q} = y{q} + step * (1.0 / 6.0) * ({total})")
-    for q, axis in enumerate(system.moving):
-        x, (_, low, high, _, _) = f"x{axis + 1} + y{q}", sides[q]
-        lines.append(f"        if {x} < {low} or {x} > {high} or {x} != {x}:")
-        lines.append(f"            found = {LEFT}")
+        lines.append(f"y{q} = y{q} + step * (1.0 / 6.0) * ({total})")
+    return lines
+
+
+def _leaves(system: System, sides: Sequence[Sequence[str]]) -> list[str]:
+    """Note a path beyond a wall, or one that is not finite."""
+    lines = []
+    for q, (axis, (_, low, high, _, _)) in enumerate(zip(system.moving, sides, strict=True)):
+        x = f"x{axis + 1} + y{q}"
+        lines += [f"if {x} < {low} or {x} > {high} or {x} != {x}:", f"    found = {LEFT}"]
+    return lines
+
+
+def _judgement(system: System, sides: Sequence[Sequence[str]]) -> list[str]:
+    """The defect of the last two sub-steps, and whether the sum of all is small enough."""
     point = [*_point(system, "y"), "t - count * step"]
     exact = [f"e{q} <= {side[3]} + {side[4]} * abs(y{q})" for q, side in enumerate(sides)]
-    results = ", ".join(f"f{q}" for q in moving)
-    lines += [
-        "    if count % 2 == 0 and found == 0:",
-        f"        {results} = velocity({', '.join(point)})",
-        *(f"        {_defect(q, 'f')}" for q in moving),
-        f"        found = {COARSE}",
-        f"        if {' and '.join(exact)}:",
-        "            found = 0",
+    results = ", ".join(f"f{q}" for q in range(len(sides)))
+    return [
+        "if count % 2 == 0 and found == 0:",
+        f"    {results} = velocity({', '.join(point)})",
+        *(f"    {_defect(q, 'f')}" for q in range(len(sides))),
+        f"    found = {COARSE}",
+        f"    if {' and '.join(exact)}:",
+        "        found = 0",
     ]
-    place = {jet: q for q, jet in enumerate(jets)}
-    if LOG_DETERMINANT in wanted:
-        lines.append(f"    E = exp(y{place[LOG_DETERMINANT]})")
-    cells = [side[0] for side in sides]
-    for f, jet in enumerate(wanted):
-        lines.append(f"    feet[{f}] = {_component(jet, place, cells)}")
-    lines += [f"    if found == {LEFT}:", "        feet[0] = 1e308 * 1e308", "    return found"]
-    return "\n".join(lines) + "\n"
+
+
+def _results(system: System, wanted: Sequence[Jet], cells: Sequence[str]) -> list[str]:
+    """Write the jets that are wanted; `cells` a length in each direction of motion."""
+    place = {jet: q for q, jet in enumerate(system.jets)}
+    lines = [f"E = exp(y{place[LOG_DETERMINANT]})"] if LOG_DETERMINANT in wanted else []
+    return lines + [f"feet[{f}] = {_component(jet, place, cells)}" for f, jet in enumerate(wanted)]
 
 
 def _kinds(count: int) -> str:
@@ -154,7 +178,7 @@ def _point(system: System, place: str) -> list[str]:
 
 def _stage(system: System, stage: int) -> list[str]:
     letter, before = "abcd"[stage], "abcd"[stage - 1]
-    weight = 0.0 if stage == 0 else _STAGES[stage - 1][0]
+    weight = _STAGES[stage]
     values = [
         f"y{q}" if stage == 0 else f"y{q} + {weight!r} * step * {before}{q}"
         for q in range(len(system.jets))
