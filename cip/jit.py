@@ -29,7 +29,8 @@ Widths = Any
 # Multiply-add in one rounding, as on the device; nothing else is reordered.
 _MATH = {"contract"}
 
-# In the names of kernels from generated source; so many of their files are left on disk.
+# In the names of kernels from generated source; so many of their files are left on disk, those of
+# about a hundred formulas.
 _GENERATED = "_generated_"
 _KEPT = 600
 

@@ -20,11 +20,12 @@ Array = NDArray[np.float64]
 # Error of the feet in cells and of their derivatives relative to their size: below the rounding of
 # a float64 profile after some hundred steps, above that of the velocity's own evaluation.
 TOLERANCE = 1e-10
+# Sub-steps of one step: what needs more is a velocity that is not smooth, or a dt far too long.
 MAX_SUBSTEPS = 8192
 # Displacements that kernels can count in whole numbers of 32 bits.
 MOST_CELLS = 2.0**30
-# A foot this little outside (in cells) is on the wall.
-_ON_WALL = 1e-9
+# A foot this little outside (in cells) is on the wall: ten times its tolerance.
+ON_WALL = 1e-9
 
 
 @dataclass(frozen=True)
@@ -207,7 +208,7 @@ class _Run:
                 outside = self._outside(moved, base) > 0.0
                 if outside.any():
                     part, where = y[:, outside], [x[outside] for x in base]
-                    crossed = self._beyond_each(moved[:, outside], where) > _ON_WALL
+                    crossed = self._beyond_each(moved[:, outside], where) > ON_WALL
                     age, at = self._to_the_wall(part, where, crossed, tau, step)
                     self._check(at, active[outside], tau + step)
                     found.append((active[outside], age, at, crossed))
@@ -232,7 +233,7 @@ class _Run:
             change = np.max(np.abs(coarse[0][jet] - fine[0][jet])[same], initial=0.0)
             if sum(jet.orders) == 0 and jet.component < 3:
                 largest = self.grid.spacing[jet.component]
-                # Rounding of a foot many cells away.
+                # Some roundings of a displacement over many cells.
                 change -= 1e-15 * np.max(np.abs(fine[0][jet]), initial=0.0)
             else:
                 largest = max(1.0, float(np.max(np.abs(fine[0][jet]), initial=0.0)))
@@ -268,7 +269,7 @@ class _Run:
     def _outside(self, y: Array, base: Sequence[Array]) -> Array:
         """How many cells beyond the nearest wall; not positive inside."""
         worst = self._beyond_each(y, base).max(axis=(0, 1))
-        return np.where(worst > _ON_WALL, worst, np.minimum(worst, 0.0))
+        return np.where(worst > ON_WALL, worst, np.minimum(worst, 0.0))
 
     def _to_the_wall(
         self, y: Array, base: list[Array], crossed: NDArray[np.bool_], tau: float, step: float
@@ -289,7 +290,7 @@ class _Run:
         # No closer than the coordinates at the walls can say, in cells.
         far = [max(map(abs, self.grid.bounds[a])) / self.grid.spacing[a] for a in self.walls]
         close = max(1e-13, 8.0 * np.finfo(float).eps * max(far))
-        for _ in range(60):
+        for _ in range(60):  # halving alone would reach rounding after 53
             width = f_high - f_low
             age = np.where(width > 0, low - f_low * (high - low) / np.where(width > 0, width, 1), 0)
             at = self._advance(y, base, tau, age)

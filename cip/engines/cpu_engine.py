@@ -112,7 +112,7 @@ class CpuEngine(Engine):
     def launch_path(
         self, stage: Stage, m: Any, out: Any, t_end: float, dt: float, count: int
     ) -> int:
-        """One kernel that computes the feet too; what its paths say."""
+        """One kernel that computes the feet too; `LEFT`, `COARSE`, both or 0."""
         from cip.engines import cpu_loops, path_loops
         from cip.jit import loop_over
         from cip.profiles import line_kernels, plane_kernels

@@ -9,7 +9,7 @@ import numpy as np
 
 from cip.engines.cuda_source import prelude, translate
 from cip.engines.engine import Engine
-from cip.engines.path_kernel import COARSE, LEFT, box_of, path_source
+from cip.engines.path_kernel import COARSE, FOOT_ROOM, LEFT, box_of, path_source
 from cip.engines.setting import Setting
 from cip.errors import InputError, MissingDependency
 from cip.stages.stage import Stage, StageFeet
@@ -17,7 +17,6 @@ from cip.stages.state import State
 
 # Passed to NVRTC.
 OPTIONS = ("--std=c++14",)
-_COMPONENTS = 16
 _HEAD = "#define DEVICE static __device__ __forceinline__\n"
 
 _LINE_PLACE = """
@@ -91,7 +90,7 @@ def device_source(
         x = ["(real)0"] * 3
         for axis, index_of in enumerate(_indices(grid)):
             x[axis] = f"line{axis}[{index_of}]"
-        body.append(f"    real room[{_COMPONENTS}];")
+        body.append(f"    real room[{FOOT_ROOM}];")
         body.append(f"    const index found = path(room, {', '.join(x)}, t, step, count);")
         # A byte for each thing said: nobody reads what others write.
         body.append("    if (found != 0) ((unsigned char*)said)[found - 1] = 1;")
@@ -219,7 +218,7 @@ class CudaEngine(Engine):
     def launch_path(
         self, stage: Stage, m: Any, out: Any, t_end: float, dt: float, count: int
     ) -> int:
-        """One kernel that computes the feet too; what its paths say."""
+        """One kernel that computes the feet too; `LEFT`, `COARSE`, both or 0."""
         said = self._cupy.zeros(1, np.int32)
         real = self.dtype.type
         clock = [real(t_end), real(dt / count), self._whole(count), said]

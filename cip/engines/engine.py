@@ -25,7 +25,7 @@ _KEPT_FEET = 16
 
 
 class _Memory(threading.local):
-    """What one thread has found on its way: another's way must not change its steps."""
+    """What the steps of one thread have found; runs in other threads do not change it."""
 
     def __init__(self) -> None:
         self.left = False  # whether paths begin on walls
@@ -48,7 +48,7 @@ class Engine:
         return self._memory.counts
 
     def begin(self, state: State) -> State:
-        """`place` a run's first state; the run takes the steps it would take with a new engine."""
+        """Place the first state of a run, whose result does not depend on runs before it."""
         self._memory.counts, self._memory.left = {}, False
         return self.place(state)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cip.characteristics.feet import MOST_CELLS
+from cip.characteristics.feet import MOST_CELLS, ON_WALL
 from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
 from cip.formulas.expression import COORDINATES
 from cip.formulas.straight_line_code import statements
@@ -21,13 +21,16 @@ _STAGES = (0.0, 0.5, 0.5, 1.0)
 # What `path` says of a path: it left the box, or its sub-steps were too long. Codes are bits.
 LEFT, COARSE = 1, 2
 _NUMBERS = 5  # of `box_of` for each direction
+# Room for the components of a foot: the bicubic update and quintic sweeps in space read 12.
+FOOT_ROOM = 16
 
 
 def box_of(grid: Grid, system: System, limit: float, rounding: float) -> list[float]:
-    """For each direction of motion: cells a length, how far a path may go, how far it may err.
+    """What the kernel `path` compares a path with, five numbers for each direction of motion.
 
-    It may go to the walls with their margin; in a period as many cells as kernels can count. It may
-    err by a length and by a part of its own.
+    They are the number of cells in a unit of length; the lowest and the highest coordinate that a
+    path may reach, which are the walls or, in a periodic direction, as many cells away as kernels
+    can count; and the largest error of a displacement, as a length and as a part of itself.
 
     Parameters
     ----------
@@ -38,12 +41,12 @@ def box_of(grid: Grid, system: System, limit: float, rounding: float) -> list[fl
     rounding : float
         Spacing of the numbers in which the kernel computes.
     """
-    noise = 256.0 * rounding  # of some hundred sub-steps
+    noise = 256.0 * rounding  # rounding errors of some hundred sub-steps, relative
     found = []
     for axis in system.moving:
         low, high = grid.bounds[axis]
         h = grid.spacing[axis]
-        margin = (MOST_CELLS if grid.periodic[axis] else 1e-9) * h
+        margin = (MOST_CELLS if grid.periodic[axis] else ON_WALL) * h
         found += [1.0 / float(grid.widths[axis][0]), low - margin, high + margin]
         found += [limit * h + noise * max(abs(low), abs(high)), noise]
     return found
@@ -164,12 +167,12 @@ def _kinds(count: int) -> str:
 
 
 def _defect(q: int, last: str) -> str:
-    """Add that of two sub-steps."""
+    """Add the defect of Simpson's rule over two sub-steps."""
     return f"e{q} = e{q} + abs(y{q} - o{q} - step * (1.0 / 3.0) * (g{q} + {last}{q}))"
 
 
 def _point(system: System, place: str) -> list[str]:
-    """Where a path is."""
+    """The coordinates of a path, in the code."""
     return [
         f"{name} + {place}{system.moving.index(axis)}" if axis in system.moving else name
         for axis, name in enumerate(COORDINATES[:3])

@@ -9,18 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cip.engines.cpu_loops import address, at_addresses
-from cip.engines.path_kernel import box_of, path_source
+from cip.engines.path_kernel import FOOT_ROOM, box_of, path_source
 from cip.formulas.expression import RULES
 from cip.grid import Grid
 from cip.jit import Array, Index, Out, Real, generated, room
 from cip.profiles.records import Foot, Line, Update
 from cip.stages.stage import Stage
 
-# No stage reads more components of the feet.
-_COMPONENTS = 16
-
 # On the stack: an array would be freed after its last use, which is where its address is taken.
-foot_room = room(_COMPONENTS)
+foot_room = room(FOOT_ROOM)
 # In their place `loop_over` puts kernels.
 node: Any = None
 path: Any = None

@@ -10,7 +10,7 @@ _NAMES = ("t", "time")
 
 
 class WithTime:
-    """The callable of coordinates and, last, the time, which it takes by name or not at all."""
+    """Calls a function of the coordinates with the time as a named argument, or without it."""
 
     def __init__(self, function: Callable[..., Any], name: str | None) -> None:
         self._function, self._name = function, name

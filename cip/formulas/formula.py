@@ -20,7 +20,7 @@ from cip.reals import real_array, real_number
 Array = NDArray[np.float64]
 Orders = tuple[int, int, int, int]
 
-# A time like any other, at which callables are tried.
+# A time without meaning, no zero or period of usual functions, at which callables are tried.
 _CLOCK = 0.3779644730092272
 # Sixth-order central differences: the step is a quarter of the spacing, so that their error stays
 # below that of the profiles on every grid and rounding costs 4 eps / h.
@@ -118,7 +118,7 @@ class Formula:
         return cls(opaque(_label(name, known), (0, 0, 0, 0)), dim, known)
 
     def check_pointwise(self, box: Box, name: str, time: bool, sparse: bool = False) -> None:
-        """Raise `InputError` where a callable is no function of the place."""
+        """Raise `InputError` where the value at a point depends on the other points of the call."""
         for known in self.known.values():
             samples = Samples(box, sparse, _CLOCK if time else None)
 

@@ -23,7 +23,8 @@ Box = Sequence[tuple[float, float]]
 _COUNTS = {1: (8,), 2: (4, 2), 3: (2, 2, 2)}
 # Fractional parts of multiples of these are spread over a direction in no order.
 _RATIOS = (0.6180339887498949, 0.7548776662466927, 0.5698402909980532)
-# Values of one function at one point, by loops over vectors or over their rest.
+# Relative: how far the values of one function at one point may differ between compiled loops over
+# whole vectors and over what is left, some thousand roundings.
 _ROUNDING = 1e-12
 
 

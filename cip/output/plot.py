@@ -86,7 +86,7 @@ def animate_states(states: Sequence[State], path: str | Path | None = None, fps:
     if grid.dim == 1:
         x = _fine(grid.bounds[0], grid.cells[0])
         (line,) = ax.plot(x, sample(states[0], x))
-        room = 0.05 * max(high - low, 1e-300)
+        room = 0.05 * max(high - low, 1e-300)  # a twentieth of the range, above 0 for constants
         ax.set(xlabel="x", ylabel="u", ylim=(low - room, high + room))
     else:
         image = ax.pcolormesh(

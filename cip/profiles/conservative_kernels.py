@@ -42,7 +42,9 @@ def cell_of(i: Index, d: Real, n: Index, periodic: Index) -> tuple[Index, Real]:
 
 @kernel
 def slope_of(m: Array, line: Line, value: Index, mean: Index, i: Index) -> Real:
-    r"""Slope at node i of the quartic with the values and means of two cells: beside it, if it can.
+    r"""Slope at node i of the quartic through the values and means of two neighbouring cells.
+
+    They are the cells on both sides of the node; at the end of a line the two cells beside it.
 
     With the integral M from the node and :math:`g(x) = (M(x) - M'(0) x) / x^2`, a cubic known with
     its derivative at the other two nodes, the slope is :math:`M''(0) = 2 g(0)`.

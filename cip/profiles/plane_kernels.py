@@ -37,8 +37,8 @@ def edge(
 ) -> tuple[Real, Real, Index]:  # fmt: skip
     """The bubble of an edge, from the tangents where its line is rough (2); whether to clamp (1).
 
-    A fifth of the roughness of a jump marks the wiggles beside it: there the cubic stays, within
-    the values at the corners.
+    A fifth of the threshold for jumps (.02 for .1) finds the wiggles beside a jump: there the cubic
+    is kept, clamped to the values at the corners.
     """
     if rough(m, line, k, r, a, b, va, vb, 0.1) == 1:
         value, slope = tangents(a, b, va, vb, s, d)

@@ -95,7 +95,8 @@ class Solver:
       50 % of the integral were lost, against 3 to 11 % with ``clamp`` and less than .1 % without a
       limiter. Take ``clamp`` where no value may leave the range, csl2 or csl4 with ``bounds`` where
       the integral counts;
-    * ``rational`` keeps convex and concave cells so (cubic), or monotone ones (csl2).
+    * ``rational`` keeps the profile convex or concave (cubic), or monotone (csl2), in cells whose
+      data are.
 
     Order 3 in space and time together at fixed dt / h for cubic, adini, bicubic and csl2, order 5
     for quintic and csl4, order 2 for piecewise_linear, all on lines or direct; the splitting adds
@@ -184,7 +185,7 @@ class Solver:
         return Solver(*deepcopy(self._arguments(self._boundary), memo))
 
     def _arguments(self, boundary: Any) -> tuple[Any, ...]:
-        """What makes this solver; what it has compiled and computed is made again."""
+        """The arguments of the constructor; a copy compiles and computes the rest again."""
         return (
             self.grid, self.velocity, self.form, self.profile, self.limiter, self.splitting,
             boundary, self.backend, self.dtype, self.bounds, self.bounds_tolerance,

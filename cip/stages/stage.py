@@ -26,7 +26,8 @@ from cip.stages.walls import Wall, WallMoments
 
 Array = NDArray[np.float64]
 
-# Feet of unsteady velocities: error in cells.
+# Error of the feet of unsteady velocities, in cells: a hundred times that of steady ones, which are
+# computed once: every step pays for these.
 PATH_TOLERANCE = 1e-8
 # The first number of sub-steps is found on a sample of so many nodes; the kernels check each path.
 _SAMPLE = 1024
@@ -70,7 +71,7 @@ class Correction:
 
 
 class Stage:
-    """The motion along some directions over a part of the step.
+    """A sweep along one direction, or the direct update of a plane, over a part of the step.
 
     Parameters
     ----------
@@ -218,7 +219,7 @@ class Stage:
         return found.substeps // 2 * 2  # where it is odd, half of one less has been tried
 
     def part(self, dt: float) -> tuple[int | None, float, float, float]:
-        """What tells this part of a step of that length from others."""
+        """The key under which feet are kept: direction, length and place of this part in a step."""
         return self.axis, self.begin, self.end, dt
 
     @cached_property
@@ -238,7 +239,7 @@ class Stage:
 
     @cached_property
     def compresses(self) -> bool:
-        """Whether the motion of a sweep alone has a divergence, which another may undo."""
+        """Whether this sweep alone changes volumes; the sweeps of other directions may undo it."""
         if self.axis is None:
             return False
         slope = self.velocity[self.axis].expression.derivative(COORDINATES[self.axis])

@@ -80,7 +80,7 @@ def portable_boundary(boundary: Any, grid: Grid) -> Any:
 
 
 def check_split(data: Mapping[Wall, Formula], advect: bool) -> None:
-    """A splitting moves along one direction at a time: only what that keeps is exact."""
+    """Refuse boundary data with a splitting, unless they are exact for one sweep at a time."""
     for (axis, side), formula in data.items():
         node = formula.expression
         if node.op != "constant" or (advect and node.value != 0.0):
@@ -145,9 +145,9 @@ class WallMoments:
         return result
 
     def flux(self, exits: Exits, t_start: float, t_end: float) -> Array:
-        """What came in through the wall from `t_start` until each path began, with its sign."""
+        """Signed integral of what came in through the wall from `t_start` until each path began."""
         result = np.zeros(exits.nodes.size)
-        places, weights = np.polynomial.legendre.leggauss(8)
+        places, weights = np.polynomial.legendre.leggauss(8)  # exact to degree 15 in time
         for axis, side in self._data:
             on = (exits.axis == axis) & (exits.side == side)
             length = (t_end - exits.ages[on]) - t_start
