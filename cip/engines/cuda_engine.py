@@ -48,19 +48,7 @@ def device_source(
     real, index : str
         C types.
     """
-    # Kernel modules are Python that numba compiles; here only their text is needed.
-    from cip.profiles import (
-        conservative_kernels,
-        conservative_profiles,
-        line_kernels,
-        line_profiles,
-        plane_kernels,
-        records,
-    )
-
-    modules: list[Any] = [records, line_profiles, plane_kernels, line_kernels]
-    if stage.conservative:
-        modules = [records, line_profiles, conservative_profiles, conservative_kernels]
+    modules = _modules(stage)
     entries = [name]
     grid, uniform = stage.grid, all(stage.grid.uniform)
     if computed:
@@ -114,6 +102,23 @@ def device_source(
             "",
         ]
     )
+
+
+def _modules(stage: Stage) -> list[Any]:
+    """Where the kernels of a stage are."""
+    # Kernel modules are Python that numba compiles; here only their text is needed.
+    from cip.profiles import (
+        conservative_kernels,
+        conservative_profiles,
+        line_kernels,
+        line_profiles,
+        plane_kernels,
+        records,
+    )
+
+    if stage.conservative:
+        return [records, line_profiles, conservative_profiles, conservative_kernels]
+    return [records, line_profiles, plane_kernels, line_kernels]
 
 
 def _plane(grid: Any) -> tuple[list[str], str, str]:
