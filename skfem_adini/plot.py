@@ -171,7 +171,9 @@ def _pyplot() -> Any:
     try:
         import matplotlib.pyplot as plt
     except ImportError as error:
-        raise MissingDependency("plots need matplotlib: pip install 'matplotlib>=3.9'") from error
+        raise MissingDependency(
+            "plots need matplotlib: pip install 'matplotlib>=3.10.7'"
+        ) from error
     return plt
 
 

@@ -57,6 +57,16 @@ def test_the_places_that_the_project_names_exist() -> None:
     assert [place for place in PROJECT["urls"].values() if not (ROOT / place).is_file()] == []
 
 
+@pytest.mark.parametrize("package", ["skfem_adini", "contact", "cip", "gpu"])
+def test_hints_to_install_ask_for_what_the_project_asks_for(package: str) -> None:
+    """A bound or an extra in a message is the project's own, and so grows with it."""
+    text = "".join(path.read_text() for path in sorted((ROOT / package).rglob("*.py")))
+    bounds = set(re.findall(r"pip install '([\w-]+[<>=]+[\d.]+)'", text))
+    extras = set(re.findall(r"skfem-adini\[(\w+)\]", text))
+    assert bounds <= set(PROJECT["dependencies"])
+    assert extras <= set(PROJECT["optional-dependencies"])
+
+
 def test_the_paper_cites_what_its_bibliography_holds() -> None:
     cited = set(re.findall(r"\[@(\w+)\]", (ROOT / "docs" / "paper.md").read_text()))
     entries = re.findall(r"^@\w+\{(\w+),", (ROOT / "docs" / "paper.bib").read_text(), re.MULTILINE)

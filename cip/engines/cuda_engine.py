@@ -169,8 +169,8 @@ class CudaEngine(Engine):
             import cupy
         except ImportError as error:
             raise MissingDependency(
-                "backend='cupy' needs CuPy: pip install cupy-cuda12x (or cupy-cuda13x), by the "
-                "CUDA version of the driver"
+                "backend='cupy' needs CuPy: pip install 'skfem-adini[cuda13]' (or [cuda12]), by "
+                "the CUDA version of the driver"
             ) from error
         try:
             cupy.cuda.runtime.getDeviceCount()

@@ -184,7 +184,9 @@ class Trajectory:
         try:
             xarray = importlib.import_module("xarray")
         except ImportError as error:
-            raise MissingDependency("to_xarray needs xarray: pip install xarray") from error
+            raise MissingDependency(
+                "to_xarray needs xarray: pip install 'skfem-adini[io]'"
+            ) from error
         first = self.states[0]
         grid = first.grid
         axes = ["x", "y", "z"][: grid.dim]

@@ -109,7 +109,7 @@ class Solver:
     References
     ----------
     T. Yabe and T. Aoki, A universal solver for hyperbolic equations by cubic-polynomial
-    interpolation, Comput. Phys. Commun. 66 (1991), 219-232. S. A. King, Multi-Moment Methods for
+    interpolation I, Comput. Phys. Commun. 66 (1991), 219-232. S. A. King, Multi-Moment Methods for
     PDEs and GPUs for Large-Scale Scientific Computations, dissertation, North Carolina State
     University 2012.
 

@@ -77,7 +77,7 @@ def _points(result: Drawn, runs: list[Run]) -> Any:
     try:
         import pyvista
     except ImportError as error:  # pragma: no cover - a core dependency
-        raise MissingDependency("VTK export needs pyvista: pip install pyvista") from error
+        raise MissingDependency("VTK export needs pyvista: pip install 'pyvista>=0.47'") from error
     for name, forces in (("mu", result.mu), ("t", result.t)):
         if not np.all(np.isfinite(forces)):
             raise InputError(f"{name}: the result holds NaN or infinity, which cannot be written")

@@ -74,7 +74,7 @@ class ContactProblem(Portable):
     References
     ----------
     N. Kikuchi and J. T. Oden, Contact Problems in Elasticity, SIAM 1988: the problems. M.
-    Hintermüller, K. Ito and K. Kunisch, SIAM J. Optim. 13 (2002), 865-888: the active set. P. Alart
+    Hintermüller, K. Ito and K. Kunisch, SIAM J. Optim. 13 (2003), 865-888: the active set. P. Alart
     and A. Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991), 353-375: Newton with friction.
 
     Examples

@@ -76,7 +76,7 @@ def svds(
     References
     ----------
     G. W. Stewart, A Krylov-Schur algorithm for large eigenproblems, SIAM J. Matrix Anal. Appl. 23
-    (2002), 601-614.
+    (2001), 601-614.
 
     Examples
     --------

@@ -109,7 +109,7 @@ def solve_qp(
     References
     ----------
     M. Hintermüller, K. Ito and K. Kunisch, The primal-dual active set strategy as a semismooth
-    Newton method, SIAM J. Optim. 13 (2002), 865-888. S. Mehrotra, On the implementation of a
+    Newton method, SIAM J. Optim. 13 (2003), 865-888. S. Mehrotra, On the implementation of a
     primal-dual interior point method, SIAM J. Optim. 2 (1992), 575-601.
 
     Examples

@@ -239,7 +239,7 @@ def _import_pyvista() -> Any:
     try:
         import pyvista
     except ImportError as error:
-        raise MissingDependency("VTK output needs pyvista: pip install 'pyvista>=0.45'") from error
+        raise MissingDependency("VTK output needs pyvista: pip install 'pyvista>=0.47'") from error
     return pyvista
 
 

@@ -26,5 +26,5 @@ def test_cupy_without_a_device(monkeypatch):
 
 def test_no_cupy(monkeypatch):
     monkeypatch.setitem(sys.modules, "cupy", None)
-    with pytest.raises(MissingDependency, match="pip install cupy"):
+    with pytest.raises(MissingDependency, match=r"pip install 'skfem-adini\[cuda13\]'"):
         Solver(Grid((0, 1), 8, periodic=True), 1.0, backend="cupy")

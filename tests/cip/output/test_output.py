@@ -204,7 +204,7 @@ def test_xarray():
     try:
         import xarray  # noqa: F401
     except ImportError:
-        with pytest.raises(MissingDependency, match="pip install xarray"):
+        with pytest.raises(MissingDependency, match=r"pip install 'skfem-adini\[io\]'"):
             plane().to_xarray()
         return
     run = plane()
