@@ -14,7 +14,7 @@ friction give :math:`\delta^T W \delta \le \sum_i F_i |\delta_{\mu, i}| |(W \del
                  \lambda_{\max}(E_t W E_t^T)\bigr)^{-1/2},
 
 E_n and E_t picking the normal and the tangential rows. :math:`F^*` falls like :math:`\sqrt h` (so
-does the best bound known, Hild 2002); between it and the first second solution nothing is known.
+does the best bound known, Hild 2002). Above it, nothing is known until a second solution is found.
 
 *Search.* The problem is solved again from starts far apart; what is found is certified.
 
