@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 def live_rows(
     rows: sparse.csr_array, P: sparse.csr_array, lengths: tuple[Array, Array]
 ) -> NDArray[np.bool_]:
-    """Rows that the prescribed displacements do not fix: those with ``rows @ T`` not zero.
+    """Rows that the prescribed displacements do not fix: those with ``rows @ P`` not zero.
 
     Parameters
     ----------

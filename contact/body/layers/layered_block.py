@@ -309,9 +309,10 @@ class LayeredBlock(Solid):
         return float(np.abs(u.reshape(-1, PER_NODE)[:, :2]).max())
 
     def deformation(self, u: Array) -> float:
-        """Largest part of a displacement that no translation explains."""
-        values = u.reshape(-1, PER_NODE)[:, :2]
-        return float(np.abs(values - values.mean(axis=0)).max())
+        """Largest part of a displacement that no rigid motion explains, by numbers x + i y."""
+        v = u.reshape(self.node_rows, -1, PER_NODE)[..., :2] @ np.array([1.0, 1j])
+        v, z = v - v.mean(), (self.x - self.x.mean()) + 1j * (self.y - self.y.mean())[:, None]
+        return float(np.abs(v - 1j * z * (np.vdot(z, v).imag / np.vdot(z, z).real)).max())
 
     def support_error(self, u: Array) -> float:
         """Largest deviation from a prescribed displacement; derivatives are times their length."""

@@ -50,13 +50,17 @@ def test_gap_closed_exactly(element, friction, make):
         assert max(result.kkt.values()) < 1e-10
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.01])
 @pytest.mark.parametrize("friction", [0.0, 0.6])
-def test_gap_of_layers_closed_exactly(friction):
-    """A block of layers, translated onto a plane."""
+def test_gap_of_layers_closed_exactly(friction, turn):
+    """A block of layers, translated onto a plane, and turned onto it."""
     for push in (0.01, 0.03, 0.0123456789):
         block = LayeredBlock((1.0, 0.5), [(0.5, 4, 2e5, 0.3)])
-        block.fix("top", "x", push).fix("top", "y", -push)
-        result = ContactProblem(block, "bottom", push, friction).solve()
+        block.fix("top", "x", lambda x, push=push: push - turn * x[1])
+        block.fix("top", "y", lambda x, push=push: turn * x[0] - push)
+        result = ContactProblem(
+            block, "bottom", lambda x, push=push: push - turn * x[0], friction
+        ).solve()
         assert np.abs(result.pressure).max() < 1e-11 * 2e5
         assert max(result.kkt.values()) < 1e-10
 
