@@ -108,7 +108,8 @@ class StiffnessForm:
         NotConverged, LinAlgError
         """
         system, scale = self._system, self.point_scale
-        motion = None if system.motion is None else system.motion.prescribed.copy()
+        # A free motion is prescribed as NaN; its changes add up from zero.
+        motion = None if system.motion is None else np.nan_to_num(system.motion.prescribed)
         u, last = self._condensed.body.constraint[1], np.inf
         mu, t = self.problem.zeros()
         if near is not None:

@@ -7,8 +7,9 @@ import pytest
 from families import PLANE_AND_BFS
 from skfem import ElementHex1, ElementHex2, ElementQuad1, ElementTriP1, ElementTriP2, MeshTri
 
-from contact import ContactProblem, ElasticBody, NotConverged, Plane
+from contact import ContactProblem, ElasticBody, NotConverged, Plane, Rigid
 from contact.body.cell_strains import internal_forces, strain_rows
+from contact.problem.stiffness_form import StiffnessForm
 from skfem_adini import ElementQuadBFS
 
 MODULUS = 2.0 / (1 - 0.3**2)  # of plane strain, E = 2
@@ -132,3 +133,15 @@ def test_strains_make_the_stiffness(nu, plane, dilatation, make):
     np.add.at(by_rows, dofs, np.einsum("crm,cr->cm", A, np.einsum("crm,cm->cr", A, u[dofs])))
     np.testing.assert_allclose(by_rows, body.stiffness @ u, atol=1e-13)
     np.testing.assert_allclose(internal_forces(body, u), body.stiffness @ u, atol=1e-13)
+
+
+def test_stiffness_form_from_rest_moves_a_driven_obstacle(make):
+    body = ElasticBody.from_mesh(
+        make.box(ElementQuad1, *[np.linspace(0, 1, 4)] * 2), ElementQuad1(), E=1.0, nu=0.3
+    )
+    obstacle = Rigid(Plane((0.0, 0.0), (0.0, 1.0)), force=(None, 0.01))
+    problem = ContactProblem(body.fix("top"), "bottom", obstacle, 0.3)
+    form = StiffnessForm(problem.condense(), problem.system)
+    (u, mu, t), motion = form.solve(None, 1e-12, lambda line: None)
+    assert max(problem.system.kkt(u, mu, t, motion).values()) < 1e-12
+    assert np.abs(motion - problem.solve().motion).max() < 1e-12
