@@ -1,4 +1,4 @@
-"""What a contact point does: open, stick or slip."""
+"""The names of what a contact point does; `contact.result.contact_forces` decides which it is."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Rigid obstacles: shapes, signed distances, motion, and checks of their position.
 
 In: points of a boundary and the body's outward normals there.
-Out: the gap along each normal (`evaluate_gap`); the motions that an obstacle may make.
-Start: `shapes`, then `rigid`.
+Out: the gap along each normal; the motions that an obstacle may make.
+Start: `shapes`, whose `evaluate_gap` measures the gap at points, then `rigid`.
 """

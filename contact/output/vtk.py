@@ -58,8 +58,8 @@ def boundary_grid(result: Drawn) -> Any:
     Returns
     -------
     pyvista.PolyData
-        Point data ``pressure``, ``shear`` (vector), ``gap``, ``status``, ``displacement`` normal
-        and tangential, ``normal``.
+        Point data ``pressure``, ``shear`` and ``slip`` (vectors), ``gap``, ``status``,
+        ``normal``.
     """
     return next(boundary_grids([result]))
 

@@ -2,5 +2,6 @@
 
 In: the discrete problem (`ContactSystem`) with displacement and forces.
 Out: `ContactResult`: residuals, tractions, status, stresses; the same from a file.
-Start: `contact_system` for the residuals, `contact_result` for all that is derived.
+Start: `contact_system` for the residuals, `contact_forces` for pressure, gap and status,
+`contact_result` for stresses, balance and files.
 """

@@ -2,5 +2,6 @@
 
 In: a Basis and the dofs of a field.
 Out: nodal gradients and stresses, PyVista grids, files that appear complete or not at all.
-Start: `vtk_fields` for `save` and `to_pyvista`, `nodal_fields` for stresses.
+Start: `vtk_fields` for `save` and `to_pyvista`, `vtk_files` writes the files; `nodal_fields` for
+stresses.
 """
