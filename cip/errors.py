@@ -6,8 +6,8 @@ from __future__ import annotations
 class CipError(Exception):
     """Base class of every error raised on purpose by `cip`.
 
-    Catch it where any failure of the package is to be treated alike; its subclasses tell what to
-    do.
+    Catch it to treat all failures of the package alike; each subclass says what to do about its
+    kind.
 
     Examples
     --------
@@ -23,8 +23,8 @@ class CipError(Exception):
 class InputError(CipError, ValueError):
     """An argument is malformed.
 
-    Nothing has been computed. Mend the argument that the message begins with; it is a `ValueError`
-    too.
+    Nothing has been computed. Correct the argument with which the message begins. The class is also
+    a `ValueError`.
 
     Examples
     --------
@@ -41,7 +41,7 @@ class InputError(CipError, ValueError):
 class NotSupported(CipError, NotImplementedError):
     """A valid request that this version cannot serve.
 
-    Take the other profile, splitting or backend that the message names.
+    Use the other profile, splitting or backend that the message names.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class NotSupported(CipError, NotImplementedError):
 class MissingDependency(CipError, ImportError):
     """An optional package is needed and not installed.
 
-    Run the line that the message holds and repeat the call; it is an `ImportError` too.
+    Run the command in the message and repeat the call. The class is also an `ImportError`.
 
     Examples
     --------
@@ -97,7 +97,7 @@ class LeftDomain(CipError):
 class NotFinite(CipError):
     """A velocity, a characteristic or a moment is NaN or infinite; nothing is returned.
 
-    The message names the node or the place. Look there for a division by zero, a logarithm or an
+    The message names the node or the point. Look there for a division by zero, a logarithm or an
     overflow in the velocity, or take a shorter step.
 
     Examples
@@ -117,8 +117,8 @@ class NotFinite(CipError):
 class NotConverged(CipError):
     """The characteristics do not reach their tolerance within the allowed sub-steps.
 
-    The velocity is not smooth, or varies much faster than the step is long. Smooth it, or take the
-    smaller `dt` that the message asks for.
+    The velocity is not smooth, or varies on a scale much shorter than a step. Smooth it, or take a
+    smaller `dt`.
 
     Examples
     --------

@@ -13,7 +13,7 @@ from cip.errors import InputError
 from cip.reals import real_array
 
 Array = NDArray[np.float64]
-# Widths that differ by less (in parts of a width) are equal; below the error of the feet.
+# Widths whose relative difference is below this count as equal: not above the error of the feet.
 _UNIFORM = 1e-10
 AXES = ("x", "y", "z")
 
@@ -201,8 +201,8 @@ class Grid:
     def weights(self) -> Array:
         """Weight of each node in sums over the grid: its share of the adjacent cells.
 
-        On a uniform periodic grid it is h (h^dim) at every node; at an end that is not periodic it
-        is half a cell.
+        Those of the trapezoidal rule, shape `nodes`: on a uniform periodic grid h^dim everywhere,
+        at an end that is not periodic half a cell.
         """
         result: Array = np.ones(())
         for width, periodic in zip(self.widths, self.periodic, strict=True):
@@ -232,8 +232,9 @@ class Grid:
         start : ndarray
             Coordinate of the node.
         shift : ndarray
-            Where the point lies from there; never wrapped into the period.
+            Displacement of the point from the node, not reduced modulo the period.
         index : ndarray of int
+            Number of the node along the direction.
 
         Returns
         -------

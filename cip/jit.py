@@ -1,8 +1,8 @@
 """The one door to numba: kernel modules are plain Python that this compiles when first used.
 
-Kernel modules keep to a small part of Python (numbers, flat arrays, if, for, tuples of results), so
-that `cip.engines.cuda_source` can translate the very same functions to C for the device. They are
-imported where they are used, never by `import cip`.
+Kernel modules use a small part of Python (numbers, flat arrays, if, for, tuples of results), so
+that `cip.engines.cuda_source` can translate the same functions to C for the device. They are
+imported inside the functions that use them, so `import cip` does not import numba.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from typing import Any, TypeVar
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-# Types of the kernel language: whole numbers, numbers of the working precision, flat arrays of
-# these. An `Out` is written, an `Array` only read; `Widths` of cells are an array that may become a
-# constant on the device.
+# Types of the kernel language: integers, numbers in the working precision, flat arrays of these.
+# An `Out` is written, an `Array` only read; `Widths` are the cell widths, an array that becomes a
+# constant on the device if the grid is uniform.
 Index = int
 Real = float
 Array = Any
 Out = Any
 Widths = Any
 
-# Multiply-add in one rounding, as on the device; nothing else is reordered.
+# Allow fused multiply-add, as on the device, but no other change of floating-point operations.
 _MATH = {"contract"}
 
-# In the names of kernels from generated source; so many of their files are left on disk, those of
-# about a hundred formulas.
+# A part of the name of every kernel from generated source, and how many of their cache files are
+# left on disk: those of about a hundred formulas.
 _GENERATED = "_generated_"
 _KEPT = 600
 
@@ -38,30 +38,32 @@ _KEPT = 600
 def kernel(function: Function) -> Function:
     """Compile a function of one node or cell, to be inlined into the loops that call it.
 
-    Only those call it: without what Python and C would call, it compiles in two thirds of the time.
+    It is called from compiled loops only. Without the wrappers for calls from Python and C,
+    compilation takes two thirds of the time.
     """
     return _kept(function, forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def loop(function: Function) -> Function:
-    """Compile a loop over nodes without the global interpreter lock: threads share the nodes."""
+    """Compile a loop over nodes; it releases the interpreter lock, so threads share the nodes."""
     return _kept(function, nogil=True)
 
 
 @cache
 def loop_over(function: Callable[..., Any], **kernels: Any) -> Any:
-    """A loop of its own for the kernels that it calls by these names.
+    """Compile a copy of a loop in which the given names stand for the given kernels.
 
-    As arguments, kernels would have other types in every process, and what is compiled for them
-    would never be found again on disk. Here they are globals of a copy of the loop, which is kept
-    under their names.
+    If kernels were arguments of the loop, their types would differ in every process, and the
+    compiled loop would never be found in the cache on disk. Here they are globals of a copy of the
+    loop, which is cached under their names.
 
     Parameters
     ----------
     function : callable
         Plain Python, whose kernels are undefined globals.
     **kernels : compiled functions
-        Their names must say which code they are.
+        By their names in the loop. Each ``__name__`` must identify the kernel's code, because it is
+        part of the name in the cache.
     """
     name = "_".join([function.__name__, *(part.__name__ for part in kernels.values())])
     copy = FunctionType(function.__code__, {**function.__globals__, **kernels}, name)
@@ -70,22 +72,22 @@ def loop_over(function: Callable[..., Any], **kernels: Any) -> Any:
 
 
 def generated(source: str, names: Sequence[str], namespace: dict[str, Any], home: str) -> Any:
-    """Kernels from generated source, kept on disk under the hash of that source.
+    """Compile kernels from generated source and cache them on disk under the hash of the source.
 
     Parameters
     ----------
     source : str
     names : sequence of str
-        Its functions; each may call those before it.
+        The functions in the source; each may call those before it.
     namespace : dict
         Their globals.
     home : str
-        The module beside which numba keeps what it compiles.
+        File of the module beside which numba puts its cache.
 
     Returns
     -------
     compiled function
-        The last one.
+        The last of `names`.
     """
     label = sha256(source.encode()).hexdigest()[:20]
     exec(compile(source, home, "exec"), namespace)
@@ -98,14 +100,14 @@ def generated(source: str, names: Sequence[str], namespace: dict[str, Any], home
 
 
 def _kept(function: Callable[..., Any], **options: Any) -> Any:
-    """Compile when first called; keep the result on disk where any folder can be written."""
+    """Compile a function at its first call; cache the result on disk if a folder is writable."""
     from numba import njit
 
     function.__qualname__ += f"_{_state_of_the_package()}"
     options.update(error_model="numpy", fastmath=_MATH)
     try:
         compiled = njit(cache=True, **options)(function)
-    except RuntimeError:  # neither beside the package nor in the user's folder
+    except RuntimeError:  # neither the package's nor the user's cache folder can be written
         return njit(**options)(function)
     if _GENERATED in function.__name__:
         _forget_old(Path(compiled._cache.cache_path))
@@ -114,7 +116,10 @@ def _kept(function: Callable[..., Any], **options: Any) -> Any:
 
 @cache
 def _state_of_the_package() -> str:
-    """A hash of all its code: numba itself does not notice when a kernel changes that is called."""
+    """A hash of the package's code, part of all names in the cache.
+
+    Without it, numba would reuse a cached function although a kernel that it calls has changed.
+    """
     state = sha256()
     for module in sorted(Path(__file__).parent.glob("**/*.py")):
         state.update(module.read_bytes())
@@ -122,7 +127,7 @@ def _state_of_the_package() -> str:
 
 
 def _forget_old(folder: Path) -> None:
-    """Of the files for generated kernels leave the newest: formulas may be many."""
+    """Delete all cache files of generated kernels except the newest, as formulas may be many."""
     with suppress(OSError):
         files = sorted(folder.glob(f"*{_GENERATED}*.nb?"), key=lambda file: file.stat().st_mtime)
         for file in files[:-_KEPT]:
@@ -132,8 +137,8 @@ def _forget_old(folder: Path) -> None:
 def pointer() -> Any:
     """The intrinsic that takes the address of an array.
 
-    Kernels index addresses: numba's arrays carry a reference count and negative indices through
-    every call, which costs ten times the arithmetic of a node.
+    Kernels index bare addresses. Reference counts and negative indices of numba's arrays would cost
+    ten times the arithmetic of a node in every call.
     """
     import numba
     from numba.extending import intrinsic
@@ -151,10 +156,10 @@ def pointer() -> Any:
 
 
 def room(count: int) -> Any:
-    """The intrinsic that gives room for so many numbers of an array's type on the stack.
+    """The intrinsic that reserves `count` numbers of an array's type on the stack.
 
-    The compiler knows that nothing else points there, which loops over parts of large arrays need
-    to become vector instructions.
+    The compiler knows that no other pointer refers to them. Loops that copy parts of large arrays
+    there can therefore be vectorized.
     """
     import numba
     from numba.extending import intrinsic

@@ -1,4 +1,4 @@
-"""Real numbers from what a user passes."""
+"""Checks that arguments are real numbers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cip.errors import InputError
 
 
 def real_array(value: Any, name: str) -> NDArray[Any]:
-    """An array of real numbers; its mask, its imaginary part or its text are not dropped silently.
+    """The value as an array of real numbers; masks, complex numbers and texts are refused.
 
     Raises
     ------

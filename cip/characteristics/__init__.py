@@ -1,4 +1,4 @@
-"""Where the characteristics come from, and the derivatives of that map.
+"""Feet of the characteristics: their starting points, and the derivatives of the map to them.
 
 In: a velocity, points and a time step.
 Out: feet and derivatives of the flow, integrated backward together.

@@ -17,25 +17,26 @@ from cip.reals import real_number
 
 Array = NDArray[np.float64]
 
-# Error of the feet in cells and of their derivatives relative to their size: below the rounding of
-# a float64 profile after some hundred steps, above that of the velocity's own evaluation.
+# Largest error of the feet, in cells, and of their derivatives, relative to their size. It is below
+# the accumulated rounding of a float64 profile after some hundred steps and above the rounding in
+# the evaluation of the velocity.
 TOLERANCE = 1e-10
-# Sub-steps of one step: what needs more is a velocity that is not smooth, or a dt far too long.
+# Most sub-steps of a step: if more are needed, the velocity is not smooth or dt far too long.
 MAX_SUBSTEPS = 8192
-# Displacements that kernels can count in whole numbers of 32 bits.
+# Largest displacement in cells: kernels count cells in 32-bit integers.
 MOST_CELLS = 2.0**30
-# A foot this little outside (in cells) is on the wall: ten times its tolerance.
+# A foot outside by at most this, in cells, counts as on the wall: ten times `TOLERANCE`.
 ON_WALL = 1e-9
 
 
 @dataclass(frozen=True)
 class Exits:
-    """Characteristics that begin on the wall: where, how long before the end of the step, and how.
+    """Characteristics that begin on a wall, each with place, time and derivatives there.
 
     Attributes
     ----------
     nodes : ndarray of int
-        Their place among the points.
+        Indices of their end points among the given points.
     ages : ndarray
         Time between the wall and the node.
     points : tuple of ndarray
@@ -56,7 +57,17 @@ class Exits:
 
 @dataclass(frozen=True)
 class Feet:
-    """Displacements (in the coordinates) and derivatives of the feet of all points."""
+    """Displacements (in units of the coordinates) and derivatives of the feet of all points.
+
+    Attributes
+    ----------
+    jets : dict
+        One flat array for each `Jet`, an entry for each point.
+    exits : Exits or None
+        The paths that begin on a wall, if any.
+    substeps : int
+        Number of sub-steps of the accepted result.
+    """
 
     jets: dict[Jet, Array]
     exits: Exits | None
@@ -74,11 +85,11 @@ def integrate(
 ) -> Feet:
     r"""Follow the characteristics through `points` from `t_end` back to `t_end` - `dt`.
 
-    The classical Runge-Kutta method with equal sub-steps, as many as make the estimate of its error
-    (the difference to half as many, over 15) smaller than the tolerance everywhere. Of a velocity
-    that depends on t one sub-step more is taken than twice as many: two numbers that divide each
-    other would both miss what has their period. A path that meets a wall of a direction that is not
-    periodic ends there.
+    The classical Runge-Kutta method with equal sub-steps, whose number n is increased to 2 n until
+    the error estimate (the difference of the two results over 15) is below the tolerance
+    everywhere. For a velocity that depends on t the next number is 2 n + 1: with 2 n, both results
+    could sample a velocity that is periodic in time at the same phases. A path that meets a wall of
+    a direction that is not periodic ends there.
 
     Parameters
     ----------
@@ -86,7 +97,7 @@ def integrate(
     formulas : sequence of Formula
         The velocity.
     system : System
-        The unknowns.
+        The unknowns and their equations.
     points : sequence of ndarray
         Coordinates, one array for each direction, all of one shape.
     t_end, dt : float
@@ -95,7 +106,7 @@ def integrate(
     Returns
     -------
     Feet
-        Arrays of the flattened points.
+        Its arrays have an entry for each of the flattened points.
 
     Raises
     ------
@@ -104,7 +115,7 @@ def integrate(
     NotConverged
         More than 8192 sub-steps would be needed.
     """
-    # Lengths for differences, which formulas do not need.
+    # Lengths for difference quotients, which formulas do not need.
     exact = all(formula.exact for formula in formulas)
     clock = 1.0 if exact else time_scale(grid, formulas, t_end)
     steps = (*grid.spacing, *([1.0] * (3 - grid.dim)), clock)
@@ -133,7 +144,7 @@ def integrate(
 
 
 def time_scale(grid: Grid, formulas: Sequence[Formula], t: float) -> float:
-    """A time in which the field changes little at a point: the shortest through a cell."""
+    """A time in which the field changes little at a point: the least time to cross a cell."""
     speed = 0.0
     points = grid.mesh()
     for formula, h in zip(formulas, grid.spacing, strict=True):
@@ -177,7 +188,7 @@ class _Run:
         self, grid: Grid, system: System, rates: object, flat: list[Array], t_end: float, dt: float
     ) -> None:
         self.grid, self.system, self.flat, self.dt = grid, system, flat, dt
-        self.t_end = np.float64(t_end)  # Python's own numbers raise where NumPy's give infinity
+        self.t_end = np.float64(t_end)  # Python floats raise on overflow, NumPy's give infinity
         self.rates = rates
         self.size = flat[0].size
         self.walls = [axis for axis in system.moving if not grid.periodic[axis]]
@@ -190,7 +201,7 @@ class _Run:
                 if sum(jet.orders) == 1 and jet.component < 3:
                     steepest = max(steepest, float(np.max(np.abs(rate))))
         if not np.isfinite(steepest):
-            steepest = 0.0  # `follow` finds the node and says so
+            steepest = 0.0  # `follow` reports the node where the velocity is not finite
         return int(np.clip(np.ceil(2.0 * steepest * self.dt), 1, MAX_SUBSTEPS // 4))
 
     @np.errstate(all="ignore")  # `_check` names what is not finite
@@ -222,7 +233,12 @@ class _Run:
         return dict(zip(self.system.jets, result, strict=True)), exits
 
     def difference(self, coarse: _Result, fine: _Result) -> float:
-        """Largest change of a foot in cells and of a derivative relative to the largest."""
+        """Largest difference of two results.
+
+        The maximum of the differences of feet, in cells, of derivatives relative to the largest
+        one, and of the times at which paths begin on walls, relative to dt. Points whose path
+        begins on a wall in one result only are left out.
+        """
         aged = np.zeros((2, self.size))
         for row, (_, exits) in zip(aged, (coarse, fine), strict=True):
             if exits is not None:
@@ -233,7 +249,7 @@ class _Run:
             change = np.max(np.abs(coarse[0][jet] - fine[0][jet])[same], initial=0.0)
             if sum(jet.orders) == 0 and jet.component < 3:
                 largest = self.grid.spacing[jet.component]
-                # Some roundings of a displacement over many cells.
+                # A displacement over many cells is rounded to some 1e-15 of its size.
                 change -= 1e-15 * np.max(np.abs(fine[0][jet]), initial=0.0)
             else:
                 largest = max(1.0, float(np.max(np.abs(fine[0][jet]), initial=0.0)))
@@ -259,7 +275,7 @@ class _Run:
         return list(self.rates(*point, self.t_end - tau, *y))  # type: ignore[operator]
 
     def _advance(self, y: Array, base: Sequence[Array], tau: float, step: Array) -> Array:
-        """One step of the classical Runge-Kutta method, of a length for each point."""
+        """One step of the classical Runge-Kutta method; every point has its own step length."""
         k1 = _stack(self._rates(y, base, tau), y)
         k2 = _stack(self._rates(y + 0.5 * step * k1, base, tau + 0.5 * step), y)
         k3 = _stack(self._rates(y + 0.5 * step * k2, base, tau + 0.5 * step), y)
@@ -267,16 +283,16 @@ class _Run:
         return y + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
     def _outside(self, y: Array, base: Sequence[Array]) -> Array:
-        """How many cells beyond the nearest wall; not positive inside."""
+        """How many cells each point lies beyond the nearest wall; not positive inside."""
         worst = self._beyond_each(y, base).max(axis=(0, 1))
         return np.where(worst > ON_WALL, worst, np.minimum(worst, 0.0))
 
     def _to_the_wall(
         self, y: Array, base: list[Array], crossed: NDArray[np.bool_], tau: float, step: float
     ) -> tuple[Array, Array]:
-        """The part of the step that ends on the wall, by the Illinois rule of false position.
+        """Age and unknowns where the paths meet the wall, by the Illinois method (false position).
 
-        Of the walls only those that the step has crossed: others a path may follow.
+        Only the walls that the step has crossed count: along others a path may run.
         """
 
         def outside(y: Array) -> Array:
@@ -287,7 +303,7 @@ class _Run:
         f_low = np.minimum(outside(y), 0.0)
         f_high = outside(self._advance(y, base, tau, high))
         age = np.where(f_low == 0.0, 0.0, high)
-        # No closer than the coordinates at the walls can say, in cells.
+        # Tolerance in cells: the rounding of the coordinates at the walls.
         far = [max(map(abs, self.grid.bounds[a])) / self.grid.spacing[a] for a in self.walls]
         close = max(1e-13, 8.0 * np.finfo(float).eps * max(far))
         for _ in range(60):  # halving alone would reach rounding after 53
@@ -304,7 +320,7 @@ class _Run:
         return tau + age, self._advance(y, base, tau, age)
 
     def _beyond_each(self, y: Array, base: Sequence[Array]) -> Array:
-        """How many cells beyond the lower and the upper wall of each direction."""
+        """How many cells each point lies beyond the lower and upper walls, shape (3, 2, points)."""
         beyond = np.full((3, 2, y.shape[1]), -np.inf)
         for axis in self.walls:
             x = base[axis] + y[self.system.moving.index(axis)]
@@ -362,7 +378,7 @@ def _stack(rates: list[Array], like: Array) -> Array:
 
 
 def check_step(dt: float, name: str = "dt") -> float:
-    """A positive, finite time step."""
+    """The time step as a float; raises `InputError` unless it is positive and finite."""
     value = real_number(dt, f"{name}: expected a positive number")
     if not np.isfinite(value) or value <= 0.0:
         raise InputError(f"{name}: expected a positive, finite time, got {dt!r}")

@@ -4,9 +4,9 @@ With the backward flow :math:`X' = -c(X, t - \tau)`, :math:`X(0) = x`, every der
 :math:`\partial_x^i \partial_y^j X` obeys the equation that the total derivative of :math:`-c(X)`
 gives, for instance :math:`J' = -c'(X) J` and :math:`K' = -c'(X) K - c''(X) J^2` for
 :math:`J = X_x`, :math:`K = X_{xx}`. Nothing is divided by c, so zeros of c need no special case.
-For the direct transport in two dimensions X, Y and the Jacobian make the 6 equations (3.10) of
-King's dissertation (2012); the logarithm of the determinant and its gradient complete the 9 of
-(3.18).
+For direct transport in two dimensions X, Y and their Jacobian have the 6 equations (3.10) of King's
+dissertation (2012); with the logarithm of its determinant and the gradient of this they are the 9
+equations (3.18).
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ ZERO: Orders = (0, 0, 0, 0)
 
 @dataclass(frozen=True)
 class Jet:
-    """A derivative of one component of the foot (0, 1, 2) or of log det (3)."""
+    """A partial derivative of a component of the foot (0, 1, 2) or of log det(dX/dx) (3).
+
+    `orders` are the orders of the derivative in x1, x2, x3 and t, the last one 0.
+    """
 
     component: int
     orders: Orders
@@ -41,7 +44,7 @@ class Jet:
         return cls(int(name[1]), (i, j, k, 0))
 
     def along(self, *axes: int) -> Jet:
-        """The derivative of this one in the given directions."""
+        """This derivative, differentiated once more in each of the given directions."""
         orders = self.orders
         for axis in axes:
             orders = raised(orders, axis)
@@ -57,7 +60,7 @@ def foot(component: int, *axes: int) -> Jet:
 
 
 class System:
-    """Right-hand sides of the displacement of the foot and of the jets that are asked for.
+    """The differential equations of the displacement of the foot and of the wanted jets.
 
     Parameters
     ----------
@@ -66,7 +69,7 @@ class System:
     moving : sequence of int
         Directions in which the point moves: all of them, or one in a sweep of a splitting.
     wanted : sequence of Jet
-        Besides the displacements; the jets that their equations need are added.
+        Unknowns besides the displacements; the jets that their equations need are added.
 
     Attributes
     ----------
@@ -95,9 +98,10 @@ class System:
         self._evaluator: Callable[..., Any] | None = None
 
     def evaluator(self, functions: Mapping[str, Callable[..., Any]]) -> Callable[..., Any]:
-        """The rates as a function of x1, x2, x3, t and the jets; `functions` are the opaque ones.
+        """The rates as a function of x1, x2, x3, t and the jets.
 
-        Without these it is made once.
+        `functions` are the callables of opaque nodes by name. If there are none, the result is
+        cached.
         """
         names = [*COORDINATES, *(jet.name for jet in self.jets)]
         if functions:
@@ -107,12 +111,12 @@ class System:
         return self._evaluator
 
     def start(self, jet: Jet) -> float:
-        """Value of a jet at tau = 0: the Jacobian starts as the identity."""
+        """Value of a jet at tau = 0: 1 on the diagonal of the Jacobian, else 0."""
         first = jet.component < 3 and sum(jet.orders) == 1
         return 1.0 if first and jet.orders[jet.component] == 1 else 0.0
 
     def total(self, f: Expression, axis: int) -> Expression:
-        """Derivative of f(X, jets) in a coordinate of the node."""
+        """Total derivative of f(X, jets) with respect to a coordinate of the node."""
         result = constant(0.0)
         for q, name in enumerate(COORDINATES[:3]):
             slope = f.derivative(name)

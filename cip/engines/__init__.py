@@ -1,4 +1,4 @@
-"""A stage carried out: by compiled loops on the CPU, or by kernels on a CUDA device.
+"""Execution of a stage: by compiled loops on the CPU, or by kernels on a CUDA device.
 
 In: a stage and the moments before it.
 Out: the moments after it.

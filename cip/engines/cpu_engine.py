@@ -15,7 +15,7 @@ from cip.stages.state import State
 
 
 class CpuEngine(Engine):
-    """Runs the stages with numba, rows shared among threads."""
+    """Runs the stages with numba; threads share the rows of the grid."""
 
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
@@ -25,7 +25,7 @@ class CpuEngine(Engine):
         self.coordinates += [np.zeros(1, self.dtype)] * (3 - grid.dim)
         strides = [prod(grid.nodes[axis + 1 :]) for axis in range(grid.dim)]
         ends = map(int, grid.periodic)
-        # The loops take records as plain tuples, at a tenth of the time for each call.
+        # Records are passed to the loops as plain tuples: that takes a tenth of the time per call.
         self._lines = [
             tuple(Line(h, 0, stride, n, periodic))
             for h, stride, n, periodic in zip(self.widths, strides, grid.nodes, ends, strict=True)
@@ -41,18 +41,18 @@ class CpuEngine(Engine):
         return StageFeet(feet.data.astype(self.dtype), feet.exits, feet.t_start, feet.t_end)
 
     def empty(self, data: Any) -> Any:
-        """Room for the new moments."""
+        """Uninitialized memory for the new moments."""
         return np.empty_like(data)
 
     def correct(self, flat: Any, places: Any, values: Any, add: bool) -> None:
-        """Write or add values at flat places."""
+        """Write values to (or add them at) indices into the flat moments."""
         if add:
             np.add.at(flat, places, values.astype(self.dtype))
         else:
             flat[places] = values
 
     def launch(self, stage: Stage, m: Any, out: Any, feet: Any) -> None:
-        """One kernel over all nodes with stored feet; flat arrays."""
+        """Run a stage's kernel over all nodes with stored feet; the arrays are flat."""
         from cip.engines import cpu_loops, line_blocks, plane_blocks
         from cip.jit import loop_over
         from cip.profiles import conservative_kernels, line_kernels, plane_kernels
@@ -112,7 +112,7 @@ class CpuEngine(Engine):
     def launch_path(
         self, stage: Stage, m: Any, out: Any, t_end: float, dt: float, count: int
     ) -> int:
-        """One kernel that computes the feet too; `LEFT`, `COARSE`, both or 0."""
+        """Run a stage's kernel that computes the feet too; 0, `LEFT`, `COARSE` or both bits."""
         from cip.engines import cpu_loops, path_loops
         from cip.jit import loop_over
         from cip.profiles import line_kernels, plane_kernels

@@ -1,7 +1,7 @@
 """The kernels over all nodes on the CPU: rows of nodes, shared among threads.
 
 The loops are plain Python: `cip.jit.loop_over` compiles one for each kernel `node`. They take the
-records of `cip.profiles.records` as plain tuples: numba reads those in a tenth of the time.
+records of `cip.profiles.records` as plain tuples: numba unpacks these ten times faster.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 from cip.jit import Array, Index, Out, kernel, pointer
 from cip.profiles.records import Foot, Limits, Line, Update
 
-# Fewer nodes than this a thread are not worth waking it.
+# With fewer nodes per thread than this, starting the thread takes longer than it saves.
 _NODES_A_THREAD = 40_000
 
 address = pointer()
@@ -24,12 +24,12 @@ address = pointer()
 
 @kernel
 def at_addresses(line: Line) -> Line:
-    """A line as the kernels take it, from a plain tuple too."""
+    """A `Line` with the address of its widths, as the kernels need it, from a record or tuple."""
     h, first, stride, n, periodic = line
     return Line(address(h), first, stride, n, periodic)
 
 
-# In its place `loop_over` puts a kernel.
+# `loop_over` replaces it by a kernel.
 node: Any = None
 
 
@@ -40,7 +40,7 @@ def run_line(
     """Nodes start..stop of the one line of a grid in one dimension."""
     m, out, feet = address(m), address(out), address(feet)
     line, advect = at_addresses(line), Update(*update).advect
-    # Numbers known to the compiler, which drops what other dimensions need.
+    # Constants, so that the compiler removes the code for other dimensions.
     n, own = line.n, Line(line.h, 0, 1, line.n, line.periodic)
     known = Update(n, 1, 0, advect)
     for i in range(start, stop):
@@ -51,9 +51,10 @@ def run_lines(
     start: Index, stop: Index, m: Array, out: Out, feet: Array, line: Line, update: Update,
     limiter: Index,
 ) -> None:  # fmt: skip
-    """Rows start..stop of a sweep; row number (block, i) holds node i of ``line.stride`` lines.
+    """Rows start..stop of a sweep.
 
-    `line` is the first one of the grid.
+    Row ``block line.n + i`` holds node i of ``line.stride`` adjacent lines. `line` is the first
+    line of the grid in the direction of the sweep.
     """
     m, out, feet = address(m), address(out), address(feet)
     line, update = at_addresses(line), Update(*update)
@@ -113,7 +114,7 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 if hasattr(os, "register_at_fork"):
-    # The child has the pool without its threads: it would wait for them for ever.
+    # After a fork the child has the pool but not its threads, and would wait for them for ever.
     os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
@@ -126,7 +127,7 @@ def threads() -> int:
 
 
 def share(work: Callable[[int, int], Any], rows: int, size: int) -> None:
-    """Call work(start, stop) on parts of the rows, each by one thread."""
+    """Call work(start, stop) on parts of the rows, one per thread; `size` counts the nodes."""
     parts = min(threads(), rows, max(1, size // _NODES_A_THREAD))
     if parts == 1:
         work(0, rows)

@@ -15,7 +15,7 @@ from cip.errors import InputError, MissingDependency
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State
 
-# Passed to NVRTC.
+# Options for NVRTC.
 OPTIONS = ("--std=c++14",)
 _HEAD = "#define DEVICE static __device__ __forceinline__\n"
 
@@ -35,14 +35,15 @@ _PLANE_PLACE = """
 def device_source(
     stage: Stage, name: str, limiter: int, computed: bool, real: str, index: str
 ) -> str:
-    """CUDA C of the kernel ``run`` of a stage; what is fixed for a solver is a constant in it.
+    """CUDA C of the kernel ``run`` of a stage; numbers fixed for a solver are constants in it.
 
     Parameters
     ----------
     stage : Stage
     name : str
-        Node function.
+        Name of the node function.
     limiter : int
+        From `LIMITER_CODES`.
     computed : bool
         Whether the kernel computes the feet.
     real, index : str
@@ -80,7 +81,7 @@ def device_source(
             x[axis] = f"line{axis}[{index_of}]"
         body.append(f"    real room[{FOOT_ROOM}];")
         body.append(f"    const index found = path(room, {', '.join(x)}, t, step, count);")
-        # A byte for each thing said: nobody reads what others write.
+        # A byte for each code of `path`: threads only ever write the same 1, so need no atomics.
         body.append("    if (found != 0) ((unsigned char*)said)[found - 1] = 1;")
     if stage.conservative:
         parameters += ["const real low", "const real high", "const real slack"]
@@ -105,8 +106,8 @@ def device_source(
 
 
 def _modules(stage: Stage) -> list[Any]:
-    """Where the kernels of a stage are."""
-    # Kernel modules are Python that numba compiles; here only their text is needed.
+    """The modules of the kernels of a stage."""
+    # Here only their source text is used.
     from cip.profiles import (
         conservative_kernels,
         conservative_profiles,
@@ -182,7 +183,7 @@ class CudaEngine(Engine):
         self._compiled: dict[Any, Any] = {}
         self._certain: set[Any] = set()
         grid = setting.grid
-        widths = [] if all(grid.uniform) else grid.widths  # else constants in the kernels
+        widths = [] if all(grid.uniform) else grid.widths  # equal widths: constants in the kernels
         self._widths = [cupy.asarray(width.astype(self.dtype)) for width in widths]
         self._lines = [cupy.asarray(line.astype(self.dtype)) for line in grid.coordinates]
         self._real = "double" if self.dtype == np.float64 else "float"
@@ -200,11 +201,11 @@ class CudaEngine(Engine):
         return StageFeet(data, feet.exits, feet.t_start, feet.t_end)
 
     def empty(self, data: Any) -> Any:
-        """Room for the new moments."""
+        """Uninitialized memory for the new moments."""
         return self._cupy.empty_like(data)
 
     def correct(self, flat: Any, places: Any, values: Any, add: bool) -> None:
-        """Write or add values at flat places."""
+        """Write values to (or add them at) indices into the flat moments."""
         where = self._cupy.asarray(places)
         what = self._cupy.asarray(values.astype(self.dtype))
         if add:
@@ -213,7 +214,7 @@ class CudaEngine(Engine):
             flat[where] = what
 
     def launch(self, stage: Stage, m: Any, out: Any, feet: Any) -> None:
-        """One kernel over all nodes with stored feet; flat arrays."""
+        """Run a stage's kernel over all nodes with stored feet; the arrays are flat."""
         arguments = [m, out, feet, *self._widths]
         if stage.conservative:
             limits = (*self.bounds(stage), self.setting.bounds_tolerance)
@@ -223,7 +224,7 @@ class CudaEngine(Engine):
     def launch_path(
         self, stage: Stage, m: Any, out: Any, t_end: float, dt: float, count: int
     ) -> int:
-        """One kernel that computes the feet too; `LEFT`, `COARSE`, both or 0."""
+        """Run a stage's kernel that computes the feet too; 0, `LEFT`, `COARSE` or both bits."""
         said = self._cupy.zeros(1, np.int32)
         real = self.dtype.type
         clock = [real(t_end), real(dt / count), self._whole(count), said]
@@ -234,7 +235,8 @@ class CudaEngine(Engine):
         left, coarse = (int(byte != 0) for byte in said.get().view(np.uint8)[:2])
         found = LEFT * left | COARSE * coarse
         if self.setting.steady and not found:
-            self._certain.add(part)  # the same feet in every step: the host need not wait for them
+            # Every later step has the same feet, so the host need not wait for their codes.
+            self._certain.add(part)
         return found
 
     def _start(self, stage: Stage, computed: bool, arguments: list[Any]) -> None:

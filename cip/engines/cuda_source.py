@@ -13,7 +13,7 @@ import inspect
 from collections.abc import Sequence
 from types import ModuleType
 
-# Of each record, the C types of its fields by name.
+# For each record the C types of its fields, both by name.
 Records = dict[str, dict[str, str]]
 
 _TYPES = {"Index": "index", "Real": "real", "Array": "const real* __restrict__"}
@@ -44,19 +44,20 @@ _UNIFORM = "typedef real widths;\n#define WIDTH(h, k) (h)\n"
 
 
 def prelude(real: str = "double", index: str = "int", uniform: bool = False) -> str:
-    """Types, where all cells have one width or not, and the functions that C lacks."""
+    """C types (`uniform`: all cells of a direction have one width) and functions that C lacks."""
     types = f"typedef {real} real;\ntypedef {index} index;\n"
     return types + (_UNIFORM if uniform else _UNEVEN) + PRELUDE
 
 
 def translate(modules: Sequence[ModuleType | str], *entries: str) -> str:
-    """C of some kernels and of all kernels that they call.
+    """C code of some kernels and of all kernels that they call.
 
     Parameters
     ----------
     modules : sequence of module or str
-        Where the kernels and their records are, in any order: modules, or generated source.
+        The kernels and their records, in any order: modules, or generated source.
     *entries : str
+        Names of the kernels.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What the engines of the CPU and of a CUDA device share: feet, and the order of a stage."""
+"""The common base of the engines for the CPU and a CUDA device: feet, and the order of a stage."""
 
 from __future__ import annotations
 
@@ -15,25 +15,30 @@ from cip.profiles.catalogue import LIMITER_CODES
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State
 
-# The number of sub-steps of an unsteady velocity is sought anew after so many steps: it may fall.
+# For unsteady velocities the number of sub-steps is determined anew after so many steps, because
+# fewer may be enough then.
 _RENEW = 16
-# Feet of a steady velocity on so many nodes are worth the seconds of compiling its formula.
+# From this number of nodes on, compiling the formula of a steady velocity (seconds) saves time.
 _COMPILE_FROM = 100_000
-# Sets of feet of a steady velocity that are kept: the full step's and those of partial steps, which
-# many snapshots ask for.
+# Number of cached sets of feet of a steady velocity: one for the full step, the others for shorter
+# steps before snapshots.
 _KEPT_FEET = 16
 
 
 class _Memory(threading.local):
-    """What the steps of one thread have found; runs in other threads do not change it."""
+    """Results of earlier steps in this thread; runs in other threads do not change them."""
 
     def __init__(self) -> None:
         self.left = False  # whether paths begin on walls
-        self.counts: dict[Any, tuple[float, int]] = {}  # when it was sought, and how many
+        # For each part of a step: the time at which the number of sub-steps was determined, and it.
+        self.counts: dict[Any, tuple[float, int]] = {}
 
 
 class Engine:
-    """Runs the stages of a setting; subclasses know where the arrays live."""
+    """Runs the stages of a setting; subclasses implement memory and kernels of the CPU or device.
+
+    The number of sub-steps found in earlier steps and the feet of steady velocities are cached.
+    """
 
     def __init__(self, setting: Setting) -> None:
         self.setting, self.grid, self.dtype = setting, setting.grid, setting.dtype
@@ -48,34 +53,37 @@ class Engine:
         return self._memory.counts
 
     def begin(self, state: State) -> State:
-        """Place the first state of a run, whose result does not depend on runs before it."""
+        """Place the first state of a run and forget sub-step counts, so runs are independent."""
         self._memory.counts, self._memory.left = {}, False
         return self.place(state)
 
     def place(self, state: State) -> State:
-        """The state where the kernels work, in the precision of the setting."""
+        """The state in the memory and precision in which the kernels work."""
         raise NotImplementedError
 
     def place_feet(self, feet: StageFeet) -> StageFeet:
-        """Feet where the kernels work, in the precision of the setting."""
+        """The feet in the memory and precision in which the kernels work."""
         raise NotImplementedError
 
     def empty(self, data: Any) -> Any:
-        """Room for the new moments."""
+        """Uninitialized memory for the new moments."""
         raise NotImplementedError
 
     def launch(self, stage: Stage, m: Any, out: Any, feet: Any) -> None:
-        """One kernel over all nodes with stored feet; flat arrays."""
+        """Run a stage's kernel over all nodes with stored feet; the arrays are flat."""
         raise NotImplementedError
 
     def launch_path(
         self, stage: Stage, m: Any, out: Any, t_end: float, dt: float, count: int
     ) -> int:
-        """One kernel that computes the feet too; `LEFT`, `COARSE` or both if any path says so."""
+        """Run a stage's kernel that computes the feet too.
+
+        The result is 0, `LEFT`, `COARSE` or both bits: what `path` returned for any of the nodes.
+        """
         raise NotImplementedError
 
     def correct(self, flat: Any, places: Any, values: Any, add: bool) -> None:
-        """Write or add values at flat places."""
+        """Write values to (or add them at) indices into the flat moments."""
         raise NotImplementedError
 
     def apply(self, stage: Stage, data: Any, t: float, dt: float) -> Any:
@@ -97,7 +105,7 @@ class Engine:
         return out
 
     def feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
-        """Feet of a stage where the kernels work, kept for a steady velocity."""
+        """Feet of a stage in the memory of the kernels; those of a steady velocity are cached."""
         if not self.setting.steady:
             return self.place_feet(self._computed_feet(stage, t, dt))
         key = (stage.axis, (stage.end - stage.begin) * dt)
@@ -112,7 +120,7 @@ class Engine:
         return StageFeet(found.data, found.exits, t_start, t_end)
 
     def _computed_feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
-        """Feet of a stage: compiled for formulas where that pays, else by NumPy."""
+        """Feet of a stage: for formulas by compiled code where that saves time, else by NumPy."""
         large = self.grid.size > _COMPILE_FROM or not self.setting.steady
         if large and stage.formula and not self._memory.left:
             found = self._compiled_feet(stage, t, dt)
@@ -152,10 +160,10 @@ class Engine:
         return StageFeet(feet.reshape(-1), [None] * len(feet), t + stage.begin * dt, t_end)
 
     def _refine(self, stage: Stage, t: float, dt: float, attempt: Callable[[int], int]) -> bool:
-        """Call attempt(count) with more sub-steps until no path is coarse.
+        """Call attempt(count) with more and more sub-steps until no path returns `COARSE`.
 
-        False where NumPy must find the feet, or say which node has none: paths begin on walls, or
-        there would be too many sub-steps.
+        False if NumPy must compute the feet or report the node where it fails: paths begin on
+        walls, or too many sub-steps would be needed.
         """
         count = self._count(stage, t, dt)
         while count <= MAX_SUBSTEPS:
@@ -176,15 +184,15 @@ class Engine:
         return self._paths[key]
 
     def name(self, stage: Stage) -> str:
-        """Name of the node function; those that have a limiter have a fast form without."""
+        """Name of the node function; profiles with and without limiter have one for each."""
         limited = self.limiter != 0 and stage.profile in ("cubic", "adini", "bicubic")
         return f"node_{stage.profile}" + ("_limited" if limited else "")
 
     def bounds(self, stage: Stage) -> tuple[float, float]:
-        """The bounds that hold before a stage, for the limiter of its profile.
+        """The bounds that the limiter imposes in a stage.
 
         Between the sweeps of a splitting the field is compressed along one direction and not yet
-        stretched along the others: there only the sign is bounded.
+        stretched along the others, so it may exceed the bounds: only its sign is imposed there.
         """
         low, high = self.setting.bounds
         if not stage.compressed:
@@ -197,12 +205,16 @@ class Engine:
         return not self.setting.stores_feet
 
     def _count(self, stage: Stage, t: float, dt: float) -> int:
-        """Sub-steps to begin with: the last, or at times as few as a sample of the nodes needs."""
+        """Initial number of sub-steps: that of the last step, or from time to time a smaller one.
+
+        After `_RENEW` steps it falls to what a sample of the nodes needs, but at most by half.
+        """
         key = stage.part(dt)
         found = self._counts.get(key)
         if found is None:
             found = self._counts[key] = (t, stage.substeps(t, dt))
         elif not self.setting.steady and abs(t - found[0]) > _RENEW * dt:
-            # What was steep between the nodes of the sample hardly ends at once.
+            # A velocity that was steep between the nodes of the sample does not become smooth at
+            # once: take at least half of the last number, and an even one.
             found = self._counts[key] = (t, max(stage.substeps(t, dt), 2 * (found[1] // 4)))
         return found[1]

@@ -1,9 +1,9 @@
 """The cubic profile on one line on the CPU without limiter, a short block of nodes at a time.
 
-As `cip.engines.plane_blocks`, for the same reason: places, ends of the cells, profile in three
-loops. Where all feet of a block lie equally many whole cells from their nodes, which for smooth
-velocities is nearly everywhere, the cells follow each other and the profile reads their ends where
-they are.
+As in `cip.engines.plane_blocks`, and for the same reason, a block is done in three loops: the cells
+of the feet, the moments at the ends of these cells, the profile. If all feet of a block are the
+same number of whole cells from their nodes, as for smooth velocities nearly everywhere, the cells
+are contiguous and the profile reads the moments directly, without copying them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cip.profiles.line_kernels import move_cubic
 from cip.profiles.line_profiles import cubic, locate
 from cip.profiles.records import Foot, Line, Update
 
-# Nodes of a block: its rooms, 7 numbers a node, take 7 kB of the first cache.
+# Nodes of a block: its arrays, 7 numbers a node, take 7 kB of the first-level cache.
 _LINE_BLOCK = 128
 
 numbers = room(_LINE_BLOCK)
@@ -28,7 +28,11 @@ numbers = room(_LINE_BLOCK)
 
 @kernel
 def offsets(feet: Array, o: Index, count: Index, at: Out, inside: Out) -> tuple[Index, Index]:
-    """Whole cells from `count` nodes to their feet, least and most of them; places in the cells."""
+    """Write the whole cells from nodes to feet and the places in the cells; least and most cells.
+
+    The displacements of the nodes o, .., o + count - 1 are split into whole cells (`at`) and a
+    fraction (`inside`).
+    """
     low = floor(feet[o])
     high = low
     for q in range(count):
@@ -44,7 +48,7 @@ def offsets(feet: Array, o: Index, count: Index, at: Out, inside: Out) -> tuple[
 def places(
     feet: Array, o: Index, count: Index, n: Index, periodic: Index, at: Out, inside: Out
 ) -> None:
-    """Cells of the feet of `count` nodes and the places in them."""
+    """Write the cells of the feet of `count` nodes (`at`) and the places in them (`inside`)."""
     for q in range(count):
         k, _right, s = locate(o + q, feet[o + q], n, periodic)
         at[q] = k
@@ -53,7 +57,7 @@ def places(
 
 @kernel
 def ends(m: Array, n: Index, h: Array, uniform: Index, count: Index, at: Array, near: Out) -> None:
-    """Values and slopes at both ends of the cells, then their widths."""
+    """Copy values and slopes at both ends of the cells, then their widths, to `near`."""
     for q in range(count):
         k = at[q]
         r = k + 1
@@ -71,7 +75,7 @@ def ends(m: Array, n: Index, h: Array, uniform: Index, count: Index, at: Array, 
 def near_ends(
     m: Array, n: Index, h: Array, uniform: Index, count: Index, first: Index, at: Array, near: Out
 ) -> None:
-    """The same for cells counted from node to node from `first` on, none at the seam."""
+    """As `ends`; node q's cell is ``first + q + at[q]``, and none wraps around the period."""
     for q in range(count):
         k = first + q + at[q]
         near[q] = m[k]
@@ -87,7 +91,7 @@ def cubic_block(
     near: Array, inside: Array, feet: Array, n: Index, o: Index, count: Index, advect: Index,
     out: Out,
 ) -> None:  # fmt: skip
-    """The new values and slopes of a block."""
+    """Write the new values and slopes of a block."""
     for q in range(count):
         width = near[4 * _LINE_BLOCK + q]
         va = width * near[2 * _LINE_BLOCK + q]
@@ -101,7 +105,7 @@ def cubic_row(
     m: Array, k: Index, width: Real, inside: Array, feet: Array, n: Index, o: Index, count: Index,
     advect: Index, out: Out,
 ) -> None:  # fmt: skip
-    """The same for cells of one width that follow each other from number k on."""
+    """As `cubic_block` for contiguous cells k, k + 1, .. of equal width, read from `m` directly."""
     cells = 1.0 / width
     for q in range(count):
         va = width * m[n + k + q]
@@ -111,7 +115,7 @@ def cubic_row(
 
 
 def end_room(dtype: DTypeLike, h: Array) -> Any:
-    """Room for the ends of a block of cells, with the width of the first cell."""
+    """Memory for the moments at the ends of a block of cells; widths preset to the first one."""
     near = np.empty(5 * _LINE_BLOCK, dtype)
     near[4 * _LINE_BLOCK :] = h[0]
     return near
@@ -122,7 +126,7 @@ def run_cubic(
     start: Index, stop: Index, m: Array, out: Out, feet: Array, line: Line, update: Update,
     uniform: Index, near: Out,
 ) -> None:  # fmt: skip
-    """Nodes start..stop of the line."""
+    """The new moments of nodes start..stop of the line."""
     at, inside = numbers(np.empty(1, np.int64)), numbers(m)
     m, out, feet, near = address(m), address(out), address(feet), address(near)
     line, advect = at_addresses(line), Update(*update).advect

@@ -16,32 +16,33 @@ from cip.formulas.expression import COORDINATES
 from cip.formulas.straight_line_code import statements
 from cip.grid import Grid
 
-# Parts of a sub-step at which the classical Runge-Kutta method takes its rates.
+# Fractions of a sub-step at which the classical Runge-Kutta method evaluates the rates.
 _STAGES = (0.0, 0.5, 0.5, 1.0)
-# What `path` says of a path: it left the box, or its sub-steps were too long. Codes are bits.
+# Codes that `path` returns: the path left the box; its sub-steps were too long. They are bits.
 LEFT, COARSE = 1, 2
-_NUMBERS = 5  # of `box_of` for each direction
-# Room for the components of a foot: the bicubic update and quintic sweeps in space read 12.
+_NUMBERS = 5  # how many `box_of` gives for each direction
+# Length of the array for the components of a foot: bicubic updates and quintic sweeps in three
+# dimensions need 12.
 FOOT_ROOM = 16
 
 
 def box_of(grid: Grid, system: System, limit: float, rounding: float) -> list[float]:
-    """What the kernel `path` compares a path with, five numbers for each direction of motion.
+    """The limits that the kernel `path` checks, five numbers for each direction of motion.
 
-    They are the number of cells in a unit of length; the lowest and the highest coordinate that a
-    path may reach, which are the walls or, in a periodic direction, as many cells away as kernels
-    can count; and the largest error of a displacement, as a length and as a part of itself.
+    They are the number of cells per unit of length; the lowest and the highest coordinate that a
+    path may reach (the walls or, in a periodic direction, `MOST_CELLS` cells from the ends); and
+    the largest error of a displacement, absolute as a length and relative.
 
     Parameters
     ----------
     grid : Grid
     system : System
     limit : float
-        Largest defect of a foot, in cells, but for rounding.
+        Largest defect of a foot, in cells, without rounding.
     rounding : float
-        Spacing of the numbers in which the kernel computes.
+        Machine epsilon of the precision in which the kernel computes.
     """
-    noise = 256.0 * rounding  # rounding errors of some hundred sub-steps, relative
+    noise = 256.0 * rounding  # relative rounding error after some hundred sub-steps
     found = []
     for axis in system.moving:
         low, high = grid.bounds[axis]
@@ -55,25 +56,27 @@ def box_of(grid: Grid, system: System, limit: float, rounding: float) -> list[fl
 def path_source(
     system: System, wanted: Sequence[Jet], box: Sequence[float], constant: bool = True
 ) -> str:
-    r"""Python of the kernels `rates`, `velocity` and `path`.
+    r"""Python source of the kernels `rates`, `velocity` and `path`.
 
     ``path(feet, x1, x2, x3, t, step, count)`` writes the jets in the order of `wanted`, the
-    displacements in cells (uniform directions only), and returns 0; or `LEFT` where the path leaves
-    the box through a wall or is not finite: then the first of the jets is infinite; or `COARSE`
-    where the sub-steps, if their number is even, are too long. `t` is the end of the last of
-    `count` steps of length `step`. The numbers of `box_of` are constants in the code, or a last
-    argument, which makes one kernel of a velocity on all grids.
+    displacements in cells (uniform directions only), and returns 0. It returns `LEFT` if the path
+    leaves the box through a wall or is not finite; then the first of the jets is infinite. It
+    returns `COARSE` if `count` is even and the sub-steps are too long. The path ends at time `t`
+    and is followed back over `count` sub-steps of length `step`. The numbers of `box_of` are
+    constants in the code, or (not `constant`) a last argument: then one kernel of a velocity serves
+    all grids.
 
     Notes
     -----
-    Every two sub-steps leave the defect of Simpson's rule,
+    The error of every two sub-steps is estimated by the defect of Simpson's rule,
 
     .. math:: |y_{n+2} - y_n - (f_n + 4 f_{n+1} + f_{n+2}) h / 3|,
 
-    of the order of the Runge-Kutta method's own error, :math:`h^5`, and made of rates that it
-    computes anyway. Their sum is 1.7 times the error for y' = ay and 15 times where the rates
-    depend on t alone. The displacements speak for the derivatives too: where these err by a part,
-    neighbouring feet move by that part of a cell against each other.
+    of the order of the Runge-Kutta method's local error, :math:`h^5`, from rates that it computes
+    anyway. The sum of the defects is 1.7 times the error for y' = ay and 15 times the error if the
+    rates depend on t alone. Only the displacements are checked: a relative error of their
+    derivatives shifts neighbouring feet against each other by that fraction of a cell, so it shows
+    in the displacements.
     """
     numbers = [repr(x) if constant else f"box[{q}]" for q, x in enumerate(box)]
     sides = [numbers[start : start + _NUMBERS] for start in range(0, len(numbers), _NUMBERS)]
@@ -115,7 +118,7 @@ def _rate_functions(system: System) -> list[str]:
 
 
 def _substep(system: System) -> list[str]:
-    """A Runge-Kutta step; after every second one the defect of Simpson's rule is added."""
+    """Code of a Runge-Kutta step; after every second one it adds the defect of Simpson's rule."""
     moving = range(len(system.moving))
     lines = ["s = t - n * step", *_stage(system, 0), "if n % 2 == 1:"]
     lines += [f"    g{q} = g{q} + 4.0 * a{q}" for q in moving]
@@ -132,7 +135,7 @@ def _substep(system: System) -> list[str]:
 
 
 def _leaves(system: System, sides: Sequence[Sequence[str]]) -> list[str]:
-    """Note a path beyond a wall, or one that is not finite."""
+    """Code that sets `LEFT` for a path beyond a wall or one that is not finite."""
     lines = []
     for q, (axis, (_, low, high, _, _)) in enumerate(zip(system.moving, sides, strict=True)):
         x = f"x{axis + 1} + y{q}"
@@ -141,7 +144,7 @@ def _leaves(system: System, sides: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _judgement(system: System, sides: Sequence[Sequence[str]]) -> list[str]:
-    """The defect of the last two sub-steps, and whether the sum of all is small enough."""
+    """Code that adds the defect of the last two sub-steps and compares the sum with its limit."""
     point = [*_point(system, "y"), "t - count * step"]
     exact = [f"e{q} <= {side[3]} + {side[4]} * abs(y{q})" for q, side in enumerate(sides)]
     results = ", ".join(f"f{q}" for q in range(len(sides)))
@@ -156,7 +159,7 @@ def _judgement(system: System, sides: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _results(system: System, wanted: Sequence[Jet], cells: Sequence[str]) -> list[str]:
-    """Write the jets that are wanted; `cells` a length in each direction of motion."""
+    """Code that writes the wanted jets; `cells` are the cells per length in each direction."""
     place = {jet: q for q, jet in enumerate(system.jets)}
     lines = [f"E = exp(y{place[LOG_DETERMINANT]})"] if LOG_DETERMINANT in wanted else []
     return lines + [f"feet[{f}] = {_component(jet, place, cells)}" for f, jet in enumerate(wanted)]
@@ -167,12 +170,12 @@ def _kinds(count: int) -> str:
 
 
 def _defect(q: int, last: str) -> str:
-    """Add the defect of Simpson's rule over two sub-steps."""
+    """Code that adds the defect of Simpson's rule over two sub-steps in direction q."""
     return f"e{q} = e{q} + abs(y{q} - o{q} - step * (1.0 / 3.0) * (g{q} + {last}{q}))"
 
 
 def _point(system: System, place: str) -> list[str]:
-    """The coordinates of a path, in the code."""
+    """Code of the coordinates of a path whose unknowns are called `place` and a number."""
     return [
         f"{name} + {place}{system.moving.index(axis)}" if axis in system.moving else name
         for axis, name in enumerate(COORDINATES[:3])

@@ -16,18 +16,19 @@ from cip.jit import Array, Index, Out, Real, generated, room
 from cip.profiles.records import Foot, Line, Update
 from cip.stages.stage import Stage
 
-# On the stack: an array would be freed after its last use, which is where its address is taken.
+# On the stack: numba would free an array after its last use, the taking of its address.
 foot_room = room(FOOT_ROOM)
-# In their place `loop_over` puts kernels.
+# `loop_over` replaces these two by kernels.
 node: Any = None
 path: Any = None
 
 
 class Paths(NamedTuple):
-    """Where paths end and how they are followed back.
+    """End points of paths and how they are followed back.
 
-    Coordinates are those of the grid's lines (0 in directions that it lacks), or those of single
-    points. `t` is the end of so many sub-steps of length `step`; `box` as `box_of` says.
+    `x`, `y`, `z` are the coordinates along the grid's lines (0 in directions that it lacks), in
+    `run_feet` those of the points. A path ends at time `t` and is followed over `substeps` steps of
+    length `step`; `box` holds the numbers of `box_of`.
     """
 
     x: Array
@@ -40,7 +41,7 @@ class Paths(NamedTuple):
 
 
 def compiled(grid: Grid, stage: Stage) -> tuple[Any, Any]:
-    """The kernel `path` of a stage, and its last argument."""
+    """The compiled kernel `path` of a stage, and the array for its last argument `box`."""
     box = box_of(grid, stage.system, stage.limit, float(np.finfo(float).eps))
     return _path(path_source(stage.system, stage.jets, box, constant=False)), np.array(box)
 
@@ -57,7 +58,7 @@ def run_plane_path(
     start: Index, stop: Index, m: Array, out: Out, said: Out, paths: Paths, x: Line, y: Line,
     update: Update, limiter: Index,
 ) -> None:  # fmt: skip
-    """Rows start..stop of a plane; said[row] gathers what `path` says."""
+    """Rows start..stop of a plane; ``said[row]`` is the bitwise or of the codes of `path`."""
     m, out, said = address(m), address(out), address(said)
     x, y, update, paths = at_addresses(x), at_addresses(y), Update(*update), Paths(*paths)
     x1, x2 = address(paths.x), address(paths.y)
@@ -102,7 +103,7 @@ def run_lines_path(
 def run_feet(
     start: Index, stop: Index, feet: Out, said: Out, paths: Paths, size: Index, components: Index
 ) -> None:
-    """Feet of the points start..stop, component after component."""
+    """Feet of the points start..stop; component f of point o is at ``feet[f size + o]``."""
     paths = Paths(*paths)
     foot, box = foot_room(np.empty(1)), address(paths.box)
     feet, said = address(feet), address(said)

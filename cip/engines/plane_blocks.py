@@ -1,9 +1,10 @@
 """Planes on the CPU without limiter, a short block of nodes at a time.
 
-A node's arithmetic fits vector instructions, its scattered reads do not (processors read one number
+The arithmetic of a node can be vectorized, its scattered reads cannot (processors read one number
 at a time there, and gather instructions are slower still). Each block of a row is therefore done in
-three loops: where the feet lie, the corners of their cells brought side by side, the profile. Their
-rooms stay in the first cache. One loop over everything takes about twice as long.
+three loops: the cells of the feet, copying the moments at the corners of these cells side by side,
+the profile. The arrays of a block stay in the first-level cache. A single loop takes about twice as
+long.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from cip.profiles.line_profiles import locate
 from cip.profiles.plane_kernels import adini_profile, bicubic_profile, move_adini, move_bicubic
 from cip.profiles.records import Corners, Foot, Line, Update
 
-# Nodes of a block: its rooms, up to 30 numbers a node, take 15 kB of the first cache.
+# Nodes of a block: its arrays, up to 30 numbers a node, take 15 kB of the first-level cache.
 _PLANE_BLOCK = 64
 
 numbers = room(4 * _PLANE_BLOCK)
@@ -30,7 +31,7 @@ def places(
     feet: Array, size: Index, o: Index, count: Index, i: Index, j: Index, x: Line, y: Line,
     at: Out, inside: Out,
 ) -> None:  # fmt: skip
-    """Cells of the feet of `count` nodes of a row and the places in them."""
+    """Write the cells of the feet of `count` nodes in a row (`at`), places in them (`inside`)."""
     for q in range(count):
         k, _right, s = locate(i, feet[o + q], x.n, x.periodic)
         l, _right, t = locate(j + q, feet[size + o + q], y.n, y.periodic)
@@ -45,9 +46,9 @@ def corners(
     m: Array, size: Index, moments: Index, x: Line, y: Line, uniform: Index, count: Index,
     at: Array, near: Out,
 ) -> None:  # fmt: skip
-    """Moment after moment at the four corners of the cells, then their widths.
+    """Copy moment after moment at the four corners of the cells, then the widths, to `near`.
 
-    The widths of a uniform grid are there already.
+    The widths of a uniform grid are there already, from `corner_room`.
     """
     for q in range(count):
         k = at[q]
@@ -91,7 +92,7 @@ def adini_block(
     near: Array, inside: Array, feet: Array, size: Index, o: Index, count: Index, advect: Index,
     new: Out,
 ) -> None:  # fmt: skip
-    """The new moments of a block, Adini's profile."""
+    """Write the new moments of a block, Adini's profile."""
     B = _PLANE_BLOCK
     for q in range(count):
         u, ux, uy = beside(near, 0, q), beside(near, 1, q), beside(near, 2, q)
@@ -105,7 +106,7 @@ def bicubic_block(
     near: Array, inside: Array, feet: Array, size: Index, o: Index, count: Index, advect: Index,
     new: Out,
 ) -> None:  # fmt: skip
-    """The new moments of a block, bicubic profile."""
+    """Write the new moments of a block, bicubic profile."""
     B = _PLANE_BLOCK
     for q in range(count):
         u, ux = beside(near, 0, q), beside(near, 1, q)
@@ -120,17 +121,17 @@ def bicubic_block(
 
 @kernel
 def keep(new: Array, moments: Index, size: Index, count: Index, out: Out, o: Index) -> None:
-    """Copy the new moments of a block to their places."""
+    """Copy the new moments of a block to the array of all new moments."""
     for moment in range(moments):
         for q in range(count):
             out[moment * size + o + q] = new[moment * _PLANE_BLOCK + q]
 
 
 def corner_room(moments: int, dtype: DTypeLike, *widths: Array) -> Any:
-    """Room for the corners of a block, with the widths of the first cell.
+    """Memory for the moments at the corners of a block; widths preset to those of the first cell.
 
-    It comes from outside so that the loop over scattered reads, where it might overlap the moments
-    for all that the compiler knows, gets no gather instructions.
+    It is allocated outside the compiled loop on purpose: as far as the compiler knows it may
+    overlap the moments, so it does not use (slower) gather instructions for the scattered reads.
     """
     near = np.empty((4 * moments + len(widths), _PLANE_BLOCK), dtype)
     for row, width in zip(near[4 * moments :], widths, strict=True):

@@ -1,4 +1,4 @@
-"""What an engine is told of the scheme that it runs."""
+"""The description of a scheme that an engine runs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cip.grid import Grid
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A scheme on a grid, as far as its stages need it; nothing of it changes.
+    """A scheme on a grid: everything about it that its stages need. Immutable.
 
     Attributes
     ----------
@@ -25,11 +25,11 @@ class Setting:
     bounds : (low, high)
         Of the field, for the limiter ``"bounds"``.
     bounds_tolerance : float
-        In units of the field: a profile that passes the bounds by less is left alone.
+        In the unit of the field: a profile that exceeds the bounds by less is not limited.
     dtype : dtype
         Of the moments and the stored feet.
     store_feet : bool or None
-        Whether feet are stored; None for what suits the velocity.
+        Whether feet are stored; None: if the velocity is steady.
     steady : bool
         Whether the velocity is the same at all times.
     """
@@ -46,5 +46,5 @@ class Setting:
 
     @property
     def stores_feet(self) -> bool:
-        """Whether feet that a kernel could compute are stored: by default steady ones."""
+        """Whether feet are stored even if a kernel could compute them: by default, steady ones."""
         return self.steady if self.store_feet is None else self.store_feet

@@ -1,4 +1,4 @@
-"""Callables with an argument for the time that has a default: it is passed by its name."""
+"""Callables whose argument for the time has a default: they get the time by keyword."""
 
 from __future__ import annotations
 
@@ -10,19 +10,26 @@ _NAMES = ("t", "time")
 
 
 class WithTime:
-    """Calls a function of the coordinates with the time as a named argument, or without it."""
+    """A callable of (x1, .., t) that calls ``function(x1, .., name=t)``, or without t if no name.
+
+    Parameters
+    ----------
+    function : callable
+    name : str or None
+        Name of the argument for the time; None if the function has no such argument.
+    """
 
     def __init__(self, function: Callable[..., Any], name: str | None) -> None:
         self._function, self._name = function, name
 
     def __call__(self, *point: Any) -> Any:
-        """Its value at the coordinates and the time."""
+        """The value at the coordinates and the time, which is the last argument."""
         named = {} if self._name is None else {self._name: point[-1]}
         return self._function(*point[:-1], **named)
 
 
 def clock_of(function: Any) -> str | None:
-    """The name of an argument for the time that has a default, which a call without would use."""
+    """The name of the argument for the time (``t`` or ``time``) if it has a default, else None."""
     try:
         parameters = inspect.signature(function).parameters
     except (TypeError, ValueError):  # no callable, or one of C without a signature
@@ -35,13 +42,13 @@ def clock_of(function: Any) -> str | None:
 
 
 def timed(function: Any) -> Any:
-    """A callable of (x1, .., t) from one whose t has a default; others as they are."""
+    """A callable of (x1, .., t) if the given one has a default for t; anything else as it is."""
     name = clock_of(function)
     return function if name is None else WithTime(function, name)
 
 
 def with_time(function: Any) -> Any:
-    """The same, where a callable may also have no argument for the time at all."""
+    """As `timed`; a callable without any argument for the time is wrapped so that it ignores t."""
     if not callable(function) or clock_of(function) is not None:
         return timed(function)
     try:

@@ -1,8 +1,9 @@
 r"""Formulas as graphs: built by arithmetic or traced from a callable, differentiated exactly.
 
-An `Expression` is an interned node, so equal sub-formulas are one object: a derivative that repeats
-them costs nothing, and the emitted code computes each of them once (Griewank and Walther,
-Evaluating Derivatives, 2008, chapter 6: common subexpressions by value numbering).
+An `Expression` is an interned node: equal sub-formulas are one object. Sub-formulas that occur
+again in a derivative need no further nodes, and the emitted code computes each of them once
+(Griewank and Walther, Evaluating Derivatives, 2008, chapter 6: common subexpressions by value
+numbering).
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ class Expression:
         if node is None:
             node = object.__new__(cls)
             node.op, node.args, node.value, node._derivatives = op, args, value, {}
-            node = cls._nodes.setdefault(key, node)  # one node, whichever thread came first
+            node = cls._nodes.setdefault(key, node)  # atomic: all threads get the same node
         return node
 
     def __copy__(self) -> Expression:
@@ -56,7 +57,8 @@ class Expression:
         return self
 
     def __reduce__(self) -> Any:
-        nodes = ordered([self])  # a list: sums may be longer than Python's stack
+        # A flat list, not nested tuples: long sums are deeper than Python's recursion limit.
+        nodes = ordered([self])
         place = {node: q for q, node in enumerate(nodes)}
         rows = [(n.op, tuple(place[argument] for argument in n.args), n.value) for n in nodes]
         return _restored, (rows,)
@@ -104,7 +106,7 @@ class Expression:
         raise TypeError("a formula has no truth value: it cannot steer an if, min or max")
 
     def __eq__(self, other: object) -> bool:
-        # Of a formula that is traced it would be decided once for all points.
+        # A comparison in a traced callable would be decided once for all points.
         if self is other:
             return True
         raise TypeError("formulas cannot be compared")
@@ -131,13 +133,14 @@ class Expression:
     def derivative(self, name: str) -> Expression:
         """The partial derivative with respect to the variable of this name."""
         if name not in self._derivatives:
-            for node in ordered([self]):  # arguments first: sums may be longer than Python's stack
+            # Arguments first, no recursion: long sums are deeper than Python's recursion limit.
+            for node in ordered([self]):
                 if name not in node._derivatives:
                     node._derivatives[name] = _differentiate(node, name)
         return self._derivatives[name]
 
     def variables(self) -> set[str]:
-        """Names of the variables that occur; opaque functions count as all coordinates."""
+        """Names of the variables that occur; an opaque function counts as using x1, x2, x3, t."""
         found: set[str] = set()
         for node in ordered([self]):
             if node.op == "variable":
@@ -158,12 +161,15 @@ def variable(name: str) -> Expression:
 
 
 def opaque(name: str, orders: tuple[int, int, int, int]) -> Expression:
-    """A partial derivative of a function known only by its values, at (x1, x2, x3, t)."""
+    """A partial derivative, at (x1, x2, x3, t), of a function known only by its values.
+
+    `orders` are those of the derivative in x1, x2, x3 and t.
+    """
     return Expression("opaque", (), (name, orders))
 
 
 def raised(orders: tuple[int, int, int, int], place: int) -> tuple[int, int, int, int]:
-    """Derivative orders with one more in the coordinate at `place`."""
+    """Derivative orders, increased by one in the coordinate with index `place`."""
     i, j, k, l = (order + (q == place) for q, order in enumerate(orders))
     return i, j, k, l
 
@@ -177,7 +183,7 @@ def apply(name: str, argument: Expression) -> Expression:
 
 
 def ordered(roots: Sequence[Expression]) -> list[Expression]:
-    """All nodes below the roots, arguments first."""
+    """The roots and all nodes below them, each once and after its arguments."""
     done: dict[Expression, None] = {}
     stack = [(root, False) for root in reversed(roots)]
     while stack:
@@ -212,7 +218,7 @@ def traced(function: Callable[..., Any], names: Sequence[str]) -> Expression | N
     try:
         result = function(*(variable(name) for name in names))
         return _lift(result)
-    except Exception:  # whatever a user's function raises on an argument that is no number
+    except Exception:  # a user's function may raise anything when its argument is no number
         return None
 
 
@@ -272,7 +278,7 @@ def _divide(a: Expression, b: Expression) -> Expression:
                 return constant(float(np.divide(a.value, b.value)))
         if b.value == 0.0:
             return constant(math.nan)
-        if math.frexp(b.value)[0] in (0.5, -0.5):  # by a power of two: exact either way
+        if math.frexp(b.value)[0] in (0.5, -0.5):  # b is a power of two, so 1 / b is exact
             return _multiply(constant(1.0 / b.value), a)
     if _is(a, 0.0):
         return a
@@ -316,7 +322,7 @@ _BINARY: dict[str, Callable[[Expression, Expression], Expression]] = {
 }
 _UFUNC_NAMES = {"absolute": "abs", "fabs": "abs", "true_divide": "divide"}
 
-# d f(a) / da
+# The derivative f'(a) of each elementary function f.
 RULES: dict[str, Callable[[Expression], Expression]] = {
     "sin": lambda a: apply("cos", a),
     "cos": lambda a: -apply("sin", a),

@@ -20,10 +20,11 @@ from cip.reals import real_array, real_number
 Array = NDArray[np.float64]
 Orders = tuple[int, int, int, int]
 
-# A time without meaning, no zero or period of usual functions, at which callables are tried.
+# Time at which callables are tested: an arbitrary number (1 / sqrt(7)) that is no zero and no
+# period of usual functions.
 _CLOCK = 0.3779644730092272
-# Sixth-order central differences: the step is a quarter of the spacing, so that their error stays
-# below that of the profiles on every grid and rounding costs 4 eps / h.
+# Sixth-order central differences. Their step is a quarter of the spacing h: the truncation error
+# stays below the error of the profiles on every grid, and the rounding error is about 4 eps / h.
 _STEP = 0.25
 _STENCIL = ((1, 45.0 / 60.0), (2, -9.0 / 60.0), (3, 1.0 / 60.0))
 
@@ -54,7 +55,8 @@ class Formula:
     ) -> Formula:
         """From a number, a text, or a callable of the coordinates (and of t, if `time`).
 
-        `box` is where a callable must be defined; `sparse` points broadcast.
+        A callable must be defined on `box`. With `sparse` it is tested with one coordinate array
+        for each direction, which broadcast against each other, instead of flat arrays.
         """
         dim = len(box)
         names = [*COORDINATES[:dim], *(["t"] if time else [])]
@@ -118,7 +120,7 @@ class Formula:
         return cls(opaque(_label(name, known), (0, 0, 0, 0)), dim, known)
 
     def check_pointwise(self, box: Box, name: str, time: bool, sparse: bool = False) -> None:
-        """Raise `InputError` where the value at a point depends on the other points of the call."""
+        """Raise `InputError` if the value at a point depends on the other points of the call."""
         for known in self.known.values():
             samples = Samples(box, sparse, _CLOCK if time else None)
 
@@ -138,7 +140,10 @@ class Formula:
         return not self.exact or "t" not in self.expression.variables()
 
     def functions(self, nodes: Sequence[Expression], steps: Sequence[float]) -> dict[str, Any]:
-        """What the opaque nodes among `nodes` are called and how to compute them."""
+        """The opaque functions of this formula that `nodes` use: callables by their names in code.
+
+        `steps` as for `derivative`.
+        """
         found = {}
         for node in ordered(list(nodes)):
             if node.op == "opaque" and node.value[0] == self._name:
@@ -150,7 +155,8 @@ class Formula:
     def derivative(self, orders: Orders, steps: Sequence[float]) -> Callable[..., Array]:
         """A partial derivative as a function of (x1, x2, x3, t).
 
-        `steps` are the lengths over which the function changes little, in x1, x2, x3 and t.
+        `steps` are the lengths in x1, x2, x3 and t over which the function changes little; a
+        quarter of these is the step of the difference quotients.
         """
         node = self.expression
         for name, order in zip(COORDINATES, orders, strict=True):
@@ -159,7 +165,7 @@ class Formula:
         return self.evaluator(node, steps)
 
     def evaluator(self, node: Expression, steps: Sequence[float]) -> Callable[..., Array]:
-        """Any formula built from this one as a function of (x1, x2, x3, t)."""
+        """A formula built from this one as a function of (x1, x2, x3, t); `steps` as above."""
         compute = numpy_function([node], COORDINATES, self.functions([node], steps))
 
         def values(*point: Any) -> Array:
@@ -184,7 +190,7 @@ class Formula:
 
 
 def padded(point: Sequence[Any], dim: int, time: bool) -> list[Any]:
-    """x1, x2, x3 and t from the coordinates of a grid and, if `time`, the last."""
+    """x1, x2, x3 and t from `dim` coordinates and, if `time`, a time after them; else zeros."""
     clock = point[-1] if time else np.zeros(())
     return [*point[:dim], *([np.zeros(())] * (3 - dim)), clock]
 
@@ -192,7 +198,10 @@ def padded(point: Sequence[Any], dim: int, time: bool) -> list[Any]:
 def agree(
     formulas: Sequence[Expression], function: Callable[..., Any], box: Box, time: bool
 ) -> bool:
-    """Whether a callable, called on two samples, says what it said when it was traced."""
+    """Whether a callable and the formulas traced from it have the same values on two samples.
+
+    False also if the callable raises, or if none of the values is finite.
+    """
     compute = numpy_function(formulas, COORDINATES)
     finite = False
     for point in Samples(box, t=_CLOCK if time else None):
@@ -209,7 +218,8 @@ def agree(
         for one, other in zip(found, expected, strict=True):
             if one.ndim > 1 or one.size not in (1, point[0].size):
                 return False
-            # A formula is the same operations but for powers and factors, to some roundings.
+            # The formula does the same operations except that powers become products and constant
+            # factors are combined, so the values differ by rounding, far below 1e-9.
             if not alike(one, other, 1e-9).all():
                 return False
             finite = finite or bool(np.isfinite(one).any())
@@ -230,7 +240,10 @@ def _difference(function: Callable[..., Any], place: int, step: float) -> Callab
 
 
 def spline(values: Any, grid: Grid, name: str) -> Formula:
-    """The interpolating quintic tensor spline of nodal values, periodic where the grid is."""
+    """The interpolating quintic tensor spline of nodal values, periodic where the grid is.
+
+    In a direction of fewer than 6 cells the spline is cubic.
+    """
     from scipy.interpolate import NdBSpline, make_interp_spline
 
     array = real_array(values, name)
@@ -284,5 +297,5 @@ def spline(values: Any, grid: Grid, name: str) -> Formula:
 
 
 def _label(name: str, known: dict[Orders, Callable[..., Any]]) -> str:
-    """What generated code calls a function."""
+    """A name for the function in generated code, unique while `known` exists."""
     return f"{re.sub(r'[^A-Za-z0-9]', '_', name)}_{id(known)}"

@@ -31,10 +31,15 @@ _OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
 
 
 def parse(text: str, name: str = "expression") -> Expression:
-    """The formula that a text in x1, x2, x3 (or x, y, z) and t says.
+    """The formula that a text in x1, x2, x3 (or x, y, z) and t stands for.
 
     The grammar is Python's arithmetic with ``+ - * / **``, numbers, pi, e, and sin, cos, tan,
     arcsin, arccos, arctan, sinh, cosh, tanh, exp, log, sqrt, abs and sign.
+
+    Raises
+    ------
+    InputError
+        Anything else, or a number in it that is not finite; messages begin with `name`.
     """
     if not isinstance(text, str):
         raise InputError(f"{name}: expected a text such as 'x2 * sin(t)', got {text!r}")

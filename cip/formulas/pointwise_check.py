@@ -1,8 +1,9 @@
-"""Whether a function is one of the place: asked at the same points in different company.
+"""Whether a callable is a function of the point: it is called twice, with other points beside it.
 
-A formula gives at a point what it gives at that point alone. A callable of arrays may do otherwise:
-subtract a mean, shift or sum along the array, or return an array of its own. Traced, it looks like
-a formula; called along a path, it would see other points than at the nodes.
+The value of a function at a point does not depend on the other points of a call. A callable of
+arrays may violate this: it may subtract a mean, shift or sum along the array, or return an array of
+its own. Tracing cannot see that, and along a characteristic it would be called with other points
+than the nodes.
 """
 
 from __future__ import annotations
@@ -18,25 +19,27 @@ from cip.errors import InputError
 Array = NDArray[np.float64]
 Box = Sequence[tuple[float, float]]
 
-# Points in each direction: of one sample, and of them every other again, the last first, after one
-# that is new.
+# Number of points in each direction of the first sample, by dimension. The second sample has one
+# new point and then every other point of the first in reverse order.
 _COUNTS = {1: (8,), 2: (4, 2), 3: (2, 2, 2)}
-# Fractional parts of multiples of these are spread over a direction in no order.
+# The fractional parts of the multiples of these irrational numbers are spread over (0, 1) without
+# being ordered: the golden ratio and the two numbers of the analogous sequence in the plane.
 _RATIOS = (0.6180339887498949, 0.7548776662466927, 0.5698402909980532)
-# Relative: how far the values of one function at one point may differ between compiled loops over
-# whole vectors and over what is left, some thousand roundings.
+# Relative difference allowed between two values at the same point, some thousand roundings:
+# vectorized loops and the scalar loops over the last entries of an array round differently.
 _ROUNDING = 1e-12
 
 
 class Samples:
-    """Two samples of the points of a box that share some.
+    """Two sets of points of a box that have some points in common.
 
     Parameters
     ----------
     box : sequence of (low, high)
         One pair for each direction.
     sparse : bool
-        Points as one array for each direction, which broadcast, or as flat arrays of all.
+        Whether points are given by one array for each direction, which broadcast, or by flat arrays
+        of the coordinates of all points.
     t : float, optional
         Appended to the coordinates.
     """
@@ -60,7 +63,10 @@ class Samples:
         return iter(self.points)
 
     def differ(self, first: Any, second: Any) -> str | None:
-        """Where the values of the two samples differ at a shared point, in words."""
+        """A text about the first common point with different values; None if they all agree.
+
+        `first` and `second` are the values on the two samples.
+        """
         a, b = (
             np.reshape(np.broadcast_to(x, np.broadcast_shapes(*map(np.shape, point))), shape)
             for x, point, shape in zip((first, second), self, self._shapes, strict=True)
@@ -78,7 +84,10 @@ def _time(t: float | None) -> list[float]:
 
 
 def alike(a: Any, b: Any, tolerance: float) -> NDArray[np.bool_]:
-    """Whether two arrays agree in parts of their largest number; NaN and infinity are equal."""
+    """For each entry, whether the two agree within `tolerance` times the largest finite one of a.
+
+    NaN equals NaN, and infinity equals infinity of the same sign.
+    """
     a, b = np.broadcast_arrays(np.asarray(a, dtype=float), np.asarray(b, dtype=float))
     with np.errstate(all="ignore"):
         largest = np.abs(a[np.isfinite(a)]).max(initial=0.0)
@@ -87,7 +96,7 @@ def alike(a: Any, b: Any, tolerance: float) -> NDArray[np.bool_]:
 
 
 def check_pointwise(function: Callable[..., Any], samples: Samples, name: str) -> None:
-    """Raise `InputError` where values at a point depend on the other points."""
+    """Raise `InputError` if values at a point depend on the other points of the call."""
     where = samples.differ(*(function(*point) for point in samples))
     if where is not None:
         raise InputError(

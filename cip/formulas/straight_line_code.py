@@ -14,7 +14,7 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 
 
 def statements(outputs: Mapping[str, Expression], indent: str = "    ") -> list[str]:
-    """One assignment a node, arguments first, then the outputs by their names."""
+    """Lines of code: one assignment for each node after its arguments, then the named outputs."""
     names: dict[Expression, str] = {}
     lines: list[str] = []
     for node in ordered(list(outputs.values())):
@@ -51,7 +51,11 @@ def numpy_function(
     arguments: Sequence[str],
     functions: Mapping[str, Callable[..., Any]] | None = None,
 ) -> Callable[..., tuple[Any, ...]]:
-    """A function of arrays that returns the values of the formulas, each as computed."""
+    """A function of the arguments that returns a tuple of the formulas' values.
+
+    A value keeps the shape that it was computed with: a constant formula gives a number.
+    `functions` are the callables of opaque nodes by their names.
+    """
     named = {f"out{q}": node for q, node in enumerate(outputs)}
     body = [f"def evaluate({', '.join(arguments)}):", *statements(named)]
     body.append(f"    return ({''.join(f'{name}, ' for name in named)})")

@@ -1,4 +1,4 @@
-"""Callables that a pickle can hold: functions without a name go as the formula that was traced."""
+"""Picklable callables: a lambda or local function is replaced by the formula traced from it."""
 
 from __future__ import annotations
 
@@ -27,14 +27,15 @@ class TracedFunction:
     Parameters
     ----------
     outputs : dict
-        By the names of the arguments: the formulas that it returns, or the one.
+        Maps a tuple of argument names to the formulas returned for these arguments. A call chooses
+        the entry with as many names as it has arguments.
     """
 
     def __init__(self, outputs: dict[tuple[str, ...], Sequence[Expression]]) -> None:
         self._outputs = {names: tuple(formulas) for names, formulas in outputs.items()}
 
     def __call__(self, *point: Any) -> Any:
-        """What the callable returned for these arguments."""
+        """The value of the one formula, or a tuple of values if there are several."""
         fitting = [names for names in self._outputs if len(names) == len(point)]
         if not fitting:
             raise TypeError(f"it was traced with {sorted(map(len, self._outputs))} arguments")
@@ -55,7 +56,7 @@ class TracedFunction:
 def portable(
     value: Any, name: str, trace: Callable[[], dict[tuple[str, ...], Sequence[Expression]]]
 ) -> Any:
-    """The value itself where a pickle can hold it, else what `trace` finds, as a callable.
+    """The value itself if it can be pickled, else a `TracedFunction` of what `trace` finds.
 
     Raises
     ------
@@ -66,7 +67,7 @@ def portable(
         return value
     try:
         pickle.dumps(value)
-    except Exception:  # whatever it and what it holds raise
+    except Exception:  # pickling runs code of the user's objects, which may raise anything
         found = trace()
         if not found:
             raise InputError(

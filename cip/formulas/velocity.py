@@ -30,22 +30,23 @@ class Velocity:
         A callable takes the coordinates as arrays, ``c(x1, x2)``, and t last if not `steady`; it
         returns one array for each component. A callable that is plain arithmetic of NumPy
         functions is traced once: its derivatives are exact and it is compiled for CPU and GPU.
-        Any other callable is used by its values; it must be a function of the place, so a mean or
-        a shift of the array it gets is refused. Arrays are nodal values, one for each component,
-        interpolated by quintic splines; they are steady.
+        Of any other callable only values are used; its value at a point must not depend on the
+        other points of the call, so callables that subtract a mean or shift the array are refused.
+        Arrays are nodal values, one for each component, interpolated by quintic splines; they are
+        steady.
     jacobian : callable, optional
         ``jacobian(x1, x2)[i][k]`` = dc_i / dx_k, for callables that cannot be traced; default
         sixth-order differences.
     hessian : callable, optional
         ``hessian(x1, x2)[i][k][l]``, likewise.
     steady : bool, optional
-        Whether c does not depend on t; default: unless it has an argument ``t`` (or ``time``) with
-        a default, which it then gets.
+        Whether c does not depend on t. By default it does if a callable has an argument ``t`` (or
+        ``time``) with a default value, which then receives the time, and else it does not.
 
     Raises
     ------
     InputError
-        Naming what is wrong with an argument.
+        An argument is malformed; the message names it.
 
     Examples
     --------
@@ -68,7 +69,7 @@ class Velocity:
         several = isinstance(c, list | tuple)
         if steady is None:
             steady = not any(map(clock_of, c if several else [c]))
-            if not steady:  # parts that do not know t may stand beside those that do
+            if not steady:  # some components may depend on t and others not have it as argument
                 c = [with_time(part) for part in c] if several else with_time(c)
                 jacobian, hessian = with_time(jacobian), with_time(hessian)
         elif not steady:
@@ -110,7 +111,7 @@ class Velocity:
         Raises
         ------
         InputError
-            A text that is anything else, or whose numbers overflow.
+            A text that is not of this form, or whose numbers overflow.
         """
         if not 1 <= len(components) <= 3:
             raise InputError(f"components: expected 1 to 3 formulas, got {len(components)}")
@@ -145,11 +146,15 @@ class Velocity:
         return new
 
     def _where(self, dim: int) -> Box:
-        """Where a callable is tried: on the last grid, else on a unit box."""
+        """The box from which test points are taken: the last grid's, else the unit box."""
         return self._box if len(self._box) == dim else [(0.0, 1.0)] * dim
 
     def _portable(self, value: Any, dim: int | None = None) -> Any:
-        """A callable of all components, or of one on a grid of `dim` directions."""
+        """A picklable form of a callable.
+
+        With `dim` None it gives all components (traced for 1 to 3 directions); otherwise it gives
+        one component on grids of `dim` directions.
+        """
 
         def trace() -> dict[tuple[str, ...], Any]:
             found = {}
@@ -169,7 +174,11 @@ class Velocity:
 
     @property
     def exact(self) -> bool:
-        """Whether every component is a formula; in 1-D for a callable before it meets a grid."""
+        """Whether every component is a formula; in 1-D for a callable before it meets a grid.
+
+        A callable does not tell its number of components before `on` is called with a grid; until
+        then it is traced as a velocity in one dimension.
+        """
         formulas = self._formulas or _traced(self._c, self._where(self.dim or 1), not self.steady)
         return formulas is not None and all(formula.exact for formula in formulas)
 

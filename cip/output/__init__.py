@@ -1,4 +1,4 @@
-"""What a run leaves: snapshots, diagnostics, samples, pictures.
+"""Results of a run: snapshots, diagnostics, samples, pictures.
 
 In: states at the output times.
 Out: `Trajectory`; values between the nodes, files, animations.

@@ -13,22 +13,22 @@ from cip.errors import InputError
 from cip.output.sample import sample
 from cip.stages.state import State
 
-# Points a cell at which curves are drawn: the profile bends inside its cells.
+# Curves are drawn with so many points in each cell, since the profile is curved inside cells.
 _PER_CELL = 4
 
 
 def plot_states(
     states: Sequence[State], ax: Any = None, places: Sequence[int] | None = None
 ) -> Any:
-    """Draw snapshots by their profiles: curves in one dimension, a map of one in two.
+    """Draw snapshots by their profiles: curves in one dimension, a colour map of one in two.
 
     Parameters
     ----------
     states : sequence of State
-        Of one grid.
+        All on the same grid.
     ax : matplotlib Axes, optional
     places : sequence of int, optional
-        Which of them; default all, in two dimensions the last.
+        Indices of the states to draw; default all. In two dimensions only the last is drawn.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def animate_states(states: Sequence[State], path: str | Path | None = None, fps:
     Parameters
     ----------
     states : sequence of State
-        Of one grid, in one or two dimensions.
+        All on the same grid, in one or two dimensions.
     path : path, optional
         Where to write it, ending in .gif.
     fps : int
@@ -86,7 +86,8 @@ def animate_states(states: Sequence[State], path: str | Path | None = None, fps:
     if grid.dim == 1:
         x = _fine(grid.bounds[0], grid.cells[0])
         (line,) = ax.plot(x, sample(states[0], x))
-        room = 0.05 * max(high - low, 1e-300)  # a twentieth of the range, above 0 for constants
+        # A margin of a twentieth of the range; 1e-300 keeps it positive for a constant field.
+        room = 0.05 * max(high - low, 1e-300)
         ax.set(xlabel="x", ylabel="u", ylim=(low - room, high + room))
     else:
         image = ax.pcolormesh(

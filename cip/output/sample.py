@@ -1,4 +1,4 @@
-"""The field between the nodes."""
+"""The field at any points, by the profile of a state."""
 
 from __future__ import annotations
 
@@ -20,17 +20,19 @@ Indices = NDArray[np.int64]
 def sample(state: State, points: ArrayLike) -> Array:
     r"""The profile of a state at any points of the grid's box.
 
-    One-dimensional profiles are evaluated as they are (without limiter); ``bicubic`` likewise, and
-    ``csl2`` and ``csl4`` as the tensor product of their quadratics and quartics. Profiles of values
-    and slopes on grids of more dimensions, ``adini`` among them, are the multilinear interpolant
-    plus, for each edge of the cell, the cubic bubble of its end slopes times the weights of the
-    other directions: Adini's profile in two dimensions, its Boolean sum in three.
+    No limiter is applied. One-dimensional profiles on one-dimensional grids and ``bicubic`` are
+    evaluated as the schemes do; ``csl2`` and ``csl4`` on grids of more dimensions are the tensor
+    product of their quadratics and quartics. Any other profile there, ``adini`` among them, is the
+    multilinear interpolant plus, for each edge of the cell, the cubic bubble given by the slopes at
+    its ends times the linear weights of the other directions: Adini's profile in two dimensions,
+    its Boolean sum in three.
 
     Parameters
     ----------
     state : State
     points : array_like
-        Coordinates, shape (dim, ...); in one dimension (...) will do. Periodic directions wrap.
+        Coordinates, shape (dim, ...); in one dimension shape (...) is accepted too. Periodic
+        directions wrap.
 
     Returns
     -------
@@ -65,7 +67,7 @@ Cell = tuple[Indices, Indices, Array, Array]
 
 
 def _cells(grid: Grid, axis: int, x: Array) -> Cell:
-    """Left and right node, place in the cell, width."""
+    """For each point: left and right node of its cell, local coordinate in [0, 1], cell width."""
     low, high = grid.bounds[axis]
     if not np.isfinite(x).all():
         raise InputError(f"points: NaN or infinity in direction {'xyz'[axis]}")
@@ -154,12 +156,15 @@ def _slope(
     value: Callable[[Indices], Array],
     mean: Callable[[Indices], Array],
 ) -> Array:
-    """Slope at a node from two cells; see `cip.profiles.conservative_kernels.slope_of`."""
+    """Slope at a node from the means and values of two cells.
+
+    See `cip.profiles.conservative_kernels.slope_of`.
+    """
     n, cells, widths = grid.nodes[axis], grid.cells[axis], grid.widths[axis]
     first = node - 1
     if not grid.periodic[axis]:
         first = np.clip(first, 0, cells - 2)
-    # Places of the three nodes and the integral up to each, from the left one.
+    # Coordinates of the three nodes relative to the left one, and the integrals up to them.
     h0, h1 = widths[first % n], widths[(first + 1) % n]
     x = np.stack([np.zeros_like(h0), h0, h0 + h1])
     M = np.cumsum([0 * h0, h0 * mean(first % n), h1 * mean((first + 1) % n)], axis=0)

@@ -1,4 +1,4 @@
-"""What a run leaves: snapshots, diagnostics, samples, and ways out to other tools."""
+"""Results of a run: snapshots, diagnostics, samples, and export to other tools."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 class Scheme(Protocol):
-    """What a trajectory asks of the solver that it comes from."""
+    """The attributes of a solver that a trajectory reads."""
 
     form: Any
 
@@ -30,14 +30,15 @@ class Scheme(Protocol):
 class Diagnostics:
     r"""Sums over the grid at every snapshot, with the weight w of each node (`Grid.weights`).
 
-    Amounts have the unit of the field, `mass`, `l1` and `l2` that times lengths of the grid.
+    `minimum` and `maximum` have the unit of the field, `mass` and `l1` this times length^dim, `l2`
+    this times length^(dim/2), `total_variation` this times length^(dim-1).
 
     Attributes
     ----------
     t, mass, total_variation, minimum, maximum, l1, l2 : ndarray
-        `mass` is that of `State.mass`; `l1` is ``sum w |u|``, `l2` is sqrt(sum w u^2); the total
-        variation is the sum over all lines of ``|u_{i+1} - u_i|``, times the widths across the
-        line.
+        One entry for each snapshot. `mass` is `State.mass`; `l1` is ``sum w |u|``, `l2` is
+        sqrt(sum w u^2); the total variation is the sum of ``|u_{i+1} - u_i|`` over all grid lines,
+        weighted with the widths of the other directions.
 
     Examples
     --------
@@ -75,11 +76,11 @@ class Trajectory:
     states : tuple of State
         In host memory, the start first.
     solver : Solver
-        The one that made it.
+        The solver that made the run.
     dt : float
         Length of the full steps.
     interrupted : bool
-        Whether the run was stopped before its end; the last state is where it stood.
+        Whether the run was stopped before its end; then the last state is the last one reached.
 
     Examples
     --------
@@ -146,14 +147,14 @@ class Trajectory:
         Parameters
         ----------
         points : array_like
-            Coordinates, shape (dim, ...); in one dimension (...) will do.
+            Coordinates, shape (dim, ...); in one dimension shape (...) is accepted too.
         place : int
-            Number of the snapshot, default the last.
+            Index of the snapshot, default the last.
 
         Returns
         -------
         ndarray
-            Shape (...). See `cip.output.sample.sample` for the profile that a splitting stands for.
+            Shape (...). See `cip.output.sample.sample` for the profile used with a splitting.
 
         Examples
         --------
@@ -169,8 +170,8 @@ class Trajectory:
     def to_xarray(self) -> Any:
         """An xarray.Dataset: each moment over t and the coordinates, diagnostics over t.
 
-        In directions in which a moment is a mean its coordinate is ``x_cell``, the middle of the
-        cell, likewise ``y_cell`` and ``z_cell``.
+        In a direction over which a moment is averaged its coordinate is the midpoint of the cell,
+        named ``x_cell``, ``y_cell`` or ``z_cell``.
 
         Returns
         -------
@@ -208,13 +209,13 @@ class Trajectory:
     def to_pyvista(self, place: int = -1) -> Any:
         """One snapshot as a pyvista grid, a periodic direction closed by its first nodes again.
 
-        The mean over cells is data of the cells. A mean in some of the directions only stands at
-        the node where its cells begin, NaN where none begins.
+        Means over whole cells become cell data. Means over some of the directions become point
+        data at the node where the averaged interval begins, NaN at nodes where none begins.
 
         Parameters
         ----------
         place : int
-            Number of the snapshot, the last by default.
+            Index of the snapshot, the last by default.
 
         Returns
         -------
@@ -247,17 +248,17 @@ class Trajectory:
         Parameters
         ----------
         path : path
-            Name of the series, ending in .pvd; the snapshots stand beside it.
+            Name of the series, ending in .pvd; the snapshots are written beside it.
 
         Returns
         -------
         list of Path
-            The series first.
+            The files written, the series first.
 
         Raises
         ------
         OSError
-            No space left, or no right to write; snapshots written before stay.
+            No space left, or no permission to write; snapshots written before it remain.
         InputError
             A name that does not end in .pvd.
         """
@@ -286,7 +287,7 @@ class Trajectory:
         ----------
         ax : matplotlib Axes, optional
         places : sequence of int, optional
-            Numbers of the snapshots to draw.
+            Indices of the snapshots to draw.
 
         Returns
         -------
@@ -304,7 +305,7 @@ class Trajectory:
         path : str or Path, optional
             Ends in .gif.
         fps : int
-            Frames a second.
+            Frames per second.
 
         Returns
         -------
@@ -316,9 +317,10 @@ class Trajectory:
 
 
 def _written(mesh: Any, path: Path) -> None:
-    """Write a rectilinear grid under its name once it is complete.
+    """Write a rectilinear grid; the file appears under its name only when it is complete.
 
-    VTK's own writer ends the process when the disk is full; this is an OSError.
+    The text is made in memory, because VTK ends the process if the disk is full while it writes
+    itself; here that is an OSError.
     """
     from vtkmodules.vtkIOXML import vtkXMLRectilinearGridWriter
 
@@ -331,7 +333,7 @@ def _written(mesh: Any, path: Path) -> None:
 
 
 def total_variation(state: State) -> float:
-    """Sum over all grid lines of the jumps, times the widths across them."""
+    """Sum over all grid lines of ``|u_{i+1} - u_i|``, weighted with the widths across the line."""
     grid, total = state.grid, 0.0
     u = np.asarray(state["u"], dtype=float)
     for axis in range(grid.dim):

@@ -1,4 +1,7 @@
-"""Files that appear under their name once they are whole; cip imports no other package here."""
+"""Files that appear under their name only when they are complete.
+
+`cip` does not depend on the other packages of this project, so it has its own writer.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +11,16 @@ from secrets import token_hex
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Write a file beside its place, under a random name of its own, and move it there.
+    """Write a temporary file in the same directory, then rename it to `path`.
 
-    Neither another thread nor another container can write into it, and no link that lies there is
-    followed. A failure leaves what lay under the name before.
+    Its random name and exclusive creation keep other threads and processes, in other containers
+    too, from writing into it, and no symbolic link is followed. If writing fails, a file that
+    already existed at `path` is unchanged.
 
     Raises
     ------
     OSError
-        No space left, or no right to write.
+        No space left, or no permission to write.
     """
     temporary = path.with_name(f"tmp{token_hex(16)}")
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0)

@@ -57,7 +57,7 @@ def carries_slopes(profile: str, dim: int) -> bool:
 
 
 def moments(profile: str, dim: int) -> tuple[Moment, ...]:
-    """What a profile carries at every node of a grid."""
+    """The moments that a profile carries at every node of a grid, in the order of their storage."""
     if not isinstance(profile, str):
         raise InputError(f"profile: expected one of {', '.join(LINE + PLANE)}, got {profile!r}")
     u = _derivative()
@@ -103,7 +103,11 @@ def line_jets(profile: str, dim: int, axis: int, advect: bool) -> tuple[Jet, ...
 
 
 def plane_jets(profile: str, advect: bool) -> tuple[Jet, ...]:
-    """Components of the feet of a direct update; of log det until `determinant` is taken."""
+    """Components of the feet of a direct update, in the order in which the kernels read them.
+
+    Derivatives of log det(dX/dx) stand for those of the determinant, which replace them in the
+    feet that the kernels read.
+    """
     found = [foot(0), foot(1), foot(0, 0), foot(0, 1), foot(1, 0), foot(1, 1)]
     if profile == "bicubic":
         found += [foot(0, 0, 1), foot(1, 0, 1)]

@@ -1,17 +1,18 @@
 r"""One sweep along an axis for the conservative profiles: kernels for CPU and device.
 
-M = int p is transported, so the mean of a new cell is the integral of the old profile between the
-feet of its ends over its width: what leaves one cell enters the next, to rounding. The value at the
-node is J q(X) and its slope J^2 q'(X) + K q(X).
+M = int p is transported, so the new mean of a cell is the integral of the old profile between the
+feet of its ends, divided by its width: what leaves one cell enters the next, up to rounding. With
+J = X_a and K = X_aa along the sweep, the new value at a node is J q(X) and the new slope
+J^2 q'(X) + K q(X).
 
 In several dimensions a moment is a value or a mean in each direction: moment number ``bits`` is the
 mean in the directions whose bit is set. A sweep takes each pair (value, mean) along its axis with
-the velocity at the place (node or middle of the cell) of the other directions. Feet: X, X_a (CSL4
-on lines: X_aa) for each of these places.
+the velocity at the point that is a node or the middle of a cell in the other directions. Feet: X,
+X_a (CSL4 on lines: X_aa too) for each of these points.
 
 CSL4 carries slopes on lines. In several dimensions it takes the slope of a node from the values and
-means of the two cells beside it, exact for quartics: carried slopes would need all mixed ones, 27
-moments a node instead of 8.
+means of two neighbouring cells, exact for quartics: carrying slopes would require all mixed
+derivatives and means, in space 27 moments per node instead of 8.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from cip.profiles.records import Limits, Line, Means, Update
 
 @kernel
 def cell_of(i: Index, d: Real, n: Index, periodic: Index) -> tuple[Index, Real]:
-    """Number of the cell of a foot, not wrapped into the period, and the place in it."""
+    """Cell of the foot d cells from node i, not reduced modulo the period, and place in it."""
     f = floor(d)
     s = d - f
     k = i + f
@@ -44,10 +45,11 @@ def cell_of(i: Index, d: Real, n: Index, periodic: Index) -> tuple[Index, Real]:
 def slope_of(m: Array, line: Line, value: Index, mean: Index, i: Index) -> Real:
     r"""Slope at node i of the quartic through the values and means of two neighbouring cells.
 
-    They are the cells on both sides of the node; at the end of a line the two cells beside it.
+    They are the cells on both sides of the node; at an end of a line the two cells nearest to it.
 
-    With the integral M from the node and :math:`g(x) = (M(x) - M'(0) x) / x^2`, a cubic known with
-    its derivative at the other two nodes, the slope is :math:`M''(0) = 2 g(0)`.
+    With the integral M from the node, placed at 0, the function :math:`g(x) = (M(x) - M'(0) x) /
+    x^2` is a cubic whose values and derivatives at the other two nodes are known, and the slope is
+    :math:`M''(0) = 2 g(0)`.
     """
     h = line.h
     n = line.n
@@ -142,7 +144,7 @@ def node_csl(
     m: Array, out: Out, feet: Array, line: Line, update: Update, o: Index, i: Index,
     limits: Limits, order: Index,
 ) -> None:  # fmt: skip
-    """All (value, mean) pairs along the sweep at one node and in the cell after it."""
+    """New values at node i and new means of the cell after it, for each pair (value, mean)."""
     n = line.n
     base = line.first
     periodic = line.periodic
@@ -194,7 +196,7 @@ def node_csl(
 def node_csl2(
     m: Array, out: Out, feet: Array, line: Line, update: Update, o: Index, i: Index, limits: Limits
 ) -> None:
-    """Values and means."""
+    """New values and means of CSL2."""
     node_csl(m, out, feet, line, update, o, i, limits, 2)
 
 
@@ -202,5 +204,5 @@ def node_csl2(
 def node_csl4(
     m: Array, out: Out, feet: Array, line: Line, update: Update, o: Index, i: Index, limits: Limits
 ) -> None:
-    """Values, slopes and means of a line; values and means in several dimensions."""
+    """New moments of CSL4: values, slopes and means on a line, else values and means."""
     node_csl(m, out, feet, line, update, o, i, limits, 4)

@@ -1,18 +1,18 @@
-r"""Profiles on one cell that hold its mean: kernels for CPU and device.
+r"""Profiles on one cell with a given mean: kernels for CPU and device.
 
 With s in [0, 1], end values a, b, mean m and slopes times the width va, vb:
 
 * CSL2 (Nakamura, Tanaka, Yabe and Takizawa, J. Comput. Phys. 174, 2001, 171-207):
   q = a + (6m - 4a - 2b) s + 3 (a + b - 2m) s^2;
-* its rational form (Xiao, Yabe, Peng and Kobayashi, J. Geophys. Res. 107, 2002, 4609),
-  q = (a + 2Bs + (w-1) B s^2) / (1 + (w-1) s)^2 with B = mw - a, w = (m - a) / (b - m), where m lies
-  between a and b: monotone there. It is q = (1-p)^2 a + 2p (1-p) m + p^2 b with
-  p = ws / (1 - s + ws), no difference of large numbers. Other cells keep the quadratic: with |w| in
-  place of w, as printed, the profile would end in 2m - b;
-* CSL4: the quartic with end slopes too.
+* its rational form (Xiao, Yabe, Peng and Kobayashi, J. Geophys. Res. 107, 2002, 4609), used if m
+  lies between a and b, where it is monotone: q = (a + 2Bs + (w-1) B s^2) / (1 + (w-1) s)^2 with
+  B = mw - a, w = (m - a) / (b - m). It is computed without cancellation as
+  q = (1-p)^2 a + 2p (1-p) m + p^2 b with p = ws / (1 - s + ws). Other cells keep the quadratic:
+  with |w| in place of w, as printed, the value at s = 1 would be 2m - b;
+* CSL4: the quartic with the end slopes too.
 
 The limiter of Zhang and Shu (J. Comput. Phys. 229, 2010, 3091-3120) scales q towards its mean,
-m + theta (q - m), as much as the bounds need: it conserves and keeps the order.
+m + theta (q - m), with the largest theta <= 1 that satisfies the bounds: it keeps mean and order.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from cip.profiles.records import Limits
 
 @kernel
 def scaling(m: Real, least: Real, most: Real, limits: Limits) -> Real:
-    """The factor theta that brings the range least..most of a profile into the bounds."""
+    """The factor theta that scales a profile of mean m and range [least, most] into the bounds."""
     theta = 1.0
     if least < limits.low - limits.slack:
         theta = min(theta, max(0.0, (m - limits.low) / (m - least)))
@@ -55,14 +55,15 @@ def quartic(c0: Real, c1: Real, c2: Real, c3: Real, c4: Real, s: Real) -> Real:
 
 @kernel
 def slope_root(c1: Real, c2: Real, c3: Real, c4: Real, left: Real, right: Real) -> Real:
-    """Where the slope of a quartic changes sign between two places; `left` if it does not."""
+    """A root of the slope of a quartic between two points; `left` if its sign does not change."""
     low = left
     high = right
     at_low = quartic(c1, 2.0 * c2, 3.0 * c3, 4.0 * c4, 0.0, low)
     at_high = quartic(c1, 2.0 * c2, 3.0 * c3, 4.0 * c4, 0.0, high)
     if at_low * at_high >= 0.0:
         return left
-    # The value is stationary at the root: half the digits of the place give all of the value.
+    # 30 bisections give the root to 1e-9; the quartic is stationary there, so its value is exact
+    # to the square of that, below rounding.
     for _ in range(30):
         middle = 0.5 * (low + high)
         slope = quartic(c1, 2.0 * c2, 3.0 * c3, 4.0 * c4, 0.0, middle)
@@ -75,7 +76,10 @@ def slope_root(c1: Real, c2: Real, c3: Real, c4: Real, left: Real, right: Real) 
 
 @kernel
 def quartic_range(c0: Real, c1: Real, c2: Real, c3: Real, c4: Real) -> tuple[Real, Real]:
-    """Least and largest value of a quartic on [0, 1]; its slope is monotone between inflections."""
+    """Least and largest value of a quartic on [0, 1].
+
+    Its slope is monotone between the inflections p and q, so has at most one root in each part.
+    """
     end = c0 + c1 + c2 + c3 + c4
     least = min(c0, end)
     most = max(c0, end)
@@ -108,7 +112,7 @@ def quartic_range(c0: Real, c1: Real, c2: Real, c3: Real, c4: Real) -> tuple[Rea
 
 @kernel
 def csl2(a: Real, b: Real, m: Real, s: Real, limits: Limits) -> tuple[Real, Real, Real]:
-    """Value, slope in s, and the integral from 0 to s."""
+    """Value, slope in s, and the integral from 0 to s of CSL2, with limiter 3 its rational form."""
     if limits.limiter == 3:
         A = m - a
         B = b - m
@@ -138,7 +142,7 @@ def csl2(a: Real, b: Real, m: Real, s: Real, limits: Limits) -> tuple[Real, Real
 def csl4(
     a: Real, b: Real, va: Real, vb: Real, m: Real, s: Real, limits: Limits
 ) -> tuple[Real, Real, Real]:
-    """Value, slope in s, and the integral from 0 to s."""
+    """Value, slope in s, and the integral from 0 to s of CSL4."""
     A = b - a - va
     B = vb - va
     C = m - a - 0.5 * va

@@ -1,13 +1,14 @@
 r"""Profiles on one cell of a line from values and slopes; kernels for CPU and device.
 
-With s in [0, 1] across the cell, end values a, b, d = b - a, and slopes times the width va, vb:
+A profile is the function in a cell that the moments at its ends determine. With s in [0, 1] across
+the cell, end values a, b, d = b - a, and slopes times the width va, vb:
 
 * cubic Hermite: :math:`F = a + d s + s (1-s) [(va - d)(1-s) - (vb - d) s]`;
 * piecewise linear (King 2012, (2.17)-(2.21), signs and pairing of min and max corrected): the two
-  tangents where they cross inside the cell, the chord where they do not;
-* rational (Xiao, Yabe and Ito, Comput. Phys. Commun. 93, 1996, 1-12): in cells whose end slopes
-  differ in sign, convex or concave throughout;
-* quintic Hermite from second derivatives too.
+  end tangents if they cross inside the cell, else the chord;
+* rational (Xiao, Yabe and Ito, Comput. Phys. Commun. 93, 1996, 1-12): convex or concave on the
+  whole cell, used in cells whose end slopes differ in sign;
+* quintic Hermite, from second derivatives too.
 """
 
 from __future__ import annotations
@@ -20,21 +21,24 @@ from cip.profiles.records import Line
 
 @kernel
 def locate(i: Index, d: Real, n: Index, periodic: Index) -> tuple[Index, Index, Real]:
-    """Left and right node of the cell in which a foot lies, d cells from node i, and its place."""
+    """The cell of the foot d cells from node i: left node, right node, local coordinate.
+
+    Outside a line that is not periodic the nearest end is taken.
+    """
     f = floor(d)
     s = d - f
     k = i + f
     if periodic == 1:
         if k < 0 or k >= n:
-            # No division of whole numbers, which would keep the loop from vector instructions; in
-            # single precision the quotient may be wrong by one.
+            # No integer division, which would prevent vectorization of the loop. In single
+            # precision the quotient may be wrong by one, which the next lines correct.
             k = k - n * floor((k + 0.5) * (1.0 / n))
             if k < 0:
                 k = k + n
             if k >= n:
                 k = k - n
             if k < 0 or k >= n:
-                k = 0  # d is not finite, and so s
+                k = 0  # d is not finite; then s is NaN, and so is the result
         r = k + 1
         if r == n:
             r = 0
@@ -69,11 +73,11 @@ def cubic_second(a: Real, b: Real, va: Real, vb: Real, s: Real) -> Real:
 
 @kernel
 def tangents(a: Real, b: Real, va: Real, vb: Real, s: Real, d: Real) -> tuple[Real, Real]:
-    """Value and slope of the piecewise linear profile; d breaks a tie at the kink.
+    """Value and slope in s of the piecewise linear profile; the sign of d decides at the kink.
 
-    Where the tangents cross inside the cell, the left one holds before and the right one after the
-    kink: the lower envelope where the slopes decrease, the upper one where they increase. At the
-    kink the tangent from which the flow comes holds.
+    If the tangents cross inside the cell, the profile is the left one before and the right one
+    after the kink: the lower envelope if the slopes decrease, the upper one if they increase. At
+    the kink itself the upstream tangent is taken: the left one for d < 0.
     """
     e0 = vb - (b - a)
     e1 = va - (b - a)
@@ -83,7 +87,7 @@ def tangents(a: Real, b: Real, va: Real, vb: Real, s: Real, d: Real) -> tuple[Re
         return b, vb
     if e0 * e1 > 0.0 or (e0 == 0.0 and e1 == 0.0):
         return a + s * (b - a), b - a
-    # Left minus right tangent, counted positive before the kink.
+    # Left minus right tangent, up to a factor that makes it positive before the kink.
     side = (e0 + s * (e1 - e0)) * e0
     if e0 != 0.0 and (side > 0.0 or (side == 0.0 and d < 0.0)):
         return a + va * s, va
@@ -92,9 +96,10 @@ def tangents(a: Real, b: Real, va: Real, vb: Real, s: Real, d: Real) -> tuple[Re
 
 @kernel
 def smoothed(a: Real, b: Real, va: Real, vb: Real, s: Real, width: Real) -> tuple[Real, Real]:
-    """The weights (2.18) between both tangents, in place of the choice, signs corrected.
+    """As `tangents` with the smooth weights of King 2012, (2.18), signs corrected, for the choice.
 
-    Their width c = 1e-6 is in the units of u for the values and of u_x for the slopes, as printed.
+    The width of the transition, c = 1e-6, has the unit of u for values and of u_x for slopes, as
+    printed there.
     """
     c = 1e-6
     left = a + va * s
@@ -108,11 +113,11 @@ def smoothed(a: Real, b: Real, va: Real, vb: Real, s: Real, width: Real) -> tupl
 
 @kernel
 def rational(a: Real, b: Real, va: Real, vb: Real, s: Real) -> tuple[Real, Real]:
-    r"""Value and derivative in s; the cubic where the end slopes agree in sign.
+    r"""Value and derivative in s of the rational profile; the cubic if the slopes agree in sign.
 
-    With P = |va - d|, Q = |vb - d| and their signs it is
-    :math:`a + d s + P Q s (1-s) [\pm (1-s) \mp s] / [Q (1-s) + P s]`, in which no large numbers
-    cancel however different both slopes are.
+    With p = va - d, q = vb - d, P = |p| and Q = |q| it is
+    :math:`a + d s + s (1-s) [p Q (1-s) - q P s] / [Q (1-s) + P s]`, in which no large numbers
+    cancel however different the two slopes are.
     """
     d = b - a
     p = va - d
@@ -150,11 +155,12 @@ def quintic(
 def rough(
     m: Array, line: Line, k: Index, r: Index, a: Real, b: Real, va: Real, vb: Real, factor: Real
 ) -> Index:
-    r"""Whether the data of a cell are not smooth: the essentially non-oscillatory choice.
+    r"""1 if the data of a cell are not smooth, else 0: the criterion of the limiter ``eno``.
 
-    The cubic's third difference |va + vb - 2 d| is compared with a part (`factor`) of the jumps
-    here and in the neighbouring cells: on smooth data it is O(h^3) and the jumps O(h). The
-    factor .1 was found on the profile of Jiang and Shu, where .2 and .4 gain nothing.
+    The cubic's third difference |va + vb - 2 d| is compared with `factor` times the sum of the
+    differences of values in this cell and its two neighbours: on smooth data it is O(h^3) and they
+    are O(h). The factor .1 was determined on the profile of Jiang and Shu, where .2 and .4 gave no
+    better results.
     """
     d = b - a
     left = d
@@ -178,7 +184,10 @@ def rough(
 
 @kernel
 def lagrange(m: Array, line: Line, moment: Index, k: Index, s: Real) -> tuple[Real, Real]:
-    """Value and slope (per length) of the cubic through a moment at the nodes around a cell."""
+    """Value and slope (per length) of the cubic through a moment at four nodes around a cell.
+
+    `k` is the left node of the cell, `s` in [0, 1] the local coordinate.
+    """
     h = line.h
     n = line.n
     base = moment + line.first

@@ -22,7 +22,7 @@ from cip.profiles.records import Cell, Corners, Edges, Foot, Line, Update
 
 @kernel
 def bubble(d: Real, va: Real, vb: Real, s: Real) -> tuple[Real, Real]:
-    """What the cubic with end slopes adds to the chord, and its derivative."""
+    """The cubic with given end slopes minus the chord, and the derivative of this difference."""
     r = 1.0 - s
     p = va - d
     q = vb - d
@@ -35,10 +35,11 @@ def edge(
     m: Array, line: Line, k: Index, r: Index,
     a: Real, b: Real, va: Real, vb: Real, s: Real, d: Real,
 ) -> tuple[Real, Real, Index]:  # fmt: skip
-    """The bubble of an edge, from the tangents where its line is rough (2); whether to clamp (1).
+    """The bubble of an edge, its slope, and 2 at a jump, 1 beside one, else 0.
 
-    A fifth of the threshold for jumps (.02 for .1) finds the wiggles beside a jump: there the cubic
-    is kept, clamped to the values at the corners.
+    Where `rough` finds a jump, the bubble is that of the piecewise linear profile. With a fifth of
+    the threshold (.02 for .1) it finds the oscillations beside a jump: there the cubic is kept, and
+    the value in the cell is clamped to those at its corners.
     """
     if rough(m, line, k, r, a, b, va, vb, 0.1) == 1:
         value, slope = tangents(a, b, va, vb, s, d)
@@ -52,7 +53,11 @@ def edge(
 def adini_sum(
     u00: Real, jump: Edges, bubble: Edges, slope: Edges, a: Real, b: Real, s: Real, t: Real
 ) -> tuple[Real, Real, Real]:
-    """Value and gradient from the value at a corner; jump, bubble and its slope at the edges."""
+    """Value and gradient of Adini's profile in a cell of widths a, b.
+
+    Given are the value at the corner (left, bottom) and, for each edge, the difference of its end
+    values, the bubble and its slope.
+    """
     d0 = jump.bottom
     d1 = jump.top
     e0 = jump.left
@@ -73,7 +78,7 @@ def adini_sum(
 def adini_profile(
     u: Corners, ux: Corners, uy: Corners, a: Real, b: Real, s: Real, t: Real
 ) -> tuple[Real, Real, Real]:
-    """Value and gradient from the moments at the corners of a cell of widths a, b."""
+    """Value and gradient of Adini's profile from the moments at the corners; cell widths a, b."""
     d0 = u.c10 - u.c00
     d1 = u.c11 - u.c01
     e0 = u.c01 - u.c00
@@ -111,7 +116,7 @@ def move_adini(
 
 @kernel
 def at_corners(m: Array, moment: Index, ny: Index, cell: Cell) -> Corners:
-    """A moment at the corners of a cell; it begins at the place `moment` of the array."""
+    """A moment at the corners of a cell; it begins at index `moment` of the array."""
     low = moment + cell.k * ny
     high = moment + cell.kr * ny
     return Corners(m[low + cell.l], m[high + cell.l], m[low + cell.lr], m[high + cell.lr])
@@ -129,7 +134,7 @@ def within(value: Real, u: Corners) -> Real:
 def adini_eno(
     m: Array, x: Line, y: Line, size: Index, cell: Cell, dx: Real, dy: Real
 ) -> tuple[Real, Real, Real, Real, Index]:
-    """Value, gradient and cross derivative with the choice at each edge, and the worst edge."""
+    """Value, gradient, cross derivative with the limited bubbles of `edge`; its largest code."""
     k = cell.k
     kr = cell.kr
     l = cell.l
@@ -191,7 +196,7 @@ def adini(
 def bicubic_profile(
     u: Corners, ux: Corners, uy: Corners, uxy: Corners, a: Real, b: Real, s: Real, t: Real
 ) -> tuple[Real, Real, Real, Real, Real, Real]:
-    """Value, gradient and second derivatives xx, xy, yy from the moments at the corners."""
+    """Value, gradient, derivatives xx, xy, yy of the bicubic from the moments at the corners."""
     ab = a * b
     p0 = a * ux.c00
     p1 = a * ux.c10
@@ -217,7 +222,7 @@ def bicubic_profile(
     lowt2 = cubic_second(q0, q1, w0, w1, s)
     topt2 = cubic_second(q2, q3, w2, w3, s)
     fss, _slope = cubic(low2, top2, lowt2, topt2, t)
-    # Quotients of numbers that do not change from cell to cell are constants on the device.
+    # On a uniform grid these quotients are constants on the device.
     x = 1.0 / a
     y = 1.0 / b
     return value, x * f1, y * ft, x * x * fss, x * y * fst, y * y * ftt
@@ -278,7 +283,7 @@ def bicubic(
     if limiter == 2:
         other, other_x, other_y, other_xy, cut = adini_eno(m, x, y, size, cell, dx, dy)
         if cut == 2:
-            # Beside a jump no cross moment can be trusted: the profile of the tangents alone.
+            # At a jump the cross moments are not reliable: take Adini's profile, which has none.
             value = other
             fx = other_x
             fy = other_y
@@ -295,7 +300,7 @@ def node_adini(
     m: Array, out: Out, foot: Foot, x: Line, y: Line, update: Update,
     o: Index, i: Index, j: Index, limiter: Index,
 ) -> None:  # fmt: skip
-    """Adini's profile without limiter, which the compiler then drops."""
+    """Adini's profile; its limiter is the constant 0, so the compiler removes that code."""
     adini(m, out, foot, x, y, update, o, i, j, 0)
 
 
@@ -313,7 +318,7 @@ def node_bicubic(
     m: Array, out: Out, foot: Foot, x: Line, y: Line, update: Update,
     o: Index, i: Index, j: Index, limiter: Index,
 ) -> None:  # fmt: skip
-    """The bicubic profile without limiter, which the compiler then drops."""
+    """The bicubic profile; its limiter is the constant 0, so the compiler removes that code."""
     bicubic(m, out, foot, x, y, update, o, i, j, 0)
 
 

@@ -1,7 +1,7 @@
-"""What the kernels of one node are told besides the arrays: small records of numbers.
+"""Small records of numbers: the arguments of the kernels of one node besides the arrays.
 
 For numba they are tuples, which cost nothing once a kernel is inlined; `cip.engines.cuda_source`
-makes them structs of C. Flags are 0 or 1.
+translates them to C structs. Flags are 0 or 1.
 """
 
 from __future__ import annotations
@@ -12,7 +12,10 @@ from cip.jit import Array, Index, Real, Widths
 
 
 class Line(NamedTuple):
-    """The n nodes of a line of the grid: number k is at ``first + k stride`` of a moment."""
+    """The n nodes of a grid line: node k is at index ``first + k stride`` of a moment's array.
+
+    `h` are the cell widths along the line.
+    """
 
     h: Widths
     first: Index
@@ -30,10 +33,10 @@ class Foot(NamedTuple):
 
 
 class Update(NamedTuple):
-    """What is updated: moments of `size` nodes each, in the grid's dimension, for either equation.
+    """The update: number of nodes (`size`), dimension of the grid, direction and equation.
 
-    `axis` is the direction of a sweep, 0 in the direct update of a plane; `advect` tells the
-    equation p_t + div(c p) = 0 from u_t + c . grad u = 0.
+    `axis` is the direction of a sweep, 0 in the direct update of a plane; `advect` is 1 for
+    p_t + div(c p) = 0 and 0 for u_t + c . grad u = 0.
     """
 
     size: Index
@@ -43,7 +46,7 @@ class Update(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Limiter of a conservative profile, the bounds, and by how much they may be passed."""
+    """Code of a conservative profile's limiter, the bounds, and how far they may be exceeded."""
 
     limiter: Index
     low: Real
@@ -52,7 +55,10 @@ class Limits(NamedTuple):
 
 
 class Means(NamedTuple):
-    """Where the moments of a line with means begin: values, slopes if it carries them, means."""
+    """Where values, slopes and means of a line begin in the array; `carried` if there are slopes.
+
+    Without slopes `slope` is unused.
+    """
 
     value: Index
     slope: Index
@@ -72,7 +78,7 @@ class Cell(NamedTuple):
 
 
 class Corners(NamedTuple):
-    """A moment at the corners of a cell: (left, bottom), (right, bottom), (left, top), the last."""
+    """A moment at the corners of a cell: ``c10`` is at the right end of the bottom edge."""
 
     c00: Real
     c10: Real

@@ -35,11 +35,11 @@ _FORMS: dict[Any, Form] = {
 class Solver:
     r"""Multi-moment semi-Lagrangian scheme for u_t + c . grad u = 0 or p_t + div(c p) = 0.
 
-    A step follows the characteristics of all nodes backward, exactly but for rounding, and
-    evaluates the field there by its profile; derivatives of the field follow by the chain rule with
-    the derivatives of the foot (King 2012, chapters 2 and 3; Yabe and Aoki, Comput. Phys. Commun.
-    66, 1991, 219-232). There is no limit on dt. Feet of a steady velocity are computed once for
-    each dt.
+    A step follows the characteristics of all nodes backward, with a tolerance far below the error
+    of the profiles, and evaluates the field at their feet by its profile; derivatives of the field
+    follow by the chain rule with the derivatives of the foot (King 2012, chapters 2 and 3; Yabe and
+    Aoki, Comput. Phys. Commun. 66, 1991, 219-232). There is no stability limit on dt. Feet of a
+    steady velocity are computed once for each dt.
 
     Parameters
     ----------
@@ -55,22 +55,22 @@ class Solver:
         two-dimensional: ``adini``, ``bicubic``. One-dimensional profiles serve two and three
         dimensions through the splitting (``csl4`` then takes its slopes from values and means).
     limiter : {None, "clamp", "eno", "rational", "bounds"}
-        See the notes; ``eno`` bounds nothing and loses mass in two dimensions.
+        See the notes; ``eno`` guarantees no bounds and loses mass in two dimensions.
     splitting : {None, "strang"}
         Required for one-dimensional profiles on grids of two and three dimensions.
     boundary : optional
-        Data where the flow comes in: a number, a formula or a callable ``g(x1, .., t)`` for all
-        walls, or a dict of these by wall, ``{"x-": g, "y+": 0.0}``. A characteristic that comes in
-        through a wall without data raises `LeftDomain`; walls where the flow goes out need none.
+        Inflow data: a number, a formula or a callable ``g(x1, .., t)`` for all walls, or a dict of
+        these by wall, ``{"x-": g, "y+": 0.0}``. A characteristic that enters through a wall without
+        data raises `LeftDomain`; outflow walls need none.
     backend : {"cpu", "cupy"}
     dtype : float64 or float32
     bounds : (low, high)
-        For the limiter ``"bounds"``.
+        For the limiter ``"bounds"``, in the unit of the field.
     bounds_tolerance : float
-        The profile is left alone while it passes the bounds by less than this; keep it above
-        rounding and below what the application notices.
+        The limiter leaves a profile unchanged that exceeds the bounds by less than this, in the
+        unit of the field; it should exceed the rounding errors of the field.
     store_feet : bool, optional
-        Whether feet are stored or computed again by every kernel, which needs a velocity that is a
+        Whether feet are stored, or computed again by every kernel, which needs a velocity that is a
         formula; default: stored for steady velocities.
 
     Notes
@@ -78,29 +78,29 @@ class Solver:
     What holds exactly, up to rounding:
 
     * constants are kept by every scheme for transport, and for advection with constant velocity;
-    * the integral is kept by csl2 and csl4 always, in any dimension, but for what the walls let
-      through; by the other profiles for constant velocity on uniform grids;
+    * the integral is kept by csl2 and csl4 always, in any dimension, up to the flux through the
+      walls; by the other profiles for constant velocity on uniform grids;
     * ``linear`` for transport, and ``clamp`` for transport by a direct or one-dimensional step,
       keep the range of the initial values; ``clamp`` does not conserve;
-    * ``bounds`` keeps values and means within (low, high) where each one-dimensional motion is
-      divergence-free: on lines for constant c, in a splitting for rotations and shears; a lower
-      bound 0 (an upper bound 0) it keeps always. Elsewhere take ``(0, inf)``: the true field itself
-      passes an upper bound where it is compressed, and between the sweeps of a splitting even where
-      div c = 0, so that another bound is only asked for in the first sweep of a step, as long as
-      the sweeps before have compressed nothing; it is then passed by the splitting's error;
-    * ``eno`` picks the piecewise linear profile in cells whose data are not smooth. It bounds
-      nothing: at constant speed new extrema are below .001 of the range on Jiang and Shu's profile,
-      at a speed that varies by a factor 19 they were .04 to .36, and .07 to .1 without a limiter.
-      In two dimensions it flattens what is few cells wide: of a bell that a swirl draws out 10 to
-      50 % of the integral were lost, against 3 to 11 % with ``clamp`` and less than .1 % without a
+    * ``bounds`` keeps values and means within (low, high) if each one-dimensional motion is
+      divergence-free: on lines for constant c, in a splitting for rotations and shears. A bound 0
+      (lower or upper) is always kept. Otherwise take ``(0, inf)``: where the flow compresses, the
+      exact field itself exceeds an upper bound, and between the sweeps of a splitting it does so
+      even if div c = 0. Bounds other than 0 are therefore imposed only in sweeps before which no
+      sweep of the step has compressed the field; the result may exceed them by the splitting error;
+    * ``eno`` takes the piecewise linear profile in cells whose data are not smooth. It guarantees
+      no bounds: at constant speed new extrema are below .001 of the range on Jiang and Shu's
+      profile, at a speed that varies by a factor 19 they were .04 to .36 (.07 to .1 without a
+      limiter). In two dimensions it flattens features few cells wide: a bell stretched by a swirl
+      lost 10 to 50 % of its integral, 3 to 11 % with ``clamp`` and less than .1 % without a
       limiter. Take ``clamp`` where no value may leave the range, csl2 or csl4 with ``bounds`` where
-      the integral counts;
+      the integral must be kept;
     * ``rational`` keeps the profile convex or concave (cubic), or monotone (csl2), in cells whose
       data are.
 
-    Order 3 in space and time together at fixed dt / h for cubic, adini, bicubic and csl2, order 5
-    for quintic and csl4, order 2 for piecewise_linear, all on lines or direct; the splitting adds
-    an error of order dt^2.
+    On lines and in direct steps the error at a final time, with dt / h fixed, is of order 3 for
+    cubic, adini, bicubic and csl2, 5 for quintic and csl4, 2 for piecewise_linear; the splitting
+    adds an error of order dt^2.
 
     Raises
     ------
@@ -185,7 +185,7 @@ class Solver:
         return Solver(*deepcopy(self._arguments(self._boundary), memo))
 
     def _arguments(self, boundary: Any) -> tuple[Any, ...]:
-        """The arguments of the constructor; a copy compiles and computes the rest again."""
+        """The arguments of the constructor, from which a copy is made anew."""
         return (
             self.grid, self.velocity, self.form, self.profile, self.limiter, self.splitting,
             boundary, self.backend, self.dtype, self.bounds, self.bounds_tolerance,
@@ -243,7 +243,7 @@ class Solver:
         Parameters
         ----------
         state : State
-            Of this solver's grid and profile.
+            On this solver's grid, with the moments of its profile.
         dt : float
             Positive.
 
@@ -288,17 +288,18 @@ class Solver:
             Instead of `dt`: the largest number of cells that a node moves in a step, by the
             velocity at the start.
         snapshots : int or sequence of float, optional
-            So many equal intervals, or the times to keep; default start and end.
+            The number of equal intervals whose ends are kept, or the times to keep; default start
+            and end.
         callback : callable, optional
             Called with the state after every step; it may raise StopIteration to end the run.
         progress : bool
-            Log one line a snapshot at level INFO.
+            Log one line for each snapshot at level INFO.
 
         Returns
         -------
         Trajectory
-            After an interruption from the keyboard, up to the last finished step, marked
-            ``interrupted``.
+            After an interruption from the keyboard or a StopIteration it ends with the last
+            finished step and is marked ``interrupted``.
         """
         self._accept(state)
         length = self._step_length(dt, cfl, state.t)
@@ -348,7 +349,7 @@ class Solver:
         ----------
         stage : Stage
         t : float
-            Time at the end of the step.
+            Time at the beginning of the step.
         dt : float
             Length of the step.
 

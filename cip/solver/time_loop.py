@@ -16,10 +16,11 @@ from cip.stages.state import State
 Record = TypeVar("Record")
 
 _log = logging.getLogger(__name__)
-# Part of dt: what is left before an output time and is shorter than this is no step of its own. A
-# million steps of a rounded dt end nearer than that, and no caller means so short a step.
+# Fraction of dt: a remainder before an output time that is shorter is merged into the last step.
+# The accumulated rounding of dt over a million steps is below it, and no caller wants a step that
+# short.
 _NO_STEP = 1e-9
-# Part of dt: t is too large for dt where its rounding reaches this.
+# Fraction of dt: if the rounding error of t reaches it, t is too large for steps of length dt.
 _LOST = 0.01
 
 
@@ -43,21 +44,22 @@ def run(
     advance : callable
         The state after a step: ``advance(state, dt)``.
     place : callable
-        The first state where `advance` works.
+        Copies the first state to the memory in which `advance` works.
     record : callable
-        What to return: ``record(snapshots, interrupted)``.
+        Makes the result: ``record(snapshots, interrupted)``.
 
     Raises
     ------
     InputError
-        Times that cannot be reached, or no callable; `dt` lost in the rounding of t.
+        Times that cannot be reached, a callback that is not callable, or `dt` lost in the rounding
+        of t.
     CipError
-        Of a step, with what was recorded before as its attribute ``trajectory``.
+        Raised by a step; its attribute ``trajectory`` holds what was recorded before.
     """
     times = output_times(state.t, t_end, snapshots)
     if callback is not None and not callable(callback):
         raise InputError(f"callback: expected a callable, got {callback!r}")
-    # A remainder that small is rounding of the times, no step of its own.
+    # Relative to dt, with the rounding of the times added: see `_NO_STEP`.
     no_step = _NO_STEP + 4.0 * np.finfo(float).eps * max(abs(state.t), abs(times[-1])) / dt
     if no_step > _LOST:
         raise InputError(
@@ -94,7 +96,7 @@ def run(
 
 
 def output_times(t: float, t_end: float, snapshots: int | Sequence[float] | None) -> list[float]:
-    """Times after t at which the run lands, the last one `t_end`."""
+    """The times after t at which the run stores a snapshot, `t_end` the last."""
     end = real_number(t_end, "t_end")
     if not np.isfinite(end) or end <= t:
         raise InputError(f"t_end: expected a time after t = {t:.6g}, got {t_end!r}")

@@ -26,13 +26,13 @@ from cip.stages.walls import Wall, WallMoments
 
 Array = NDArray[np.float64]
 
-# Error of the feet of unsteady velocities, in cells: a hundred times that of steady ones, which are
-# computed once: every step pays for these.
+# Error of the feet of unsteady velocities, in cells: a hundred times that of steady ones, because
+# these feet must be computed in every step and those only once.
 PATH_TOLERANCE = 1e-8
-# The first number of sub-steps is found on a sample of so many nodes; the kernels check each path.
+# The initial number of sub-steps is determined on about so many nodes; the kernels check all paths.
 _SAMPLE = 1024
-# Operations of the equations that are worth compiling: the compilers' time grows faster than these,
-# NumPy's does not.
+# Largest number of operations in the equations that are compiled: the time of compilation grows
+# faster than this number, the time of NumPy only in proportion.
 _LONGEST = 600
 
 
@@ -43,11 +43,13 @@ class StageFeet:
     Attributes
     ----------
     data : ndarray
-        Flat: one block of components for each place of the other directions (conservative
-        profiles) or one block alone.
+        Flat: blocks of components, each component of the length of the grid. Conservative profiles
+        have a block for each choice of node or middle of the cell in the directions across the
+        sweep (`Stage.blocks`), others one block.
     exits : list
         For each block, `Exits` or None.
     t_start, t_end : float
+        Times between which the characteristics were followed.
     """
 
     data: Any
@@ -63,7 +65,7 @@ class StageFeet:
 
 @dataclass(frozen=True)
 class Correction:
-    """Values for flat places of the moments, written or added."""
+    """Values to be written (or added, if `add`) at indices `places` into the flat moments."""
 
     places: NDArray[np.int64]
     values: Array
@@ -80,13 +82,13 @@ class Stage:
     profile : str
     advect : bool
     walls : dict
-        Boundary data.
+        Boundary data, from `cip.stages.walls.walls`.
     axis : int or None
         Direction of a sweep; None for the direct update of a plane.
     begin, end : float
-        The part of the step that it covers.
+        The part of the step that the stage covers, as fractions of dt.
     before : tuple of Stage
-        The sweeps of the step that come first.
+        The sweeps of the same step before this one.
     """
 
     def __init__(
@@ -117,7 +119,11 @@ class Stage:
 
     @property
     def blocks(self) -> list[int]:
-        """For each block of feet, the moment that it moves (conservative profiles) or 0."""
+        """For each block of feet, the number of the moment of values that it moves.
+
+        Conservative profiles in several dimensions have several blocks; in the binary number of a
+        moment the bit of a direction says that it is averaged over this direction. Others: [0].
+        """
         if not self.conservative or self.axis is None:
             return [0]
         if self.carries_slopes:
@@ -125,7 +131,7 @@ class Stage:
         return [bits for bits in range(2**self.grid.dim) if not bits >> self.axis & 1]
 
     def points(self, block: int) -> list[Array]:
-        """Coordinates of the points whose feet make a block."""
+        """Coordinates of the points whose feet make a block: nodes, or middles of cells across."""
         lines = []
         for axis, line in enumerate(self.grid.coordinates):
             if self.conservative and axis != self.axis and block >> axis & 1:
@@ -148,7 +154,7 @@ class Stage:
         return StageFeet(np.concatenate(rows), exits, t_start, t_end)
 
     def _components(self, jets: dict[Jet, Array], points: list[Array]) -> list[Array]:
-        """The jets in the order of the kernels, displacements counted in cells."""
+        """The jets in the order of the kernels, displacements in cells, log det made det."""
         index = np.indices(self.grid.nodes)
         determinant = None
         if LOG_DETERMINANT in self.jets:
@@ -167,7 +173,7 @@ class Stage:
         return rows
 
     def corrections(self, feet: StageFeet) -> list[Correction]:
-        """What to write where the characteristic begins on a wall: data and, for means, flux."""
+        """The new moments at nodes whose path begins on a wall: from data and, for means, flux."""
         if not feet.bounded:
             return []
         size = self.grid.size
@@ -189,7 +195,12 @@ class Stage:
     def _mass_from_walls(
         self, block: int, exits: Exits, wall: WallMoments, feet: StageFeet
     ) -> list[Correction]:
-        """The kernel counts from the wall; add what came in before each path began."""
+        """Corrections of the means for what entered before each path began.
+
+        The kernel integrates the old profile from the wall on; the flux through the wall from the
+        beginning of the step until the path begins is missing in the cell after the node and too
+        much in the cell before it.
+        """
         assert self.axis is not None
         grid, axis, size = self.grid, self.axis, self.grid.size
         mean = (2 if self.carries_slopes else block + (1 << axis)) * size
@@ -210,16 +221,18 @@ class Stage:
     def substeps(self, t: float, dt: float) -> int:
         """An even number of sub-steps, enough for a sample of the nodes.
 
-        What is steep may lie between them: kernels check each path and then take more.
+        Steep parts of the velocity may lie between these nodes: the kernels check the path of every
+        node, and the engine then takes more sub-steps.
         """
         t_end, length = t + self.end * dt, (self.end - self.begin) * dt
         found = integrate(
             self.grid, self.velocity, self.system, self._sample, t_end, length, self._tolerance
         )
-        return found.substeps // 2 * 2  # where it is odd, half of one less has been tried
+        # Even, as the kernels' check of a path requires.
+        return found.substeps // 2 * 2
 
     def part(self, dt: float) -> tuple[int | None, float, float, float]:
-        """The key under which feet are kept: direction, length and place of this part in a step."""
+        """The key of this stage in a table of sub-step counts: direction, part of the step, dt."""
         return self.axis, self.begin, self.end, dt
 
     @cached_property
@@ -234,12 +247,12 @@ class Stage:
     @property
     def limit(self) -> float:
         """Largest defect of a path that a kernel computes (`cip.engines.path_kernel`), in cells."""
-        # Of unsteady velocities what a path on the sample may leave: 15 times its error.
+        # For unsteady velocities the defect can be 15 times the error that `substeps` allows.
         return self._tolerance * (1.0 if self._tolerance == TOLERANCE else 16.0)
 
     @cached_property
     def compresses(self) -> bool:
-        """Whether this sweep alone changes volumes; the sweeps of other directions may undo it."""
+        """Whether this sweep alone changes volumes; sweeps in other directions may compensate."""
         if self.axis is None:
             return False
         slope = self.velocity[self.axis].expression.derivative(COORDINATES[self.axis])
@@ -247,17 +260,17 @@ class Stage:
 
     @property
     def compressed(self) -> bool:
-        """Whether a sweep before has compressed the field along its own direction."""
+        """Whether an earlier sweep of the step changes volumes, so that the field is compressed."""
         return any(earlier.compresses for earlier in self._before)
 
     @property
     def computable(self) -> bool:
-        """Whether a kernel can compute the feet itself, each node its own."""
+        """Whether the kernel that updates a node can compute its foot."""
         return self.formula and not self.conservative
 
     @cached_property
     def formula(self) -> bool:
-        """Whether feet can be compiled: a formula, no longer than pays, on uniform directions."""
+        """Whether feet can be compiled: a formula of moderate length, uniform directions."""
         uniform = all(self.grid.uniform[axis] for axis in self.moving)
         if not (uniform and all(c.exact for c in self.velocity)):
             return False
@@ -275,7 +288,7 @@ class Stage:
 
 
 def _exponential(jet: Jet, jets: dict[Jet, Array]) -> Any:
-    """Derivative of exp(l) over exp(l), from those of l."""
+    """The derivative of exp(l) divided by exp(l), from the derivatives of l = log det."""
     axes = [axis for axis in range(3) for _ in range(jet.orders[axis])]
     if not axes:
         return 1.0

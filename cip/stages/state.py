@@ -18,7 +18,7 @@ from cip.profiles.catalogue import Moment, moments
 from cip.reals import real_number
 
 Array = NDArray[Any]
-# Gauss points a cell and direction for means: exact to degree 7.
+# Gauss points per cell and direction for means: exact for polynomials of degree 7.
 _GAUSS = 4
 
 
@@ -32,8 +32,8 @@ class State:
     profile : str
     data : ndarray
         All moments, shape ``(number of moments, *grid.nodes)``; on the device for the CuPy backend.
-        A mean belongs to the cell that begins at the node; in a direction that is not periodic the
-        last entry stands for no cell.
+        A mean belongs to the cell that begins at the node; in a direction that is not periodic no
+        cell begins at the last node, and the entry there is unused.
     t : float
 
     Examples
@@ -74,7 +74,7 @@ class State:
         profile : str, optional
             As for `Solver`; default ``"cubic"`` (``"bicubic"`` in two dimensions).
         derivatives : dict, optional
-            Callables by the names of the moments, for instance ``{"u_x": df}``.
+            Callables of the coordinates by the names of the moments, as ``{"u_x": df}``.
         t : float
         dtype : float64 or float32
 
@@ -110,7 +110,7 @@ class State:
                 values = source.derivative((0, 0, 0, 0), steps)
             else:
                 values = formula.derivative(moment.orders, steps)
-            with np.errstate(over="ignore"):  # `check` names what single precision cannot hold
+            with np.errstate(over="ignore"):  # `check` reports overflow in single precision
                 row[...] = _averaged(values, grid, moment, t)
         state = cls(grid, profile, data, t)
         state.check("f")
@@ -153,7 +153,7 @@ class State:
         Returns
         -------
         State
-            Itself where it lies in host memory already.
+            The same object if it is in host memory already.
         """
         if isinstance(self.data, np.ndarray):
             return self
@@ -165,7 +165,7 @@ class State:
         Parameters
         ----------
         name : str
-            How the message calls the state.
+            Name of the state in messages.
 
         Raises
         ------
@@ -219,7 +219,7 @@ class State:
             None where all moments are finite.
         """
         data = self.data.reshape(len(self.names), -1)
-        # One pass without a temporary array; a finite sum has finite terms.
+        # One pass without a temporary array: if the sum is finite, all terms are.
         with np.errstate(all="ignore"):
             if np.isfinite(float(data.sum())):
                 return None
@@ -231,7 +231,7 @@ class State:
 
 
 def default_profile(grid: Grid) -> str:
-    """Cubic profiles everywhere."""
+    """Name of the default profile: bicubic in two dimensions, else cubic."""
     return "bicubic" if grid.dim == 2 else "cubic"
 
 
@@ -251,7 +251,7 @@ def _sum(values: Any, weights: Array) -> float:
 
 
 def _averaged(values: Callable[..., Array], grid: Grid, moment: Moment, t: float) -> Array:
-    """Nodal values, averaged over cells by Gauss quadrature in some directions."""
+    """A function at the nodes, averaged over cells in the directions ``moment.averaged``."""
     places, weights = np.polynomial.legendre.leggauss(_GAUSS)
     rules = []
     for axis in range(grid.dim):

@@ -37,7 +37,10 @@ _FIELD = "w"
 
 
 def walls(boundary: Any, grid: Grid) -> dict[Wall, Formula]:
-    """The data of each wall that has some, from the argument `boundary` of the solver."""
+    """The data of each wall that has any, from the argument `boundary` of the solver.
+
+    Keys are (axis, side), side 0 for the lower and 1 for the upper end.
+    """
     if boundary is None:
         return {}
     if not isinstance(boundary, Mapping):
@@ -64,7 +67,7 @@ def walls(boundary: Any, grid: Grid) -> dict[Wall, Formula]:
 
 
 def portable_boundary(boundary: Any, grid: Grid) -> Any:
-    """The argument `boundary` of the solver as a pickle can hold it."""
+    """The argument `boundary` of the solver in a picklable form."""
 
     def part(value: Any) -> Any:
         def trace() -> dict[tuple[str, ...], Any]:
@@ -106,7 +109,7 @@ class WallMoments:
     orders : sequence of Orders
         Derivatives wanted at the nodes.
     steps : sequence of float
-        Spacings and a time, for differences of what is known by values only.
+        Spacings and a time, for difference quotients of functions known only by their values.
     """
 
     def __init__(
@@ -138,14 +141,14 @@ class WallMoments:
             point = [x[on] for x in exits.points]
             point += [np.zeros(())] * (3 - len(point))
             jets = [exits.jets[Jet.named(name)][on] for name in self._jets]
-            with np.errstate(all="ignore"):  # `State.require_finite` names what is not
+            with np.errstate(all="ignore"):  # `State.require_finite` reports what is not finite
                 fields = self._wall(axis, side)(*point, t_end - exits.ages[on])
                 for row, value in zip(result, self._combine(*fields, *jets), strict=True):
                     row[on] = value
         return result
 
     def flux(self, exits: Exits, t_start: float, t_end: float) -> Array:
-        """Signed integral of what came in through the wall from `t_start` until each path began."""
+        """Integral of c g (normal velocity, data) from `t_start` until each path begins, signed."""
         result = np.zeros(exits.nodes.size)
         places, weights = np.polynomial.legendre.leggauss(8)  # exact to degree 15 in time
         for axis, side in self._data:

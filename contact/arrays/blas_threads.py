@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-# Up to here one thread is quicker: measured at 260 and at 1040 boundary unknowns.
+# Order of matrices below which one thread is faster: measured at 260 and at 1040 boundary unknowns.
 _ONE_THREAD = 2000
 _lock = threading.Lock()
 _inside = 0
@@ -18,23 +18,23 @@ _limits: list[Any] = []
 
 @contextmanager
 def one_blas_thread(size: int) -> Iterator[None]:
-    """Hold OpenBLAS to one thread while matrices of this size are worked on.
+    """Limit OpenBLAS to one thread in this context, unless matrices are large.
 
-    OpenBLAS's threads and those of MKL PARDISO go on spinning after their work and take the cores
-    from each other; small matrices gain nothing from threads that could make up for it. Needs
-    threadpoolctl, which comes with the extra ``mkl``; without it nothing is limited.
+    The threads of OpenBLAS and of MKL PARDISO busy-wait after their work and take the cores from
+    each other; small matrices gain less from several threads than this costs. Needs threadpoolctl,
+    which comes with the extra ``mkl``; without it nothing is limited.
 
     Parameters
     ----------
     size : int
-        Order of the largest dense matrix; from 2000 on the threads are left alone.
+        Order of the largest dense matrix; from 2000 on nothing is limited.
     """
     global _inside
     openblas = _openblas() if size < _ONE_THREAD else None
     if openblas is None:
         yield
         return
-    with _lock:  # the number of threads belongs to the process: the last one out restores it
+    with _lock:  # the limit applies to the whole process: the last context to exit removes it
         _inside += 1
         if _inside == 1:
             _limits.append(openblas.limit(limits=1))

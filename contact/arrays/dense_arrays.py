@@ -1,4 +1,4 @@
-"""Dense factorisations and products on NumPy or CuPy arrays, one name for each."""
+"""Dense factorisations and products on NumPy or CuPy arrays, by the same names for both."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from contact.errors import InputError, MissingDependency
 class HostArrays:
     """NumPy arrays in column-major order, SciPy's BLAS.
 
-    NumPy brings a BLAS of its own; calls that alternate between the two make their thread pools
-    wait for each other.
+    NumPy has a BLAS library of its own; calls that alternate between the two libraries make their
+    thread pools wait for each other.
     """
 
     xp: Any = np
@@ -33,7 +33,7 @@ class HostArrays:
         return matrix.toarray(order="F")
 
     def matrix(self, W: Any) -> Any:
-        """A symmetric matrix as NumPy code can use it."""
+        """A symmetric matrix in a form that NumPy code can use."""
         return W
 
     def values(self, W: Any) -> Any:
@@ -46,6 +46,7 @@ class HostArrays:
         Raises
         ------
         LinAlgError
+            A pivot is not positive.
         """
         if not A.size:
             return A
@@ -74,7 +75,7 @@ class HostArrays:
         return mirrored(lower)
 
     def synchronize(self) -> None:
-        """Wait until everything asked for is done."""
+        """Wait until all operations have finished."""
 
 
 class DeviceArrays(HostArrays):
@@ -123,7 +124,7 @@ class DeviceArrays(HostArrays):
         return flat.reshape((rows, columns), order="F")
 
     def matrix(self, W: Any) -> Any:
-        """A symmetric matrix as NumPy code can use it."""
+        """A symmetric matrix in a form that NumPy code can use."""
         return DeviceMatrix(self, W)
 
     def values(self, W: Any) -> Any:
@@ -131,7 +132,13 @@ class DeviceArrays(HostArrays):
         return W.values
 
     def cholesky(self, A: Any) -> Any:
-        """Lower factor of a symmetric A; NaN marks a pivot that is not positive."""
+        """Lower factor of a symmetric A.
+
+        Raises
+        ------
+        LinAlgError
+            A pivot is not positive: CuPy then returns NaN.
+        """
         if not A.size:
             return A
         L = self.xp.asfortranarray(self.xp.linalg.cholesky(A))
@@ -154,7 +161,7 @@ class DeviceArrays(HostArrays):
         return A.T @ A
 
     def synchronize(self) -> None:
-        """Wait until everything asked for is done."""
+        """Wait until all operations have finished."""
         self.xp.cuda.runtime.deviceSynchronize()
 
 
@@ -195,7 +202,7 @@ class DeviceMatrix:
 
 
 def mirrored(lower: Any) -> Any:
-    """The symmetric matrix of a lower triangle, in place."""
+    """Complete a symmetric matrix from its lower triangle, in place."""
     n, width = lower.shape[0], 256  # blocks that stay in the cache
     for i in range(0, n, width):
         block = slice(i, i + width)

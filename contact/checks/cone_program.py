@@ -14,7 +14,7 @@ from contact.errors import MissingDependency
 
 Array = NDArray[np.float64]
 
-_TOLERANCES = (1e-13, 1e-12, 1e-11, 1e-10)  # of the energy; where one is rounding, the next
+_TOLERANCES = (1e-13, 1e-12, 1e-11, 1e-10)  # tried in turn: rounding may prevent the first ones
 
 
 def solve_cones(
@@ -22,8 +22,8 @@ def solve_cones(
 ) -> tuple[Array, Array, Array, float]:
     r"""Minimise ``z^T S z / 2 - f^T z + sum_i g_i |R_i z + o_i|`` subject to ``G z <= d``.
 
-    Each friction term becomes a slack :math:`s_i \ge |R_i z + o_i|`, a cone of dimension one more
-    than that of the slip.
+    Each friction term becomes a slack :math:`s_i \ge |R_i z + o_i|`, a second-order cone with one
+    dimension more than the slip.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def solve_cones(
 
     Notes
     -----
-    The last iterate is returned, converged or not: the caller looks at its residuals.
+    The last iterate is returned, converged or not: the caller checks its residuals.
     """
     try:
         clarabel = importlib.import_module("clarabel")
@@ -79,7 +79,7 @@ def solve_cones(
     upper, rows = sparse.triu(sparse.csc_matrix(P), format="csc"), sparse.csc_matrix(A)
     for tol in _TOLERANCES:
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tol
-        # Where rounding stops it a little above, what it has then is the best it can do.
+        # If rounding stops it within 100 times the tolerance, that iterate is accepted.
         settings.reduced_tol_gap_abs = settings.reduced_tol_gap_rel = 100 * tol
         settings.reduced_tol_feas = 100 * tol
         solution = clarabel.DefaultSolver(upper, q, rows, b, cones, settings).solve()

@@ -16,9 +16,11 @@ from contact.result.contact_system import ContactSystem
 Array = NDArray[np.float64]
 
 
-AGREES = 1e-6  # relative difference up to which two answers are one, and residual of a good one
-# Unknowns of the contact boundary up to which the dense problem is handed over. In variables in
-# which its quadratic form is the identity peers reach 1e-8 and less, whatever the element.
+# Relative difference up to which two solutions agree, and residual up to which the other solver has
+# converged.
+AGREES = 1e-6
+# Unknowns of the contact boundary up to which the other solver is given the dense problem. In
+# variables in which its quadratic form is the identity, solvers reach 1e-8 for any element.
 _DENSE = 2000
 
 
@@ -30,18 +32,18 @@ class CrossCheck:
     ----------
     solver : str
     size : int
-        Unknowns of the QP that was handed over.
+        Unknowns of the QP that the independent solver, the peer, was given.
     displacement : float
-        Largest difference of u over the largest displacement; NaN where the peer gave no answer.
+        Largest difference of u over the largest displacement; NaN if the peer found no solution.
     multipliers : float
         Largest difference of a contact force over the largest contact force.
     objective : float
-        Difference of the energies over the size of the larger.
+        Difference of the energies over the larger modulus.
     seconds : float
         Time of the peer.
     residual : float
-        Largest of the peer's own residuals, as `ContactSystem.kkt` has them, with the friction
-        bound that it was given.
+        Largest residual of the peer's solution, by `ContactSystem.kkt`, with the friction bound
+        that it was given.
     ours : float
         Largest residual of the result.
 
@@ -73,8 +75,8 @@ class CrossCheck:
 
         =============================  ===========================================================
         agrees                         both answers differ by 1e-6 at most
-        the peer did not converge      its own residual is larger than that: it says nothing
-        disagrees                      it meets the laws, and its answer is another one
+        the peer did not converge      its residual is larger than that: no conclusion
+        disagrees                      it satisfies the laws, by another solution
         =============================  ===========================================================
         """
         if max(self.displacement, self.multipliers) <= AGREES:
@@ -101,16 +103,16 @@ def cross_check(
 ) -> CrossCheck:
     r"""Solve the problem again with another package and compare.
 
-    The peer gets, with free unknowns z and one slack s per friction row,
+    The peer, the other solver, gets with free unknowns z and one slack s per friction row
 
     .. math::
         \min_{z, s} \tfrac12 z^T S z - f^T z + g^T s \quad
         \text{s.t.} \quad G z \le d, \; -s \le T z \le s ,
 
-    in variables and rows of unit size (`contact.checks.unit_program`): the units of length and
-    force are not seen. A Coulomb problem is checked at its solution: with the bound frozen at g = F
-    mu it is the given-friction problem that the solution must also solve. In 3-D the friction terms
-    are cones, :math:`s_i \ge |T_i z|`, and the peer is Clarabel.
+    in variables and rows of unit size (`contact.checks.unit_program`), so that the units of length
+    and force have no effect. A Coulomb problem is checked at its solution: with the bound frozen at
+    g = F mu it is the given-friction problem that the solution must also solve. In 3-D the friction
+    terms are cones, :math:`s_i \ge |T_i z|`, and the peer is Clarabel.
 
     Parameters
     ----------
@@ -119,24 +121,25 @@ def cross_check(
     solver : str
         A solver of qpsolvers: "osqp" (polished), "proxqp", "piqp", "clarabel", ...
     condensed : bool, optional
-        Hand over the dense problem on the contact boundary, or the full sparse one, on which
-        peers are slower and less accurate. Default: the dense one up to 2000 unknowns.
+        True for the dense problem on the contact boundary, False for the full sparse one, on which
+        other solvers are slower and less accurate. Default: the dense one up to 2000 unknowns.
 
     Returns
     -------
     CrossCheck
-        Its ``verdict`` says whether the peer agrees, or has not converged itself.
+        Its ``verdict`` says whether the peer agrees, disagrees, or has not converged itself.
 
     Raises
     ------
     InputError
-        Friction in three dimensions and not Clarabel, or a solver that qpsolvers does not know.
+        Friction in three dimensions with a solver other than Clarabel, a solver that qpsolvers does
+        not have, or a result of another problem.
     MissingDependency
         The solver is not installed.
 
     Examples
     --------
-    OSQP, which iterates on the sparse problem, finds the same contact forces:
+    OSQP finds the same contact forces:
 
     >>> from skfem import MeshQuad
     >>> from contact import ContactProblem, ElasticBody
@@ -182,7 +185,7 @@ def cross_check(
 
 
 def _check(problem: ContactProblem, result: ContactResult, solver: str) -> None:
-    """Raise an `InputError` unless the solver can check the result, and it is of the problem."""
+    """Raise an `InputError` unless the solver is suitable and the result belongs to the problem."""
     for name, given, kind in (
         ("problem", problem, ContactProblem),
         ("result", result, ContactResult),
@@ -207,11 +210,11 @@ def _has_cones(result: ContactResult) -> bool:
 def _residual(
     system: ContactSystem, bound: Array, u: Array, mu: Array, t: Array, motion: Array | None
 ) -> float:
-    """Largest residual of the peer's answer to the question that it was asked."""
+    """Largest residual of the peer's solution, for the problem that it was given."""
     if not all(np.all(np.isfinite(part)) for part in (u, mu, t)):
         return float("nan")
     law = None if system.law is None else "tresca"
     asked = replace(system, law=law, friction=bound)
-    # The obstacles stand where the result has them; their balance is that of the same forces.
+    # Obstacles are fixed where the result has them: the balance of forces is no condition here.
     kkt = asked.kkt(u, mu, t, motion)
     return max(value for name, value in kkt.items() if name not in ("obstacle", "balance"))

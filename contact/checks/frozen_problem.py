@@ -1,4 +1,4 @@
-"""The problem with given friction that a solution must also solve, as a program in z."""
+"""The problem with given friction that a solution must also solve, as an optimisation in z."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Answer:
-    """What a peer found.
+    """The solution that a solver of another package found.
 
     Attributes
     ----------
     z : ndarray, shape (n,), or None
-        None where it gave up.
+        None if it found none.
     mu, t : ndarray, shapes (m,) and (m, dim - 1)
         Contact forces of all contact points.
     seconds : float
@@ -42,7 +42,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class FrozenProblem:
-    r"""Friction with the bound g frozen at a solution, obstacles where they stand in it.
+    r"""Friction with the bound g, and the obstacles' positions, frozen at those of a solution.
 
     .. math::
         \min_z \tfrac12 z^T S z - f^T z + \sum_i g_i |R_i z + o_i| \quad
@@ -51,19 +51,19 @@ class FrozenProblem:
     Attributes
     ----------
     S, f : array or sparse array, shape (n, n), and ndarray, shape (n,)
-        Of the body's free unknowns, or of those of the contact boundary.
+        Stiffness and load of the body's free unknowns, or of those of the contact boundary.
     G, gap : array or sparse array, shape (j, n), and ndarray, shape (j,)
-        Rows of points that can touch; d.
+        Rows of points that can touch, and their gaps d.
     R, offset : array or sparse array, shape (k * slips, n), and ndarray, shape (k * slips,)
-        Rows of points that rub, those of one point together; o.
+        Rows of points with friction, those of one point consecutive, and their offsets o.
     bound : ndarray, shape (k,)
-        g.
+        The bounds g.
     pressing, rubbing : ndarray of int, shapes (j,) and (k * slips,)
         Contact point of each row of G, and entry of the tangential forces t of each row of R.
     shape : (int, int)
-        That of t, (m, dim - 1).
+        The shape of t, (m, dim - 1).
     cones : bool
-        The friction terms are cones: three dimensions.
+        The friction terms are cones, as in three dimensions.
     """
 
     S: Any
@@ -80,13 +80,13 @@ class FrozenProblem:
 
     @classmethod
     def of(cls, result: ContactResult, boundary: CondensedContact | None, cones: bool) -> Self:
-        """Freeze the friction of a result.
+        """Freeze friction and obstacles at a result.
 
         Parameters
         ----------
         result : ContactResult
         boundary : CondensedContact or None
-            In the unknowns of the contact boundary; None for all free ones of the body.
+            Use the unknowns of its contact boundary; None for all free ones of the body.
         cones : bool
         """
         system = result.system
@@ -124,16 +124,16 @@ class FrozenProblem:
 
     @property
     def size(self) -> int:
-        """Unknowns of the program, its slacks with them."""
+        """Number of unknowns, including the slacks."""
         return self.f.size + self.bound.size
 
     def solved_by(self, solver: str) -> Answer:
-        """Hand the program, in unit variables, to a peer.
+        """Solve the program, in variables of unit size, with another package.
 
         Raises
         ------
         InputError
-            qpsolvers knows no such solver.
+            qpsolvers has no such solver.
         MissingDependency
             The solver is not installed.
         """
@@ -158,5 +158,5 @@ class FrozenProblem:
 
 def _nonzero_rows(rows: Any) -> Index:
     size = np.asarray((rows * rows).sum(axis=1)).ravel()
-    # Of the largest, squared: what is left of a row that supports hold is rounding.
+    # Squared, relative to the largest: rows that supports prescribe vanish up to rounding, 1e-12.
     return np.flatnonzero(size > 1e-24 * size.max(initial=0.0))

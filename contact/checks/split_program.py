@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 def solve_split(
     solver: str, unit: UnitProgram, gap: Array, offset: Array, g: Array
 ) -> tuple[Array | None, Array, Array, float]:
-    """Given friction as a QP with a slack for the modulus of each slip: w, mu, t, seconds."""
+    """Solve a QP with a slack for the modulus of each slip; returns w, mu, t and seconds."""
     n, k = unit.f.size, g.size
     if sparse.issparse(unit.P):
         one: Any = sparse.eye_array(k, format="csr")

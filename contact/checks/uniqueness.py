@@ -1,8 +1,8 @@
 r"""Whether a frictional contact problem has other solutions: a proof, or a search.
 
 Given friction (Tresca) has one solution. Coulomb's law has one for small friction; for large
-friction discrete problems have several, none of them wrong (Klarbring 1990). Two things can be
-said of a discrete problem:
+friction discrete problems have several, all of them valid (Klarbring 1990). There are two ways to
+examine a discrete problem:
 
 *Proof.* With the compliance W of the contact points, in the scale of `BoundaryProblem`, let two
 solutions differ by the forces :math:`\delta = (\delta_\mu, \delta_t)`. The laws of contact and
@@ -16,7 +16,7 @@ friction give :math:`\delta^T W \delta \le \sum_i F_i |\delta_{\mu, i}| |(W \del
 E_n and E_t picking the normal and the tangential rows. :math:`F^*` falls like :math:`\sqrt h` (so
 does the best bound known, Hild 2002). Above it, nothing is known until a second solution is found.
 
-*Search.* The problem is solved again from starts far apart; what is found is certified.
+*Search.* The problem is solved again from starts far apart; every solution found is certified.
 
 References
 ----------
@@ -41,7 +41,7 @@ from contact.problem.contact_problem import ContactProblem
 from contact.result.contact_result import ContactResult
 
 Array = NDArray[np.float64]
-DISTINCT = 1e-6  # relative distance from which two certified solutions count as two
+DISTINCT = 1e-6  # relative distance beyond which two certified solutions count as different
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ def uniqueness(
 
 
 def unique_below(problem: BoundaryProblem) -> float:
-    """F* of this module; 0 where rigid motions are free."""
+    """The bound F* of the module docstring; 0 if rigid motions are free."""
     if problem.s.size:
         return 0.0
     normal = problem.normal[problem.can_touch]
@@ -170,7 +170,7 @@ def unique_below(problem: BoundaryProblem) -> float:
         return np.inf
     compliance_t = problem.W[np.ix_(tangent, tangent)]
     coupling = problem.W[np.ix_(normal, tangent)]
-    # The normal block of the inverse is that of the Schur complement.
+    # The normal block of the inverse is the inverse of the Schur complement.
     rest = problem.W[np.ix_(normal, normal)] - coupling @ np.linalg.solve(compliance_t, coupling.T)
     ratio = np.linalg.eigvalsh(rest)[0] / np.linalg.eigvalsh(compliance_t)[-1]
     return float(np.sqrt(max(ratio, 0.0)))
@@ -179,7 +179,7 @@ def unique_below(problem: BoundaryProblem) -> float:
 def _starts(
     problem: BoundaryProblem, rng: np.random.Generator, count: int
 ) -> Iterator[tuple[Array, Array]]:
-    """Forces to start from, in the problem's scale: none, full stick, random ones."""
+    """Starting forces (mu, t) in the problem's scale: zero, full stick, and random ones."""
     yield problem.zeros()
     pushed = problem.v0.copy()
     live = problem.can_touch
@@ -190,6 +190,7 @@ def _starts(
     t[problem.tangent >= 0] = stuck[problem.tangent[problem.tangent >= 0]]
     yield mu, t
     size = float(np.abs(pushed).max())
+    # Random forces of .1 to 100 times that size, on seven tenths of the points.
     for _ in range(count):
         reach = size * 10 ** rng.uniform(-1, 2)
         yield (
@@ -205,7 +206,7 @@ def _apart(one: ContactResult, other: ContactResult) -> bool:
         *(body.reach(result.u) for result in (one, other)),
         *(body.give(force) for force in forces),
     )
-    size = max(body.give(force) for force in forces)  # in displacements: dofs have several units
+    size = max(body.give(force) for force in forces)  # as displacements: dofs have different units
     return bool(
         body.reach(one.u - other.u) > DISTINCT * length
         or body.give(forces[0] - forces[1]) > DISTINCT * size

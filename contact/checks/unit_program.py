@@ -12,18 +12,18 @@ from scipy.linalg import cholesky, eigh, solve_triangular
 
 Array = NDArray[np.float64]
 
-_LOOSE = 1e-10  # of a unit stiffness: what resists a motion less is rounding, the motion rigid
+_LOOSE = 1e-10  # a motion with less stiffness, in units of the diagonal, is rigid up to rounding
 
 
 @dataclass(frozen=True)
 class UnitProgram:
     r"""The program ``min z^T S z / 2 - f^T z`` with rows G z and R z, in w of ``z = M w``.
 
-    Peers stop at absolute tolerances, and their steps know one length for all unknowns. For a
-    dense S with ``S = L L^T`` the variables are ``M = L^{-T}``: the quadratic form is the identity,
-    and what is left is as well conditioned as can be. Rigid motions, should some be free, are
-    variables of no stiffness. For a sparse S, M is diagonal and gives it a diagonal of ones. Every
-    row is divided by its length, rows of one contact point by the same.
+    Other packages use absolute tolerances, and one step length for all unknowns. For a dense S with
+    ``S = L L^T`` the change of variables is ``M = L^{-T}``: the quadratic form becomes the
+    identity, and the program is as well conditioned as possible. Free rigid motions become
+    variables without stiffness. For a sparse S, M is diagonal and gives S a diagonal of ones. Every
+    row is divided by its length, all rows of one contact point by the same.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class UnitProgram:
     f : ndarray, shape (n,)
     G, R : like P, shapes (m, n) and (k * dim_t, n)
     normal, tangential : ndarray, shapes (m,) and (k,)
-        Lengths of the rows: what a row gives in the caller's units over what it gives here.
+        Lengths of the rows: value of a row in the caller's units = its value here * length.
     back : array or sparse array, shape (n, n)
         M.
     """
@@ -80,7 +80,7 @@ class UnitProgram:
 
 
 def _unit_form(A: Array) -> tuple[Array, Array]:
-    """M and ``M^T A M``, the identity but for zeros in the place of rigid motions."""
+    """M and ``M^T A M``, which is the identity with zeros in the rows of rigid motions."""
     try:
         L = cholesky(A, lower=True)
         if np.all(np.diag(L) ** 2 > _LOOSE):

@@ -15,11 +15,13 @@ Index = NDArray[np.int64]
 class BoundaryProblem:
     """Displacements of the contact points as a function of the contact forces.
 
-    With forces l = (mu, t) the displacements of the rows are ``v = v0 - W l + C a``. The rigid
-    motions a of a body that is held by contact alone balance the loads: ``C^T l = s``.
+    With forces l = (mu, t) the displacements of the rows are ``v = v0 - W l + C a``. Only live rows
+    occur, those whose displacement the supports do not prescribe. The motions a are the rigid ones
+    of a body that is held by contact alone, and the free ones of obstacles; the forces balance the
+    loads on them: ``C^T l = s``.
 
-    Every point is scaled by its own compliance, so that diag(W) is about one and the laws read
-    with unit scale, ``mu = max(0, mu + u_n - d)`` and ``t = P(t + u_t)``, where P projects onto
+    Every point is scaled by its own compliance, so that diag(W) is about one and the laws have
+    unit constants, ``mu = max(0, mu + u_n - d)`` and ``t = P(t + u_t)``, where P projects onto
     the ball of radius g: this is the local choice c_i = 1 / W_ii of the active-set constant.
 
     Attributes
@@ -29,14 +31,16 @@ class BoundaryProblem:
     v0 : ndarray, shape (n,)
         Displacement without contact forces (and without rigid motion).
     C : ndarray, shape (n, k)
+        Displacements of the rows for unit motions a.
     s : ndarray, shape (k,)
+        Work of the loads on unit motions a.
     gap : ndarray, shape (m,)
-        ``inf`` where contact is impossible.
+        The gap d; ``inf`` where contact is impossible.
     normal : ndarray of int, shape (m,)
         Row of each point's normal; -1 where the normal displacement is prescribed.
     tangent : ndarray of int, shape (m, dim - 1)
-        Rows of each point's tangents; -1 where the tangential displacement is prescribed. Where
-        that is so for one component of two, its row has no compliance.
+        Rows of each point's tangents; -1 where the tangential displacement is prescribed. If only
+        one of two components is prescribed, its row is kept and has no compliance.
     prescribed_slip : ndarray, shape (m, dim - 1)
         Tangential displacement where it is prescribed.
     K : ndarray, shape (k, k), optional
@@ -82,10 +86,10 @@ class BoundaryProblem:
         return np.where(self.can_touch, u_n - self.gap, -np.inf)
 
     def residual_size(self, mu: Array, t: Array) -> float:
-        """Size against which residuals are judged: the largest force, or what could cause one."""
+        """Scale of residuals: the largest force, at least 1e-12 of the data that cause forces."""
         overlap = np.maximum(-self.gap, 0.0)
         causes = (float(np.abs(part).max(initial=0.0)) for part in (self.v0, self.s, overlap))
-        # Forces below that are the rounding of what causes them.
+        # Smaller forces are rounding of the data.
         tiny = 1e-12 * max(*causes, np.finfo(float).tiny)
         return max(float(mu.max(initial=0.0)), float(np.abs(t).max(initial=0.0)), tiny)
 

@@ -1,4 +1,4 @@
-"""Which condensation a body gets, by its type."""
+"""Choice of the condensation by the type of the body."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from contact.rows.contact_rows import ContactRows
 def condense(body: Solid, rows: ContactRows, solver: str, device: str) -> CondensedContact:
     """Reduce a body to its contact boundary.
 
-    Another kind of body registers its own way: ``@condense.register(Kind)``.
+    Another kind of body registers its own function: ``@condense.register(Kind)``.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def condense(body: Solid, rows: ContactRows, solver: str, device: str) -> Conden
     Raises
     ------
     InputError
-        A solver or a device that this kind of body does not take, or a kind that is not known.
+        A solver or a device that this kind of body does not support, or an unknown kind of body.
     """
     raise InputError(f"body: no way is known to condense a {type(body).__name__}")
 

@@ -13,14 +13,25 @@ from contact.condensation.boundary_problem import Array
 from contact.condensation.strain_factor import STRAIN_UNKNOWNS
 from contact.errors import InputError
 
-# Of the mean stiffness: what resists less, by rounding alone, is shifted. The solution of such a
-# thin body is a start for `contact.problem.stiffness_form`, which needs no factor.
+# Multiples of the mean stiffness that are added to the diagonal, tried in turn, because the matrix
+# of a thin body may be indefinite by rounding. The solution with a shift is only a start for
+# `contact.problem.stiffness_form`, which needs no factor.
 SHIFTS = (0.0, 1e-14, 1e-13, 1e-12, 1e-11, 1e-10, 1e-9)
-THIN = 1e-6  # ratio of pivots from which on displacements of bending cost digits of the others
+# Ratio of the least to the largest pivot below which displacements by bending are so large that
+# those by compression lose digits.
+THIN = 1e-6
 
 
 def held_factor(arrays: HostArrays, stiffness: Callable[[], Any], N: Array) -> tuple[Any, bool]:
-    """Factor of ``S_b + rho N N^T``, and whether the body bends far more easily than it yields.
+    """Factor of ``S_b + rho N N^T``, and whether bending is far softer than compression.
+
+    Parameters
+    ----------
+    arrays : HostArrays
+    stiffness : callable () -> array, shape (nb, nb)
+        Returns a new copy of S_b at each call.
+    N : ndarray, shape (nb, k)
+        Free rigid motions of the boundary.
 
     Raises
     ------

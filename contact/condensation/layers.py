@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 class CondensedLayers(CondensedContact):
     """A `LayeredBlock` and its contact rows, reduced to a dense problem on the bottom.
 
-    What differs from `CondensedContact` is how the Schur complement comes about, and that the
+    It differs from `CondensedContact` in how the Schur complement is computed, and in that the
     dense matrices may lie on a GPU.
 
     Parameters
@@ -84,7 +84,7 @@ class CondensedLayers(CondensedContact):
         self._fixed_tangent = (rows.T[:, :size] @ bottom).reshape(rows.gap.size, 1)
 
     def _free_motions(self) -> tuple[Array, Array]:
-        """Rigid motions that the supports leave free: free unknowns of the bottom row, all dofs."""
+        """Free rigid motions: on the free unknowns of the bottom row, and on all dofs."""
         body = self.body
         held = body.prescribed[0]
         node, kind = np.divmod(held, PER_NODE)
@@ -92,7 +92,7 @@ class CondensedLayers(CondensedContact):
         self._all = _motions(np.repeat(body.x, PER_NODE), 0.0, body)
         of_held = _motions(body.x[i], body.y[j], body, kind)
         length = np.where(kind < 2, 1.0, body.cell_size)[:, None]
-        # Of unit displacement each: translations, and the turn at the end of the diagonal.
+        # Scales that give each motion unit displacement: the rotation has it at the corners.
         size = np.array([1.0, 1.0, 0.5 * np.hypot(body.width, body.height)])
         scaled = np.vstack((length * of_held / size, np.zeros((3, 3))))
         _, singular, V = np.linalg.svd(scaled, full_matrices=False)
@@ -103,11 +103,11 @@ class CondensedLayers(CondensedContact):
         return free, everywhere
 
     def blas_threads(self) -> AbstractContextManager[None]:
-        """All of them but for the boundary problem: recovery multiplies large matrices."""
+        """No limit of BLAS threads outside `one_blas_thread`: recovery has large products."""
         return nullcontext()
 
     def restrict(self, rows: Any) -> Array:
-        """Rows of all dofs in the contact boundary's unknowns, shape (nrows, nb)."""
+        """Rows on all dofs, expressed in the contact boundary's unknowns, shape (nrows, nb)."""
         own: Array = (rows[:, : self.body.row_size] @ self._P)[:, self._boundary].toarray()
         return own
 
@@ -122,10 +122,11 @@ class CondensedLayers(CondensedContact):
         return u
 
     def unbalanced(self, load: Array, u: Array, mu: Array, t: Array) -> Array:
-        """Forces on free dofs that nothing balances.
+        """Residual forces on free dofs, for one step of iterative refinement.
 
-        A slab of n rows resists smooth motions by 1/n^2 of its largest entries: rounding of these
-        is seen in the balance of forces at n^2 times the machine precision. Cell by cell it is not.
+        The stiffness of a slab of n rows for smooth motions is 1/n^2 of its largest entries:
+        rounding of these leaves a residual of n^2 machine precisions. The product with the
+        stiffness, cell by cell, has no such error.
         """
         rows, body = self.rows, self.body
         rest: Array = load - (rows.G.T @ mu + rows.T.T @ t.ravel()) - body.stiffness @ u
@@ -135,7 +136,7 @@ class CondensedLayers(CondensedContact):
     def _motion_of(self, motion: Array) -> tuple[str, Array]:
         """Name and all dofs of a rigid motion given on them."""
         body = self.body
-        # Known by what it does to the bottom row.
+        # It is identified by its displacement of the bottom row.
         seen, free = motion[: body.row_size], np.diff(self._P.indptr) > 0
         rigid: Any = np.linalg.lstsq(self._all[free], seen[free], rcond=None)[0]
         name = describe_motion(body.trace, rigid_modes(body.trace) @ _about(rigid, body))
@@ -148,7 +149,7 @@ class CondensedLayers(CondensedContact):
         return _motions(x, y, self.body) @ rigid
 
     def resultants(self, load: Array) -> Array:
-        """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
+        """Work of a load on the rigid motions, from the load itself, not from its elimination."""
         work: Array = self._modes.T @ load
         return work
 
@@ -161,7 +162,7 @@ class CondensedLayers(CondensedContact):
 def _motions(
     x: Array, y: Array | float, body: LayeredBlock, kind: NDArray[np.int64] | None = None
 ) -> Array:
-    """Both translations and the turn about the middle on dofs at given places, shape (n, 3)."""
+    """Both translations and the rotation about the middle, at dofs in given places, (n, 3)."""
     if kind is None:
         kind = np.arange(x.size) % PER_NODE
     x, y = x - 0.5 * body.width, y - 0.5 * body.height
@@ -170,6 +171,6 @@ def _motions(
 
 
 def _about(motion: Array, body: LayeredBlock) -> Array:
-    """The same motion with its turn about the middle of the lowest row of cells."""
+    """The same motion with its rotation about the middle of the lowest row of cells."""
     drop = 0.5 * (body.height - body.y[1])
     return motion + np.array([drop * motion[2], 0.0, 0.0])

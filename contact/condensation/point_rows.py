@@ -13,7 +13,7 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class PointRows:
-    """Numbers of the live rows: those that supports leave something of.
+    """Numbers of the live rows, those that supports do not prescribe entirely.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class PointRows:
     tangent: Index
 
     def stacked(self, of_normal: Array, of_tangent: Array) -> Array:
-        """Values of points, shapes (m,) and (m, dim - 1), on the live rows, shape (n,)."""
+        """Stack values of points, shapes (m,) and (m, dim - 1), on the live rows, shape (n,)."""
         live_n, live_t = self.normal >= 0, self.tangent >= 0
         values = np.zeros(int(live_n.sum() + live_t.sum()))
         values[self.normal[live_n]] = of_normal[live_n]
@@ -37,8 +37,8 @@ class PointRows:
     def lengths(self, compliance: Array) -> Array:
         """Root of the mean compliance of each point, on all its rows, shape (n,).
 
-        One length a point, so that its friction ball stays a ball. Rows without compliance do not
-        count; a point that has no other is of length one.
+        All rows of a point have the same value, so that its friction ball remains a ball. Rows
+        without compliance do not count in the mean; where a point has no other, the value is one.
         """
         lengths = np.ones(compliance.size)
         for rows in np.column_stack((self.normal, self.tangent)):
@@ -49,6 +49,6 @@ class PointRows:
         return lengths
 
     def of_points(self, of_rows: Array) -> Array:
-        """What the rows of each point share, shape (m,); one for a point without live rows."""
+        """Common value of the rows of each point, shape (m,); one for a point without live rows."""
         first = np.maximum(self.normal, self.tangent.max(axis=1))
         return np.where(first >= 0, of_rows[np.maximum(first, 0)], 1.0)

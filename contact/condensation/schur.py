@@ -1,4 +1,4 @@
-"""One sparse factorisation that leaves the dense Schur complement of the contact boundary."""
+"""The dense Schur complement of the contact boundary by one sparse factorisation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class SchurFactor(Protocol):
 
     ``schur`` is S_bb - S_bI S_II^-1 S_Ib, shape (nb, nb). `reduce` carries a load to the boundary,
     `expand` returns all unknowns from the boundary's. Only S_II must be positive definite: a body
-    that is held by contact alone has a singular S and a sound Schur complement.
+    that is held by contact alone has a singular S, but its Schur complement exists.
     """
 
     schur: Vector
@@ -50,7 +50,7 @@ def schur_factor(
     boundary : ndarray, shape (nb,)
         Ascending indices of the unknowns to keep.
     order : callable () -> ndarray, shape (n,)
-        Fill-reducing elimination order, asked for by SuperLU only; PARDISO finds its own.
+        Fill-reducing elimination order, called for SuperLU only; PARDISO computes its own.
     solver : {"auto", "pardiso", "superlu"}
         "auto" takes PARDISO when pypardiso is importable.
 
@@ -59,14 +59,14 @@ def schur_factor(
     InputError
         Unknown solver, or the inner block is not positive definite.
     MissingDependency
-        PARDISO asked for and not installed.
+        PARDISO is chosen and not installed.
     """
     if solver not in ("auto", "pardiso", "superlu"):
         raise InputError(f"solver={solver!r}: expected 'auto', 'pardiso' or 'superlu'")
     if solver == "pardiso" and not has_pardiso():
         raise MissingDependency("PARDISO needs pypardiso: pip install 'skfem-adini[mkl]'")
-    # S may be singular (a floating body). A shift of the boundary block makes it definite; the
-    # Schur complement carries it along unchanged and gives it back.
+    # S may be singular (a floating body). A shift of the boundary block makes it definite; it
+    # enters the Schur complement unchanged and is subtracted again.
     shift = np.abs(stiffness.diagonal()[boundary])
     nothing_inside = boundary.size == stiffness.shape[0]  # PARDISO then reports lack of memory
     if solver == "superlu" or nothing_inside or not has_pardiso():
@@ -82,15 +82,14 @@ def _singular() -> InputError:
     )
 
 
-KEPT = 6  # loads whose elimination is remembered
+KEPT = 6  # loads whose forward elimination is cached
 
 
 class _Forward:
-    """Remembers what forward elimination made of the last loads.
+    """Cache of the forward elimination of the last loads, which `reduce` and `expand` both need.
 
-    `reduce` and `expand` both need it. Only the very same load is looked up, so that no result
-    depends on what was solved before it or in another thread. The pairs are never changed, and
-    threads put another tuple in place at once.
+    Only an identical load is looked up, so that no result depends on earlier solves or on other
+    threads. The cached pairs are never modified, and threads replace the tuple as a whole.
     """
 
     _known: tuple[tuple[Vector, Vector], ...] = ()
@@ -138,9 +137,9 @@ class SuperLUSchur(_Forward):
             and np.array_equal(self._lu.factors.perm_r[tail], tail)
         ):
             raise ContactError("SuperLU moved the contact boundary; please report the mesh")
-        upper = self._lu.factors.U  # a copy of the whole factor, the price of SciPy's interface
+        upper = self._lu.factors.U  # SciPy's interface copies the whole factor
         block = upper[:, n - nb :][n - nb :].toarray()
-        pivots = upper.diagonal()
+        pivots = upper.diagonal()  # smaller ones than 1e-14 of the largest are rounding
         if not np.all(pivots > 1e-14 * np.abs(pivots).max(initial=0.0)):
             raise _singular()
         # L = U^T D^-1 for a symmetric matrix factored without row exchanges.
@@ -182,9 +181,9 @@ class PardisoSchur(_Forward):
         shifted, diagonal = stiffness.copy(), stiffness.diagonal()
         diagonal[boundary] += shift
         shifted.setdiag(diagonal)
-        # Parallel nested dissection, the quicker analysis with a Schur block; two-level
-        # factorisation; solutions by one thread, since several add up in the order in which they
-        # come; Schur complement with the factors kept for partial solves.
+        # iparm, counted from 0: parallel nested dissection, whose analysis is faster with a Schur
+        # block; two-level factorisation; solves by one thread, since the order of sums, and so the
+        # rounding, varies with several; Schur complement, with factors kept for partial solves.
         parameters = {1: 3, 23: 1, 24: 1, 35: 2}
         self._boundary = boundary
         block = np.zeros((boundary.size, boundary.size))
@@ -200,7 +199,7 @@ class PardisoSchur(_Forward):
 
     def _forward(self, load: Vector) -> Vector:
         if self._pardiso.pending:
-            # What is remembered belongs to the factors of the original or of the parent process.
+            # The cache belongs to the factors of the original object or of the parent process.
             self._known = ()
         return super()._forward(load)
 

@@ -17,10 +17,11 @@ the signs naming the rows of Y. For m unknowns a node row this takes about 1.6 m
 operations (2.1 m^3 where A^T A is a full product) instead of the sparse factorisation of 2^k rows.
 All slabs of one size are the same matrix; only loads and displacements differ.
 
-The layers are then folded from the top: with A the stiffness, on its lowest node row, of all that
-lies above, a slab below it leaves ``a - b (c + A)^-1 b^T``. A number of rows that is no power of
-two is a sum of some. Every matrix that is factored belongs to slabs clamped on the row below, so
-it is positive definite also for a body that floats.
+The layers are then folded (eliminated) from the top: if A is the stiffness of everything above a
+slab, condensed onto its top node row, the stiffness on its bottom row is ``a - b (c + A)^-1 b^T``.
+A number of rows that is no power of two is split into powers of two. Every matrix that is factored
+belongs to slabs clamped on the row below, so it is positive definite also for a body without
+supports.
 
 References
 ----------
@@ -44,19 +45,19 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Pair = tuple[Any, Any]
 
-# Of the unknowns of a node, u, v, u_x, v_x, u_y, v_y: what a reflection up-down does to them.
+# Signs by which a reflection up-down multiplies the unknowns of a node: u, v, u_x, v_x, u_y, v_y.
 REFLECTION = np.array([1.0, -1.0, 1.0, -1.0, -1.0, 1.0])
 
 
 class Slab(NamedTuple):
-    """Blocks of c and b of one slab, + before -; the fourth blocks are c_X^T and -b_X^T."""
+    """Blocks of c and b of one slab, in the order of the comments; -+ are c_+-^T and -b_+-^T."""
 
     c: tuple[Any, Any, Any]  # ++, --, +-
     b: tuple[Any, Any, Any]
 
 
 class Middle(NamedTuple):
-    """What recovers the row between two slabs: L_+, L_- and the four blocks of Y."""
+    """Factors that recover the node row between two slabs: L_+, L_- and the four blocks of Y."""
 
     L: Pair
     Y: tuple[Pair, Pair]
@@ -64,7 +65,7 @@ class Middle(NamedTuple):
 
 @dataclass(frozen=True)
 class Fold:
-    """A slab of 2^levels cell rows folded onto what lies above it.
+    """A slab of 2^levels cell rows, eliminated together with everything above it.
 
     Attributes
     ----------
@@ -73,9 +74,9 @@ class Fold:
     middles : tuple of Middle
         One for each level, finest first.
     L, Y : arrays
-        Of its top row: L L^T = c + A, Y = L^-1 b^T.
+        Factors of its top row: L L^T = c + A, Y = L^-1 b^T.
     free : slice or array
-        The unknowns of the top row that are free; all but at the top of the body.
+        The free unknowns of its top row; all of them, except at the top of the body.
     """
 
     row: int
@@ -103,7 +104,7 @@ class SlabDoubling:
     free : ndarray of bool, shape (6 (columns + 1),)
         Free unknowns of every node row.
     free_top : ndarray of bool, shape (6 (columns + 1),)
-        Free unknowns of the topmost node row, none that is not in ``free``.
+        Free unknowns of the topmost node row, a subset of ``free``.
     boundary : ndarray of int
         Unknowns of the bottom node row to keep, ascending.
     arrays : HostArrays
@@ -154,7 +155,7 @@ class SlabDoubling:
         self._last: tuple[Array, Pair] | None = None
 
     def _factor(self, columns: int, layers: list[CellRows], free_top: NDArray[np.bool_]) -> Any:
-        """Fold all layers; the stiffness that they leave on the bottom row."""
+        """Fold all layers; returns the stiffness on the bottom row."""
         k, xp = self.arrays, self.arrays.xp
         self.folds: list[Fold] = []
         row = self.rows - 1
@@ -181,7 +182,7 @@ class SlabDoubling:
 
     def _one_row(self, columns: int, stiffness: Array) -> Slab:
         """The slab of one row of cells."""
-        # Averaged with its mirror image, which differs by rounding.
+        # Average with the mirror image, which differs by rounding, to make the symmetry exact.
         corners = np.split(np.arange(4 * PER_NODE), 4)
         top, bottom = np.r_[corners[3], corners[2]], np.r_[corners[0], corners[1]]
         P = np.tile(REFLECTION, 2)
@@ -199,13 +200,13 @@ class SlabDoubling:
         )
 
     def _assembled(self, columns: int, block: Array, rows: Index, cols: Index) -> Any:
-        """Dense matrix of a line of equal cells, some rows and columns of it."""
+        """Selected rows and columns of the dense matrix of a row of equal cells."""
         xp = self.arrays.xp
         dense = xp.zeros(rows.size * cols.size)
         place_r, place_c = np.full(self.width, -1), np.full(self.width, -1)
         place_r[rows], place_c[cols] = np.arange(rows.size), np.arange(cols.size)
         dofs = PER_NODE * np.arange(columns)[:, None] + np.arange(2 * PER_NODE)
-        # Neighbouring cells share entries: even cells first, so that no place occurs twice.
+        # Neighbouring cells share entries: even cells first, so that no index occurs twice at once.
         for cells in (dofs[::2], dofs[1::2]):
             i, j = place_r[cells][:, :, None], place_c[cells][:, None, :]
             live = (i >= 0) & (j >= 0)
@@ -245,9 +246,9 @@ class SlabDoubling:
         return np.asarray(k.get(full)).ravel()
 
     def _forward(self, load: Array) -> Pair:
-        """Eliminate a load; row by row what `expand` needs, and in row 0 what is left.
+        """Eliminate a load: in each row what `expand` needs, in row 0 the load carried to it.
 
-        The result of the last load is kept: `reduce` and `expand` both need it.
+        The result for the last load is cached: `reduce` and `expand` both need it.
         """
         if self._last is not None and np.array_equal(self._last[0], load):
             return self._last[1]

@@ -26,8 +26,9 @@ from contact.rows.contact_rows import ContactRows
 
 Array = NDArray[np.float64]
 
-# Added to the compliance of the dissertation's dependent rows, relative to its largest entry:
-# picks the multipliers of least norm. They remain unstable; the functional is for reproduction.
+# Added to the compliance for the functional ``thesis``, whose rows are linearly dependent, relative
+# to its largest entry: selects the multipliers of least norm. They remain unstable; the functional
+# serves to reproduce the dissertation.
 REGULARISATION = 1e-10
 
 
@@ -37,7 +38,7 @@ class CondensedContact:
     Everything here depends on the stiffness, the supports and the rows alone; loads, gaps and
     friction come later, so one condensation serves a whole load history.
 
-    `ContactProblem.condense` makes it, and keeps it.
+    `ContactProblem.condense` creates and caches it.
 
     Parameters
     ----------
@@ -100,8 +101,9 @@ class CondensedContact:
             S = body.stiffness[free][:, free]
         else:
             S = sparse.csr_array(P.T @ body.stiffness @ P)
-        # Unknowns of unit stiffness: no unit of length, and no shape of a cell, sets values and
-        # derivatives apart, or the directions. Powers of two leave the digits as they are.
+        # Scale the unknowns to unit stiffness: the magnitudes of values and derivatives, and of
+        # directions, then depend neither on the unit of length nor on the aspect ratio of cells.
+        # Powers of two cause no rounding.
         diagonal = S.diagonal()
         exponent = np.round(-0.5 * np.log2(np.where(diagonal > 0, diagonal, 1.0)))
         unit = np.ldexp(1.0, exponent.astype(np.int64))
@@ -131,15 +133,16 @@ class CondensedContact:
         live_n: NDArray[np.bool_],
         live_t: NDArray[np.bool_],
     ) -> sparse.csr_array:
-        """Number the live rows and the unknowns that they touch; the live rows."""
+        """Number the live rows and the unknowns in them; returns the live rows."""
         if not live_n.any() and not live_t.any():
             raise InputError(
                 "boundary: every displacement of the contact boundary is prescribed; "
                 "fix less of it or choose another contact boundary"
             )
         normal = np.where(live_n, np.cumsum(live_n) - 1, -1)
-        # Where supports prescribe one component of the slip, it still turns the friction: its row
-        # has no compliance. Where they prescribe all of it, friction acts on supports alone.
+        # If supports prescribe one component of the slip, it still affects the direction of
+        # friction: its row is kept, without compliance. If they prescribe all of it, friction acts
+        # on supports alone, and the rows are dropped.
         alive = live_t.reshape(live_n.size, -1)
         self._stiff: NDArray[np.bool_] = ~alive & np.any(alive, axis=1, keepdims=True)
         seen = self._stiff.ravel() | live_t
@@ -166,7 +169,11 @@ class CondensedContact:
         return other
 
     def _condense(self, N: Array, modes: Array) -> None:
-        """Compliance of the rows; N the rigid motions of the boundary, modes those of all."""
+        """Compute the compliance of the rows.
+
+        N, shape (nb, k), and modes are the free rigid motions on the boundary's unknowns and on all
+        of them.
+        """
         arrays = self._arrays
         if N.shape[1]:
             N, R = np.linalg.qr(N)
@@ -181,7 +188,7 @@ class CondensedContact:
         W /= arrays.put(scale)
         W /= arrays.put(scale)[:, None]
         self._W = arrays.matrix(W)
-        # Balance then reads in the units of scaled forces.
+        # With this factor the balance of loads is in the units of scaled forces.
         self.N, self._modes = N * float(np.mean(scale)), modes * float(np.mean(scale))
         self._C = (self.B @ self.N) / scale[:, None]
 
@@ -252,6 +259,7 @@ class CondensedContact:
         if slip_from is not None:
             fixed_t = fixed_t - slip_from
             largest = max(largest, float(np.abs(slip_from).max(initial=0.0)))
+        # Prescribed slips this small, relative to the displacements, are rounding.
         fixed_t = np.where(self._stiff & (np.abs(fixed_t) <= 1e-12 * largest), 0.0, fixed_t)
         prescribed = self.points.normal < 0
         # Rounding of the coordinates.

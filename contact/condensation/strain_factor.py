@@ -1,12 +1,13 @@
-r"""Schur complement of the contact boundary from the strains, without the stiffness.
+r"""Schur complement of the contact boundary from the strains, without the stiffness matrix.
 
-With the rows A of all strains, ``S = A^T A``, and the inner unknowns first,
+With the matrix A of all weighted strains, ``S = A^T A``, and the inner unknowns first,
 
 .. math:: A = Q \begin{pmatrix} R_{II} & R_{Ib} \\ & R_{bb} \end{pmatrix}, \qquad
           S_b = R_{bb}^T R_{bb} .
 
-Householder's factorisation of A loses digits like its condition, the root of that of S: in a
-column of cells a thousand times as high as wide Cholesky's factor of S breaks down where it bends.
+The error of Householder's QR factorisation grows with the condition number of A, the square root of
+that of S. In a column of cells a thousand times as high as wide, the Cholesky factorisation of S
+breaks down because of bending.
 
 References
 ----------
@@ -25,8 +26,8 @@ from contact.body.solid import BasisSolid
 from contact.errors import InputError
 
 Array = NDArray[np.float64]
-_APART = 16.0  # ratio of stiffnesses, as singular values, whose directions are told apart
-STRAIN_UNKNOWNS = 3000  # at most: their dense factor takes some ten seconds
+_APART = 16.0  # ratio of singular values at a node from which on their directions are separated
+STRAIN_UNKNOWNS = 3000  # at most: the dense factorisation of so many takes some ten seconds
 
 
 class StrainFactor:
@@ -43,7 +44,7 @@ class StrainFactor:
     Raises
     ------
     InputError
-        A motion of the inner unknowns alone causes no strain.
+        Some motion of the inner unknowns alone causes no strain.
     """
 
     def __init__(self, body: BasisSolid, P: sparse.csr_array, boundary: NDArray[np.int64]) -> None:
@@ -68,11 +69,11 @@ class StrainFactor:
             raise InputError("stiffness: parts of the mesh hang together by a hinge alone")
 
     def equilibrate(self, node: NDArray[np.int64]) -> tuple[sparse.csr_array, sparse.csr_array]:
-        """Take new unknowns y, of unit stiffness, with ``z = U y`` at the boundary.
+        """Change to unknowns y of unit stiffness, with ``z = U y`` on the boundary.
 
-        A thin body resists bending by less than the stretch of its boundary by the fourth power of
-        its slenderness, and would by rounding alone: the directions in which it is stiff and soft,
-        those of each node, are kept apart.
+        The bending stiffness of a thin body is smaller than the stiffness of its boundary against
+        stretching by the fourth power of the slenderness, and would be lost in rounding. Therefore
+        the stiff and the soft direction at each node become separate unknowns.
 
         Parameters
         ----------
@@ -83,6 +84,7 @@ class StrainFactor:
         -------
         U : csr_array, shape (nb, nb)
         inverse : csr_array, shape (nb, nb)
+            The inverse of U.
         """
         nb = self._boundary.size
         U, inverse = sparse.lil_array((nb, nb)), sparse.lil_array((nb, nb))
@@ -92,7 +94,7 @@ class StrainFactor:
             _, size, turn = np.linalg.svd(self._R_bb[:, own], full_matrices=False)
             if size[-1] * _APART > size[0]:
                 size, turn = np.linalg.norm(self._R_bb[:, own], axis=0), np.eye(own.size)
-            # Powers of two leave the digits as they are.
+            # Powers of two cause no rounding.
             exponent = np.round(np.log2(np.where(size > 0, size, 1.0))).astype(np.int64)
             R_bb[:, own] = np.ldexp(self._R_bb[:, own] @ turn.T, -exponent)
             U[own[:, None], own] = np.ldexp(turn.T, -exponent)
@@ -116,7 +118,7 @@ class StrainFactor:
 
 
 def strains_can_be_factored(body: BasisSolid, unknowns: int) -> bool:
-    """Whether the body has slender cells, is of moderate size, and its energy a sum of squares."""
+    """Whether the body has slender cells, moderate size, and an energy that is a sum of squares."""
     squares = body.dilatation == "pointwise" or bool(np.all(body.lam >= 0))
     return body.slender and squares and unknowns <= STRAIN_UNKNOWNS
 
@@ -124,7 +126,7 @@ def strains_can_be_factored(body: BasisSolid, unknowns: int) -> bool:
 def factor_of_strains(
     body: BasisSolid, P: sparse.csr_array, boundary: NDArray[np.int64]
 ) -> tuple[StrainFactor, sparse.csr_array, sparse.csr_array]:
-    """Factor, and change to unknowns y whose boundary is of unit stiffness.
+    """Factor in unknowns y that have unit stiffness on the boundary.
 
     Parameters
     ----------
@@ -141,7 +143,7 @@ def factor_of_strains(
     """
     factor, n, nb = StrainFactor(body, P, boundary), P.shape[1], boundary.size
     node = np.arange(nb)
-    if P.nnz == n:  # an unknown is a dof, and dofs come in vectors
+    if P.nnz == n:  # each unknown is one dof, and dofs are numbered vector by vector
         node = np.asarray(P.tocsc().indices[boundary] // body.dim, dtype=np.int64)
     U, inverse = factor.equilibrate(node)
     place = sparse.csr_array((np.ones(nb), (boundary, np.arange(nb))), shape=(n, nb))

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LoadStep:
-    """A finished step, as passed to a progress callback.
+    """What a progress callback is told of a finished step.
 
     `LoadStepper.run` hands it to `callback` after each step.
 
@@ -122,7 +122,18 @@ class LoadHistory:
         return self.results[place]
 
     def extended(self, time: float, result: ContactResult) -> LoadHistory:
-        """The history with one more step."""
+        """The history with one more step.
+
+        Parameters
+        ----------
+        time : float
+        result : ContactResult
+
+        Returns
+        -------
+        LoadHistory
+            A new one; this stays as it is.
+        """
         return LoadHistory(np.append(self.times, time), (*self.results, result))
 
     @property

@@ -5,26 +5,22 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError, NotConverged, numbers
-from contact.histories.history_folder import HistoryFolder, fingerprint, same_conditions
+from contact.histories.history_folder import HistoryFolder, same_conditions
 from contact.histories.load_history import LoadHistory, LoadStep, as_path, checked_times
-from contact.histories.time_factor import Factor, checked_factor, value_at
+from contact.histories.load_program import LoadProgram
 from contact.laws.options import Options
-from contact.obstacles.shapes import ObstacleLike
-from contact.portable import Portable
 from contact.problem.sagitta import warn_of_sagitta
 from contact.settled import settled
 
 if TYPE_CHECKING:
-    from contact.body.elastic_body import Field
     from contact.problem.contact_problem import ContactProblem
     from contact.result.contact_result import ContactResult
     from contact.result.contact_system import ContactSystem
@@ -36,7 +32,7 @@ logger = logging.getLogger(__name__)
 
 
 @settled("make a new LoadStepper", "problem")
-class LoadStepper(Portable):
+class LoadStepper(LoadProgram):
     r"""Quasi-static steps of a contact problem along a history of loads, supports and obstacles.
 
     Friction depends on the path: in step k the slip that it opposes is the increment since the
@@ -91,8 +87,6 @@ class LoadStepper(Portable):
     True
     """
 
-    _FUNCTIONS = ("_loads", "_motions", "_obstacle")
-
     def __init__(
         self,
         problem: ContactProblem,
@@ -108,110 +102,29 @@ class LoadStepper(Portable):
             raise InputError(f"problem: expected a ContactProblem, got {type(problem).__name__}")
         if isinstance(halvings, bool) or not isinstance(halvings, int) or halvings < 0:
             raise InputError(f"halvings={halvings!r}: expected a whole number from 0")
-        self.problem, self.halvings = problem, halvings
+        super().__init__(problem)
+        self.halvings = halvings
         self.options = Options.checked(
             problem.law, problem.body.dim, method, tol, max_iterations, None
         )
         self.history = LoadHistory()
         self._supports = len(problem.body._supports)
-        self._loads: list[tuple[Array, Factor]] = []
-        self._motions: list[tuple[Array, Factor]] = []
-        self._obstacle: Callable[[float], ObstacleLike] | None = None
 
-    def load(self, boundary: Boundary, traction: Field, factor: Factor | None = None) -> Self:
-        """Add the traction ``factor(t) * traction`` on a boundary; see `ElasticBody.load`.
-
-        Parameters
-        ----------
-        boundary : str, list of str or array of facet numbers
-        traction : array of shape (dim,) or callable x -> array of shape (dim, ...)
-        factor : callable t -> float, optional
-            Default: t itself.
-        """
-        return self.load_vector(self._unloaded().load(boundary, traction).f, factor)
-
-    def body_force(self, force: Field, factor: Factor | None = None) -> Self:
-        """Add the volume force ``factor(t) * force``; see `ElasticBody.body_force`."""
-        return self.load_vector(self._unloaded().body_force(force).f, factor)
-
-    def load_vector(self, vector: ArrayLike, factor: Factor | None = None) -> Self:
-        """Add the load ``factor(t) * vector``, one number a dof, such as another body's ``f``."""
-        values = numbers("vector", vector)
-        if values.shape != self.problem.body.f.shape or not np.all(np.isfinite(values)):
-            raise InputError(
-                f"vector: expected {self.problem.body.f.size} finite numbers, got shape "
-                f"{values.shape}"
-            )
-        self._loads.append((values, checked_factor(factor)))
-        return self
-
-    def _unloaded(self) -> Any:
-        body = copy(self.problem.body)
-        body.f = np.zeros_like(body.f)
-        return body
-
-    def move(
-        self,
-        boundary: Boundary,
-        components: str | int | Sequence[int] | None = None,
-        value: Field = 1.0,
-        factor: Factor | None = None,
-    ) -> Self:
-        """Move supports: ``factor(t) * value`` comes on top of what the body prescribes there.
-
-        Parameters
-        ----------
-        boundary, components, value
-            As for `ElasticBody.fix`. The body must have been fixed on this very boundary in these
-            components.
-        factor : callable t -> float, optional
-            Default: t itself.
-
-        Raises
-        ------
-        InputError
-            There is no such support, or the motion contradicts another support.
-        """
-        body = self.problem.body
-        at_rest = copy(body)
-        at_rest._supports = []
-        at_rest.fix(boundary, components, value)  # checks the value
-        moved = at_rest._supports
-        for place, c, *_ in moved:
-            if not any(c == d and np.array_equal(place, f) for f, d, *_ in body._supports):
-                raise InputError(
-                    f"move: the body is not fixed on boundary {boundary!r} in component "
-                    f"{'xyz'[c]}; fix it first, with body.fix({boundary!r}, ...)"
-                )
-        at_rest._supports = [
-            next(
-                ((f, c, m[2], *how) for m in moved if m[1] == c and np.array_equal(m[0], f)),
-                (f, c, _still, *how),
-            )
-            for f, c, _, *how in body._supports
-        ]
-        for derived in ("constraint", "prescribed"):
-            at_rest.__dict__.pop(derived, None)
-        self._motions.append((at_rest.constraint[1], checked_factor(factor)))
-        return self
-
-    def obstacle(self, of_time: Callable[[float], ObstacleLike]) -> Self:
-        """Let the obstacle vary: what `ContactProblem` takes as obstacle, as a function of time.
-
-        Parameters
-        ----------
-        of_time : callable t -> obstacle, number, array or callable
-            E.g. ``lambda t: Plane((0, -0.03 + 0.01 * t), (0, 1))``, or a `Rigid` whose motion or
-            force depends on t: friction then sees it move. A `ClosestPoint` must keep its
-            directions, those of the problem's own: within a `Rigid` it may move.
-        """
-        if not callable(of_time):
-            raise InputError(f"obstacle: expected a function of time, got {of_time!r}")
-        self._obstacle = of_time
-        return self
+    def __repr__(self) -> str:
+        varied = len(self._loads) + len(self._motions) + (self._obstacle is not None)
+        return f"LoadStepper({self.problem!r}; {varied} vary; {len(self.history)} steps finished)"
 
     def step(self, time: float) -> ContactResult:
         """Solve one step, the next of the history, and keep it.
+
+        Parameters
+        ----------
+        time : float
+            Later than that of the last step.
+
+        Returns
+        -------
+        ContactResult
 
         Raises
         ------
@@ -300,6 +213,11 @@ class LoadStepper(Portable):
         progress, callback
             As for `run`.
 
+        Returns
+        -------
+        LoadHistory
+            Of all steps.
+
         Raises
         ------
         InputError
@@ -371,15 +289,6 @@ class LoadStepper(Portable):
         obstacle = () if self._obstacle is None else (self._obstacle(t),)
         return self.problem.system_of(self._body_at(t), last, *obstacle)
 
-    def _body_at(self, t: float) -> Any:
-        base = self.problem.body
-        f, u0 = base.f, base.constraint[1]
-        for vector, factor in self._loads:
-            f = f + value_at(factor, t) * vector
-        for vector, factor in self._motions:
-            u0 = u0 + value_at(factor, t) * vector
-        return base.under(f, u0)
-
     def _extrapolated(self, last: ContactResult, begin: float, end: float) -> ContactResult:
         """Linear extrapolation of the last two steps: a start that saves about one Newton step."""
         if len(self.history) < 2 or self.history.times[-1] != begin:
@@ -390,11 +299,3 @@ class LoadStepper(Portable):
             return last
         mu = np.maximum(last.mu + ahead * (last.mu - before.mu), 0.0)
         return replace(last, mu=mu, t=last.t + ahead * (last.t - before.t))
-
-    def _fingerprint(self) -> str:
-        vectors = [vector for vector, _ in (*self._loads, *self._motions)]
-        return fingerprint(self.problem.system, vectors)
-
-
-def _still(x: Array) -> Array:
-    return np.zeros(x.shape[1:])

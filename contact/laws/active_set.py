@@ -11,9 +11,12 @@ from contact.laws.progress import ROUND_OFF
 from contact.laws.qp_peers import solve_box_with
 from gpu import NotConverged, QPFactor, QPResult, solve_qp
 
-COMPLIANCE = 1e-9  # added to that of each row, which is about one, where rows are dependent
-PROXIMAL_POINTS = 30  # at most: where rows exclude each other the forces grow without end
-PINCHED = 1e-2 / COMPLIANCE  # forces over displacements: only rows that exclude each other get here
+# Compliance added to each row, whose own is about one, where rows are linearly dependent.
+COMPLIANCE = 1e-9
+PROXIMAL_POINTS = 30  # at most: where the conditions of rows contradict each other, none converges
+# Ratio of forces to displacements. It is reached only where the conditions of dependent rows
+# contradict each other: the forces are then of the order of 1 / COMPLIANCE.
+PINCHED = 1e-2 / COMPLIANCE
 
 
 def signorini(
@@ -34,23 +37,24 @@ def signorini(
         \min \tfrac12 l^T W l - l^T (v_0 - d) \quad
         \text{s.t.} \quad \mu \ge 0, \; |t| \le g, \; C^T l = s
 
-    is the dual of Signorini's problem with given friction. In two dimensions the friction ball is
-    an interval and the whole is a box QP, solved by `gpu.solve_qp`.
+    is the dual of Signorini's problem with gap d and given friction. In two dimensions the friction
+    ball is an interval and the problem is a box QP, solved by `gpu.solve_qp`.
 
     Parameters
     ----------
     problem : BoundaryProblem
     bound : ndarray, shape (m,), optional
-        Friction bound g of each point; None for no friction. ``inf`` leaves t free.
+        Friction bound g of each point; None for no friction. Where it is ``inf``, t is unbounded.
     softness : ndarray, shape (m,), optional
         Adds ``softness |t|^2 / 2``: the regularised friction law t = u_t / softness of one
         fixed-point step.
     start : Forces, optional
         Warm start.
     tol : float
-        Of the QP.
+        Tolerance of the QP.
     springs : float
-        Hold free rigid motions by springs of this stiffness instead of by balance.
+        If positive, springs of this stiffness hold free rigid motions and replace the balance of
+        loads.
     peer : str, optional
         Solver of qpsolvers that takes the place of `gpu.solve_qp`.
     phase, report
@@ -61,7 +65,7 @@ def signorini(
     gpu.Infeasible
         No admissible forces balance the loads on a free rigid motion.
     gpu.NotConverged
-        Rows depend on each other and ask for displacements that exclude each other.
+        Rows are linearly dependent and prescribe displacements that contradict each other.
     """
     g = np.zeros(problem.gap.size) if bound is None else bound
     if bound is not None and problem.tangent.shape[1] > 1 and softness is None:
@@ -115,16 +119,16 @@ def _box_qp(
 ) -> QPResult:
     r"""Minimise :math:`\tfrac12 x^T P x + q^T x`; P may be singular.
 
-    Rows that depend on each other leave their forces undetermined, not their displacements. Then
-    proximal points (Rockafellar 1976) pick one: each step solves with :math:`P + \delta I` and
-    :math:`q - \delta x_k`, on one factorisation, and violates the problem's own conditions by no
-    more than :math:`\delta |x_{k+1} - x_k|`.
+    Linearly dependent rows leave the forces undetermined, but not the displacements. The proximal
+    point method (Rockafellar 1976) then selects one solution: each step solves with
+    :math:`P + \delta I` and :math:`q - \delta x_k`, with one factorisation for all steps, and
+    violates the conditions of the problem by at most :math:`\delta |x_{k+1} - x_k|`.
     """
     factor = QPFactor(P)
     if factor.definite:
         try:
             return solve_qp(factor, q, A=A, b=b, lb=lb, ub=ub, start=guess, tol=tol)
-        except NotConverged:  # definite by a hair
+        except NotConverged:  # nearly singular
             pass
     factor = QPFactor(P + COMPLIANCE * np.eye(q.size))
     x = np.zeros(q.size) if guess is None else guess
@@ -138,6 +142,7 @@ def _box_qp(
         if largest > PINCHED * driving:
             least = np.inf
             break
+        # Forces below 1e-12 of the displacements that cause them are rounding.
         size = max(largest, 1e-12 * driving, np.finfo(float).tiny)
         if missed / size < least:
             least, best = missed / size, result

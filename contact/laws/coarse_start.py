@@ -10,27 +10,29 @@ from numpy.typing import NDArray
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.laws.friction import Coulomb, Friction, Tresca
 
-GROUP = 4  # contact points that become one
-FEW = 100  # points from which on a coarser problem pays
+GROUP = 4  # neighbouring contact points that become one point of the coarse problem
+FEW = 100  # with fewer contact points a coarse problem saves no time
 
 
 @dataclass(frozen=True)
 class CoarseProblem:
-    """A boundary problem whose points bear equal (scaled) forces in groups of neighbours.
+    """A boundary problem in which neighbouring points, in groups, have equal (scaled) forces.
 
-    Galerkin's condition for the complementary energy: with l = P L the compliance is P^T W P, and
-    displacements and gaps are sums over the group. The zones of contact, stick and slip of its
-    solution are those of the fine problem but for a few points, at the cost of a far smaller one.
+    It is the Galerkin approximation of the complementary energy: with l = P L the compliance is
+    P^T W P, and displacements and gaps are sums over the group. The zones of contact, stick and
+    slip of its solution differ from those of the fine problem at a few points only.
 
     Attributes
     ----------
     problem : BoundaryProblem
+        The coarse problem.
     friction : Friction or None
+        Its friction law.
     fine : BoundaryProblem
-    row : ndarray, shape (n,)
-        Coarse row of each fine row, -1 for those that bear no force.
+    row : ndarray of int, shape (n,)
+        Coarse row of each fine row; -1 for normal rows of points that cannot touch.
     share : ndarray, shape (rows of the coarse problem,)
-        Scaled force of a fine row over that of its coarse row.
+        Scaled force of a fine row divided by that of its coarse row.
     """
 
     problem: BoundaryProblem
@@ -41,9 +43,10 @@ class CoarseProblem:
 
     @classmethod
     def of(cls, fine: BoundaryProblem, friction: Friction | None) -> CoarseProblem | None:
-        """Group the points of a problem in two dimensions; None where that does not pay.
+        """Group the points of a problem; None in 3-D and for fewer than `FEW` points.
 
-        Points are numbered along the boundary, so that neighbours have neighbouring numbers.
+        In two dimensions points are numbered along the boundary: neighbours have consecutive
+        numbers.
         """
         m = fine.gap.size
         if fine.tangent.shape[1] != 1 or m < FEW:
@@ -62,7 +65,7 @@ class CoarseProblem:
         W = np.add.reduceat(fine.W[np.ix_(used, used)], first, axis=0)
         W = np.add.reduceat(W, first, axis=1)
         compliance = np.where(there, W.diagonal()[number], 0.0).sum(axis=1)
-        scale = np.sqrt(compliance / np.maximum(there.sum(axis=1), 1))  # one for each point
+        scale = np.sqrt(compliance / np.maximum(there.sum(axis=1), 1))  # one a coarse point
         scale = np.where(scale > 0, scale, 1.0)
         share = np.empty(first.size)
         share[number[there]] = 1.0 / np.broadcast_to(scale[:, None], there.shape)[there]
@@ -86,7 +89,7 @@ class CoarseProblem:
         return cls(problem, friction, fine, row, share)
 
     def refined(self, forces: Forces) -> Forces:
-        """Forces of the fine problem from those of this one."""
+        """Forces of the fine problem from those of the coarse one."""
         coarse = self.share * self.problem.forces(forces.mu, forces.t)
         stacked = np.where(self.row >= 0, coarse[self.row], 0.0)
         mu, t = self.fine.zeros()

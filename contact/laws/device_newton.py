@@ -1,11 +1,11 @@
-r"""Newton's method for plane contact with friction where the matrix lies on a device.
+r"""Newton's method for plane contact with friction, with the matrix W on a GPU.
 
 The laws and their linearisation are those of `contact.laws.semismooth_newton`, in two dimensions,
 where a contact point has one tangent: every row of the linear system is a multiple of a row of W
 plus a diagonal entry plus, for Coulomb's law, an entry in the column of the point's pressure. The
-rows that belong to a step are gathered, scaled and factored on the device; sets and residuals are
-computed on the host from products with W. There is no second line of defence here: the caller falls
-back on `contact.laws.methods`.
+rows of a step are gathered, scaled and factored on the device; active sets and residuals are
+computed on the host from products with W. If the iteration stalls, nothing else is tried here: the
+methods on the host, `contact.laws.methods`, take over.
 """
 
 from __future__ import annotations
@@ -22,8 +22,10 @@ from contact.laws.residual import residual
 from contact.laws.semismooth_newton import PROXIMAL, WEAK
 from contact.laws.zones import Zones
 
-START = 15  # active-set steps without friction to begin with, if they do not end before
-SPRINGS = 1e7  # that hold free motions meanwhile, in units of `WEAK`: hundredths of a stiffness
+START = 15  # frictionless active-set steps, at most, that precede Newton's method on a cold start
+# Stiffness, in units of `WEAK`, of the springs that hold free motions during these steps: 1e-2 of
+# the stiffness of contact, which is one.
+SPRINGS = 1e7
 
 
 def plane_newton(
@@ -45,16 +47,17 @@ def plane_newton(
         Where ``problem.W`` lies.
     friction : Friction or None
     start : Forces or None
-        None starts without friction, rigid motions on springs.
+        None starts with frictionless steps in which springs hold the free motions.
     tol : float
         On `contact.laws.residual.residual`.
     max_iterations : int
     report : callable
+        Receives each `Iteration`.
 
     Raises
     ------
     NotConverged, LinAlgError
-        The iteration stalls or meets a singular system.
+        The iteration stalls, or a linear system is singular.
     """
     none = Tresca(np.zeros(problem.gap.size))
     weak = WEAK * float(np.abs(problem.C).max(initial=0.0)) ** 2
@@ -94,8 +97,10 @@ def _step(
 ) -> Forces:
     """Solve the linearised laws for new forces and rigid motion.
 
-    With ``W l - C a = v`` in the rows, a slipping point has ``t - k u_t - F b mu = ...`` instead:
-    k = 0 in the exact Newton step, ``g / (|q| - g) (1 - a b)`` in the damped one.
+    The rows of touching and sticking points are ``W l - C a = v`` with v given. The row of a
+    slipping point is ``t - k u_t - F c mu = ...``: k = 0 and c = b in the exact Newton step,
+    ``k = g / (|q| - g) (1 - a b)`` and c = a in the damped one, with a and b as in
+    `contact.laws.semismooth_newton`.
     """
     xp, k = arrays.xp, problem.s.size
     rub = np.flatnonzero((zones.stick | zones.slip) & (problem.tangent[:, 0] >= 0))
@@ -143,7 +148,7 @@ def _step(
         return Forces(mu, t_new, np.zeros(0))
     last = np.concatenate((problem.forces(now.mu, now.t)[rows], now.a))
     left = xp.asarray(rhs) - A @ xp.asarray(last)
-    # Solved for the change, as in `contact.laws.semismooth_newton`.
+    # Solve for the change, as in `contact.laws.semismooth_newton`.
     solution = last + np.asarray(arrays.get(xp.linalg.solve(A, left)))
     if not np.all(np.isfinite(solution)):
         raise np.linalg.LinAlgError("singular Newton system")

@@ -1,4 +1,4 @@
-"""The regularised fixed point of (4.12) for friction, Algorithm 3."""
+"""The regularised fixed point for friction: equation (4.12) and Algorithm 3 of the dissertation."""
 
 from __future__ import annotations
 
@@ -28,27 +28,33 @@ def fixed_point(
 ) -> Forces:
     r"""Lagged secant stiffness for the regularised friction law: (4.12), Algorithm 3.
 
-    Each step solves Signorini's problem with the friction replaced by the springs
-    ``t = w u_t``, ``w = g / max(eps, |u_t|)`` of the last iterate. In the forces this is the same
-    box QP with 1 / w added to the tangential diagonal: nothing is factored again.
+    Each step solves Signorini's problem with friction replaced by the springs ``t = w u_t``, where
+    ``w = g / max(eps, |u_t|)`` is taken from the last iterate. For the forces this is the same box
+    QP with 1 / w added to the tangential diagonal: the body is not factored again.
 
     With a fixed bound the regularised energy
-    :math:`J_\epsilon = \tfrac12 a(u,u) - f(u) + \sum g \psi_\epsilon(|u_t|)` falls in every step;
-    it is reported. The iteration converges linearly and stops when the displacement of the contact
-    points changes by less than `tol` relative to its size and the regularised law
-    ``t = g u_t / max(eps, |u_t|)`` is met to `tol` relative to the largest force.
+    :math:`J_\epsilon = \tfrac12 a(u,u) - f(u) + \sum g \psi_\epsilon(|u_t|)` decreases in every
+    step and is reported. The iteration converges linearly. It stops when the displacement of the
+    contact points changes by at most `tol` relative to its size and the regularised law
+    ``t = g u_t / max(eps, |u_t|)`` holds up to `tol` relative to the largest force.
 
     Parameters
     ----------
+    problem : BoundaryProblem
+    start : Forces
     eps : ndarray, shape (m,)
         Slip below which friction is linear, in the problem's scale.
     friction : Friction
         Coulomb's law or a given bound.
+    tol : float
+    max_iterations : int
+    report : callable
+        Receives one `Iteration` per step.
 
     Raises
     ------
     NotConverged
-        The cap is reached.
+        The limit of iterations is reached.
     """
     now = start
     before: Array | None = None
@@ -84,7 +90,7 @@ def fixed_point(
 
 
 def _psi(slip: Array, eps: Array) -> Array:
-    """C1 regularisation of the modulus: (4.11)."""
+    """C1 regularisation of the modulus, equation (4.11) of the dissertation."""
     return np.where(slip >= eps, slip, 0.5 * slip**2 / eps + 0.5 * eps)
 
 

@@ -1,4 +1,4 @@
-"""The friction laws as the methods see them: what bounds the tangential force of each point."""
+"""Friction laws, as bounds on the tangential force of each contact point."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Coulomb:
     Attributes
     ----------
     coefficient : ndarray, shape (m,)
-        F.
+        The coefficient F.
     """
 
     coefficient: Array
@@ -31,13 +31,13 @@ class Coulomb:
         return (self.coefficient > 0) & can_touch
 
     def times(self, factor: float) -> Coulomb:
-        """The same law with a multiple of the friction."""
+        """The same law with the friction multiplied by a factor."""
         return Coulomb(factor * self.coefficient)
 
 
 @dataclass(frozen=True)
 class Tresca:
-    """Given friction: a bound g that is known, in contact or not.
+    """Given friction: a known bound g, which holds also where there is no contact.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Tresca:
         return self.given > 0
 
     def times(self, factor: float) -> Tresca:
-        """The same law with a multiple of the friction."""
+        """The same law with the friction multiplied by a factor."""
         return Tresca(factor * self.given)
 
 

@@ -1,4 +1,4 @@
-"""Tresca friction: box QP or Newton's method, and two attempts more where that stalls."""
+"""Tresca friction by a box QP or by Newton's method; where Newton stalls, two further attempts."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GivenFriction:
-    """Solves a boundary problem with any given bound.
+    """Solver of a boundary problem for any given friction bound.
 
     Attributes
     ----------
     problem : BoundaryProblem
     damped : bool
-        By the damped Newton method (4.16), also where the problem is a box QP.
+        Use the damped Newton method, (4.16) of the dissertation, also where the problem is a box
+        QP.
     tol : float
     peer : str, optional
         Solver of qpsolvers for the box QP.
@@ -48,9 +49,9 @@ class GivenFriction:
         Raises
         ------
         NotConverged
-            Newton's method and proximal points stalled, or a peer gave up.
+            Newton's method and the proximal point method stalled, or the solver `peer` failed.
         gpu.Infeasible
-            No friction within the bound holds the loads.
+            No friction forces within the bound balance the loads.
         """
         if self.damped or self.problem.tangent.shape[1] > 1:
             return self._by_newton(Tresca(bound), start, report)
@@ -59,12 +60,13 @@ class GivenFriction:
         )
 
     def of_last_step(self, bound: Array, start: Forces) -> Forces:
-        """A step towards Coulomb's law, under the bound that the last forces give.
+        """Forces under the bound of the last step, in an iteration for Coulomb's law.
 
         Raises
         ------
         NotConverged
-            As above, or this bound cannot hold the loads, which Coulomb's friction still may.
+            As in `__call__`, or forces within this bound cannot balance the loads. Forces within
+            Coulomb's law still may.
         """
         try:
             return self(bound, start)
@@ -72,7 +74,7 @@ class GivenFriction:
             raise NotConverged("the friction of the last step cannot hold the loads") from error
 
     def _by_newton(self, friction: Tresca, start: Forces, report: Report) -> Forces:
-        """Newton; should it stall, damped from rest (4.16), then proximal points."""
+        """Newton's method; if it stalls, damped from zero forces, then proximal points."""
         problem, tol = self.problem, self.tol
         rest = Forces(*problem.zeros(), np.zeros(problem.s.size))
         form = "damped" if self.damped else "switched"

@@ -24,13 +24,15 @@ class Iteration:
     phase : str
         Which part of the method made the step.
     active, stick, slip : int
-        Points in contact, and those of them (or of the friction zone) that stick and slip.
+        Number of points in contact; and, of the points with a positive friction bound, how many
+        stick and how many slip.
     residual : float
-        Relative residual after the step.
+        Relative residual after the step; NaN where it is not computed.
     energy : float
-        Potential energy up to a constant with the friction functional, where that is fixed.
+        Potential energy plus the friction functional, up to a constant; NaN except for
+        ``fixed_point`` with given friction.
     change : float
-        Relative change of the displacement of the contact points.
+        Relative change of the displacement of the contact points; NaN except for ``fixed_point``.
 
     Examples
     --------
@@ -70,9 +72,9 @@ def outer_step(
     g: Array,
     size: float | None = None,
 ) -> Iteration:
-    """Describe an outer step; the residual is that of the laws with bound g unless given."""
+    """Describe an outer step; `size` is its residual, by default that of the laws with bound g."""
     rubs = (g > 0) & np.any(problem.tangent >= 0, axis=1)
-    # Beside the bound by more than rounding, the force is one of stick.
+    # A point sticks if its force is below the bound by more than rounding.
     slip = rubs & (np.linalg.norm(now.t, axis=1) >= g * (1 - 1e-9))
     return Iteration(
         step,

@@ -9,21 +9,26 @@ from contact.condensation.boundary_problem import Array, BoundaryProblem
 from contact.laws.friction import Coulomb, Friction, Tresca
 from gpu import Infeasible
 
-_DIRECTIONS = 16  # of the slip in 3-D, over half a turn
-_CUTS = 30  # rounds of cutting planes, each of which makes moduli four times as exact
-LIMIT = 1e-6  # share of the friction within which loads count as those that it just holds
-# Of the largest entry of C: what no row sees but by rounding, the motion is undetermined.
+_DIRECTIONS = 16  # initial directions of the slip in 3-D, over half a turn
+_CUTS = 30  # rounds of cutting planes at most; each reduces the error of the moduli by four
+# Loads are at the limit of friction if friction reduced by this fraction cannot balance them.
+LIMIT = 1e-6
+# Relative to the largest entry of C: smaller displacements of all contact points are rounding, and
+# the motion that causes them is undetermined.
 _UNSEEN = 1e-10
-_GAIN = 1e-7  # of the loads: less work along a motion is rounding of the linear program
-# Of the largest entry of C: a motion that presses points by less presses none, as a turn about the
-# middle of a curve that is a circle but for the places of its vertices.
+_GAIN = 1e-7  # relative to the largest load: less work along a motion is rounding of the program
+# Relative to the largest entry of C: a motion with smaller normal displacements presses no contact
+# point. An example is the rotation of a circular boundary whose vertices are slightly off the
+# circle.
 _PRESSES = 1e-6
-_DRIVEN = 1e-4  # of the loads: a motion along which they do more work is driven by them
-_NOTHING = 1e-9  # relative; ten times what a certificate of 1e-10 leaves of forces and motions
+_DRIVEN = 1e-4  # relative to the largest load: with more work along a motion, the loads drive it
+# Relative: smaller forces and motions count as zero. Ten times the error that a certificate of
+# 1e-10 allows.
+_NOTHING = 1e-9
 
 
 def check_held(problem: BoundaryProblem, friction: Friction | None) -> None:
-    r"""Raise the certificate of a rigid motion that no admissible contact forces resist.
+    r"""Raise unless some admissible contact forces balance the loads on all free rigid motions.
 
     A motion a moves the contact points by ``v = C a``. Forces within the laws,
     :math:`\mu \ge 0` and :math:`|t| \le F \mu` or :math:`|t| \le g`, that balance the loads,
@@ -32,14 +37,15 @@ def check_held(problem: BoundaryProblem, friction: Friction | None) -> None:
     .. math::
         s^T a > \sum_i g_i |v_{t,i}|, \qquad v_{n,i} + F_i |v_{t,i}| \le 0 .
 
-    It is found by a linear program in a; in 3-D the modulus is bounded from below by a polygon,
-    with further sides where a motion violates it (Kelley's cutting planes). Motions that no contact
-    row sees are refused whatever the loads: they would be undetermined.
+    A linear program in a finds it. In 3-D the modulus :math:`|v_t|` is bounded from below by the
+    components of v_t in some directions, and directions are added where the motion found violates
+    the modulus (Kelley's cutting planes). A motion that displaces no contact point is an error
+    whatever the loads, because it would be undetermined.
 
     Raises
     ------
     gpu.Infeasible
-        Its certificate is the motion a.
+        Its certificate is the motion a, shape (k,).
     """
     k = problem.s.size
     if k == 0:
@@ -55,7 +61,7 @@ def check_held(problem: BoundaryProblem, friction: Friction | None) -> None:
     if singular[-1] <= _UNSEEN * float(np.abs(problem.C).max(initial=1e-300)):
         raise Infeasible("no contact row sees this rigid motion", V[-1])
 
-    # Unknowns: a = a+ - a- with |a|_1 <= 1, which favours plain motions, and w_i >= |v_t,i|.
+    # Unknowns: a = a+ - a- with |a|_1 <= 1, which favours few components, and w_i >= |v_t,i|.
     points = np.flatnonzero(live.any(axis=1))
     place = np.full(touch.size, -1)
     place[points] = np.arange(points.size)
@@ -82,14 +88,16 @@ def check_held(problem: BoundaryProblem, friction: Friction | None) -> None:
         found = scipy.optimize.linprog(
             -gain, A_ub=A, b_ub=np.r_[np.zeros(A.shape[0] - 1), 1.0], method="highs"
         )
-        # A gain this small could be round-off of the program. The cuts make moduli too small and
-        # the gain too large: without one, the body is held.
+        # A gain this small may be rounding. The cuts underestimate the moduli and overestimate the
+        # gain: if it is not positive, the body is held.
         if found.x is None or gain @ found.x <= _GAIN * float(np.abs(problem.s).max()):
             return
         motion = found.x[:k] - found.x[k : 2 * k]
         v = V_t @ motion
         length = np.linalg.norm(v, axis=1)
         short = np.maximum(length - found.x[2 * k :], 0.0) / size
+        # To first order, exact moduli would reduce the gain by the errors times the multipliers:
+        # if by less than a tenth, the gain is accepted.
         worth = np.abs(found.ineqlin.marginals[: len(cuts) * points.size])
         if short @ worth.reshape(len(cuts), points.size).sum(axis=0) <= 0.1 * (gain @ found.x):
             raise Infeasible("no admissible contact forces balance the loads", motion)
@@ -98,9 +106,10 @@ def check_held(problem: BoundaryProblem, friction: Friction | None) -> None:
 
 
 def at_the_limit(problem: BoundaryProblem, friction: Friction | None) -> Array | None:
-    """A rigid motion that friction less a share of `LIMIT` could not resist, or None.
+    """A rigid motion that friction reduced by the fraction `LIMIT` could not resist, or None.
 
-    How far the body slips before it comes to rest then hangs on digits that no load has.
+    The distance that the body slips then depends on relative changes of the loads of this size,
+    which are smaller than the accuracy of any load.
     """
     if friction is None:
         return None
@@ -114,8 +123,8 @@ def at_the_limit(problem: BoundaryProblem, friction: Friction | None) -> Array |
 def by_friction_alone(problem: BoundaryProblem) -> Array | None:
     """A rigid motion that the loads drive and that presses no contact point, or None.
 
-    Only friction resists it. Whether it suffices depends on the pressure, which the forces of
-    `check_held` may choose and the gap may not allow: there may be no equilibrium.
+    Only friction resists it. Whether friction suffices depends on the pressure. `check_held` admits
+    any pressure, also one that the gap does not allow: there may be no equilibrium.
     """
     k, size = problem.s.size, float(np.abs(problem.C).max(initial=0.0))
     if k == 0 or size == 0.0 or not np.any(problem.s):
@@ -133,11 +142,11 @@ def by_friction_alone(problem: BoundaryProblem) -> Array | None:
 def undetermined_slip(
     problem: BoundaryProblem, friction: Friction | None, mu: Array, t: Array
 ) -> Array | None:
-    """A rigid motion that goes on for ever under the forces (mu, t) of a solution, or None.
+    """A rigid motion that a solution with the forces (mu, t) leaves undetermined, or None.
 
-    It leaves loaded points in touch, sticking ones at rest, and moves those whose friction is at
-    its bound the way that this points: the loads are at the limit of what friction holds, and how
-    far the body has slipped does not follow from them.
+    It keeps loaded points in contact and sticking ones at rest, and moves the points whose friction
+    is at its bound parallel to that force, all with it or all against it. The loads are then at the
+    limit of friction, and they do not determine how far the body has slipped.
     """
     k, force = problem.s.size, float(max(mu.max(initial=0.0), np.abs(t).max(initial=0.0)))
     if k == 0 or friction is None or force == 0.0:
@@ -170,7 +179,7 @@ def undetermined_slip(
 
 
 def _directions(count: int) -> list[Array]:
-    """Unit directions, over half a turn."""
+    """Unit directions over half a turn, each of shape (count,)."""
     if count == 1:
         return [np.ones(1)]
     angles = np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS

@@ -1,4 +1,4 @@
-"""Which algorithm a method name means for which law."""
+"""Choice of the algorithm from the name of the method and the friction law."""
 
 from __future__ import annotations
 
@@ -28,13 +28,16 @@ from gpu import GpuError
 
 Array = NDArray[np.float64]
 
-# The boundary problem is solved further than the certificate asks, which sees it through the body.
+# Tolerance of the boundary problem relative to that of the certificate, which is computed on the
+# whole body, in other units.
 INNER = 1e-2
-# Stiffness of the springs on which free motions hang in the frictionless start, over the square of
-# the largest entry of C: soft beside contact, whose stiffness is one.
+# Stiffness of the springs that hold free motions in the frictionless start, relative to the square
+# of the largest entry of C: soft compared with contact, whose stiffness is one.
 SPRINGS = 1e-2
-SLIP = 1e-5  # of the largest displacement: less slip the fixed point takes as linear in friction
-SLACK = 10.0  # the certificate weighs slip by other units than the fixed point: a digit is allowed
+SLIP = 1e-5  # default eps of ``fixed_point`` relative to the largest displacement
+# The certificate measures slip in other units than the fixed point: its residual may be larger by
+# this factor.
+SLACK = 10.0
 
 
 def solve_boundary(
@@ -47,8 +50,8 @@ def solve_boundary(
 ) -> tuple[Forces, float]:
     """Solve the condensed problem by the method named in the options.
 
-    Where its matrix lies on a device, Newton's method for plane contact runs there; should it
-    stall, and for all else, the host takes what it needs of the matrix.
+    If its matrix lies on a device, Newton's method for plane contact runs there. If that stalls,
+    and for all other methods, the parts of the matrix that are needed are copied to the host.
 
     Parameters
     ----------
@@ -60,19 +63,21 @@ def solve_boundary(
     scale : ndarray, shape (m,)
         Physical displacement = scaled displacement * scale.
     report : callable
+        Receives each `Iteration`.
 
     Returns
     -------
     forces : Forces
     slack : float
-        By how much the method misses the friction law by design, relative to the largest force.
+        Violation of the friction law that the method's regularisation causes, relative to the
+        largest force.
 
     Raises
     ------
     gpu.Infeasible
         No admissible contact forces balance the loads.
     NotConverged, gpu.NotConverged
-        The method stalled, and so did what is tried after it.
+        The method stalled, and so did the methods that are tried after it.
     gpu.InputError
         The compliance is not positive semidefinite.
     """
@@ -118,7 +123,7 @@ def solve_boundary(
 def _from_coarse(
     problem: BoundaryProblem, friction: Friction | None, options: Options, report: Report
 ) -> Forces | None:
-    """Solve with fewer points first, in turn from fewer still; None where that does not help."""
+    """Solution with fewer points, found recursively; None if there is no such problem or none."""
     coarse = CoarseProblem.of(problem, friction)
     if coarse is None:
         return None
@@ -136,13 +141,13 @@ def _from_coarse(
 
 
 def _largest_displacement(problem: BoundaryProblem, forces: Forces, scale: Array) -> float:
-    """Of the contact points, in the units of the body."""
+    """Largest displacement of a contact point, in the units of the body."""
     u_n, u_t = problem.displacements(forces.mu, forces.t, forces.a)
     return float(max(np.abs(u_n * scale).max(), np.abs(u_t * scale[:, None]).max()))
 
 
 def _frictionless(problem: BoundaryProblem, tol: float, report: Report) -> Forces:
-    """Start of every friction method; free rigid motions hang on springs, friction holds later."""
+    """Start of the friction methods: contact without friction, free rigid motions on springs."""
     if not np.any(problem.can_touch):
         mu, t = problem.zeros()
         return Forces(mu, t, np.zeros(problem.s.size))
@@ -158,7 +163,7 @@ def _regularised(
     scale: Array,
     report: Report,
 ) -> tuple[Forces, float]:
-    """The fixed point of (4.12), and by how much its friction law misses the true one."""
+    """Forces of the fixed point (4.12), and the violation of friction that eps causes."""
     eps = options.eps
     if eps is None:
         eps = SLIP * _largest_displacement(problem, start, scale)
@@ -184,7 +189,7 @@ def _coulomb(
     max_iterations: int,
     report: Report,
 ) -> Forces:
-    """Monolithic Newton; should it stall, proximal points, then steps with the bound frozen."""
+    """Monolithic Newton; if it stalls, proximal points, then Newton after fixed-bound steps."""
     failure: Exception | None = None
     for attempt in range(4):
         try:

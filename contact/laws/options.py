@@ -1,4 +1,4 @@
-"""What a caller may choose of a solve, and what is chosen where nothing is said."""
+"""Options of a solve, and their defaults."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _OFFERED: dict[str | None, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Options:
-    """What a caller of `ContactProblem.solve` may choose, checked."""
+    """Options of `contact.problem.contact_problem.ContactProblem.solve`, checked."""
 
     method: str
     tol: float
@@ -35,12 +35,12 @@ class Options:
         max_iterations: int | None,
         eps: float | None,
     ) -> Self:
-        """Fill in defaults.
+        """Check the options and fill in defaults.
 
         Raises
         ------
         InputError
-            An unknown method, one that the law does not take, or a number out of range.
+            An unknown method, one that is not offered for the law, or a number out of range.
         """
         peer = isinstance(method, str) and method.startswith("qp:")
         if not (isinstance(method, str) and method in _OFFERED[law]) and not peer:
@@ -67,10 +67,10 @@ class Options:
 
     @property
     def peer(self) -> str | None:
-        """Solver of qpsolvers that takes the place of ours."""
+        """Name of the solver in ``qp:<solver>``; None for the package's own methods."""
         return self.method[3:] if self.method.startswith("qp:") else None
 
 
 def default_tolerance(method: str) -> float:
-    """What a method's certificate is held to unless the caller chooses."""
+    """Default tolerance of the certificate for a method."""
     return 1e-6 if method == "fixed_point" else 1e-7 if method.startswith("qp:") else 1e-10

@@ -9,14 +9,14 @@ from contact.errors import NotConverged
 from contact.laws.residual import rounding
 
 PATIENCE = 8  # steps without a new least residual after which the iteration counts as cycling
-ROUND_OFF = 1e2  # times the tolerance: nearer than that a stalled iteration has come to its end
-# Residual from which on a solution is near: Newton's undamped step is trusted there, and a stall
-# may be one of rounding.
+ROUND_OFF = 1e2  # times the tolerance: below this residual a stall counts as rounding error
+# Residual below which the iterate is near a solution: the undamped Newton step is used there, and a
+# stall may be due to rounding.
 NEAR = 0.1
 
 
 class Progress:
-    """When an iteration has converged, has come down to its rounding, or goes in circles.
+    """Detects that an iteration has converged, has reached rounding error, or cycles.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class Progress:
         self._half = np.inf
 
     def ended(self, problem: BoundaryProblem, now: Forces, size: float) -> bool:
-        """Take note of a step and of the residual it left."""
+        """Record a step and its residual; True if the iteration is to end."""
         self._since_best += 1
         self._since_half += 1
         if size < self._least:
@@ -40,8 +40,8 @@ class Progress:
             self._half, self._since_half = size, 0
         if not size > self._tol or not np.isfinite(size):
             return True
-        # A step of Newton's method near the solution that does not halve the residual has met
-        # rounding: of what cancels in it, or, for bad conditioning, a multiple of that.
+        # Near the solution, a Newton step that does not halve the residual has reached rounding
+        # error: that of the terms that cancel in it, or a multiple if badly conditioned.
         if self._since_half >= 2 and self._least <= ROUND_OFF * self._tol:
             return True
         if self._since_half >= 1 and self._at_rounding(problem):
@@ -58,12 +58,12 @@ class Progress:
         )
 
     def best_of(self, problem: BoundaryProblem, phase: str) -> Forces:
-        """The step of least residual.
+        """The forces of least residual.
 
         Raises
         ------
         NotConverged
-            It is neither within the tolerance nor rounding.
+            That residual exceeds `ROUND_OFF` times the tolerance, and rounding error too.
         """
         near = self._least <= ROUND_OFF * self._tol or self._at_rounding(problem)
         if self._best is None or not near:

@@ -1,4 +1,4 @@
-"""Proximal point iteration: the robust way where Newton's method alone stalls."""
+"""Proximal point iteration, which converges where Newton's method alone stalls."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from contact.laws.progress import ROUND_OFF
 from contact.laws.residual import residual
 from contact.laws.semismooth_newton import semismooth_newton
 
-SOFTEST, STIFFEST = 1e3, 1e-9  # compliance delta; that of each row is one
-ATTEMPTS = 100  # Newton solves: twenty lead from one of these compliances to the other
+SOFTEST, STIFFEST = 1e3, 1e-9  # limits of the compliance delta; that of each row is one
+ATTEMPTS = 100  # Newton solves at most; twenty reduce delta from the upper limit to the lower one
 
 
 def proximal_point(
@@ -27,15 +27,16 @@ def proximal_point(
     tol: float,
     report: Report = lambda iteration: None,
 ) -> Forces:
-    r"""Solve with each contact point on a spring that the next solve relaxes.
+    r"""Solve a sequence of problems with a spring of compliance delta in each contact row.
 
     .. math::
         W_k = W + \delta_k I, \qquad v_{0,k} = v_0 + \delta_k l_k
 
-    leaves the solution l where it is, and makes every step a well-conditioned problem for Newton's
-    method. The compliance delta falls by 4 after each success and rises by 4 after a failure. With
-    given friction the laws are the gradient of a convex energy, and the iteration converges for any
-    delta, whether or not the rows depend on each other; with Coulomb's law it is a heuristic.
+    has the solution l of the problem as its fixed point, and every step is a well-conditioned
+    problem for Newton's method. The compliance delta is divided by 4 after each success and
+    multiplied by 4 after a failure. With given friction the laws are the gradient of a convex
+    energy, and the iteration converges for any delta, also if rows are linearly dependent; with
+    Coulomb's law it is a heuristic.
 
     Parameters
     ----------
@@ -43,12 +44,14 @@ def proximal_point(
     friction : Friction
     start : Forces
     tol : float
-        On the residual; what is within 100 times of it when the steps end counts as round-off.
+        On the residual. If the steps end at up to 100 times as much, that counts as rounding.
     report : callable
+        Receives each `Iteration`.
 
     Raises
     ------
     NotConverged
+        The least residual is larger.
 
     References
     ----------
@@ -56,7 +59,7 @@ def proximal_point(
     14 (1976), Theorem 1.
     """
     now = best = start
-    least, delta = np.inf, 0.1
+    least, delta = np.inf, 0.1  # a tenth of the compliance of a row
     for _ in range(ATTEMPTS):
         shifted = replace(
             problem,

@@ -1,4 +1,4 @@
-"""Quadratic programs handed to other packages' solvers through qpsolvers."""
+"""Quadratic programs solved by other packages, through qpsolvers."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from contact.errors import InputError, MissingDependency, NotConverged
 
 Array = NDArray[np.float64]
 
-# What each solver calls its tolerances, and the tightest one asked for; the rest of qpsolvers'
-# solvers keep their defaults.
+# Names of each solver's tolerances, and the tightest values requested; the other solvers of
+# qpsolvers keep their defaults.
 _TOLERANCES: dict[str, dict[str, float]] = {
     "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9},
     "proxqp": {"eps_abs": 1e-11, "eps_rel": 0.0},
@@ -26,8 +26,8 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "osqp": {"polishing": True, "max_iter": 200_000},
     "proxqp": {"backend": "sparse"},
 }
-# An interior point method that is asked for more than rounding leaves ends in failed steps, far
-# from what it has had: it is asked again for less.
+# Factors on these tolerances, tried in turn. An interior point method whose tolerance is below its
+# rounding error ends in failed steps, far from its best iterate.
 _LOOSER = (1.0, 1e2, 1e4)
 
 
@@ -44,8 +44,9 @@ def solve_with(
 ) -> tuple[Any, float]:
     """Solve ``min x'Px/2 + q'x, Gx <= h, Ax = b, lb <= x <= ub`` with a solver of qpsolvers.
 
-    Data are scaled to unit size first (SI units would otherwise sit below absolute tolerances):
-    the objective by the largest entry of P, x by that of q, or of the bounds where q is zero.
+    Data are scaled to unit size first, because in SI units they may be smaller than absolute
+    tolerances: the objective by the largest entry of P, x by that of q / P, or of the bounds where
+    q is zero.
 
     Returns
     -------
@@ -57,9 +58,9 @@ def solve_with(
     Raises
     ------
     InputError
-        qpsolvers knows no such solver.
+        qpsolvers has no such solver.
     MissingDependency
-        It does but the solver's package is not installed.
+        The package of the solver is not installed.
     """
     import qpsolvers
 
@@ -98,7 +99,7 @@ def solve_with(
     )
     begin = time.perf_counter()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # remarks on matrix formats
+        warnings.simplefilter("ignore")  # of matrix formats
         for factor in _LOOSER:
             tolerances = {k: factor * tol for k, tol in _TOLERANCES.get(solver, {}).items()}
             try:
@@ -126,15 +127,15 @@ def _largest(*vectors: Array | None) -> float:
 def solve_box_with(
     solver: str, P: Array, q: Array, A: Array | None, b: Array | None, lb: Array, ub: Array
 ) -> tuple[Array, Array]:
-    """Solve the box QP of the contact forces; returns (x, y).
+    """Solve the box QP of the contact forces; returns x and the multipliers y of ``A x = b``.
 
-    What the peer leaves of a force that the slope at its bound holds there is its tolerance: such
-    forces are at the bound.
+    The solver leaves forces at a distance from their bound that depends on its tolerance. They are
+    set to the bound where a gradient step, scaled by the diagonal of P, would pass it.
 
     Raises
     ------
     NotConverged
-        The solver gave up.
+        The solver found no solution.
     """
     solution, _ = solve_with(solver, P, q, None, None, A, b, lb, ub)
     if not solution.found or solution.x is None:

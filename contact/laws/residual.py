@@ -1,4 +1,4 @@
-"""By how much forces violate the laws of contact and friction on the boundary problem."""
+"""Residual of the laws of contact and friction on the boundary problem."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contact.condensation.boundary_problem import BoundaryProblem
 from contact.laws.friction import project
 
 Array = NDArray[np.float64]
-_ROUNDING = 10.0  # machine precisions: sums and solves of some hundred terms lose a digit
+_ROUNDING = 10.0  # in machine precisions: sums and solves of some hundred terms lose a digit
 
 
 def residual(problem: BoundaryProblem, mu: Array, t: Array, a: Array, bound: Array) -> float:
@@ -18,10 +18,10 @@ def residual(problem: BoundaryProblem, mu: Array, t: Array, a: Array, bound: Arr
     Parameters
     ----------
     problem : BoundaryProblem
-    mu, t, a : ndarray
+    mu, t, a : ndarray, shapes (m,), (m, dim - 1) and (k,)
         Forces and rigid motion.
     bound : ndarray, shape (m,)
-        Friction bound g, for Coulomb F mu.
+        Friction bound g, for Coulomb's law F mu.
     """
     u_n, u_t = problem.displacements(mu, t, a)
     contact = mu - np.maximum(0.0, mu + problem.penetration(u_n))
@@ -35,16 +35,17 @@ def residual(problem: BoundaryProblem, mu: Array, t: Array, a: Array, bound: Arr
 
 
 def rounding(problem: BoundaryProblem, forces: Array, a: Array, size: float) -> float:
-    """What `residual` cannot fall below: rounding of the terms that cancel in it, over the size.
+    """Rounding error of `residual`: that of the terms that cancel in it, relative to the forces.
 
     Parameters
     ----------
     problem : BoundaryProblem
     forces : ndarray, shape (n,)
-        Of the live rows.
+        Forces on the live rows.
     a : ndarray, shape (k,)
+        Rigid motion.
     size : float
-        Of the forces, that of `BoundaryProblem.residual_size`.
+        Size of the forces, from `BoundaryProblem.residual_size`.
     """
     l, C = np.abs(forces), np.abs(problem.C)
     gap = np.where(np.isfinite(problem.gap), np.abs(problem.gap), 0.0)

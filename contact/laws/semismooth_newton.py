@@ -1,7 +1,7 @@
 r"""Semismooth Newton methods for contact with friction, on the condensed boundary problem.
 
-The contact law is met by an active set, ``u_n = d`` where ``mu + u_n - d > 0`` and ``mu = 0``
-elsewhere. For friction with bound g let q = t + u_t and b = q / |q|:
+The contact law is imposed by an active set: ``u_n = d`` where ``mu + u_n - d > 0``, and ``mu = 0``
+elsewhere, with gap d. For friction with bound g let q = t + u_t and b = q / |q|:
 
 * g = 0: t = 0;
 * stick, |q| <= g: u_t = 0;
@@ -12,10 +12,10 @@ elsewhere. For friction with bound g let q = t + u_t and b = q / |q|:
   - damped, equation (4.16) of the dissertation, in its corrected
     form: ``t+ = g / (|q| - g) (I - a b^T) u_t+ + g a`` with ``a = t / max(g, |t|)``.
 
-The damped form is robust from far away, radial return is fast near the solution. The default,
-"switched", takes the first until the residual falls below .1 and the second from there: 3 to 9
-steps on blocks, curved parts and 3-D bodies for friction .1 to 3, where radial return alone cycles
-in a third of the cases.
+The damped form converges from far away, radial return is fast near the solution. The default,
+"switched", takes the damped form until the residual falls below .1 and radial return from there. It
+needs 3 to 9 steps on blocks, curved parts and 3-D bodies for friction .1 to 3, where radial return
+alone cycles in a third of the cases.
 
 For Coulomb's law g = F mu+ on active points is an unknown of the same linear system (monolithic).
 In two dimensions radial return is an active-set method on the sign of the slip: where it
@@ -24,7 +24,9 @@ converges, it ends after finitely many steps.
 References
 ----------
 S. Hueeber, G. Stadler and B. Wohlmuth, A primal-dual active set algorithm for three-dimensional
-contact problems with Coulomb friction, SIAM J. Sci. Comput. 30 (2008).
+contact problems with Coulomb friction, SIAM J. Sci. Comput. 30 (2008). The dissertation: S. A.
+King, Multi-Moment Methods for PDEs and GPUs for Large-Scale Scientific Computations, North Carolina
+State University, 2012.
 """
 
 from __future__ import annotations
@@ -40,11 +42,13 @@ from contact.laws.progress import NEAR, Progress
 from contact.laws.residual import residual
 from contact.laws.zones import Zones
 
-# Compliance added for the change of the forces, that of each row being one: keeps the step defined
-# where rows depend on each other, vanishes at convergence, and is too small to cost a step.
+# Compliance that acts on the change of the forces; that of each row is one. It makes the step
+# unique where rows are linearly dependent, has no effect at convergence, and is too small to cost a
+# step.
 PROXIMAL = 1e-13
-# Stiffness, over the square of the largest entry of C, that holds the change of free motions while
-# too few points hold the body; it vanishes at convergence too.
+# Stiffness, relative to the square of the largest entry of C, that acts on the change of free
+# motions: it makes the step unique while too few points are in contact to hold the body, and has no
+# effect at convergence either.
 WEAK = 1e-9
 
 
@@ -66,7 +70,7 @@ def semismooth_newton(
     problem : BoundaryProblem
     start : Forces
     friction : Friction
-        Forces in the problem's own scale.
+        The law, in the scale of the problem.
     form : {"switched", "radial", "damped"}
     tol : float
         On the relative residual of `contact.laws.residual.residual`.
@@ -83,7 +87,7 @@ def semismooth_newton(
     Raises
     ------
     NotConverged
-        The iteration cap is reached or the residual stalls: the caller decides what is next.
+        The limit of iterations is reached, or the residual stalls.
     """
     now = start
     size = residual(problem, now.mu, now.t, now.a, friction.bound(now.mu))
@@ -119,7 +123,8 @@ def _step(
     rows = np.concatenate((rows_n, rows_t))
     n_n, n = rows_n.size, rows.size
 
-    # Displacement rows: W l - C a = v0 - d (contact) and = v0 (stick). LAPACK reads columns.
+    # Displacement rows: W l - C a = v0 - d (contact) and = v0 (stick). LAPACK takes column-major
+    # arrays.
     A = np.zeros((n + k, n + k), order="F")
     A[:n, :n] = problem.W.take(rows, axis=0).take(rows, axis=1)
     A[np.arange(n), np.arange(n)] += PROXIMAL
@@ -128,7 +133,7 @@ def _step(
     rhs[:n_n] -= problem.gap[zones.active]
     rhs[:n] += PROXIMAL * problem.forces(now.mu, now.t)[rows]
 
-    # Slip rows replace those of u_t by the linearised law.
+    # At slipping points the linearised law replaces the equation for u_t.
     place = np.full(tangent.shape, -1)
     place[rubbing] = n_n + np.arange(rows_t.size)
     normal_place = np.full(zones.active.size, -1)
@@ -140,13 +145,13 @@ def _step(
         weak = np.full(k, WEAK * float(np.abs(problem.C).max()) ** 2)
         A[n:, :n] = problem.C[rows].T
         if problem.K is not None:
-            weak[np.diag(problem.K) > 0] = 0.0  # elastic motions hold themselves
+            weak[np.diag(problem.K) > 0] = 0.0  # elastic motions have their own stiffness
             A[n:, n:] = problem.K
         A[np.arange(n, n + k), np.arange(n, n + k)] += weak
         rhs[n:] = problem.s + weak * now.a
     last = np.concatenate((problem.forces(now.mu, now.t)[rows], now.a))
-    # Solved for the change: the rounding of a step is that of its own size, and the next step
-    # makes up for it.
+    # Solve for the change: its rounding error is relative to its own size, and the next step
+    # corrects it.
     solution = last + _solve(A, rhs - A @ last)
     mu, t = problem.zeros()
     mu[zones.active] = solution[:n_n]
@@ -166,8 +171,8 @@ def _impose_slip(
 ) -> None:
     """Overwrite the displacement rows of slipping points by their linearised friction law.
 
-    Each such row holds v = v0 - W l + C a as ``A x - rhs = -v``; a combination M v of them and
-    the unknown t itself make up the law ``t - M' v - [mu] = ...``.
+    Each such row contains v = v0 - W l + C a as ``A x - rhs = -v``. The law of a point is ``own t -
+    of_v v = bound * direction``; the bound is g or, for Coulomb's law, the unknown F mu.
     """
     points = np.flatnonzero(zones.slip)
     if points.size == 0:

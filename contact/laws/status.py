@@ -1,4 +1,4 @@
-"""The names of what a contact point does; `contact.result.contact_forces` decides which it is."""
+"""States of a contact point; `contact.result.contact_forces` decides which one holds."""
 
 from __future__ import annotations
 

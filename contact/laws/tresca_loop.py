@@ -22,7 +22,9 @@ def tresca_loop(
     max_iterations: int,
     report: Report,
 ) -> Forces:
-    """Coulomb friction as a fixed point of given friction, g <- F mu (Algorithm 1).
+    """Coulomb friction as a fixed point of given friction, g <- F mu.
+
+    Algorithm 1 of the dissertation.
 
     Parameters
     ----------
@@ -35,12 +37,12 @@ def tresca_loop(
         On the residual of Coulomb's law.
     max_iterations : int
     report : callable
-        Receives one `Iteration` an outer step.
+        Receives one `Iteration` per outer step.
 
     Raises
     ------
     NotConverged
-        The map is no contraction (large friction), or the cap is too low.
+        The map is no contraction (large friction), or `max_iterations` is too small.
     """
     now = start
     for step in range(1, max_iterations + 1):

@@ -1,4 +1,4 @@
-"""Where contact, stick and slip hold at an iterate."""
+"""Zones of contact, stick and slip at an iterate."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Zones:
-    """Contact points by what they do at an iterate, the sets of the primal-dual active set method.
+    """The sets of contact points of the primal-dual active set method at an iterate.
 
     Attributes
     ----------
     active, stick, slip : ndarray of bool, shape (m,)
-        Points in contact, and those whose friction holds them or is at its bound.
+        Points in contact, points that stick, and points whose friction is at its bound.
     q : ndarray, shape (m, dim - 1)
-        ``t + u_t``, which the friction law projects.
+        ``t + u_t``, which the friction law projects onto the ball of radius g.
     g : ndarray, shape (m,)
         Friction bound.
     """
@@ -35,7 +35,7 @@ class Zones:
 
     @classmethod
     def of(cls, problem: BoundaryProblem, now: Forces, friction: Friction) -> Zones:
-        """Zones of forces and of the displacements that they cause."""
+        """Zones from forces and the displacements that they cause."""
         u_n, u_t = problem.displacements(now.mu, now.t, now.a)
         contact = now.mu + problem.penetration(u_n)
         active = contact > 0

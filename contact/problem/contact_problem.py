@@ -55,14 +55,14 @@ class ContactProblem(Portable):
         The boundary where contact may occur. Together with a list of obstacles: a list of
         boundaries, each with its own; friction and functional may then be lists as well.
     obstacle : obstacle, Rigid, number, callable, array, None, or a list of these
-        See `contact.obstacles.shapes`. None: friction without a contact law, the problem (4.9).
+        See `contact.obstacles.shapes`. None: friction without a contact law, (4.9) in King.
     friction : float, callable x -> array, or ndarray of shape (m,)
         Coulomb: the coefficient. Tresca: the bound, a traction. Never negative.
     law : {"coulomb", "tresca", None}
         None is frictionless, as is friction = 0.
     functional : str, optional
-        The values that contact conditions act on, and the accuracy of P1, see
-        `contact.rows.functionals`.
+        The values of the displacement that contact conditions act on; see
+        `contact.rows.functionals`, also on the accuracy of P1.
     solver : {"auto", "pardiso", "superlu"}
         Sparse factorisation.
 
@@ -76,6 +76,8 @@ class ContactProblem(Portable):
     N. Kikuchi and J. T. Oden, Contact Problems in Elasticity, SIAM 1988: the problems. M.
     Hintermüller, K. Ito and K. Kunisch, SIAM J. Optim. 13 (2003), 865-888: the active set. P. Alart
     and A. Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991), 353-375: Newton with friction.
+    S. A. King, Multi-Moment Methods for PDEs and GPUs for Large-Scale Scientific Computations,
+    dissertation, North Carolina State University, 2012: numbers of equations and algorithms.
 
     Examples
     --------
@@ -150,7 +152,7 @@ class ContactProblem(Portable):
         self._take((*self._laws[:2], law), self.boundaries)
 
     def _discretise(self, laws: Laws) -> None:
-        """Make the contact rows; their frames follow the body's supports."""
+        """Compute the contact rows; their frames depend on the body's supports."""
         self.body.check_unchanged()
         supports = len(self.body._supports)
         found = ContactBoundaries.of(self.body.trace, self.boundary, laws[0], self.functional)
@@ -163,7 +165,7 @@ class ContactProblem(Portable):
         self._condensed = None
 
     def _take(self, laws: Laws, boundaries: ContactBoundaries) -> None:
-        """Check obstacle, friction and law, and keep them."""
+        """Check and store obstacle, friction and law."""
         obstacle, given, law = laws
         if law is not None and not (isinstance(law, str) and law in ("coulomb", "tresca")):
             raise InputError(f"law={law!r}: expected 'coulomb', 'tresca' or None")
@@ -219,13 +221,13 @@ class ContactProblem(Portable):
         Returns
         -------
         CondensedContact
-            On "cuda" the same of a `LayeredBlock`, with its arrays on the device.
+            On "cuda" that of a `LayeredBlock`, with its arrays on the device.
 
         Raises
         ------
         InputError
-            Another device, a body that has none there, or a contact boundary that is fixed
-            entirely.
+            An unknown device, a body that cannot be condensed there, or a contact boundary that is
+            fixed entirely.
         Unbounded
             A piece of the body is neither fixed nor connected to the contact boundary.
         MissingDependency
@@ -270,8 +272,8 @@ class ContactProblem(Portable):
         method : str
         tol : float, optional
             Every residual of the certificate is at most this; see `ContactSystem.kkt`. Default
-            1e-10; ``fixed_point`` 1e-6 and ``qp:`` 1e-7. ``fixed_point`` may miss the friction
-            law by its regularisation eps besides.
+            1e-10; ``fixed_point`` 1e-6 and ``qp:`` 1e-7. With ``fixed_point`` the residual of the
+            friction law may be larger, because of the regularisation eps.
         max_iterations : int, optional
             Default 2000 for ``fixed_point``, else 100.
         start : ContactResult, optional
@@ -286,7 +288,7 @@ class ContactProblem(Portable):
         callback : callable, optional
             Receives each `Iteration`.
         verbose : bool
-            Print one line an iteration.
+            Print one line per iteration.
 
         Returns
         -------
@@ -337,9 +339,10 @@ class ContactProblem(Portable):
 
 
 def _check_same(rows: ContactRows, of_last: ContactRows) -> None:
-    """Raise an `InputError` unless the slip of a last step can be read in these rows."""
+    """Raise an `InputError` unless the last step has the same contact points and tangents."""
     if of_last.T is rows.T:
         return
+    # Places and tangents are the same if they differ by rounding, 1e-9, only.
     size = float(np.ptp(rows.x_nominal, axis=1).max())
     for name, ours, theirs, unit in (
         ("places", rows.x_nominal, of_last.x_nominal, size),

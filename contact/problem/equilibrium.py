@@ -1,4 +1,4 @@
-"""What is said where forces balance no loads, or leave open how far a body goes."""
+"""Errors for loads that no contact forces balance, and for motions that loads do not determine."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from contact.laws.load_balance import LIMIT, at_the_limit, by_friction_alone
 
 
 def driven(condensed: CondensedContact, a: Array) -> Unbounded:
-    """The error that names a motion a which the loads drive and no contact forces resist."""
+    """The error for a motion a that the loads drive and no contact forces resist."""
     if condensed.moves_obstacle(a):
         return Unbounded(
             "the obstacle is not held: contact forces cannot balance the force or moment given "
@@ -25,7 +25,7 @@ def driven(condensed: CondensedContact, a: Array) -> Unbounded:
 
 
 def undetermined(condensed: CondensedContact, a: Array) -> Unbounded:
-    """The error that names a rigid motion a which friction just holds, however far it goes."""
+    """The error for a rigid motion a at the limit of friction, whose size is undetermined."""
     name, u = condensed.rigid_motion(a)
     return Unbounded(
         f"the slip is undetermined: the loads are within {LIMIT:.0e} of the limit of what "
@@ -35,13 +35,13 @@ def undetermined(condensed: CondensedContact, a: Array) -> Unbounded:
 
 
 def doubt(condensed: CondensedContact, problem: BoundaryProblem, friction: Friction | None) -> str:
-    """What may be the matter where no solution was found.
+    """A possible reason why no solution was found: the end of an error message, or empty.
 
     Parameters
     ----------
     condensed : CondensedContact
     problem : BoundaryProblem
-        Its problem that was not solved.
+        The problem that could not be solved.
     friction : Friction or None
 
     Raises

@@ -1,4 +1,4 @@
-"""Start of a solve from another solution: of other loads, or of another mesh (nested)."""
+"""Start of a solve from the solution for other loads or on another mesh (nested iteration)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def start_forces(
     ----------
     result : ContactResult
     system : ContactSystem
-        What is to be solved.
+        The system to be solved.
     problem : BoundaryProblem
         Its condensation.
     scale : ndarray, shape (m,)
@@ -40,7 +40,7 @@ def start_forces(
     Raises
     ------
     InputError
-        The result is one of another dimension.
+        The result has another dimension.
     """
     dims = result.x.shape[0], system.rows.x.shape[0]
     if dims[0] != dims[1]:
@@ -49,6 +49,7 @@ def start_forces(
             "solution of the same part"
         )
     rows, theirs = system.rows, result.system.rows
+    # The mesh is the same if its contact points differ by rounding only.
     same = theirs.x_nominal.shape == rows.x_nominal.shape and np.allclose(
         theirs.x_nominal, rows.x_nominal, rtol=0.0, atol=1e-9 * float(np.ptp(rows.x_nominal))
     )
@@ -70,7 +71,7 @@ def _interpolated(result: ContactResult, system: ContactSystem) -> tuple[Array, 
     shear = np.einsum("djm,mj->dm", theirs.tangents, result.shear)
     traction = np.vstack((result.pressure, shear))
     part = rows.part if rows.part.size else np.zeros(rows.gap.size, dtype=np.int64)
-    if part.max() != result.part.max():  # other boundaries: only places are left to go by
+    if part.max() != result.part.max():  # other boundaries: points are matched by position alone
         pairs = [(np.full(part.size, True), np.full(result.part.size, True))]
     else:
         pairs = [(part == k, result.part == k) for k in range(part.max() + 1)]
@@ -80,6 +81,7 @@ def _interpolated(result: ContactResult, system: ContactSystem) -> tuple[Array, 
         distance, index = scipy.spatial.cKDTree(theirs.x[:, there].T).query(
             rows.x[:, here].T, k=range(1, near + 1)
         )
+        # The lower bound of the distance avoids a division by zero at coinciding points.
         share = 1.0 / np.maximum(distance, 1e-12 * float(np.ptp(theirs.x)))
         share /= share.sum(axis=1, keepdims=True)
         found[:, here] = np.sum(traction[:, there][:, index] * share, axis=2)
@@ -91,9 +93,11 @@ def _interpolated(result: ContactResult, system: ContactSystem) -> tuple[Array, 
 def _motion(problem: BoundaryProblem, mu: Array, t: Array, friction: Friction | None) -> Array:
     """Free rigid motions of the body and its obstacles by least squares, shape (k,)."""
     u_n, u_t = problem.displacements(mu, t, np.zeros(problem.s.size))
+    # Smaller forces are rounding; a force within a thousandth of its bound counts as slip.
     loaded = problem.can_touch & (mu > 1e-9 * mu.max(initial=0.0))
     g = np.zeros(mu.size) if friction is None else friction.bound(mu)
     sticks = (problem.tangent >= 0) & (np.linalg.norm(t, axis=1) < 0.999 * g)[:, None]
     at = np.concatenate((problem.normal[loaded], problem.tangent[sticks]))
     off = np.concatenate(((problem.gap - u_n)[loaded], -u_t[sticks]))
+    # Motions that these points determine by rounding only, 1e-9, are dropped.
     return np.asarray(np.linalg.lstsq(problem.C[at], off, rcond=1e-9)[0])

@@ -1,4 +1,4 @@
-"""Whether a result hangs on the height of a curve over the straight facets that stand in for it."""
+"""Warning if the sagitta of straight facets that approximate a curve affects the pressures."""
 
 from __future__ import annotations
 
@@ -22,40 +22,41 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_ERROR = 0.1  # of the pressures, in the mean: more is warned of
-_AIM = 0.05  # that the facets named in the warning leave
+_ERROR = 0.1  # relative rms error of the pressures above which a warning is given
+_AIM = 0.05  # error with the finer facets that the warning recommends
 
 
 def warn_of_sagitta(
     result: ContactResult, rise: Array, condensed: CondensedContact, options: Options
 ) -> None:
-    """Warn where the pressures on a polygon are not those on the curve that it stands for.
+    """Warn if the pressures on a polygon differ from those on the curve that it approximates.
 
-    Facets of length h along a curve of radius R lie h^2 / 8R below it, so that the gap to an exact
-    cylinder is off by two thirds of that in the mean. How far the pressures are off hangs on the
-    overlap that contact removes, on what holds the body and on how far the contact reaches: the
-    condensed problem is solved once more, with the gaps of the curve, and tells.
+    The middle of a facet of length h along a curve of radius R lies h^2 / 8R below it, and the mean
+    error of the gap to an exact cylinder is two thirds of that. The error of the pressures depends
+    on the overlap that contact removes, on the supports and on the extent of the contact. It is
+    found by solving the condensed problem once more, with the gaps of the curve.
 
     Parameters
     ----------
     result : ContactResult
     rise : ndarray, shape (m,)
-        How much wider each gap is at the curve, see `GapRule.rise`; zero where nothing is straight.
+        Gap from the curve minus gap from the facets, see `GapRule.rise`; zero where facets
+        approximate no curve.
     condensed : CondensedContact
     options : Options
 
     Warns
     -----
     ContactWarning
-        The pressures differ by more than a tenth, in the mean of their squares.
+        The relative rms difference of the pressures exceeds a tenth.
     """
     system, body = result.system, result.system.body
-    # Below this it is rounding of the coordinates.
+    # A smaller difference is rounding of the coordinates.
     if np.abs(rise).max(initial=0.0) <= 1e-14 * float(np.ptp(body.trace.mesh.p, axis=1).max()):
         return
     scale, w = condensed.point_scale, system.rows.weights
     friction = system.scaled_friction(scale)
-    # Where the curve's problem has no answer, there is none to differ from.
+    # If the problem with the curve has no solution, there is nothing to compare with.
     with suppress(ContactError, GpuError, LinAlgError), condensed.blas_threads():
         boundary = condensed.boundary_problem(
             system.load, system.rows.gap + rise, system.slip_from, system.motion
@@ -68,7 +69,8 @@ def warn_of_sagitta(
         if change <= _ERROR * size or not max(change, size) > 0:
             return
         off = change / size if size > 0 else np.inf
-        # Where the curve touches and the polygon does not, the overlap tells how much is missing.
+        # Where the curve touches and the polygon does not, the error is estimated by the rise
+        # relative to the overlap.
         pressed = boundary.W @ boundary.forces(forces.mu, np.zeros_like(forces.t))
         live = np.flatnonzero((forces.mu > 0) & (boundary.normal >= 0))
         overlap = np.linalg.norm(pressed[boundary.normal[live]])

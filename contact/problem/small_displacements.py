@@ -1,4 +1,4 @@
-"""Whether a result is one of the theory of small displacements."""
+"""Warning if displacements are too large for the theory of small displacements."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 def warn_of_large_displacements(result: ContactResult) -> None:
-    """Warn where the body moves farther than it is long: the linear theory says nothing then.
+    """Warn if displacements exceed the size of the body: the linear theory is then invalid.
 
-    A body that its supports carry that far was meant to go there.
+    Displacements that the supports prescribe are intended: twice the largest is allowed besides.
     """
     body = result.system.body
     size = float(np.ptp(body.trace.mesh.p, axis=1).max())

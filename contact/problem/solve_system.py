@@ -30,8 +30,9 @@ from gpu import InputError as QPInputError
 from gpu import NotConverged as QPNotConverged
 
 Array = NDArray[np.float64]
-STIFF = ("newton", "pdas", "tresca_loop")  # methods that may end in the stiffness form
-THOROUGH = 50  # iterations allowed from which on a failure is not the caller's impatience
+STIFF = ("newton", "pdas", "tresca_loop")  # methods that may fall back on the stiffness form
+# If at least so many iterations are allowed, a failure is not due to that limit.
+THOROUGH = 50
 
 
 def solve_system(
@@ -47,7 +48,7 @@ def solve_system(
     ----------
     system : ContactSystem
     condensed : CondensedContact
-        Of its body.
+        The condensation of its body.
     options : Options
     start : ContactResult or None
     report : callable
@@ -56,6 +57,7 @@ def solve_system(
     Raises
     ------
     NotConverged, Infeasible, Unbounded, InputError
+        As for `ContactProblem.solve`.
     """
     history: list[Iteration] = []
 
@@ -77,7 +79,7 @@ def _solved(
 ) -> ContactResult:
     scale = condensed.point_scale
     friction = system.scaled_friction(scale)
-    whole = isinstance(system.body, BasisSolid)  # layers have no stiffness to iterate on
+    whole = isinstance(system.body, BasisSolid)  # layers have no assembled stiffness matrix
 
     def solved(load: Array, warm: ContactResult | Forces | None, line: Report) -> Any:
         boundary = _boundary_problem(system, condensed, load)

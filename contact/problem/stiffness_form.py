@@ -1,13 +1,13 @@
 r"""The condensed problem with the stiffness of its boundary in place of the compliance.
 
-Thin bodies that contact alone holds bend far more easily than they are compressed: in
-``v = v_0 - W l + C a`` displacements of bending cancel to those of compression, and with them the
-digits. Here the boundary's own unknowns z are kept beside the forces,
+Thin bodies that are held by contact alone bend far more easily than they are compressed: in
+``v = v_0 - W l + C a`` large displacements by bending cancel, those by compression remain, and
+digits are lost. Here the boundary's own unknowns z are kept beside the forces,
 
 .. math:: v = v_0 + B z + B N a, \qquad B^T l + S_b z = f_b, \qquad N^T B^T l = s ,
 
-so that what is in contact is held by equations and nothing cancels. The same Newton's method solves
-it, with a larger matrix.
+so that the contact conditions are equations of the system and no large terms cancel. The same
+Newton's method solves it, with a larger matrix.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from contact.result.contact_system import ContactSystem
 
 
-_REFINEMENTS = 10  # each adds the digits of the factor, and a body without any is refused
-_CHANGE = 1e-8  # residual of a change, which the next one lowers
-_SETTLED = 1e-6  # last change of a displacement, relative: six digits of it hold
+_REFINEMENTS = 10  # steps at most; each adds as many digits as the factorisation is accurate to
+_CHANGE = 1e-8  # tolerance of one step, whose residual the next step reduces
+_SETTLED = 1e-6  # largest relative change in the last step: six digits are then reliable
 _LARGEST_ORDER = 8000  # order of a matrix that takes 20 s and half a gigabyte to factor
 
 
@@ -47,7 +47,7 @@ class StiffnessForm:
     ----------
     condensed : CondensedContact
     system : ContactSystem
-        What is to be solved.
+        The system to be solved.
 
     Raises
     ------
@@ -60,14 +60,14 @@ class StiffnessForm:
             raise NotConverged(f"stiffness form: more than {_LARGEST_ORDER} unknowns")
         self._condensed, self._system = condensed, system
         S, B, N = condensed.stiffness, condensed.B.toarray(), condensed.N
-        if N.shape[1]:  # no rounding of S_b resists rigid motions
+        if N.shape[1]:  # S_b resists rigid motions by rounding only: project them out
             unit = N / np.linalg.norm(N, axis=0)
             B_z = B - (B @ unit) @ unit.T
             S = S - unit @ (unit.T @ S)
             S = S - (S @ unit) @ unit.T + S.diagonal().mean() * unit @ unit.T
         else:
             B_z = B
-        # Each point in units of its own compliance, all other unknowns held.
+        # Each point is scaled by its own compliance with all other unknowns fixed.
         points = condensed.points
         scale = points.lengths((B**2) @ (1.0 / S.diagonal()))
         self._scale, self._N = scale, N
@@ -100,15 +100,17 @@ class StiffnessForm:
     ) -> tuple[Any, Array | None]:
         """Displacement and forces (u, mu, t), and the obstacles' motions, near those of a result.
 
-        The problem is solved for the change of a displacement, whose residual is formed from the
-        strains where cells are slender: what the factor lacks in digits, the next change adds.
+        This is iterative refinement: each step solves for a change of the displacement. If cells
+        are slender, the residual is computed from the strains, and has digits that the
+        factorisation lacks.
 
         Raises
         ------
         NotConverged, LinAlgError
+            The steps do not converge, or a linear system is singular.
         """
         system, scale = self._system, self.point_scale
-        # A free motion is prescribed as NaN; its changes add up from zero.
+        # A free motion has the prescribed value NaN; here it starts from zero.
         motion = None if system.motion is None else np.nan_to_num(system.motion.prescribed)
         u, last = self._condensed.body.constraint[1], np.inf
         mu, t = self.problem.zeros()
@@ -127,7 +129,8 @@ class StiffnessForm:
                 found = self._per_unit * now.a[self._elastic + self._N.shape[1] :]
                 motion[system.motion.free] += found
             size = system.body.reach(du)
-            # Rounding of the displacements, or of what an assembled matrix makes of them.
+            # The change ends at rounding of the displacements, or at that of an assembled matrix,
+            # where it is no longer halved.
             reach = system.body.reach(u)
             if size <= np.finfo(float).eps * reach or size > 0.5 * last:
                 break
@@ -142,7 +145,7 @@ class StiffnessForm:
         return (u, now.mu / scale, now.t / scale[:, None]), motion
 
     def _about(self, u: Array, w: Array | None) -> tuple[BoundaryProblem, Array]:
-        """The problem for the change of a displacement u, and the load that u leaves."""
+        """The problem for the change of a displacement u, and the load less the forces of u."""
         system, condensed = self._system, self._condensed
         left = system.load - system.body.internal(u)
         reduced = condensed.carried(left)
@@ -180,7 +183,7 @@ class StiffnessForm:
         assert problem.K is not None
         a = np.zeros(problem.s.size)
         left = problem.s - problem.C.T @ problem.forces(mu, t)
-        # Ranks are cut at the rounding of a stiffness, and at that of places.
+        # The rank is decided by the rounding of a stiffness, 1e-14, and of coordinates, 1e-9.
         a[:n] = np.linalg.lstsq(problem.K[:n, :n], left[:n], rcond=1e-14)[0]
         if a.size > n:
             u_n, _ = problem.displacements(np.zeros_like(mu), np.zeros_like(t), a)
@@ -204,11 +207,12 @@ def solved_stiffly(
     report: Report,
     history: list[Iteration],
 ) -> ContactResult:
-    """Solve and certify in the stiffness form, near a result or from rest.
+    """Solve and certify in the stiffness form, starting from a result or from rest.
 
     Raises
     ------
     NotConverged, LinAlgError
+        As for `StiffnessForm.solve`, or the certificate fails.
     """
     form = StiffnessForm(condensed, system)
     (u, mu, t), motion = form.solve(near, INNER * options.tol, report)
@@ -225,12 +229,12 @@ def refined(
     report: Report,
     history: list[Iteration],
 ) -> ContactResult:
-    """The result for a body with slender cells, to the digits that its displacements can hold.
+    """The result for a body with slender cells after iterative refinement.
 
     Raises
     ------
     NotConverged
-        These are too few.
+        The refined displacement has too few reliable digits, or fails its certificate.
     """
     try:
         return solved_stiffly(system, condensed, options, result, report, history)

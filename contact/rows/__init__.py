@@ -3,5 +3,5 @@
 In: the trace of a body on one or several boundaries, and the obstacles opposite.
 Out: `ContactRows` (sparse normal and tangential rows, weights, frames) and a `GapRule`.
 Start: `discretise`; `functionals` and `shares` define the value at a contact point, `gap_rule`
-takes the mean of the gap for each.
+averages the gap in the same way.
 """

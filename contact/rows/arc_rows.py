@@ -1,10 +1,10 @@
 r"""Contact on a curve that cuts the cells of a mesh: hat functions along the arc as multipliers.
 
-The boundary of a cut domain crosses its cells in pieces of any length. One multiplier a cell would
-give tiny pieces multipliers of their own, more than the trace space controls (inf-sup). Instead,
-length along the arc is measured in sizes of the cells that it crosses, and the arc is divided
-evenly in that measure, however the cells are cut. With the hat functions :math:`N_k \ge 0`,
-:math:`\sum N_k = 1`
+The boundary of a cut domain crosses its cells in pieces of any length. With one multiplier per cell
+tiny pieces would have their own multipliers, too many for the trace space (inf-sup condition).
+Instead, length along the arc is measured in sizes of the cells that it crosses, and the arc is
+divided evenly in that measure, however the cells are cut. With the hat functions
+:math:`N_k \ge 0`, :math:`\sum N_k = 1`,
 
 .. math::
     u_{n,k} = \frac{1}{w_k} \int N_k \, n \cdot u, \qquad
@@ -14,10 +14,11 @@ and the multipliers :math:`\mu_k \ge 0` are those of the continuous, piecewise l
 :math:`p = \sum_k (\mu_k / w_k) N_k \ge 0`: it is nowhere negative, a uniform pressure is exact on
 any mesh, and friction within :math:`|t_k| \le F \mu_k` keeps :math:`|q| \le F p` everywhere.
 
-How many multipliers the trace controls was measured by the least eigenvalue of the compliance W,
-relative to W of the same hats on cells a quarter of the size, over shifted disks and slivers. At
-a distance of 2, 1.5, 1, 0.75, 0.5 cells it is at least .75, .54, .30, .08, .02 for the shear, and
-larger for the pressure; an exact trace space would give 1. The default is 1.5.
+The number of multipliers that the trace space admits was measured by the least eigenvalue of the
+compliance W, relative to W of the same hats on cells a quarter of the size, over shifted disks and
+slivers. For hats at a distance of 2, 1.5, 1, 0.75, 0.5 cells it is at least .75, .54, .30, .08, .02
+for the shear, and larger for the pressure; an exact trace space would give 1. The default distance
+is 1.5.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ def arc_rows(
     Raises
     ------
     InputError
-        Another functional than "hat".
+        A functional other than "hat".
     """
     if functional not in (None, HAT):
         raise InputError(f"functional={functional!r}: a cut arc offers {HAT!r} alone")
@@ -106,7 +107,7 @@ class ArcGap:
 
     @property
     def order(self) -> NDArray[np.int64]:
-        """Order of the multipliers: as they are."""
+        """Order of the multipliers, which are sorted already, shape (m,)."""
         return np.arange(self.mean.shape[0])
 
     def __call__(self, obstacle: ObstacleLike) -> Array:
@@ -141,6 +142,7 @@ def hats_along(arc: CutArc) -> tuple[sparse.csr_array, Array]:
     """Values of the hats at the points, shape (m, n), and the places of the knots, (2, m)."""
     rows, columns, values, knots, first = [], [], [], [], 0
     for curve in arc.curves:
+        # A quotient that is whole up to rounding counts as whole.
         pieces = max(int(curve.length / arc.spacing + 1e-9), 1)
         count = pieces if curve.closed or curve.length < arc.spacing else pieces + 1
         t = curve.s / curve.length * pieces

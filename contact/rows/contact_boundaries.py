@@ -33,12 +33,14 @@ class ContactBoundaries:
     ----------
     body : ElasticBody
     rows : ContactRows
-        Of all boundaries, one after the other; without a gap.
+        Rows of all boundaries, one after the other; their gap is not set.
     rules : tuple of GapRule or ArcGap
+        The rule that evaluates the gap of each boundary.
     several : bool
         Obstacles and friction are given as lists, one entry for each boundary.
     directions : tuple of (ndarray, shape (dim, m), or None)
-        Towards the closest points of a `ClosestPoint`; None where contact is along the normal.
+        Unit vectors towards the closest points of a `ClosestPoint`; None where contact is along the
+        normal.
     """
 
     body: ElasticBody
@@ -123,7 +125,8 @@ class ContactBoundaries:
             now = _towards(o, x)
             same = there is None and now is None
             if there is not None and now is not None:
-                same = bool(np.abs(there - now).max() <= 1e-7)  # differences may be of a distance
+                # Directions may be computed by difference quotients, with fewer digits.
+                same = bool(np.abs(there - now).max() <= 1e-7)
             if not same:
                 raise InputError(
                     "obstacle: its contact forces act in other directions than those of the "

@@ -28,9 +28,13 @@ class ContactRows:
     x : ndarray, shape (dim, m)
         Mean place of the functional's dual function: where the pressure is reported.
     x_nominal : ndarray, shape (dim, m)
+        Nominal place of the functional on the boundary, for instance a vertex.
     normals : ndarray, shape (dim, m)
+        Outward unit normals of the body.
     tangents : ndarray, shape (dim, dim - 1, m)
+        Unit tangents.
     functional : str
+        Name of the functional; of several boundaries the different names, joined by commas.
     part : ndarray of int, shape (m,)
         Number of the contact boundary of each point; empty where there is one only.
     """

@@ -1,4 +1,4 @@
-"""A contact boundary discretised: its contact rows, and how it reads a gap."""
+"""Discretisation of a contact boundary: its contact rows, and the rule that evaluates its gap."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def contact_rows(
     Raises
     ------
     InputError
-        The gap holds NaN or has a wrong shape; the element offers no such functional, or none that
-        can be trusted on a curve.
+        The gap contains NaN or has a wrong shape; the element has no such functional, or the
+        functional is not accurate on a curve.
     """
     rows, rule = contact_boundary(body, facets, functional)
     return replace(rows, gap=rule(obstacle))
@@ -113,12 +113,12 @@ def contact_boundary(
 
 
 def _usable(outline: Outline, functional: str | None) -> FacetFunctional:
-    """The functional of that name, or another of the element where a curve has none of that kind.
+    """The functional of that name; on a curve the default of the element replaces ``gauss``.
 
     Raises
     ------
     InputError
-        The boundary is curved, and the functional can be trusted on straight ones only.
+        The boundary is curved, and the functional, not ``gauss``, is for straight ones only.
     """
     element = outline.body.element
     form = facet_functional(element, functional)
@@ -159,21 +159,21 @@ def _mean_places(
 def _along_normals(
     trace: TraceRows, form: FacetFunctional, means: Array, own: Array, sharp: NDArray[np.bool_]
 ) -> tuple[sparse.csr_array, Array, tuple[Array, Array]]:
-    """Rows of the normal displacement, their normals, and both kinds of `GapRule.aside`.
+    """Rows of the normal displacement, their normals, and the two arrays of `GapRule.aside`.
 
     Parameters
     ----------
     trace : TraceRows
     form : FacetFunctional
     means, own, sharp
-        Of `Outline.mean_normals`.
+        The results of `Outline.mean_normals`.
     """
     outline, shares, P = trace.outline, trace.shares, trace.outline.body.constraint[0]
     G = trace.normal(means, sharp)
     normals = within_supports(trace.supported, means, P)
     leaning = Leaning.of(outline, form, shares)
     G = sparse.csr_array(G + leaning.rows(outline.body.scalar_dofs.nodal_dofs[0], G.shape))
-    # At a plane of symmetry the facets beyond it turn the normal back.
+    # At a plane of symmetry the mirror images of the facets cancel the component normal to it.
     read, turned = (
         within_supports(trace.supported, n / np.linalg.norm(n, axis=0), P)
         for n in (normals if form.mean else own, own + leaning.turn(means.shape[1]))
@@ -192,7 +192,7 @@ def _along_tangents(
 
 
 def _facet_basis(body: ElasticBody, facets: NDArray[np.int64], points: Array | None) -> FacetBasis:
-    """Scalar trace at given reference points, or at Gauss points that integrate x * trace."""
+    """Scalar trace at given reference points, or at Gauss points exact for x times the trace."""
     rule = None if points is None else (points, np.ones(points.shape[1]))
     order = 2 * body.element.maxdeg + 2
     return facet_basis(

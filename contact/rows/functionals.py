@@ -28,7 +28,7 @@ vertices have weight zero, so a force there has no pressure. All Bernstein coeff
 have the same weight, 1/6 on triangles and 1/9 on quadrilaterals.
 
 On the facets of a curve ``bernstein`` is one number a vertex, see `contact.rows.shares`. Two Gauss
-points a facet cannot be trusted there: pressure and shear oscillate by a fifth on any mesh.
+points per facet are unsuitable there: pressure and shear oscillate by a fifth on any mesh.
 ``gauss`` on a boundary with a curve is ``bernstein``, and ``thesis`` is refused. Where facets
 differ in length see `contact.rows.unequal_facets`; ``nodal`` of Adini stays 1.5 % off there.
 
@@ -66,14 +66,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FacetFunctional:
-    """One facet's share of a constraint functional.
+    """The part of a constraint functional that belongs to one facet.
 
     Attributes
     ----------
-    name
+    name : str
     points : ndarray, shape (dim - 1, npoints)
         Where the trace is evaluated, on the reference facet.
     C : ndarray, shape (nvalues, npoints)
+        Coefficients that combine the values at the points.
     nominal : ndarray, shape (dim - 1, nvalues)
         Nominal place of each number on the reference facet.
     vertex : tuple of int or pairs of int
@@ -84,11 +85,11 @@ class FacetFunctional:
     mean : bool
         Replace the vertex values by the vertices' shares of the mean (``centroid``).
     reduced : bool
-        On straight facets that approximate a curve only the hats of the vertices are used:
-        conditions at vertices and in the middle of a facet, which the sagitta separates from the
-        curve, contradict each other.
+        On straight facets that approximate a curve only the hats of the vertices are used, because
+        conditions at vertices contradict those in the middle of a facet, which is off the curve by
+        the sagitta.
     straight : bool
-        Of use on straight boundaries only.
+        For straight boundaries only.
     trace : FacetFunctional, optional
         A functional with as many numbers as the trace has dofs. Given if this one has fewer: it
         determines where pressures are reported, see `contact.rows.shares.placed_on`.

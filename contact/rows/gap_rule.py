@@ -1,4 +1,4 @@
-"""The gap between a contact boundary and an obstacle, by the functional of the displacement."""
+"""The gap between a contact boundary and an obstacle, under the functional of the displacement."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ class GapRule:
     x, normals : ndarray, shape (dim, nfacets, npoints)
         Evaluation points of each facet, and outward normals there.
     shares : Shares
+        Contributions of the facets to the contact points.
     x_nominal, mean_normals : ndarray, shape (dim, m)
-        Of the contact points, before sorting.
+        Nominal places and normals of the contact points, before sorting.
     slant : ndarray, shape (m,)
         Length of the mean of the facets' normals at each point, as in the rows: 1 where they
         agree.
@@ -78,7 +79,7 @@ class GapRule:
         return np.where(both, np.where(both, there, 0.0) - np.where(both, here, 0.0), 0.0)
 
     def _read(self, obstacle: ObstacleLike) -> Array:
-        """The mean of the facets' gaps."""
+        """Mean of the gaps of the facets at each point, before sorting."""
         shares, count = self.shares, self.order.size
         at = evaluate_gap(obstacle, self.x, self.normals)
         open_ = np.isinf(at)
@@ -89,13 +90,14 @@ class GapRule:
         def total(part: Array) -> Array:
             return np.bincount(shares.number[own], part[own], count).astype(np.float64)
 
-        # A neighbour reads the same where it is smooth; a kink or a step is the facet's own.
+        # Values of neighbouring facets are left out: they are the same where the gap is smooth, and
+        # a kink or a step of the obstacle affects its own facet only.
         gap = total(value) / total(shares.omega)
         unseen = total(blind.astype(float)) > 0
         alone = np.bincount(shares.number[own], minlength=count) == 1
         gap[unseen & alone] = np.inf
-        # In a corner the facets' normals meet the obstacle far apart, or not at all: the gap is
-        # that along their mean.
+        # In a corner the normals of the facets meet the obstacle at distant places, or not at all:
+        # the gap is taken along their mean.
         seek = np.flatnonzero(~alone & (unseen | self.sharp))
         if seek.size:
             where = self.x_nominal[:, seek], self.mean_normals[:, seek]
@@ -106,6 +108,7 @@ class GapRule:
         """Gap along the normals of the rows minus that along the facets' mean, before sorting."""
         longer = np.zeros(self.order.size)
         if self.aside is not None:
+            # Normals that differ by 1e-12 at most are the same up to rounding.
             turned = np.flatnonzero(np.abs(self.aside[1] - self.aside[0]).max(axis=0) > 1e-12)
             where = self.x_nominal[:, turned]
             one, two = (evaluate_gap(obstacle, where, n[:, turned]) for n in self.aside)
@@ -127,12 +130,12 @@ class GapRule:
 
 
 def given_gaps(obstacle: ObstacleLike, x: Array) -> Array:
-    """Gaps given as one number for each contact point x, shape (dim, m), in their order.
+    """Gaps given as one number for each contact point, in their order; x has the shape (dim, m).
 
     Raises
     ------
     InputError
-        Another count, NaN or minus infinity.
+        A wrong number of gaps, NaN or minus infinity.
     """
     given = numbers("obstacle", obstacle)
     if given.shape not in ((), x.shape[1:]):

@@ -15,9 +15,9 @@ Index = NDArray[np.int64]
 def numbering(outline: Outline, form: FacetFunctional) -> tuple[Index, int]:
     """Contact point of each facet's values, shape (nfacets, nvalues), and how many there are.
 
-    -1 for a value that is expressed by others, see `contact.rows.shares`: at a vertex between two
-    facets on a straight line, where the trace is C1, and on a facet of a curve all values but those
-    at its corners.
+    It is -1 for a value that others determine, see `contact.rows.shares`: at a vertex between two
+    facets on a straight line, where the trace is C1; and on a facet of a curve for all values but
+    those at its corners.
     """
     count, ends = outline.facets.size, outline.corners.T
     carried = form.shared
@@ -50,7 +50,7 @@ def _edge_key(ends: Index, nvertices: int) -> Index:
 
 
 def first_occurrence(number: Index, count: int) -> tuple[Index, Index]:
-    """First facet and value that belong to each contact point."""
+    """First facet, and value on it, that belong to each contact point, shapes (count,)."""
     first = np.zeros(count, dtype=np.int64)
     flat = number.ravel()
     used = np.flatnonzero(flat >= 0)[::-1]
@@ -59,7 +59,7 @@ def first_occurrence(number: Index, count: int) -> tuple[Index, Index]:
 
 
 def along(outline: Outline, form: FacetFunctional, number: Index, count: int) -> Index:
-    """In two dimensions: the points sorted along the boundary."""
+    """Order of the contact points, shape (count,): along the boundary in 2-D, unchanged in 3-D."""
     mesh, ends = outline.body.mesh, outline.corners.T
     if mesh.dim() == 3:
         return np.arange(count)
@@ -88,5 +88,5 @@ def along(outline: Outline, form: FacetFunctional, number: Index, count: int) ->
             place[number[f][used]] = np.minimum(place[number[f][used]], arc + (s * length[f])[used])
             arc += length[f]
             vertex = int(ends[1, f] if forward else ends[0, f])
-        arc += 1e-9 * length.sum()
+        arc += 1e-9 * length.sum()  # keeps separate pieces apart where one ends as the next starts
     return np.argsort(place, kind="stable")

@@ -3,10 +3,10 @@
 The normals of straight facets along a curve jump at every vertex by an angle that tends to zero
 under refinement. Normal displacement and gap use the normals of the facets: a uniform pressure then
 loads the polygon exactly, and a polygon that shrinks has a uniform gap along each facet. Slip is
-measured along smooth tangents instead: in their own directions, the facets of a polygon that
-shrinks move to and fro by the size of the angle, which is no slip. The weights of N. Max (Weights
-for computing vertex normals from facet normals, J. Graphics Tools 4, 1999) make the normals at
-vertices exact on circles and spheres for facets of any length.
+measured along smooth tangents instead: along the facets themselves, a polygon that shrinks has
+tangential displacements of alternating sign, of the size of the angle, which are no slip. The
+weights of N. Max (Weights for computing vertex normals from facet normals, J. Graphics Tools 4,
+1999) make the normals at vertices exact on circles and spheres for facets of any length.
 """
 
 from __future__ import annotations
@@ -25,10 +25,12 @@ from skfem_adini.conditions.vertex_normals import CORNER, corner_weights
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Facets that turn by more, at their corners or within, belong to a curve; less is noise of straight
-# ones, and what it does to a pressure is of its size.
+# Angle in radians: facets whose normals turn by more, at their corners or inside, are those of a
+# curve. Smaller angles are noise of straight facets, with an effect of that size on the pressure.
 CURVED = 1e-3
-NEARLY = np.sin(0.5 * CORNER)  # of the angle from a plane of symmetry: half the turn at its mirror
+# Sine of the largest angle by which a normal may be off a plane of symmetry to be turned into it:
+# half of `CORNER`, because the angle to the mirror image is twice as large.
+NEARLY = np.sin(0.5 * CORNER)
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ class Outline:
 
     @cached_property
     def turned(self) -> Array:
-        """Smooth normals at the corners of each facet, where sharp its own; as `at_corners`."""
+        """Smooth normals at corners of each facet, where sharp its own; shape as `at_corners`."""
         vertex, place = self._vertices
         weight, own = corner_weights(self.body.mesh.p[:, self.corners], axis=2), self.at_corners
         mean = _unit_sums(weight * own, place, vertex.size)
@@ -93,7 +95,7 @@ class Outline:
 
     @cached_property
     def _tilts(self) -> tuple[Array, Array]:
-        """Turns from the facets' normals at corners: to the smooth ones, and to their middles'."""
+        """Distance from the normals at corners to the smooth ones, and to that of the middle."""
         middle = self.normals(
             reference_corners(self.body.dim, self.corners.shape[1]).mean(1)[:, None]
         )
@@ -102,7 +104,7 @@ class Outline:
 
     @cached_property
     def continued(self) -> NDArray[np.bool_]:
-        """Corners of facets, in 2-D, where exactly one other continues, (nfacets, ncorners)."""
+        """Corners (2-D) where one other facet continues, not sharply, (nfacets, ncorners)."""
         vertex, place = self._vertices
         met = np.bincount(place.ravel(), minlength=vertex.size)
         bend = np.zeros((self.body.dim, vertex.size))
@@ -114,7 +116,7 @@ class Outline:
 
     @cached_property
     def beyond(self) -> tuple[Index, Index]:
-        """The facet and its corner that continue each continued corner; -1 elsewhere."""
+        """The facet beyond each continued corner, and its corner there; -1 elsewhere."""
         _, place = self._vertices
         facet, corner = np.full((2, *place.shape), -1)
         order = np.argsort(place.ravel(), kind="stable")
@@ -127,7 +129,8 @@ class Outline:
     def smooth(self, normals: Array, points: Array) -> Array:
         """Smooth normals at points of the facets.
 
-        The normals of the facets plus the interpolated difference to the smooth normals at corners.
+        These are the normals of the facets plus the interpolated difference between the smooth
+        normals and the facets' own at the corners, scaled to unit length.
 
         Parameters
         ----------
@@ -151,7 +154,7 @@ class Outline:
         number : ndarray of int, shape (nfacets, nvalues)
             Contact point of each value, -1 for none.
         size : ndarray, shape (nfacets, nvalues)
-            Of the facet's share.
+            Weight of each value in the means.
 
         Returns
         -------
@@ -166,7 +169,7 @@ class Outline:
         Raises
         ------
         InputError
-            Facets that lie back to back share a point.
+            Facets with opposite normals share a contact point.
         """
         used, own = number >= 0, self.normals(points)
         at, count = number[used], int(number.max()) + 1
@@ -177,7 +180,7 @@ class Outline:
 
         normals = mean(self.smooth(own, points))
         length = np.linalg.norm(normals, axis=0)
-        if np.any(length < 1e-9):
+        if np.any(length < 1e-9):  # unit vectors that cancel, up to rounding
             raise InputError("boundary: facets with opposite normals meet at a contact point")
         normals /= length
         sharp = _sharp(own[:, used], at, count)
@@ -185,13 +188,14 @@ class Outline:
 
     @cached_property
     def bent(self) -> NDArray[np.bool_]:
-        """Straight facets whose smooth normals spread or close at all corners, shape (nfacets,).
+        """Straight facets whose smooth normals diverge, or converge, at all corners, (nfacets,).
 
         These approximate a curve. Facets next to a flat side are not among them, nor those whose
         angles are noise, nor facets of second order, which follow the curve themselves.
         """
         corner, change = self.body.mesh.p[:, self.corners], self.turned - self.at_corners
         lean = np.sum(change * (corner - corner.mean(axis=2, keepdims=True)), axis=0)
+        # The same sign at all corners, and similar sizes: none below a quarter of the largest.
         bent = np.abs(lean.sum(axis=1)) > 0.999 * np.abs(lean).sum(axis=1)
         bent &= np.abs(lean).min(axis=1) > 0.25 * np.abs(lean).max(axis=1)
         between, within = (tilt.max(axis=1) for tilt in self._tilts)
@@ -219,8 +223,7 @@ class Outline:
     def _within_supports(self, normals: Array, vertex: Index) -> Array:
         """Turn normals that lie in a plane of symmetry up to a small angle exactly into it.
 
-        Where a curved boundary ends at a support along an axis, the mean normal is that of one side
-        only, off by half the turn of a facet; friction would act on what is left of the tangent.
+        See `contact.rows.frames.within_supports`; here for normals of mesh vertices, (dim, n).
         """
         body, turned = self.body, normals.copy()
         P = body.constraint[0]
@@ -233,7 +236,7 @@ class Outline:
 
 
 def _unit_sums(v: Array, at: Index, count: int) -> Array:
-    """Sums of vectors at places, of unit length; zero where they cancel."""
+    """Sums of the vectors at each place, scaled to unit length; zero where they cancel."""
     total = np.array([np.bincount(at.ravel(), c.ravel(), count) for c in v])
     scale = np.bincount(at.ravel(), np.linalg.norm(v, axis=0).ravel(), count)
     size = np.linalg.norm(total, axis=0)
@@ -243,8 +246,8 @@ def _unit_sums(v: Array, at: Index, count: int) -> Array:
 def _sharp(normals: Array, at: Index, count: int) -> NDArray[np.bool_]:
     """Whether two of the facets that meet form an angle larger than `CORNER`.
 
-    The angles to their mean normal do not tell: the mean is weighted towards the small facets, and
-    may differ from the normal of a large one by the whole angle.
+    The angles to their mean normal do not decide this: the mean is weighted towards the small
+    facets, and may differ from the normal of a large one by the whole angle.
     """
     order = np.argsort(at, kind="stable")
     at, normals = at[order], normals[:, order]

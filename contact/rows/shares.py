@@ -6,19 +6,19 @@ N_k,
 
 .. math::
     P_k v = \frac1{w_k} \sum_e \omega_k^e \, c_k^e(v), \qquad
-    \omega_k^e = \int_e N_k, \qquad w_k = \sum_e \omega_k^e, \qquad x_k = \frac1{w_k} \int N_k x ,
+    \omega_k^e = \int_e N_k, \qquad w_k = \sum_e \omega_k^e, \qquad x_k = \frac1{w_k} \int N_k x .
 
-on straight facets this is the integral of v with the dual multipliers :math:`N M_e^{-1} \omega^e`
-(B. Wohlmuth, SIAM J. Numer. Anal. 38, 2000). The weights sum to the length or area of the boundary,
-and :math:`\sum_k w_k P_k v` is the integral of v on every facet: a uniform pressure is exact on any
-outline.
+On straight facets :math:`w_k P_k v` is the integral of v with the dual multipliers
+:math:`N M_e^{-1} \omega^e` (B. Wohlmuth, SIAM J. Numer. Anal. 38, 2000). The weights sum to the
+length or area of the boundary, and :math:`\sum_k w_k P_k v` is the integral of v on every facet: a
+uniform pressure is exact on any outline.
 
 Between two facets f and g on a straight line a cubic trace has no value of its own at the vertex:
 as a C1 spline in arc length it is :math:`(l_g c_f + l_f c_g) / (l_f + l_g)` there, with c_f and c_g
 next to it on either side. So on f, besides its own :math:`c_f`, the value of its neighbour is
 :math:`c_g = ((l_f + l_g) c_v - l_g c_f) / l_f`, which on a straight line is the value on g. At a
-small angle the two differ a little. Keeping the value at the vertex as well would make the rows
-nearly dependent, because only the small angle distinguishes them.
+small angle the two differ slightly. If the value at the vertex were kept as well, the rows would be
+nearly dependent, because they would differ only by the small angle.
 
 Where straight facets approximate a curve (their angles exceed noise), conditions at vertices and
 between them contradict each other: for a displacement that is smooth on the curve they differ by
@@ -54,14 +54,17 @@ class Shares:
     number : ndarray of int, shape (nfacets, nvalues)
         Contact point of each value of a facet; where `lent`, one of the neighbouring facet.
     lent : ndarray of bool, shape (nfacets, nvalues)
+        Values for which the facet has no contact point of its own.
     C : ndarray, shape (nfacets, nvalues, npoints)
         ``omega_k^e c_k^e`` of the values at the functional's points.
     omega : ndarray, shape (nfacets, nvalues)
+        The integrals omega_k^e.
     weights : ndarray, shape (m,)
+        The weights w_k, lengths or areas.
     x : ndarray, shape (dim, m)
         Centroids of the N_k.
     mean : bool
-        The values are the vertices' shares of the mean (``centroid``) instead.
+        The values are the vertices' shares of the mean instead (``centroid``).
     hub : ndarray of int, shape (nfacets, nvalues)
         Vertex that each value belongs to, -1 for other values.
     mix : ndarray, shape (nfacets, nvalues, nvalues)
@@ -93,7 +96,7 @@ class Shares:
         outline : Outline
         form : FacetFunctional
         number : ndarray of int, shape (nfacets, nvalues)
-            Contact point of each value, -1 for one that is expressed by others.
+            Contact point of each value, -1 for one that others determine.
         integrals : FacetBasis
             Quadrature on the facets.
 
@@ -118,7 +121,7 @@ class Shares:
                 f = np.flatnonzero(lent[:, outer])
                 g = beyond[f, end]
                 number[f, outer] = own[g, np.where(corner[f, end] == 0, 1, -2)]
-                part = (length[g] / (length[f] + length[g]))[:, None]  # of c_f in c_v
+                part = (length[g] / (length[f] + length[g]))[:, None]  # weight of c_f in c_v
                 mix[f, inner, outer], mix[f, outer, outer] = part[:, 0], 1.0 - part[:, 0]
                 C[f, outer] = omega[f, outer, None] * (form.C[outer] - part * form.C[inner])
                 C[f, inner] += part * omega[f, outer, None] * form.C[inner]

@@ -28,11 +28,13 @@ class TraceRows:
     outline : Outline
     shares : Shares
     x : ndarray, shape (dim, nfacets, npoints)
+        Points of the functional.
     normals, smooth : ndarray, shape (dim, nfacets, npoints)
         Normals of the facets, along which contact acts; smooth normals, for the tangents.
     parts : ndarray, shape (nfacets, nvalues, npoints, nfunctions)
         Contribution of every scalar function at every point to every value of the facet.
     dofs : ndarray of int, shape (nfacets, nfunctions)
+        Scalar dofs of these functions.
     """
 
     outline: Outline
@@ -70,7 +72,7 @@ class TraceRows:
             mine = (dofs[:, None, :] == carried[..., None]).any(axis=0)
             parts = (values * np.asarray(basis.dx)[..., None])[:, None] * mine[:, :, None]
         else:
-            # Other functions vanish on the facet, but for the rounding of the places on it.
+            # All other functions vanish on the facet, up to rounding of the coordinates.
             on_facet = (dofs[:, None, :] == outline.scalar_dofs[..., None]).any(axis=1)
             parts = shares.C[..., None] * (values * on_facet[:, None])[:, None]
         normals = np.asarray(basis.normals) if direction is None else direction(x)
@@ -84,11 +86,11 @@ class TraceRows:
 
     @cached_property
     def supported(self) -> sparse.csr_array:
-        """Rows of a scalar trace by which one decides whether supports fix a contact point.
+        """Rows of a scalar trace that decide whether supports fix a contact point.
 
-        A functional that belongs to a vertex counts as fixed where the vertex is. Its mean over the
-        facets on one side of a plane of symmetry may slide normal to the plane, but the mean over
-        both sides cannot: the other half moves the opposite way.
+        A functional that belongs to a vertex counts as fixed where the vertex is fixed. Its mean
+        over the facets on one side of a plane of symmetry may have a displacement normal to the
+        plane, but the mean over both sides has none: the other half moves the opposite way.
         """
         hub = self.shares.hub
         k, place = np.unique(self.shares.number[hub >= 0], return_index=True)
@@ -113,7 +115,7 @@ class TraceRows:
     def tangential(
         self, normals: Array, tangents: Array, sharp: NDArray[np.bool_]
     ) -> sparse.csr_array:
-        """Rows of the displacement along one tangent a contact point, shape (m, ndofs).
+        """Rows of the displacement along one tangent per contact point, shape (m, ndofs).
 
         The tangents follow the smooth normals along the facets, except in corners and where
         supports fix a point in the direction of its tangent.
@@ -132,6 +134,7 @@ class TraceRows:
         turned = turned_tangents(along[:, None], mean, here)[:, 0]
         rows = self._rows(np.einsum("fspb,cfsp->cfsb", self.parts, turned), self.dim)
         rows = _chosen(sharp, directed(self.scalar, tangents), rows)
+        # Rows that vanish, up to rounding, in the free unknowns: supports fix this direction.
         straight, P = directed(self.supported, tangents), self.outline.body.constraint[0]
         return _chosen(norms(straight @ P) <= 1e-9 * norms(straight), straight, rows)
 
@@ -151,7 +154,7 @@ class TraceRows:
         place = number.ravel(), column.ravel()
         total = sparse.coo_array((values.ravel(), place), shape=size).tocsr()
         result = sparse.csr_array(sparse.diags_array(1.0 / self.shares.weights) @ total)
-        # Directions along an axis have no other component but by rounding.
+        # Drop rounding: a direction along an axis has no other component.
         length = body.lengths[0][body.dim * (result.indices // components)]
         result.data[np.abs(result.data) < 1e-11 * length] = 0.0
         result.eliminate_zeros()

@@ -35,7 +35,8 @@ from contact.rows.shares import Shares
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# Shares of the mean read the displacement a sixth of a facet from the vertex: two thirds are left.
+# ``centroid`` evaluates the displacement at a sixth of a facet from the vertex, which leaves two
+# thirds of the correction.
 _OF_MEAN = 2.0 / 3.0
 
 
@@ -46,8 +47,9 @@ class Leaning:
     Attributes
     ----------
     point, vertex : ndarray of int, shape (n,)
+        Contact point and mesh vertex of each term.
     part : ndarray, shape (dim, n)
-        Vectors that the displacement of the vertex is multiplied by, weights divided out.
+        Vectors that multiply the displacement of the vertex, divided by the weight of the point.
     """
 
     point: Index
@@ -85,13 +87,14 @@ class Leaning:
         return np.array([np.bincount(self.point, part, count) for part in self.part])
 
     def rows(self, value: Index, shape: tuple[int, int]) -> sparse.csr_array:
-        """The rows.
+        """The terms as a sparse matrix.
 
         Parameters
         ----------
         value : ndarray of int, shape (nvertices,)
             Scalar dof of the value at each vertex.
         shape : tuple of int
+            (m, ndofs).
         """
         dim = len(self.part)
         column = dim * value[self.vertex] + np.arange(dim)[:, None]
@@ -102,8 +105,8 @@ class Leaning:
 def _at_their_normals(normal: Array, own: Array) -> Array:
     """Barycentric weights of the point where the smooth normal is the normal of the facet.
 
-    The nearest such point to the middle, shape (nfacets, ncorners). A polygon that shrinks evenly
-    has no tangential displacement there.
+    Of several such points it is the one nearest to the middle; shape (nfacets, ncorners). A polygon
+    that shrinks evenly has no tangential displacement there.
 
     Parameters
     ----------
@@ -117,7 +120,8 @@ def _at_their_normals(normal: Array, own: Array) -> Array:
     lean = lean / np.linalg.norm(lean, axis=(1, 2), keepdims=True)
     equations = np.concatenate((lean, np.full((len(lean), 1, count), 1.0)), axis=1)
     wrong = np.concatenate((-lean.mean(axis=2), np.zeros((len(lean), 1))), axis=1)
-    # Directions that hardly curve say nothing.
+    # Directions with hardly any curvature do not determine the point: rcond drops them. A point far
+    # outside the facet is replaced by the middle.
     off = np.einsum("fkc,fc->fk", np.linalg.pinv(equations, rcond=0.05), wrong)
     off = np.where(np.abs(off).max(axis=1, keepdims=True) < 1.0, off, 0.0)
     return np.asarray(off + 1.0 / count)
@@ -126,7 +130,7 @@ def _at_their_normals(normal: Array, own: Array) -> Array:
 def _edges(
     outline: Outline, corners: Index, number: Index, normal: Array
 ) -> list[tuple[Index, Index, Array]]:
-    """Parts of the corners that edges of triangles lie opposite to, on the edges' two ends."""
+    """Terms of the corner opposite to each edge of a triangle, at the two ends of the edge."""
     x = outline.body.mesh.p[:, corners]
     across = np.cross(x[:, :, 1] - x[:, :, 0], x[:, :, 2] - x[:, :, 0], axis=0)
     across /= np.linalg.norm(across, axis=0)

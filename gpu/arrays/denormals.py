@@ -6,17 +6,17 @@ from typing import Any
 
 import numpy as np
 
-LEAST_FILLED = 256  # below this order slow numbers do not matter
-# Of the norm: far above the denormal numbers, also squared, and far below the rounding of anything.
+LEAST_FILLED = 256  # below this order the slow arithmetic with denormal numbers does not matter
+# Relative to the norm: far above the denormal numbers, even squared, and far below all rounding.
 NOISE = 1e-40
 
 
 def filled(M: Any) -> Any:
-    """M with noise of 1e-40 of its norm, where it is large and on the host.
+    """M plus random noise of 1e-40 of its norm if M is large and on the host, else M itself.
 
-    Inverses of banded matrices decay exponentially off the diagonal, through the denormal
-    numbers, with which processors are slower by two orders of magnitude: doubling of 2048 states
-    took five minutes instead of half of one. Symmetric matrices stay so.
+    Inverses of banded matrices decay exponentially off the diagonal, down to denormal numbers, with
+    which processors are slower by two orders of magnitude: doubling with 2048 states took five
+    minutes instead of half a minute. The noise is symmetric, so symmetric matrices remain so.
     """
     if not isinstance(M, np.ndarray) or len(M) < LEAST_FILLED:
         return M

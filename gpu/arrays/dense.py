@@ -1,9 +1,9 @@
 """Dense kernels on either side: SciPy's BLAS and LAPACK, or cuBLAS and cuSOLVER.
 
-NumPy brings a BLAS of its own; calls that alternate between the two make their thread pools wait
-for each other, which costs more than a product with a matrix of a thousand rows. On a device the
-libraries are called directly: `cupy.linalg.cholesky` copies, cleans and waits, which is twice the
-factorisation.
+NumPy has a BLAS of its own. If calls alternate between the two, their thread pools wait for each
+other, which costs more than a product with a matrix of a thousand rows. On a device the libraries
+are called directly: `cupy.linalg.cholesky` copies the matrix, clears the other triangle and waits
+for the device, which takes twice the time of the factorisation.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from gpu.arrays.device_blas import MINUS, ONE, ZERO, DeviceBlas
 from gpu.cuda.symmetric import SOURCE as SYMMETRIC
 
 Array = Any  # numpy.ndarray or cupy.ndarray
-# On a device a triangular solve with at most so many columns goes by blocks of so many rows.
+# On a device a triangular solve with 2 to FEW_COLUMNS columns goes by blocks of SOLVE_BLOCK rows.
 SOLVE_BLOCK, FEW_COLUMNS = 2048, 16
 TILE = 32  # of `gpu.cuda.symmetric`
 
@@ -31,14 +31,20 @@ def symmetric_product(P: Array, x: Array) -> Array:
 
 
 def cholesky(M: Array) -> Array:
-    """Lower factor of the symmetric M, which is overwritten; raises `LinAlgError`."""
+    """Lower Cholesky factor of the symmetric M, which is overwritten.
+
+    Raises `LinAlgError` if M is not positive definite. What is above the diagonal is undefined.
+    """
     L, check = cholesky_begun(M)
     check()
     return L
 
 
 def cholesky_begun(M: Array) -> tuple[Array, Callable[[], None]]:
-    """The same without waiting for a device, where what is called second raises the error."""
+    """As `cholesky` without waiting for the device: the factor, and a function for the check.
+
+    The function waits and raises `LinAlgError`; on the host the error is raised at once.
+    """
     if not M.size:
         return M, lambda: None
     if isinstance(M, np.ndarray):
@@ -92,8 +98,8 @@ def _device_lower_solve(L: Array, r: Array, transposed: bool) -> Array:
     u = r.copy(order="F") if r.ndim == 2 else r.copy()
     n, columns = len(L), 1 if r.ndim == 1 else r.shape[1]
     assert L.flags.f_contiguous
-    # Few columns are a matter of memory: products with all that is below a block wait for less
-    # than the triangles of the library do.
+    # With few columns the solve is limited by memory bandwidth: products with the rows below a
+    # diagonal block have fewer dependencies than the triangular solve of the library.
     block = SOLVE_BLOCK if 1 < columns <= FEW_COLUMNS and not transposed else n
     with DeviceBlas() as (cublas, handle):
         operation = cublas.CUBLAS_OP_T if transposed else cublas.CUBLAS_OP_N
@@ -113,7 +119,7 @@ def _device_lower_solve(L: Array, r: Array, transposed: bool) -> Array:
 
 
 def gram(Y: Array) -> Array:
-    """``Y Y'`` for Y in row-major order; on a device by half of a product."""
+    """``Y Y'`` for Y in row-major order; on a device only one triangle is computed and mirrored."""
     if isinstance(Y, np.ndarray):
         return Y @ Y.T
     import cupy
@@ -126,7 +132,7 @@ def gram(Y: Array) -> Array:
             handle, cublas.CUBLAS_FILL_MODE_LOWER, cublas.CUBLAS_OP_T, rows, n, ONE, Y.data.ptr, n,
             ZERO, M.data.ptr, rows,
         )  # fmt: skip
-    # The lower triangle of columns is the upper one of rows.
+    # The lower triangle in column-major order is the upper one in row-major order.
     return cupy.triu(M) + cupy.triu(M, 1).T
 
 
@@ -150,7 +156,7 @@ def _symmetric_check() -> Any:
 
 
 def scaled_symmetric(M: Array, scale: Array) -> Array:
-    """``D M D`` of a device matrix and a diagonal, in one pass."""
+    """``D M D`` with the diagonal D of `scale`, for a device matrix, in one pass."""
     import cupy
 
     product = cupy.ElementwiseKernel(

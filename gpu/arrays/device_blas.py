@@ -1,4 +1,4 @@
-"""cuBLAS called directly, without what a general product has to ask before it begins."""
+"""cuBLAS called directly, without the checks that CuPy makes before a general product."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ ONE, MINUS, ZERO = (_FACTORS.ctypes.data + 8 * i for i in range(3))
 
 
 class DeviceBlas:
-    """The library and a handle that reads factors by addresses of the host, for a `with` block."""
+    """The library and a handle that reads scalar factors from host memory, for a `with` block.
+
+    `ONE`, `MINUS` and `ZERO` are the addresses of the factors 1, -1 and 0.
+    """
 
     def __enter__(self) -> tuple[Any, int]:
         from cupy.cuda import device

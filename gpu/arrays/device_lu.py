@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-_filters = threading.Lock()  # of warnings, which all threads share
+_filters = threading.Lock()  # the filters of warnings are shared by all threads
 
 
 def device_lu(A: Any) -> Any:
-    """Factors and pivots of a CuPy array, without CuPy's warning where a pivot is zero.
+    """LU factors and pivots of a CuPy array, without CuPy's warning about zero pivots.
 
-    Who asks for them looks at the pivots, and says what they mean for its problem.
+    Callers check the pivots and raise an error in terms of their problem.
     """
     from cupyx.scipy.linalg import lu_factor
 
@@ -25,7 +25,7 @@ def device_lu(A: Any) -> Any:
 
 
 def device_solver(M: Any) -> Callable[[Any], Any]:
-    """``x -> M^-1 x``; `LinAlgError` of an exactly singular M."""
+    """The function ``x -> M^-1 x``; raises `LinAlgError` if M is exactly singular."""
     from cupyx.scipy.linalg import lu_solve
 
     device = device_lu(M)

@@ -1,18 +1,19 @@
 r"""Triangular systems on a device by matrix products.
 
-The library's triangular solve waits for one row after the other. With the inverses
+In the library's triangular solve each row waits for the one before. With the inverses
 :math:`X_i = L_{ii}^{-1}` of diagonal blocks ([1]_, section 14.2, which shows that this is as stable
-as substitution where the blocks are well conditioned), :math:`LU = R` is
+as substitution if the blocks are well conditioned), :math:`LU = R` is solved by
 
 .. math:: U_i = X_iR_i, \quad R_j \leftarrow R_j - L_{ji}U_i \quad (j > i),
 
-and :math:`L^TU = R` the same from below: two products a block, at the speed of memory for one
-column and of arithmetic for many. The inverses follow from those of half the size,
+and :math:`L^TU = R` likewise from the last block to the first: two products per block, limited by
+memory bandwidth for one column and by arithmetic for many. The inverses are built from those of
+half the size,
 
 .. math:: \begin{pmatrix} A & \\ C & D \end{pmatrix}^{-1} =
           \begin{pmatrix} A^{-1} & \\ -D^{-1}CA^{-1} & D^{-1} \end{pmatrix},
 
-all blocks at once, beginning with triangles of 32 rows.
+for all blocks at once, beginning with triangles of 32 rows.
 
 References
 ----------
@@ -30,8 +31,8 @@ from gpu.arrays.device_blas import MINUS, ONE, ZERO, DeviceBlas
 from gpu.cuda.triangle import SOURCE
 
 Array = Any  # cupy.ndarray
-# Rows of the diagonal blocks that are inverted, at most: a larger one costs more to invert than its
-# products save. They begin as triangles of SIDE rows, one a warp of `gpu.cuda.triangle`.
+# Most rows of an inverted diagonal block: larger ones cost more to invert than the products save.
+# Inversion begins with triangles of SIDE rows, one for each warp of `gpu.cuda.triangle`.
 LARGEST_BLOCK, SIDE = 1024, 32
 
 
@@ -47,7 +48,7 @@ class DeviceTriangle:
         self.inverses = _inverses(self._blocks())
 
     def _blocks(self) -> Array:
-        """Copies of the diagonal blocks, the last one filled up with the identity."""
+        """Copies of the diagonal blocks, the last one padded with the identity."""
         import cupy
 
         n, size = self.n, self.size
@@ -115,7 +116,7 @@ def _many(
     columns: int, cublas: Any, handle: int, transposed: bool, m: int, n: int, alpha: int,
     A: int, lda: int, x: int, beta: int, y: int, ld: int,
 ) -> None:  # fmt: skip
-    """The same for matrices x and y with leading dimension ld."""
+    """As `_one` for matrices x and y with leading dimension ld."""
     operation = cublas.CUBLAS_OP_T if transposed else cublas.CUBLAS_OP_N
     if transposed:
         m, n = n, m
@@ -125,7 +126,7 @@ def _many(
 
 
 def _inverses(blocks: Array) -> Array:
-    """Inverses of lower triangles, shape (count, size, size); what is above them is not read."""
+    """Inverses of lower triangles, shape (count, size, size); entries above are not read."""
     import cupy
 
     count, size, _ = blocks.shape
@@ -136,8 +137,8 @@ def _inverses(blocks: Array) -> Array:
         multiply, keep = cublas.dgemmStridedBatched, cublas.CUBLAS_OP_N
         half = SIDE
         while half < size:
-            # The pairs of triangles along the diagonal of a block, and the blocks, lie at equal
-            # distances: the fewer of them are taken one by one.
+            # The pairs of triangles along the diagonal of a block have a constant stride in memory,
+            # and so have the blocks. The loop runs over the fewer, the batch over the others.
             inner, outer = (size // (2 * half), 2 * half * (size + 1)), (count, size * size)
             (turns, jump), (batch, stride) = sorted((inner, outer))
             work = cupy.empty((batch, half, half))

@@ -1,4 +1,4 @@
-"""Which array module an argument lives on, and the way to the host."""
+"""The array module (NumPy or CuPy) of arguments, and copies to the host."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gpu.errors import InputError, MissingDependency
 
 
 def namespace(*values: Any) -> Any:
-    """Return cupy if any of the values lives on a device, else numpy; sparse matrices count too.
+    """Return cupy if any of the values (arrays or sparse matrices) is on a device, else numpy.
 
     Raises
     ------
@@ -51,5 +51,5 @@ def _of_cupy(value: Any) -> bool:
 
 
 def to_host(array: Any) -> np.ndarray:
-    """Return the array as NumPy's, copied from the device if need be."""
+    """Return the array as a NumPy array, copied from the device if it lies there."""
     return array.get() if _of_cupy(array) else np.array(array)

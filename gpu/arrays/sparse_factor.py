@@ -1,8 +1,8 @@
 """Factors of symmetric quasidefinite sparse matrices whose diagonal changes.
 
 A matrix ``[[H, C'], [C, -E]]`` with H and E positive definite has a factorisation ``L D L'`` in
-every order of elimination ([1]_), so that one ordering serves all the matrices of an
-interior-point method. PARDISO is taken when pypardiso is importable, SuperLU otherwise.
+every order of elimination ([1]_), so one ordering serves all matrices of an interior-point method.
+PARDISO is used if pypardiso can be imported, SuperLU otherwise.
 
 References
 ----------
@@ -23,8 +23,8 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 Vector = np.ndarray
-# PARDISO perturbs pivots that are small beside the whole matrix: its rows are scaled first.
-# Each round takes the square root of what is left of their sizes.
+# PARDISO perturbs pivots that are small relative to the norm of the matrix, so rows and columns are
+# scaled first. Each of so many rounds divides both by the square root of their largest entry.
 SCALINGS = 3
 
 
@@ -34,14 +34,14 @@ def has_pardiso() -> bool:
 
 
 def quasidefinite(K: sparse.csc_array, solver: str = "auto") -> SuperLUFactor | PardisoFactor:
-    """Prepare to factor K, a symmetric matrix with a full diagonal; `factor` takes diagonals."""
+    """Prepare to factor the symmetric matrix K; the method `factor` takes a new diagonal."""
     if solver == "superlu" or (solver == "auto" and not has_pardiso()):
         return SuperLUFactor(K)
     return PardisoFactor(K)
 
 
 class SuperLUFactor:
-    """SuperLU without pivoting, in a minimum-degree order."""
+    """SuperLU with pivots on the diagonal, in a minimum-degree order."""
 
     def __init__(self, K: sparse.csc_array) -> None:
         self.size = K.shape[0]
@@ -69,13 +69,13 @@ class SuperLUFactor:
         return u
 
     def pivots(self) -> Vector:
-        """Diagonal of the last factor."""
+        """Diagonal of the last factor U; -1 where the pivot was not taken from the diagonal."""
         pivots: Vector = self._lu.U.diagonal()
         return np.where(self._lu.perm_r == self._lu.perm_c, pivots, -1.0)
 
 
 def is_positive_definite(K: sparse.csc_array) -> bool:
-    """Whether a symmetric matrix has positive pivots, each one of its own diagonal."""
+    """Whether all pivots of a symmetric matrix are positive, taken from its diagonal."""
     factors = SuperLUFactor(K)
     try:
         factors.factor(K.diagonal())
@@ -102,7 +102,7 @@ def _with_full_diagonal(K: Any) -> sparse.csc_array:
 
 
 def _diagonal_places(K: sparse.csc_array) -> np.ndarray:
-    """Where the diagonal stands in ``K.data``."""
+    """Indices of the diagonal entries in ``K.data``."""
     column = np.repeat(np.arange(K.shape[0]), np.diff(K.indptr))
     return np.flatnonzero(K.indices == column)
 
@@ -121,15 +121,15 @@ class PardisoFactor:
         self._data = self._entries.copy()
         self._column = upper.indices.astype(np.int64)
         self._row = np.repeat(np.arange(self.size), np.diff(upper.indptr))
-        self._place = upper.indptr[:-1].astype(np.int64)  # the diagonal comes first in its row
+        self._place = upper.indptr[:-1].astype(np.int64)  # the diagonal entry is the row's first
         self._ia = (upper.indptr + 1).astype(np.int32)
         self._ja = (upper.indices + 1).astype(np.int32)
         self._handle = np.zeros(64, dtype=np.int64)
         self._perm = np.zeros(self.size, dtype=np.int32)
         self._iparm = np.zeros(64, dtype=np.int32)
-        self._iparm[0] = 1  # the values below, not the defaults
+        self._iparm[0] = 1  # use the values below instead of the defaults
         self._iparm[1] = 2  # nested dissection
-        self._iparm[7] = 0  # no refinement: that is done against the unfactored blocks
+        self._iparm[7] = 0  # no refinement: callers refine with the original blocks
         self._iparm[9] = 13  # pivots below 1e-13 of the norm are perturbed
         self._iparm[20] = 1  # 1x1 and 2x2 pivots
         self._nothing = np.zeros(self.size)
@@ -155,7 +155,7 @@ class PardisoFactor:
             self._data *= root[self._row] * root[self._column]
             self._root *= root
         if not np.isfinite(self._data).all():
-            # PARDISO writes outside its memory where a matrix has NaN or infinities.
+            # PARDISO writes outside its memory if a matrix has NaN or infinities.
             raise np.linalg.LinAlgError("the matrix has entries that are not finite")
         self._call(22, self._nothing, self._nothing)
 
@@ -170,8 +170,8 @@ class PardisoFactor:
         error = ctypes.c_int32(0)
         arguments: tuple[Any, ...] = (
             self._handle,
-            1,  # factorisations kept
-            1,  # which of them
+            1,  # number of factorisations kept
+            1,  # number of the one used
             -2,  # real symmetric indefinite
             phase,
             self.size,
@@ -179,9 +179,9 @@ class PardisoFactor:
             self._ia,
             self._ja,
             self._perm,
-            1,  # right-hand sides
+            1,  # number of right-hand sides
             self._iparm,
-            0,  # silent
+            0,  # print no messages
             b,
             x,
         )
@@ -200,7 +200,7 @@ class PardisoFactor:
             raise np.linalg.LinAlgError(f"PARDISO phase {phase} failed with code {error.value}")
 
     def __del__(self) -> None:
-        # At the end of the interpreter even the module's names may be gone.
+        # While the interpreter shuts down, the module's names may be deleted already.
         if np is None or sys is None or sys.is_finalizing():
             return
         if getattr(self, "_handle", np.zeros(1)).any():
@@ -210,10 +210,11 @@ class PardisoFactor:
 
 @functools.cache
 def _pardiso() -> Any:
-    """MKL's ``pardiso``; pypardiso searches the installation for it, which takes a while."""
+    """MKL's ``pardiso``, cached because pypardiso takes a while to find the library."""
     from pypardiso.scipy_aliases import pypardiso_solver
 
-    # One of our own: by its name the library has one for all, whose types others may have set.
+    # A function object of our own: attribute access would return a shared one, on which other code
+    # may have set argument types.
     function = pypardiso_solver.libmkl["pardiso"]
     function.argtypes, function.restype = None, None
     return function

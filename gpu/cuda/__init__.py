@@ -1,6 +1,6 @@
-"""All CUDA sources of the package, one a file.
+"""All CUDA sources of the package, one in each file.
 
-In: nothing: texts.
-Out: texts for NVRTC, listed in `catalogue` for whoever compiles them without a device.
+In: nothing.
+Out: source texts for NVRTC, listed in `catalogue` for tests that compile them without a device.
 Start: `catalogue`.
 """

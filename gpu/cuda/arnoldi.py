@@ -1,8 +1,8 @@
 """CUDA source of the Arnoldi steps: a product with A or with numbers drawn, then Gram-Schmidt.
 
-A sweep keeps what it can on the multiprocessors: each block its share of the basis and the first
-columns of its rows of A. While the blocks meet, the next columns come from memory to the cache
-that all share.
+In a sweep each block keeps on its multiprocessor its rows of the basis and, of its rows of A, as
+many of the first columns as fit. While the blocks wait for each other, the next columns are
+prefetched from memory into the second-level cache.
 """
 
 from gpu.cuda.delayed_gram_schmidt import SOURCE as GRAM_SCHMIDT

@@ -1,4 +1,4 @@
-"""The CUDA sources of this package, for whoever compiles them without a device.
+"""The CUDA sources of this package, in one table for tests that compile them without a device.
 
 Every raw kernel is listed here; the tests compile each for each architecture with NVRTC, on a
 machine that needs neither a GPU nor a driver.

@@ -1,18 +1,20 @@
-"""CUDA source of a Gram-Schmidt step with one sum over all blocks: the second pass waits for it.
+"""CUDA source of a Gram-Schmidt step whose second pass is delayed, so that one reduction suffices.
 
-Orthogonalised once, a vector u is multiplied by A at once. What it still has of the basis,
+A vector u that has been orthogonalised once is multiplied by A immediately. Its remaining
+components along the basis V,
 
     s = V^* u,   u = V s + alpha v,   alpha^2 = |u|^2 - |s|^2,
 
-is summed up together with the projections of A u, and only then taken away from u: v is orthogonal
-to working precision, as after two passes. A step meets twice then, for the sums and for the next
-vector, where two passes one after the other meet three times. Since not v but
+are summed in the same reduction as the projections of A u, and only then subtracted from u: v is
+orthogonal to working precision, as after two passes. A step then needs two synchronisations of all
+blocks, for the sums and for the next vector, instead of three for two successive passes. Since not
+v but
 
     u / alpha = v + V r,   r = s / alpha,
 
-was multiplied, what is known in the end are the coefficients of A (v + V r) and r. Where hardly
-anything is left of u, r is not small: `gpu.eigenvalues.krylov.arnoldi_steps` turns the coefficients
-into those of A v.
+was multiplied by A, the step gives r and the coefficients of A (v + V r). If u lies almost in the
+span of V, r is not small: `gpu.eigenvalues.krylov.arnoldi_steps` converts the coefficients into
+those of A v.
 
 K. Swirydowicz, J. Langou, S. Ananthan, U. Yang and S. Thomas, Low synchronization Gram-Schmidt and
 generalized minimal residual algorithms, Numer. Linear Algebra Appl. 28 (2021), algorithm 3;

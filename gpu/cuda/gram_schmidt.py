@@ -1,9 +1,9 @@
 """CUDA source of Gram-Schmidt steps by all blocks of a launch together.
 
-Every block owns a range of rows of the vectors. Where sums over all rows are due the blocks write
-theirs, meet, and add up what the others wrote, all in the same order: a run repeats bit by bit on
-one device. A block that has met the others sees what they wrote before (release and acquire of
-the PTX memory model), but never reads it through the path for constant data.
+Every block owns a range of rows of the vectors. For a sum over all rows, each block writes its
+partial sum, all blocks synchronise, and each adds the partial sums in the same order: repeated runs
+on one device agree bit by bit. After a synchronisation a block sees what the others wrote before it
+(release and acquire of the PTX memory model), but must not read it through the read-only cache.
 """
 
 SOURCE = r"""

@@ -1,6 +1,6 @@
 """CUDA source that compares a matrix with its transpose, each entry read once.
 
-A block takes a tile below the diagonal and the one that mirrors it; the mirror passes through
+A block compares a tile below the diagonal with its mirror image above. The latter is transposed in
 shared memory, so that both are read along their rows.
 """
 

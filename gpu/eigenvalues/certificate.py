@@ -1,4 +1,4 @@
-"""The proof that what `eigs` returns are eigenpairs: residuals recomputed from the matrices."""
+"""The check that results of `eigs` are eigenpairs: residuals recomputed from the matrices."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from gpu.arrays.namespace import to_host
 from gpu.eigenvalues.operator import Matrix
 from gpu.errors import NotConverged
 
-# Largest |A x - lambda M x| over |A| + |lambda| |M|: 4e4 machine epsilons, above the rounding of
-# products of any order, and far below the residual of what is no eigenpair.
+# Largest |A x - lambda M x| over |A| + |lambda| |M| of a certified pair: 4e4 machine epsilons,
+# above the rounding of products of any order, and far below the residual of a wrong pair.
 CERTIFIED_PAIR = 1e-11
 
 
@@ -36,11 +36,16 @@ def certify(
     scale : float
         A lower bound of |A|, zero where none is known.
     squares : array, shape (2, k), optional
-        Of the norms of ``A x - lambda M x`` and of ``A x``, where the vectors came with them.
+        Squares of the norms of ``A x - lambda M x`` and of ``A x``, if they are known already.
+
+    Raises
+    ------
+    NotConverged
+        With the pairs that satisfy their equation as attributes.
     """
     unit = matrix.unit
     scale = (scale or matrix.norm) * unit
-    # To the host at once: every look at a number on the device waits for it.
+    # All numbers are copied to the host at once, as each copy waits for the device.
     if squares is None:
         xp = matrix.xp
         left = _product(matrix, vectors * unit)
@@ -57,7 +62,7 @@ def certify(
     )
     good = np.isfinite(allowed) & (error <= allowed)
     if not good.all():
-        with np.errstate(invalid="ignore"):  # of numbers that are none
+        with np.errstate(invalid="ignore"):  # some may be NaN
             worst = CERTIFIED_PAIR * float((error[~good] / allowed[~good]).max())
         kept = np.flatnonzero(good)
         raise NotConverged(
@@ -69,7 +74,7 @@ def certify(
 
 
 def _product(matrix: Matrix, X: Any) -> Any:
-    """``A X``; a real matrix meets the parts of complex vectors, as far as they are not zero."""
+    """``A X``; a real A is multiplied by the real and the nonzero imaginary parts of X instead."""
     xp = matrix.xp
     if not matrix.real or X.dtype.kind != "c":
         return _multiplied(matrix, X)
@@ -84,6 +89,6 @@ def _multiplied(matrix: Matrix, X: Any) -> Any:
     if matrix.explicit is not None:
         return matrix.explicit @ X
     product = matrix.xp.empty_like(X, dtype=matrix.dtype)
-    for j, x in enumerate(X.T):  # copied each: an operator may return the same array always
+    for j, x in enumerate(X.T):  # of copies: an operator may return its argument or reuse an array
         product[:, j] = matrix.apply(x.copy())
     return product

@@ -22,7 +22,7 @@ class Pairs(NamedTuple):
     values : ndarray, shape (k,)
         On the host.
     there : array, shape (k,), or None
-        The same where the matrix is.
+        The same in the array module of the matrix.
     vectors : array, shape (n, k)
     squares : array, shape (2, k), or None
         Squares of the norms of ``A x - lambda M x`` and of ``A x``, see `certify`.
@@ -36,15 +36,18 @@ class Pairs(NamedTuple):
 
 @dataclass
 class Eigenpairs:
-    """Eigenpairs of a partial Schur form and its basis; the last ones made are kept.
+    """Eigenpairs of a partial Schur form and its basis; the last result is cached.
 
     Attributes
     ----------
     matrix, mass : Matrix
         M may be None.
     problem : EigenProblem
+        Whose eigenvalues T has.
     rank : callable
+        Of eigenvalues; the larger, the more wanted.
     k : int
+        Number of pairs.
     """
 
     matrix: Matrix
@@ -56,7 +59,7 @@ class Eigenpairs:
     _made: Pairs | None = None
 
     def of(self, T: np.ndarray, basis: Arnoldi) -> Pairs:
-        """The pairs of T; asked for again with the same T, those that have been made."""
+        """The pairs of T, the k best first; for the same T again, the cached ones."""
         if T is self._T and self._made is not None:
             return self._made
         theta, Y = np.linalg.eig(T)
@@ -76,7 +79,7 @@ class Eigenpairs:
         return made
 
     def _fused(self) -> bool:
-        """Whether vectors and residuals come from real products on the device."""
+        """Whether vectors and residuals can be computed together, by real products on a device."""
         matrix, mass = self.matrix, self.mass
         return (
             matrix.xp is not np

@@ -20,9 +20,9 @@ from gpu.eigenvalues.schur.order import ORDERS, best_first, edge_of, rank_of
 from gpu.eigenvalues.schur.ordered_schur import Rank
 from gpu.errors import GpuError, InputError, NotConverged
 
-DENSE = 256  # up to this order all eigenvalues are computed: quick, and nothing can be missed
-PRODUCTS = 128  # the same for operators, whose entries cost a product a column
-FALLBACK = 4096  # up to this one where the iteration does not converge and entries are stored
+DENSE = 256  # up to this order all eigenvalues are computed: it is fast, and none can be missed
+PRODUCTS = 128  # the same for operators, whose entries cost a product for each column
+FALLBACK = 4096  # up to this order they are if the iteration fails and the entries are stored
 
 
 def eigs(
@@ -41,11 +41,11 @@ def eigs(
 ) -> Any:
     r"""Find k eigenvalues and eigenvectors of ``A x = lambda x`` or ``A x = lambda M x``.
 
-    The signature is that of `scipy.sparse.linalg.eigs`; results live where A lives. Krylov-Schur
-    iteration with thick restarts; what has converged is challenged from random vectors before it
-    is returned, so that copies of repeated eigenvalues are found too (the probability that one is
-    missed is in `gpu.eigenvalues.krylov.challenge.unbeaten`), and the residual of every returned
-    pair is recomputed.
+    The signature is that of `scipy.sparse.linalg.eigs`; results are on the side of A. Krylov-Schur
+    iteration with thick restarts. Before converged pairs are returned, a search from random vectors
+    looks for better ones, so that copies of repeated eigenvalues are found too (see
+    `gpu.eigenvalues.krylov.challenge.unbeaten` for the probability of missing one), and the
+    residual of every returned pair is recomputed.
 
     Parameters
     ----------
@@ -55,24 +55,24 @@ def eigs(
     k : int
         From 1 to n.
     M : array or sparse matrix, shape (n, n), optional
-        Must be invertible, or `sigma` be given.
+        Must be invertible unless `sigma` is given.
     sigma : number, optional
         Eigenvalues nearest to sigma: the iteration runs with ``(A - sigma M)^-1 M``, whose
         factors are computed once. Needs the entries of A.
     which : {"LM", "SM", "LR", "SR", "LI", "SI"}
         Largest or smallest modulus, real part, imaginary part (for real A its modulus). With
-        `sigma` it speaks of 1 / (lambda - sigma). "SM" with stored entries means ``sigma=0``.
+        `sigma` it refers to 1 / (lambda - sigma). "SM" with stored entries means ``sigma=0``.
     v0 : array, shape (n,), optional
         Start vector; a fixed random one by default.
     ncv : int, optional
-        Dimension of the space, at least k + 3; default ``max(2 k + 20, 40)``, and half as much
-        again where some restarts have not been enough. The search for missed eigenvalues needs
-        about half as many vectors, or k, on top.
+        Dimension of the Krylov space, at least k + 3; default ``max(2 k + 20, 40)``, and half as
+        much again if the first restarts do not suffice. The search for missed eigenvalues needs
+        about half as many further vectors, or k.
     maxiter : int, optional
         Most restarts, each of at least two products; by default enough for about 40 n products.
     tol : float
-        Residual relative to \|lambda\|. The default, 0, asks for the smallest one that rounding
-        allows: 100 machine epsilons times \|A\|, with `sigma` times the norm of the inverse.
+        Residual relative to \|lambda\|. The default, 0, means the smallest one that rounding
+        allows: 100 machine epsilons times \|A\|, or with `sigma` times the norm of the inverse.
     return_eigenvectors : bool
     restart : {"krylov-schur", "implicit"}
         "implicit" restarts by explicitly shifted QR steps on the Hessenberg matrix (Sorensen 1992,
@@ -81,34 +81,34 @@ def eigs(
     Returns
     -------
     w : ndarray, shape (k,)
-        Complex, best first; conjugate pairs side by side. A pair that k cuts gives its member of
-        positive imaginary part.
+        Complex, best first; conjugate pairs are adjacent. If only one of a pair is among the k, it
+        is the member of positive imaginary part.
     v : ndarray, shape (n, k)
-        Unit columns; not with ``return_eigenvectors=False``.
+        Columns of unit length; not returned with ``return_eigenvectors=False``.
 
     Raises
     ------
     InputError
         An argument is malformed; M is singular and no `sigma` given; `sigma` is given and A or M
-        has no stored entries, or no value beside it has factors.
+        has no stored entries, or ``A - sigma M`` is singular for it and all shifts tried beside it.
     NotConverged
         Fewer than k eigenvalues converged, or a pair failed its certificate; its attributes
-        ``eigenvalues`` and ``eigenvectors`` hold what did converge.
+        ``eigenvalues`` and ``eigenvectors`` hold those that converged.
     MissingDependency
-        A lives on a device and CuPy cannot be imported.
+        A is on a device and CuPy cannot be imported.
 
     Notes
     -----
     Matrices of order up to 256 (operators: 128) are decomposed fully. So are matrices of order up
-    to 4096 with stored entries whose iteration does not converge, unless `maxiter` was given, and
-    without an iteration those whose wanted values lie inside the spectrum, which a Krylov space is
-    slow to see: "SI", and with `sigma` "SM" and "LI". Of operators "SM" and "SI" may raise
-    `NotConverged` for that reason.
+    to 4096 with stored entries if the iteration does not converge, unless `maxiter` was given; and,
+    without an iteration, if the wanted values lie inside the spectrum, where Krylov methods
+    converge slowly: "SI", and with `sigma` "SM" and "LI". For operators, "SM" and "SI" may raise
+    `NotConverged` for this reason.
 
-    Of a matrix far from normal, as a convection operator is at large cell Peclet numbers, an
-    eigenvalue is known to its residual times its condition only. What is returned then are
-    eigenvalues of a matrix within `tol` of A, and a value that is better by less than that does
-    not count as missed.
+    Eigenvalues of a matrix far from normal, such as a convection operator at large cell Peclet
+    numbers, are determined only up to the residual times their condition number. The returned
+    values are then eigenvalues of a matrix within `tol` of A, and an eigenvalue that is better by
+    less than this uncertainty does not count as missed.
 
     References
     ----------
@@ -129,7 +129,7 @@ def eigs(
     if mass is not None:
         _matching(matrix, mass)
         if mass.explicit is not None:
-            _ = mass.magnitude  # raises
+            _ = mass.magnitude  # raises InputError if entries are not finite
     start = None if v0 is None else start_vector(v0, n, xp)
     choice("restart", restart, RESTART_KINDS)
     choice("which", which, ORDERS)
@@ -148,7 +148,7 @@ def eigs(
     task = _Task(matrix, mass, sigma, which, k)
     if start is not None and start.dtype.kind == "c" and task.real:
         raise InputError("v0 is complex, but A, M and sigma are real: pass its real part")
-    # Whether all eigenvalues may be computed where the iteration does not find the wanted.
+    # Whether all eigenvalues may be computed if the iteration does not find the wanted ones.
     spare = maxiter is None and task.decomposable
     small = DENSE if _stored(matrix, mass) else PRODUCTS
     scale = 0.0
@@ -166,8 +166,7 @@ def eigs(
     try:
         values, vectors = _certified(task, pairs, tol, scale)
     except NotConverged:
-        # Shift and invert loses digits where sigma lies much closer to one eigenvalue than to
-        # the others.
+        # Shift-and-invert loses digits if sigma is much closer to one eigenvalue than to others.
         if not spare:
             raise
         values, vectors = _certified(task, _decomposed(task), tol, scale)
@@ -176,7 +175,7 @@ def eigs(
 
 @dataclass(frozen=True)
 class _Task:
-    """The arguments of `eigs`, checked, that say what is wanted."""
+    """The checked arguments of `eigs` that define the problem and the wanted eigenvalues."""
 
     matrix: Matrix
     mass: Matrix | None
@@ -192,7 +191,7 @@ class _Task:
 
     @property
     def rank(self) -> Rank:
-        """Of eigenvalues, or with sigma of those of the inverse."""
+        """Rank function of eigenvalues, or with sigma of those of the inverse."""
         return rank_of(self.which, self.real)
 
     @property
@@ -202,13 +201,13 @@ class _Task:
 
     @property
     def inner(self) -> bool:
-        """Whether the wanted may lie inside the spectrum, where a Krylov space is blind."""
+        """Whether wanted values may lie inside the spectrum, where Krylov methods are slow."""
         transformed = self.which == "LI" and self.real and self.sigma is not None
         return self.which in ("SM", "SI") or transformed
 
     @property
     def decomposable(self) -> bool:
-        """Whether all eigenvalues can be had from stored entries in reasonable time."""
+        """Whether computing all eigenvalues from stored entries takes reasonable time."""
         return self.matrix.n <= FALLBACK and _stored(self.matrix, self.mass)
 
 
@@ -217,9 +216,10 @@ def _by_iteration(
 ) -> tuple[_Task, Pairs, float]:
     """The task as it was solved, its pairs, and a lower bound of |A|, zero if none is known.
 
-    `spare` tells that all eigenvalues may be computed instead.
+    `spare` means that all eigenvalues may be computed if the iteration fails.
     """
-    # To look at the entries takes as long as a product, and products tell of them too.
+    # Checking the entries takes as long as a product. First try without: if some are not finite or
+    # badly scaled, the coefficients of the iteration show it.
     unseen = task.plain and task.matrix.explicit is not None
     trial = replace(task, matrix=replace(task.matrix, assumed=1.0)) if unseen else task
     found, pairs, reason = _iterated(trial, limits, tol, start)
@@ -245,7 +245,7 @@ def _by_iteration(
 
 
 def _certified(task: _Task, pairs: Pairs, tol: float, scale: float) -> tuple[Any, Any]:
-    """Values and unit vectors where A is, their residuals recomputed."""
+    """Values and unit vectors in the array module of A, certified by recomputed residuals."""
     xp, vectors = task.matrix.xp, pairs.vectors
     if pairs.squares is None:
         vectors = xp.asarray(vectors)
@@ -257,10 +257,10 @@ def _certified(task: _Task, pairs: Pairs, tol: float, scale: float) -> tuple[Any
 def _iterated(
     task: _Task, limits: Limits, tol: float, start: Any
 ) -> tuple[Any, Any, GpuError | None]:
-    """Outcome of the iteration, its pairs, and what forbids to use them.
+    """Outcome of the iteration, its pairs, and the error if they cannot be used, else None.
 
-    Where sigma lies on an eigenvalue, rounding of its image drowns those of the others, and the
-    shift moves off it.
+    If sigma is an eigenvalue, the rounding error of its huge image under the inverse exceeds the
+    images of the others; then the iteration is repeated with a shift beside sigma.
     """
     matrix, mass, sigma, k, rank = task.matrix, task.mass, task.sigma, task.k, task.rank
     wanted = Wanted(k, rank, tol, edge_of(task.which, task.real), task.inner)
@@ -274,7 +274,7 @@ def _iterated(
             continue
         pairs = Eigenpairs(matrix, mass, problem, rank, k)
         try:
-            with np.errstate(all="ignore"):  # what overflows shows in the coefficients
+            with np.errstate(all="ignore"):  # overflow shows in the coefficients
                 found = krylov_schur(
                     problem.apply,
                     matrix.n,
@@ -297,15 +297,15 @@ def _iterated(
                 "fewer are finite: move it by a small part of their distance, or ask for fewer"
             )
         except FloatingPointError as error:
-            reason = InputError(f"A: {error}")  # or powers of an inverse overflow
+            reason = InputError(f"A: {error}")  # it may also be an overflow of an inverse
     return found, pairs, reason
 
 
 def _decomposed(task: _Task) -> Pairs:
-    """All eigenvalues by LAPACK on the host, the k best returned."""
+    """The k best of all eigenvalues, computed by LAPACK on the host."""
     matrix, mass, sigma, k = task.matrix, task.mass, task.sigma, task.k
     unit = matrix.unit
-    full = matrix.dense() * unit  # LAPACK's own scaling does not bring all eigenvalues back
+    full = matrix.dense() * unit  # LAPACK scales too, but does not scale all eigenvalues back
     if not np.all(np.isfinite(full)):
         raise InputError("A: A v is not finite")
     if sigma is not None:
@@ -315,8 +315,8 @@ def _decomposed(task: _Task) -> Pairs:
         finite = np.ones(values.size, dtype=bool)
     else:
         (alpha, beta), vectors = linalg.eig(full, mass.dense(), homogeneous_eigvals=True)
-        finite = np.abs(beta) > 1e-14 * np.abs(beta).max()
-        if matrix.real and mass.real:  # pairs stay whole
+        finite = np.abs(beta) > 1e-14 * np.abs(beta).max()  # a smaller beta is zero by rounding
+        if matrix.real and mass.real:  # keep conjugate pairs whole
             first = (alpha.imag > 0).nonzero()[0]
             finite[first] = finite[first + 1] = finite[first] & finite[first + 1]
         if finite.sum() < k or (sigma is None and not finite.all()):
@@ -329,6 +329,7 @@ def _decomposed(task: _Task) -> Pairs:
     key = values
     if sigma is not None:
         distance = values - sigma
+        # A distance below rounding counts as this, so that its inverse stays finite.
         tiny = 1e-300 + 1e-15 * np.abs(values).max(initial=0.0)
         key = 1.0 / np.where(np.abs(distance) < tiny, tiny, distance)
     order = best_first(key, task.rank, k, task.real, values)
@@ -347,7 +348,7 @@ def _matching(matrix: Matrix, mass: Matrix) -> None:
 
 
 def start_vector(v0: Any, n: int, xp: Any) -> Any:
-    """A start vector that has been checked, where A is."""
+    """The checked start vector in the array module of A."""
     if namespace(v0) is not xp:
         raise InputError("v0 and A live on different sides: move one of them")
     unmasked("v0", v0)

@@ -1,4 +1,4 @@
-"""The operator that `eigs` iterates with, and the way back from its eigenvalues."""
+"""The operator of the iteration in `eigs`, and the map from its eigenvalues to those wanted."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ import numpy as np
 from gpu.eigenvalues.operator import Matrix, factorized
 from gpu.errors import InputError
 
-# Rounding of the inverse over its least wanted eigenvalue: above this the order is rounding.
+# Rounding error of the inverse relative to its least wanted eigenvalue: above this value the order
+# of its eigenvalues is not reliable.
 DROWNED = 1e-6
 # The shift must be this many times nearer to sigma than the farthest wanted eigenvalue, or this
-# many times farther away; between, what is nearest to the shift need not be nearest to sigma.
+# many times farther away; otherwise eigenvalues nearest to the shift need not be nearest to sigma.
 APART = 1e3
 
 
 def shifts(matrix: Matrix, mass: Matrix | None, sigma: Any) -> Iterator[Any]:
-    """Sigma, and shifts next to it for the case that it is an eigenvalue."""
+    """Sigma, then shifts close to it, in case it is an eigenvalue."""
     yield sigma
     if sigma is not None:
         yield from (sigma * (1.0 + step) for step in (1e-9, 1e-7) if sigma)
@@ -29,16 +30,16 @@ def shifts(matrix: Matrix, mass: Matrix | None, sigma: Any) -> Iterator[Any]:
 
 @dataclass(frozen=True)
 class EigenProblem:
-    """A or the inverse that is iterated with.
+    """The operator of the iteration: A, M^-1 A or (A - shift M)^-1 M.
 
     Attributes
     ----------
     apply : callable x -> product
     dtype : numpy dtype
     values : callable
-        From its eigenvalues to those that are wanted.
+        Maps its eigenvalues to those of the pencil.
     matrix : array or None
-        Its entries, where they are those of A.
+        Its entries, if it is A and they are stored.
     """
 
     apply: Callable[[Any], Any]
@@ -48,12 +49,12 @@ class EigenProblem:
 
     @classmethod
     def of(cls, matrix: Matrix, mass: Matrix | None, shift: Any) -> EigenProblem | None:
-        """Factor what has to be; None where ``A - shift M`` has no factors.
+        """The operator for this shift, with its factors; None if ``A - shift M`` is singular.
 
         Raises
         ------
         InputError
-            M is singular, or what has to be factored has no entries.
+            M is singular, or a matrix that must be factored is given as an operator.
         """
         real = matrix.real and (mass is None or mass.real) and np.isrealobj(shift)
         dtype = np.dtype(float if real else complex)
@@ -66,7 +67,7 @@ class EigenProblem:
             raise InputError("M: an operator cannot be factored; pass its entries")
         if shift is None:
             assert mass is not None
-            # Real factors drop the imaginary part of what they solve for, or refuse it.
+            # Real factors drop the imaginary part of right-hand sides, or refuse it.
             entries = mass.explicit if mass.dtype == dtype else mass.explicit.astype(dtype)
             solve = factorized(entries, matrix.xp)
             if solve is None:
@@ -93,11 +94,11 @@ def told_apart(theta: np.ndarray, rounding: float, away: np.ndarray, moved: floa
     Parameters
     ----------
     theta : ndarray
-        The wanted ones.
+        The wanted eigenvalues of the inverse.
     rounding : float
-        That of the inverse, which an eigenvalue next to the shift makes large.
+        Rounding error of the inverse, which is large if an eigenvalue is close to the shift.
     away : ndarray
-        Distances from sigma of the eigenvalues they belong to.
+        Distances of the corresponding eigenvalues of the pencil from sigma.
     moved : float
         Distance of the shift from sigma.
     """
@@ -109,7 +110,7 @@ def told_apart(theta: np.ndarray, rounding: float, away: np.ndarray, moved: floa
 
 
 def _shifted(matrix: Matrix, mass: Matrix | None, sigma: Any, unit: float) -> Any:
-    """``unit A - sigma M``, shaped like A."""
+    """``unit A - sigma M``, sparse only if both are."""
     A, xp = matrix.explicit * unit, matrix.xp
     if hasattr(A, "tocsr"):
         if xp is np:

@@ -1,4 +1,4 @@
-"""What `eigs` multiplies by: the arguments A, M and sigma as one operator."""
+"""The arguments A and M of `eigs` as linear maps with one interface, and their LU factors."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from gpu.arrays.namespace import cupy, namespace, to_host
 from gpu.cuda.modulus import SOURCE as MODULUS
 from gpu.errors import InputError
 
-MOST_COUNTED = 1 << 30  # entries, which the library counts in 32 bits
+MOST_COUNTED = 1 << 30  # most entries for one call: the library counts them in 32 bits
 
 
 @dataclass(frozen=True)
 class Matrix:
-    """A square linear map on one side, host or device.
+    """A square linear map on the host or on a device.
 
     Attributes
     ----------
@@ -33,11 +33,11 @@ class Matrix:
         numpy or cupy.
     apply : callable x -> A x
     explicit : array or sparse matrix or None
-        The entries, where there are any.
+        The entries, if they are stored.
     name : str
-        Of the argument, for messages.
+        Name of the argument in messages.
     assumed : float, optional
-        Taken for the `magnitude`; the entries are not looked at.
+        Used as the `magnitude`, so that the entries are not read.
     """
 
     n: int
@@ -55,12 +55,12 @@ class Matrix:
 
     @functools.cached_property
     def magnitude(self) -> float:
-        """At least the largest modulus among the entries, at most twice the sum of all.
+        """A number between the largest modulus of the entries and twice the sum of all moduli.
 
         Raises
         ------
         InputError
-            They are not finite.
+            Entries are not finite.
         """
         if self.assumed is not None:
             return self.assumed
@@ -72,7 +72,7 @@ class Matrix:
 
     @functools.cached_property
     def norm(self) -> float:
-        """A lower bound of the spectral norm, the largest column; zero without stored entries."""
+        """Largest norm of a column, a lower bound of the spectral norm; 0 for operators."""
         if self.explicit is None:
             return 0.0
         scaled = abs(self.explicit) * self.unit
@@ -81,7 +81,7 @@ class Matrix:
 
     @functools.cached_property
     def unit(self) -> float:
-        """Power of two that brings huge or tiny entries within reach of squares."""
+        """Power of two that scales huge or tiny entries so that their squares are in range."""
         if self.explicit is None:
             probe = self.apply(self.xp.asarray(np.ones(self.n, dtype=self.dtype)))
             size = float(self.xp.abs(probe).max())
@@ -92,7 +92,7 @@ class Matrix:
         return float(2.0 ** min(-np.floor(np.log2(size)), 1000.0))
 
     def dense(self) -> np.ndarray:
-        """All entries, on the host, shape (n, n); by n products where none are stored."""
+        """All entries on the host, shape (n, n); computed by n products if they are not stored."""
         if self.explicit is None:
             identity = self.xp.eye(self.n, dtype=self.dtype)
             columns = [to_host(self.apply(column)) for column in identity]
@@ -102,19 +102,19 @@ class Matrix:
 
 
 def ordinary(size: float) -> bool:
-    """Whether numbers of this size have squares within reach."""
+    """Whether squares of numbers of this size neither overflow nor underflow."""
     return size == 0 or 1e-100 < size < 1e100
 
 
 def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
-    """Check an argument, but for its entries, and say how to multiply by it.
+    """Check an argument, except for its entries, and make it a `Matrix`.
 
     Parameters
     ----------
     name : str
     A : array, sparse matrix or LinearOperator of NumPy, SciPy or CuPy, or callable x -> A x
     start : array, shape (n,), optional
-        Gives a callable its order, and the module and dtype of what it works on.
+        For a callable: determines its order, and the module and dtype of its arguments.
 
     Raises
     ------
@@ -153,7 +153,10 @@ def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
 
 
 def _magnitude(entries: Any, xp: Any) -> float:
-    """See `Matrix`; NaN or infinite if an entry is. One pass over A costs as much as a product."""
+    """See `Matrix.magnitude`; NaN or infinite if an entry is.
+
+    It reads the entries once, as a pass over A takes as long as a product.
+    """
     if not entries.size:
         return 0.0
     if xp is np:
@@ -183,7 +186,7 @@ def _real_result(name: str, A: Callable[[Any], Any], x: Any) -> bool:
 
 
 def factorized(A: Any, xp: Any) -> Callable[[Any], Any] | None:
-    """Solve with an explicit matrix by its LU factors; None where it is exactly singular."""
+    """A function that solves with a stored matrix by its LU factors; None if it is singular."""
     if xp is np:
         if hasattr(A, "tocsr"):
             try:
@@ -216,6 +219,6 @@ def factorized(A: Any, xp: Any) -> Callable[[Any], Any] | None:
 
 
 def _singular(pivots: np.ndarray, columns: np.ndarray) -> bool:
-    """Whether a pivot is rounding beside its column: solving would blow up what others say."""
+    """Whether a pivot is rounding relative to its column of U, so that solves are meaningless."""
     limit = len(pivots) * np.finfo(float).eps * columns
     return not bool(np.all(np.abs(pivots) > limit))

@@ -12,7 +12,8 @@ from gpu.arrays.namespace import cupy, namespace, to_host
 from gpu.eigenvalues.eigs import DENSE, FALLBACK, PRODUCTS, eigs, start_vector
 from gpu.errors import InputError, NotConverged
 
-# Largest |A v - s u| and |A^* u - s v| over |A|: the square has cost some digits of the vectors.
+# Largest |A v - s u| and |A^* u - s v| over |A| of a certified triplet: more than rounding, because
+# the vectors come from the square of A and have lost some digits.
 CERTIFIED_TRIPLET = 1e-10
 
 
@@ -29,8 +30,8 @@ def svds(
     r"""Find k singular triplets, ``A v = s u`` and ``A^* u = s v``.
 
     `eigs` finds the wanted eigenvectors of the smaller of :math:`A^* A` and :math:`A A^*`; the
-    singular values are those of A on the space they span, not roots, so that no digits are lost
-    to the square. Both residuals of every returned triplet are recomputed.
+    singular values are those of A on the space that they span, not square roots of eigenvalues,
+    which would lose half of the digits. Both residuals of every returned triplet are recomputed.
 
     Parameters
     ----------
@@ -41,8 +42,8 @@ def svds(
     ncv, maxiter
         See `eigs`.
     tol : float
-        Residual of the singular pairs relative to their singular value; 0 asks for what rounding
-        allows.
+        Relative residual of the eigenpairs of the square, see `eigs`; 0 means the smallest that
+        rounding allows.
     which : {"LM", "SM"}
         Largest or smallest.
     v0 : array, shape (min(m, n),), optional
@@ -64,14 +65,14 @@ def svds(
     NotConverged
         Fewer than k triplets converged, or one failed its certificate.
     MissingDependency
-        A lives on a device and CuPy cannot be imported.
+        A is on a device and CuPy cannot be imported.
 
     Notes
     -----
-    The eigenvalues of the square say nothing about singular values below 1e-7 of the largest. Where
-    these are wanted, stored matrices with min(m, n) up to 4096 are decomposed fully; operators and
-    larger matrices raise `NotConverged`. Matrices with min(m, n) up to 256 (operators: 128) are
-    always decomposed.
+    Singular values below 1e-7 of the largest cannot be found from the square, whose eigenvalues are
+    then rounding. If these are wanted, stored matrices with min(m, n) up to 4096 are decomposed
+    fully; operators and larger matrices raise `NotConverged`. Matrices with min(m, n) up to 256
+    (operators: 128) are always decomposed.
 
     References
     ----------
@@ -118,7 +119,7 @@ def svds(
 
 
 class _Factors:
-    """A and A^*, times a power of two that makes the entries of order one."""
+    """Products with A and A^*, times a power of two if the entries are huge or tiny."""
 
     def __init__(self, A: Any) -> None:
         unmasked("A", A)
@@ -161,7 +162,7 @@ class _Factors:
         self._left, self._right = A.__matmul__, adjoint.__matmul__
 
     def times(self, X: Any, adjoint: bool = False) -> Any:
-        """``A X`` or ``A^* X`` of a vector or of columns."""
+        """``A X`` or ``A^* X`` for a vector or a matrix of columns."""
         multiply = self._right if adjoint else self._left
         if X.ndim == 1 or self.explicit is not None:
             return multiply(X)
@@ -171,7 +172,7 @@ class _Factors:
 def _iterated(
     factors: _Factors, k: int, ncv: Any, tol: float, which: str, v0: Any, maxiter: Any
 ) -> tuple[Any, Any, Any]:
-    """Triplets by `eigs` with the smaller square, then by the SVD on the space found."""
+    """Triplets by `eigs` for the smaller of A^* A and A A^*, then the SVD of A on their space."""
     xp, (m, n) = factors.xp, factors.shape
     wide = m < n
     if v0 is None:
@@ -184,7 +185,8 @@ def _iterated(
 
     _, vectors = eigs(square, k, v0=v0, which=which, ncv=ncv, maxiter=maxiter, tol=tol)
     if factors.dtype.kind == "f":
-        # Real vectors span the space as well; of complex ones the larger part is taken.
+        # Real vectors span the same space: turn each by a complex phase so that its real part is
+        # as large as possible, and take this part.
         turn = xp.exp(-1j * xp.angle(xp.sum(vectors * vectors, axis=0)) / 2)
         vectors = (vectors * turn).real
     basis, _ = xp.linalg.qr(vectors)
@@ -194,7 +196,7 @@ def _iterated(
 
 
 def _decomposed(factors: _Factors, k: int, which: str) -> tuple[Any, Any, Any]:
-    """All singular values by LAPACK on the host, the wanted ones returned."""
+    """The wanted ones of all singular triplets, computed by LAPACK on the host."""
     if factors.explicit is None:
         full = factors.times(factors.xp.eye(factors.shape[1], dtype=factors.dtype))
     else:
@@ -211,11 +213,11 @@ def _decomposed(factors: _Factors, k: int, which: str) -> tuple[Any, Any, Any]:
 
 
 def _certify(factors: _Factors, u: Any, s: Any, vh: Any) -> None:
-    """Raise unless every triplet satisfies both of its equations."""
+    """Raise `NotConverged` unless every triplet satisfies both of its equations."""
     xp, v = factors.xp, vh.conj().T
     left, right = factors.times(v), factors.times(u, adjoint=True)
     error = xp.maximum(xp.linalg.norm(left - u * s, axis=0), xp.linalg.norm(right - v * s, axis=0))
-    # A lower bound of |A|: of what the vectors show, and of the rows where there are any.
+    # A lower bound of |A|: the largest singular value and, if entries are stored, column norm.
     size = float(s.max())
     if factors.explicit is not None:
         squares = abs(factors.explicit)

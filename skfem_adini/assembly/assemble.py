@@ -32,12 +32,12 @@ Integers = NDArray[np.integer]
 
 _log = logging.getLogger(__name__)
 
-_FEW_CELLS = 9  # an array over no more of them may be a tensor of 3 x 3 numbers as well
+_FEW_CELLS = 9  # an array over so few cells could as well be a tensor of 3 x 3 numbers
 _TYPES = [np.dtype(kind) for kind in (np.float32, np.float64, np.complex64, np.complex128)]
 
 
 class _SlowPath(Exception):
-    """Why scikit-fem has to assemble."""
+    """The fast path does not apply; the message says why scikit-fem assembles instead."""
 
 
 def assemble(
@@ -111,20 +111,20 @@ def assemble(
     `skfem.ElementGlobal`, or whose ``gbasis`` neither scikit-fem nor this package wrote; for other
     forms, mappings and bases than the standard ones, and lists of bases.
 
-    A form must be what scikit-fem asks for: a formula that acts on each quadrature point alone, or
-    on those of each cell. It is called with other numbers of cells than the mesh has; an array over
-    the cells that it holds on to, instead of getting it as a parameter, does not fit then and leads
-    to the slow path. So does a form that gives other numbers for a cell among other cells, as with
-    ``w.k / w.k.max()``: chosen entries are computed again in several compositions, see
-    `pointwise_check`.
+    As in scikit-fem, a form must act on each quadrature point alone, or on the points of each cell.
+    It is called on batches whose number of cells differs from that of the mesh, so an array over
+    the cells that the form has captured, instead of receiving it as a parameter, has the wrong
+    shape and leads to the slow path. So does a form whose values in a cell depend on the other
+    cells, as with ``w.k / w.k.max()``: `pointwise_check` computes some entries again in batches of
+    other cells.
 
-    The Jacobians of scikit-fem's isoparametric mapping have relative errors of about
-    ``eps |x| / h``, other ones in each cell. All cells of a class get those of the first. That is
-    the only difference to `skfem.asm` beyond the order of summation: below 1e-14 of the largest
-    entry until the coordinates exceed about 30 times the width of a cell.
+    The Jacobians of scikit-fem's isoparametric mapping have relative rounding errors of about
+    ``eps |x| / h``, which differ from cell to cell; here all cells of a class get those of its
+    first cell. Apart from the order of summation this is the only difference to `skfem.asm`. It is
+    below 1e-14 of the largest entry if the coordinates do not exceed about 30 cell widths.
 
-    Every cell is a class of its own if no two of them are bitwise equal, for instance after a
-    rotation. Nothing is gained then but the sorting and the memory of the basis.
+    If no two cells are bitwise equal, for instance after a rotation, every cell is a class of its
+    own. Then only the sorting and the memory of the basis are saved.
 
     Examples
     --------
@@ -185,7 +185,7 @@ def assemble(
 
 
 class _Problem:
-    """A form on the cells of a mesh, with what the fast path has to know."""
+    """A form on the cells of a mesh, with the function spaces and the blocks of dofs."""
 
     def __init__(
         self,
@@ -271,7 +271,7 @@ class _Problem:
         return result, f"assembled from {count} classes of {len(self.cells)} cells"
 
     def _shapes(self) -> Classes:
-        """Return the cells of the same shape and orientation."""
+        """Return the classes of cells with the same shape and orientation."""
         mapping = self.spaces[0].mapping
         if isinstance(mapping, MappingAffine) or type(mapping.mesh) in (MeshQuad, MeshHex):
             nodes = mapping.mesh.t

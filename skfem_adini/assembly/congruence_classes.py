@@ -32,15 +32,16 @@ class Classes(NamedTuple):
 
 
 def congruence_classes(points: Array, nodes: Integers, words: Words) -> Classes:
-    """Put cells into one class whose nodes differ by a translation and whose words agree.
+    """Put cells whose nodes differ by a translation and whose words agree into one class.
 
     Two cells are congruent here when the differences of their coordinates are the same numbers in
     double precision, bit by bit. That is all of the geometry that enters a local matrix, so the
     matrix of a representative is the one that would be computed for every cell of its class, and no
-    tolerance is needed. A tolerance would have to be below 1e-14 h to keep the matrix to 1e-14,
-    while rounded coordinates x make equal cells of width h differ by eps x / h: too narrow to merge
-    what it is meant to merge. On uniform tensor grids the differences take few values, one if the
-    spacing is a power of two and otherwise at most about ten in each direction.
+    tolerance is needed. A tolerance would have to be below 1e-14 h for the matrix to be accurate to
+    1e-14, but rounded coordinates x make equal cells of width h differ by eps x / h, relatively:
+    such a tolerance would be too small to merge them. On uniform tensor grids the differences take
+    few values, one if the spacing is a power of two and otherwise at most about ten in each
+    direction.
 
     Parameters
     ----------
@@ -49,7 +50,8 @@ def congruence_classes(points: Array, nodes: Integers, words: Words) -> Classes:
     nodes
         Nodes of the cells, shape (nodes of a cell, cells).
     words
-        What else tells cells apart, shape (cells, words).
+        Further bits that must agree in a class, as those of orientations and coefficients, shape
+        (cells, words).
     """
     labels, representatives = _compiled()(points, nodes, words)
     return Classes(labels, representatives)
@@ -68,7 +70,7 @@ def _power_of_two(least: Any) -> Any:
 
 
 def _label(points: Any, nodes: Any, words: Any) -> Any:
-    """Label the cells with an open hash table; equal keys are compared word by word.
+    """Label the cells by a hash table with open addressing; keys are compared word by word.
 
     The hash is that of Fowler, Noll and Vo, with their offset basis and prime of 64 bits. Its high
     bits are folded into the low ones, which alone choose the slot.
@@ -80,7 +82,7 @@ def _label(points: Any, nodes: Any, words: Any) -> Any:
     slots = _power_of_two(2 * cells)
     mask = np.uint64(slots - 1)
     table = np.full(slots, -1, dtype=np.int32)
-    keys = np.empty((cells, width), dtype=np.uint64)  # only the rows in use take memory
+    keys = np.empty((cells, width), dtype=np.uint64)  # rows never written take no memory
     labels = np.empty(cells, dtype=np.int32)
     representatives = np.empty(cells, dtype=np.int64)
     key = np.empty(width, dtype=np.uint64)

@@ -20,10 +20,10 @@ from skfem_adini.jit import compiled
 Array = NDArray[Any]
 Integers = NDArray[np.integer]
 
-# More threads than these wait for the memory, which they share.
+# More threads gain nothing: they share the bandwidth of the memory.
 _MOST_THREADS = 8
-# Pairs of a row block and a column block of one cell: .4 to 2 ms of work, many times what it takes
-# to start a thread.
+# Least work of a thread, in pairs of a row block and a column block of one cell: .4 to 2 ms, many
+# times what it takes to start a thread.
 _WORTH_A_THREAD = 50_000
 
 
@@ -44,12 +44,13 @@ def scatter_matrix(local: Array, labels: Integers, rows: DofBlocks, columns: Dof
     Notes
     -----
     A row belongs to one block of dofs, and all rows of a block have the neighbours of the block as
-    columns. Two blocks whose cells have the same classes, in the same order, and whose neighbours
-    come in the same order, have the same rows but for the numbers of the columns: each thread
-    keeps the rows that it summed lately, in the order of the cells, and copies them. Often even the
-    columns are those of the block before plus a constant, which the counting notes for the writing.
-    Threads share the blocks, so their number does not change the result. Indices have 32 bits until
-    the matrix holds 2^31 entries.
+    columns. Two blocks have the same rows, apart from the column numbers, if their cells have the
+    same classes in the same order and their neighbours come in the same order. Each thread
+    therefore keeps the rows that it summed last and copies them for such blocks. Often even the
+    column numbers are those of the preceding block plus a constant; the counting kernel marks these
+    blocks for the writing kernel. Every block is summed by one thread, in the order of its cells,
+    so the number of threads does not change the result. Indices have 32 bits as long as numbers of
+    entries, rows and columns are below 2^31.
     """
     count_rows, fill_rows = _kernel("count_rows"), _kernel("fill_rows")
     first, *held = _kernel("cells_of_blocks")(rows.of_cells, len(rows.start) - 1)
@@ -91,12 +92,16 @@ def scatter_vector(local: Array, labels: Integers, rows: DofBlocks) -> Array:
 
 
 def index_type(entries: int, size: int) -> type[np.signedinteger[Any]]:
-    """Return the integers that can count the entries and number the columns."""
+    """Return the integer type that can count the entries and number the columns."""
     return np.int32 if max(entries, size) <= np.iinfo(np.int32).max else np.int64
 
 
 def _masks(local: Array, starts: Integers) -> tuple[Array, bool]:
-    """Return which entries of each row are not zero: a bit for each dof of a column block."""
+    """Return which entries are not zero, as bit masks, and whether all are.
+
+    The masks have the shape (classes, local rows, column blocks of a cell), with one bit for each
+    dof of a column block; they are empty if no entry is zero.
+    """
     nonzero = local != 0
     if nonzero.all():
         return np.empty((0, 0, 0), dtype=np.uint64), True
@@ -111,7 +116,7 @@ def _shares(first: Integers, columns: int) -> list[tuple[int, int]]:
     """Return ranges of blocks of about equal work, one for each thread."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     work = int(first[-1]) * columns
-    # The work is limited by the memory: a second thread on two processors gained nothing.
+    # The kernels are limited by the memory: on two processors a second thread gained nothing.
     threads = max(1, min((cores or 1) // 2, _MOST_THREADS, work // _WORTH_A_THREAD))
     ends = np.searchsorted(first, first[-1] * np.arange(1, threads) / threads)
     ends = [0, *map(int, ends), len(first) - 1]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 Integers = NDArray[np.integer]
 
-# A block fits into one machine word of bits.
+# Largest number of dofs in a block: each has one bit of a 64-bit word.
 LARGEST = 64
 
 
@@ -23,9 +23,10 @@ class DofBlocks:
     of_cells
         Block numbers, shape (blocks of a cell, cells).
     local
-        Where each block of a cell begins in its list of dofs, and the end of that list.
+        Where each block begins in a cell's list of dofs, then the length of that list, shape
+        (blocks of a cell + 1,).
     start
-        First dof of each block, and the end of the last one.
+        First dof of each block, then the number of dofs, shape (blocks + 1,).
     size
         Number of dofs.
     """
@@ -64,7 +65,7 @@ class DofBlocks:
 
     @classmethod
     def from_dofs(cls, dofs: Any) -> DofBlocks:
-        """Take each dof of any numbering as a block."""
+        """Make every dof a block of its own, for any numbering."""
         numbers = np.ascontiguousarray(dofs.element_dofs, dtype=np.int32)
         return cls(numbers, np.arange(len(numbers) + 1), np.arange(dofs.N + 1), int(dofs.N))
 
@@ -79,7 +80,7 @@ class DofBlocks:
         )
 
     def restricted(self, cells: Integers | None) -> DofBlocks:
-        """Return the blocks of some of the cells, all for None."""
+        """Return the blocks of some of the cells; None means all cells."""
         if cells is None:
             return self
         of_cells = np.ascontiguousarray(self.of_cells[:, cells])

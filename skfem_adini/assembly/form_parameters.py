@@ -1,4 +1,4 @@
-"""The parameter object that forms get in fast assembly: it notices what varies inside a cell."""
+"""The parameters ``w`` of forms in fast assembly, which detect the use of varying fields."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[Any]
 
-# Components along one axis of a tensor: 6 x 6 elastic moduli in one row. What has more is a field
-# over another mesh.
+# Largest extent of a constant tensor along an axis: that of 6 x 6 elastic moduli in one row. A
+# larger array is taken for a field over another mesh.
 _MOST_COMPONENTS = 36
 
 
 class NotConstant(Exception):
-    """A form asked for something that is not the same everywhere in a cell."""
+    """A form used a parameter that is not constant in each cell."""
 
 
 class FormParameters(FormExtraParams):
-    """What a form receives as ``w``: the constants, and an alarm for all else.
+    """The parameters ``w`` of a form: constants can be read, all others raise `NotConstant`.
 
-    Numbers and fields constant in each cell are handed out. Any use of the coordinates ``x``, the
-    mesh size ``h``, the index ``idx`` or a field that varies inside a cell raises `NotConstant`,
-    and is remembered in case the form catches that.
+    Numbers and fields constant in each cell can be read. Any use of the coordinates ``x``, the
+    mesh size ``h``, the index ``idx`` or a field that varies inside a cell raises `NotConstant`
+    and is recorded, in case the form catches the exception.
 
     Parameters
     ----------
     constant
-        What may be read, by name.
+        Parameters that may be read, by name.
     withheld
-        Names that exist, and must not be read.
+        Names of parameters that exist but must not be read.
     """
 
     def __init__(self, constant: Mapping[str, Any], withheld: set[str]) -> None:
@@ -47,7 +47,7 @@ class FormParameters(FormExtraParams):
 
     @property
     def _refused(self) -> str | None:
-        """What the form asked for in vain."""
+        """Names of the withheld parameters that the form has used, or None."""
         return ", ".join(f"w.{name}" for name in sorted(self._used)) or None
 
     def _refuse(self, name: str) -> NoReturn:
@@ -76,7 +76,7 @@ class FormParameters(FormExtraParams):
     def _refuse_all(self, *_: Any, **__: Any) -> NoReturn:
         self._refuse("items()")
 
-    # What would pass on the parameters without saying which, or change them.
+    # Methods that hand out all parameters at once, or change them, are refused.
     __iter__ = __len__ = __eq__ = __or__ = __ror__ = __setitem__ = _refuse_all
     keys = values = items = copy = pop = popitem = update = setdefault = clear = _refuse_all
     __hash__ = None  # type: ignore[assignment]
@@ -96,6 +96,11 @@ def checked(name: str, value: Any, cells: int, points: int, dofs: int) -> Any:
     -------
     number, tuple, ndarray, DiscreteField or None
         None for a vector of dofs, which is to be interpolated.
+
+    Raises
+    ------
+    InputError
+        The value is not finite, is no number or array, or its shape fits none of these.
     """
     if isinstance(value, tuple):
         return value
@@ -130,7 +135,10 @@ def checked(name: str, value: Any, cells: int, points: int, dofs: int) -> Any:
 
 
 def constant_parts(value: Array, cells: int) -> list[Array | None] | None:
-    """Return a field over (..., cells, points) and its derivatives if constant in every cell."""
+    """Return a field and its derivatives if all are constant in every cell, else None.
+
+    The field has the shape (..., cells, points).
+    """
     parts = value.astuple if isinstance(value, DiscreteField) else (np.asarray(value),)
     for part in parts:
         if part is None:

@@ -21,10 +21,9 @@ from skfem_adini.errors import InputError
 Array = NDArray[Any]
 Integers = NDArray[np.integer]
 
-# Quadrature points a call of the form: its temporary arrays of 256 kB stay in the second-level
-# cache.
+# Quadrature points in one call of the form: its temporary arrays of 256 kB stay in the L2 cache.
 _POINTS_OF_CALL = 2**15
-# Values of all functions at the points of the cells prepared at a time: 8 MB for each component.
+# Values (functions x cells x points) that are prepared at a time: 8 MB for each component.
 _VALUES_PREPARED = 2**20
 
 
@@ -34,7 +33,15 @@ Fields = list[list[Array | None]]
 
 @dataclass(frozen=True)
 class Space:
-    """Functions of the cells to integrate over."""
+    """The shape functions of an element in the cells, with a quadrature rule.
+
+    Attributes
+    ----------
+    element, mapping
+        Those of scikit-fem.
+    X, W
+        Reference points, shape (dim, points), and weights, shape (points,).
+    """
 
     element: Any
     mapping: Any
@@ -42,10 +49,10 @@ class Space:
     W: Array
 
     def on(self, cells: Integers) -> tuple[Any, Integers]:
-        """Return a mapping for some cells, with no cache from before, and their numbers in it.
+        """Return a new mapping for some cells, without cached values, and their numbers in it.
 
-        Straight quadrilaterals and bricks are taken out of the mesh, since whatever their mapping
-        and the elements of this package do first they do for the whole mesh.
+        Straight quadrilaterals and bricks get a mesh of their own, because their mapping and the
+        elements of this package begin with computations for the whole mesh.
         """
         mesh = self.mapping.mesh
         if isinstance(self.mapping, MappingAffine):
@@ -53,7 +60,7 @@ class Space:
         if type(mesh) in (MeshQuad, MeshHex) and not oriented(self.element):
             p = mesh.doflocs
             used, t = np.unique(mesh.t[:, cells], return_inverse=True)
-            # The size of the coordinates, by which elements judge what is rounding, stays.
+            # Elements scale their rounding tolerance by the largest coordinate: keep its vertex.
             far = np.abs(p).max(axis=0).argmax()
             mesh = type(mesh)(p.take(np.append(used, far), axis=1), t.reshape(-1, len(cells)))
             cells = np.arange(len(cells))
@@ -73,7 +80,7 @@ class Space:
         return volume * self.W
 
     def fields(self, cells: Integers, functions: int) -> Fields:
-        """Return the functions in some cells."""
+        """Return the shape functions in some cells."""
         mapping, cells = self.on(cells)
         return _fields(self.element, mapping, self.X, cells, functions)
 
@@ -114,9 +121,9 @@ def local_tensors(
     spaces, sizes
         Functions and their number: trial and test for a bilinear form, test for a linear one.
     shapes
-        Cells of the same shape.
+        Classes of cells with the same shape.
     classes
-        Cells of the same shape and with the same coefficients.
+        Classes of cells with the same shape and the same coefficients.
     cells
         Numbers of the cells in the mesh.
     coefficients
@@ -192,7 +199,7 @@ class _Rows:
         classes, entry
             Class and number of the entry for each row; the classes are among those prepared.
         """
-        # A row for each test function, the trial functions along it.
+        # Entries are numbered row by row: rows are test functions, columns trial functions.
         indices = (entry,) if len(self._sizes) == 1 else np.divmod(entry, self._sizes[0])[::-1]
         place = np.searchsorted(self._needed, self.shape_of[classes])
         arguments = [
@@ -226,8 +233,8 @@ def _density(form: Any, arguments: list[Any], w: FormParameters, dx: Array) -> A
 def _batches(members: int, entries: int, step: int, cells: int) -> Iterator[Integers]:
     """Yield the numbers of entries to compute together, never as many as there are cells.
 
-    An array over the cells that a form holds on to, and that nobody can see, then does not fit to
-    the other arrays of the form.
+    An array over the cells that a form has captured cannot be detected directly; with another
+    number of rows it does not fit the form's other arrays, and the form fails.
     """
     for begin in range(0, members * entries, step):
         batch = np.arange(begin, min(begin + step, members * entries))
@@ -256,7 +263,7 @@ def _fields(element: Any, mapping: Any, X: Array, cells: Integers, functions: in
 
 
 def _vectors(part: Array, dim: int, cells: int) -> Array:
-    """Return the fields e_n phi of all components n of all functions phi, n fastest."""
+    """Return the vector fields e_n phi for all functions phi and components n, n fastest."""
     split = part.reshape(*part.shape[:-2], -1, 1, cells, part.shape[-1])
     shape = (dim, *split.shape[:-3], dim, *split.shape[-2:])
     vectors = np.zeros(shape, dtype=part.dtype)
@@ -266,7 +273,7 @@ def _vectors(part: Array, dim: int, cells: int) -> Array:
 
 
 def rows_of(fields: Fields, rows: Integers) -> list[DiscreteField]:
-    """Return some of the functions in some of the cells, as a form gets them."""
+    """Return functions in cells, chosen by their row numbers, as a form receives them."""
     return [
         DiscreteField(*(None if part is None else part.take(rows, axis=-2) for part in parts))
         for parts in fields

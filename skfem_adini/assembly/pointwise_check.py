@@ -1,4 +1,4 @@
-"""Whether a form gives the same numbers for a cell whichever cells come with it."""
+"""Check that the values of a form in a cell do not depend on the other cells of a batch."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ Integers = NDArray[np.integer]
 # nearly all of them.
 _CLASSES_TRIED = 8
 _ENTRIES_TRIED = 4
-# Rows of one class around the others: they move any mean, quantile or deviation.
+# Rows of one class added to the others: enough to change any mean, quantile or deviation.
 _ROWS_AROUND = 300
-# Of the sum of the moduli over the points. Equal operations on equal numbers differ by a few
-# roundings at most, where vector instructions or BLAS take them in another order.
+# Tolerance relative to the sum of absolute values over the points: equal operations on equal
+# numbers differ by a few roundings at most, if vector instructions or BLAS reorder them.
 ROUNDING = 1e-11
 
 
 class FormNotPointwise(Exception):
-    """A form failed on part of the cells, mixed them, or gave not one number for each point."""
+    """A form failed on some cells, mixed cells, or did not give one number for each point."""
 
 
 class Rows(Protocol):
     """Integrands of entries of the local tensors of classes of cells."""
 
     def prepare(self, classes: Integers) -> None:
-        """Make ready for these classes."""
+        """Prepare the evaluation in these classes."""
         ...
 
     def densities(self, classes: Integers, entry: Integers) -> Array:
@@ -46,31 +46,33 @@ class _Batch(NamedTuple):
 def check_pointwise(
     rows: Rows, found: Array, sizes: Sequence[int], coefficients: Array, cells: int
 ) -> None:
-    """Compute chosen entries again, in batches of other composition, order and length.
+    """Compute chosen entries again, in batches that differ in their cells, order and length.
 
-    A statistic of the cells of a batch (largest value, mean, norm, quantile, order, sum, number) is
-    another one in each of these: every chosen class alone, which includes those with the smallest
-    and the largest value of every coefficient; all of them among many cells of the class with the
-    smallest value, or with the largest; an entry repeated, without any other; and the order
-    reversed. A form that uses one gives other numbers there, unless it does not matter.
+    A statistic of the cells of a batch (largest value, mean, norm, quantile, order, sum, number)
+    changes between these batches: every chosen class alone, including those with the smallest and
+    the largest values of the coefficients; all chosen classes among many cells of the class with
+    the smallest value, or with the largest; one entry repeated, without any other; and the order
+    reversed. A form that uses such a statistic gives other numbers there, unless the statistic has
+    no effect.
 
     Parameters
     ----------
     rows
-        To compute entries with.
+        Evaluates the integrands of entries.
     found
-        All entries as found so far, shape (classes, entries).
+        All entries as computed before, shape (classes, entries).
     sizes
         Number of trial and of test functions, or of test functions.
     coefficients
-        Numbers of the classes, shape (numbers, classes).
+        Coefficients of the classes, shape (coefficients, classes).
     cells
-        Number of cells in the mesh, which a batch must not have.
+        Number of cells in the mesh. No batch has this length, so that arrays over the cells that
+        the form has captured do not fit.
 
     Raises
     ------
     FormNotPointwise
-        An entry comes out differently.
+        An entry differs from the one computed before.
     """
     rng = np.random.default_rng(0)
     chosen, extreme = _chosen(coefficients, rng)
@@ -93,7 +95,7 @@ def check_pointwise(
 
 
 def _chosen(coefficients: Array, rng: np.random.Generator) -> tuple[Integers, Integers]:
-    """Return the classes to look at, and those with extreme coefficients."""
+    """Return the classes to compute again, and those with extreme coefficients."""
     classes = coefficients.shape[1]
     varying = coefficients[np.ptp(coefficients, axis=1) > 0] if coefficients.size else coefficients
     extreme = np.array([varying.argmin(axis=1), varying.argmax(axis=1)]).T.ravel()

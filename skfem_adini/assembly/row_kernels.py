@@ -1,9 +1,10 @@
 """Kernels that count and write the rows of a sparse matrix, block by block.
 
-Plain Python of numba's kind; `csr_scatter` compiles them, each with the `PARTS` that it calls. A
-block of rows is the dofs of a vertex, edge, facet or cell; it is held by the cells around it, and a
-cell that holds it in the place p has for it the kind (class of the cell, p): kinds tell the local
-rows, and with the order of the neighbouring blocks all entries.
+Plain Python that numba can compile; `csr_scatter` compiles each kernel with the `PARTS` that it
+calls. A block of rows consists of the dofs of a vertex, edge, facet or cell and belongs to all
+cells around it. A cell in which it has the place p contributes to it with the kind (class of the
+cell, p). The kinds determine the local rows that are summed and, with the order of the neighbouring
+blocks, all entries.
 """
 
 from __future__ import annotations
@@ -12,14 +13,18 @@ from typing import Any
 
 import numpy as np
 
-# Blocks of rows kept for reuse by a thread, and their entries: at 12 bytes each 400 kB, about half
-# of a core's second-level cache.
+# Blocks of rows that a thread keeps for reuse, and the entries of all of them: 400 kB at 12 bytes
+# each, about half of a core's L2 cache.
 _WAYS = 64
 _CACHED = 2**15
 
 
 def cells_of_blocks(of_cells: Any, blocks: int) -> Any:
-    """Return for each block the cells that hold it and its places in them, from `first` on."""
+    """Return the cells that each block belongs to and its places in them.
+
+    Those of block b are the entries first[b] to first[b + 1] - 1 of the arrays `holders` and
+    `places`.
+    """
     width, cells = of_cells.shape
     first = np.zeros(blocks + 1, dtype=np.int64)
     for b in range(width):
@@ -51,7 +56,7 @@ def sum_vector(of_cells: Any, start: Any, begins: Any, labels: Any, local: Any, 
 
 
 def _largest(start: Any, begin: Any, end: Any) -> Any:
-    """Return the most members of a block from `begin` to `end`, at least 1."""
+    """Return the largest number of members of a block from `begin` to `end`, at least 1."""
     most = np.int64(1)
     for block in range(begin, end):
         most = max(most, start[block + 1] - start[block])
@@ -62,7 +67,10 @@ def count_rows(
     begin: int, end: int, rows: Any, columns: Any, labels: Any, masks: Any, full: bool,
     follows: Any, counts: Any,
 ) -> Any:  # fmt: skip
-    """Count the entries of the rows of the blocks from `begin` to `end`; note what follows."""
+    """Count the entries of the rows of the blocks from `begin` to `end`.
+
+    In `follows` mark the blocks whose rows are those of the block before with shifted columns.
+    """
     first, holders, places, row_start, row_local = rows
     of_cells, start, begins, uniform = columns
     wide = begins.size - 1
@@ -80,7 +88,8 @@ def count_rows(
         held = first[row_block + 1] - origin
         top = row_start[row_block]
         height = row_start[row_block + 1] - top
-        # A block follows the one before if all its numbers are that one's plus a constant.
+        # A block follows the one before if it has the same kinds and all its column blocks are
+        # those of the block before plus a constant.
         alike = uniform and held == last_held and held > 0
         step = np.int64(of_cells[0, holders[origin]]) - blocks[0] if alike else np.int64(0)
         last_held = held
@@ -111,7 +120,7 @@ def _count_nonzero(
     a: Any, held: Any, kinds: Any, row_local: Any, blocks: Any, masks: Any, slot: Any, hits: Any,
     count: Any, offset: Any,
 ) -> Any:  # fmt: skip
-    """Return how many entries of row `a` of a block some cell contributes to."""
+    """Return the number of entries in row `a` of a block to which a cell adds a non-zero."""
     rows_wide, wide = row_local.size - 1, masks.shape[2]
     for s in range(count):
         hits[s] = np.uint64(0)
@@ -197,7 +206,10 @@ def _sort_neighbours(
     row_block: Any, size: Any, blocks: Any, start: Any, owner: Any, slot: Any, found: Any,
     offset: Any,
 ) -> Any:  # fmt: skip
-    """Write the different blocks in ascending order, the slot of each, and where slots begin."""
+    """Write the distinct blocks in ascending order, the slot of each, and where slots begin.
+
+    Return the number of slots.
+    """
     count = 0
     for k in range(size):
         block = blocks[k]
@@ -217,7 +229,7 @@ def _sort_neighbours(
 
 
 def _find_way(held: Any, wide: Any, slot: Any, blocks: Any, key: Any, ways: Any) -> Any:
-    """Complete the key, kinds of cells and slots of their blocks; return where it is kept."""
+    """Complete the key (kinds of cells, slots of their blocks); return its place in the cache."""
     for k in range(held):
         for b in range(wide):
             key[k * (wide + 1) + 1 + b] = slot[blocks[k * wide + b]]
@@ -229,7 +241,7 @@ def _find_way(held: Any, wide: Any, slot: Any, blocks: Any, key: Any, ways: Any)
 
 
 def _is_kept(way: Any, size: Any, key: Any, keys: Any, key_sizes: Any) -> Any:
-    """Return whether the rows of this key are kept; if not, write the key in their place."""
+    """Return whether the cache has the rows of this key; if not, write the key in their place."""
     same = key_sizes[way] == size
     if same:
         for k in range(size):
@@ -246,7 +258,7 @@ def _sum_block(
     local: Any, masks: Any, full: Any, hits: Any, sums: Any,
     way: Any, kept_places: Any, kept_sums: Any,
 ) -> Any:  # fmt: skip
-    """Sum the rows of a block; keep the places and the sums of their entries."""
+    """Sum the rows of a block; store the places and the sums of their entries in the cache."""
     wide = begins.size - 1
     rows_wide = row_local.size - 1
     entries = 0

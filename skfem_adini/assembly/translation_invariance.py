@@ -18,7 +18,7 @@ _OURS = (ElementQuadAdini, ElementHexAdini, ElementQuadBFS)
 
 
 def leaves(element: Any) -> list[Any]:
-    """Return the elements that an element is put together from."""
+    """Return the elements that an element is composed of, itself if it is not composed."""
     if type(element) in (ElementVector, ElementDG):
         return leaves(element.elem)
     if type(element) is ElementComposite:
@@ -27,11 +27,11 @@ def leaves(element: Any) -> list[Any]:
 
 
 def why_not_element(element: Any) -> str | None:
-    """Say why the functions of an element may depend on more than shape and orientation of a cell.
+    """Say why an element's functions may depend on more than shape and orientation, else None.
 
-    The elements of scikit-fem see the cells through the derivative of the mapping and the method
-    ``orient`` only, but for those defined by global functionals. The ``gbasis`` of a stranger may
-    do anything.
+    Except for those defined by global functionals, the elements of scikit-fem use only the
+    derivative of the mapping and the method ``orient``. The ``gbasis`` of an element from another
+    package may use anything.
     """
     for leaf in leaves(element):
         author = type(leaf).gbasis.__module__
@@ -42,7 +42,7 @@ def why_not_element(element: Any) -> str | None:
 
 
 def why_not_mapping(mapping: Any, mesh: Any) -> str | None:
-    """Say why a mapping may be more than the differences of the nodes of a cell."""
+    """Say why a mapping may depend on more than differences of a cell's nodes, else None."""
     standard = type(mapping) in (MappingAffine, MappingIsoparametric)
     if not standard or getattr(mapping, "tind", None) is not None:
         return f"the mapping is a {type(mapping).__name__} that is not the usual one"

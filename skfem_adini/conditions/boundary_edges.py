@@ -140,7 +140,7 @@ class BoundaryEdges:
 
     @cached_property
     def length(self) -> Array:
-        """Shape (edges,)."""
+        """Lengths, shape (edges,)."""
         return np.linalg.norm(self.last - self.first, axis=0)
 
     @cached_property
@@ -153,12 +153,18 @@ class BoundaryEdges:
         return self.first[:, :, None] * (1 - s) + self.last[:, :, None] * s
 
     def along(self, normals: Array) -> tuple[Array, Array]:
-        """Unit tangents at both ends, turned at right angles to the normals of the vertices.
+        """Return unit tangents at both ends, projected to be orthogonal to the vertex normals.
 
         Parameters
         ----------
         normals
-            Of all vertices of the mesh, shape (dim, vertices); the edge's own tangent where zero.
+            Unit normals at all vertices of the mesh, shape (dim, vertices); where they are zero,
+            the tangent is that of the edge.
+
+        Returns
+        -------
+        tuple of ndarray
+            Tangents at the first and at the last vertices, shape (dim, edges) each.
         """
         first, last = (
             self.tangent - n * np.sum(n * self.tangent, axis=0)
@@ -167,7 +173,10 @@ class BoundaryEdges:
         return first / np.linalg.norm(first, axis=0), last / np.linalg.norm(last, axis=0)
 
     def curve(self, s: Array, ends: tuple[Array, Array]) -> Array:
-        """Return points as `points` does, on the cubics with these tangents at the ends."""
+        """Return points, (dim, edges, points), on the cubics with these unit tangents at the ends.
+
+        The fractions s are as in `points`.
+        """
         bumps = s * (1 - s) ** 2, -(s**2) * (1 - s)
         turns = ((end - self.tangent) * self.length for end in ends)
         bent = sum(turn[:, :, None] * bump for turn, bump in zip(turns, bumps, strict=True))

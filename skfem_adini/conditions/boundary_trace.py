@@ -16,7 +16,8 @@ from skfem_adini.elements.hermite_factors import (
     derivatives,
 )
 
-# Exact to degree 15 in each direction; products of two traces have degree 6, the rest is for data.
+# Exact to degree 15 in each direction. Products of two traces have degree 6; data may have a higher
+# one.
 _GAUSS_POINTS = 8
 _EDGE: tuple[Function, ...] = (((HERMITE,),), ((SLOPE,),))
 _FACE = adini_functions(2)
@@ -36,7 +37,7 @@ class BoundaryTrace:
     Attributes
     ----------
     points
-        Shape (dim, facets, points).
+        Gauss points, shape (dim, facets, points).
     dx
         Weights times surface element, shape (facets, points).
     functions

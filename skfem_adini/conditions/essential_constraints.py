@@ -22,8 +22,8 @@ from skfem_adini.conditions.vertex_normals import CORNER, NOISE, vertex_normals
 from skfem_adini.elements.vertex_dofs import vertex_dofs
 from skfem_adini.errors import InputError
 
-_SAMPLES = 10  # a cubic along a cubic is of degree nine
-# Of the largest value: data of two edges at a vertex that differ by less agree.
+_SAMPLES = 10  # exact for cubic data on a cubic curve, which have degree nine along it
+# Relative to the largest value: data of two edges that differ by less at a vertex agree.
 _SAME_VALUE = 1e-10
 
 
@@ -44,22 +44,24 @@ def essential_constraints(
     .. math::
         \Big(\sum_k t_k t_k^T\Big) \nabla u(p) = \sum_k t_k \, \partial g / \partial t_k .
 
-    - Edges in one line (turning by less than 1e-3, as noise on coordinates does) fix the derivative
-      along it, as the mean of the derivatives from both sides, and leave the normal derivative
-      free: one column of T with the entries of the unit normal. That derivative moves the edges by
-      the order of the turn, which costs a uniform stress up to some 1e-5 of itself.
+    - Edges in one line (turning by less than 1e-3 radians, as by noise on coordinates) fix the
+      derivative along it, as the mean of the derivatives from both sides, and leave the normal
+      derivative free: one column of T with the entries of the unit normal. On the edges u then
+      varies with that derivative, in proportion to the turn; the relative error of a uniform stress
+      is up to some 1e-5.
     - Edges in one plane in 3-D fix the gradient in that plane and leave the normal derivative.
     - Edges that turn further fix the whole gradient, each its own component: no conflict arises.
 
     So u = value holds on every facet, and polynomial solutions on polygons and polyhedra are exact.
-    Where facets stand for a curve this is too much unless the data know the normal derivative: a
-    field that is zero on the facets has no gradient at a vertex, the solution has. With
-    ``smooth=True`` facets that turn by less than .9 follow a smooth boundary. There the
-    :math:`t_k` are the edges' projections along its normal, and the data are sampled on the cubics
-    with these tangents; on the facets u is off by their distance from the curve.
+    Where facets approximate a curve these are too many conditions, unless the data have the right
+    normal derivative: a field that is zero on the facets has gradient zero at their vertices, the
+    solution has not. With ``smooth=True`` facets that turn by less than .9 radians follow a smooth
+    boundary. There the :math:`t_k` are the edges projected along its normal, and the data are
+    sampled on the cubics with these tangents; on the facets the error of u is of the order of
+    their distance from the curve.
 
-    Relative errors of a ring (radii 1 and 2, twisted and stretched, Adini), with n facets a quarter
-    of its inner side held at zero, and with exact data of a displacement that is not zero there:
+    Relative errors of a ring (radii 1 and 2, twisted and stretched, Adini), with n facets on a
+    quarter of its inner side. There the displacement is zero, or has exact data that are not zero:
 
     ====================  =======  =======  =======  =======  ===========
     u in L2               n = 4    n = 8    n = 16   n = 32   order
@@ -85,12 +87,12 @@ def essential_constraints(
     value
         The data g: a number, or a callable of points (dim, edges, points) returning (edges,
         points) ((components, edges, points) for vector fields). For a vector field also a
-        sequence with one number or scalar callable a component; None leaves that component free.
+        sequence of one number or scalar callable for each component; None leaves it free.
     components
         Components of a vector field on which to impose the data, counted from 0; all by default.
     smooth
-        Facets that turn by less than .9 follow a smooth boundary; a sequence gives one for each
-        condition.
+        Whether facets that turn by less than .9 radians follow a smooth boundary; a sequence has
+        one entry for each condition.
 
     Returns
     -------
@@ -103,7 +105,7 @@ def essential_constraints(
     ------
     InputError
         No facets, an unknown boundary, another element, data that are NaN or of the wrong shape,
-        or two boundaries that ask for different values at a common vertex.
+        or two boundaries with different values at a common vertex.
 
     Examples
     --------

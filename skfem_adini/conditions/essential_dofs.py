@@ -11,7 +11,8 @@ from skfem_adini.conditions.boundary_edges import Indices, facet_vertices, impos
 from skfem_adini.elements.vertex_dofs import vertex_dofs
 from skfem_adini.errors import InputError
 
-# In lengths of an edge: its slant from rounded coordinates, far below one that is meant.
+# Slant allowed, in lengths of an edge: above that from rounded coordinates, far below one that is
+# intended.
 _PARALLEL = 1e-10
 
 
@@ -28,9 +29,9 @@ def essential_dofs(
     these dofs fix the trace; the normal derivative stays free. Where edges or faces of several
     directions meet, the derivatives along all of them belong to the trace.
 
-    This is what to write where ``basis.get_dofs(facets)`` stands for Lagrange elements. With these
-    elements `get_dofs` also returns the normal derivative; holding it over-constrains a problem of
-    second order and brings its order in L2 down from 4 to 1.
+    Use it instead of ``basis.get_dofs(facets)``, the usual choice for Lagrange elements. With the
+    elements of this package `get_dofs` also returns the normal derivative; fixing that
+    over-constrains a second-order problem and reduces its order in L2 from 4 to 1.
 
     Parameters
     ----------

@@ -17,13 +17,14 @@ from skfem_adini.elements.hermite_factors import HERMITE, SLOPE, derivatives
 from skfem_adini.elements.vertex_dofs import full_name, scalar_element, vertex_dofs
 from skfem_adini.errors import InputError
 
-# In lengths of an edge: a vertex so near lies on it, and one so near its end is the end.
+# In lengths of an edge: a vertex within this distance of it lies on it, or within this distance of
+# an end is that end.
 _ON_EDGE = 1e-9
-# Each squaring resolves twice as many levels of hanging edges: no mesh has 2^60.
+# Each squaring doubles the number of levels of hanging edges that are resolved.
 _SQUARINGS = 60
-# Of the largest entry: some hundred roundings.
+# Change relative to the largest entry that counts as none: some hundred roundings.
 _CONVERGED = 1e-13
-# Components of a unit tangent that are rounding: derivatives across stay free exactly.
+# Smaller components of a unit tangent are rounding; as zeros they keep the two slopes apart.
 _NO_COMPONENT = 1e-12
 
 
@@ -42,7 +43,7 @@ def hanging_constraints(
         t_m = \frac{3 (u_1 - u_0)}{2 h} - \frac{t_0 + t_1}{4} .
 
     Elsewhere they are value and slope of the same cubic, so an edge may carry any number of
-    hanging vertices, at any places and in any direction. Their ends may hang themselves.
+    hanging vertices, at any places and in any direction. An end of the edge may hang on another.
 
     Parameters
     ----------
@@ -59,8 +60,8 @@ def hanging_constraints(
     Returns
     -------
     T
-        Sparse matrix (dofs, free parameters); without slanted edges a column is one free dof and
-        what follows from it.
+        Sparse matrix (dofs, free parameters); without slanted edges a column belongs to one free
+        dof, with the dofs that depend on it.
     x0
         Vector (dofs,), zero without `essential`.
 
@@ -72,8 +73,8 @@ def hanging_constraints(
 
     Notes
     -----
-    Every vertex that lies on an edge with one neighbour counts as hanging, so the two sides of a
-    crack are joined where their vertices differ.
+    Every vertex inside an edge that has a cell on one side only counts as hanging, so the two sides
+    of a crack are joined where their vertices differ.
 
     Examples
     --------
@@ -149,7 +150,7 @@ class _HangingVertices:
     vertex
         The vertices, shape (hanging,).
     edges
-        The edge of each.
+        The edge that each lies on.
     s
         Place on the edge, from 0 at its first vertex to 1 at its last.
     """
@@ -183,7 +184,7 @@ class _HangingVertices:
 
     @cached_property
     def tangent(self) -> Array:
-        """Unit tangents of the edges.
+        """Unit tangents of the edges, shape (2, hanging).
 
         Rounding of coordinates must not mix the two slopes at a vertex on an axis-parallel edge.
         """

@@ -34,7 +34,7 @@ def project_trace(
     On an edge of length l the trace is :math:`\sum_k u_k h_k(s) + l\, (t \cdot \nabla u_k) m_k(s)`
     with the cubic Hermite functions h and m of the two ends; on a face it is the function of
     :class:`ElementQuadAdini` with the derivatives along the face. The unknowns are u and the part
-    of the gradient that the given facets see; the projection of `skfem.FacetBasis.project` is
+    of the gradient that the trace depends on; the projection of `skfem.FacetBasis.project` is
     singular for these elements, because the functions of the normal derivative vanish on the facet.
 
     Parameters
@@ -45,8 +45,8 @@ def project_trace(
     facets
         Facet numbers, a boundary name, a callable of facet midpoints, or a set of these.
     value
-        The data, as in :func:`essential_constraints`; integrated by 8 Gauss points an edge, 8 x 8
-        a face.
+        The data, as in :func:`essential_constraints`; integrated with 8 Gauss points on an edge,
+        8 x 8 on a face.
     components
         Components of a vector field to project, counted from 0; all by default.
 

@@ -1,4 +1,4 @@
-"""Split of the dofs into those that a boundary trace sees and those it does not."""
+"""Split of the dofs into directions that a boundary trace depends on and the others."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from skfem_adini.conditions.boundary_edges import Array, BoundaryEdges, Indices
 
 Mask = NDArray[np.bool_]
 
-# Of the largest eigenvalue, a squared sine: edges that turn by less than 1e-6 are one straight one.
+# Relative to the largest eigenvalue, as a squared sine: edges that turn by less than 1e-6 are in
+# line.
 _STRAIGHT_SQUARED_SINE = 1e-12
 
 
 class TraceDirections:
-    r"""Orthonormal directions of the vertex dofs, sorted by what a set of edges sees of them.
+    r"""Orthonormal directions of the vertex dofs, seen by a set of edges or free.
 
-    At a vertex the edges see u and the gradient along the eigenvectors of
-    :math:`\sum_k t_k t_k^T` with non-zero eigenvalue: one when the tangents lie in one line, two
-    when they lie in one plane, three otherwise.
+    A direction is seen if the trace on the edges depends on it. At a vertex these are u and the
+    gradient along the eigenvectors of :math:`\sum_k t_k t_k^T` with non-zero eigenvalue: one when
+    the tangents lie in one line, two when they lie in one plane, three otherwise.
 
     Parameters
     ----------
@@ -41,7 +42,7 @@ class TraceDirections:
         self.projector = np.zeros((*dofs.shape[1:], dim, dim))
 
     def add(self, component: int, edges: BoundaryEdges, tangents: tuple[Array, Array]) -> None:
-        """Count in the tangents of edges at their ends for one component."""
+        """Add the tangents (dim, edges) of edges at their two ends, for one component."""
         for node, tangent in zip(edges.vertices, tangents, strict=True):
             outer = np.einsum("ie,je->eij", tangent, tangent)
             np.add.at(self.projector[component], node, outer)

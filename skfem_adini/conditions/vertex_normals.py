@@ -1,4 +1,4 @@
-"""Normals at the vertices of a boundary whose straight facets stand for a smooth one."""
+"""Normals at the vertices of a boundary whose straight facets approximate a smooth one."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 
 from skfem_adini.conditions.boundary_edges import Array, Indices
 
-# Facets that turn by more meet in a real corner, by less they follow one curve: eight facets a
-# circle are a coarse circle, a hexagon has corners.
+# In radians: facets that turn by more meet in a corner, by less they follow a curve. A circle of
+# eight facets (0.79) is smooth, a hexagon (1.05) has corners.
 CORNER = 0.9
-# Facets that turn by less are one straight one with noise on its coordinates.
+# In radians: facets that turn by less are in line, or in a plane, up to noise on the coordinates.
 NOISE = 1e-3
 
 
@@ -36,15 +36,15 @@ def vertex_normals(mesh: Any, facets: Indices, turn: Array) -> Array:
     cells = mesh.t[:, mesh.f2t[0, facets]]
     outward = mesh.p[:, vertices].mean(axis=1) - mesh.p[:, cells].mean(axis=1)
     normals = normals * np.where(np.sum(normals * outward[:, None], axis=0) < 0, -1.0, 1.0)
-    # Inside the mesh either cell may come first: facets there agree on a side at each vertex.
+    # Inside the mesh the first cell may be on either side: align the normals at each vertex.
     first = np.zeros((len(mesh.p), mesh.nvertices))
     first[:, vertices] = normals
     against = (mesh.f2t[1, facets] >= 0) & (np.sum(normals * first[:, vertices], axis=0) < 0)
     normals = np.where(against, -normals, normals)
 
     mean = _mean(mesh, vertices, normals * corner_weights(mesh.p[:, vertices], axis=1))
-    # Half of the turn lies on either side of the middle, in 2-D however long the facets are; a
-    # distance, for cosines are blind to noise.
+    # Normals differ by half of the turn from their unweighted mean, in 2-D for facets of any
+    # lengths. Distances are compared, because cosines do not resolve small angles.
     middle = _mean(mesh, vertices, normals) if len(mean) == 2 else mean
     off = np.linalg.norm(normals - middle[:, vertices], axis=0)
     corner = np.zeros(mesh.nvertices, dtype=bool)
@@ -54,7 +54,7 @@ def vertex_normals(mesh: Any, facets: Indices, turn: Array) -> Array:
 
 
 def _mean(mesh: Any, vertices: Indices, parts: Array) -> Array:
-    """Return sums of vectors (dim, corners, facets) at the vertices, of unit length."""
+    """Return sums of vectors (dim, corners, facets) at the vertices, scaled to unit length."""
     total = np.zeros((len(mesh.p), mesh.nvertices))
     for row, part in zip(total, parts, strict=True):
         np.add.at(row, vertices, part)
@@ -63,7 +63,7 @@ def _mean(mesh: Any, vertices: Indices, parts: Array) -> Array:
 
 
 def corner_weights(x: Array, axis: int) -> Array:
-    """Return Max's weights of facets at their corners x (dim, ...), which follow along an axis."""
+    """Return Max's weights of facets at their corners x (dim, ...), in order along `axis`."""
     ahead, behind = np.roll(x, -1, axis) - x, np.roll(x, 1, axis) - x
     if len(x) == 2:
         return 1.0 / np.linalg.norm(ahead, axis=0)
@@ -72,7 +72,7 @@ def corner_weights(x: Array, axis: int) -> Array:
 
 
 def _at_corners(x: Array) -> Array:
-    """Return unit normals of the facets with corners x at these, either way."""
+    """Return unit normals of facets at their corners x, of either sign, in the shape of x."""
     if len(x) == 2:
         side = x[:, 1:] - x[:, :1]
         length = np.linalg.norm(side, axis=0)

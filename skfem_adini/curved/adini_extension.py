@@ -23,15 +23,15 @@ from skfem_adini.solvers.factorize import Solver, factorize
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
-# So many of the nearest cells are tried for each vertex outside.
+# Number of nearest cells that are tried for each vertex outside.
 _NEAREST_CELLS = 12
-# In cells: a continued cubic grows with the third power of the distance.
+# Farthest extrapolation, in cells: a cubic grows with the third power of the distance.
 _FARTHEST = 2.0
-# Share of a cell inside the domain: less than this does not determine its polynomial.
+# Least share of a cell inside the domain: a smaller one does not determine its polynomial.
 _LEAST_SHARE = 0.05
-# Each squaring follows twice as many vertices outside to those inside: no chain has 2^60.
+# Each squaring doubles the length of the chains of dependent vertices that are resolved.
 _SQUARINGS = 60
-# Shares and weights nearer to one, or to a threshold, than this are equal but for rounding.
+# Rounding of shares and weights: those nearer to one, or to a threshold, are equal to it.
 _ROUNDED_ONE = 1e-12
 
 
@@ -40,10 +40,10 @@ class AdiniExtension:
 
     A cell is good when its share inside is at least the threshold. Vertices of good cells keep
     their dofs; every other vertex of an active cell takes u, u_x and u_y of the polynomial of the
-    nearest good cell of the same component, evaluated there. The functions that remain are
-    continuous, contain the cubics and the local space, and their energy is controlled by that on
-    good cells, so stiffness and mass matrices :math:`P^T A P` are conditioned like those of a mesh
-    that fits, for any cut.
+    nearest good cell of the same component, evaluated there. The remaining space is continuous and
+    contains the cubics and the local space. The energy of its functions is controlled by that on
+    good cells, so stiffness and mass matrices :math:`P^T A P` are conditioned like those of a
+    fitted mesh, for any cut.
 
     Parameters
     ----------
@@ -52,11 +52,11 @@ class AdiniExtension:
     domain
         The cut domain.
     threshold
-        Least share of a good cell, above 0, at most 1. In a component of the domain in which a
-        vertex has no good cell within two cells it is halved, down to 0.05.
+        Least share of a good cell, above 0, at most 1. It is halved, down to 0.05, in a component
+        of the domain in which some vertex has no good cell within two cells.
     essential
         (T, x0) of `essential_constraints` on axis-parallel mesh lines, for the part of the boundary
-        that does not cut cells. Its conditions come before the extension.
+        that does not cut cells. The extension applies to the parameters that these leave free.
 
     Attributes
     ----------
@@ -190,7 +190,7 @@ class AdiniExtension:
     def expand(self, z: Array) -> Array:
         """Return the dofs (dofs,) or (dofs, n) for free parameters; x0 is added to solutions only.
 
-        A matrix of columns, as eigenvectors are, is taken as homogeneous.
+        The columns of a matrix, such as eigenvectors, belong to homogeneous conditions, without x0.
 
         Parameters
         ----------
@@ -248,19 +248,22 @@ class AdiniExtension:
 
     @staticmethod
     def _symmetric(A: sp.csr_array) -> sp.csr_array:
-        """Remove what rounding of the products has made unsymmetric."""
+        """Return the symmetric part of a product that is symmetric up to rounding, else itself.
+
+        Rounding is taken to be below 1e-10 of the largest entry.
+        """
         return sp.csr_array((A + A.T) / 2) if abs(A - A.T).max() < 1e-10 * abs(A).max() else A
 
 
 def _ends(T: Any, dofs: Indices) -> sp.csr_array:
-    """Return which vertices (columns) each hanging vertex (row) lies between."""
+    """Return a matrix with non-zeros where a hanging vertex (row) depends on a vertex (column)."""
     vertices = dofs.shape[2]
     of_dof = np.empty(dofs.size, dtype=np.int64)
     of_dof[dofs] = np.arange(vertices)
     T = sp.csr_array(T)
     mixed = np.diff(T.indptr) > 1
     rows, columns = T.nonzero()
-    # The column of a dof that does not hang is its own: the row with that single entry.
+    # A dof that does not hang owns a column: its row has a single entry, in that column.
     owner = np.full(T.shape[1], -1)
     single = ~mixed[rows]
     owner[columns[single]] = of_dof[rows[single]]
@@ -272,7 +275,7 @@ def _ends(T: Any, dofs: Indices) -> sp.csr_array:
 def _roots(
     domain: CutDomain, threshold: float, ends: sp.csr_array
 ) -> tuple[float, Indices, Indices, Indices]:
-    """Return threshold, good cells, vertices that follow, and the cell that each follows."""
+    """Return the threshold, the good cells, the vertices outside, and the root cell of each."""
     part = components(domain)
     of_cell = part[domain.mesh.t[0, domain.active]]
     found = [
@@ -296,7 +299,7 @@ def _roots_of_component(
         good = active[domain.fractions[active] >= threshold * (1 - _ROUNDED_ONE)]
         outside = np.setdiff1d(vertices, mesh.t[:, good])
         roots, reach = np.zeros(0, dtype=np.int64), np.full(min(1, outside.size), np.inf)
-        # A cell with a vertex that hangs on one outside would follow itself.
+        # A cell whose hanging vertex depends on one outside would be extrapolated from itself.
         follows = np.zeros(mesh.p.shape[1])
         follows[outside] = 1
         sound = good[((ends @ follows) == 0)[mesh.t[:, good]].all(axis=0)]
@@ -305,7 +308,7 @@ def _roots_of_component(
             _, near = scipy.spatial.KDTree(centre[:, sound].T).query(mesh.p[:, outside].T, k=count)
             cells = sound[np.asarray(near).reshape(len(outside), count)]
             steps = np.abs(mesh.p[:, outside, None] - centre[:, cells]) / size[:, cells]
-            # Least extrapolation first, in cells; the distance decides between equals.
+            # Least extrapolation first, in cells; a small share of the distance breaks ties.
             rank = steps.max(axis=0) + 1e-3 * np.hypot(*steps)
             best = np.arange(len(outside)), rank.argmin(axis=1)
             roots, reach = cells[best], steps.max(axis=0)[best] - 0.5
@@ -324,7 +327,7 @@ def _roots_of_component(
 def _following(
     basis: Any, dofs: Indices, elem: ElementQuadAdini, outside: Indices, roots: Indices
 ) -> sp.csr_array:
-    """Return the matrix whose rows, at dofs of vertices outside, are those of their cells."""
+    """Return the matrix that gives the dofs of vertices outside by their roots' polynomials."""
     mesh, mapping = basis.mesh, basis.mapping
     rows: list[Any] = []
     columns: list[Any] = []
@@ -352,10 +355,10 @@ def _following(
 def _resolved(
     T: sp.csr_array, x0: Array, follow: sp.csr_array, active: Indices
 ) -> tuple[sp.csc_array, Array]:
-    """Combine x = T z + x0 with the rows that follow others.
+    """Combine x = T z + x0 with the extension; `follow` has its rows, at dofs outside.
 
-    A column of T belongs to the dof whose row is that unit vector. If that dof is outside, its
-    parameter is what the rows of `follow` say, until all parameters are free.
+    A column of T belongs to the dof whose row in T is the unit vector of that column. Where that
+    dof is outside, its row of `follow` replaces the parameter, until only free parameters are left.
     """
     count = T.shape[1]
     single = np.flatnonzero(np.diff(T.indptr) == 1)

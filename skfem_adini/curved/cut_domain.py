@@ -26,7 +26,8 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
-# In sides of a cell: far above the rounding of coordinates, far below a cell that was turned.
+# Slant allowed, in sides of a cell: far above the rounding of coordinates, far below that of a cell
+# that was rotated.
 _PARALLEL = 1e-10
 
 
@@ -136,7 +137,8 @@ class CutDomain:
     def outer_facets(self) -> Indices:
         """Facets on the boundary of the box or union of boxes that the mesh covers.
 
-        Those with one cell on which no other facet with one cell lies, as beside hanging vertices.
+        These are the facets with one cell that overlap no other facet with one cell, as those at
+        hanging vertices do.
         """
         mesh = self.mesh
         single = mesh.boundary_facets()
@@ -145,7 +147,7 @@ class CutDomain:
         pick = np.arange(len(single))
         level = ends[1 - along, 0, pick]
         low, high = ends[along, 0, pick], ends[along, 1, pick]
-        slack = 1e-9 * np.ptp(mesh.p)
+        slack = 1e-9 * np.ptp(mesh.p)  # smaller differences are rounding of coordinates
         covered = np.zeros(len(single), dtype=bool)
         order = np.lexsort((low, level, along))
         for group in np.split(
@@ -186,8 +188,8 @@ class CutDomain:
         Returns
         -------
         tuple of CellBasis
-            (full, cut). A matrix is the sum of what a form gives on both. Where no cell is full,
-            or none cut, that basis is left out.
+            (full, cut). The matrix of a form is the sum of those on both. If no cell is full, or
+            none is cut, that basis is left out.
         """
         _check_element(elem)
         found = []
@@ -246,12 +248,11 @@ class CutDomain:
         Parameters
         ----------
         form
-            BilinearForm, LinearForm or Functional; with the bases of :meth:`basis` the same by
-            hand.
-            They must act on each quadrature point alone: cells come in several batches, with
-            points of weight zero among the others.
+            BilinearForm, LinearForm or Functional. It must act on each quadrature point alone:
+            cells come in several batches, with points of weight zero among the others. (The bases
+            of :meth:`basis` give the same sum by hand.)
         elem, intorder
-            For :meth:`basis`.
+            As for :meth:`basis`.
         fields
             Numbers and vectors of dofs handed to the form.
 
@@ -287,8 +288,8 @@ class CutDomain:
     def groups(self, elem: Any, intorder: int | None = None) -> Iterator[CellBasis]:
         """Yield bases whose integrals add up to those over the domain.
 
-        The full cells are one, as in :meth:`basis`; cut cells with similar numbers of points come
-        together, because padding would fill up the others.
+        The full cells have one basis, as in :meth:`basis`. Cut cells are grouped by similar numbers
+        of points, because all cells of a basis are padded to the same number.
 
         Parameters
         ----------
@@ -345,9 +346,9 @@ class CutDomain:
     def _padded(
         self, owner: Indices, points: Array, weights: Array
     ) -> tuple[Indices, Array, Array, Indices]:
-        """Return cells, reference points (2, cells, most), weights, and where they came from.
+        """Return cells, reference points (2, cells, most), weights, and the source of each point.
 
-        Cells with fewer points repeat their first with weight zero.
+        Cells with fewer points than `most`, the largest number, repeat their first with weight 0.
         """
         cells, start, count = np.unique(owner, return_index=True, return_counts=True)
         order = np.arange(count.max())

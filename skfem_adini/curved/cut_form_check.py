@@ -1,4 +1,4 @@
-"""Whether a form may be assembled on a cut domain, where cells come in padded batches."""
+"""Check that a form may be assembled on a cut domain, where cells come in padded batches."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ Array = NDArray[Any]
 Integers = NDArray[np.integer]
 Parts = list[Array | None]  # value, gradient, ... over (..., cells, points)
 
-# Cells of a batch beside those with extreme places and parameters, points of each, and functions: a
-# form that mixes cells or points differs at nearly all of them.
+# The sample: cells of a batch, besides those with extreme coordinates and parameters, points of
+# each, and functions. A form that mixes cells or points differs at nearly all of them.
 _CELLS_TRIED = 4
 _POINTS_TRIED = 4
 _FUNCTIONS_TRIED = 4
@@ -45,12 +45,12 @@ class CutSample:
         self._others: dict[str, Any] = {}
 
     def add(self, basis: CellBasis, parameters: dict[str, Any]) -> None:
-        """Take cells of a batch: with extreme places or parameters, and others.
+        """Add cells of a batch: those with extreme coordinates or parameters, and random others.
 
         Parameters
         ----------
         basis, parameters
-            What the form was assembled with. Derivatives that it did not ask for are not made.
+            Those that the form was assembled with. Derivatives it did not use are not computed.
         """
         if not self._which:
             self._which = sorted(self._rng.permutation(basis.Nbfun)[:_FUNCTIONS_TRIED])
@@ -76,7 +76,7 @@ class CutSample:
         self._fields.append({name: sampled(field) for name, field in fields.items()})
 
     def check(self) -> None:
-        """Compute integrands in batches of several compositions.
+        """Compare integrands from batches of different cells and numbers of points.
 
         Raises
         ------
@@ -126,7 +126,7 @@ class _Rows:
         self.shape = self.coefficients.shape[1], int(np.prod(self.sizes))
 
     def prepare(self, classes: Integers) -> None:
-        """Everything is ready."""
+        """Do nothing: the functions of the sample are already evaluated."""
 
     def densities(
         self, classes: Integers, entry: Integers, points: Integers | None = None
@@ -155,7 +155,7 @@ def _at(field: DiscreteField, points: Integers) -> DiscreteField:
 
 
 def _joined(several: Sequence[Parts]) -> Parts:
-    """Return fields one after the other along the cells."""
+    """Return several fields as one, concatenated along the cells."""
     return [
         None if parts[0] is None else np.concatenate(parts, axis=-2)
         for parts in zip(*several, strict=True)

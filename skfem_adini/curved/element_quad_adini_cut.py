@@ -19,16 +19,16 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
-# P2, then the rest of P3, then Adini's two.
+# Exponents of the monomials: quadratic, then cubic ones, then Adini's x^3 y and x y^3.
 _POWERS = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)]
 _POWERS += [(3, 1), (1, 3)]
-# By the number of vertices inside: powers of the polynomial, and points on the arc between the two
-# ends of the cut, so that three conditions a vertex and one a point determine the polynomial.
+# By the number of vertices inside: number of monomials, and of points on the arc between the two
+# ends of the cut. There are three conditions for each vertex and one for each point or end.
 _TERMS = {1: 6, 2: 10, 3: 12, 4: 12}
 _ARC_POINTS = {1: 1, 2: 2, 3: 1, 4: 0}
-# 1 / sigma_min of a cell's conditions, of order 1 each: here four digits are left.
+# Largest 1 / sigma_min of a cell's matrix, whose entries are of order 1: four digits are left.
 _SINGULAR = 1e12
-# The same with eight digits left, which is warned of.
+# The same with eight digits left: above this a warning is issued.
 _NEARLY_SINGULAR = 1e8
 _FACETS = ((0, 1), (1, 2), (2, 3), (0, 3))
 
@@ -36,8 +36,8 @@ _FACETS = ((0, 1), (1, 2), (2, 3), (0, 3))
 class UnisolvenceWarning(UserWarning):
     """The matrix of a cut cell is nearly singular.
 
-    The coefficients of that cell lose as many digits as its entry of ``unisolvence`` has. Take
-    `AdiniExtension` instead, which needs no such matrix, or move the mesh a little.
+    The coefficients of that cell lose about log10(``unisolvence``) digits. Use `AdiniExtension`
+    instead, which needs no such matrix, or move the mesh a little.
 
     Examples
     --------
@@ -61,9 +61,9 @@ class UnisolvenceWarning(UserWarning):
 class ElementQuadAdiniCut(ElementH1):
     r"""The 2012 construction: fewer monomials and points of the curve in cells that are cut.
 
-    A cell with k vertices inside has as conditions u, u_x, u_y at these and u at points of the
-    curve: at its crossings alpha, beta of the two cut sides and at points delta (and eta) between
-    them, on the perpendiculars to the chord in its middle (at its thirds).
+    The conditions of a cell with k vertices inside are u, u_x, u_y at these and u at points of the
+    curve: at its crossings alpha, beta with the two cut sides and at points delta (and eta) between
+    them, where it meets the perpendiculars to the chord at its middle (at its thirds).
 
     ===  =============  ============================  ======
      k   space          points of the curve           count
@@ -74,11 +74,11 @@ class ElementQuadAdiniCut(ElementH1):
      1   quadratics     alpha, beta, delta            3 + 3
     ===  =============  ============================  ======
 
-    The element is a baseline and not to be recommended. Its functions jump across cut sides (a
+    The element serves as a baseline and is not recommended. Its functions jump across cut sides (a
     cubic trace has four parameters there, and three conditions), u = 0 holds at a few points only,
-    and with two vertices inside it has no solution exactly when these vertices and the four points
-    lie on one conic: always for a straight cut and for an arc that is symmetric in the cell, nearly
-    so for a smooth curve on a fine mesh, where the inverse grows like one over curvature times h.
+    and with two vertices inside it is singular exactly when these vertices and the four points lie
+    on one conic: always for a straight cut and for an arc that is symmetric in the cell, nearly so
+    for a smooth curve of curvature c on a fine mesh, where the inverse grows like 1 / (c h).
     Eigenvalues converge with order one; with `AdiniExtension` the order is six.
 
     Parameters
@@ -94,7 +94,7 @@ class ElementQuadAdiniCut(ElementH1):
         One over the least singular value of each cell's matrix, in coordinates and derivatives
         scaled to the unit square, shape (cells,); NaN for cells without a vertex inside.
     inside
-        Vertices inside, shape (vertices,).
+        Which vertices are inside, shape (vertices,).
     crossings
         The point where the curve crosses each cut facet, shape (2, facets), else NaN.
 
@@ -269,7 +269,7 @@ def _points_between(
     normal = np.array([a[1] - b[1], b[0] - a[0]])
     for k in range(1, count + 1):
         f = _along(a + (b - a) * k / (count + 1), normal, level_set)
-        reach = 1e-9
+        reach = 1e-9  # bracket on both sides of the chord, in its lengths, widened up to .6
         while not f(-reach) * f(reach) <= 0:
             reach *= 4
             if reach > 0.6:

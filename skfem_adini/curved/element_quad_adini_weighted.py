@@ -28,8 +28,8 @@ class ElementQuadAdiniWeighted(ElementQuadAdini):
     ----------
     weight
         Smooth omega of points (2, cells, points), returning (cells, points). For a level set phi
-        that is smooth in the whole domain, -phi; a kink away from the boundary, such as that of a
-        distance at its centre, costs the order.
+        that is smooth in the whole domain, -phi; a kink inside, such as that of a distance function
+        at the centre, reduces the order.
     gradient
         Its gradient, returning (2, cells, points).
     hessian
@@ -37,7 +37,8 @@ class ElementQuadAdiniWeighted(ElementQuadAdini):
     derivatives
         How many orders `gbasis` returns, 0 to 2.
     degree
-        Polynomial degree of omega that scikit-fem's choice of quadrature shall integrate.
+        Polynomial degree of omega; it is added to `maxdeg`, by which scikit-fem chooses the
+        quadrature.
 
     Raises
     ------

@@ -18,9 +18,9 @@ from skfem_adini.elements.element_quad_adini import ElementQuadAdini
 from skfem_adini.elements.vertex_dofs import full_name
 from skfem_adini.errors import InputError
 
-# Gamma of a mass matrix over that of a stiffness matrix.
+# Ratio of the weight gamma of a mass matrix to that of a stiffness matrix.
 _MASS_SHARE = 1e-3
-# Jumps of the derivatives up to the cubics' third.
+# Highest derivative whose jump is penalised: the functions are cubics across an edge.
 _NORMAL_DEGREE = 3
 
 
@@ -36,10 +36,10 @@ def ghost_penalty(
         g(u, v) = \gamma \sum_F \sum_{j=1}^{3} \frac{h^{2j-1}}{(j!)^2} \int_F
         [\partial_n^j u] [\partial_n^j v]
 
-    over the facets F between active cells of which one is cut, h the extent of both cells across
-    F. Adini's functions are cubics across an edge, so three derivatives are all there are. For a
-    mass matrix the sum is multiplied with :math:`10^{-3} h^2`: a larger factor would bring
-    spurious eigenvalues at :math:`\gamma / (\gamma_M h^2)` into the range of interest.
+    over the facets F between two active cells of which at least one is cut; h is the mean extent of
+    the two cells across F. Adini's functions are cubics across an edge, so higher derivatives
+    vanish. For a mass matrix the sum is multiplied with :math:`10^{-3} h^2`: a larger factor would
+    bring spurious eigenvalues at :math:`\gamma / (\gamma_M h^2)` into the range of interest.
 
     Parameters
     ----------
@@ -57,7 +57,8 @@ def ghost_penalty(
     Returns
     -------
     sparse matrix (dofs, dofs)
-        To be added; rows of dofs outside stay empty (`domain.active_dofs`).
+        To be added to the stiffness or mass matrix. Rows of dofs outside are empty, see
+        `domain.active_dofs`.
 
     Raises
     ------
@@ -134,7 +135,7 @@ def ghost_penalty(
 
 
 def _refuse_hanging(domain: CutDomain) -> None:
-    """Refuse facets of cut cells that a hanging vertex divides."""
+    """Raise InputError if a hanging vertex divides a facet of a cut cell."""
     mesh = domain.mesh
     sides = mesh.t2f[:, domain.cut]
     single = np.setdiff1d(sides[mesh.f2t[1, sides] < 0], domain.outer_facets)

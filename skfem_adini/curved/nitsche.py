@@ -43,8 +43,8 @@ def nitsche(
         B(u, v) = \int_\Gamma \frac{\beta}{h} \big(2 \mu \, u \cdot v + \lambda (u \cdot n)
         (v \cdot n)\big) - t(u) \cdot v - u \cdot t(v)
 
-    and the load likewise. The normal part alone carries lambda, so nearly incompressible bodies
-    are not held tangentially with the bulk modulus.
+    and the load likewise. Only the penalty of the normal part contains lambda, so the tangential
+    displacement of nearly incompressible bodies is not penalised with the bulk modulus.
 
     Parameters
     ----------
@@ -52,10 +52,10 @@ def nitsche(
         From `CutDomain.boundary`, or a scikit-fem `FacetBasis`.
     value
         The data g: a number, a callable of points (2, cells, points) that returns (cells, points)
-        or (2, cells, points), or a sequence of one a component.
+        or (2, cells, points), or a sequence with one of these for each component.
     beta
-        Penalty, without unit. With `AdiniExtension` at threshold 0.5 the matrix is definite from
-        35, with a ghost penalty of 0.02 from 50.
+        Penalty, without unit. The matrix is definite from beta = 35 with `AdiniExtension` at
+        threshold 0.5, and from beta = 50 with a ghost penalty of gamma = 0.02.
     coefficient
         The conductivity k, a positive number or function of points. Scalar fields only.
     lame
@@ -84,22 +84,23 @@ def nitsche(
     .49999   2.9e-5  4.1e-4  1.7e-4
     ======== ======= ======= =======================
 
-    The orders 4 and 3 stay. To nu = .49 nothing is lost and at .499 a factor of 5; beyond that
-    the element locks, not the boundary: a square that the mesh fits, with strong conditions,
-    loses alike (a factor of 16 in L2 at .4999, where the cut disk loses 28), and a ghost penalty
-    of weight 2 mu + lambda gives the same figures as the extension within a quarter.
+    The orders 4 and 3 are kept. Up to nu = .49 hardly any accuracy is lost in L2 and H1, at .499 a
+    factor of 5 in L2. Beyond that the element locks, not the boundary conditions: on a fitted
+    square with strong conditions the errors grow likewise (by a factor of 16 in L2 at .4999, on the
+    cut disk by 28), and a ghost penalty of weight 2 mu + lambda gives the same errors as the
+    extension to within a quarter.
 
-    *Conductivities* that vary smoothly, by factors of 1e3 and 1e6 over the disk, keep orders and
-    errors. One that *jumps* does not: the gradient of the solution jumps with it, and that of
-    Adini's functions is shared at the vertices, so the orders are 1 in L2 and 1/2 in H1, along a
-    grid line as inside of cells. Smooth the transition over a few cells, or solve on the two sides
-    as domains of their own.
+    *Conductivities* that vary smoothly, by factors of 1e3 and 1e6 over the disk, do not change
+    orders and errors. A *jump* does: the gradient of the solution jumps with it, but that of
+    Adini's functions is single-valued at the vertices, so the orders are 1 in L2 and 1/2 in H1,
+    whether the jump lies on a grid line or inside cells. Smooth the transition over a few cells, or
+    treat the two sides as separate domains.
 
     Raises
     ------
     InputError
-        A penalty that is not positive; a function that reduces over the points; constants missing,
-        not finite, or negative; data of the wrong shape.
+        A penalty that is not positive; a function that reduces over the points; constants that are
+        missing, not finite, or negative; data of the wrong shape.
 
     References
     ----------
@@ -155,7 +156,7 @@ def nitsche(
 
 
 def _pointwise(name: str, data: Any) -> Any:
-    """Data whose functions refuse to mix places."""
+    """Return the data, with functions that raise an error if they mix points."""
     if isinstance(data, list | tuple):
         return [_pointwise(name, part) for part in data]
     return pointwise(name, data) if callable(data) else data

@@ -28,8 +28,8 @@ def refined_at_boundary(
 
     The extrapolation of a cubic beyond a boundary of curvature :math:`\kappa` costs accuracy when
     :math:`\kappa h` is not small; finer cells are needed there and nowhere else. All cut cells and
-    `layers` cells on both sides end up of one size, so hanging vertices stay inside the domain or
-    outside it, where `AdiniExtension` joins them.
+    `layers` cells on both sides get the same size, so hanging vertices lie away from the cut cells,
+    where `AdiniExtension` makes the functions continuous.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def refined_at_boundary(
         Neighbours on each side, at least 1.
     where
         Function of cell centres (2, cells) that returns which cells may be divided; all by default.
-        Where it ends, hanging vertices lie in cut cells.
+        At the border of that region hanging vertices lie in cut cells.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def refined_at_boundary(
     if where is not None and not callable(where):
         raise InputError(f"where: expected a function of cell centres, got {where!r}")
     for _ in range(levels):
-        # Signs alone are needed here.
+        # Only signs are needed here, so one Gauss point is enough.
         domain = CutDomain(mesh, level_set, q=1)
         chosen = np.zeros(mesh.t.shape[1], dtype=bool)
         chosen[domain.cut] = True
@@ -96,8 +96,8 @@ def refined_at_boundary(
 def _divided(mesh: MeshQuad, cells: NDArray[np.integer]) -> MeshQuad:
     """Divide cells in four; vertices in the same place become one.
 
-    Midpoints are the same numbers on both sides of an edge, so equality is exact. The sum of two
-    scikit-fem meshes compares coordinates rounded to eight decimals and keeps those.
+    Midpoints are the same numbers, bit by bit, on both sides of an edge, so coordinates can be
+    compared exactly. (scikit-fem's sum of two meshes would round them to eight decimals.)
     """
     finer = MeshQuad(mesh.p, np.ascontiguousarray(mesh.t[:, cells]), validate=False).refined()
     p = np.hstack([mesh.p, finer.p])

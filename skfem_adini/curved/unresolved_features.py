@@ -1,4 +1,4 @@
-"""Gaps, holes and strips of a cut domain that are narrower than the cells can tell apart."""
+"""Gaps, holes and strips of a cut domain that are too narrow for the cells to resolve."""
 
 from __future__ import annotations
 
@@ -15,20 +15,21 @@ from skfem_adini.errors import UnresolvedWarning
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
-# Boundary points of a cell that are compared, of which there may be hundreds.
+# Boundary points that are compared in each cell, chosen from possibly hundreds.
 _POINTS_OF_A_CELL = 12
-# Pieces of boundary face each other where the cosine of their normals is less, within 26 degrees.
+# Two boundary points face each other if their normals are opposite to within 26 degrees, so that
+# the cosine between them is less than this,
 _MOST_COSINE_OF_NORMALS = -0.9
-# And where the line between two points is within 45 degrees of both normals.
+# and if the line between the points is within 45 degrees of both normals.
 _LEAST_COSINE_AHEAD = 0.7
-# In cells: where a domain is thinner, one polynomial serves both of its sides.
+# In cell sizes: in a thinner domain one polynomial represents both sides.
 _THIN_CELLS = 0.75
-# Bounds the memory of all pairs of points, (4 x 12)^2 a vertex.
+# Bounds the memory of all pairs of points, (4 x 12)^2 for each vertex.
 _VERTICES_AT_A_TIME = 500
 
 
 def components(domain: CutDomain) -> Indices:
-    """Return a number for every vertex of the mesh; active cells with common vertices share it."""
+    """Return the component number of every vertex; active cells with a common vertex are joined."""
     t = domain.mesh.t[:, domain.active]
     count = domain.mesh.p.shape[1]
     place = np.repeat(t[0], 3), t[1:].T.ravel()
@@ -37,11 +38,11 @@ def components(domain: CutDomain) -> Indices:
 
 
 def warn_of_unresolved_features(domain: CutDomain) -> None:
-    r"""Warn where two pieces of the boundary face each other within the reach of one function.
+    r"""Warn where two pieces of the boundary face each other in the support of one shape function.
 
-    Functions on active cells with a common vertex are joined there, whatever lies between: where
-    the domain leaves a gap or a hole in less than two cells, both sides are coupled. Where it is
-    thinner than three quarters of a cell, one polynomial serves both of its sides.
+    Active cells with a common vertex share its dofs, whatever lies between them: where a gap or a
+    hole of the domain is narrower than two cells, both sides are coupled. Where the domain is
+    thinner than three quarters of a cell, one polynomial represents both sides.
 
     Warns
     -----
@@ -53,7 +54,7 @@ def warn_of_unresolved_features(domain: CutDomain) -> None:
     if cells.size == 0:
         return
     most = int(min(count.max(), _POINTS_OF_A_CELL))
-    # Evenly spread over those of the cell; repeated where there are fewer.
+    # Points spread evenly over those of the cell, repeated if there are fewer than `most`.
     chosen = first[:, None] + (np.linspace(0, 1, most) * (count - 1)[:, None]).round().astype(int)
     size = np.ptp(mesh.p[:, mesh.t[:, cells]], axis=1)
     points, normals = rule.boundary_points[:, chosen], rule.normals[:, chosen]

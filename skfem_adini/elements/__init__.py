@@ -1,4 +1,4 @@
-"""The elements, the geometry of their cells, and the log's note on distorted cells.
+"""The elements, the geometry of their cells, and the log message about distorted cells.
 
 In: the mapping of a cell and reference points in it.
 Out: shape functions with their derivatives, for a Basis of scikit-fem.

@@ -38,7 +38,7 @@ class ClosedFormElement(ElementH1):
     Attributes
     ----------
     reference
-        Reference functions of the dofs of a vertex, seen from the origin.
+        Reference functions of the dofs of the vertex at the origin.
     cells
         Geometry of the cells.
     """
@@ -189,9 +189,9 @@ def _times_partial(operator: dict[tuple[int, ...], Array], g: Array) -> dict[Any
 def _twist_hessian(
     second: Iterable[tuple[tuple[int, int], Array]], gradient: Array, G: Array
 ) -> Array:
-    r"""Return what the second derivatives of the map add to the Hessian of an affine one.
+    r"""Return the correction to the Hessian of an affine map, which is to be subtracted.
 
-    The sum over i < j of :math:`(\nabla u \cdot \partial_{X_i} \partial_{X_j} F)` times the
+    It is the sum over i < j of :math:`(\nabla u \cdot \partial_{X_i} \partial_{X_j} F)` times the
     symmetric product of rows i and j of :math:`DF^{-1}`.
     """
     total = np.zeros(())

@@ -1,4 +1,4 @@
-"""The note in the log about cells on which Adini's elements lose order."""
+"""The log message about cells on which Adini's elements lose order."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# In lengths of the longest side: noise of coordinates in files is far below.
+# Relative to the longest side: noise of coordinates in files is far below.
 NEGLIGIBLE_TWIST = 1e-3
 
 _logger = logging.getLogger(__name__)
-# Mapping and points of the basis that was last spoken of: elements made of several of ours, as
-# ElementVector and ElementComposite, ask for the first function several times.
+# Mapping and points of the basis of the last message: ElementVector and ElementComposite evaluate
+# the first function of an element several times.
 _spoken_of: list[weakref.ref[Any]] = []
 
 
@@ -24,11 +24,12 @@ def log_twist(twist: float, cells: Any, mapping: Any, X: NDArray[np.float64]) ->
     Parameters
     ----------
     twist
-        The largest one; above 1e-3 a message of level WARNING is logged.
+        The largest relative twist; above 1e-3 a message of level WARNING is logged.
     cells
-        Their geometry, for the names in the message.
+        Geometry of the cells, with the names in the message.
     mapping, X
-        Those of the basis. Points with an axis of cells belong to facets or probes: no message.
+        Those of the basis. Points with an axis of cells belong to facets or probes, for which
+        nothing is logged.
     """
     if twist <= NEGLIGIBLE_TWIST or X.ndim > 2:
         return

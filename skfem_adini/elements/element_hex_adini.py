@@ -64,15 +64,15 @@ class ElementHexAdini(ClosedFormElement):
     costs three orders: it is right for clamped plates alone. See :func:`essential_dofs`; for
     slanted edges :func:`essential_constraints`.
 
-    Meshes of second order (`MeshHex2`) are accepted where the cells are straight: the other nodes
-    in the middle.
+    Meshes of second order (`MeshHex2`) are accepted if their cells are straight, with the other
+    nodes in the middle of edges, faces and cells.
 
     `maxdeg` is 4, so `skfem.Basis` integrates with degree 8: on parallelepipeds all matrices of
     constant coefficients are exact (``intorder=6`` is enough there and takes 64 points a cell
-    instead of 125). On cells moved by 4 and 20 % of their sides the mass matrix is exact and the
-    stiffness matrix off by 2e-10 and 1e-7, where degree 6 leaves 1e-6 and 2e-5 and gets the mass
-    matrix wrong by 6e-6. The total degree of the functions is 5, but degree 10 and its 216 points
-    buy nothing that the space could use.
+    instead of 125). On cells with vertices moved by 4 and 20 % of their sides the mass matrix is
+    exact and the stiffness matrix has errors of 2e-10 and 1e-7; with degree 6 these are 1e-6 and
+    2e-5, and the mass matrix has an error of 6e-6. The total degree of the functions is 5, but
+    degree 10 with its 216 points has no effect within the accuracy of the space.
     That a mesh is twisted is logged as a warning (`logging`), once for each cell basis.
 
     References

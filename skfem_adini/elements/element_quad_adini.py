@@ -62,13 +62,14 @@ class ElementQuadAdini(ClosedFormElement):
     costs three orders: it is right for clamped plates alone. See :func:`essential_dofs`; for
     slanted edges :func:`essential_constraints`.
 
-    Meshes of second order (`MeshQuad2`) are accepted where the cells are straight: the other nodes
-    in the middle.
+    Meshes of second order (`MeshQuad2`) are accepted if their cells are straight, with the other
+    nodes in the middle of edges and cells.
 
     `maxdeg` is 4, so `skfem.Basis` integrates with degree 8: on parallelograms all matrices of
     constant coefficients are exact (``intorder=6`` is enough there and takes 16 points a cell
-    instead of 25). On cells moved by 8, 20 and 32 % of their sides the mass matrix is exact and
-    the stiffness matrix off by 5e-9, 4e-7 and 2e-5, where degree 6 leaves 2e-6, 3e-5 and 2e-4.
+    instead of 25). On cells with vertices moved by 8, 20 and 32 % of their sides the mass matrix is
+    exact and the stiffness matrix has errors of 5e-9, 4e-7 and 2e-5; with degree 6 these are 2e-6,
+    3e-5 and 2e-4.
     That a mesh is twisted is logged as a warning (`logging`), once for each cell basis.
 
     References

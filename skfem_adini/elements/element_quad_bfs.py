@@ -13,7 +13,8 @@ from skfem_adini.elements.hermite_factors import HERMITE, SLOPE, Function
 from skfem_adini.elements.quad_cells import QuadCells
 from skfem_adini.errors import InputError
 
-# In lengths of a side: its slant from rounded coordinates, far below a cell that was turned.
+# Slant allowed, in lengths of a side: above that from rounded coordinates, far below that of a cell
+# that was rotated.
 _PARALLEL = 1e-10
 
 

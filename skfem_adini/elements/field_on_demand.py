@@ -1,4 +1,4 @@
-"""Shape functions whose higher derivatives are made when a form first asks for them."""
+"""Shape functions whose higher derivatives are computed when a form first uses them."""
 
 from __future__ import annotations
 
@@ -34,18 +34,17 @@ def _derivative(order: int) -> property:
 
 
 class FieldOnDemand(DiscreteField):
-    """A shape function with its gradient; derivatives of higher order are made when first used.
+    """A shape function with its gradient; higher derivatives are computed when first used.
 
-    Forms of second order never pay for the Hessian, forms of fourth order find it. What copies a
-    whole field (`astuple`: `skfem.ElementVector`, `basis.interpolate`, pickle) makes all orders up
-    to `most`.
+    So the Hessian is not computed for forms that do not use it. Code that copies a whole field (by
+    `astuple`: `skfem.ElementVector`, `basis.interpolate`, pickle) computes all orders up to `most`.
 
     Parameters
     ----------
     value, grad
-        As of a DiscreteField; None where only values are wanted.
+        As of a DiscreteField; the gradient is None where only values are wanted.
     most
-        How many orders there are.
+        Highest order of derivatives.
     make
         Returns the derivatives of an order, or raises for an order beyond `most`.
     """
@@ -60,7 +59,7 @@ class FieldOnDemand(DiscreteField):
         return field
 
     def __array_finalize__(self, obj: Any) -> None:
-        # The one of scikit-fem would read, and so make, every derivative of the original.
+        # scikit-fem's method would read, and so compute, every derivative of the original.
         if isinstance(obj, FieldOnDemand):
             self.__dict__.update(obj.__dict__)
         else:
@@ -94,7 +93,7 @@ class FieldOnDemand(DiscreteField):
 
 
 def existing_parts(field: DiscreteField) -> list[Array | None]:
-    """Return the tuple of a field without the derivatives that nobody has asked for yet."""
+    """Return the tuple of a field, with None for derivatives that have not been used yet."""
     others = range(1, max(_ORDERS) + 1)
     if not isinstance(field, FieldOnDemand):
         return [np.asarray(field), *(field.get(n) for n in others)]

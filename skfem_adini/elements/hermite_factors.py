@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-# Coefficients in X of a factor seen from the end X = 0 and from the end X = 1.
+# Coefficients in X of a factor of the end X = 0, and of the corresponding one of the end X = 1.
 Factor = tuple[tuple[float, ...], tuple[float, ...]]
 # A sum of products, one factor for each coordinate.
 Function = tuple[tuple[Factor, ...], ...]
@@ -53,7 +53,7 @@ def derivatives(functions: Sequence[Function], vertex: Array, X: Array, order: i
     functions
         Functions of the vertex at the origin of the reference cell.
     vertex
-        The vertex they are seen from, shape (dim,), entries 0 or 1.
+        The vertex whose corresponding functions are wanted, shape (dim,), entries 0 or 1.
     X
         Reference points, shape (dim, ...).
     order

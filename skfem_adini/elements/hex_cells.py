@@ -17,7 +17,7 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 
 _OTHER_AXES = ((1, 2), (2, 0), (0, 1))
-# Parts of a cell in each direction in which its volume is bounded anew where the first bound fails.
+# Parts of a cell in each direction for a second bound of its Jacobian where the first one fails.
 _FINE_STEPS = 8
 
 
@@ -41,7 +41,7 @@ class HexCells:
         Twists :math:`c_i` of the three pairs of faces, shape (3, components, cells). A twist at
         rounding level is stored as zero.
     d
-        Triple twist, shape (components, cells), rounded like c.
+        Triple twist, shape (components, cells), stored as zero at rounding level like c.
     affine
         True when every cell is a parallelepiped.
     """
@@ -69,6 +69,7 @@ class HexCells:
         a = np.array([p100 - p000, p010 - p000, p001 - p000])
         c = np.array([(p011 - p010) - a[2], (p101 - p100) - a[2], (p110 - p100) - a[1]])
         d = (p111 - p110) - (p101 - p100) - c[0]
+        # c and d are differences of four and of eight rounded coordinates.
         rounding = 16 * np.finfo(float).eps * np.abs(mesh.doflocs).max()
         c[np.abs(c) <= rounding] = 0.0
         d[np.abs(d) <= rounding] = 0.0
@@ -117,7 +118,7 @@ class HexCells:
         Returns
         -------
         float
-            Of the twists over the longest sides of their cells.
+            Largest ratio of a twist to the longest side of its cell.
 
         Raises
         ------

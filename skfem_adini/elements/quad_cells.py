@@ -15,7 +15,8 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
 
-# Of the angle between two sides: a Jacobian from smaller ones has less than four digits.
+# Least sine of the angle between two sides: with a smaller one the Jacobian has less than four
+# digits.
 SMALLEST_SINE = 1e-12
 
 
@@ -57,6 +58,7 @@ class QuadCells:
         p0, p1, p2, p3 = straight_corners(mesh, tind)
         a, b = p1 - p0, p3 - p0
         c = (p2 - p3) - a
+        # c is a difference of four rounded coordinates.
         rounding = 16 * np.finfo(float).eps * np.abs(mesh.doflocs).max()
         c[np.abs(c) <= rounding] = 0.0
         return cls(a, b, c, affine=not c.any())
@@ -99,7 +101,7 @@ class QuadCells:
         Returns
         -------
         float
-            Of the twists over the longest sides of their cells.
+            Largest ratio of a twist to the longest side of its cell.
 
         Raises
         ------

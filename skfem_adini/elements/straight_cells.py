@@ -11,7 +11,7 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
 
-# In sizes of a cell: nodes nearer to the middle of a side are there, but for a file's rounding.
+# Distance allowed from a node to the middle, in sizes of a cell: more than rounding in a file.
 _STRAIGHT = 1e-10
 
 

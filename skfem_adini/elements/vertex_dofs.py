@@ -22,12 +22,13 @@ def vertex_dofs(basis: Any, weighted: bool = False) -> Indices:
     """Return the dofs as (names, components, vertices): u, u_x, u_y (, u_z) and, for BFS, u_xy.
 
     The Bogner-Fox-Schmit element may be this package's or scikit-fem's: their dofs are the same.
-    Those of a weighted element, which belong to u over the weight, are given on request only.
+    Those of a weighted element, which belong to u over the weight, are returned only if `weighted`
+    is true.
 
     Raises
     ------
     InputError
-        No scikit-fem basis, another element, or a weighted one without the request.
+        No scikit-fem basis, another element, or a weighted one if `weighted` is false.
     """
     elem = scalar_element(basis)
     if not isinstance(elem, ElementQuadAdini | ElementHexAdini | ElementQuadBFS | ScikitFemBFS):
@@ -45,7 +46,7 @@ def vertex_dofs(basis: Any, weighted: bool = False) -> Indices:
 
 
 def scalar_element(basis: Any) -> Any:
-    """Return the element of a basis, of a vector field that of a component.
+    """Return the element of a basis; for a vector field, that of a component.
 
     Raises
     ------
@@ -58,5 +59,5 @@ def scalar_element(basis: Any) -> Any:
 
 
 def full_name(elem: Any) -> str:
-    """Return the name of an element's class with its package: two have an ElementQuadBFS."""
+    """Return the name of an element's class with its package; scikit-fem has a BFS class, too."""
     return f"{type(elem).__module__.partition('.')[0]}.{type(elem).__name__}"

@@ -1,4 +1,4 @@
-"""What leaves the package: values at the vertices, VTK data, whole files.
+"""Output of fields: values at the vertices, VTK data, complete files.
 
 In: a Basis and the dofs of a field.
 Out: nodal gradients and stresses, PyVista grids, files that appear complete or not at all.

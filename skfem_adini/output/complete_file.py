@@ -19,12 +19,12 @@ _NO_FOLDER_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EACCES, errno.EPERM, errno
 
 @contextmanager
 def complete_file(path: Path, *, exclusive: bool = False) -> Iterator[IO[bytes]]:
-    """Open a file beside its place and move it there when everything is written.
+    """Open a temporary file beside `path` and move it to `path` when everything is written.
 
-    An interruption, an error or a full disk leaves what lay there before, and nothing else; a kill
-    leaves besides what `remove_unfinished` finds. Until then the file has a random name that no
-    one else can have, neither another thread nor another container. When the block is left,
-    content and name have reached the disk.
+    After an interruption, an error or a full disk an existing file is unchanged, and the temporary
+    one is removed; a killed process leaves the temporary one for `remove_unfinished`. Its name is
+    random, so that no other thread, process or container uses it. After the block, content and name
+    have reached the disk.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def complete_file(path: Path, *, exclusive: bool = False) -> Iterator[IO[bytes]]
         with os.fdopen(descriptor, "wb") as file:
             yield file
             file.flush()
-            os.fsync(descriptor)  # a full disk may show only here
+            os.fsync(descriptor)  # a full disk may be reported only here
             if os.name == "posix":  # the lock holds until the file has its name
                 _move(temporary, path, exclusive)
         if os.name != "posix":  # no open file can be moved there
@@ -64,9 +64,10 @@ def complete_file(path: Path, *, exclusive: bool = False) -> Iterator[IO[bytes]]
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove what killed processes left of a `complete_file`, and nothing that is being written.
+    """Remove temporary files of a `complete_file` that killed processes left in a folder.
 
-    Without locks on files the two cannot be told from each other, and all stay.
+    Files that are still being written are locked, and stay. Without file locks the two cannot be
+    distinguished, and all stay.
     """
     for path in folder.iterdir():
         if not _UNFINISHED.fullmatch(path.name):
@@ -74,7 +75,7 @@ def remove_unfinished(folder: Path) -> None:
         flags = os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
         try:
             descriptor = os.open(path, flags)
-        except OSError:  # it has got its name by now, or is another's
+        except OSError:  # renamed by now, or another user's
             continue
         try:
             if try_lock(descriptor):
@@ -84,13 +85,13 @@ def remove_unfinished(folder: Path) -> None:
 
 
 def _unfinished(folder: Path) -> tuple[int, Path]:
-    """A new file of a random name, locked."""
+    """Create and lock a new file with a random name; return its descriptor and path."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
     flags |= getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
     while True:
         path = folder / f"tmp{token_hex(16)}"
         descriptor = os.open(path, flags, 0o666)
-        # Before it was locked, `remove_unfinished` may have taken it for a remnant.
+        # Before it was locked, `remove_unfinished` may have removed it as that of a killed process.
         if try_lock(descriptor) is not False and path.exists():
             return descriptor, path
         os.close(descriptor)

@@ -1,4 +1,4 @@
-"""A lock that goes with the process that holds it."""
+"""An exclusive file lock that is released when its process ends."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ def try_lock(descriptor: int) -> bool | None:
     Parameters
     ----------
     descriptor : int
-        Of a file opened for writing, which file systems on a network ask for.
+        Descriptor of a file opened for writing, as network file systems require.
 
     Returns
     -------
     bool or None
-        False where another descriptor holds it, of this process, another one or another container;
-        None where the system or its file system has no such locks.
+        True if the file is now locked; False if another descriptor holds the lock, in this process,
+        another one or another container; None if the system or file system has no such locks.
     """
     if _fcntl is None:
         return None

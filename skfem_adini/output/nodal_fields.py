@@ -77,18 +77,18 @@ def nodal_stress(
         Young's modulus (force per area) and Poisson's ratio: numbers, or one for each cell. Where
         they jump, the stress at a vertex is the mean over the cells around it. The gradient of
         these elements cannot jump at a vertex as that of the solution does there: along the
-        interface itself, the stresses inside the cells tell more.
+        interface itself, stresses evaluated inside the cells are more accurate.
     plane
         In 2-D, whether the strain or the stress normal to the plane vanishes.
     law
-        Instead of E and nu: returns the stress of the displacement gradients (dim, dim, vertices),
-        as an array whose last axis is that of the vertices.
+        Instead of E and nu: a function that returns the stress for displacement gradients (dim,
+        dim, vertices), as an array whose last axis is that of the vertices.
 
     Returns
     -------
     ndarray
         Symmetric tensors, shape (3, 3, vertices); in 2-D the last row and column hold only
-        sigma_zz. With `law` what it returns.
+        sigma_zz. With `law`, the array that it returns.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def von_mises(stress: ArrayLike) -> Array:
     Raises
     ------
     InputError
-        The first two axes are not of length 3: in the plane sigma_zz counts.
+        The first two axes are not of length 3 (in 2-D, too, sigma_zz is needed).
 
     References
     ----------

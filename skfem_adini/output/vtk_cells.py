@@ -1,4 +1,4 @@
-"""Which VTK cells stand for one finite element cell, and at which reference points."""
+"""VTK cells that represent one finite element cell, and their reference points."""
 
 from __future__ import annotations
 
@@ -31,6 +31,7 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
 
+# Degree of the Lagrange cell that contains the functions of an element.
 _DEGREE: dict[type[Element], int] = {
     ElementTriP1: 1,
     ElementTriP2: 2,
@@ -54,6 +55,7 @@ LINEAR_ELEMENT: dict[Any, type[Element]] = {
     RefHex: ElementHex1,
 }
 
+# Numbers of the VTK cell types by reference cell and degree (vtkCellType.h).
 _VTK_TYPE: dict[Any, int] = {
     (RefTri, 1): 5,
     (RefTri, 2): 22,
@@ -91,12 +93,12 @@ class CellPattern:
 
 
 def exact_degree(elem: Element) -> int | None:
-    """Return the degree of the Lagrange cell that holds a continuous element, None if unknown."""
+    """Return the degree of the Lagrange cell that contains a continuous element, else None."""
     return _DEGREE.get(type(elem))
 
 
 def lagrange_pattern(refdom: Any, degree: int) -> CellPattern | None:
-    """Return one Lagrange cell of the given degree, None where VTK has none used here."""
+    """Return one Lagrange cell of the given degree, None if no VTK type is listed for it here."""
     if (refdom, degree) not in _VTK_TYPE:
         return None
     if refdom is RefQuad:

@@ -1,4 +1,4 @@
-"""Finite element fields as VTK data, exact where VTK has a cell that holds them."""
+"""Finite element fields as VTK data, exact where a VTK cell can represent them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Indices = NDArray[np.integer]
 Fields = Array | Mapping[str, Array]
 Step = tuple[float, Fields] | tuple[float, Fields, Mapping[str, Any]]
 
-# Linear parts of a side: the chords of a cubic stray by a sixteenth of what one part would.
+# Linear parts of a side: the error of four chords of a curve is a sixteenth of that of one.
 _DEFAULT_SUBDIVISION = 4
 
 
@@ -60,7 +60,7 @@ def to_pyvista(
         Name of the field when `x` is one vector.
     subdivide
         Write linear cells, this many along each edge (a power of two for simplices), instead of
-        exact ones; 4 by default for elements that no VTK cell holds.
+        exact ones; 4 by default for elements that no VTK cell represents.
     point_data
         Further data at the mesh vertices, name to array (vertices,), (components, vertices) or for
         tensors (rows, columns, vertices); (multi)linear inside the cells. `nodal_gradient` and

@@ -1,4 +1,7 @@
-"""VTK data sets in files, one or a series; VTK's own writers end the process on a full disk."""
+"""VTK data sets in files, one or a series.
+
+VTK writes to a string and Python to the file: VTK's file writers end the process on a full disk.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +55,7 @@ def write_grid(path: Path, grid: Any) -> None:
 
 
 def write_series(path: Path, steps: Iterable[tuple[float, Any]]) -> Path:
-    """Write data sets of pyvista as a `.pvd` collection, one file a step beside it.
+    """Write data sets of pyvista as a `.pvd` collection, with one file for each step beside it.
 
     Parameters
     ----------
@@ -64,7 +67,8 @@ def write_series(path: Path, steps: Iterable[tuple[float, Any]]) -> Path:
     Raises
     ------
     OSError
-        No space left, or no right to write; steps written before stay, the collection comes last.
+        No space left, or no right to write. Files of earlier steps stay; the collection is written
+        last.
     """
     collection = ElementTree.Element("VTKFile", type="Collection", version="0.1")
     listed = ElementTree.SubElement(collection, "Collection")

@@ -1,6 +1,6 @@
 """Symmetric sparse systems and eigenvalue problems.
 
-In: a sparse matrix, and for multigrid what it must know of the mesh.
-Out: factors that solve again and again, and certified eigenpairs.
+In: a sparse matrix, and for multigrid its near-null space.
+Out: factors that solve for any number of loads, and certified eigenpairs.
 Start: `factorize`, which chooses between `pardiso`, `superlu` and `multigrid`.
 """

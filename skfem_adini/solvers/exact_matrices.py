@@ -1,4 +1,4 @@
-"""Element matrices of Adini's element on a box, in whole numbers."""
+"""Element matrices of Adini's element on a box, as exact fractions."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 Integers = NDArray[np.int64]
 
-# Coefficients of L = 1 - X, B = X (1 - X) (1 - 2 X), S = X (1 - X)^2 and of the same factors seen
-# from the end X = 1, where the slope S changes its sign.
+# Coefficients of L = 1 - X, B = X (1 - X) (1 - 2 X), S = X (1 - X)^2 and of the corresponding
+# factors of the end X = 1: 1 - X in place of X, and the sign of the slope S changed.
 _FACTORS = (
     (1, -1, 0, 0),
     (0, 1, -3, 2),

@@ -17,11 +17,14 @@ from skfem_adini.solvers.superlu import SuperLUFactor
 Array = NDArray[np.float64]
 Solver = Literal["auto", "pardiso", "superlu", "amg"]
 
-# In diagonal entries: assembled matrices are symmetric to less, some thousand roundings.
+# Asymmetry allowed, relative to the diagonal: assembled matrices stay below, at some thousand
+# roundings.
 _SYMMETRIC = 1e-12
-# Of the largest entry of a random vector: three digits prove that the matrix is not singular.
+# Error allowed in recovering a random vector with entries in [-1, 1]: three digits show that the
+# matrix is not singular.
 _PROBE_ERROR = 1e-3
-# Each about halves the exponents of the rows' largest entries: ten leave a thousandth of them.
+# Steps of Ruiz's scaling: each about halves the logarithms of the rows' largest entries, so that
+# ten leave a thousandth of them.
 _SCALINGS = 10
 
 
@@ -57,8 +60,8 @@ def factorize(
     A
         Symmetric sparse matrix, shape (n, n).
     definite
-        Whether A is positive definite. PARDISO factors without exchange of rows then, and finds
-        out if A is not.
+        Whether A is positive definite. If so, PARDISO factors without pivoting, and detects if A is
+        not definite.
     solver
         ``"auto"`` takes PARDISO when pypardiso is importable; ``"superlu"`` is SciPy's SuperLU with
         minimum degree ordering of A + A^T and diagonal pivots. ``"amg"`` is the method of conjugate
@@ -66,18 +69,18 @@ def factorize(
         where the factors of a direct solver outgrow the memory; it needs `near_null` and stops at
         `tol`.
     near_null
-        For ``"amg"``: what `near_null_space` gives for the unknowns of A.
+        For ``"amg"``: what `near_null_space` returns for the unknowns of A.
     tol
         For ``"amg"``: bound of the residual relative to the load, both in the scaled dofs,
-        recomputed from A after the iteration; or the rounding of A x, where that is larger.
+        recomputed from A after the iteration; the rounding error of A x is allowed in addition.
     max_iterations
-        For ``"amg"``: of conjugate gradients.
+        For ``"amg"``: largest number of iterations of conjugate gradients.
 
     Returns
     -------
     Factorization
         Its method ``solve(b)`` takes loads of shape (n,) or (n, loads), real or complex. Threads
-        may share it, and it can be copied and pickled: a copy factors A anew where it must.
+        may share it, and it can be copied and pickled; a copy repeats the factorisation if needed.
 
     Raises
     ------
@@ -99,9 +102,9 @@ def factorize(
 
     Notes
     -----
-    The factors must give back a random vector from its product with A, to three digits; if they do
-    not, A is singular in double precision and no solution would mean anything. Multigrid proves
-    each solution by its residual instead.
+    The factors are tested: they must recover a random vector from its product with A to three
+    digits. If they do not, A is singular in double precision, and solutions would be meaningless.
+    Multigrid checks the residual of each solution instead.
 
     Examples
     --------
@@ -140,7 +143,7 @@ def factorize(
 
 
 def _scale(A: Any, definite: bool) -> Array:
-    """Return the numbers that rows and columns are multiplied with."""
+    """Return the factors by which rows and columns are scaled, shape (n,)."""
     if definite:
         diagonal = A.diagonal()
         if not (diagonal > 0).all():
@@ -177,7 +180,7 @@ def _singular(definite: bool) -> InputError:
 
 
 class _Scaled:
-    """The inverse of A from that of D A D."""
+    """Solver for A by the factors of D A D, where D is the diagonal matrix `scale`."""
 
     def __init__(self, factors: Factorization, scale: Array) -> None:
         self._factors, self._scale = factors, scale
@@ -204,6 +207,7 @@ class _SuperLU:
 
     def __init__(self, A: Any, definite: bool) -> None:
         try:
+            # 0.01: a pivot off the diagonal where the diagonal is a hundred times smaller.
             self._factors = SuperLUFactor(A, "MMD_AT_PLUS_A", 0.0 if definite else 0.01)
         except RuntimeError as error:  # SuperLU: exactly singular
             raise _singular(definite) from error
@@ -218,12 +222,12 @@ class _Pardiso:
     def __init__(self, A: Any, definite: bool) -> None:
         self._definite = definite
         self._pardiso = Pardiso(A, DEFINITE if definite else INDEFINITE)
-        self._run(12)
+        self._run(12)  # analysis and factorisation
 
     def solve(self, b: Array) -> Array:
         columns = np.asfortranarray(b.reshape(len(b), -1))
         x = np.zeros_like(columns, order="F")
-        self._run(33, columns, x)
+        self._run(33, columns, x)  # solution
         return x.reshape(b.shape)
 
     def _run(self, phase: int, b: Array | None = None, x: Array | None = None) -> None:

@@ -17,12 +17,12 @@ from skfem_adini.solvers.factorize import Factorization, Solver, factorize
 
 Array = NDArray[np.float64]
 
-# In units of the largest eigenvalue: far above its rounding, and below the lowest of a fine mesh.
+# Relative to the largest eigenvalue: far above its rounding, and below the lowest of a fine mesh.
 _ZERO_EIGENVALUE = 1e-9
-# From one trial shift to the next: five lead from there beyond the largest eigenvalue.
+# Factor from one trial shift to the next: five lead from the first beyond the largest eigenvalue.
 _STEP = 100.0
-# Largest over least distance of an eigenvalue to the shift: up to here the shift costs no more
-# digits than the mesh does.
+# Ratio of the largest to the least distance of an eigenvalue from the shift: up to this one the
+# shift loses no more digits than the mesh does.
 _SPREAD = 1e3
 
 
@@ -52,8 +52,8 @@ def lowest_eigenpairs(
         Dofs of homogeneous essential conditions, taken out of the problem: numbers, a mask, or what
         ``basis.get_dofs`` gives.
     shift
-        The number sigma, below all eigenvalues, in their unit; best about as far below as they are
-        apart. By default it is found from K and M: zero where K is definite, else such a number.
+        The number sigma, below all eigenvalues, in their unit; best below them by about their
+        spacing. By default it is found from K and M: zero if K is definite, else such a number.
     solver
         For `factorize`.
 
@@ -126,15 +126,16 @@ def lowest_eigenpairs(
 
 
 def _shifted_twice(K: Any, M: Any, count: int, solver: Solver) -> tuple[Array, Array]:
-    """Find a shift below all eigenvalues, and a better one from what it gives.
+    """Compute with a first shift below all eigenvalues, then if needed with a better one.
 
-    With the first shift a wide spread of the distances to the eigenvalues costs as many digits of
-    the farthest; the second lies as far below the lowest eigenvalue as they are apart.
+    If the distances of the eigenvalues from the first shift differ by many orders of magnitude, the
+    farthest loses as many digits. The second shift lies below the lowest eigenvalue by the mean
+    spacing of the eigenvalues.
     """
     shift, factors = _first_shift(K, M, solver)
     values, z = _nearest(K, M, count, shift, factors)
     low, high = float(values.min()), float(values.max())
-    if count == 1 and shift < 0:  # how far the next one is
+    if count == 1 and shift < 0:  # the spacing follows from the next eigenvalues
         high = float(_nearest(K, M, min(4, K.shape[0] - 1), shift, factors)[0].max())
     near = high - shift > _SPREAD * (low - shift)
     far = shift < 0 and low - shift > _SPREAD * (high - low) > _SPREAD * _ZERO_EIGENVALUE
@@ -143,12 +144,12 @@ def _shifted_twice(K: Any, M: Any, count: int, solver: Solver) -> tuple[Array, A
     better = low - max((high - low) / max(count - 1, 1), _ZERO_EIGENVALUE)
     try:
         return _nearest(K, M, count, better, _factors(K, M, better, solver))
-    except InputError:  # not definite to rounding
+    except InputError:  # the matrix with this shift is not definite, up to rounding
         return values, z
 
 
 def _first_shift(K: Any, M: Any, solver: Solver) -> tuple[float, Factorization]:
-    """Return zero where K is definite, else a small negative number; and the factors there."""
+    """Return zero if K is definite, else a small negative number; and the factors for it."""
     shift = 0.0
     while True:
         try:

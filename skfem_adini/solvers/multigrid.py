@@ -17,11 +17,11 @@ from skfem_adini.errors import MissingDependency, NotConverged
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
 
-# Of conjugate gradients: each begins with the true residual.
+# Largest number of runs of conjugate gradients, each of which begins with the true residual.
 _RESTARTS = 3
-# Of |b|: no more than this is put down to the rounding of A x.
+# Relative to |b|: largest residual that is attributed to the rounding of A x.
 _MOST_ROUNDING = 1e-6
-# Blocks of the coarsest matrix, which is solved directly as a dense one.
+# Largest number of blocks of the coarsest matrix, which is solved directly as a dense one.
 _COARSEST = 20
 _SMOOTHER = ("block_gauss_seidel", {"sweep": "symmetric"})
 
@@ -59,9 +59,9 @@ class NearNullSpace:
 class Multigrid:
     """Solver of A x = b for a symmetric positive definite matrix with unit diagonal.
 
-    The unknowns of a vertex are aggregated together and smoothed together: the matrix is one of
-    blocks, in which unknowns that a vertex lacks are decoupled ones. The prolongation is smoothed
-    with local weights and nothing is random, so equal input gives equal output.
+    The unknowns of a vertex are aggregated and smoothed together, as one block of the matrix;
+    unknowns that a vertex lacks are replaced by decoupled ones. The prolongation is smoothed with
+    local weights and nothing is random, so equal input gives equal output.
 
     Parameters
     ----------
@@ -74,12 +74,12 @@ class Multigrid:
         error of A x, 2.2e-16 times the norm of abs(A) abs(x) and at most 1e-6 |b|, is allowed on
         top of it: it dominates where x is very large, as in slender bodies.
     max_iterations
-        Of conjugate gradients, over all restarts.
+        Largest number of iterations of conjugate gradients, over all restarts.
 
     Attributes
     ----------
     iterations
-        Of the last call of `solve`; with several loads of the one that took most.
+        Iterations of the last call of `solve`; with several loads the largest number for one.
     """
 
     def __init__(self, A: Any, near_null: NearNullSpace, tol: float, max_iterations: int) -> None:
@@ -98,7 +98,8 @@ class Multigrid:
         padded = filled.T @ A @ filled + sparse.diags_array(empty)
         pyamg = _pyamg()
         with warnings.catch_warnings():
-            # Six rigid motions for twelve dofs a vertex: the smoother sees to the others.
+            # There are six rigid motions for twelve dofs of a vertex; the smoother reduces errors
+            # in the others.
             warnings.filterwarnings("ignore", message="Having less target vectors")
             hierarchy = pyamg.smoothed_aggregation_solver(
                 sparse.bsr_matrix(padded, blocksize=(block, block)),
@@ -119,7 +120,7 @@ class Multigrid:
         self._inverse = LinearOperator(A.shape, matvec=precondition, dtype=np.float64)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Set a copy up anew: nothing is random, so that it is the same."""
+        """Return the data to set up a copy, which is the same because nothing is random."""
         return type(self), self._given
 
     def solve(self, b: Array) -> Array:
@@ -132,7 +133,7 @@ class Multigrid:
         """
         loads = b[:, None] if b.ndim == 1 else b
         columns = [self._solve_one(np.ascontiguousarray(column)) for column in loads.T]
-        # Set at once: threads that share the object never see a number half counted.
+        # Assigned once: threads that share the object never see an intermediate number.
         self.iterations = max((steps for _, steps in columns), default=0)
         return np.array([x for x, _ in columns]).reshape(loads.shape[::-1]).T.reshape(b.shape)
 
@@ -144,7 +145,8 @@ class Multigrid:
             steps += 1
 
         residual = b
-        # The residual that the iteration carries along drifts from the true one: start again there.
+        # The residual that the iteration updates drifts from the true one: restart from the latter,
+        # with half the bound to leave room for the drift.
         for _ in range(_RESTARTS):
             correction, _info = cg(
                 self._A, residual, rtol=0.0, atol=0.5 * bound, maxiter=self._most - steps,
@@ -155,7 +157,7 @@ class Multigrid:
             if np.linalg.norm(residual) <= bound or steps >= self._most:
                 break
         reached = np.linalg.norm(residual)
-        # A floating body may have an x so large that any residual would pass for rounding.
+        # Without supports x may be so large that any residual would pass for rounding.
         rounding = min(self._rounding(x), _MOST_ROUNDING * float(np.linalg.norm(b)))
         if not reached <= bound + rounding:
             raise NotConverged(
@@ -166,12 +168,15 @@ class Multigrid:
         return x, steps
 
     def _rounding(self, x: Array) -> float:
-        """Return what rounding alone leaves in b - A x; factorisations come no further either."""
+        """Return the norm of b - A x that rounding causes, with a direct solver as well."""
         return float(np.finfo(float).eps * np.linalg.norm(abs(self._A) @ np.abs(x)))
 
 
 def _slots(vertex: Indices) -> tuple[Indices, int, int]:
-    """Return a place for each unknown, the places of a vertex in a row; and their numbers."""
+    """Return a place for each unknown, the size of a block and the number of blocks.
+
+    The places of the unknowns of a vertex are consecutive, in one block.
+    """
     _, block_of, count = np.unique(vertex, return_inverse=True, return_counts=True)
     order = np.argsort(block_of, kind="stable")
     first = np.cumsum(count) - count

@@ -1,4 +1,4 @@
-"""What a multigrid method must know of a mesh: the functions of almost no energy."""
+"""The near-null space that multigrid needs: the functions of almost no energy."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ Indices = NDArray[np.integer]
 def near_null_space(basis: Any, dofs: Any = None) -> NearNullSpace:
     r"""Return the functions without energy of a scalar equation or of an elastic body.
 
-    Of a scalar field these are the constants, with the linear functions added, which are nearly as
-    smooth; of a displacement field the rigid motions :math:`a + b \times x`. These elements hold
-    them exactly: a rotation has the dofs u = b x x and its gradient, so more than one nodal value.
+    For a scalar field these are the constants; the linear functions, which have little energy, are
+    added. For a displacement field they are the rigid motions :math:`a + b \times x`. The elements
+    contain them exactly: the dofs of a rotation are the values of :math:`u = b \times x` and of its
+    gradient.
 
     Parameters
     ----------
@@ -116,5 +117,5 @@ def _restricted(modes: Array, vertex: Indices, dofs: Any) -> NearNullSpace:
 
 
 def _pseudo_inverse(T: Any, modes: Array) -> Array:
-    """Return z with T z nearest to the modes; the columns of T may overlap at hanging nodes."""
+    """Return the z with T z nearest to the modes; columns of T may overlap at hanging vertices."""
     return factorize(T.T @ T).solve(T.T @ modes)

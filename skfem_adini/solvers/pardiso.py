@@ -1,4 +1,4 @@
-"""MKL's PARDISO, one handle and one call; everything else of MKL stays outside."""
+"""An interface to MKL's PARDISO: one handle for each matrix, and one call."""
 
 from __future__ import annotations
 
@@ -53,13 +53,14 @@ def has_pardiso() -> bool:
 
 
 class Pardiso:
-    """One matrix in PARDISO's memory, given back when the object goes.
+    """One matrix in PARDISO's memory, which is released with the object.
 
     PARDISO works in that memory while it solves, so threads that share an object take turns. A
     copy, deep copy or pickle has memory of its own: it repeats the factorisation when it is first
-    used. A forked process inherits the factors, as they are between two calls, and works with one
-    thread: libgomp's do not survive a fork, and a child that waits for them hangs. Two-level
-    factors (iparm[23]) that were laid out for several threads are therefore repeated there.
+    used. A forked process inherits the factors (a fork waits for the end of running calls) and
+    works with one thread: libgomp's threads do not survive a fork, and a child that waits for them
+    hangs. Two-level factors (iparm[23]) that were laid out for several threads are therefore
+    computed again in the child.
 
     Parameters
     ----------
@@ -92,9 +93,9 @@ class Pardiso:
         if upper.nnz >= 2**31:
             raise AdiniError(f"PARDISO: {upper.nnz} entries are too many for 32-bit indices")
         self._kind, self._factored = kind, False
-        self._threads = 1  # of the analysis, and so of all that follows
-        self._phases: tuple[int, ...] = ()  # that led to the factors
-        self._anew: tuple[int, ...] = ()  # those that a copy has still to repeat
+        self._threads = 1  # of the analysis, and so of all later phases
+        self._phases: tuple[int, ...] = ()  # the calls that led to the factors
+        self._anew: tuple[int, ...] = ()  # the calls that a copy has still to repeat
         self._lock = threading.Lock()
         self._data = np.ascontiguousarray(upper.data, dtype=np.float64)
         self._ia = (upper.indptr + 1).astype(np.int32)
@@ -109,7 +110,7 @@ class Pardiso:
             self._iparm[place] = value
         if iparm:
             self._iparm[0] = 1
-        self._given_iparm = self._iparm.copy()  # PARDISO writes into the other
+        self._given_iparm = self._iparm.copy()  # PARDISO writes into self._iparm
         _watch(self)
 
     def __call__(self, phase: int, b: Array | None = None, x: Array | None = None) -> None:
@@ -121,8 +122,8 @@ class Pardiso:
             11 analysis, 22 factorisation, 12 both of them, 33 solution, and the partial solutions
             331, 332, 333.
         b, x
-            Right-hand sides and what PARDISO writes, (n,) or in Fortran order (n, loads); in
-            phase 22 with a Schur complement x is its dense matrix. PARDISO leaves b alone.
+            Right-hand sides and output, (n,) or in Fortran order (n, loads); in phase 22 with a
+            Schur complement x receives its dense matrix. PARDISO does not change b.
 
         Raises
         ------
@@ -131,8 +132,8 @@ class Pardiso:
         MemoryError
             PARDISO could not allocate its factors.
         AdiniError
-            A solution asked for before the factorisation, or arrays that PARDISO would misread: it
-            checks neither, and the process would end.
+            A solution before the factorisation, or arrays of wrong type, order or shape: PARDISO
+            checks neither, and the process would crash.
         """
         with self._lock:
             if self._anew:
@@ -141,19 +142,19 @@ class Pardiso:
 
     @property
     def pending(self) -> bool:
-        """Whether the factors are still to be made; other partial solutions do not fit them."""
+        """Whether the factors are still to be computed anew; partial solutions then do not fit."""
         return bool(self._anew)
 
     def _repeat(self) -> None:
         """Factor the matrix of the object that this is a copy of."""
         for phase in self._anew:
-            # Where a Schur complement was asked for, its matrix is written once more.
+            # If a Schur complement was requested, PARDISO writes its matrix again.
             block = np.zeros((self._chosen, self._chosen)) if self._given_iparm[35] else None
             self._run(phase, x=block if phase in _FACTORISATIONS else None)
         self._anew = ()
 
     def _check(self, phase: int, b: Array | None, x: Array | None) -> None:
-        """Raise for calls that PARDISO does not check itself: they would end the process."""
+        """Raise for wrong calls that PARDISO does not check: they would crash the process."""
         if phase in _SOLUTIONS:
             if not self._factored:
                 raise AdiniError(f"PARDISO: phase {phase} needs a factorisation, phase 22, before")
@@ -184,8 +185,8 @@ class Pardiso:
         error = ctypes.c_int32(0)
         arguments = (
             self._handle,
-            1,  # factorisations kept
-            1,  # which of them
+            1,  # maxfct: number of factorisations kept
+            1,  # mnum: which of them
             self._kind,
             phase,
             self._ia.size - 1,
@@ -195,13 +196,13 @@ class Pardiso:
             self._perm,
             b.shape[1] if b.ndim == 2 else 1,
             self._iparm,
-            0,  # silent
+            0,  # msglvl: no messages
             b,
             x,
         )
         if phase in _ANALYSES:
             self._threads = _threads()
-        # Only two-level factors are laid out for a number of threads; solutions are made by one.
+        # Only two-level factors depend on the number of threads; with others one thread solves.
         alone = phase in _SOLUTIONS and not self._given_iparm[23]
         with _held_to(1 if alone else self._threads):
             _library()(
@@ -226,14 +227,14 @@ class Pardiso:
             self._factored, self._phases = False, ()
 
     def _enter_child(self) -> None:
-        """Go on in a forked process, with one thread."""
+        """Continue in a forked process, with one thread."""
         if self._threads > 1 and self._given_iparm[23] and self._phases:
             self._anew, self._phases, self._factored = self._phases, (), False
-            self._handle[:] = 0  # the parent's memory, of which the child has a copy it cannot read
+            self._handle[:] = 0  # the child's copy of the parent's factors is not usable
         self._threads = 1
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy needs: the matrix and how it was factored, but neither memory nor lock."""
+        """Return what a copy needs: the matrix and the phases, but neither factors nor lock."""
         with self._lock:
             state = self.__dict__ | {"_anew": self._anew or self._phases, "_phases": ()}
         for name in ("_handle", "_lock", "_iparm", "_factored"):
@@ -248,7 +249,7 @@ class Pardiso:
         _watch(self)
 
     def __del__(self) -> None:
-        # At the end of the interpreter even the module's names may be gone.
+        # While the interpreter shuts down, even the module's globals may be None.
         if np is None or sys is None or sys.is_finalizing():
             return
         if getattr(self, "_handle", np.zeros(1)).any():
@@ -256,8 +257,8 @@ class Pardiso:
                 self._run(_RELEASE)
 
 
-# A fork copies the memory of PARDISO at any moment, but no thread that is at work in it: no call
-# may be under way. Processes that only start another program do not come here.
+# A fork copies PARDISO's memory but not the threads that work in it, so no call may be running: the
+# hooks below hold all locks during a fork. Starting another program does not run these hooks.
 _alive: weakref.WeakSet[Pardiso] = weakref.WeakSet()
 _registering = threading.Lock()
 _held: list[Pardiso] = []
@@ -313,16 +314,16 @@ def _upper_triangle(A: Any) -> Any:
 
 @functools.cache
 def _library() -> Any:
-    """MKL's ``pardiso``, for which pypardiso has searched the installation once."""
+    """Return MKL's function ``pardiso`` from the library that pypardiso has loaded."""
     from pypardiso import ps
 
-    function = ps.libmkl["pardiso"]  # an object of ours: pypardiso declares arguments of its own
+    function = ps.libmkl["pardiso"]  # a new function object: pypardiso's has other argtypes
     function.argtypes, function.restype = None, None
     return function
 
 
 def _threads() -> int:
-    """Threads that MKL may take for the calling thread; one in a forked process."""
+    """Return the number of threads that MKL may use for the caller; 1 in a forked process."""
     if _forked:
         return 1
     from pypardiso import ps
@@ -332,7 +333,7 @@ def _threads() -> int:
 
 @contextmanager
 def _held_to(threads: int) -> Iterator[None]:
-    """Give MKL the threads that the factors were laid out for.
+    """Set MKL's number of threads, within the block, to that of the factors' layout.
 
     With another number of threads PARDISO misreads two-level factors and returns no error.
     """

@@ -1,4 +1,4 @@
-"""Eigenvalues of the Laplace operator to the last digits, from an eigenvector in double."""
+"""Eigenvalues of the Laplace operator in extended precision, from an eigenvector in double."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from skfem_adini.solvers.exact_matrices import exact_matrix
 Array = NDArray[np.float64]
 LongArray = NDArray[np.longdouble]
 
-# In the least side of a cell: how far its vertices may lie off the corners of its box.
+# Largest distance of a vertex from the corner of its cell's box, in the least side of all cells.
 _RECTANGLE = 1e-10
 
 
@@ -33,9 +33,9 @@ class RefinedEigenpair:
     vector
         The eigenvector as given, shape (dofs,).
     residual
-        :math:`\|K x - \lambda M x\|_{D^{-1}} / (\lambda \|x\|_M)` with D the diagonal of M. An
-        eigenvalue lies within a small multiple of it, relatively, and in a well separated one the
-        value has an error of the order of its square.
+        :math:`\|K x - \lambda M x\|_{D^{-1}} / (\lambda \|x\|_M)` with D the diagonal of M. The
+        relative distance of `value` to the nearest eigenvalue is at most a small multiple of the
+        residual; if that eigenvalue is well separated, the distance is of the order of its square.
 
     Examples
     --------
@@ -65,15 +65,15 @@ def refine_eigenpair(
     .. math:: \lambda = \frac{\sum_T \int_T |\nabla u|^2}{\sum_T \int_T u^2}
 
     has an error quadratic in that of the eigenvector. Here it is summed cell by cell in
-    `numpy.longdouble` from element matrices in whole numbers, and in each cell the mean of u at the
-    vertices is subtracted before the gradient is formed; what is left is the discretisation error.
+    `numpy.longdouble` from exact element matrices, and in each cell the mean of u at the vertices
+    is subtracted before the gradient is formed. The remaining error is that of the discretisation.
 
     Parameters
     ----------
     basis
         Basis with Adini's element in 2-D or 3-D, on axis-parallel rectangles or boxes; with
-        ``elements=`` the integrals are those over these cells. The coordinates of its mesh count
-        with their binary values.
+        ``elements=`` the integrals are those over these cells. The coordinates of its mesh are
+        taken as their exact binary values.
     x
         Eigenvector, for instance from `lowest_eigenpairs`, shape (basis.N,).
     fixed

@@ -14,10 +14,10 @@ Ordering = Literal["NATURAL", "MMD_AT_PLUS_A"]
 
 
 class SuperLUFactor:
-    """The factors of one symmetric matrix, without exchange of rows where the pivots allow.
+    """The factors of one symmetric matrix, without row exchanges where the pivots allow it.
 
-    Nothing changes them, so copies are the object itself and threads may share it. SciPy's own
-    object cannot be pickled; this one takes the matrix along and factors it again.
+    The object is immutable: copies are the object itself, and threads may share it. SciPy's object
+    cannot be pickled; this one is pickled with its matrix, which the copy factors again.
 
     Parameters
     ----------

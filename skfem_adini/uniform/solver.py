@@ -21,9 +21,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Condition = Literal["dirichlet", "neumann"]
 
-# Of the largest coordinate: lines of the grid that are nearer are one, but for rounding.
+# Relative to the largest coordinate: coordinates that differ by less lie on one grid line.
 _UNIFORM = 1e-10
-# Of the sum of absolute loads: what rounding leaves of loads in balance.
+# Relative to the sum of absolute loads: the sum of balanced loads is below this after rounding.
 _BALANCED = 1e-10
 
 
@@ -38,9 +38,9 @@ class UniformSolver:
         (h_l u_{x_l})_j = \sum_m b^l_m \cos\frac{\pi m_l j_l}{n_l}
         \prod_{i \ne l} \sin\frac{\pi m_i j_i}{n_i}
 
-    it falls apart into systems of dim + 1 unknowns :math:`(a_m, b^1_m, ...)`, one for each m. The
-    cost is that of dim + 1 transforms back and forth, O(N log N). The sums satisfy
-    u = 0 and u_t = 0 on the boundary, and the equations of the normal derivatives there: they are
+    it decouples into systems of dim + 1 unknowns :math:`(a_m, b^1_m, ...)`, one for each m. The
+    cost is that of dim + 1 transforms back and forth, O(N log N). The sums satisfy u = 0 and
+    u_t = 0 on the boundary, where also the equations of the normal derivatives hold: this is
     exactly the conforming Dirichlet problem. With sines and cosines exchanged they satisfy
     u_n = 0 instead, see `bc`.
 
@@ -273,8 +273,8 @@ class UniformSolver:
         """Return a symmetric positive definite preconditioner for variable coefficients.
 
         With coefficients between a k and b k and the same essential conditions, the condition
-        number of the preconditioned system is at most b / a on every grid. For natural conditions
-        u_n is fixed here and free there; the condition number is larger and still bounded.
+        number of the preconditioned system is at most b / a on every grid. With natural conditions
+        u_n is free in the system but fixed here; the condition number is larger, still bounded.
 
         Parameters
         ----------

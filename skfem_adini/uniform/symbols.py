@@ -15,9 +15,9 @@ from skfem_adini.solvers.exact_matrices import ExactMatrix, exact_matrix
 
 Array = NDArray[np.float64]
 
-# Decimal digits carried beyond those asked for.
+# Decimal digits carried beyond those requested.
 _GUARD_DIGITS = 15
-# Newton's method from below rises to the root and doubles its digits there: never so many.
+# Never reached: from below, Newton's method rises to the root, where each step doubles the digits.
 _NEWTON_STEPS = 200
 
 
@@ -34,8 +34,8 @@ def exact_symbol(dim: int, direction: int | None = None) -> ExactMatrix:
         \prod_i w_i(e_i)
 
     with w = (1, -4 sin^2(theta/2)) in the m' directions of even and (0, 2 sin(theta)) in the m
-    directions of odd entries. The constants C are whole numbers over one denominator, so that what
-    vanishes for theta = 0 is exactly zero.
+    directions of odd entries. The constants C are whole numbers over one denominator, so that
+    terms that vanish for theta = 0 are exactly zero.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def is_odd(p: int, q: int, direction: int) -> bool:
 
 
 def phase(p: int, q: int, dirichlet: bool) -> int:
-    r"""Return what the trigonometric form of an entry is multiplied with, 1 or -1.
+    r"""Return the factor of the trigonometric form of an entry, 1 or -1.
 
     With u and its slopes written in sines and cosines the powers of i become signs. For u a
     product of sines, :math:`h_i u_i` has a cosine in the direction i; for u a product of cosines
@@ -108,7 +108,7 @@ def extended_eigenvalue(
     Parameters
     ----------
     lengths
-        Sides of the box; their binary values count.
+        Sides of the box, taken as their exact binary values.
     cells
         Number of cells in each direction.
     modes
@@ -167,13 +167,16 @@ def continuous_eigenvalue(
 
 
 def _is_active(p: int, modes: Sequence[int], cells: Sequence[int], dirichlet: bool) -> bool:
-    """Return whether no sine of a dof vanishes on the grid."""
+    """Return whether a dof takes part in a mode: no sine of it vanishes on the grid."""
     has_sine = [(i + 1 == p) != dirichlet for i in range(len(modes))]
     return all(0 < k < n for k, n, sine in zip(modes, cells, has_sine, strict=True) if sine)
 
 
 def _determinant(rows: list[Any]) -> list[Decimal]:
-    """Return the determinant of a matrix of polynomials, by the first row; rising powers."""
+    """Return the determinant of a matrix of polynomials, expanded along the first row.
+
+    Polynomials are lists of coefficients, that of the lowest power first.
+    """
     if not rows:
         return [Decimal(1)]
     result = [Decimal(0)] * (len(rows) + 1)
@@ -187,6 +190,7 @@ def _determinant(rows: list[Any]) -> list[Decimal]:
 
 def _smallest_root(coefficients: list[Decimal], precision: int) -> Decimal:
     """Return the smallest root of a polynomial with non-negative real roots."""
+    # Relative step at which to stop, ten digits beyond those requested.
     root, bound = Decimal(0), Decimal(10) ** (_GUARD_DIGITS // 3 - precision)
     for _ in range(_NEWTON_STEPS):
         value = slope = Decimal(0)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 def tensor_nodes(grid: Sequence[int]) -> NDArray[np.intp]:
-    """Return the vertex numbers of `init_tensor` as an array over the grid."""
+    """Return the vertex numbers of `init_tensor` as an array over the grid, of shape `grid`."""
     if len(grid) == 2:
         return np.arange(np.prod(grid)).reshape(grid)
     x, y, z = grid

@@ -53,7 +53,7 @@ class BlockDiagonalGrid:
         self._lower, self._pivots = self._factorize()
 
     def fixed(self) -> NDArray[np.bool_]:
-        """Return the dofs on the boundary where a sine vanishes."""
+        """Return a mask of the dofs that vanish: those on the boundary where a sine is zero."""
         mask = np.ones(self.shape, dtype=bool)
         for p, part in enumerate(mask):
             part[self._inside(p)] = False
@@ -69,10 +69,10 @@ class BlockDiagonalGrid:
         return total * self._scale**2
 
     def solve(self, load: Array, constant: float = 0.0) -> Array:
-        """Return the solution for an assembled load; what belongs to fixed dofs does not count.
+        """Return the solution for an assembled load; entries of fixed dofs do not count.
 
-        Of a singular matrix the inverse is taken on loads with mean zero; the mean itself is
-        multiplied with `constant`.
+        A singular matrix is inverted on the loads of mean zero; the mean itself is multiplied with
+        `constant`.
         """
         z = np.zeros(self.shape)
         for p, scale in enumerate(self._scale):
@@ -107,7 +107,7 @@ class BlockDiagonalGrid:
         return sines, [i for i in range(self._dim) if i not in sines]
 
     def _forward(self, p: int, load: Array) -> Array:
-        """Transform a load; it goes on by reflection, which doubles it on the boundary."""
+        """Transform a load, continued by reflection: with cosines this doubles boundary values."""
         sines, cosines = self._axes(p)
         for axis in cosines:
             ends = np.moveaxis(load, axis, 0)
@@ -125,7 +125,7 @@ class BlockDiagonalGrid:
         """Return the entries below the diagonal of L, row by row, and the diagonal D."""
         size = self._dim + 1
         blocks = {(p, q): self._entry(p, q) for p in range(size) for q in range(p + 1)}
-        if self.singular or self._dirichlet:  # a dof without this mode, or the constants
+        if self.singular or self._dirichlet:  # no zero pivot for constants or a mode u lacks
             blocks[0, 0][(0,) * self._dim] = 1.0
         lower: dict[tuple[int, int], Array] = {}
         pivots = np.empty(self.shape)

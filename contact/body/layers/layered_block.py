@@ -18,6 +18,7 @@ from contact.body.boundary_names import select_components
 from contact.body.elastic_body import ElasticBody, Field
 from contact.body.layers.bottom_row import LowestRow
 from contact.body.layers.cell_stencil import CellStencil
+from contact.body.layers.evaluation import located, shape_functions
 from contact.body.layers.layers import (
     PER_NODE,
     CellRows,
@@ -104,7 +105,7 @@ class LayeredBlock(Solid):
         self.columns = read_columns(columns, self.width, self.layers[0])
         self.node_rows = 1 + sum(layer.cells for layer in self.layers)
         self.row_size = PER_NODE * (self.columns + 1)
-        self._cells = [
+        self.cell_bodies = [
             ElasticBody.from_mesh(
                 grid(
                     np.array([0.0, self.width / self.columns]), np.array([0.0, l.height / l.cells])
@@ -128,7 +129,16 @@ class LayeredBlock(Solid):
         components: str | int | Sequence[int] | None = None,
         value: Field = 0.0,
     ) -> Self:
-        """Prescribe displacement components on "left", "right" or "top"; see `ElasticBody.fix`."""
+        """Prescribe displacement components on "left", "right" or "top"; see `ElasticBody.fix`.
+
+        Parameters
+        ----------
+        boundary : str or list of str
+        components : str, int or sequence of int, optional
+            E.g. "y"; default: all.
+        value : float or callable x -> array of shape (...)
+            In units of length.
+        """
         for name in self._names(boundary):
             edge, _ = self._edge(name)
             edge.fix(edge.facets(name), components, value)  # checks
@@ -139,7 +149,14 @@ class LayeredBlock(Solid):
         return self
 
     def load(self, boundary: str, traction: Field) -> Self:
-        """Add a surface traction on "left", "right", "top" or "bottom"; see `ElasticBody.load`."""
+        """Add a surface traction on "left", "right", "top" or "bottom"; see `ElasticBody.load`.
+
+        Parameters
+        ----------
+        boundary : str or list of str
+        traction : array of shape (2,) or callable x -> array of shape (2, ...)
+            Force per area, which comes on top of earlier loads.
+        """
         f = self.f.copy()
         for name in self._names(boundary, (*_SIDES, "bottom")):
             edge, dofs = self._edge(name)
@@ -148,9 +165,15 @@ class LayeredBlock(Solid):
         return self
 
     def body_force(self, force: Field) -> Self:
-        """Add a volume force (force per volume); see `ElasticBody.body_force`."""
+        """Add a volume force; see `ElasticBody.body_force`.
+
+        Parameters
+        ----------
+        force : array of shape (2,) or callable x -> array of shape (2, ...)
+            Force per volume.
+        """
         f = self.f.copy()
-        for layer, cell in zip(self.layers, self._cells, strict=True):
+        for layer, cell in zip(self.layers, self.cell_bodies, strict=True):
             for row in range(layer.cells):  # strip by strip: no Basis of the whole body
                 low = layer.bottom + row * layer.height / layer.cells
                 strip = self._strip(np.array([low, low + layer.height / layer.cells]), cell)
@@ -179,14 +202,14 @@ class LayeredBlock(Solid):
         y = self.y
         if name in ("top", "bottom"):
             at = slice(-2, None) if name == "top" else slice(0, 2)
-            strip = self._strip(y[at], self._cells[-1 if name == "top" else 0], intorder=1)
+            strip = self._strip(y[at], self.cell_bodies[-1 if name == "top" else 0], intorder=1)
             start = self.f.size - strip.f.size if name == "top" else 0
             return strip, start + np.arange(strip.f.size)
         i = np.array([0, 1] if name == "left" else [self.columns - 1, self.columns])
         nodes = (self.columns + 1) * np.arange(y.size)[:, None] + i
         dofs = PER_NODE * nodes.ravel()[:, None] + np.arange(PER_NODE)
         # Its material is not looked at: edges serve supports and tractions.
-        return self._body(grid(self.x[i], y), self._cells[0], intorder=1), dofs.ravel()
+        return self._body(grid(self.x[i], y), self.cell_bodies[0], intorder=1), dofs.ravel()
 
     def _strip(self, y: Array, cell: ElasticBody, intorder: int | None = None) -> ElasticBody:
         """One row of cells between two heights."""
@@ -278,7 +301,7 @@ class LayeredBlock(Solid):
     def cell_rows(self) -> list[CellRows]:
         """Element matrix and number of cell rows of each layer, from the bottom up."""
         found = []
-        for cell, layer in zip(self._cells, self.layers, strict=True):
+        for cell, layer in zip(self.cell_bodies, self.layers, strict=True):
             dofs = cell.basis.element_dofs[:, 0]
             found.append(CellRows(cell.stiffness.toarray()[np.ix_(dofs, dofs)], layer.cells))
         return found
@@ -332,51 +355,22 @@ class LayeredBlock(Solid):
     def displacement(self, u: Array, points: Array) -> Array:
         """Displacement at points, by the element's own interpolation, shape (2, npoints)."""
         value = np.zeros((2, points.shape[1]))
-        for at, field, own in self._local(u, points):
+        for at, field, own in shape_functions(self, u, points):
             value[:, at] += np.asarray(field)[:, 0] * own
         return value
 
     def gradient(self, u: Array, points: Array) -> Array:
         """Gradient d u_i / d x_j of the displacement at points, shape (2, 2, npoints)."""
         value = np.zeros((2, 2, points.shape[1]))
-        for at, field, own in self._local(u, points):
+        for at, field, own in shape_functions(self, u, points):
             value[:, :, at] += np.asarray(field.grad)[:, :, 0] * own
         return value
 
     def material(self, points: Array) -> tuple[Array, Array, Array]:
         """Lame parameters lambda and mu, and Poisson's ratio, at points."""
-        table = np.array([[float(c.lam), float(c.mu), float(c.nu)] for c in self._cells])
-        lame_lambda, lame_mu, nu = table[self._locate(points)[0]].T
+        table = np.array([[float(c.lam), float(c.mu), float(c.nu)] for c in self.cell_bodies])
+        lame_lambda, lame_mu, nu = table[located(self, points)[0]].T
         return lame_lambda, lame_mu, nu
-
-    def _locate(self, points: Array) -> tuple[NDArray[np.int64], Array, Array]:
-        """Layer of each point, and its place in units of that layer's cells."""
-        x, y = points
-        slack = 1e-12 * max(self.width, self.height)
-        outside = (x < -slack) | (x > self.width + slack) | (y < -slack) | (y > self.height + slack)
-        if np.any(outside):
-            raise InputError(f"points: {points[:, np.argmax(outside)]} lies outside the block")
-        bottoms, size = np.array([(l.bottom, l.height / l.cells) for l in self.layers]).T
-        at = np.clip(np.searchsorted(bottoms, y, side="right") - 1, 0, None)
-        return at, x * self.columns / self.width, (y - bottoms[at]) / size[at]
-
-    def _local(self, u: Array, points: Array) -> Any:
-        """For each layer and local basis function: points in it, the function, its dof's values."""
-        at, columns, rows = self._locate(points)
-        for k, (layer, cell) in enumerate(zip(self.layers, self._cells, strict=True)):
-            here = np.flatnonzero(at == k)
-            if here.size == 0:
-                continue
-            i = np.clip(columns[here].astype(np.int64), 0, self.columns - 1)
-            j = np.clip(rows[here].astype(np.int64), 0, layer.cells - 1)
-            X = np.stack((columns[here] - i, rows[here] - j))
-            corner = (self.columns + 1) * (layer.first + j) + i
-            above = self.columns + 1
-            nodes = (corner, corner + 1, corner + above + 1, corner + above)
-            basis = cell.basis
-            for local in range(basis.Nbfun):
-                field = basis.elem.gbasis(basis.mapping, X, local)[0]
-                yield here, field, u[PER_NODE * nodes[local // PER_NODE] + local % PER_NODE]
 
     def elastic(self) -> ElasticBody:
         """The same body as an `ElasticBody`, with loads and supports; dofs are numbered as here."""

@@ -11,32 +11,34 @@ import numpy as np
 from gpu.arrays.namespace import to_host
 from gpu.eigenvalues.krylov.arnoldi_steps import ArnoldiSteps
 
-ONE_LAUNCH = 10_000  # up to this order a sweep in one launch is quicker than library products
-TINY = np.finfo(float).tiny  # in place of a norm of zero
-# Of random vectors: a start drawn by the caller from a plain seed must not be drawn here again.
+ONE_LAUNCH = 10_000  # up to this order a sweep in one launch is faster than library products
+TINY = np.finfo(float).tiny  # avoids division by zero where a norm is zero
+# Part of the seeds of random vectors here: a caller who draws a start vector with a plain seed must
+# not get the same vectors.
 SALT = 0x6A09E667F3BCC908
 
 
 class Arnoldi:
-    """Orthonormal rows v_0, v_1, ...; of the first j as columns, ``A V_j = V_j S_j + v_j b_j``.
+    """An Arnoldi basis v_0, v_1, ...: with the first j as columns, ``A V_j = V_j S_j + v_j b_j^*``.
 
-    Orthogonalisation is classical Gram-Schmidt, twice (CGS2). Nothing waits for the device inside
-    a sweep: the coefficients come to the host in one copy at its end.
+    The vectors are stored as orthonormal rows. Orthogonalisation is classical Gram-Schmidt, twice
+    (CGS2). The host does not wait for the device inside a sweep: the coefficients are copied to it
+    once, at the end.
 
     Parameters
     ----------
     apply : callable x -> A x
         On arrays of `xp`, shape (n,).
     n, size : int
-        Order of A, and most vectors that span the basis until it is enlarged.
+        Order of A, and the most vectors in the space until it is enlarged.
     dtype : numpy dtype
         float64 or complex128.
     xp : module
         numpy or cupy.
     seed : int
-        Of the vectors that take the place of broken-down ones.
+        For random vectors.
     matrix : array, optional
-        The entries of A, where `apply` multiplies by just these.
+        The entries of A, if `apply` multiplies by A and they are stored.
 
     References
     ----------
@@ -75,7 +77,7 @@ class Arnoldi:
                 self._matrix = matrix
 
     def enlarge(self, size: int, rows: int) -> None:
-        """Make room for `size` vectors; the first `rows` stay."""
+        """Allocate memory for `size` vectors; the first `rows` rows are kept."""
         V = self.V
         self._allocate(size, V.shape[1], V.dtype)
         self.V[:rows] = V[:rows]
@@ -84,7 +86,7 @@ class Arnoldi:
         """Make row `place` a unit vector orthogonal to those before it; random by default."""
         xp, V = self.xp, self.V
         if vector is None and self._steps is not None and V.shape[1] >= 4 * len(V):
-            # So much of a random vector is orthogonal to so few that nothing need be looked at.
+            # The basis is small, so a random vector is far from its span and needs no check.
             self._steps.random_start(place, (self._seed << 32) + self._drawn)
             self._drawn += 1
             return
@@ -102,7 +104,7 @@ class Arnoldi:
             for _ in range(3):
                 w -= self._products(w, place) @ V[:place]
             size = float(xp.linalg.norm(w))
-            if size > 1e-8 * before:
+            if size > 1e-8 * before:  # otherwise too few digits are left; try a random vector
                 V[place] = w / size
                 return
             vector = None
@@ -113,7 +115,7 @@ class Arnoldi:
         return np.random.default_rng((SALT, self._seed))
 
     def _products(self, w: Any, count: int) -> Any:
-        """V^* w of the first rows; conjugating w spares a conjugated copy of V."""
+        """V^* w for the first `count` vectors; w is conjugated to avoid a conjugated copy of V."""
         V = self.V[:count]
         return V @ w if V.dtype.kind == "f" else (V @ w.conj()).conj()
 
@@ -126,7 +128,7 @@ class Arnoldi:
         ----------
         first, last : int
         meanwhile : callable, optional
-            Called once the steps are under way, before their coefficients are waited for.
+            Called while the device computes the steps, before the host waits for coefficients.
         """
         xp, V = self.xp, self.V
         if self._matrix is not None and self._steps is not None:
@@ -142,7 +144,7 @@ class Arnoldi:
         if meanwhile is not None:
             meanwhile()
         rows = to_host(self._coefficients[first:last])
-        # Only sweeps in one launch multiply what is beside the vectors of the basis.
+        # Only sweeps in one launch multiply vectors v + V r instead of v.
         return ArnoldiSteps.of(rows if self._matrix is not None else rows[:, :1])
 
     def _step(self, w: Any, j: int) -> None:
@@ -150,7 +152,8 @@ class Arnoldi:
         xp, V, row = self.xp, self.V, self._coefficients[j, 0]
         h = self._products(w, j + 1)
         w -= h @ V[: j + 1]
-        # Always: what one pass leaves grows from step to step even where each takes away little.
+        # Always twice: the components that one pass leaves grow from step to step, even if each
+        # pass subtracts little.
         again = self._products(w, j + 1)
         w -= again @ V[: j + 1]
         beta = xp.sqrt(xp.vdot(w, w).real)
@@ -159,7 +162,10 @@ class Arnoldi:
         V[j + 1] = w / xp.maximum(beta, TINY)
 
     def rotate(self, Q: np.ndarray, residual: int, first: int = 0) -> None:
-        """Replace the rows from `first` on by the columns of Q, the next by the `residual`-th."""
+        """Replace the rows from `first` on by their combinations with the columns of Q.
+
+        The row after them becomes the former row ``first + residual``, the residual vector.
+        """
         xp, (count, kept), V = self.xp, Q.shape, self.V[first:]
         if self._steps is not None:
             from gpu.eigenvalues.krylov.ritz_pairs import rotate, turns
@@ -173,5 +179,5 @@ class Arnoldi:
         V[kept] = last
 
     def combine(self, Y: np.ndarray) -> Any:
-        """Columns ``V^T Y`` of the space, shape (n, k), for Y of shape (count, k)."""
+        """``V^T Y``, combinations of the basis vectors, shape (n, k), for Y of shape (count, k)."""
         return (self.xp.asarray(np.ascontiguousarray(Y.T)) @ self.V[: len(Y)]).T

@@ -1,4 +1,4 @@
-"""The coefficients of a sweep of Arnoldi steps, and the projected matrix they make."""
+"""The coefficients of a sweep of Arnoldi steps, and the projected matrix made from them."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.blas import dtrsm
 
-# Entries of R below this: their squares are round-off, I - R is the inverse of I + R, and no
-# triangle is solved by a library that would start its threads for it.
+# If all entries of R are below this, their squares are rounding, so I - R is the inverse of I + R,
+# and no library call for a triangular solve, which would start threads, is needed.
 SLIGHT = 1e-9
-BREAKDOWN = 20 * np.finfo(float).eps  # beta below this times |A v| is round-off: invariant
+BREAKDOWN = 20 * np.finfo(float).eps  # a beta below this times |A v| is rounding: invariant space
 
 
 @dataclass(frozen=True)
 class ArnoldiSteps:
-    """Coefficients of products with the vectors of a basis, or with vectors beside them.
+    """Coefficients of the products of A with the basis vectors v, or with vectors v + V r.
 
     With v_j the vectors of the basis and i = 0, 1, ... the steps of this sweep, the first of which
     began at vector j,
@@ -27,11 +27,11 @@ class ArnoldiSteps:
     Attributes
     ----------
     coefficients : ndarray, shape (m, size + 1)
-        Row i: h_i; entries from j + i + 1 on are to be ignored.
+        Row i: h_i; entries from j + i + 1 on are undefined.
     betas : ndarray, shape (m,)
-        Rows after one that is round-off are to be ignored: see `ended`.
+        After one that is rounding, all coefficients are meaningless: see `ended`.
     beside : ndarray, shape (m, size + 1), optional
-        Row i: r_i in its first j + i entries. None where all are zero.
+        Row i: r_i in its first j + i entries. None if all are zero.
     """
 
     coefficients: np.ndarray
@@ -40,7 +40,7 @@ class ArnoldiSteps:
 
     @classmethod
     def of(cls, rows: np.ndarray) -> ArnoldiSteps:
-        """From an array of shape (m, 1 or 2, size + 2) with every beta in a last entry."""
+        """From an array of shape (m, 1 or 2, size + 2): rows h and r, beta the last entry of h."""
         beside = rows[:, 1, :-1] if rows.shape[1] == 2 else None
         return cls(rows[:, 0, :-1], rows[:, 0, -1].real, beside)
 
@@ -56,21 +56,21 @@ class ArnoldiSteps:
 
     @property
     def ended(self) -> int | None:
-        """The first of the steps that ended in an invariant subspace."""
+        """Number of the first step after which the space is invariant, or None."""
         small = (self.betas <= BREAKDOWN * self.norms).nonzero()[0]
         return int(small[0]) if small.size else None
 
     def project(self, S: np.ndarray, first: int, last: int, locked: int = 0) -> None:
-        """Columns `first` to `last` of the projected matrix, from as many first steps.
+        """Write columns `first` to `last` of the projected matrix, from the first of these steps.
 
         Parameters
         ----------
         S : ndarray, shape (m, m)
-            Its columns before `first`, and the entry left of the diagonal in row `first`, are
-            known. In place.
+            Changed in place. Its columns before `first`, and the entry left of the diagonal in row
+            `first`, are known.
         first, last : int
         locked : int
-            Vectors of the basis that S leaves out.
+            Number of leading basis vectors that S leaves out.
         """
         count = last - first
         rows = slice(locked, locked + last)

@@ -1,4 +1,7 @@
-"""A search for eigenvalues that an iteration has missed, in the complement of its space."""
+"""A challenge: a search for eigenvalues that an iteration has missed, outside of its space.
+
+The best Ritz value of the search is called the newcomer.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +14,13 @@ from gpu.eigenvalues.krylov.arnoldi import Arnoldi
 from gpu.eigenvalues.schur.order import Edge
 from gpu.eigenvalues.schur.ordered_schur import Rank, ordered_schur, whole
 
-# Residual of the best newcomer over its distance from the wanted: below this it ranks below them.
+# If the residual of the newcomer is below this times the gap between its rank and that of the least
+# wanted eigenvalue, it counts as ranking below the wanted.
 INSIDE = 0.03
-THICK = 0.5  # part of the searching space that outlives a restart
-FIRST = 3  # products before the first look: few do where the wanted stand apart
-# The numbers t of `unbeaten`: an eigenvalue goes unseen with a probability of at most .8 times t.
-# The second is enough where the best newcomer ranks below the wanted as well.
+THICK = 0.5  # fraction of the vectors of the search that is kept at a restart
+FIRST = 3  # products before the first test: few are enough if the wanted are well separated
+# The numbers t of `unbeaten`: an eigenvalue is missed with a probability of at most .8 times t. The
+# second is enough if the newcomer ranks below the wanted as well.
 SURE, LIKELY = 0.01, 0.1
 
 
@@ -33,14 +37,15 @@ def unbeaten(
     patience: float,
     meanwhile: Callable[[], Any] | None = None,
 ) -> tuple[bool, int]:
-    r"""Whether no eigenvalue beside the locked space ranks above the wanted.
+    r"""Whether no eigenvalue outside the locked space ranks above the wanted.
 
-    Let U be the locked rows and B the compression of A to what is orthogonal to them. Arnoldi
-    steps from a random unit vector r orthogonal to U give residual norms whose product belongs to
-    the monic polynomial p with the Ritz values for roots, those that restarts dropped included:
+    Let U be the locked rows and B the compression of A to their orthogonal complement. Arnoldi
+    steps from a random unit vector r orthogonal to U give norms :math:`\beta_j` with
 
     .. math::
-        |p(B) r| = \prod_j \beta_j .
+        |p(B) r| = \prod_j \beta_j
+
+    for the monic polynomial p whose roots are the Ritz values, including those dropped by restarts.
 
     An eigenvalue :math:`\mu` of B with left unit eigenvector y has
     :math:`|y^* p(B) r| = |p(\mu)|\,|y^* r|`, whence
@@ -48,49 +53,49 @@ def unbeaten(
     .. math::
         |y^* r| \le \prod_j \beta_j \,/\, |p(\mu)| .
 
-    Once the right-hand side is below :math:`t / \sqrt n` wherever an eigenvalue would be wanted,
-    a missed one asks of r that it be orthogonal to y by :math:`t` times what is usual, whose
-    probability is :math:`\sqrt{2 / \pi}\,t`, however far from normal A is. The modulus of
-    p grows outwards from its roots, so that the edge of the wanted part of the plane is enough.
+    Once the right-hand side is below :math:`t / \sqrt n` wherever an eigenvalue would be wanted, a
+    missed one requires :math:`|y^* r| \le t / \sqrt n`. For a random r this has the probability
+    :math:`\sqrt{2 / \pi}\,t`, however far from normal A is. As :math:`|p|` grows outwards from its
+    roots, it suffices to look at the edge of the wanted part of the plane.
 
-    A small space may converge to an eigenvalue that ranks below the wanted and see nothing else.
-    Then that one is left aside too, and the search begins again from another vector.
+    A small space may converge to an eigenvalue that ranks below the wanted and find nothing else.
+    Then this one is locked too, and the search begins again from another vector.
 
     Parameters
     ----------
     basis : Arnoldi
-        Its first `locked` rows span a space whose residual is small beside the distance between
-        the wanted eigenvalues and the rest. The rows beyond are overwritten.
+        Its first `locked` rows span a space whose residual is small compared with the distance
+        between the wanted eigenvalues and the rest. The rows beyond are overwritten.
     locked : int
     worst : float
         Rank of the least wanted eigenvalue found.
     rank, edge : callable
-        See `gpu.eigenvalues.schur.order`; without `edge` the residual of the best newcomer decides.
+        See `gpu.eigenvalues.schur.order`; without `edge` the residual of the newcomer decides.
     tol, floor : float
-        A newcomer of less residual than tol times its modulus, or than floor, has converged.
+        The newcomer has converged if its residual is below tol times its modulus, or below floor.
     restarts : int
-        At most so many.
+        Most restarts.
     patience : float
-        Products after which the search ends once the best newcomer ranks below the wanted,
-        whatever the probability: for matrices far from normal, and where the last wanted
-        eigenvalue has copies, p hardly grows. Infinite where only the probability may end it.
+        Number of products after which the search ends if the newcomer ranks below the wanted,
+        whatever the probability: for matrices far from normal, and if the last wanted eigenvalue
+        has copies, :math:`|p|` hardly grows. Infinite if only the probability may end it.
     meanwhile : callable, optional
-        See `Arnoldi.sweep`, for the first.
+        See `Arnoldi.sweep`; used in the first sweep.
 
     Returns
     -------
     won : bool
-        Whether nothing better is there; otherwise rows `locked` and, where it is one of a pair,
-        `locked` + 1 span the best newcomer.
+        Whether nothing better was found. If not, row `locked` (for one of a pair also the next row)
+        spans the space of the newcomer.
     restarts : int
-        That were made.
+        Number of restarts that were made.
     """
     first, room, n = locked, basis.size - locked, basis.V.shape[1]
     basis.start(locked)
     S = np.zeros((room, room), dtype=basis.V.dtype)
     kept, goal, made = 0, min(FIRST, room), 0
-    begun = searched = basis.matvecs  # at all, and from this vector
-    # Logarithm of the product of the betas; Ritz values dropped so far; products and residual past.
+    begun = searched = basis.matvecs  # products before the search, and before this random vector
+    # Log of the product of the betas; Ritz values dropped; products and residual at the last test.
     betas, dropped, past = 0.0, np.zeros(0, dtype=complex), (0, 1.0)
     enough, likely = (0.5 * np.log(n) - np.log(chance) for chance in (SURE, LIKELY))
     rounding = 1e-9 * abs(worst) + floor
@@ -125,7 +130,7 @@ def unbeaten(
             basis.V[first : first + best] = basis.V[locked : locked + best]
             return False, made
         if inside and converged and evidence <= 0.0 and 2 * (room - best) > basis.size - first:
-            # It has settled inside and sees nothing else: beside that, from another vector.
+            # Converged below the wanted, without evidence on the rest: lock it and begin again.
             basis.rotate(Q[:, :best], size, locked)
             locked, room = locked + best, room - best
             basis.start(locked)
@@ -148,7 +153,7 @@ def unbeaten(
 
 
 def _evidence(worst: float, roots: np.ndarray, edge: Edge | None) -> float:
-    """Logarithm of the least \\|p\\| on the edge of what is wanted."""
+    """Logarithm of the least \\|p\\| on the edge of the wanted part of the plane."""
     if edge is None:
         return np.inf
     apart = np.abs(edge(worst, roots)[:, None] - roots)
@@ -164,7 +169,7 @@ def _products_left(
     residual: float,
     target: float,
 ) -> int:
-    """Products to the end at the rates so far, whichever of the two ways is the shorter."""
+    """Estimated products until the search ends, by evidence or by residual, at the rates so far."""
     needs: list[Any] = []
     if evidence > 0:
         needs.append((enough - evidence) * products / evidence)

@@ -2,8 +2,9 @@
 
 A step is a product, two projections, two updates and a norm. As separate library calls these cost
 some twenty launches; for matrices of a few thousand rows the launches take longer than the work.
-Here all blocks of one launch, one a multiprocessor, own a range of rows each and meet two or three
-times a step. Sums are taken in a fixed order, so that a run repeats bit by bit on one device.
+Here all blocks of one launch, one for each multiprocessor, own a range of rows each and synchronise
+two or three times a step. Sums are taken in a fixed order, so repeated runs on one device agree bit
+by bit.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ from gpu.cuda.arnoldi import SOURCE
 from gpu.errors import InputError
 
 THREADS = 1024
-ROWS = 8  # that a block owns at least: with smaller shares blocks wait longer than they work
-CACHE_LINE = 16  # numbers that memory moves together: 128 bytes
-SHARED = 48 * 1024  # bytes a block may have on every device without asking
+ROWS = 8  # least number of rows of a block: with fewer, blocks wait longer than they compute
+CACHE_LINE = 16  # numbers in a cache line of 128 bytes
+SHARED = 48 * 1024  # bytes of shared memory that a block may use without a special request
 SUMS = 2048  # numbers that `gpu.cuda.gram_schmidt` keeps in shared memory for its sums
-OWN = SUMS // 2 - THREADS // 32  # rows of a block whose sums fit there
-CACHE_SHARE = 0.5  # part of the common cache for columns of A; vectors pass through the rest
-SCARCE = 0.1  # where less than this part of the columns fits, none is kept in shared memory
+OWN = SUMS // 2 - THREADS // 32  # most rows of a block whose sums fit there
+CACHE_SHARE = 0.5  # fraction of the second-level cache for columns of A; the rest is for vectors
+SCARCE = 0.1  # if less than this fraction of the columns fits, none is kept in shared memory
 _launching = threading.Lock()
 _granted: dict[tuple[int, str], int] = {}  # bytes of shared memory, by device and kernel
 
@@ -37,14 +38,14 @@ class FusedSteps:
     V : cupy.ndarray of float64, shape (size + 1, n)
         The basis.
     coefficients : cupy.ndarray of float64, shape (size, 2, size + 2)
-        Row (j, 0) gets the coefficients of step j, and its beta in the last entry; those of a sweep
-        are of ``A (v + V r)``, with r in row (j, 1).
+        Row (j, 0) gets the coefficients of step j, with beta as its last entry. In a sweep they are
+        those of ``A (v + V r)``, with r in row (j, 1).
 
     Attributes
     ----------
     near, stay, ahead : int
-        Columns of A that a sweep keeps in shared memory, that stay in the cache of the device, and
-        that it fetches there ahead of each step.
+        Numbers of columns of A that a sweep keeps in shared memory, that stay in the second-level
+        cache, and that it prefetches into this cache before each step.
 
     Raises
     ------
@@ -64,7 +65,7 @@ class FusedSteps:
         self._shared = 8 * numbers
         if self._shared > most_shared:
             raise InputError(f"ncv={self.size} is too large for the shared memory of this device")
-        # What a sweep has beside: its share of the basis, the vector, and columns of A.
+        # A sweep also needs memory for the block's rows of the basis, the vector and columns of A.
         own = -(-self.n // self._blocks)
         numbers += (self.size + 1) * (own | 1) + own + self.n
         room = most_shared // 8 - numbers
@@ -115,7 +116,7 @@ class FusedSteps:
         )
 
     def multiplies(self, A: Any) -> bool:
-        """Whether `sweep` can read this matrix: real, dense, rows together, not too wide."""
+        """Whether `sweep` can use this matrix: real, dense, row-major, not too large."""
         dense = hasattr(A, "flags") and A.dtype == np.float64 and A.flags.c_contiguous
         return bool(dense and self._sweeps)
 
@@ -154,8 +155,8 @@ class FusedSteps:
 
     def _launch(self, name: str, meetings: int, shared: int, arguments: Any) -> None:
         goal = np.uint32(self._arrived % 2**32)
-        # What a kernel may have belongs to it, and so to all threads: a launch between the wish of
-        # another thread and its own is refused, as too large or as an invalid argument.
+        # The limit of shared memory is an attribute of the kernel, which all threads share. Without
+        # a lock, a launch between another thread's setting and its launch would be refused.
         with _launching:
             kernel, place = _kernel(name), (self._device, name)
             if shared > _granted.get(place, SHARED):
@@ -166,7 +167,7 @@ class FusedSteps:
 
 @functools.cache
 def _limits(device: int) -> tuple[int, int, int]:
-    """Multiprocessors, bytes of shared memory that a block may ask for, bytes of the cache."""
+    """Multiprocessors, most bytes of shared memory for a block, bytes of the second-level cache."""
     import cupy
 
     attributes = cupy.cuda.Device(device).attributes
@@ -179,8 +180,7 @@ def _limits(device: int) -> tuple[int, int, int]:
 def _kernel(name: str) -> Any:
     """The compiled kernel; CuPy compiles it anew for each device.
 
-    A cooperative launch is refused unless all blocks run at once, without which they could not
-    meet.
+    A cooperative launch is refused unless all blocks can run at once, as they must to synchronise.
     """
     import cupy
 

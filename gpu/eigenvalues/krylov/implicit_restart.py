@@ -8,7 +8,7 @@ Array = np.ndarray
 
 
 def shifted_qr(H: Array, beta: float, values: Array, keep: int) -> tuple[Array, Array, Array]:
-    r"""Shrink ``A V = V H + \beta v e_m^T`` to `keep` columns with the unwanted values as shifts.
+    r"""Reduce ``A V = V H + \beta v e_m^T`` to `keep` columns with the unwanted values as shifts.
 
     Each shift :math:`\mu` costs a QR factorisation :math:`H - \mu I = Q R` and
     :math:`H \leftarrow Q^* H Q`; a conjugate pair of a real H is taken as one quadratic step,
@@ -20,7 +20,7 @@ def shifted_qr(H: Array, beta: float, values: Array, keep: int) -> tuple[Array, 
         Upper Hessenberg.
     beta : float
     values : ndarray, shape (m,)
-        Eigenvalues of H; those from `keep` on are the shifts, pairs whole.
+        Eigenvalues of H; those from `keep` on are the shifts. They must not split a pair.
     keep : int
 
     Returns
@@ -34,9 +34,9 @@ def shifted_qr(H: Array, beta: float, values: Array, keep: int) -> tuple[Array, 
     Notes
     -----
     The new residual is ``V Q[:, keep] H[keep, keep-1] + \beta Q[m-1, keep-1] v``, a combination
-    of two vectors. With exact shifts the first coefficient is zero up to round-off, so that the old
-    residual vector goes on; what rounding leaves of it is the error of this restart, and the reason
-    why Krylov-Schur is the default.
+    of two vectors. With exact shifts the first coefficient is zero up to rounding, and only the
+    second term is kept. The neglected first term is the error of this restart and the reason why
+    Krylov-Schur is the default.
 
     References
     ----------

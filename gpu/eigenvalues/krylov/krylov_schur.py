@@ -16,10 +16,12 @@ from gpu.eigenvalues.krylov.implicit_restart import shifted_qr
 from gpu.eigenvalues.krylov.restart import Limits, Look, Standing, Wanted, room_for, vectors_kept
 from gpu.eigenvalues.schur.ordered_schur import Rank, ordered_schur, whole
 
-# Over |A|: smaller residuals are round-off, of which a basis of a hundred vectors gathers as much.
+# Relative to |A|: smaller residuals are rounding, which accumulates to about this in a basis of a
+# hundred vectors.
 ROUNDING_RESIDUAL = 100 * np.finfo(float).eps
-# Residual of the Schur vectors that a challenge leaves aside, over the distance of their values
-# from the rest: so small that the challenger does not find them again.
+# A challenge leaves aside leading Schur vectors whose residual is below this times the gap between
+# the rank of the least wanted eigenvalue and the ranks of the following ones: small enough that the
+# search does not find them again.
 SET_ASIDE = 1e-2
 RESTARTS_BEFORE_GROWTH = 6  # restarts before the space grows, if it may
 
@@ -31,14 +33,15 @@ class PartialSchur:
     Attributes
     ----------
     T : ndarray, shape (c, c)
-        Of the converged part, best eigenvalues first.
+        Schur form of the converged part, best eigenvalues first.
     values : ndarray, shape (c,)
+        Its eigenvalues.
     basis : Arnoldi
     scale : float
-        Norm of A on the spaces it was applied to: a lower bound of |A|.
+        Largest column norm of the projected matrices: a lower bound of |A|.
     restarts, matvecs : int
     complete : bool
-        Whether the wanted eigenvalues have converged and have stood the challenge.
+        Whether the wanted eigenvalues have converged and a challenge has found no better ones.
     """
 
     T: np.ndarray
@@ -69,18 +72,18 @@ def krylov_schur(
     .. math::
         A V_m = V_m S_m + v_{m+1} b^*
 
-    is brought to Schur form with its wanted part in front. About half of the rest is cut off, down
-    to a third as more converge, and Arnoldi steps fill the space up again. The leading c Schur
-    vectors have converged when
+    is brought to Schur form with the wanted eigenvalues first. At a restart about half of the other
+    vectors are dropped (down to a third as more converge), and Arnoldi steps fill the space up
+    again. The leading c Schur vectors have converged when
     :math:`|b_{1..c}| \le \max(tol\,|\theta_c|,\ 100\,\epsilon\,|A|)`.
 
-    A Krylov space of one vector holds one eigenvector of a repeated eigenvalue only, and may be
-    blind to others. So the outcome is challenged from random vectors: see `challenge.unbeaten`.
-    The challenger searches the space orthogonal to the converged Schur vectors and to those
-    following ones that are nearly invariant. Where it finds a better eigenvalue, the iteration goes
-    on from that vector and the converged ones, and the new outcome is challenged again. It then
-    gets room for `ncv` new vectors: near the edge of a disc full of eigenvalues a smaller space
-    converges to values that are not the largest.
+    A Krylov space of one vector contains only one eigenvector of a repeated eigenvalue, and may
+    miss other eigenvectors. So the outcome is challenged: a search from random vectors (see
+    `challenge.unbeaten`) in the space orthogonal to the converged Schur vectors and to those
+    following ones that are nearly invariant. If it finds a better eigenvalue, the iteration
+    continues from its vector and the converged ones, and the new outcome is challenged again. The
+    space then has room for `ncv` new vectors: near the edge of a disc full of eigenvalues a smaller
+    space converges to values that are not the largest.
 
     Parameters
     ----------
@@ -92,8 +95,8 @@ def krylov_schur(
         See `Arnoldi`.
     start : array, optional
     meanwhile : callable (T, basis), optional
-        Called with what has converged while a device computes the first products of the challenge,
-        so that the host need not wait for them: as a rule it is the outcome.
+        Called with the converged part while a device computes the first products of the challenge,
+        so that the host works instead of waiting: usually this part is the outcome.
 
     References
     ----------
@@ -125,14 +128,15 @@ class _Iteration:
         self.basis = space(self.most_room)
         self.S = np.zeros((self.most_room, self.most_room), dtype=self.basis.V.dtype)
         self.kept, self.scale, self.count = 0, 0.0, 1
-        self.locked = 0  # rows that a challenge began with
+        self.locked = 0  # rows kept when the iteration last began again from a new vector
         self.hessenberg = limits.restart == "implicit"
-        # Ranks of the wanted that a challenge has to better.
+        # Ranks of the wanted eigenvalues at the last challenge.
         self.champions: np.ndarray | None = None
-        # Rows that were set aside in a challenge that has been lost.
+        # Number of rows left aside in a challenge that has just been lost, else None.
         self.aside: int | None = None
-        # Sweeps are stopped where the wanted are expected to converge.
-        self.past = (0, 1.0)  # products, and residual of the wanted over |A|, at the last look
+        # Products, and residual of the wanted relative to |A|, at the last look: from these the end
+        # of the next sweep is predicted.
+        self.past = (0, 1.0)
 
     def _most_room(self) -> int:
         if not self.limits.challenge:
@@ -140,7 +144,7 @@ class _Iteration:
         return min(self.n - 1, room_for(self.wanted.k, self.ncv))
 
     def _most_leading(self, size: int) -> int:
-        """Schur vectors worth ordering: the wanted, and those that may stay at a restart."""
+        """Number of Schur vectors to be ordered: the wanted, and those a restart may keep."""
         return min(size, max(self.wanted.k, self.locked) + self.ncv // 2 + 3)
 
     def look(self) -> Look:
@@ -160,7 +164,7 @@ class _Iteration:
             spike = beta * Q[size - 1]
             moved = np.sqrt(np.cumsum(np.abs(spike) ** 2))
             converged = _leading(T, values, moved, wanted.tol, ROUNDING_RESIDUAL * self.scale)
-            if self.limits.challenge:  # which needs room
+            if self.limits.challenge:  # leave room for the vectors of a challenge
                 converged = whole(T, min(converged, self.most_room - max(self.ncv // 2, 4)))
             if converged + 2 < leading:
                 break
@@ -172,7 +176,7 @@ class _Iteration:
         return Look(T, Q, values, spike, moved, converged, settled, beta, ended, left)
 
     def stands(self, look: Look, meanwhile: Callable[..., Any] | None) -> bool:
-        """Whether what has converged is what was wanted; then it leads the basis."""
+        """Whether the converged eigenvalues are the wanted ones; then their vectors come first."""
         wanted, rank, converged = self.wanted, self.wanted.rank, look.converged
         floor = ROUNDING_RESIDUAL * self.scale
         found = look.values[:converged]
@@ -192,7 +196,7 @@ class _Iteration:
         return True
 
     def _challenged(self, look: Look, worst: float, meanwhile: Callable[..., Any] | None) -> bool:
-        """Whether nothing ranks above the worst of the wanted, as far as a challenge shows."""
+        """Challenge the outcome: whether no eigenvalue was found that ranks above `worst`."""
         wanted, basis, aside = self.wanted, self.basis, look.converged
         if self.limits.challenge:
             most = min(self._most_leading(look.size), self.most_room - self.ncv // 2)
@@ -221,7 +225,7 @@ class _Iteration:
         """Shrink the space, unless it has not been filled yet."""
         basis, size, lost = self.basis, look.size, self.aside is not None
         if not lost and not look.ended and size < self.room:
-            # Not settled half way: the space goes on growing.
+            # Not converged at a partial size: continue growing instead of restarting.
             self.S[size, size - 1] = look.beta
             self.kept, self.goal = size, self.room
             return
@@ -232,7 +236,7 @@ class _Iteration:
         if lost or look.ended:
             vector = None
             if self.aside is not None:
-                # What beat them is among these, and what was aside has come far.
+                # These rows contain the newcomer and the nearly converged vectors left aside.
                 vector = basis.V[keep : self.aside + 2].sum(axis=0)
             else:
                 basis.rotate(look.Q[:, :keep], size)
@@ -256,21 +260,21 @@ class _Iteration:
             self.goal = min(keep + look.products_left, self.room)
 
     def _grow(self, keep: int) -> None:
-        """More room, of which the first `keep` rows and the residual vector are in use."""
+        """Enlarge the space; its first `keep` rows and the residual vector are kept."""
         self.ncv = self.room = self.limits.grown
         self.most_room = self._most_room()
         self.basis.enlarge(self.most_room, keep + 1)
         self.S = np.zeros((self.most_room, self.most_room), dtype=self.S.dtype)
 
     def outcome(self, look: Look, converged: int, T: np.ndarray, *, complete: bool) -> PartialSchur:
-        """What has converged; as many restarts as were allowed where that is not all."""
+        """The result; if it is not complete, its number of restarts is the limit."""
         values, basis = look.values[:converged], self.basis
         count = self.count if complete else self.limits.maxiter
         return PartialSchur(T, values, basis, self.scale, count, basis.matvecs, complete)
 
 
 def _leading(T: np.ndarray, values: np.ndarray, moved: np.ndarray, tol: float, floor: float) -> int:
-    """How many leading Schur vectors have converged; conjugate pairs together."""
+    """Number of leading Schur vectors that have converged, without splitting a conjugate pair."""
     beyond = (~(moved <= np.maximum(tol * np.abs(values), floor))).nonzero()[0]
     count = int(beyond[0]) if beyond.size else len(values)
     return count - 1 if whole(T, count) > count else count
@@ -279,7 +283,10 @@ def _leading(T: np.ndarray, values: np.ndarray, moved: np.ndarray, tol: float, f
 def _aside(
     T: np.ndarray, ranks: np.ndarray, worst: float, moved: np.ndarray, converged: int, most: int
 ) -> int:
-    """How many leading Schur vectors a challenge leaves aside: converged and nearly invariant."""
+    """Number of leading Schur vectors that a challenge leaves aside.
+
+    They are the converged ones and following ones that are nearly invariant, at most `most`.
+    """
     last = min(most, len(ranks) - 1) - 1
     if last <= converged:
         return converged
@@ -291,7 +298,7 @@ def _aside(
 
 
 def _products_left(past: tuple[int, float], now: tuple[int, float], limit: float) -> int:
-    """Products until the wanted converge, if the residual goes on falling at its last rate."""
+    """Products until the wanted converge if the residual continues to decrease at its last rate."""
     (before, large), (products, small) = past, now
     if not limit < small < large:
         return 1 << 30
@@ -308,13 +315,14 @@ def _better(
     tol: float,
     floor: float,
 ) -> bool:
-    r"""Whether ranks have risen by more than they may be off: residual times condition.
+    r"""Whether ranks have risen by more than their uncertainty, residual times condition number.
 
-    A pair (value, x) of residual r is an exact one of a matrix A + E, |E| = r. So the value is
-    known to :math:`r \kappa`, with :math:`\kappa = |x| |y| / |y^* x|` and the left eigenvector y;
-    of several copies y is the one nearest to x. Values that are better by less are no evidence of
-    a missed eigenvalue. For defective eigenvalues :math:`\kappa` is infinite, and the cube root of
-    the residual bounds the error, as for Jordan blocks of order three.
+    A pair (value, x) of residual r is an exact pair of a matrix A + E, |E| = r. So the value has
+    the uncertainty :math:`r \kappa`, with :math:`\kappa = |x| |y| / |y^* x|` and the left
+    eigenvector y; for repeated eigenvalues y is the one nearest to x. Values that are better by
+    less do not show that an eigenvalue was missed. For defective eigenvalues :math:`\kappa` is
+    infinite, and the error is estimated by the cube root of the residual, as for Jordan blocks of
+    order three.
     """
     slack = 1e-9 * np.abs(ranks)
     if not np.any(ranks > champions + slack + floor):
@@ -323,7 +331,7 @@ def _better(
     size = float(np.abs(theta).max())
     best = found[np.argsort(-rank(found), kind="stable")[: len(ranks)]]
     for place, value in enumerate(best):
-        copies = np.abs(theta - value) <= 1e-6 * size
+        copies = np.abs(theta - value) <= 1e-6 * size  # values this close count as repeated
         copies[np.abs(theta - value).argmin()] = True
         overlap = np.linalg.norm(
             np.linalg.qr(left[:, copies])[0].conj().T @ right[:, copies], axis=0
@@ -344,7 +352,10 @@ def _unbeaten(
     locked: int,
     worst: float,
 ) -> bool:
-    """Whether the best newcomer ranks below the wanted, by far more than its residual."""
+    """Whether the best eigenvalue not yet converged ranks below the wanted.
+
+    The gap must be far larger than its residual: `INSIDE` of the challenge is the ratio.
+    """
     if converged > locked or converged == len(values):
         return True
     following = whole(T, converged + 1)

@@ -1,4 +1,4 @@
-"""What is wanted of a Krylov space, how large it may grow, and what of it outlives a restart."""
+"""Parameters of Krylov-Schur iterations, and how many vectors are kept at a restart."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ RESTART_KINDS = ("krylov-schur", "implicit")
 
 @dataclass(frozen=True)
 class Wanted:
-    """Which eigenvalues are looked for.
+    """The wanted eigenvalues.
 
     Attributes
     ----------
     k : int
     rank : callable
-        Of eigenvalues; the larger, the more wanted. Must change by at most |d| when the eigenvalue
-        moves by d.
+        Rank function of eigenvalues; the larger, the more wanted. It must change by at most |d| if
+        the eigenvalue changes by d.
     tol : float
         Residual relative to the modulus of the eigenvalue.
     edge : callable, optional
-        Of `rank`, see `order.edge_of`: lets challenges end as soon as probability allows.
+        For `rank`, see `order.edge_of`. With it a challenge (see `challenge.unbeaten`) can end as
+        soon as the probability of a missed eigenvalue is small enough.
     inner : bool
-        The wanted may lie inside the spectrum, where a Krylov space is slow to see others that are
-        better: then only the probability ends a challenge.
+        Whether wanted values may lie inside the spectrum. Krylov spaces are slow to find better
+        ones there, so only the probability may end a challenge.
     """
 
     k: int
@@ -40,20 +41,21 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Limits:
-    """How large the space grows, and for how long.
+    """Limits of the dimension of the space and of the number of restarts, and their kind.
 
     Attributes
     ----------
     ncv : int
-        Dimension m of the space, k + 3 <= ncv <= n - 1; a challenge adds what it keeps.
+        Dimension m of the space, k + 3 <= ncv <= n - 1; after a challenge, in addition to the
+        vectors that it keeps.
     grown : int
         Dimension after several restarts in which fewer than k have converged, if larger.
     maxiter : int
-        Of restarts.
+        Most restarts.
     restart : {"krylov-schur", "implicit"}
-        How the space shrinks until it is challenged; see `implicit_restart.shifted_qr`.
+        How the space is reduced before the first challenge; see `implicit_restart.shifted_qr`.
     challenge : bool
-        Whether to look beyond the invariant subspace that the start vector reaches.
+        Whether to search for eigenvalues outside the invariant subspace of the start vector.
     """
 
     ncv: int
@@ -70,6 +72,7 @@ class Look:
     Attributes
     ----------
     T, Q : ndarray, shape (size, size)
+        The Schur form of the projected matrix, S = Q T Q^*.
     values : ndarray, shape (size,)
         Eigenvalues of T.
     spike : ndarray, shape (size,)
@@ -77,15 +80,16 @@ class Look:
     moved : ndarray, shape (size,)
         Entry c - 1: the residual norm of the first c Schur vectors, :math:`|b_{1..c}|`.
     converged : int
-        How many leading vectors have.
+        Number of leading Schur vectors that have converged.
     settled : ndarray, shape (converged, converged)
-        Their part of T.
+        Their block of T.
     beta : float
         Norm of the residual vector before the rotation by Q.
     ended : bool
         Whether the space is invariant.
     products_left : int
-        To the convergence of the wanted, at the rate since the last look.
+        Estimated number of products until the wanted ones converge, from the rate since the last
+        look.
     """
 
     T: np.ndarray
@@ -107,19 +111,20 @@ class Look:
 
 @dataclass(frozen=True)
 class Standing:
-    """What `vectors_kept` has to know about the iteration.
+    """The state of the iteration on which `vectors_kept` depends.
 
     Attributes
     ----------
     k, ncv : int
     room : int
-        Most vectors at present.
+        Present limit of the number of vectors.
     locked : int
-        Vectors that the last challenge began with.
+        Number of vectors with which the iteration began again, after a lost challenge or an
+        invariant space.
     challenged : bool
-        Whether there has been one.
+        Whether there has been a challenge.
     lost : bool
-        Whether the last challenge has just been lost.
+        Whether a challenge has just found a better eigenvalue.
     """
 
     k: int
@@ -131,10 +136,11 @@ class Standing:
 
 
 def vectors_kept(look: Look, standing: Standing) -> int:
-    """How many leading Schur vectors outlive a restart; conjugate pairs together.
+    """How many leading Schur vectors are kept at a restart; conjugate pairs stay together.
 
-    Half of what is not wanted stays too, and more as more has converged, but a third of it gives
-    room to new vectors. Of an invariant space, which says nothing about the rest, all stay.
+    Besides the wanted, half of the other vectors are kept, and more as more have converged, but at
+    least a third of them make room for new ones. Of an invariant space, which has no information on
+    the rest of the spectrum, all vectors are kept.
     """
     k, ncv, room, converged = standing.k, standing.ncv, standing.room, look.converged
     if standing.lost:
@@ -151,5 +157,5 @@ def vectors_kept(look: Look, standing: Standing) -> int:
 
 
 def room_for(k: int, ncv: int) -> int:
-    """Most vectors that a challenged iteration spans."""
+    """Largest dimension of the space in an iteration with challenges."""
     return ncv + max(k + 1, ncv // 2) + 1

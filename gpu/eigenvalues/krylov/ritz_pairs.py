@@ -10,8 +10,8 @@ import numpy as np
 from gpu.arrays.device_blas import ONE, ZERO, DeviceBlas
 from gpu.cuda.ritz import SOURCE
 
-TURN_THREADS, TURN_COLUMNS = 256, 32  # of a block of `ritz_rotate`, and the columns it rotates
-MOST_TURNED = 192  # vectors whose columns fit into the 48 KiB that every block may have
+TURN_THREADS, TURN_COLUMNS = 256, 32  # threads of a block of `ritz_rotate`, and columns it rotates
+MOST_TURNED = 192  # most vectors whose columns fit into the 48 KiB that every block may use
 
 
 def turns(count: int) -> bool:
@@ -20,7 +20,7 @@ def turns(count: int) -> bool:
 
 
 def rotate(V: Any, Q: np.ndarray, residual: int) -> None:
-    """Replace the first rows of V by the columns of Q, the next by the `residual`-th, in place."""
+    """Replace the first rows of V by combinations with Q's columns, the next by row `residual`."""
     n, (count, kept) = V.shape[1], Q.shape
     turned = _moved(np.ascontiguousarray(Q.T))
     blocks = -(-n // TURN_COLUMNS)
@@ -35,15 +35,15 @@ def pairs_with_residuals(
 ) -> tuple[Any, Any, Any]:
     r"""Values, vectors ``V^T Y`` and the squares of \|A x - lambda M x\| and of \|A x\|.
 
-    A real eigenvector and either member of a conjugate pair come from one or two real columns, so
-    that A is multiplied by real vectors only and by no more than k or k + 1.
+    A real eigenvector is made of one real column and a conjugate pair of two, so A is multiplied by
+    real vectors only, at most k + 1 of them.
 
     Parameters
     ----------
     V : cupy.ndarray of float64, shape (c, n)
-        Rows.
+        The basis, by rows.
     Y : ndarray, shape (c, k)
-        Of unit columns; for conjugate values conjugate ones.
+        Columns of unit length, conjugate ones for conjugate values.
     values : ndarray of complex128, shape (k,)
     A, M : cupy.ndarray or sparse matrix
         M may be None.
@@ -53,7 +53,7 @@ def pairs_with_residuals(
     values : cupy.ndarray of complex128, shape (k,)
     vectors : cupy.ndarray of complex128, shape (n, k)
     squares : cupy.ndarray, shape (2, k)
-        May still be under way on return: reading them waits for the device.
+        The device may still compute them on return: reading them waits for it.
     """
     import cupy
 
@@ -76,8 +76,11 @@ def pairs_with_residuals(
 
 
 def _real_columns(Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The real columns that those of Y come from, by rows; for each of Y its real and imaginary
-    part among them (-1: none) and the sign of the latter."""
+    """The real columns from which those of Y are made, as rows, and their places.
+
+    The places, shape (3, k), are for each column of Y the index of its real part, that of its
+    imaginary part (-1: none), and the sign of the latter.
+    """
     k = Y.shape[1]
     places = np.array([np.arange(k), np.full(k, -1), np.ones(k)], dtype=float)
     if Y.dtype.kind != "c" or not Y.imag.any():
@@ -85,7 +88,7 @@ def _real_columns(Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     two = [*np.any(Y.imag, axis=0)]
     conjugate = [False, *np.all(Y[:, 1:] == Y[:, :-1].conj(), axis=0)]
     columns: list[np.ndarray] = []
-    taken = False  # as the conjugate of the one before
+    taken = False  # whether column j is the conjugate of the one before
     for j in range(k):
         taken = two[j] and conjugate[j] and not taken
         if taken:
@@ -97,7 +100,7 @@ def _real_columns(Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rows(A: Any, X: Any) -> Any:
-    """``X A^T`` by rows."""
+    """``X A^T``, row-major."""
     import cupy
 
     if hasattr(A, "tocsr"):
@@ -112,7 +115,7 @@ def _multiplied(B: Any, X: Any, rows: int, inner: int, transposed: bool) -> Any:
     n = B.shape[1]
     product = cupy.empty((rows, n))
     with DeviceBlas() as (cublas, handle):
-        # The library stores by columns: to it all three are their transposes.
+        # The library is column-major: it sees the transposes of all three matrices.
         operation = cublas.CUBLAS_OP_T if transposed else cublas.CUBLAS_OP_N
         cublas.dgemm(
             handle, operation, cublas.CUBLAS_OP_N, n, rows, inner, ONE, B.data.ptr, n, X.data.ptr,
@@ -122,7 +125,7 @@ def _multiplied(B: Any, X: Any, rows: int, inner: int, transposed: bool) -> Any:
 
 
 def _moved(values: np.ndarray) -> Any:
-    """A copy on the device, for which nobody waits; the driver has read the host's on return."""
+    """An asynchronous copy on the device; the host array may be changed after the call."""
     import cupy
 
     moved = cupy.empty(values.shape)

@@ -9,11 +9,11 @@ import numpy as np
 from gpu.eigenvalues.schur.ordered_schur import Rank
 from gpu.errors import InputError
 
-# From a rank and values beyond it to points of the curve where the rank is that: see `edge_of`.
+# Maps a rank and values of lower rank to points of the curve of this rank: see `edge_of`.
 Edge = Callable[[float, np.ndarray], np.ndarray]
 
-EVENLY = 32  # points on the edge that do not depend on the values
-RANK_ROUNDING = 1e-14  # relative: ranks that differ by less are the same
+EVENLY = 32  # number of equidistant points on the curve, which do not depend on the values
+RANK_ROUNDING = 1e-14  # relative: ranks that differ by less count as equal
 CIRCLE = np.exp(2j * np.pi * np.arange(EVENLY) / EVENLY)
 ALONG = np.linspace(-1.0, 1.0, EVENLY + 1)
 ORDERS = ("LM", "SM", "LR", "SR", "LI", "SI")
@@ -22,8 +22,8 @@ ORDERS = ("LM", "SM", "LR", "SR", "LI", "SI")
 def rank_of(which: str, real: bool) -> Rank:
     """The rank function of `which`; equal for the two of a conjugate pair of a real matrix.
 
-    As in ARPACK, LI and SI go by the modulus of the imaginary part where A is real and by its sign
-    where A is complex.
+    As in ARPACK, LI and SI mean the modulus of the imaginary part if A is real, and the imaginary
+    part itself if A is complex.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def rank_of(which: str, real: bool) -> Rank:
 
 
 def edge_of(which: str, real: bool) -> Edge:
-    """Points of the curve where the rank is that of the least wanted eigenvalue.
+    """Points of the curve of all numbers with the rank of the least wanted eigenvalue.
 
     Parameters
     ----------
@@ -52,9 +52,9 @@ def edge_of(which: str, real: bool) -> Edge:
     Returns
     -------
     callable (worst, values) -> ndarray
-        Takes the rank on the curve and eigenvalues that rank below it; returns the points of the
-        curve nearest to these, and `EVENLY` more at equal distances. Unbounded curves are followed
-        as far as the largest modulus among the values.
+        Takes the rank on the curve and eigenvalues of lower rank; returns the points of the curve
+        nearest to these, and `EVENLY` equidistant ones. Of unbounded curves only the part up to
+        the largest modulus of the values is taken.
     """
     sign = 1.0 if which[0] == "L" else -1.0
 
@@ -75,18 +75,20 @@ def edge_of(which: str, real: bool) -> Edge:
 def best_first(
     values: np.ndarray, rank: Rank, k: int, paired: bool, shown: np.ndarray | None = None
 ) -> np.ndarray:
-    """Places of the k best, best first; a conjugate pair stays together, plus before minus.
+    """Indices of the k best values, best first.
+
+    Members of a conjugate pair are adjacent, the one of positive imaginary part first.
 
     Parameters
     ----------
     values : ndarray
-        What `rank` speaks of.
+        The values that are ranked.
     rank : callable
     k : int
     paired : bool
-        Whether complex values come as conjugate pairs, one behind the other as LAPACK gives them.
+        Whether complex values come as adjacent conjugate pairs, as LAPACK returns them.
     shown : ndarray, optional
-        The eigenvalues themselves, where `values` are transformed.
+        The eigenvalues themselves, if `values` are those of a transformed problem.
     """
     shown = values if shown is None else shown
     if not paired:
@@ -97,17 +99,19 @@ def best_first(
     descend = leaders[:-1] - leaders[1:] > RANK_ROUNDING * np.abs(leaders[:-1])
     if descend.all() and (shown.imag[members[::2]] > 0).all():
         return first[:k]
-    # Equal pairs must not mix, nor rounding part the two of one: the first speaks for both.
+    # Both members of a pair get the keys of the first, so that rounding does not separate them, and
+    # its index, so that pairs of equal rank do not mix.
     first[members[1::2]] = members[::2]
     keys = (-np.abs(shown.imag), -shown.real, _place(ranks))
     return np.lexsort((-shown.imag, first, *(key[first] for key in keys)))[:k]
 
 
 def _place(rank: np.ndarray) -> np.ndarray:
-    """Descending places; ranks apart by round-off share one, so that pairs meet."""
+    """Position of each rank in descending order; ranks that differ by rounding share one."""
     order = np.argsort(-rank, kind="stable")
     ranked = rank[order]
-    # Relative to the rank itself: beside an inverse of rounding all others would look equal.
+    # Relative to each rank, not to the largest one: if this is the inverse of a rounding error, all
+    # others would count as equal.
     apart = RANK_ROUNDING * np.abs(ranked[:-1])
     place = np.empty(rank.size, dtype=np.int64)
     place[order] = np.concatenate(([0], np.cumsum(-np.diff(ranked) > apart)))[: rank.size]

@@ -30,15 +30,15 @@ def eigenvalues_of(T: Array) -> Array:
 
 
 def ordered_schur(S: Array, rank: Rank, leading: int) -> tuple[Array, Array, Array]:
-    """``S = Q T Q^*`` with the best eigenvalues first.
+    """The Schur form ``S = Q T Q^*`` with the best eigenvalues first.
 
     Parameters
     ----------
     S : ndarray, shape (m, m)
     rank : callable (values,) -> ndarray
-        The larger, the earlier; equal for the two of a conjugate pair.
+        Eigenvalues of larger rank come first; equal for the two of a conjugate pair.
     leading : int
-        How many rows to put in order; blocks of two rows stay whole.
+        How many leading rows are put in order; blocks of two rows stay whole.
 
     Returns
     -------
@@ -59,7 +59,7 @@ def ordered_schur(S: Array, rank: Rank, leading: int) -> tuple[Array, Array, Arr
     ranks, widths = rank(values).tolist(), _widths(T)
     moved, place = False, 0
     while place < min(leading, len(S)):
-        # The first of the best, unless what is here is as good: rounding must not shuffle.
+        # Move the first of the best here, unless this one is as good: equal ones keep their order.
         following = ranks[place:]
         best = place + following.index(max(following))
         width = widths[best]
@@ -70,7 +70,7 @@ def ordered_schur(S: Array, rank: Rank, leading: int) -> tuple[Array, Array, Arr
                 row[place:place] = row[best : best + width]
                 del row[best + width : best + 2 * width]
             if failed or (width == 2 and not T[place + 1, place]):
-                # Blocks too close to be swapped, or rounding that parted a pair.
+                # The blocks were too close to be swapped, or rounding made a pair two real values.
                 values = eigenvalues_of(T)
                 ranks, widths = rank(values).tolist(), _widths(T)
                 width = widths[place]
@@ -79,7 +79,7 @@ def ordered_schur(S: Array, rank: Rank, leading: int) -> tuple[Array, Array, Arr
 
 
 def _widths(T: Array) -> list[int]:
-    """Rows of the block that begins at each row: one, or two."""
+    """For each row, the number of rows (1 or 2) of the diagonal block that begins there."""
     return [2 if below else 1 for below in T.diagonal(-1).tolist()] + [1]
 
 
@@ -89,5 +89,5 @@ def whole(T: Array, count: int) -> int:
 
 
 def _block(T: Array, place: int) -> int:
-    """Rows of the block that begins here: one, or two."""
+    """Number of rows (1 or 2) of the diagonal block that begins at this row."""
     return 2 if place + 1 < len(T) and T[place + 1, place] != 0 else 1

@@ -1,14 +1,16 @@
-"""What can be taken out of a program before it is solved, without changing the answer.
+"""Presolve: reductions of a quadratic program that do not change its solution.
 
-Fixed variables become constants; rows without finite sides, without entries, or that the bounds
-imply, disappear. On the host there is more to find [1]_:
+Fixed variables become constants; rows without finite sides or without entries are removed. On the
+host further reductions are sought [1]_:
 
-* a row with a single entry is a bound of its variable;
-* rows that are multiples of each other are one row with two sides;
-* a row that the bounds allow to hold in one way only fixes all of its variables. The set of
-  multipliers of such a row is unbounded, and an interior point would follow it to infinity.
+* a row that the bounds imply is removed;
+* a row with a single entry becomes a bound of its variable;
+* rows that are multiples of each other become one row with two sides;
+* a forcing row, which the bounds allow to hold in one way only, fixes all of its variables. The set
+  of multipliers of such a row is unbounded, and the iterates of an interior-point method would
+  diverge along it.
 
-Multipliers of what was taken out follow from stationarity, the last reduction first.
+The multipliers of removed rows follow from stationarity, the last reduction first.
 
 References
 ----------
@@ -27,17 +29,34 @@ from scipy import sparse
 from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 from gpu.qp.interior_point.equilibrate import largest_side
 
-# Looks at all rows: each may find what the one before has made visible; most find nothing soon.
+# Most passes over all rows: a pass may find reductions that the one before has made possible. They
+# usually end after a few.
 SEARCH_ROUNDS = 10
-# Of the terms of a row: what its bounds allow to the last digits is allowed in one way only.
+# Relative to the terms of a row: if the bounds leave it less room than this, it is a forcing row.
 ACTIVITY_ROUNDING = 1e-14
-# Dense matrices with more entries, 32 MB, are not searched: few of theirs are zero.
+# Dense matrices with more entries (32 MB) are not searched, as few of their entries are zero.
 LARGEST_SEARCHED = 4_000_000
 
 
 @dataclass(frozen=True)
 class Presolved:
-    """A smaller program, and the way back."""
+    """A smaller program, and what is needed to recover the solution of the whole one.
+
+    Attributes
+    ----------
+    program : StandardQP
+        The smaller one.
+    free, rows : array of int
+        Its variables and rows, as indices into those of `whole`.
+    fixed_x : array
+        Values of the fixed variables, 0 at the others.
+    whole : StandardQP
+        As given.
+    tight : StandardQP
+        The whole with the bounds and sides that were found.
+    reductions : tuple
+        In the order in which they were made.
+    """
 
     program: StandardQP
     free: Array
@@ -62,7 +81,7 @@ class Presolved:
 
 @dataclass(frozen=True)
 class Parallel:
-    """Row `rows` is `factors` times row `kept`, whose upper or lower side it gives."""
+    """Rows `rows` are `factors` times rows `kept`, whose upper or lower side they determine."""
 
     rows: Array
     kept: Array
@@ -71,7 +90,7 @@ class Parallel:
     gives_low: Array
 
     def restore(self, y: Array, force: Array, x: Array) -> None:
-        """Hand the multiplier of a side to the row that gives it."""
+        """Move the multiplier of a side to the row that determines this side."""
         whole = y[self.kept]
         mine = ((whole > 0) & self.gives_high) | ((whole < 0) & self.gives_low)
         y[self.rows[mine]] = whole[mine] / self.factors[mine]
@@ -80,7 +99,7 @@ class Parallel:
 
 @dataclass(frozen=True)
 class Single:
-    """Row `rows` has one entry left, `entries` in `columns`, and gives its upper or lower bound."""
+    """Rows `rows` with a single entry, `entries` in `columns`, which determine a bound of it."""
 
     C: sparse.csr_array
     rows: Array
@@ -92,10 +111,13 @@ class Single:
     low: Array
 
     def restore(self, y: Array, force: Array, x: Array) -> None:
-        """The force on a variable at a bound that a row gives is that row's."""
+        """Give the force on a variable at a bound to the row that determines this bound.
+
+        The force is minus the gradient of the Lagrangian.
+        """
         push, value = force[self.columns], x[self.columns]
         distance = np.where(push > 0, self.high - value, value - self.low)
-        # Off its bound a variable has no force but rounding, which is nobody's.
+        # The force on a variable away from its bound is rounding and makes no multiplier.
         near = abs(push) * abs(x).max() >= distance * abs(force).max()
         mine = near & (((push > 0) & self.gives_high) | ((push < 0) & self.gives_low))
         if mine.any():
@@ -106,7 +128,11 @@ class Single:
 
 @dataclass(frozen=True)
 class Forcing:
-    """Row `row` holds only with its variables at their bounds; `sign` says which side of it."""
+    """A row that holds only with all its variables at bounds.
+
+    `sign` is 1 if the least value of the row equals its upper side, -1 if the largest value equals
+    its lower side.
+    """
 
     C: sparse.csr_array
     row: int
@@ -115,7 +141,7 @@ class Forcing:
     sign: int
 
     def restore(self, y: Array, force: Array, x: Array) -> None:
-        """The least multiplier that leaves forces of the right sign."""
+        """Set the smallest multiplier that gives the forces on its variables the right signs."""
         needed = self.sign * float((self.sign * force[self.columns] / self.entries).max())
         if self.sign * needed > 0.0:
             y[self.row] = needed
@@ -127,7 +153,7 @@ Reduction = Parallel | Single | Forcing
 
 
 def presolve(p: StandardQP, search: bool = True) -> Presolved:
-    """Take out what bounds and, if `search`, single rows decide."""
+    """Remove fixed variables and empty rows; if `search`, on the host, make all reductions."""
     if search and p.xp is np and (p.is_sparse or p.C.size <= LARGEST_SEARCHED):
         tight, dropped, reductions = _Search(p).run()
     else:
@@ -155,9 +181,10 @@ def presolve(p: StandardQP, search: bool = True) -> Presolved:
 
 
 def contradiction(p: StandardQP, tol: float) -> Array | None:
-    """The Farkas vector that is one row, of fixed variables, off its side by `tol` of its terms.
+    """A Farkas vector of a single row that is violated whatever the free variables are, or None.
 
-    No residual of all rows together shows it where other rows have larger numbers.
+    All variables in the row are fixed, and it violates a side by more than `tol` times the size of
+    its terms. A residual of all rows together would miss it if other rows have larger numbers.
     """
     xp = p.xp
     fixed = p.lb == p.ub
@@ -166,7 +193,7 @@ def contradiction(p: StandardQP, tol: float) -> Array | None:
     x = xp.where(fixed, p.lb, 0.0)
     Cx = p.C @ x
     side = xp.clip(Cx, p.row_low, p.row_high)
-    # A side may be the rounding of a difference of others.
+    # A side may consist of rounding errors, if it was computed as a difference.
     rounding = ACTIVITY_ROUNDING * largest_side(p.row_low, p.row_high, p.lb, p.ub)
     rows = xp.flatnonzero(xp.abs(Cx - side) > xp.maximum(tol * xp.abs(side), rounding))
     if not rows.size:
@@ -182,7 +209,7 @@ def contradiction(p: StandardQP, tol: float) -> Array | None:
 
 
 class _Search:
-    """Bounds and sides as they tighten, and the reductions that led there."""
+    """The search for reductions: bounds and sides found so far, and the reductions made."""
 
     def __init__(self, p: StandardQP) -> None:
         self.p = p
@@ -205,7 +232,7 @@ class _Search:
         return tight, self.dropped, tuple(self.found)
 
     def _parallel(self) -> None:
-        """Merge rows that are multiples of each other to the last digit."""
+        """Merge rows that are exact multiples of each other."""
         C = self.C
         count = np.diff(C.indptr)
         used = np.flatnonzero(count)
@@ -239,7 +266,7 @@ class _Search:
                 )
 
     def _rows(self) -> None:
-        """One look at all rows that are left, with the variables that are free."""
+        """One pass over all remaining rows, with the fixed variables moved to the sides."""
         fixed = self.lb == self.ub
         x = np.where(fixed, self.lb, 0.0)
         shift = self.C @ x
@@ -266,7 +293,7 @@ class _Search:
         gives_low, gives_high = (below == lb[j]), (above == ub[j])
         gives_low &= below > self.lb[j]
         gives_high &= above < self.ub[j]
-        # Of several rows with one bound, one answers for it.
+        # If several rows give the same bound, one of them gets its multiplier.
         for gives in (gives_low, gives_high):
             chosen = np.flatnonzero(gives)
             _, once = np.unique(j[chosen], return_index=True)
@@ -302,7 +329,7 @@ class _Search:
         self._force(rows[forced], free, -1)
 
     def _force(self, rows: Array, free: Any, sign: int) -> None:
-        """Fix the variables of rows whose least (1) or largest (-1) value is what they need."""
+        """Fix the variables of forcing rows; `sign` as in `Forcing`."""
         for i in rows:
             part = slice(free.indptr[i], free.indptr[i + 1])
             j, a = free.indices[part], free.data[part]

@@ -20,12 +20,12 @@ from gpu.riccati.proof.lyapunov import cayley_shift
 from gpu.riccati.proof.refinement import finished, refine
 
 ITERATIONS = 60  # doublings: 2^60 steps of the transformed loop
-BEST_SHIFT = 100  # up to this order the eigenvalues of the Hamiltonian choose the shift
-QZ = 600  # up to this order QZ stands in where doubling fails
+BEST_SHIFT = 100  # up to this order the shift is chosen from all eigenvalues of the Hamiltonian
+QZ = 600  # up to this order QZ is tried if doubling fails
 
 
 class Doubled(NamedTuple):
-    """The limit of the iteration."""
+    """The last iterate X of the doubling, and whether it converged."""
 
     X: Any
     iterations: int
@@ -33,20 +33,21 @@ class Doubled(NamedTuple):
 
 
 def solve(problem: LQRProblem, *, newton: int = 12, fallback: bool = True) -> Found:
-    r"""Solve a dense problem by doubling, then by Newton steps on what is left.
+    r"""Solve a dense problem by doubling, then refine by Newton steps on the residual.
 
     Parameters
     ----------
     newton : int
-        At most so many Newton steps, whose residuals are computed in extended precision where
-        the problem is small.
+        At most so many Newton steps. For small problems their residuals are computed in extended
+        precision.
     fallback : bool
-        Whether QZ (on the host, up to 600 states) and Newton-Kleinman may stand in.
+        Whether, if doubling gives no certified solution, it is tried for a stabilised problem, and
+        then QZ (on the host, up to 600 states) and Newton-Kleinman.
 
     Raises
     ------
     NotConverged
-        No way leads to a solution.
+        No method found a solution.
     """
     standard = problem.standard()
     candidates = [_by_doubling]
@@ -56,7 +57,7 @@ def solve(problem: LQRProblem, *, newton: int = 12, fallback: bool = True) -> Fo
     best: Found | None = None
     for candidate in candidates:
         try:
-            # What overflows is not finite in the end, and judged by that.
+            # Overflow is not reported here: it shows in a result that is not finite, see below.
             with np.errstate(all="ignore"):
                 S, info = candidate(problem, standard)
         except (np.linalg.LinAlgError, NotConverged):
@@ -85,9 +86,10 @@ def _by_doubling(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict
 
 
 def _by_moved_doubling(problem: LQRProblem, standard: DenseProblem) -> tuple[Any, dict[str, Any]]:
-    """Doubling for ``X - X_0``, where X_0 stabilises.
+    """Doubling for ``X - X_0``, where the feedback of X_0 stabilises.
 
-    Unstable modes that Q hardly sees make G_k grow without end; a feedback moves them first.
+    Unstable modes with a very small weight in Q make the G_k grow without bound; the feedback makes
+    these modes stable first.
     """
     unit = problem.unit
     A, G, Q = scaled_hamiltonian(standard, unit)
@@ -128,8 +130,8 @@ def double(A: Any, G: Any, Q: Any, gamma: float | None = None) -> Doubled:
         A_{k+1} = A_k W^{-1} A_k,\quad G_{k+1} = G_k + A_k W^{-1} G_k A_k^T,\quad
         H_{k+1} = H_k + A_k^T H_k W^{-1} A_k,\quad W = I + G_k H_k,
 
-    :math:`H_k \to X` quadratically, :math:`A_k \to 0` like the powers :math:`2^k` of the
-    transformed closed loop.
+    :math:`H_k \to X` quadratically, and :math:`A_k \to 0` like the transformed closed loop raised
+    to the power :math:`2^k`. `gamma` is by default chosen from the Hamiltonian.
 
     References
     ----------
@@ -148,7 +150,7 @@ def double(A: Any, G: Any, Q: Any, gamma: float | None = None) -> Doubled:
     half = 2.0 * gamma * solve_linear(moved.T + Q @ reach, eye)
     H = half @ (Q @ inverse)
     G = reach @ half
-    # Of the transposed matrix, as G and Q are symmetric.
+    # `half` solves with the transposed matrix, as G and Q are symmetric.
     A = half.T.copy()
     A[places, places] += 1.0
     G, H = (G + G.T) / 2, (H + H.T) / 2
@@ -170,7 +172,7 @@ def double(A: Any, G: Any, Q: Any, gamma: float | None = None) -> Doubled:
             break
         left = float(xp.linalg.norm(A))
         converged = float(xp.linalg.norm(step)) <= 4 * EPS * size and left < 1e-3
-        # The next step is smaller than H by |A|^2, where G and H are semidefinite.
+        # If G and H are semidefinite, the next step is at most |A|^2 times H.
         converged |= n > BEST_SHIFT and left * left <= EPS
     return Doubled(H, iteration, converged)
 
@@ -186,10 +188,10 @@ def _shift(A: Any, G: Any, Q: Any) -> float:
     size = np.abs(values)
     if not size.size or not size.max() > 0.0:
         return 1.0
-    low = max(size.min(), 1e-12 * size.max())
+    low = max(size.min(), 1e-12 * size.max())  # smaller eigenvalues may be rounding
     trials = np.geomspace(low / 2, 2 * size.max(), 41)[:, None]
     rate = np.abs((values + trials) / (values - trials)).max(axis=1)
-    # On an eigenvalue the transform has none: where one is near, digits are lost.
+    # The Cayley transform does not exist if the shift is an eigenvalue; near one, digits are lost.
     distance = np.abs((values + trials) / (values - trials)).min(axis=1)
     own = np.linalg.eigvals(to_host(A))
     distance = np.minimum(distance, np.abs((own - trials) / (np.abs(own) + trials)).min(axis=1))

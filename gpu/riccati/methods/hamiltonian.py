@@ -23,11 +23,11 @@ from gpu.riccati.problem.weights import Weight
 
 PI = ("printed", "symmetric")
 STARTS = ("random", "inputs")
-COPIES = 100  # at most so many eigenvalues that no input reaches are computed besides
-EXTRA = 6  # beyond those asked for, so that neither +- nor conjugate pairs are cut
+COPIES = 100  # most additional eigenvalues that are computed in place of ones no input reaches
+EXTRA = 6  # eigenvalues beyond those wanted, so that neither +- nor conjugate pairs are cut
 ALL_EIGENVALUES = 128  # up to this order of the Hamiltonian all of its eigenvalues are computed
-MOST_RESTARTS = 300  # of Krylov-Schur; one that converges takes a few dozen
-UNREACHED = 1e-8  # B^T y over |B| |y| of an eigenvector without a part in the gain
+MOST_RESTARTS = 300  # of Krylov-Schur; if it converges, it takes a few dozen
+UNREACHED = 1e-8  # an eigenvector with a smaller |B^T y| / (|B| |y|) has no part in the gain
 SAME_MODULUS = 1e-6  # relative: eigenvalues whose moduli differ by less are taken together
 
 
@@ -40,7 +40,7 @@ def solve(
     inner: Any = None,
     tol: float = 1e-8,
 ) -> Found:
-    r"""Return the gain, and of the value :math:`\Pi_L` a factor.
+    r"""Return the gain and, for ``pi="symmetric"``, a factor of the value :math:`\Pi_L`.
 
     Of the eigenvalues of the Hamiltonian the ``modes`` nearest to zero are computed, the largest
     of its inverse; with :math:`V, Y` a real basis of the invariant subspace of those in the left
@@ -53,21 +53,22 @@ def solve(
     for ``pi="printed"``, Algorithm 5 of the dissertation with M of the inner product of the
     states, and for ``pi="symmetric"`` (Amodei and Buchot 2010), which costs the same and is more
     accurate. Both are exact on the range of V and zero, or nearly so, beyond it: a reduced order
-    model, not a solution of the Riccati equation. The closed loop keeps the captured eigenvalues;
-    of the others the printed gain takes care only where A is dissipative in the inner product.
+    model, not a solution of the Riccati equation. The closed loop has the computed stable
+    eigenvalues; with the printed gain the others are stable only if A is dissipative in the inner
+    product.
 
     Parameters
     ----------
     modes : int
-        L, from 2 to 2 n; about half of them are stable. With ``start="inputs"`` only those count
-        that an input reaches. Rounding brings others in, more for a dense A than for a diagonal:
-        up to 100 of them are computed besides.
+        L, from 2 to 2 n; about half of them are stable. With ``start="inputs"`` only eigenvalues
+        that an input reaches are counted. Rounding brings others into the Krylov space, more for a
+        dense A than for a diagonal one: up to 100 of them are computed in addition.
     pi : {"symmetric", "printed"}
     start : {"random", "inputs"}, optional
         The seed of the Krylov space. "random", as in the dissertation and the default of
-        "printed", finds eigenvectors of every kind; "inputs", the default of "symmetric", only
-        those that an input reaches. No other has a part in the gain, and symmetric domains
-        have many of them, so that the same ``modes`` reach further.
+        "printed", finds all eigenvectors; "inputs", the default of "symmetric", only those that an
+        input reaches. The others have no part in the gain. On symmetric domains they are many, so
+        with "inputs" the same ``modes`` cover a larger part of the spectrum.
     inner : array or sparse matrix, shape (n, n) or (n,), optional
         M, symmetric positive definite; identity by default. "printed" only.
     tol : float
@@ -102,7 +103,7 @@ def solve(
     xp = state.xp
     info = {"rank": int(V.shape[1]), "solves": solves}
     if pi == "printed":
-        # By V = U T: the condition of V^T M V would be the square of that of V.
+        # With V = U T: the condition number of V^T M V would be the square of that of V.
         U, T = xp.linalg.qr(V)
         MU = U if inner is None else Weight(state, inner).apply(U)
         gram = to_host(U.T @ MU)
@@ -115,7 +116,11 @@ def solve(
 
 
 def low_rank_value(state: StateMatrix, V: Any, Y: Any) -> Any:
-    """F with ``F F^T = Y (Y^T E V)^-1 Y^T``, directions of no value left out."""
+    """F with ``F F^T = Y (Y^T E V)^-1 Y^T``.
+
+    Eigenvectors of Y^T E V whose eigenvalues are rounding, below 1e-13 of the largest, are left
+    out.
+    """
     gram = to_host(Y.T @ state.mass(V))
     values, vectors = np.linalg.eigh((gram + gram.T) / 2)
     kept = values > 1e-13 * values.max(initial=0.0)
@@ -125,8 +130,9 @@ def low_rank_value(state: StateMatrix, V: Any, Y: Any) -> Any:
 def stable_subspace(
     state: StateMatrix, B: Any, weight: Weight, modes: int, tol: float, start: str
 ) -> tuple[Any, Any, int]:
-    """V and Y, shapes (n, r), of the stable eigenvalues among the first, and how many solves."""
-    # rho makes the off-diagonal blocks equally large: else one half of every vector is rounding.
+    """V and Y, shapes (n, r), of the stable ones among the wanted eigenvalues; number of solves."""
+    # rho makes the off-diagonal blocks equally large. Otherwise x or y would be so small in every
+    # vector (x, y) that only rounding is left of it.
     cost = weight.scale()
     reach = float((B * B).sum()) ** 0.5
     rho = cost**0.5 / reach if cost > 0.0 and reach > 0.0 else 1.0
@@ -143,7 +149,7 @@ def stable_subspace(
         counted = int(reached.sum())
         if counted >= modes or wanted >= limit or len(w) >= 2 * n:
             break
-        # Rounding brings copies that no input reaches: they are kept, but not counted.
+        # Rounding brings in eigenvectors that no input reaches: they are kept, but not counted.
         more = wanted * (modes / max(counted, 1)) ** 1.5
         wanted = min(limit, int(max(more, wanted)) + EXTRA)
     size = np.abs(w)
@@ -151,8 +157,8 @@ def stable_subspace(
     if counted > modes:
         taken = size >= size[np.flatnonzero(reached)[modes - 1]] * (1.0 - SAME_MODULUS)
     axis = np.abs(w.real) <= 1e-9 * size
-    # Zero but for rounding, which makes a pair of roots of it where it is double; an operator has
-    # no size to compare with.
+    # Eigenvalues that are zero up to rounding: single ones, then double ones, which rounding splits
+    # into a pair of the size of its square root. For an operator, whose size is NaN, no test.
     scale = EPS * state.size() / (1.0 if state.E is None else StateMatrix(state.E).size())
     axis |= size * 10.0 * scale >= 1.0
     axis |= (size**2 * 10.0 * scale >= size.min()) & (np.abs(w.real) <= 1e-6 * size)
@@ -161,7 +167,7 @@ def stable_subspace(
             f"the Hamiltonian has an eigenvalue {1 / w[axis & taken][0]:.6g} on the imaginary "
             "axis: that mode cannot be stabilised or is not seen by Q"
         )
-    # Of a real matrix: pairs are conjugate to the last bit, however small their imaginary parts.
+    # The matrix is real, so pairs are exactly conjugate, however small their imaginary parts.
     upper, real = taken & (w.real < 0.0) & (w.imag >= 0.0), w.imag == 0.0
     basis = xp.concatenate(
         [
@@ -177,7 +183,7 @@ def stable_subspace(
 
 
 def _reached(B: Any, Y: Any) -> np.ndarray:
-    """Which eigenvectors have a part in the gain ``B^T Y``."""
+    """A mask of the columns of Y that have a part in the gain ``B^T Y``."""
     norm = namespace(B).linalg.norm
     seen, size = norm(B.T @ Y, axis=0), float(norm(B)) * norm(Y, axis=0)
     return np.asarray(to_host(seen > UNREACHED * size))
@@ -186,7 +192,7 @@ def _reached(B: Any, Y: Any) -> np.ndarray:
 def _largest(
     inverse: InverseHamiltonian, B: Any, modes: int, tol: float, start: str
 ) -> tuple[Any, Any]:
-    """Eigenvalues of largest modulus of the inverse, and vectors, a few more than asked for."""
+    """Eigenvalues of largest modulus of the inverse and their vectors, a few more than `modes`."""
     n, xp = inverse.state.n, inverse.state.xp
     wanted = min(modes + EXTRA, 2 * n)
     if 2 * n <= max(ALL_EIGENVALUES, 2 * wanted + 23):

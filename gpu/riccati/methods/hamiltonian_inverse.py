@@ -14,9 +14,9 @@ from gpu.errors import InputError, RiccatiError
 from gpu.riccati.problem.state_matrix import EPS, Factors, StateMatrix, as_sparse, factor, vanishing
 from gpu.riccati.problem.weights import Weight, scaled_input
 
-# Relative residuals of applications of the inverse, from the best on: above the first they are
-# refined by two more solves, above the second the whole Hamiltonian is factored, above the third a
-# mode at zero that nothing moves is taken for the cause, and above the last no digit is right.
+# Relative residuals of applications of the inverse, in ascending order. Above the first, each is
+# refined by two more solves; above the second, the whole Hamiltonian is factored; above the third,
+# a mode at zero that no feedback moves is reported as the cause; above the last, no digit is right.
 ROUNDED_RESIDUAL, FEW_DIGITS, SEVERAL_DIGITS, NO_DIGITS = 4e-13, 1e-9, 1e-6, 0.1
 
 
@@ -36,16 +36,16 @@ def hamiltonian_inverse(
         s = A^{-1} f,\quad C = A^{-1} B,\quad t = I + C^T Q C,\quad
         u = -t^{-1} C^T (g + Q s),\quad x = s + C u,\quad y = -A^{-T}(g + Q x);
 
-    C and t once, so that an application takes one solve with A and one with its transpose. Where
-    A is singular or nearly so, the similarity :math:`y = z + X_0 E x`, :math:`X_0 = Z S Z^T`,
-    over its null vectors puts :math:`A - B B^T X_0 E` and
+    C and t are computed once, so an application takes one solve with A and one with its transpose.
+    If A is singular or nearly so, the similarity :math:`y = z + X_0 E x`, :math:`X_0 = Z S Z^T`
+    with null vectors Z of A, replaces A and Q by :math:`A - B B^T X_0 E` and
 
     .. math::
-        Q + A^T X_0 E + E^T X_0 A - E^T X_0 B B^T X_0 E
+        Q + A^T X_0 E + E^T X_0 A - E^T X_0 B B^T X_0 E:
 
-    in the places of A and Q: a feedback that moves the zero modes, of as many ranks as they are.
-    Where too few digits are left after that, the whole of :math:`\mathcal H` is factored instead
-    (on the host, and where A and Q have entries).
+    a feedback that moves the zero modes, whose rank is their number. If it leaves too few correct
+    digits, the whole of :math:`\mathcal H` is factored instead (on the host, and if the entries of
+    A and Q are stored).
 
     Parameters
     ----------
@@ -95,15 +95,15 @@ def hamiltonian_inverse(
 
 
 class InverseHamiltonian:
-    """What `hamiltonian_inverse` applies; arguments that have been checked.
+    """The operator of `hamiltonian_inverse`, from checked arguments.
 
     Attributes
     ----------
     factors : Factors or None
-        Of A, or of ``A - B B^T X0 E`` where A is singular; None where its null vectors are not
-        told apart, and the Hamiltonian is factored as a whole.
+        Of A, or of ``A - B B^T X0 E`` if A is singular; None if its null vectors could not be
+        determined, and the Hamiltonian is factored as a whole.
     solves : int
-        With A and with its transpose, so far.
+        Number of solves with A and with its transpose so far.
     """
 
     def __init__(self, state: StateMatrix, B: Any, weight: Weight, scale: float = 1.0) -> None:
@@ -125,7 +125,7 @@ class InverseHamiltonian:
                 self.factors, unmoved = None, error
         else:
             self._prepare(factors)
-            # Where A is much closer to singular than H is, so much is lost on the way.
+            # Digits are lost if A is much closer to singular than H is.
             lost = self._probe()
             if not lost < ROUNDED_RESIDUAL and state.kind in ("dense", "sparse"):
                 kept = dict(self.__dict__)
@@ -137,7 +137,7 @@ class InverseHamiltonian:
                     self.__dict__.update(kept)
         lost = np.inf if self.factors is None else self._probe()
         if not lost < FEW_DIGITS and state.xp is np:
-            # Blocks whose null vectors are not told apart: one factorisation of the whole.
+            # Without null vectors that can be told apart, factor the whole Hamiltonian.
             self._whole = _factor_whole(state, self._B, weight, scale)
             if self._whole is not None and not self._probe() < lost:
                 self._whole = None
@@ -154,7 +154,7 @@ class InverseHamiltonian:
         self.solves = 0
 
     def __reduce__(self) -> Any:
-        # Factors cannot be copied; a copy factors anew.
+        # Factors cannot be copied: a copy is factored anew.
         return type(self), self._arguments
 
     @property
@@ -164,7 +164,7 @@ class InverseHamiltonian:
 
     @property
     def moved(self) -> list[Any]:
-        """The Z of the feedback that makes A regular; empty without one."""
+        """A list with the Z of the feedback that makes A regular; empty if there is none."""
         return [] if self._feedback is None else [self._feedback.Z]
 
     def _feed_back(self) -> None:
@@ -238,7 +238,7 @@ class InverseHamiltonian:
         return self.state.xp.concatenate([self.state.mass_transposed(y), self.state.mass(-x)])
 
     def operator(self) -> Any:
-        """As a LinearOperator of SciPy or CuPy."""
+        """This inverse as a LinearOperator of SciPy or CuPy."""
         shape = (2 * self.state.n,) * 2
         if self.state.xp is np:
             return LinearOperator(
@@ -273,14 +273,14 @@ class InverseHamiltonian:
 
 
 class _Feedback:
-    """The similarity by ``X0 = Z S Z^T``: solves with ``A - B B^T X0 E``, and its weight."""
+    """The similarity with ``X0 = Z S Z^T``: solves with ``A - B B^T X0 E``, and the new weight."""
 
     def __init__(self, state: StateMatrix, B: Any, Z: Any, S: Any) -> None:
         xp, d = state.xp, Z.shape[1]
         self.Z, self.S = Z, xp.asarray(S)
         self.EZ = state.mass_transposed(Z)
         BZ = B.T @ Z
-        # What comes to Q is symmetric, on the columns of A^T Z and E^T Z.
+        # The change of Q is symmetric, with the columns of A^T Z and E^T Z as its range.
         self._sides = xp.concatenate([state.apply_transposed(Z), self.EZ], axis=1)
         self._core = xp.zeros((2 * d, 2 * d))
         self._core[:d, d:] = self._core[d:, :d] = self.S
@@ -290,7 +290,7 @@ class _Feedback:
     @classmethod
     def over_zero_modes(cls, state: StateMatrix, B: Any, weigh: Any) -> _Feedback:
         left, right = null_vectors(state, limit=B.shape[1] + 1)
-        # For a zero eigenvalue in a Jordan block the left null vectors alone move nothing.
+        # If the zero eigenvalue has a Jordan block, left null vectors alone do not move it.
         for Z in (left, left + right):
             Z = state.xp.linalg.qr(Z)[0]
             reach = to_host(B.T @ Z)
@@ -316,7 +316,7 @@ class _Feedback:
         return self.Z @ (self.S @ (self.EZ.T @ x))
 
     def weigh(self, x: Any, Qx: Any) -> Any:
-        """The weight that takes the place of Q."""
+        """The new weight applied to x, given ``Qx = Q x``."""
         return Qx + self._sides @ (self._core @ (self._sides.T @ x))
 
 
@@ -342,18 +342,18 @@ def null_vectors(state: StateMatrix, limit: int) -> tuple[Any, Any]:
     for _ in range(3):
         X = xp.linalg.qr(moved.solve(state.mass(X)))[0]
         Y = xp.linalg.qr(moved.solve_transposed(state.mass_transposed(Y)))[0]
-    # Relative to columns of A, so that a scale of its own does not matter.
+    # Singular values of A on both spaces, compared with the size of A: its scaling is irrelevant.
     _, seen, V = np.linalg.svd(to_host(state.apply(X)), full_matrices=False)
     _, told, W = np.linalg.svd(to_host(state.apply_transposed(Y)), full_matrices=False)
     d = max(1, int(np.sum(seen <= 1e-9 * size)), int(np.sum(told <= 1e-9 * size)))
     right, left = X @ xp.asarray(V[-d:].T), Y @ xp.asarray(W[-d:].T)
-    # The nearest bases, so that their sum is one too.
+    # Rotate the right basis as close as possible to the left one, so that their sum is a basis too.
     P, _, S = np.linalg.svd(to_host(right.T @ left))
     return left, right @ xp.asarray(P @ S)
 
 
 def _factor_whole(state: StateMatrix, B: Any, weight: Weight, scale: float) -> Factors | None:
-    """Factors of ``[[A, 0, -B], [-Q/rho, -A^T, 0], [0, B^T, -I]]``, where entries are stored."""
+    """Factors of ``[[A, 0, -B], [-Q/rho, -A^T, 0], [0, B^T, -I]]``, if entries are stored."""
     Q = weight.C.T @ weight.C if weight.C is not None else weight.Q
     if state.kind == "operator" or Q is None or hasattr(Q, "matvec"):
         return None
@@ -373,7 +373,7 @@ def _factor_whole(state: StateMatrix, B: Any, weight: Weight, scale: float) -> F
 
 
 def _nearly_singular(state: StateMatrix, factors: Factors) -> bool:
-    """Whether a solve would lose about all digits: a diagonal never does."""
+    """Whether solves with A would lose nearly all digits; with a diagonal A they never do."""
     if state.kind in ("diagonal", "operator"):
         return False
     x = state.xp.asarray(np.random.default_rng(1).standard_normal(state.n))

@@ -1,4 +1,4 @@
-"""Newton-Kleinman: the Riccati equation as a sequence of Lyapunov equations for stable loops."""
+"""Newton-Kleinman: the Riccati equation as a sequence of Lyapunov equations of closed loops."""
 
 from __future__ import annotations
 
@@ -25,18 +25,19 @@ def solve(problem: LQRProblem, *, start: Any = None, steps: int = 200, tol: floa
 
     .. math:: A_k^T X_k + X_k A_k + Q + K_k^T K_k = 0, \qquad K_{k+1} = B^T X_k,
 
-    every gain stabilises, the costs :math:`X_k` fall, in the end quadratically. The first step
-    may overshoot by orders of magnitude; from then on a step of length t along Newton's
-    direction minimises the residual (Benner and Byers 1998).
+    every gain stabilises, and the values :math:`X_k` decrease and converge, in the end
+    quadratically. The first step may overshoot by orders of magnitude; in the following ones the
+    step length t along Newton's direction minimises the residual (Benner and Byers 1998).
 
     Parameters
     ----------
     start : array, shape (m, n), optional
-        A gain that stabilises; by default zero where A is stable, otherwise Bass' gain
-        on the modes that are not (see `stabilising_value`).
+        A gain that stabilises; by default zero if A is stable, otherwise Bass' gain for the modes
+        that are not stable (see `stabilising_value`).
     steps : int
+        Most Newton steps.
     tol : float
-        Change of the value, relative to it, that ends the iteration.
+        Relative change of the value at which the iteration ends.
 
     Raises
     ------
@@ -82,7 +83,7 @@ def stabilising_gain(problem: DenseProblem) -> Any:
     Raises
     ------
     NotConverged
-        None was found: as a rule because there is none.
+        None was found, usually because there is none.
     """
     A, B, _ = problem
     if DenseLoop(A, 4 * EPS * float(namespace(A).linalg.norm(A))).is_stable():
@@ -95,23 +96,24 @@ def stabilising_value(problem: DenseProblem) -> Any:
 
     With the left invariant subspace :math:`U^T A = F U^T` of all modes that are not stable and
     :math:`G = U^T B`, it is :math:`U Y^{-1} U^T` where
-    :math:`(F + \beta I) Y + Y (F + \beta I)^T = 2 G G^T`: Bass' construction on the part that
-    needs it. On a large problem U is the identity.
+    :math:`(F + \beta I) Y + Y (F + \beta I)^T = 2 G G^T`: Bass' construction, restricted to the
+    modes that are not stable. For a problem too large for a Schur form U is the identity.
 
     Raises
     ------
     NotConverged
-        None was found: as a rule because there is none.
+        None was found, usually because there is none.
     """
     A, B, _ = problem
     xp = namespace(A)
     U, F = _not_stable_part(A)
-    # A mode at zero has no size of its own.
+    # The norm of F vanishes for modes at zero: take at least 1 % of the norm of A.
     size = max(float(xp.linalg.norm(F)), 1e-2 * float(xp.linalg.norm(A))) or 1.0
     reach = U.T @ B
     places = xp.arange(len(F))
+    # Trial values of beta; Bass needs F + beta I to have its spectrum in the right half plane.
     for factor in (0.3, 1.0, 0.1, 0.03, 3.0) if len(F) < len(A) else (1.0, 1.1, 0.3, 0.1):
-        # Its solver wants -(F + beta)^T, which is stable.
+        # The Lyapunov solver needs a stable matrix: -(F + beta I)^T.
         moved = -F.T.copy()
         moved[places, places] -= factor * size
         try:
@@ -121,6 +123,8 @@ def stabilising_value(problem: DenseProblem) -> Any:
         if not np.isfinite(Y).all():
             continue
         values, vectors = np.linalg.eigh(Y)
+        # Eigenvalues of Y near rounding are cut off, at several thresholds: their inverses in X
+        # would be wrong.
         for cut in (1e-14, 1e-11, 1e-8):
             kept = values > cut * values[-1]
             left = U @ xp.asarray(vectors[:, kept] / np.sqrt(values[kept]))
@@ -132,7 +136,11 @@ def stabilising_value(problem: DenseProblem) -> Any:
 
 
 def _not_stable_part(A: Any) -> tuple[Any, Any]:
-    """U and F with ``U^T A = F U^T``, F with every eigenvalue that is not left of the axis."""
+    """U and F with ``U^T A = F U^T``, where F has all eigenvalues not left of the imaginary axis.
+
+    Eigenvalues closer to the axis than 1e-8 of the norm of A count as unstable; there is at least
+    one in F.
+    """
     xp, n = namespace(A), len(A)
     if n > ALL_POLES:
         return xp.eye(n), A
@@ -166,7 +174,7 @@ def _iterate(problem: DenseProblem, K: Any, steps: int, tol: float) -> tuple[Any
         X = (X + X.T) / 2
         if history[-1] <= tol:
             return X, history
-        # Round-off ends the quadratic convergence of an ill-conditioned equation.
+        # For an ill-conditioned equation rounding ends the quadratic convergence early.
         if len(history) > 2 and history[-1] < 1e-6 and history[-1] > 0.5 * history[-2]:
             return X, history
     raise NotConverged(
@@ -175,10 +183,11 @@ def _iterate(problem: DenseProblem, K: Any, steps: int, tol: float) -> tuple[Any
 
 
 def _step_length(residual: Any, curvature: Any, xp: Any) -> float:
-    """Minimise |(1 - t) residual - t^2 curvature| over t in [0, 2]; 1 near the solution."""
+    """The t in (0, 2] that minimises |(1 - t) residual - t^2 curvature|; 1 near the solution."""
     a = float(xp.sum(residual * residual))
     b = float(xp.sum(residual * curvature))
     c = float(xp.sum(curvature * curvature))
+    # With so small a curvature the minimum is at t = 1 up to 1e-4.
     if not c > 1e-8 * a or not np.isfinite(a + c):
         return 1.0
     roots = np.roots([4 * c, 6 * b, 2 * (a - 2 * b), -2 * a])

@@ -1,4 +1,4 @@
-"""What a method finds, before anything is certified: a gain and, in some form, a value."""
+"""The result of a method before certification: a gain and a value, dense or of low rank."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from typing import Any, NamedTuple
 
 
 class Found(NamedTuple):
-    """What a method of `gpu.lqr` hands over to be certified.
+    """The result of a method of `gpu.lqr`, to be certified.
 
     Attributes
     ----------
     gain : array, shape (m, n)
     value : array, shape (n, n), LowRankValue or None
     info : dict
-        ``iterations``, ``solves``, ``residual``, ``path``, whatever the method has to tell.
+        Data on the computation, by method: ``iterations``, ``solves``, ``residual``, ``path``, ...
     verdict : Verdict or None
-        Of a dense solution: its recomputed residual and closed loop.
+        For a dense solution: its recomputed residual and closed loop.
     proved : bool
-        Whether the closed loop has been proved stable without its poles.
+        Whether the closed loop has been proved stable without computing its poles.
     """
 
     gain: Any

@@ -1,4 +1,7 @@
-"""The cross term of a linear-quadratic problem taken into A and Q, without filling them in."""
+"""Elimination of the cross term N of a linear-quadratic problem by low-rank updates of A and Q.
+
+A sparse A stays sparse.
+"""
 
 from __future__ import annotations
 
@@ -28,13 +31,14 @@ from gpu.riccati.problem.state_matrix import (
 )
 from gpu.riccati.problem.weights import Weight, low_rank_factor
 
-# Largest part of N outside of the range of Q, and negative joint cost, taken for rounding.
+# What counts as rounding, both relative: the part of N outside the range of Q, and by how much the
+# joint weight of states and inputs may be negative.
 OUTSIDE_RANGE = 1e-9
 NEGATIVE_COST = 1e-11
 
 
 class UpdatedMatrix(StateMatrix):
-    """``A - U V^T`` of a sparse A; its solves are those of A bordered by U and V."""
+    """``A - U V^T`` with a sparse A; solves use factors of A bordered by U and V."""
 
     def __init__(self, A: Any, E: Any, U: Any, V: Any) -> None:
         super().__init__(A, E)
@@ -49,12 +53,12 @@ class UpdatedMatrix(StateMatrix):
         return super().apply_transposed(x) - self.V @ (self.U.T @ x)
 
     def size(self) -> float:
-        """A bound of the largest modulus of an entry."""
+        """An upper bound of the largest modulus of an entry."""
         rows = (self.xp.linalg.norm(M, axis=1).max() for M in (self.U, self.V))
         return super().size() + float(np.prod([float(row) for row in rows]))
 
     def is_symmetric(self) -> bool:
-        """Never taken for granted."""
+        """False, as it is not checked."""
         return False
 
     def factor(self, shift: complex = 0.0, explicit: bool | None = None) -> Factors | None:
@@ -62,13 +66,13 @@ class UpdatedMatrix(StateMatrix):
         return factor_bordered(self.shifted(shift), self.U, self.V)
 
     def factor_updated(self, U: Any, V: Any) -> Factors | None:
-        """Solves with another update beside its own."""
+        """Solves with a further update subtracted: this matrix minus ``U V^T``."""
         join = self.xp.concatenate
         return factor_bordered(self.A, join([self.U, U], axis=1), join([self.V, V], axis=1))
 
 
 class CrossedWeight(Weight):
-    """``Q - F F^T``, applied."""
+    """``Q - F F^T``, not formed but applied to vectors."""
 
     def __init__(self, weight: Weight, F: Any) -> None:
         self.state, self.Q, self.weight, self.F = weight.state, None, weight, F
@@ -88,9 +92,10 @@ def without_cross_term(problem: LQRProblem) -> LQRProblem:
     Raises
     ------
     InputError
-        The joint weight of states and inputs is not semidefinite, as far as stored entries tell.
+        The joint weight of states and inputs is not semidefinite, as far as that can be checked
+        from stored entries.
     NotSupported
-        A is an operator which the cross term makes singular.
+        A is an operator and ``A - B R^-1 N^T`` is singular.
     """
     state, B = problem.state, problem.input
     F = problem.N @ problem.xp.asarray(np.linalg.inv(problem.root).T)
@@ -140,7 +145,7 @@ def _operator(state: StateMatrix, matvec: Any, rmatvec: Any) -> Any:
 
 
 def _weight(problem: LQRProblem, F: Any) -> tuple[Weight, Any]:
-    """The weight and, where Q has few ranks, its factor."""
+    """The new weight and, if Q has low rank, its factor, else None."""
     C = low_rank_factor(problem.weight)
     if C is None:
         _check(problem, F)
@@ -158,7 +163,11 @@ def _weight(problem: LQRProblem, F: Any) -> tuple[Weight, Any]:
 
 
 def _check(problem: LQRProblem, F: Any) -> None:
-    """``F^T Q^-1 F <= 1``, where Q can be inverted; of dense matrices the whole joint weight."""
+    """Raise unless the joint weight is semidefinite.
+
+    Checked are the whole weight of a dense problem, and otherwise ``F^T Q^-1 F <= I`` if Q can be
+    factored.
+    """
     if problem.dense:
         good = semidefinite(problem)
     else:

@@ -18,9 +18,9 @@ from gpu.riccati.problem.standard_form import DenseProblem, balance
 from gpu.riccati.problem.state_matrix import EPS, StateMatrix, stored, symmetric
 from gpu.riccati.problem.weights import Weight
 
-# Largest asymmetry of R or Q, relative to its largest entry, taken for rounding.
+# Asymmetry of R or Q, relative to the largest entry, that counts as rounding.
 WEIGHT_ASYMMETRY = 1e-12
-# Largest shift, relative to the largest entry, that is taken for rounding of a semidefinite Q.
+# Q counts as semidefinite if so large a shift, relative to its diagonal, makes it definite.
 DEFINITENESS = 1e-12
 
 
@@ -33,7 +33,7 @@ SINGULAR_MASS = "E is singular: descriptor systems are not solved here"
 
 
 class FactoredWeight(Weight):
-    """``Q = C^T C``, applied by its factor C of shape (p, n)."""
+    """``Q = C^T C``, not formed but applied by its factor C of shape (p, n)."""
 
     def __init__(self, state: StateMatrix, C: Any) -> None:
         self.state, self.Q, self.C = state, None, C
@@ -54,13 +54,13 @@ class LQRProblem:
     B : array, shape (n, m)
         As given.
     input : array, shape (n, m)
-        ``B L^-T`` with ``R = L L^T``: the inputs whose cost is the sum of their squares.
+        ``B L^-T`` with ``R = L L^T``: the matrix of inputs of unit cost, the sum of their squares.
     root : (m, m) numpy.ndarray
         L.
     weight : Weight
         Q.
     C : array, shape (p, n), or None
-        Where Q was given by its factor.
+        The factor of ``Q = C^T C`` if Q was given by it.
     N : array, shape (n, m), or None
     R : (m, m) numpy.ndarray
     """
@@ -91,11 +91,11 @@ class LQRProblem:
 
     @cached_property
     def unit(self) -> Any:
-        """Units of the states, shape (n,), that balance the Hamiltonian of a dense problem."""
+        """Scale factors of the states, shape (n,), that balance a dense problem's Hamiltonian."""
         return balance(self.standard())
 
     def gain(self, scaled: Any) -> Any:
-        """``K = L^-T (K~ + L^-1 N^T)`` of the gain K~ in the inputs of unit cost, shape (m, n)."""
+        """``K = L^-T (K~ + L^-1 N^T)``, shape (m, n), from the gain K~ for inputs of unit cost."""
         inverse = self.xp.asarray(self._inverse_root())
         if self.N is not None:
             scaled = scaled + inverse @ self.N.T
@@ -112,7 +112,7 @@ class LQRProblem:
         return np.asarray(linalg.solve_triangular(self.root, eye, lower=True))
 
     def entries(self) -> LQRProblem:
-        """The same with a dense A where it is an operator."""
+        """The same problem, with a dense A if it is an operator."""
         if self.state.kind != "operator":
             return self
         E = None if self.state.E is None else _full(self.state.E)
@@ -130,7 +130,9 @@ class LQRProblem:
         return A, E, (Q + Q.T) / 2, self.N
 
     def standard(self) -> DenseProblem:
-        r"""E, R and N taken out, :math:`E^T S E` in the place of S.
+        r"""The equivalent problem without E, R and N; its solution is :math:`E^T S E`.
+
+        Its matrices A, B and Q are
 
         .. math:: E^{-1}(A - B R^{-1} N^T),\quad E^{-1} B R^{-1/2},\quad Q - N R^{-1} N^T.
         """
@@ -149,7 +151,7 @@ class LQRProblem:
         return DenseProblem(A, B, (Q + Q.T) / 2)
 
     def value_of(self, standard: Any) -> Any:
-        """S of the solution of the standard form, ``E^-T X E^-1``."""
+        """The value ``S = E^-T X E^-1`` from the solution X of the standard form."""
         if self.state.E is None:
             return standard
         E = _full(self.state.E)
@@ -169,7 +171,7 @@ def check_lqr(
     factored: bool = False,
     inverse: Any = None,
 ) -> LQRProblem:
-    """The arguments of `gpu.lqr` as one problem.
+    """Check the arguments of `gpu.lqr` and make them one problem.
 
     Raises
     ------
@@ -207,7 +209,7 @@ def check_lqr(
 
 
 def solve(M: Any, right: Any) -> Any:
-    """``M^-1 right`` of dense arrays on either side; `LinAlgError` of an exactly singular M."""
+    """``M^-1 right`` for dense arrays on host or device; `LinAlgError` if M is exactly singular."""
     if isinstance(M, np.ndarray):
         lapack: Any = linalg.lapack
         lu, pivots, info = lapack.dgetrf(M)
@@ -226,7 +228,7 @@ def _full(M: Any) -> Any:
 
 
 def numbers(name: str, value: Any) -> Any:
-    """Lists and numbers as real arrays; whatever knows its shape as it is."""
+    """An argument as an array of real numbers; matrices and operators are returned as they are."""
     if value is None:
         if name not in ("E", "R"):
             raise InputError(f"{name} is None: expected an array of numbers")
@@ -331,12 +333,12 @@ def _check_symmetric(name: str, M: Any) -> None:
 
 
 def semidefinite(problem: LQRProblem, always: bool = False) -> bool:
-    """Whether the cost of no state and input is negative, as far as stored entries tell.
+    """Whether no state and input has a negative cost, as far as stored entries tell.
 
     Raises
     ------
     InputError
-        It is not, and ``always`` was asked for.
+        Some have, and ``always`` is set.
     """
     Q, xp = problem.weight.Q, problem.xp
     good = True
@@ -355,7 +357,7 @@ def semidefinite(problem: LQRProblem, always: bool = False) -> bool:
 
 
 def _semidefinite(M: Any, xp: Any) -> bool:
-    """Whether a shift by rounding, in units that make the diagonal one, makes it definite."""
+    """Whether M, scaled to unit diagonal, is definite after a shift of the size of rounding."""
     diagonal = M.diagonal()
     unit = xp.sqrt(xp.where(diagonal > 0.0, diagonal, 1.0))
     scaled = M / unit / unit[:, None]

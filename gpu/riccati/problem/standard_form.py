@@ -1,4 +1,4 @@
-"""The standard form of a dense problem, and units of its states that balance its Hamiltonian."""
+"""The standard form of a dense problem, and scalings of its states that balance the Hamiltonian."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ class DenseProblem(NamedTuple):
 
 
 def balance(standard: DenseProblem, sweeps: int = 12) -> Any:
-    r"""Powers of two s that even out rows and columns of the Hamiltonian.
+    r"""Scale factors s, powers of two, shape (n,), that balance the Hamiltonian.
 
-    With :math:`x = \mathrm{diag}(s) x'` the blocks become :math:`a_{ij} s_j / s_i`,
-    :math:`g_{ij} / (s_i s_j)` and :math:`q_{ij} s_i s_j`: a similarity by a symplectic matrix.
-    The diagonal counts on both sides: what is smaller than it, rounding above all, needs no units
-    of its own.
+    They make sums of moduli of its rows and columns nearly equal. With
+    :math:`x = \mathrm{diag}(s) x'` the blocks become :math:`a_{ij} s_j / s_i`,
+    :math:`g_{ij} / (s_i s_j)` and :math:`q_{ij} s_i s_j`: a similarity by a symplectic matrix. The
+    diagonal entries are included in both sums, so that much smaller entries, which are mostly
+    rounding, do not determine the scaling.
 
     References
     ----------
@@ -42,7 +43,7 @@ def balance(standard: DenseProblem, sweeps: int = 12) -> Any:
 
 
 def scaled_hamiltonian(standard: DenseProblem, unit: Any) -> tuple[Any, Any, Any]:
-    """The blocks A, G, Q of the balanced Hamiltonian."""
+    """The blocks A, G, Q of the Hamiltonian balanced with the scale factors `unit`."""
     A, B, Q = standard
     B = B / unit[:, None]
     return A * unit / unit[:, None], B @ B.T, Q * unit * unit[:, None]

@@ -20,26 +20,26 @@ EPS = float(np.finfo(float).eps)
 
 @dataclass(frozen=True)
 class Factors:
-    """Solves with a factored matrix and with its transpose (never the conjugate one)."""
+    """Solves with a factored matrix and with its transpose (never its conjugate transpose)."""
 
     solve: Callable[[Any], Any]
     solve_transposed: Callable[[Any], Any]
 
 
 class StateMatrix:
-    r"""A pencil :math:`A - s E`, its A a 1-D diagonal, dense, sparse, or an operator.
+    r"""A pencil :math:`A - s E`, where A is a diagonal (1-D), dense, sparse, or an operator.
 
     Parameters
     ----------
     A : array, shape (n,) or (n, n), sparse matrix, or LinearOperator
         Real. A LinearOperator needs ``inverse``.
     E : array, sparse matrix, optional
-        Identity by default; of a diagonal A a diagonal too, shape (n,).
+        Identity by default. If A is a diagonal, E may be one too, shape (n,).
     inverse : LinearOperator, shape (n, n), optional
         ``matvec`` applies :math:`A^{-1}`, ``rmatvec`` its transpose.
     explicit : bool
-        Keep the inverse of a dense matrix instead of its factors: on a device two products take
-        the place of two sequences of small triangular kernels.
+        On a device, keep the inverse of a dense matrix instead of its factors: a solve is then one
+        product instead of two sequences of small kernels for triangular systems.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class StateMatrix:
         return namespace(self.A)
 
     def apply(self, x: Any) -> Any:
-        """``A x``, of a vector or of columns."""
+        """``A x`` for a vector or a matrix of columns."""
         return times(self.A, x)
 
     def apply_transposed(self, x: Any) -> Any:
@@ -117,17 +117,17 @@ class StateMatrix:
         return x if self.E is None else _times_transposed(self.E, x)
 
     def size(self) -> float:
-        """Largest modulus of an entry of A; of an operator NaN."""
+        """Largest modulus of an entry of A; NaN for an operator."""
         return _largest(self.A) if self.kind != "operator" else np.nan
 
     def is_symmetric(self) -> bool:
-        """Whether A and E equal their transposes but for rounding; of an operator False."""
+        """Whether A and E are symmetric up to rounding; False for an operator."""
         if self.kind == "operator":
             return False
         return symmetric(self.A) and (self.E is None or symmetric(self.E))
 
     def factor(self, shift: complex = 0.0, explicit: bool | None = None) -> Factors | None:
-        """Factor ``A - shift E``; None where a pivot is rounding."""
+        """Factor ``A - shift E``; None if a pivot is not larger than rounding."""
         if self.kind == "operator":
             if shift != 0.0:
                 raise InputError(f"A is an operator: it cannot be shifted by {shift}")
@@ -135,13 +135,13 @@ class StateMatrix:
         return factor(self.shifted(shift), self.explicit if explicit is None else explicit)
 
     def factor_updated(self, U: Any, V: Any) -> Factors | None:
-        """Solves with ``A - U V^T``, A singular; None where the sum is singular too."""
+        """Solves with ``A - U V^T`` for a singular A; None if the difference is singular too."""
         xp, n = self.xp, self.n
         if self.kind == "dense":
             return factor(self.A - U @ V.T, self.explicit)
         if self.kind == "sparse":
             return factor_bordered(self.A, U, V)
-        # Numbers take the place of zeros of a diagonal: Sherman-Morrison-Woodbury takes them out.
+        # Replace zeros of the diagonal by a number, which becomes part of the low-rank update.
         zero = vanishing(self.A)
         places, others = xp.flatnonzero(zero), xp.abs(self.A[~zero])
         unit = float(others.min()) if others.size else 1.0
@@ -169,7 +169,10 @@ class StateMatrix:
 
 
 def factor(A: Any, explicit: bool = False) -> Factors | None:
-    """Solves with a diagonal, dense or sparse matrix; None where a pivot is rounding."""
+    """Solves with a diagonal, dense or sparse matrix; None if a pivot is of the size of rounding.
+
+    `explicit` as for `StateMatrix`.
+    """
     xp = namespace(A)
     if A.ndim == 1:
         if _singular(to_host(xp.abs(A))):
@@ -203,7 +206,10 @@ def factor(A: Any, explicit: bool = False) -> Factors | None:
 
 
 def _by_parts(A: Any, *solves: Callable[[Any], Any]) -> Factors:
-    """Solves that take complex right sides too where A is real: LAPACK casts them."""
+    """Solves that also take complex right-hand sides if A is real, part by part.
+
+    LAPACK's wrappers would drop their imaginary parts.
+    """
     if A.dtype.kind == "c":
         return Factors(*solves)
 
@@ -237,7 +243,7 @@ def _factor_sparse(A: Any, xp: Any) -> Factors | None:
     kind = A.dtype
 
     def solve(x: Any, trans: str = "N") -> Any:
-        # SuperLU solves in the precision of its factors and wants its columns in their order.
+        # SuperLU needs right-hand sides of the type of its factors, and contiguous ones.
         if x.dtype.kind == "c" and kind.kind != "c":
             return solve(x.real.copy(), trans) + 1j * solve(x.imag.copy(), trans)
         x = xp.asarray(x, dtype=kind)
@@ -249,7 +255,7 @@ def _factor_sparse(A: Any, xp: Any) -> Factors | None:
 
 
 def factor_bordered(A: Any, U: Any, V: Any) -> Factors | None:
-    """Solves with ``A - U V^T``, A sparse, by factors of A bordered by U and V."""
+    """Solves with ``A - U V^T``, A sparse, by factors of ``[[A, -U], [V^T, -I]]``."""
     xp, n, d = namespace(A), A.shape[0], U.shape[1]
     block = sparse_of(xp)
     rows = [[A, block.csr_matrix(-U)], [block.csr_matrix(V.T), -block.identity(d)]]
@@ -266,7 +272,10 @@ def factor_bordered(A: Any, U: Any, V: Any) -> Factors | None:
 
 
 def woodbury(factors: Factors, U: Any, V: Any) -> Factors | None:
-    """Solves with ``M - U V^T`` by those with M; None where it is nearly singular."""
+    """Solves with ``M - U V^T`` from those with M (Sherman-Morrison-Woodbury).
+
+    None if the small matrix ``I - V^T M^-1 U`` is nearly singular, its condition above 1e12.
+    """
     xp = namespace(U)
     MU, MV = factors.solve(U), factors.solve_transposed(V)
     small = to_host(xp.eye(U.shape[1]) - V.T @ MU)
@@ -280,13 +289,13 @@ def woodbury(factors: Factors, U: Any, V: Any) -> Factors | None:
 
 
 def vanishing(d: Any) -> Any:
-    """Where the entries of a diagonal are rounding beside the largest."""
+    """A mask of the entries of a diagonal that are rounding relative to the largest."""
     xp = namespace(d)
     return xp.abs(d) <= 4 * len(d) * EPS * float(xp.abs(d).max())
 
 
 def stored(name: str, A: Any) -> Any:
-    """Check the entries of a matrix; float64, sparse ones as CSR.
+    """The checked matrix in float64, a sparse one as CSR.
 
     Raises
     ------
@@ -316,7 +325,7 @@ def _check_transposes(A: Any, inverse: Any) -> None:
 
 
 def _diagonal(d: Any, like: Any) -> Any:
-    """A 1-D diagonal stored as another matrix is."""
+    """A 1-D diagonal as a matrix, sparse or dense like another one."""
     xp = namespace(like)
     return as_sparse(d, xp) if hasattr(like, "tocsr") else xp.diag(d)
 
@@ -329,7 +338,7 @@ def as_sparse(M: Any, xp: Any) -> Any:
 
 
 def sparse_of(xp: Any) -> Any:
-    """The sparse matrices of a side."""
+    """The module of sparse matrices that belongs to numpy or cupy."""
     if xp is np:
         return sparse
     from cupyx.scipy import sparse as device
@@ -338,7 +347,7 @@ def sparse_of(xp: Any) -> Any:
 
 
 def times(A: Any, x: Any) -> Any:
-    """``A x`` of a diagonal, matrix or operator, x a vector or columns."""
+    """``A x`` for a diagonal, matrix or operator A and a vector or matrix x."""
     if hasattr(A, "matvec") and not hasattr(A, "tocsr"):
         return columnwise(A.matvec)(x)
     if A.ndim == 1:
@@ -353,7 +362,7 @@ def _times_transposed(A: Any, x: Any) -> Any:
 
 
 def columnwise(product: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """A product with vectors, made one with columns too."""
+    """Extend a product with vectors to matrices, column by column."""
 
     def apply(x: Any) -> Any:
         if x.ndim == 1:
@@ -370,7 +379,7 @@ def _largest(A: Any) -> float:
 
 
 def symmetric(A: Any) -> bool:
-    """Whether a matrix equals its transpose but for rounding."""
+    """Whether a matrix equals its transpose up to rounding."""
     if A.ndim == 1:
         return True
     return _largest(A - A.T) <= 10 * EPS * _largest(A)

@@ -12,7 +12,7 @@ from gpu.arrays.namespace import namespace, to_host
 from gpu.errors import InputError
 from gpu.riccati.problem.state_matrix import StateMatrix, stored, symmetric, times
 
-LOW_RANK = 64  # rows of a factor of Q up to which the value is sought as a low-rank matrix
+LOW_RANK = 64  # up to so many rows of a factor of Q the value is computed as a low-rank matrix
 
 
 class Weight:
@@ -29,7 +29,7 @@ class Weight:
     InputError
     """
 
-    C: Any = None  # where Q is given by its factor
+    C: Any = None  # the factor, if Q = C^T C is given by it
 
     def __init__(self, state: StateMatrix, Q: Any) -> None:
         n, xp = state.n, state.xp
@@ -49,11 +49,11 @@ class Weight:
             raise InputError(f"Q has shape {tuple(shape)}: expected ({n},) or ({n}, {n})")
 
     def apply(self, x: Any) -> Any:
-        """``Q x``, of a vector or of columns."""
+        """``Q x`` for a vector or a matrix of columns."""
         return times(self.Q, x)
 
     def scale(self) -> float:
-        """An estimate of its norm, from below."""
+        """A lower estimate of the spectral norm of Q, by three steps of the power method."""
         x = self.state.xp.asarray(np.random.default_rng(0).standard_normal(self.state.n))
         size = 0.0
         for _ in range(3):
@@ -65,7 +65,10 @@ class Weight:
 
 
 def low_rank_factor(weight: Weight) -> Any:
-    """C of few rows with ``Q = C^T C``: given, or where few rows of Q are not zero; else None."""
+    """C with at most `LOW_RANK` rows and ``Q = C^T C``, or None.
+
+    It is the given factor, or computed if only few rows of Q are not zero.
+    """
     n, xp, Q = weight.state.n, weight.state.xp, weight.Q
     few = min(LOW_RANK, n // 2)
     if weight.C is not None:
@@ -85,14 +88,14 @@ def low_rank_factor(weight: Weight) -> Any:
     if len(places) > few or not len(places):
         return None
     values, vectors = np.linalg.eigh(core)
-    kept = values > 1e-15 * values.max()
+    kept = values > 1e-15 * values.max()  # the others are zero up to rounding, or negative by it
     C = np.zeros((int(kept.sum()), n))
     C[:, places] = (vectors[:, kept] * np.sqrt(values[kept])).T
     return xp.asarray(C)
 
 
 def scaled_input(state: StateMatrix, B: Any, R: Any = None) -> Any:
-    """``B R^-1/2`` by Cholesky factors, shape (n, m).
+    """``B L^-T`` with the Cholesky factor L of R, shape (n, m).
 
     Raises
     ------

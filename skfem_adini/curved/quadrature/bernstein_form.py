@@ -25,10 +25,11 @@ def bernstein(degree: int, t: Array) -> Array:
 
 @lru_cache
 def _matrices(degree: int) -> tuple[Array, Array, Array, Array]:
-    """Return nodes, the matrix to coefficients, check points and their Bernstein values."""
+    """Return nodes, matrix from values to coefficients, check points, Bernstein values there."""
     nodes = lobatto(degree)
     to_coefficients: Array = np.asarray(np.linalg.inv(bernstein(degree, nodes)), dtype=float)
-    # The middle, where the interpolant of a kink is worst, and places near the ends.
+    # Between the nodes: around the middle, where the interpolant of a kink is worst, and near the
+    # ends.
     checks: Array = np.array([0.03, 0.19, 0.43, 0.61, 0.86, 0.98])
     return nodes, to_coefficients, checks, bernstein(degree, checks)
 
@@ -48,7 +49,7 @@ def interpolate(
     lower, size
         Lower corner and sides of the boxes, shape (2, boxes).
     degree
-        In each variable.
+        Degree in each variable.
 
     Returns
     -------

@@ -22,11 +22,11 @@ _NARROWEST = 1e-14
 
 
 def value(c: Array, t: float) -> float:
-    """Evaluate a polynomial in one variable: a sum with weights that are not negative."""
+    """Return a polynomial in one variable at t; in [0, 1] all weights of the sum are >= 0."""
     p = c.size - 1
     total, binomial, power = c[0], 1.0, 1.0
     for i in range(1, p + 1):
-        # Horner's scheme in 1 - t: after step i the terms so far lack (1 - t)^(p - i).
+        # Horner's scheme in 1 - t: after step i the sum still lacks the factor (1 - t)^(p - i).
         binomial *= (p - i + 1) / i
         power *= t
         total = total * (1 - t) + binomial * power * c[i]
@@ -74,7 +74,7 @@ def bracketed_root(c: Array, a: float, b: float) -> float:
         new = t - f / d if d != 0 else a
         if not a < new < b:
             new = 0.5 * (a + b)
-        if abs(new - t) < 1e-16 or b - a < 1e-16:
+        if abs(new - t) < 1e-16 or b - a < 1e-16:  # below the rounding of t near 1
             return new
         t = new
     return t
@@ -83,7 +83,8 @@ def bracketed_root(c: Array, a: float, b: float) -> float:
 def roots(c: Array, tol: float, found: Array) -> int:
     """Write the places in (0, 1) where a polynomial changes sign to `found`; return their number.
 
-    Variation diminishing: no more zeros than sign changes of the coefficients.
+    A polynomial has no more zeros in (0, 1) than its coefficients have sign changes (variation
+    diminishing). One whose coefficients are all at most `tol` in size counts as zero, without any.
     """
     m = c.size
     count = 0
@@ -130,7 +131,7 @@ def roots(c: Array, tol: float, found: Array) -> int:
 
 
 def split(c: Array, axis: int, t: float, left: Array, right: Array) -> None:
-    """Write the coefficients on both sides of t."""
+    """Write the coefficients on both sides of t, by de Casteljau's scheme."""
     m = c.shape[0]
     for k in range(m):
         work = c[:, k].copy() if axis == 0 else c[k, :].copy()
@@ -157,7 +158,7 @@ def slope_range(c: Array, axis: int) -> tuple[float, float]:
 
 
 def append(rows: Array, count: int, row: Array) -> Array:
-    """Append a row to an array that grows."""
+    """Write a row behind the first `count` ones; return the array, doubled if it was full."""
     if count == rows.shape[0]:
         more = np.empty((2 * count, rows.shape[1]))
         for i in range(count):

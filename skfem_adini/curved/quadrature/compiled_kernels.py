@@ -1,4 +1,4 @@
-"""The kernels of cut boxes, put in place of the plain functions when first asked for."""
+"""The compiled kernels of cut boxes, which replace the plain functions on first use."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 from skfem_adini.jit import compiled
 
-# Threads may ask for kernels at the same time, which are put in place once.
+# Several threads may request the kernels at once; the lock lets one of them replace the functions.
 _lock = threading.Lock()
 
 

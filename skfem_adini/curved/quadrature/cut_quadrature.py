@@ -20,7 +20,8 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# Difference of unit normals: a wrong gradient differs by more, the interpolant by far less.
+# Allowed difference of the unit normals from the given gradient and from the interpolant: with a
+# wrong gradient it is larger, with a right one far smaller.
 _WRONG_DIRECTION = 1e-4
 
 
@@ -37,8 +38,8 @@ class CutQuadrature:
     full
         Which cells lie inside, shape (cells,). They have no points here.
     cells, points, weights
-        Points inside cut cells: the cell of each, ascending, shape (n,); where, (2, n); positive
-        weights, (n,).
+        Points inside cut cells: the cell of each, ascending, shape (n,); coordinates, (2, n);
+        positive weights, (n,).
     boundary_cells, boundary_points, boundary_weights
         The same for points of the boundary, shapes (m,), (2, m), (m,). A piece that lies on a
         grid line belongs to the cell inside.
@@ -114,17 +115,17 @@ def cut_quadrature(
 ) -> CutQuadrature:
     r"""Return quadrature rules for :math:`\{\varphi < 0\}` and its boundary in rectangles.
 
-    In each cell phi is interpolated at 9 x 9 Chebyshev points; cells in which the interpolant is
-    not accurate to 3e-12 of its variation, and whose side is not settled, are divided in four.
-    Signs of Bernstein coefficients then decide, rigorously for the interpolant, which cells are
-    inside, outside or cut and in which coordinate phi is monotone. A cut box is integrated over
-    the graph of its zero line, with Gauss points between the abscissae where the graph meets the
-    top, the bottom or another zero line, and Gauss points above each; boxes without a suitable
-    coordinate are divided further, at the corner where two zero lines meet or in halves. All
-    weights are positive.
+    In each cell phi is interpolated at 9 x 9 Chebyshev points; cells that may be cut, and in which
+    the interpolant is not accurate to 3e-12 of its variation, are divided in four. Signs of
+    Bernstein coefficients then decide, rigorously for the interpolant, which boxes are inside,
+    outside or cut and in which coordinate phi is monotone. In a cut box the zero line is a graph
+    over one side. Gauss points are placed on that side, between the abscissae where the graph meets
+    the top, the bottom or another zero line, and for each of them along the height. Boxes without a
+    suitable coordinate are divided further, at a point where two zero lines meet or in the middle.
+    All weights are positive.
 
-    Zeros within 1e-13 of the largest value of phi in a cell count as lying on its sides, so a
-    boundary along a grid line belongs to the cell inside, once.
+    Values of phi below 1e-13 of its size in a cell count as zero, so a boundary along a grid line
+    is found, and belongs to the cell inside alone.
 
     Parameters
     ----------
@@ -147,7 +148,7 @@ def cut_quadrature(
     Raises
     ------
     InputError
-        Cells that are empty or not finite, a level set that is not finite on the cells, is not
+        Cells that are empty or not finite; a level set that is not finite on the cells, is not
         smooth along its zero line, or vanishes on an area; a gradient that does not fit.
 
     References
@@ -268,7 +269,7 @@ def _integrate(boxes: AccurateBoxes, q: int) -> tuple[_Points, _Points, Indices]
 
 
 def _oriented(table: TruthTable, edge: _Points) -> Array:
-    """Return unit normals from the gradients that were given, else those of the interpolants."""
+    """Return unit normals: of the level sets' gradients where given, else of the interpolants."""
     normals = edge.normals.copy()
     for k, leaf in enumerate(table.leaves):
         here = np.flatnonzero(edge.parts == k)

@@ -19,16 +19,17 @@ KERNELS = (
 
 # Halvings of a box after which its side, 1e-12, is near the rounding of its coefficients.
 _MOST_HALVINGS_OF_BOXES = 40
-# Parts of one box: more are needed only where a zero line is degenerate.
+# Largest number of parts of one box: more are needed only if a zero line is degenerate.
 _MOST_PARTS = 20_000
-# Of the largest coefficient: polynomials that agree so well, but for a factor, have one zero line.
+# Relative to the largest coefficient: polynomials that agree to this, up to a factor, have the same
+# zero line.
 _SAME_LINE = 1e-11
-# In sides of a box: what is nearer to a side lies on it, so that no sliver is cut off.
+# In sides of a box: points nearer to a side count as on it, so that no sliver is cut off.
 _ON_SIDE = 1e-9
 
 
 def classify(c: Array, tol: Array, table: Table, state: State) -> int:
-    """Write the state of every leaf; return how many are open and matter."""
+    """Write the state of every leaf, see `graph_rules`; return how many are open and relevant."""
     K = state.size
     for k in range(K):
         low, high = c[k].min(), c[k].max()
@@ -44,7 +45,7 @@ def classify(c: Array, tol: Array, table: Table, state: State) -> int:
 
 
 def joined(c: Array, table: Table) -> Table:
-    """Return the truth table with leaves of the same zero line tied to the first of them."""
+    """Return the truth table with each leaf replaced by the first one of the same zero line."""
     table = table.copy()
     for l in range(c.shape[0]):
         for k in range(l):
@@ -93,7 +94,7 @@ def dividing_point(c: Array, state: State) -> tuple[float, float]:
 
 
 def settle_by_middle(c: Array, state: State) -> None:
-    """Count every open leaf as containing the box, or not, by its sign in the middle."""
+    """Set the state of every open leaf to 1 or 0, by its sign in the middle of the box."""
     for k in range(state.size):
         if state[k] == 2:
             middle = poly.value(poly.line(c[k], 0, 0.5), 0.5)
@@ -110,7 +111,10 @@ def best_direction(c: Array, state: State, lengths: Array) -> int:
 
 
 def subdivide(c: Array, x: float, y: float, parts: Array, boxes: Array) -> int:
-    """Write the parts left and right of x, below and above y (those of no width left out)."""
+    """Write the parts left and right of x, below and above y (without those of no width).
+
+    Return the number of parts; `boxes` gets rows of lower corner and sides, in sides of the box.
+    """
     K, m = c.shape[0], c.shape[1]
     sides = np.empty((2, m, m))
     quarters = np.empty((2, m, m))
@@ -146,12 +150,14 @@ def cut_boxes(
 ) -> tuple[Array, Array, NDArray[np.bool_], int]:
     """Return points of volume and boundary, which boxes are whole, and a degenerate box or -1.
 
+    The points are rows as described in `graph_rules`.
+
     Parameters
     ----------
     coefficients
-        Shape (boxes, leaves, m, m).
+        Bernstein coefficients of the leaves, shape (boxes, leaves, m, m).
     tolerances
-        Shape (boxes, leaves).
+        Size below which a leaf counts as zero, shape (boxes, leaves).
     tables
         Truth tables, shape (boxes, 2^leaves).
     sizes
@@ -202,7 +208,7 @@ def cut_boxes(
                 )
                 continue
             if place[4] >= _MOST_HALVINGS_OF_BOXES:
-                # Narrower than rounding.
+                # The box is as narrow as rounding: its middle decides.
                 settle_by_middle(c, state)
                 if table[rules.index_of(state)]:
                     volume, nv = rules.product_rule(b, place, middle, one, volume, nv)

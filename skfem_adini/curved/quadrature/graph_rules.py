@@ -1,8 +1,10 @@
 """Quadrature rules on boxes in which every zero line is a graph over one side.
 
-Plain Python; `compiled_kernels` hands the functions to numba. A point is in leaf k where its
-polynomial is below -tol[k]. The state of a leaf is 1 (the box is in it), 0 (it is not) or 2 (open).
-Rows of the results are (box, x, y, weight) and (box, x, y, weight, n_x, n_y, leaf).
+Plain Python; `compiled_kernels` hands the functions to numba. A leaf is one smooth level set of a
+composition; a point is in leaf k where its polynomial is below -tol[k]. The state of a leaf is 1
+(the box is in it), 0 (it is not) or 2 (open). Rows of the results are (box, x, y, weight) and (box,
+x, y, weight, n_x, n_y, leaf). A row `geometry` begins with lower corner and sides of a part of the
+box, in sides of the box; `lengths` are the sides of that part.
 """
 
 from __future__ import annotations
@@ -21,23 +23,24 @@ KERNELS = (
     "emit_surface", "sorted_breaks", "product_rule", "face_rule", "height_breaks", "height_rule",
 )  # fmt: skip
 
-# In sides of a box: places nearer than this are one, some fifty roundings of 1 apart.
+# In sides of a box: places that differ by less, some fifty roundings of 1, are the same.
 _SAME_PLACE = 1e-14
-# Least slope along the height over the slope across: a graph that leans more is better one over
-# the other side, or after division.
+# Least ratio of the slope along the height to the slope across. With a smaller one the zero line is
+# better taken as a graph over the other side, or after division.
 _LEAST_SLOPE = 0.3
-# Least over largest slope along the height: Gauss points converge fast where it varies little.
+# Least ratio of the smallest to the largest slope along the height: Gauss points converge fast
+# where it varies little.
 _LEAST_TO_LARGEST_SLOPE = 0.7
-# In lengths of an interval: how far inside it graphs are compared.
+# In lengths of an interval: distance from its ends at which graphs are compared.
 _OFF_END = 1e-12
-# `_LEAST_SLOPE` with several zero lines, whose angle stays when their box is divided.
+# `_LEAST_SLOPE` for several zero lines: dividing the box does not change the angle between them.
 _LEAST_SLOPE_OF_MANY = 1e-6
-# Of a polynomial along a line: eight times its degree, should rounding add any.
+# Room for the roots of a polynomial along a line: eight times its degree, if rounding adds some.
 _MOST_ROOTS = 64
 
 
 def relevant(table: Table, state: State, k: int) -> bool:
-    """Return whether being in leaf k matters, the states of the others 0, 1 or 2 (open)."""
+    """Return whether leaf k can change the truth value, given the states of the others."""
     for index in range(table.size):
         if index >> k & 1:
             continue
@@ -51,7 +54,7 @@ def relevant(table: Table, state: State, k: int) -> bool:
 
 
 def index_of(state: State) -> int:
-    """Return the place in the truth table of states 0 and 1."""
+    """Return the index in the truth table for leaves that are all in state 0 or 1."""
     index = 0
     for k in range(state.size):
         if state[k] == 1:
@@ -60,7 +63,10 @@ def index_of(state: State) -> int:
 
 
 def good_direction(c: Array, state: State, d: int, lengths: Array) -> float:
-    """Return how well every open polynomial can be solved for the coordinate d; 0 if not."""
+    """Return how well every open polynomial can be solved for the coordinate d, from 0 (not) to 1.
+
+    `lengths` are the sides of the box.
+    """
     quality = 1.0
     open_count = 0
     for k in range(state.size):
@@ -90,9 +96,9 @@ def good_direction(c: Array, state: State, d: int, lengths: Array) -> float:
 
 
 def height(c: Array, d: int, tol: float, s: float) -> tuple[float, bool, bool]:
-    """Return the root along d at the other coordinate s, and whether both ends are inside.
+    """Return the root along d at the other coordinate s, and whether each end is inside.
 
-    The root is 2 where there is none.
+    The root is 2 if there is none.
     """
     along = poly.line(c, d, s)
     first, last = along[0], along[along.size - 1]
@@ -107,9 +113,10 @@ def height(c: Array, d: int, tol: float, s: float) -> tuple[float, bool, bool]:
 
 
 def clamped_height(c: Array, d: int, s: float) -> float:
-    """Return the root along d at s of a polynomial whose graph is there; at an end if rounded off.
+    """Return the root along d at s of a polynomial that has one, up to rounding.
 
-    Beside the place where a graph leaves the box its root may lie beyond the side by rounding.
+    Near the place where a graph leaves the box rounding may move its root beyond a side; then that
+    side is returned.
     """
     along = poly.line(c, d, s)
     first, last = along[0], along[along.size - 1]
@@ -123,7 +130,7 @@ def crossing(f: Array, g: Array, d: int, tol_f: float, tol_g: float, a: float, b
     middle = 0.5 * (a + b)
     y_f, _, _ = height(f, d, tol_f, middle)
     y_g, _, _ = height(g, d, tol_g, middle)
-    if max(y_f, y_g) > 1:  # graphs come and go at a and b only
+    if max(y_f, y_g) > 1:  # one has no root here: graphs enter and leave the box at breaks only
         return -1.0
     # At a and b themselves rounding may hide a root that lies on a side of the box.
     a, b = a + _OFF_END * (b - a), b - _OFF_END * (b - a)
@@ -152,7 +159,11 @@ def emit_surface(
     y: float,
     measure: tuple[int, float],
 ) -> tuple[Array, int]:
-    """Append a point of a zero line; `measure` turns 1 into a length on that line."""
+    """Append a quadrature point of a zero line.
+
+    `measure` is (d, w) for a graph with heights along d, where w is the weight over the other
+    coordinate, or (-1, w), where w is the weight in arc length.
+    """
     g_x, g_y = poly.gradient(c, x, y)
     g_x, g_y = g_x / lengths[0], g_y / lengths[1]
     size = np.hypot(g_x, g_y)
@@ -184,7 +195,7 @@ def sorted_breaks(breaks: Array, count: int) -> None:
 def product_rule(
     box: int, geometry: Array, nodes: Array, weights: Array, volume: Array, count: int
 ) -> tuple[Array, int]:
-    """Append the points of a box that lies inside."""
+    """Append the points of a tensor Gauss rule on a box that lies inside."""
     row = np.empty(4)
     for i in range(nodes.size):
         for j in range(nodes.size):
@@ -210,7 +221,7 @@ def face_rule(
     surface: Array,
     count: int,
 ) -> tuple[Array, int]:
-    """Append the points of faces on which a leaf that contains the box vanishes."""
+    """Append boundary points on the sides of a box where a leaf that contains it vanishes."""
     breaks, found = np.empty(_MOST_ROOTS * state.size + 2), np.empty(_MOST_ROOTS)
     here = state.copy()
     for k in range(state.size):

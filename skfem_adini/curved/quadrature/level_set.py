@@ -18,7 +18,7 @@ from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
 
-# Composed in one level set, whose truth table has 2^16 entries.
+# Largest number of functions composed in one level set: its truth table has 2^16 entries.
 _MOST_FUNCTIONS = 16
 
 
@@ -27,8 +27,8 @@ class LevelSet:
 
     ``a & b`` is the intersection, max(a, b); ``a | b`` the union, min(a, b); ``~a`` the complement,
     -a; ``a - b`` is ``a & ~b``. The smooth functions are kept apart, so corners where their zero
-    lines cross are met exactly, and :math:`\min` and :math:`\max` cost no accuracy. Plain functions
-    may stand beside a level set; a `Polygon` may not.
+    lines cross are resolved exactly, and :math:`\min` and :math:`\max` cost no accuracy. Plain
+    functions may be composed with a level set; a `Polygon` may not.
 
     Parameters
     ----------
@@ -191,10 +191,11 @@ class TruthTable:
     leaves
         The smooth level sets.
     signs
-        -1 for leaves of which only the complement is used: they enter with the sign changed, so
-        that a zero on a grid line is the boundary of the cells inside.
+        1, or -1 for leaves of which only the complement is used: they enter with the sign changed,
+        so that a zero line on a grid line is the boundary of the cells inside.
     table
-        Entry sum of 2^k over the (signed) leaves k that the point is in, shape (2^leaves,).
+        Whether a point is inside, shape (2^leaves,); the index is the sum of 2^k over the (signed)
+        leaves k that the point is in.
     """
 
     leaves: list[LevelSet]

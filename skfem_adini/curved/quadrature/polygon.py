@@ -13,7 +13,7 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# Of the area of a cell: one that lacks less, some fifty roundings, is whole.
+# Relative to the area of a cell: if less than this is missing, some fifty roundings, it is full.
 _SAME_AREA = 1e-14
 
 
@@ -71,7 +71,7 @@ def _loop(vertices: ArrayLike, turn: float) -> Array:
     offset = p.mean(axis=1, keepdims=True)
     a, b = p - offset, following - offset
     area = np.sum(a[0] * b[1] - a[1] * b[0]) / 2
-    if abs(area) < 1e-14 * np.ptp(p) ** 2:
+    if abs(area) < 1e-14 * np.ptp(p) ** 2:  # some fifty roundings of its terms
         raise InputError("vertices: the polygon has no area")
     return p if area * turn > 0 else p[:, ::-1]
 
@@ -95,13 +95,15 @@ def cut_polygon(
 ]:  # fmt: skip
     """Return the fields of `CutQuadrature` after `lower` and `upper`.
 
-    A cut cell is divided at the abscissae of corners, of crossings of a side with its own sides,
-    into strips in which the polygon's sides are ordered; between two of them lies a trapezoid,
-    with q x q Gauss points. Exact for polynomials of degree 2q - 2 in both variables together.
+    A cut cell is divided into strips, at the abscissae of the polygon's corners and of the points
+    where a side of the polygon crosses one of the cell. In a strip the sides of the polygon are
+    ordered, with a trapezoid between each two, which gets q x q Gauss points. The rule is exact for
+    polynomials of total degree 2q - 2.
     """
     nodes, weights = np.polynomial.legendre.leggauss(q)
     nodes, weights = (nodes + 1) / 2, weights / 2
     a, b = polygon.start, polygon.end
+    # Rounding of coordinates.
     slack = 4 * np.finfo(float).eps * max(np.abs(lower).max(), np.abs(upper).max())
     near = _near(a, b, lower - slack, upper + slack)
     full = polygon.contains((lower + upper) / 2) & ~near.any(axis=0)
@@ -142,7 +144,7 @@ def _near(a: Array, b: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
     for i in range(2):
         least, most = np.minimum(a[i], b[i]), np.maximum(a[i], b[i])
         meets &= (least[:, None] <= upper[i]) & (most[:, None] >= lower[i])
-    # The corners of the cell lie on both sides of the line, or on it.
+    # A side meets a cell only if the cell's corners do not all lie on one side of its line.
     n = np.array([b[1] - a[1], a[0] - b[0]])
     middle, half = (lower + upper) / 2, (upper - lower) / 2
     distance = n[0, :, None] * (middle[0] - a[0, :, None]) + n[1, :, None] * (
@@ -153,7 +155,7 @@ def _near(a: Array, b: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
 
 
 def _clip(a: Array, b: Array, low: Array, high: Array, slack: float) -> tuple[Array, Array] | None:
-    """Return the ends of the part of a side in a closed cell, None if it is a point."""
+    """Return the ends of the part of a side in a closed cell, None if it is empty or a point."""
     first, last = 0.0, 1.0
     for i in range(2):
         step = b[i] - a[i]

@@ -14,21 +14,25 @@ from skfem_adini.errors import InputError
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# Degrees of two interpolants, whose difference estimates the error of the coarser one.
+# Degrees of two interpolants: the coarse one settles the sign in most boxes, the fine one is made
+# in the others.
 _COARSE, _FINE = 4, 8
-# Of the variation of phi in a box: allowed error of an interpolant.
+# Allowed error of an interpolant, relative to the variation of phi in a box.
 _ACCURATE = 3e-12
-# Rounding of phi in units of its size: of an expression with some thirty operations.
+# Rounding of phi relative to its size, for an expression of some thirty operations.
 _ROUNDING_OF_PHI = 32 * np.finfo(float).eps
-# The error is taken for so many times its estimate before a sign counts as settled.
+# Safety factor on the estimated error before a sign counts as settled.
 _SAFETY = 4.0
-# Of the size of phi in a cell: smaller values are zero, so that boundaries on grid lines are found.
+# Relative to the size of phi in a cell: smaller values count as zero, so that boundaries on grid
+# lines are found.
 _ZERO_LEVEL = 1e-13
 # Halvings of a cell, to 6e-8 of its side.
 _MOST_HALVINGS_OF_CELLS = 24
-# Beside two for each cell; one has 81 coefficients for each leaf: 32 MB with one.
+# Largest number of unresolved boxes, besides two for each cell: 32 MB for each leaf, with 81
+# coefficients in a box.
 _MOST_BOXES = 50_000
-# Zero lines in one box, whose truth table has 2^6 entries; more meet in one point only.
+# Largest number of zero lines in one box, for a truth table of 2^6 entries: boxes are divided until
+# they have no more, unless more lines meet in one point.
 _MOST_LEAVES_OF_BOX = 6
 
 
@@ -59,7 +63,7 @@ class OpenBoxes:
 
 @dataclass(frozen=True)
 class AccurateBoxes:
-    """What the cells were divided into; boxes outside are left out.
+    """The boxes into which cells were divided, without those outside.
 
     Attributes
     ----------
@@ -82,7 +86,8 @@ def accurate_boxes(table: TruthTable, lower: Array, size: Array) -> AccurateBoxe
     Raises
     ------
     InputError
-        More than 50 000 boxes cannot be resolved: the level set is not smooth along its zero line.
+        More than 50 000 boxes, besides two for each cell, are not resolved at some level: the level
+        set is not smooth along its zero line. Or more than six zero lines meet in one point.
     """
     cell = np.arange(lower.shape[1])
     count = np.zeros(len(cell), dtype=np.int64)
@@ -144,7 +149,7 @@ class _Screened:
         self.place = np.full((K, count), -1)
         self.polynomials: list[Array] = []
         self.tolerance = zeros
-        # A function rounded at coordinates of size |x| is known to eps |x| |gradient|.
+        # Rounding of coordinates of size |x| changes a function by eps |x| |gradient|.
         offset = (np.abs(lower) + size).max(axis=0) / size.min(axis=0)
         for k, leaf in enumerate(table.leaves):
             left, polynomials = np.arange(count), np.zeros((0, m, m))
@@ -156,7 +161,7 @@ class _Screened:
                 polynomials, error = interpolate(values, lower[:, left], size[:, left], degree)
                 low, high = polynomials.min(axis=(1, 2)), polynomials.max(axis=(1, 2))
                 if degree == _FINE and zeros[k] == 0 and left.size:
-                    # One tolerance for all, so that neighbours agree on which zeros lie on a side.
+                    # The same for all boxes, so that neighbours agree which zeros lie on a side.
                     zeros[k] = _ZERO_LEVEL * np.median(np.maximum(np.abs(low), np.abs(high)))
                 zero = zeros[k]
                 self.state[k, left[high + _SAFETY * error < -zero]] = 1

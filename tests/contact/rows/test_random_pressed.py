@@ -103,44 +103,35 @@ def fields(found, q, bins=6):
     return R.T @ result.resultant[ends] / unit, force / unit
 
 
-def height(found, q):
-    """Mean distance between the outline and straight facets, from the area that lies between."""
-    result, shape, R = found
-    if q.curved:
-        return 0.0
-    body = result.system.body
-    p = (
-        R.T
-        @ body.mesh.p[[0, -1]][:, np.unique(body.mesh.facets[:, body.facets("bottom")])]
-        / q.size
+def errors(make, q, n):
+    """Errors with n facets over their limits, against curved Q2 cells on twice as many."""
+    found = pressed(make, q, q.element, n, q.curved, q.noise)
+    force, parts = fields(found, q)
+    finer, of_finer = fields(pressed(make, q, ElementQuad2, 2 * n, True, 0.0), q)
+    assert np.abs(found[0].balance()["residual"]).max() < 1e-9
+    normal, tangential = np.abs(parts - of_finer).sum(axis=1) / np.abs(of_finer[0]).sum()
+    # Facets of constant strain across a narrow zone.
+    linear = q.element in (ElementTriP1, ElementTetP1)
+    # Means that reach from facet to facet; in space over the rims, at a kink around it as well.
+    near = 0.1 if q.element in SOLID or q.kind == "kinked" else 0.05
+    return np.array(
+        [
+            np.linalg.norm(force - finer) / np.linalg.norm(finer) / 0.06,
+            normal / (0.15 if linear else 0.08),
+            tangential / (0.15 if linear else 0.1),
+            max(mismatch(found[0], "bottom")) / near,
+        ]
     )
-    p = p[:, np.argsort(p[0])]
-    areas = [
-        float(np.sum(x[1:] * y[:-1] - x[:-1] * y[1:]))
-        for x, y in (p, shape(np.linspace(0, 1, 4001))[0])
-    ]
-    return abs(areas[1] - areas[0]) / 2 / np.linalg.norm(np.diff(p, axis=1), axis=0).sum()
 
 
 def check_pressed(make, seed):
-    """Against curved Q2 cells on twice as many facets."""
+    """Within the limits; a zone of three points out of sixteen may miss them, not of six."""
     q = pressed_case(seed)
-    found = pressed(make, q, q.element, 16, q.curved, q.noise)
-    force, parts = fields(found, q)
-    finer, of_finer = fields(pressed(make, q, ElementQuad2, 32, True, 0.0), q)
-    total = np.abs(of_finer[0]).sum()
-    # What 16 facets leave of an approach of some hundredths: their height is some thousandths.
-    near = max(0.06, 1.5 * height(found, q) / q.push)
-    assert np.linalg.norm(force - finer) < near * np.linalg.norm(finer), seed
-    normal, tangential = np.abs(parts - of_finer).sum(axis=1) / total
-    # Five facets of constant strain across a narrow zone.
-    linear = q.element in (ElementTriP1, ElementTetP1)
-    assert normal < (0.15 if linear else 0.08), seed
-    assert tangential < (0.15 if linear else 0.1), seed
-    # Means that reach from facet to facet; in space over the rims, at a kink around it as well.
-    near = 0.1 if q.element in SOLID or q.kind == "kinked" else 0.05
-    assert max(mismatch(found[0], "bottom")) < near, seed
-    assert np.abs(found[0].balance()["residual"]).max() < 1e-9, seed
+    coarse = errors(make, q, 16)
+    assert np.all(coarse < 2), (seed, coarse)
+    if np.any(coarse >= 1):
+        fine = errors(make, q, 32)
+        assert np.all(fine < 1), (seed, coarse, fine)
 
 
 @pytest.mark.parametrize("seed", range(12))

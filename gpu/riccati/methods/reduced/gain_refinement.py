@@ -13,18 +13,19 @@ from gpu.errors import RiccatiError
 from gpu.riccati.problem.lqr_problem import LQRProblem
 from gpu.riccati.problem.state_matrix import StateMatrix
 
-NEARLY_SINGULAR = 1e8  # condition from which on too many digits are lost
+NEARLY_SINGULAR = 1e8  # from this condition number on half of the digits or more are lost
 
 
 def kleinman(problem: LQRProblem, W: Any, K: Any) -> tuple[Any, Any]:
-    r"""Return the next gain of Newton's method, and the U below.
+    r"""Return the next gain of Newton's method, shape (m, n), and U as below, shape (n, r).
 
     Newton's step solves a Lyapunov equation with :math:`A_K = A - B K`,
 
     .. math:: A_K^T X E + E^T X A_K = -(Q + K^T K), \qquad K_+ = B^T X E.
 
-    X has full rank where Q has, but only :math:`X B` is wanted. Let W hold :math:`E^{-1} B` and be
-    nearly invariant, :math:`A_K W = E W H`. Then :math:`U = X E W` solves the Sylvester equation
+    X has full rank if Q has, but only :math:`X B` is needed. Let the range of W contain
+    :math:`E^{-1} B` and be nearly invariant, :math:`A_K W = E W H`. Then :math:`U = X E W` solves
+    the Sylvester equation
 
     .. math:: A_K^T U + E^T U H = -(Q + K^T K) W,
 
@@ -37,7 +38,7 @@ def kleinman(problem: LQRProblem, W: Any, K: Any) -> tuple[Any, Any]:
     W : array, shape (n, r)
         Orthonormal.
     K : array, shape (m, n)
-        Stabilising, in the inputs of unit cost.
+        Stabilising gain for the inputs of unit cost.
 
     Raises
     ------
@@ -59,7 +60,7 @@ def kleinman(problem: LQRProblem, W: Any, K: Any) -> tuple[Any, Any]:
     F = (problem.weight.apply(W) + K.T @ (K @ W)) @ xp.asarray(Z)
     V = xp.zeros((state.n, len(T)), dtype=complex)
     Kt = K.T + 0j
-    # Conjugate eigenvalues need not stand side by side in T, but real ones save complex solves.
+    # For real eigenvalues the shift is made real, which saves complex solves.
     for j in range(len(T)):
         h = T[j, j]
         shift = -h if abs(h.imag) > 1e-13 * abs(h) else float(-h.real)
@@ -82,7 +83,8 @@ def _solve(state: StateMatrix, shift: complex, B: Any, Kt: Any, right: Any) -> A
         small = np.eye(B.shape[1]) - to_host(B.T @ G)
         if np.isfinite(small).all() and np.linalg.cond(small) < NEARLY_SINGULAR:
             return u + G @ xp.asarray(np.linalg.solve(small, to_host(B.T @ u)))
-    # A mode of A that the cost does not see is mirrored, and its mirror is the shift.
+    # The optimal feedback mirrors an unstable mode of A without cost at the imaginary axis; then
+    # the shift is an eigenvalue of A itself.
     moved = copy(state)
     moved.A = state.shifted(shift)
     factors = None if state.kind == "operator" else moved.factor_updated(B, Kt.real)

@@ -1,4 +1,4 @@
-"""Riccati equations projected onto a basis, and what they leave of the whole equation."""
+"""Riccati equations projected onto a basis, and the residual of their solutions."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Projected:
 
     @classmethod
     def of(cls, problem: LQRProblem, W: Any, before: Projected | None = None) -> Projected:
-        """Project; of a basis that has grown only what is new is multiplied."""
+        """Project; if `before` is a projection on the first columns of W, only extend it."""
         state = problem.state
         known = 0 if before is None else before.W.shape[1]
         old, new = W[:, :known], W[:, known:]
@@ -64,18 +64,18 @@ class Projected:
         ------
         RiccatiError
         """
-        # Costs and reach of equal size; P scales with their ratio.
+        # Scale B and Q to equal size; P scales with rho.
         reach, cost = float(np.linalg.norm(self.B)), float(np.linalg.norm(self.Q))
         if cost == 0.0:
             cost = reach = 1.0
         rho = cost**0.5 / reach if reach > 0.0 else 1.0
         unit = np.eye(self.B.shape[1])
         try:
-            # SciPy's own e loses digits where it is not symmetric: E^T P E is solved for.
+            # SciPy's argument e loses digits if it is not symmetric: solve for E^T P E instead.
             moved = np.linalg.solve(self.E, np.hstack([self.A, self.B * np.sqrt(rho)]))
             A, B = moved[:, : len(self.A)], moved[:, len(self.A) :]
             P = linalg.solve_continuous_are(A, B, self.Q / rho, unit)
-            # One Newton step takes the residual of QZ down to rounding.
+            # One Newton step reduces the residual of SciPy's result (by QZ) to rounding.
             half = P @ A - P @ B @ (B.T @ P) / 2
             step = linalg.solve_continuous_lyapunov(
                 (A - B @ (B.T @ P)).T, -(half + half.T + self.Q / rho)
@@ -90,7 +90,7 @@ class Projected:
         return rho * (P + P.T) / 2
 
     def gain(self, P: np.ndarray) -> Any:
-        """``B^T W P W^T E`` in the inputs of unit cost, shape (m, n)."""
+        """The gain ``B^T W P W^T E`` for the inputs of unit cost, shape (m, n)."""
         return self.problem.xp.asarray(self.B.T @ P) @ self._EtW().T
 
     def change(self, P: np.ndarray, before: np.ndarray) -> float:
@@ -100,7 +100,7 @@ class Projected:
         moved[:, : len(before)] -= self.B[: len(before)].T @ before
         norm = np.linalg.norm
         if self.problem.state.E is not None:
-            # Lengths of rows on the columns of E^T W, which are not orthonormal.
+            # The columns of E^T W are not orthonormal: measure the products with them.
             xp, EtW = self.problem.xp, self._EtW()
             new, moved = (EtW @ xp.asarray(D.T) for D in (new, moved))
             norm = xp.linalg.norm
@@ -112,7 +112,8 @@ class Projected:
     def residual(self, P: np.ndarray, C: Any) -> float:
         r"""``|A^T X E + E^T X A - E^T X B B^T X E + C^T C| / |C^T C|`` of ``X = W P W^T``, exactly.
 
-        All four terms live on the columns of :math:`A^T W, E^T W, C^T`.
+        The norm is exact because the range of all terms is spanned by the columns of
+        :math:`A^T W, E^T W, C^T`.
         """
         state, xp = self.problem.state, self.problem.xp
         AtW, EtW = state.apply_transposed(self.W), self._EtW()

@@ -1,4 +1,4 @@
-"""Orthonormal bases of block rational Krylov spaces, with a few factored shifts in turn."""
+"""Orthonormal bases of block rational Krylov spaces, with a few shifts used cyclically."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from gpu.arrays.namespace import to_host
 from gpu.riccati.problem.state_matrix import EPS, Factors, StateMatrix
 
-DROP = 1e-11  # a new direction whose part outside the space is smaller is rounding
+DROP = 1e-11  # a new unit vector whose part outside the space is smaller counts as rounding
 
 
 class RationalKrylov:
     r"""The space of :math:`G,\ (A - s_1 E)^{-1} G,\ (A - s_2 E)^{-1} E (A - s_1 E)^{-1} G,\ \dots`
 
-    with the shifts in turn, orthonormal, grown a block at a time (Ruhe 1984). The shifts are few,
-    so that each is factored once.
+    with the shifts used cyclically; the orthonormal basis grows by a block at a time (Ruhe 1984).
+    Each of the few matrices is factored only once.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class RationalKrylov:
     shifts : sequence of Factors
         Of A - s E, one for each shift s.
     transposed : bool
-        Of :math:`A^T, E^T`.
+        Whether the space is that of :math:`A^T, E^T`.
 
     Attributes
     ----------
@@ -34,7 +34,8 @@ class RationalKrylov:
         Columns of the basis.
     solves : int
     exhausted : bool
-        Nothing new came: the space is invariant, or everything.
+        Whether the last block added no direction, so that the space is invariant, or filled the
+        whole space.
     """
 
     def __init__(
@@ -48,11 +49,11 @@ class RationalKrylov:
 
     @property
     def W(self) -> Any:
-        """The basis."""
+        """The basis, shape (n, rank)."""
         return self._kept[:, : self.rank]
 
     def grow(self) -> None:
-        """Add a block: the last one, solved with the next shift."""
+        """Add a block: the last block multiplied by E and solved with the next shifted matrix."""
         if self.exhausted:
             return
         factors = self._shifts[self._turn % len(self._shifts)]
@@ -65,7 +66,10 @@ class RationalKrylov:
         self._append(block)
 
     def _projected(self, block: Any) -> Any:
-        """Subtract what lies in the space; a product of rows, twice as fast as one of columns."""
+        """The part of a block orthogonal to the space.
+
+        The second product is transposed, as it is twice as fast with rows as with columns.
+        """
         inside = self.W.T @ block
         return block - (inside.T @ self.W.T).T
 
@@ -87,7 +91,7 @@ class RationalKrylov:
         self._last = block
         rank = self.rank + block.shape[1]
         if rank > self._kept.shape[1]:
-            # Room for as many again: a basis that is copied for each block costs more than it.
+            # Allocate twice as much: copying the basis for each block costs more than computing it.
             kept = xp.empty((self._state.n, min(2 * rank, self._state.n)), order="F")
             kept[:, : self.rank] = self.W
             self._kept = kept

@@ -1,4 +1,4 @@
-"""A proof that the loop of a reduced gain is stable, for symmetric A and E and a weight like E."""
+"""A proof that the closed loop of a reduced gain is stable, if A = A^T, E = E^T and Q = q E."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from gpu.riccati.methods.reduced.galerkin_riccati import Projected
 from gpu.riccati.problem.lqr_problem import LQRProblem
 from gpu.riccati.problem.state_matrix import EPS, Factors, factor, sparse_of, vanishing
 
-# Least eigenvalue of what must be definite, in units where that of the exact solution is at least
-# one: far above rounding.
+# Required least eigenvalue of the matrix that must be definite, scaled so that for the exact
+# solution it is at least one: far above rounding.
 DEFINITE_MARGIN = 1e-2
 
 
 def proves_stable(problem: LQRProblem, projected: Projected, P: np.ndarray, q: float) -> bool:
-    r"""Whether Lyapunov's inequality holds for ``A - B K`` and a value near the Riccati solution.
+    r"""Whether Lyapunov's inequality holds for ``A - B K`` with an S near the Riccati solution.
 
     Let :math:`Q = q E`, and :math:`A_s = A - \delta E Z Z^T E` negative definite, Z of few
     columns. Then :math:`S_0 = -\frac q2 A_s^{-1}` solves the equation without the quadratic term
@@ -28,22 +28,22 @@ def proves_stable(problem: LQRProblem, projected: Projected, P: np.ndarray, q: f
 
     .. math:: S = S_0 + W Y W^T,\qquad Y = P + \tfrac q2 (W^T A_s W)^{-1}.
 
-    S is positive definite where P is. In
+    S is positive definite if P is. In
 
     .. math:: M = -(A - B K)^T S E - E S (A - B K)
 
-    the product with :math:`S_0` is :math:`q E` but for :math:`\delta`, all else has low rank too:
-    M is :math:`q E + U D U^T`, and definite where a matrix as small as D is. Near the solution it
-    is near :math:`q E + K^T K`. Neither the poles nor any estimate of them has a part in this.
+    the terms of :math:`S_0` give :math:`q E` up to terms in :math:`\delta`, and all other terms
+    have low rank: :math:`M = q E + U D U^T`, whose definiteness is that of a matrix of the order of
+    D. Near the solution M is near :math:`q E + K^T K`. No poles are computed or estimated.
 
     Parameters
     ----------
     problem : LQRProblem
         Without cross term.
     projected : Projected
-        On the basis W.
+        The problem on the basis W.
     P : array, shape (r, r)
-        Its solution, of which the gain was made.
+        Its solution, from which the gain was computed.
     q : float
         Positive.
     """
@@ -90,7 +90,7 @@ def _shifted(problem: LQRProblem) -> Any:
         if not bool((E > 0.0).all()):
             return None
         places = xp.flatnonzero(vanishing(state.A) | (state.A > 0.0))
-        if len(places) > 16:
+        if len(places) > 16:  # Z must have few columns
             return None
         Z = xp.zeros((n, len(places)))
         Z[places, xp.arange(len(places))] = 1.0 / xp.sqrt(E[places])
@@ -103,7 +103,7 @@ def _shifted(problem: LQRProblem) -> Any:
     Z = np.zeros((n, 0))
     if _inertia(-state.A, Z, 1.0) != 0:
         constant = np.ones((n, 1))
-        # The mode that most models leave free; others go without a proof.
+        # Only constants are tried as null vector, the most frequent one; otherwise no proof.
         if float(abs(state.A @ constant).max()) > 1e-10 * unit:
             return None
         Z = constant / np.sqrt(float((constant * state.mass(constant)).sum()))
@@ -118,16 +118,18 @@ def _shifted(problem: LQRProblem) -> Any:
 
 
 def _inertia(H: Any, V: Any, delta: float) -> int:
-    """How many pivots of ``[[H, V], [V^T, -1 / delta]]`` are negative; -1 where there are none.
+    """Number of pivots of ``[[H, V], [V^T, -I / delta]]`` that are not positive; -1 if it fails.
 
-    As many as V has columns where ``H + delta V V^T`` is positive definite (Haynsworth 1968).
+    It is the number of columns of V if and only if ``H + delta V V^T`` is positive definite
+    (Haynsworth 1968).
     """
     block = sparse_of(np)
     if V.shape[1]:
         H = block.bmat([[H, block.csr_matrix(V)], [V.T, -block.identity(V.shape[1]) / delta]])
     H = block.csc_array(H)
     lu, diagonal = SuperLUFactor(H), H.diagonal()
-    # Less than the factors are exact to, so that no sign of a pivot is rounding.
+    # Shift the diagonal down by more than the rounding errors of the factors, so that a positive
+    # pivot is not positive by rounding.
     rounding = max(1e-12, 4 * H.shape[0] * EPS)
     try:
         lu.factor(diagonal - rounding * np.abs(diagonal))
@@ -146,4 +148,4 @@ def _mass_solve(E: Any) -> Any:
 
 def _definite(P: np.ndarray) -> bool:
     values = np.linalg.eigvalsh(P)
-    return bool(values[0] > 1e-13 * values[-1])
+    return bool(values[0] > 1e-13 * values[-1])  # above the rounding of P

@@ -1,0 +1,175 @@
+"""What varies in a load history: loads, supports and the obstacle as functions of time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from contact.errors import InputError, numbers
+from contact.histories.history_folder import fingerprint
+from contact.histories.time_factor import Factor, checked_factor, value_at
+from contact.obstacles.shapes import ObstacleLike
+from contact.portable import Portable
+
+if TYPE_CHECKING:
+    from contact.body.elastic_body import Field
+    from contact.problem.contact_problem import ContactProblem
+
+Array = NDArray[np.float64]
+Boundary = str | Sequence[str] | ArrayLike
+
+
+class LoadProgram(Portable):
+    """Loads, motions of supports and an obstacle that vary, on top of what a problem has.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+    """
+
+    _FUNCTIONS = ("_loads", "_motions", "_obstacle")
+
+    def __init__(self, problem: ContactProblem) -> None:
+        self.problem = problem
+        self._loads: list[tuple[Array, Factor]] = []
+        self._motions: list[tuple[Array, Factor]] = []
+        self._obstacle: Callable[[float], ObstacleLike] | None = None
+
+    def load(self, boundary: Boundary, traction: Field, factor: Factor | None = None) -> Self:
+        """Add the traction ``factor(t) * traction`` on a boundary; see `ElasticBody.load`.
+
+        Parameters
+        ----------
+        boundary : str, list of str or array of facet numbers
+        traction : array of shape (dim,) or callable x -> array of shape (dim, ...)
+        factor : callable t -> float, optional
+            Default: t itself.
+        """
+        return self.load_vector(self._unloaded().load(boundary, traction).f, factor)
+
+    def body_force(self, force: Field, factor: Factor | None = None) -> Self:
+        """Add the volume force ``factor(t) * force``; see `ElasticBody.body_force`.
+
+        Parameters
+        ----------
+        force : array of shape (dim,) or callable x -> array of shape (dim, ...)
+            Force per volume.
+        factor : callable t -> float, optional
+            Default: t itself.
+        """
+        return self.load_vector(self._unloaded().body_force(force).f, factor)
+
+    def load_vector(self, vector: ArrayLike, factor: Factor | None = None) -> Self:
+        """Add the load ``factor(t) * vector``, such as the ``f`` of another body on the same mesh.
+
+        Parameters
+        ----------
+        vector : array of shape (ndofs,)
+            Force, or what works on a derivative among the dofs.
+        factor : callable t -> float, optional
+            Default: t itself.
+
+        Raises
+        ------
+        InputError
+            Not one finite number a dof.
+        """
+        values = numbers("vector", vector)
+        if values.shape != self.problem.body.f.shape or not np.all(np.isfinite(values)):
+            raise InputError(
+                f"vector: expected {self.problem.body.f.size} finite numbers, got shape "
+                f"{values.shape}"
+            )
+        self._loads.append((values, checked_factor(factor)))
+        return self
+
+    def _unloaded(self) -> Any:
+        body = copy(self.problem.body)
+        body.f = np.zeros_like(body.f)
+        return body
+
+    def move(
+        self,
+        boundary: Boundary,
+        components: str | int | Sequence[int] | None = None,
+        value: Field = 1.0,
+        factor: Factor | None = None,
+    ) -> Self:
+        """Move supports: ``factor(t) * value`` comes on top of what the body prescribes there.
+
+        Parameters
+        ----------
+        boundary, components, value
+            As for `ElasticBody.fix`. The body must have been fixed on this very boundary in these
+            components.
+        factor : callable t -> float, optional
+            Default: t itself.
+
+        Raises
+        ------
+        InputError
+            There is no such support, or the motion contradicts another support.
+        """
+        body = self.problem.body
+        at_rest = copy(body)
+        at_rest._supports = []
+        at_rest.fix(boundary, components, value)  # checks the value
+        moved = at_rest._supports
+        for place, c, *_ in moved:
+            if not any(c == d and np.array_equal(place, f) for f, d, *_ in body._supports):
+                raise InputError(
+                    f"move: the body is not fixed on boundary {boundary!r} in component "
+                    f"{'xyz'[c]}; fix it first, with body.fix({boundary!r}, ...)"
+                )
+        at_rest._supports = [
+            next(
+                ((f, c, m[2], *how) for m in moved if m[1] == c and np.array_equal(m[0], f)),
+                (f, c, _still, *how),
+            )
+            for f, c, _, *how in body._supports
+        ]
+        for derived in ("constraint", "prescribed"):
+            at_rest.__dict__.pop(derived, None)
+        self._motions.append((at_rest.constraint[1], checked_factor(factor)))
+        return self
+
+    def obstacle(self, of_time: Callable[[float], ObstacleLike]) -> Self:
+        """Let the obstacle vary: what `ContactProblem` takes as obstacle, as a function of time.
+
+        Parameters
+        ----------
+        of_time : callable t -> obstacle, number, array or callable
+            E.g. ``lambda t: Plane((0, -0.03 + 0.01 * t), (0, 1))``, or a `Rigid` whose motion or
+            force depends on t: friction then sees it move. A `ClosestPoint` must keep its
+            directions, those of the problem's own: within a `Rigid` it may move.
+
+        Raises
+        ------
+        InputError
+            Not a function.
+        """
+        if not callable(of_time):
+            raise InputError(f"obstacle: expected a function of time, got {of_time!r}")
+        self._obstacle = of_time
+        return self
+
+    def _body_at(self, t: float) -> Any:
+        base = self.problem.body
+        f, u0 = base.f, base.constraint[1]
+        for vector, factor in self._loads:
+            f = f + value_at(factor, t) * vector
+        for vector, factor in self._motions:
+            u0 = u0 + value_at(factor, t) * vector
+        return base.under(f, u0)
+
+    def _fingerprint(self) -> str:
+        vectors = [vector for vector, _ in (*self._loads, *self._motions)]
+        return fingerprint(self.problem.system, vectors)
+
+
+def _still(x: Array) -> Array:
+    return np.zeros(x.shape[1:])
