@@ -5,7 +5,7 @@ from contact.body.elastic_body import ElasticBody
 from contact.body.layers.layered_block import LayeredBlock
 from contact.checks.cross_check import CrossCheck, cross_check
 from contact.checks.uniqueness import Uniqueness, uniqueness
-from contact.condensation.sparse import CondensedContact
+from contact.condensation.condensed_contact import CondensedContact
 from contact.errors import (
     ContactError,
     ContactWarning,

@@ -87,6 +87,25 @@ class Solid(Portable, ABC):
         )
 
     @property
+    def bodies(self) -> tuple[Any, ...]:
+        """The bodies that this one consists of: itself alone, but for `Bodies`."""
+        return (self,)
+
+    @property
+    def slices(self) -> tuple[slice, ...]:
+        """Where the dofs of each of the `bodies` stand among all dofs."""
+        return (slice(0, self._f.size),)
+
+    @property
+    def extent(self) -> float:
+        """Largest extent along a coordinate axis."""
+        return float(np.ptp(self.trace.mesh.p, axis=1).max())
+
+    def said_of(self, k: int, motion: str) -> str:
+        """A motion of body k in the words of an error message."""
+        return motion
+
+    @property
     @abstractmethod
     def trace(self) -> Any:
         """A body with a Basis; its dofs come first in this body and determine the boundary."""

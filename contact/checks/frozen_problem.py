@@ -14,7 +14,7 @@ from contact.checks.split_program import solve_split
 from contact.checks.unit_program import UnitProgram
 
 if TYPE_CHECKING:
-    from contact.condensation.sparse import CondensedContact
+    from contact.condensation.condensed_contact import CondensedContact
     from contact.result.contact_result import ContactResult
 
 Array = NDArray[np.float64]

@@ -6,14 +6,14 @@ from functools import singledispatch
 
 from contact.body.layers.layered_block import LayeredBlock
 from contact.body.solid import BasisSolid, Solid
+from contact.condensation.condensed_body import CondensedBody, Rows
 from contact.condensation.layers import CondensedLayers
-from contact.condensation.sparse import CondensedContact
+from contact.condensation.sparse import SparseBody
 from contact.errors import InputError
-from contact.rows.contact_rows import ContactRows
 
 
 @singledispatch
-def condense(body: Solid, rows: ContactRows, solver: str, device: str) -> CondensedContact:
+def condense(body: Solid, rows: Rows, solver: str, device: str) -> CondensedBody:
     """Reduce a body to its contact boundary.
 
     Another kind of body registers its own function: ``@condense.register(Kind)``.
@@ -21,7 +21,8 @@ def condense(body: Solid, rows: ContactRows, solver: str, device: str) -> Conden
     Parameters
     ----------
     body : Solid
-    rows : ContactRows
+    rows : pair of csr_array
+        Its columns of the normal and the tangential contact rows.
     solver : {"auto", "pardiso", "superlu"}
         Sparse factorisation.
     device : {"cpu", "cuda"}
@@ -35,21 +36,17 @@ def condense(body: Solid, rows: ContactRows, solver: str, device: str) -> Conden
 
 
 @condense.register(BasisSolid)
-def _by_factorisation(
-    body: BasisSolid, rows: ContactRows, solver: str, device: str
-) -> CondensedContact:
+def _by_factorisation(body: BasisSolid, rows: Rows, solver: str, device: str) -> CondensedBody:
     if device != "cpu":
         raise InputError(
             f"device={device!r}: sparse factorisation runs on the 'cpu'; a `LayeredBlock` can "
             "be condensed on 'cuda'"
         )
-    return CondensedContact(body, rows, solver)
+    return SparseBody(body, rows, solver)
 
 
 @condense.register(LayeredBlock)
-def _by_slab_doubling(
-    body: LayeredBlock, rows: ContactRows, solver: str, device: str
-) -> CondensedContact:
+def _by_slab_doubling(body: LayeredBlock, rows: Rows, solver: str, device: str) -> CondensedBody:
     if solver != "auto":
         raise InputError(
             f"solver={solver!r}: a LayeredBlock is condensed without sparse factorisation; "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import numpy as np
@@ -15,34 +14,30 @@ from contact.body.free_motions import RIGID, unseen_motion
 from contact.body.layers.layered_block import LayeredBlock
 from contact.body.layers.layers import PER_NODE
 from contact.body.rigid_modes import describe_motion, reduced_echelon, rigid_modes
+from contact.condensation.condensed_body import CondensedBody, Rows
 from contact.condensation.slab_doubling import SlabDoubling
-from contact.condensation.sparse import CondensedContact
-from contact.rows.contact_rows import ContactRows
 
 Array = NDArray[np.float64]
 
 
-class CondensedLayers(CondensedContact):
-    """A `LayeredBlock` and its contact rows, reduced to a dense problem on the bottom.
+class CondensedLayers(CondensedBody):
+    """A `LayeredBlock`, condensed onto its bottom.
 
-    It differs from `CondensedContact` in how the Schur complement is computed, and in that the
-    dense matrices may lie on a GPU.
+    The dense matrices may lie on a GPU.
 
     Parameters
     ----------
     body : LayeredBlock
-    rows : ContactRows
+    rows : pair of csr_array, shapes (k, ndofs) and (l, ndofs)
+        Normal and tangential contact rows, on the bottom's dofs only.
     arrays : HostArrays
         Where to compute.
-
-    Raises
-    ------
-    InputError
-        The bottom is fixed entirely.
     """
 
-    def __init__(self, body: LayeredBlock, rows: ContactRows, arrays: HostArrays) -> None:
-        self.rows, self._arrays = rows, arrays
+    serial = False  # recovery has large products
+
+    def __init__(self, body: LayeredBlock, rows: Rows, arrays: HostArrays) -> None:
+        self.arrays = arrays
         size, held = body.row_size, body.prescribed[0]
         free = np.ones((2, size), dtype=bool)  # of all node rows but the top, and of the top
         free[0, held[held < size]] = False
@@ -52,12 +47,7 @@ class CondensedLayers(CondensedContact):
         per_length = 1.0 / np.tile([1.0, 1.0, *[body.cell_size] * 4], body.columns + 1)[own]
         self._P = sparse.csr_array((per_length, (own, np.arange(own.size))), shape=(size, own.size))
         self._prescribe(body)
-        B = self._choose(
-            sparse.csr_array(rows.G[:, :size] @ self._P),
-            sparse.csr_array(rows.T[:, :size] @ self._P),
-            body.live(rows.G),
-            body.live(rows.T),
-        )
+        B = self._touch((rows[0][:, :size], rows[1][:, :size]))
         self.B = sparse.csr_array(B[:, self._boundary])
         self._per_length = per_length[self._boundary]
         self._factor: Any = SlabDoubling(
@@ -65,23 +55,17 @@ class CondensedLayers(CondensedContact):
         )
         bottom, everywhere = self._free_motions()
         self._refuse(unseen_motion(everywhere, bottom[self._boundary]))
-        with one_blas_thread(self.size):
-            self._condense(bottom[self._boundary], everywhere)
+        with one_blas_thread(max(self.B.shape)):
+            self._hold(bottom[self._boundary], everywhere)
 
     def _prescribe(self, body: Any) -> None:
-        self.body: Any = body
+        self.body = body
         dofs, values = body.prescribed
         self._u0 = np.zeros(body.f.size) if values.any() else None
         self._lifted = None
-        size = body.row_size
-        bottom = np.zeros(size)
-        bottom[dofs[dofs < size]] = values[dofs < size]
         if self._u0 is not None:
             self._u0[dofs] = values
             self._lifted = body.stiffness @ self._u0
-        rows = self.rows
-        self._fixed_normal = rows.G[:, :size] @ bottom
-        self._fixed_tangent = (rows.T[:, :size] @ bottom).reshape(rows.gap.size, 1)
 
     def _free_motions(self) -> tuple[Array, Array]:
         """Free rigid motions: on the free unknowns of the bottom row, and on all dofs."""
@@ -102,10 +86,6 @@ class CondensedLayers(CondensedContact):
         everywhere[held] = 0.0
         return free, everywhere
 
-    def blas_threads(self) -> AbstractContextManager[None]:
-        """No limit of BLAS threads outside `one_blas_thread`: recovery has large products."""
-        return nullcontext()
-
     def restrict(self, rows: Any) -> Array:
         """Rows on all dofs, expressed in the contact boundary's unknowns, shape (nrows, nb)."""
         own: Array = (rows[:, : self.body.row_size] @ self._P)[:, self._boundary].toarray()
@@ -121,19 +101,18 @@ class CondensedLayers(CondensedContact):
         u: Array = self._factor.expand(forces, self._per_length * z_b)
         return u
 
-    def unbalanced(self, load: Array, u: Array, mu: Array, t: Array) -> Array:
+    def unbalanced(self, rest: Array, u: Array) -> Array:
         """Residual forces on free dofs, for one step of iterative refinement.
 
         The stiffness of a slab of n rows for smooth motions is 1/n^2 of its largest entries:
         rounding of these leaves a residual of n^2 machine precisions. The product with the
         stiffness, cell by cell, has no such error.
         """
-        rows, body = self.rows, self.body
-        rest: Array = load - (rows.G.T @ mu + rows.T.T @ t.ravel()) - body.stiffness @ u
-        rest[body.prescribed[0]] = 0.0
-        return rest
+        left: Array = rest - self.body.stiffness @ u
+        left[self.body.prescribed[0]] = 0.0
+        return left
 
-    def _motion_of(self, motion: Array) -> tuple[str, Array]:
+    def motion_of(self, motion: Array) -> tuple[str, Array]:
         """Name and all dofs of a rigid motion given on them."""
         body = self.body
         # It is identified by its displacement of the bottom row.
@@ -150,12 +129,12 @@ class CondensedLayers(CondensedContact):
 
     def resultants(self, load: Array) -> Array:
         """Work of a load on the rigid motions, from the load itself, not from its elimination."""
-        work: Array = self._modes.T @ load
+        work: Array = self.modes.T @ load
         return work
 
-    def _scaled_schur(self) -> Any:
+    def scaled_schur(self) -> Any:
         """S_b on the device, a copy."""
-        per_length = self._arrays.put(self._per_length)
+        per_length = self.arrays.put(self._per_length)
         return per_length[:, None] * self._factor.schur * per_length
 
 

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact.body.cut_arc import CutArc
 from contact.body.solid import Solid
-from contact.condensation.condense import condense
-from contact.condensation.sparse import CondensedContact
+from contact.condensation.condensed_contact import CondensedContact
 from contact.errors import InputError
 from contact.laws.iteration import Iteration
 from contact.laws.options import Options
@@ -239,7 +238,7 @@ class ContactProblem(Portable):
         kept, material = self._condensed, self.body._material
         if kept is None or kept[1] is not material or device not in (None, kept[0]):
             where = device or ("cpu" if kept is None else kept[0])
-            kept = where, material, condense(self.body, self.rows, self.solver, where)
+            kept = where, material, CondensedContact(self.body, self.rows, self.solver, where)
             self._condensed = kept
         return kept[2]
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from contact.body.free_motions import not_held, strained_by_rotation
 from contact.condensation.boundary_problem import Array, BoundaryProblem
-from contact.condensation.sparse import CondensedContact
+from contact.condensation.condensed_contact import CondensedContact
 from contact.errors import Unbounded
 from contact.laws.friction import Friction
 from contact.laws.load_balance import LIMIT, at_the_limit, by_friction_alone

@@ -17,7 +17,7 @@ from contact.problem.nested_start import start_forces
 from gpu import GpuError
 
 if TYPE_CHECKING:
-    from contact.condensation.sparse import CondensedContact
+    from contact.condensation.condensed_contact import CondensedContact
     from contact.result.contact_result import ContactResult
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ def warn_of_sagitta(
     """
     system, body = result.system, result.system.body
     # A smaller difference is rounding of the coordinates.
-    if np.abs(rise).max(initial=0.0) <= 1e-14 * float(np.ptp(body.trace.mesh.p, axis=1).max()):
+    if np.abs(rise).max(initial=0.0) <= 1e-14 * body.extent:
         return
     scale, w = condensed.point_scale, system.rows.weights
     friction = system.scaled_friction(scale)

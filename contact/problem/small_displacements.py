@@ -5,8 +5,6 @@ from __future__ import annotations
 import warnings
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from contact.errors import ContactWarning
 
 if TYPE_CHECKING:
@@ -19,7 +17,7 @@ def warn_of_large_displacements(result: ContactResult) -> None:
     Displacements that the supports prescribe are intended: twice the largest is allowed besides.
     """
     body = result.system.body
-    size = float(np.ptp(body.trace.mesh.p, axis=1).max())
+    size = body.extent
     reach = body.reach(result.u)
     if reach > size + 2.0 * body.reach(body.constraint[1]):
         warnings.warn(

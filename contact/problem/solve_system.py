@@ -12,7 +12,7 @@ from scipy.linalg import LinAlgError
 from contact.arrays.blas_threads import one_blas_thread
 from contact.body.solid import BasisSolid
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
-from contact.condensation.sparse import CondensedContact
+from contact.condensation.condensed_contact import CondensedContact
 from contact.errors import InputError, NotConverged
 from contact.laws.iteration import Iteration, Report
 from contact.laws.load_balance import undetermined_slip

@@ -30,7 +30,7 @@ from contact.result.certify import certify
 from contact.result.contact_result import ContactResult
 
 if TYPE_CHECKING:
-    from contact.condensation.sparse import CondensedContact
+    from contact.condensation.condensed_contact import CondensedContact
     from contact.result.contact_system import ContactSystem
 
 

@@ -101,7 +101,7 @@ class ContactBoundaries:
         self._check_directions(obstacles)
         plain = [o.obstacle if isinstance(o, Rigid) else o for o in obstacles]
         gaps = [rule(o) for rule, o in zip(self.rules, plain, strict=True)]
-        size = float(np.ptp(self.body.mesh.p, axis=1).max())
+        size = self.body.extent
         for rule, o, gap in zip(self.rules, plain, gaps, strict=True):
             n = rule.normals
             if isinstance(o, ClosestPoint) and not isinstance(rule, ArcGap):  # n are directions

@@ -8,6 +8,7 @@ from contact import CondensedContact, ContactProblem, ElasticBody, InputError, L
 from contact.body.solid import BasisSolid
 from contact.condensation.condense import condense
 from contact.condensation.layers import CondensedLayers
+from contact.condensation.sparse import SparseBody
 
 
 def square(kind):
@@ -17,8 +18,10 @@ def square(kind):
 
 def test_each_kind_has_its_way():
     block = LayeredBlock(1.0, [(1.0, 4, 2.0, 0.3)], top="xy")
-    assert type(ContactProblem(block, "bottom", 0.0).condense()) is CondensedLayers
-    assert type(ContactProblem(square(ElasticBody), "bottom", 0.0).condense()) is CondensedContact
+    for body, way in ((block, CondensedLayers), (square(ElasticBody), SparseBody)):
+        condensed = ContactProblem(body, "bottom", 0.0).condense()
+        assert type(condensed) is CondensedContact
+        assert [type(part) for part in condensed.parts] == [way]
 
 
 def test_another_kind_registers_its_own():

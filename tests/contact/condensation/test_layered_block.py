@@ -51,7 +51,7 @@ def _compare(block, obstacle, friction, **more):
     problem = ContactProblem(block, "bottom", obstacle, friction, **more)
     ours = problem.solve()
     sparse = ContactProblem(block.elastic(), "bottom", obstacle, friction, **more).solve()
-    size, limit = np.abs(sparse.mu).max(), _floor(problem.condense()._factor.schur)
+    size, limit = np.abs(sparse.mu).max(), _floor(problem.condense().parts[0]._factor.schur)
     assert np.abs(ours.mu - sparse.mu).max() <= limit * size
     assert np.abs(ours.t - sparse.t).max() <= limit * size
     assert np.abs(ours.u - sparse.u).max() <= 1e-11 * np.abs(sparse.u).max()
@@ -157,7 +157,7 @@ def test_reduces_and_expands_any_load_as_a_dense_elimination_does(columns, rows,
               for n in rows]  # fmt: skip
     block = LayeredBlock(rng.uniform(0.5, 3.0), layers, sides=sides, top=top, columns=columns)
     try:
-        condensed = ContactProblem(block, "bottom", 0.0).condense()
+        condensed = ContactProblem(block, "bottom", 0.0).condense().parts[0]
     except InputError:  # nothing of the bottom is free to move
         assert columns == 1
         assert sides == "xy"

@@ -1,0 +1,158 @@
+"""One body, condensed onto the unknowns of it that contact rows touch."""
+
+from __future__ import annotations
+
+from copy import copy
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.arrays.dense_arrays import HostArrays
+from contact.body.free_motions import not_held
+from contact.body.rigid_modes import describe_motion
+from contact.condensation.held_factor import held_factor
+
+Array = NDArray[np.float64]
+Rows = tuple[sparse.csr_array, sparse.csr_array]
+
+
+class CondensedBody:
+    """The Schur complement S_b of a body's unknowns in contact rows, factored once.
+
+    How the complement is computed is said by the subclass, which sets the attributes below and then
+    calls `_hold`.
+
+    Attributes
+    ----------
+    body : Solid
+    arrays : HostArrays
+        Where the dense matrices lie.
+    B : csr_array, shape (n, nb)
+        The contact rows in the unknowns that they touch.
+    N : ndarray, shape (nb, k)
+        Orthonormal rigid motions of these unknowns that no support resists.
+    modes : ndarray
+        The same motions of all unknowns.
+    slender, thin : bool
+        Cells, or the body, are so thin that digits are lost.
+    """
+
+    arrays = HostArrays()
+    body: Any
+    B: sparse.csr_array
+    N: Array
+    modes: Array
+    slender: bool = False
+    thin: bool
+    serial = True  # a second thread of BLAS gains nothing, see `CondensedContact.blas_threads`
+    _P: sparse.csr_array
+    _factor: Any
+    _boundary: NDArray[np.int64]
+    _u0: Array | None
+    _lifted: Array | None
+
+    def _prescribe(self, body: Any) -> None:
+        """Take over the body with its prescribed displacements."""
+        raise NotImplementedError
+
+    def under(self, body: Any) -> CondensedBody:
+        """The same factorisation for a body that `ElasticBody.under` made of this one."""
+        other = copy(self)
+        other._prescribe(body)
+        return other
+
+    def _touch(self, rows: Rows) -> sparse.csr_array:
+        """Rows in all unknowns, from normal and tangential ones; sets which unknowns they touch."""
+        normal, tangential = (sparse.csr_array(part @ self._P) for part in rows)
+        tangential.eliminate_zeros()
+        B = sparse.vstack([normal, tangential], format="csr")
+        self._boundary = np.unique(B.indices).astype(np.int64)
+        return sparse.csr_array(B)
+
+    def _hold(self, N: Array, modes: Array) -> None:
+        """Factor S_b, free rigid motions held; N are these on its unknowns, modes on all."""
+        if N.shape[1]:
+            N, R = np.linalg.qr(N)
+            modes = np.linalg.solve(R.T, modes.T).T
+        self.N, self.modes = N, modes
+        self._L, self.thin = held_factor(self.arrays, self.scaled_schur, N)
+
+    def compliance(self) -> Any:
+        """``B S_b^-1 B^T`` on the device, shape (n, n)."""
+        arrays = self.arrays
+        return arrays.gram(arrays.solve(self._L, arrays.dense(self.B.T)))
+
+    def flexed(self, r: Array) -> Array:
+        """Displacement of the boundary's unknowns under forces r on them."""
+        arrays = self.arrays
+        half = arrays.solve(self._L, arrays.put(r[:, None]))
+        return np.asarray(arrays.get(arrays.solve(self._L, half, transposed=True)))[:, 0]
+
+    def resultants(self, load: Array) -> Array:
+        """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
+        work: Array = self.modes.T @ (self._P.T @ load)
+        return work
+
+    def scaled_schur(self) -> Any:
+        """S_b on the device, a copy."""
+        return 1.0 * self._factor.schur
+
+    @property
+    def stiffness(self) -> Array:
+        """Schur complement S_b of the contact boundary's unknowns, shape (nb, nb)."""
+        return np.asarray(self.arrays.get(self.scaled_schur()))
+
+    def prescribed(self) -> Array:
+        """The prescribed displacements on all dofs, zero elsewhere."""
+        return np.zeros(self.body.f.size) if self._u0 is None else self._u0
+
+    def reduce(self, load: Array) -> Array:
+        """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        return self.carried(self._from_rest(load))
+
+    def carried(self, forces: Array) -> Array:
+        """Forces on all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        carried: Array = self._factor.reduce(self._P.T @ forces)
+        return carried
+
+    def restrict(self, rows: sparse.csr_array) -> Array:
+        """Rows of all dofs in the contact boundary's unknowns, shape (nrows, nb)."""
+        reduced: Array = (rows @ self._P)[:, self._boundary].toarray()
+        return reduced
+
+    def expand(self, load: Array, z_b: Array) -> Array:
+        """Displacement of all dofs from the contact boundary's unknowns."""
+        u = self.moved(self._from_rest(load), z_b)
+        return u if self._u0 is None else u + self._u0
+
+    def moved(self, forces: Array, z_b: Array) -> Array:
+        """Displacement of all dofs under forces on them and supports at rest."""
+        u: Array = self._P @ self._factor.expand(self._P.T @ forces, z_b)
+        return u
+
+    def unbalanced(self, rest: Array, u: Array) -> Array | None:
+        """Forces on free dofs that nothing balances, where a step of refinement is worth it.
+
+        Parameters
+        ----------
+        rest : ndarray, shape (ndofs,)
+            The load less the contact forces.
+        u : ndarray, shape (ndofs,)
+        """
+        return None
+
+    def motion_of(self, motion: Array) -> tuple[str, Array]:
+        """Name and all dofs of a rigid motion in free unknowns."""
+        u: Array = self._P @ motion
+        return describe_motion(self.body, u), u
+
+    def _from_rest(self, load: Array) -> Array:
+        """The load less the forces that prescribed displacements cause."""
+        return load if self._lifted is None else load - self._lifted
+
+    def _refuse(self, motion: Array | None) -> None:
+        """Raise the error that names a motion that is neither supported nor seen by contact."""
+        if motion is not None:
+            raise not_held(self.body, *self.motion_of(motion))

@@ -1,0 +1,370 @@
+"""The contact rows of one or several bodies, reduced to a dense problem on the contact boundary."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+from copy import copy
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.linalg import block_diag
+
+from contact.arrays.blas_threads import one_blas_thread
+from contact.condensation.boundary_problem import BoundaryProblem, Forces
+from contact.condensation.condense import condense
+from contact.condensation.condensed_body import CondensedBody
+from contact.condensation.point_rows import PointRows
+from contact.errors import Infeasible, InputError
+from contact.obstacles.rigid import ObstacleMotion
+from contact.rows.contact_rows import ContactRows
+
+Array = NDArray[np.float64]
+
+# Added to the compliance for the functional ``thesis``, whose rows are linearly dependent, relative
+# to its largest entry: selects the multipliers of least norm. They remain unstable; the functional
+# serves to reproduce the dissertation.
+REGULARISATION = 1e-10
+
+
+class CondensedContact:
+    """The bodies and their contact rows, reduced to a dense problem on the contact boundary.
+
+    Everything here depends on the stiffness, the supports and the rows alone; loads, gaps and
+    friction come later, so one condensation serves a whole load history.
+
+    `ContactProblem.condense` creates and caches it.
+
+    Parameters
+    ----------
+    body : ElasticBody, LayeredBlock, CutBody or Bodies
+    rows : ContactRows
+    solver : {"auto", "pardiso", "superlu"}
+        Sparse factorisation; see `contact.condensation.schur`.
+
+    Attributes
+    ----------
+    points : PointRows
+        Which rows of B belong to which contact point.
+    B : csr_array, shape (n, nb)
+        Live contact rows in the contact boundary's unknowns.
+    N : ndarray, shape (nb, k)
+        Rigid motions of the boundary that no support resists.
+    slender, thin : bool
+        Cells, or the body, are so thin that digits are lost.
+
+    Raises
+    ------
+    InputError
+        The contact boundary is fixed entirely.
+    Unbounded
+        A piece of the body is neither fixed nor connected to the contact boundary.
+
+    Notes
+    -----
+    With the contact boundary's unknowns z_b (those that a row touches) and their Schur complement
+    S_b, the compliance of the rows B is ``W = B S_b^-1 B^T``. A body held by contact alone has
+    rigid motions N with S_b N = 0: then S_b + rho N N^T takes the place of S_b, and the motion N a
+    is an unknown of its own, with the balance of loads ``N^T (r - B^T l) = 0``.
+
+    References
+    ----------
+    R. J. Guyan, Reduction of stiffness and mass matrices, AIAA Journal 3 (1965), 380.
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    >>> body = body.fix("left", "x").load("top", (0.0, -0.1))
+    >>> problem = ContactProblem(body, "bottom", 0.0, friction=0.3)
+    >>> condensed = problem.condense()
+    >>> problem.friction = 0.5  # the same factorisation serves
+    >>> problem.condense() is condensed
+    True
+    """
+
+    _arrays: Any
+
+    def __init__(
+        self, body: Any, rows: ContactRows, solver: str = "auto", device: str = "cpu"
+    ) -> None:
+        self.rows = rows
+        normal, tangential = self._choose(rows, body.live(rows.G), body.live(rows.T))
+        self.parts: tuple[CondensedBody, ...] = tuple(
+            condense(one, (normal[:, own], tangential[:, own]), solver, device)
+            for one, own in zip(body.bodies, body.slices, strict=True)
+        )
+        self._prescribe(body)
+        self.B = sparse.csr_array(sparse.hstack([part.B for part in self.parts], format="csr"))
+        self.slender = any(part.slender for part in self.parts)
+        self.thin = any(part.thin for part in self.parts)
+        with one_blas_thread(self.size):
+            self._condense()
+
+    def _choose(
+        self, rows: ContactRows, live_n: NDArray[np.bool_], live_t: NDArray[np.bool_]
+    ) -> tuple[sparse.csr_array, sparse.csr_array]:
+        """Number the live rows; returns the normal and the tangential ones among them."""
+        if not live_n.any() and not live_t.any():
+            raise InputError(
+                "boundary: every displacement of the contact boundary is prescribed; "
+                "fix less of it or choose another contact boundary"
+            )
+        normal = np.where(live_n, np.cumsum(live_n) - 1, -1)
+        # If supports prescribe one component of the slip, it still affects the direction of
+        # friction: its row is kept, without compliance. If they prescribe all of it, friction acts
+        # on supports alone, and the rows are dropped.
+        alive = live_t.reshape(live_n.size, -1)
+        self._stiff: NDArray[np.bool_] = ~alive & np.any(alive, axis=1, keepdims=True)
+        seen = self._stiff.ravel() | live_t
+        number = live_n.sum() + np.cumsum(seen) - 1
+        self.points = PointRows(normal, np.where(seen, number, -1).reshape(alive.shape))
+        tangents = sparse.csr_array(sparse.diags_array(live_t.astype(float)) @ rows.T)
+        return sparse.csr_array(rows.G[live_n]), sparse.csr_array(tangents[seen])
+
+    def _prescribe(self, body: Any) -> None:
+        u0, rows = np.concatenate([part.prescribed() for part in self.parts]), self.rows
+        self.body: Any = body
+        self._fixed_normal = rows.G @ u0
+        self._fixed_tangent = (rows.T @ u0).reshape(rows.gap.size, body.dim - 1)
+
+    def under(self, body: Any) -> CondensedContact:
+        """The same factorisation for a body that `ElasticBody.under` made of this one."""
+        other = copy(self)
+        other.parts = tuple(
+            part.under(one) for part, one in zip(self.parts, body.bodies, strict=True)
+        )
+        other._prescribe(body)
+        return other
+
+    def _condense(self) -> None:
+        """Compute the compliance of the rows, the sum of those of the bodies."""
+        arrays = self._arrays = self.parts[0].arrays
+        W = self.parts[0].compliance()
+        for part in self.parts[1:]:
+            W += arrays.put(part.arrays.get(part.compliance()))
+        diagonal = arrays.get(W.diagonal())
+        if "thesis" in self.rows.functional.split(","):  # rank 2N + 2: see REGULARISATION
+            i = arrays.xp.arange(diagonal.size)
+            W[i, i] += REGULARISATION * diagonal.max()
+        self._scale = scale = self.points.lengths(diagonal)
+        W /= arrays.put(scale)
+        W /= arrays.put(scale)[:, None]
+        self._W = arrays.matrix(W)
+        # With this factor the balance of loads is in the units of scaled forces.
+        self._unit = float(np.mean(scale))
+        self.N = block_diag(*[part.N for part in self.parts]) * self._unit
+        self._C = (self.B @ self.N) / scale[:, None]
+
+    @property
+    def size(self) -> int:
+        """Order of the largest dense matrix."""
+        return max(self.B.shape[0], *(part.B.shape[1] for part in self.parts))
+
+    @property
+    def unknowns(self) -> int:
+        """Number of the contact boundary's unknowns."""
+        return self.B.shape[1]
+
+    @property
+    def point_scale(self) -> Array:
+        """Physical force = scaled force / point_scale; physical displacement = scaled * it."""
+        return self.points.of_points(self._scale)
+
+    def boundary_problem(
+        self,
+        load: Array,
+        gap: Array,
+        slip_from: Array | None = None,
+        motion: ObstacleMotion | None = None,
+    ) -> BoundaryProblem:
+        """The dense problem for one load vector and one gap.
+
+        Parameters
+        ----------
+        load : ndarray, shape (ndofs,)
+        gap : ndarray, shape (m,)
+        slip_from : ndarray, shape (m, dim - 1), optional
+            Tangential displacement that counts as zero, see `ContactSystem`.
+        motion : ObstacleMotion, optional
+            Prescribed motions shift the displacements, free ones are unknowns of a.
+
+        Raises
+        ------
+        Infeasible
+            A point whose normal displacement is prescribed lies behind the obstacle.
+        """
+        fixed_n, fixed_t = self.prescribed(gap, slip_from, motion)
+        v0 = self.B @ self.flexed(self.reduce(load)) + self.points.stacked(fixed_n, fixed_t)
+        scale = self.point_scale
+        R, per_unit = self.driven(motion, self._scale)
+        force = np.zeros(0) if motion is None else motion.force[motion.free]
+        return BoundaryProblem(
+            W=self._W,
+            v0=v0 / self._scale,
+            C=np.hstack((self._C, R)) if R.size else self._C,
+            s=np.concatenate((self.resultants(load), per_unit * force)),
+            gap=gap / scale,
+            normal=self.points.normal,
+            tangent=self.points.tangent,
+            prescribed_slip=fixed_t / scale[:, None],
+        )
+
+    def prescribed(
+        self, gap: Array, slip_from: Array | None, motion: ObstacleMotion | None
+    ) -> tuple[Array, Array]:
+        """Displacements of the points that supports and obstacles prescribe, (m,), (m, dim - 1)."""
+        fixed_n, fixed_t = self._fixed_normal, self._fixed_tangent
+        largest = float(np.abs(fixed_t).max(initial=0.0))
+        if motion is not None:
+            w_n, w_t = motion.displacement(motion.prescribed)
+            fixed_n, fixed_t = fixed_n - w_n, fixed_t - w_t
+            largest = max(largest, float(np.abs(w_t).max(initial=0.0)))
+        if slip_from is not None:
+            fixed_t = fixed_t - slip_from
+            largest = max(largest, float(np.abs(slip_from).max(initial=0.0)))
+        # Prescribed slips this small, relative to the displacements, are rounding.
+        fixed_t = np.where(self._stiff & (np.abs(fixed_t) <= 1e-12 * largest), 0.0, fixed_t)
+        prescribed = self.points.normal < 0
+        # Rounding of the coordinates.
+        round_off = 1e-12 * self.body.extent
+        through = prescribed & (fixed_n - gap > round_off)
+        if np.any(through):
+            i = int(np.flatnonzero(through)[0])
+            raise Infeasible(
+                f"obstacle: contact point {i} at {self.rows.x_nominal[:, i]} is fixed at normal "
+                f"displacement {fixed_n[i]:.6g}, beyond its gap {gap[i]:.6g}"
+            )
+        return fixed_n, fixed_t
+
+    def driven(self, motion: ObstacleMotion | None, scale: Array) -> tuple[Array, Array]:
+        """Columns of C for the free motions of obstacles, and physical over scaled motion."""
+        if motion is None or not np.any(motion.free):
+            return np.zeros((scale.size, 0)), np.zeros(0)
+        free, R = motion.free, np.zeros((scale.size, int(motion.free.sum())))
+        normal, tangent = self.points.normal, self.points.tangent
+        R[normal[normal >= 0]] = -motion.normal[normal >= 0][:, free]
+        R[tangent[tangent >= 0]] = -motion.tangent[tangent.ravel() >= 0][:, free]
+        R /= scale[:, None]
+        size = np.abs(R).max(axis=0)
+        per_unit = 1.0 / np.where(size > 0, size, 1.0)
+        return R * per_unit, per_unit
+
+    def recover(
+        self, load: Array, problem: BoundaryProblem, forces: Forces
+    ) -> tuple[Array, Array, Array]:
+        """Displacement of all dofs and physical forces: (u, mu, t)."""
+        stacked = problem.forces(forces.mu, forces.t) / self._scale
+        reduced = self.reduce(load) - self.B.T @ stacked
+        of_body = forces.a[: self.N.shape[1]]
+        z_b = self.flexed(reduced) + self.N @ of_body
+        scale = self.point_scale
+        return self.expand(load, z_b), forces.mu / scale, forces.t / scale[:, None]
+
+    def unbalanced(self, load: Array, u: Array, mu: Array, t: Array) -> Array | None:
+        """Forces on free dofs that nothing balances, where a step of refinement is worth it."""
+        rest = load - (self.rows.G.T @ mu + self.rows.T.T @ t.ravel())
+        each = [
+            part.unbalanced(r, v)
+            for part, r, v in zip(self.parts, self._split(rest), self._split(u), strict=True)
+        ]
+        if all(left is None for left in each):
+            return None
+        return np.concatenate(
+            [
+                np.zeros(part.body.f.size) if left is None else left
+                for part, left in zip(self.parts, each, strict=True)
+            ]
+        )
+
+    def obstacle_motion(self, motion: ObstacleMotion | None, forces: Forces) -> Array | None:
+        """Motions of the obstacles in physical units, prescribed and found, shape (k,)."""
+        if motion is None:
+            return None
+        found = motion.prescribed.copy()
+        found[motion.free] = self.driven(motion, self._scale)[1] * forces.a[self.N.shape[1] :]
+        return found
+
+    def blas_threads(self) -> AbstractContextManager[None]:
+        """Threads of BLAS while a problem is solved, recovered and certified.
+
+        Its vectors are long and its matrices small: a second thread gains nothing there, and would
+        contend with PARDISO's for the cores.
+        """
+        serial = any(part.serial for part in self.parts)
+        return one_blas_thread(self.size) if serial else nullcontext()
+
+    def _split(self, v: Array) -> list[Array]:
+        """Values on all dofs, body by body."""
+        return [v[own] for own in self.body.slices]
+
+    def _of_boundary(self, z_b: Array) -> list[Array]:
+        """Values of the contact boundary's unknowns, body by body."""
+        return np.split(z_b, np.cumsum([part.B.shape[1] for part in self.parts])[:-1])
+
+    def flexed(self, r: Array) -> Array:
+        """Displacement of the boundary's unknowns under forces r on them."""
+        pairs = zip(self.parts, self._of_boundary(r), strict=True)
+        return np.concatenate([part.flexed(own) for part, own in pairs])
+
+    def resultants(self, load: Array) -> Array:
+        """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
+        pairs = zip(self.parts, self._split(load), strict=True)
+        return self._unit * np.concatenate([part.resultants(own) for part, own in pairs])
+
+    @property
+    def stiffness(self) -> Array:
+        """Schur complement S_b of the contact boundary's unknowns, shape (nb, nb)."""
+        return np.asarray(block_diag(*[part.stiffness for part in self.parts]))
+
+    def reduce(self, load: Array) -> Array:
+        """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        pairs = zip(self.parts, self._split(load), strict=True)
+        return np.concatenate([part.reduce(own) for part, own in pairs])
+
+    def carried(self, forces: Array) -> Array:
+        """Forces on all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        pairs = zip(self.parts, self._split(forces), strict=True)
+        return np.concatenate([part.carried(own) for part, own in pairs])
+
+    def restrict(self, rows: sparse.csr_array) -> Array:
+        """Rows of all dofs in the contact boundary's unknowns, shape (nrows, nb)."""
+        pairs = zip(self.parts, self.body.slices, strict=True)
+        return np.hstack([part.restrict(rows[:, own]) for part, own in pairs])
+
+    def expand(self, load: Array, z_b: Array) -> Array:
+        """Displacement of all dofs from the contact boundary's unknowns."""
+        trios = zip(self.parts, self._split(load), self._of_boundary(z_b), strict=True)
+        return np.concatenate([part.expand(own, z) for part, own, z in trios])
+
+    def moved(self, forces: Array, z_b: Array) -> Array:
+        """Displacement of all dofs under forces on them and supports at rest."""
+        trios = zip(self.parts, self._split(forces), self._of_boundary(z_b), strict=True)
+        return np.concatenate([part.moved(own, z) for part, own, z in trios])
+
+    def rigid_motion(self, a: Array) -> tuple[str, Array]:
+        """Name and all dofs of the bodies' part of a motion a of the boundary problem.
+
+        If several bodies move, the name is that of the largest motion.
+        """
+        found = []
+        for part, own in zip(self.parts, self._of_motion(a), strict=True):
+            if own.size and own.any():
+                found.append(part.motion_of(part.modes @ (self._unit * own)))
+            else:
+                found.append(("", np.zeros(part.body.f.size)))
+        reaches = [b.reach(u) for b, (_, u) in zip(self.body.bodies, found, strict=True)]
+        k = int(np.argmax(reaches))
+        return self.body.said_of(k, found[k][0]), np.concatenate([u for _, u in found])
+
+    def _of_motion(self, a: Array) -> list[Array]:
+        """The rigid motions a of each body."""
+        ends = np.cumsum([part.N.shape[1] for part in self.parts])
+        return np.split(a[: ends[-1]], ends[:-1])
+
+    def moves_obstacle(self, a: Array) -> bool:
+        """Whether a motion a of the boundary problem is one of an obstacle, not of the body."""
+        k = self.N.shape[1]
+        return bool(np.abs(a[k:]).max(initial=0.0) > np.abs(a[:k]).max(initial=0.0))
