@@ -43,6 +43,7 @@ class Solid(Portable, ABC):
         stiffness: Any
     _material: Any = None
     _FUNCTIONS: ClassVar[tuple[str, ...]] = ("_supports",)
+    _IDENTITY: ClassVar[str] = "basis"  # the attribute that all copies of a body share
 
     def __repr__(self) -> str:
         element = vars(self).get("element")
@@ -100,6 +101,25 @@ class Solid(Portable, ABC):
     def extent(self) -> float:
         """Largest extent along a coordinate axis."""
         return float(np.ptp(self.trace.mesh.p, axis=1).max())
+
+    def number_of(self, body: Any) -> int:
+        """Which of the `bodies` is meant by one of them, as it is or was, or by a number.
+
+        Raises
+        ------
+        InputError
+            None of them, or not one alone.
+        """
+        if isinstance(body, Solid) and body.is_same_body(self):
+            return 0
+        if isinstance(body, int) and body == 0:
+            return 0
+        raise InputError(f"body: {body!r} is not the body of this result")
+
+    def is_same_body(self, other: Solid) -> bool:
+        """Whether another object is this body, or the same one under other loads."""
+        ours, theirs = (vars(body).get(self._IDENTITY) for body in (self, other))
+        return other is self or (ours is not None and theirs is ours)
 
     def said_of(self, k: int, motion: str) -> str:
         """A motion of body k in the words of an error message."""

@@ -31,16 +31,33 @@ class DrawnSystem(Protocol):
         """Friction bound of every point for given normal forces, shape (m,)."""
 
 
-class Drawn(Protocol):
+class DrawnBody(Protocol):
+    """A body and its displacement."""
+
+    @property
+    def body(self) -> Any:
+        """A `Solid`."""
+
+    @property
+    def u(self) -> Array:
+        """Displacement of all dofs, shape (ndofs,)."""
+
+    def von_mises(self) -> Array:
+        """Von Mises stress in the quadrature points, shape (ncells, nquadrature)."""
+
+    def nodal_stress(self) -> Array:
+        """Stress at the vertices of the mesh, shape (3, 3, nvertices)."""
+
+    def cell_stress(self) -> Array:
+        """Mean stress of each cell, shape (3, 3, ncells)."""
+
+
+class Drawn(DrawnBody, Protocol):
     """A displacement, and fields at the m contact points of its body."""
 
     @property
     def system(self) -> DrawnSystem:
         """The problem."""
-
-    @property
-    def u(self) -> Array:
-        """Displacement of all dofs, shape (ndofs,)."""
 
     @property
     def mu(self) -> Array:
@@ -81,12 +98,3 @@ class Drawn(Protocol):
     @property
     def status(self) -> NDArray[np.int8]:
         """`Status` of each point, shape (m,)."""
-
-    def von_mises(self) -> Array:
-        """Von Mises stress in the quadrature points, shape (ncells, nquadrature)."""
-
-    def nodal_stress(self) -> Array:
-        """Stress at the vertices of the mesh, shape (3, 3, nvertices)."""
-
-    def cell_stress(self) -> Array:
-        """Mean stress of each cell, shape (3, 3, ncells)."""

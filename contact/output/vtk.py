@@ -10,16 +10,16 @@ import numpy as np
 from contact.body.cut_body import CutBody
 from contact.errors import InputError, MissingDependency, numbers
 from contact.output.contact_runs import Run, contact_runs
-from contact.output.drawn import Drawn
+from contact.output.drawn import Drawn, DrawnBody
 from skfem_adini import to_pyvista, von_mises
 
 
-def body_grid(result: Drawn, subdivide: int | None = None) -> Any:
+def body_grid(result: DrawnBody, subdivide: int | None = None) -> Any:
     """Body as a pyvista.UnstructuredGrid with the displacement and the mean stress of each cell.
 
     Parameters
     ----------
-    result : ContactResult
+    result : ContactResult or BodyResult
     subdivide : int, optional
         Number of linear sub-cells along each edge, instead of exact high-order cells. A `CutBody`
         always has sub-cells, 4 by default, clipped to the part inside.
@@ -33,7 +33,7 @@ def body_grid(result: Drawn, subdivide: int | None = None) -> Any:
     given = None if subdivide is None else numbers("subdivide", subdivide)
     if given is not None and (given.shape != () or not 1 <= given < np.inf or given % 1):
         raise InputError(f"subdivide={subdivide!r}: expected a whole number from 1")
-    body, cell, nodal = result.system.body, result.cell_stress(), result.nodal_stress()
+    body, cell, nodal = result.body, result.cell_stress(), result.nodal_stress()
     pairs = [(0, 0), (1, 1), (0, 1)] if body.dim == 2 else [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2)]
     pairs += [] if body.dim == 2 else [(0, 2)]
     dx = body.basis.dx

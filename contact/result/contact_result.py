@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from contact.body.elasticity import stress
-from contact.errors import InputError, numbers
-from contact.output.vtk import body_grid, boundary_grid
+from contact.errors import InputError
+from contact.output.vtk import boundary_grid
 from contact.plot import plot_tractions
+from contact.result.body_result import BodyFields, BodyResult
 from contact.result.certify import as_lines
 from contact.result.contact_forces import ContactForces
-from contact.result.recovery import cell_stress, nodal_stress
 from contact.result.stored_result import read, write
 from contact.result.summary import as_html, as_text, counts, facts, vector
 
@@ -24,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ContactResult(ContactForces):
+class ContactResult(BodyFields, ContactForces):
     """Displacement, contact forces, and what follows from them.
 
     Lengths have the unit of the mesh; stresses, pressures and tractions that of E; forces are
@@ -77,34 +75,50 @@ class ContactResult(ContactForces):
     def _repr_html_(self) -> str:
         return as_html(facts(self), type(self).__name__)
 
-    @cached_property
-    def reactions(self) -> Array:
-        """Forces of the supports on all dofs, shape (ndofs,)."""
-        system = self.system
-        return np.asarray(system.body.internal(self.u) + self.contact_forces - system.load)
+    @property
+    def solid(self) -> Any:
+        """The body, or all bodies together."""
+        return self.system.body
 
-    def balance(self) -> dict[str, Array]:
-        """Applied load, support reactions, contact force, and the residual of their sum.
+    @property
+    def body(self) -> Any:
+        """The body, as it was when the problem was solved.
 
-        Returns
-        -------
-        dict
-            ``load``, ``support``, ``contact``: resultants, shape (dim,); ``residual``: their sum
-            divided by the largest of them, or by the internal forces of the body if all resultants
-            are rounding errors of these. Only reactions at prescribed displacements count.
+        Raises
+        ------
+        InputError
+            There are several.
         """
-        body = self.system.body
-        parts = {
-            "load": body.total(self.system.load),
-            "support": body.total(body.at_supports(self.reactions)),
-            "contact": self.resultant,
-        }
-        largest = max(float(np.abs(part).max()) for part in parts.values())
-        _, cancelling = body.equilibrium(self.u, self.contact_forces, self.system.load)
-        if largest <= 1e-12 * cancelling:  # nothing but the rounding of forces inside
-            largest = cancelling or 1.0
-        parts["residual"] = sum(parts.values(), start=np.zeros(body.dim)) / largest
-        return parts
+        if len(self.solid.bodies) > 1:
+            raise InputError(
+                f"result: it has {len(self.solid.bodies)} bodies; choose one, as in "
+                "result[body].stress()"
+            )
+        return self.solid
+
+    @property
+    def applied(self) -> Array:
+        """Load on every dof, shape (ndofs,)."""
+        return self.system.load
+
+    def __getitem__(self, body: Any) -> BodyResult:
+        """The part of the result that belongs to one body.
+
+        Parameters
+        ----------
+        body : Solid, int or str
+            A body of the problem, its number, or its name.
+
+        Raises
+        ------
+        InputError
+            No such body.
+        """
+        k = self.solid.number_of(body)
+        own = self.solid.slices[k]
+        return BodyResult(
+            self.solid.bodies[k], self.u[own], self.applied[own], self.contact_forces[own]
+        )
 
     @property
     def kkt(self) -> dict[str, float]:
@@ -119,108 +133,6 @@ class ContactResult(ContactForces):
         str
         """
         return as_lines(self.kkt)
-
-    def stress(self, points: ArrayLike | None = None) -> Array:
-        """Cauchy stress in the quadrature points of the basis, or at given points.
-
-        Parameters
-        ----------
-        points : array, shape (dim, npoints), optional
-
-        Returns
-        -------
-        ndarray, shape (dim, dim, ncells, nquadrature) or (dim, dim, npoints)
-
-        Raises
-        ------
-        InputError
-            Points of another shape, not finite, or outside the body.
-        """
-        body = self.system.body
-        mean = body.mean_dilatation(self.u)
-        if points is None:
-            gradient = np.asarray(body.basis.interpolate(self.u).grad)
-            volume = None if mean is None else mean[:, None]
-            return stress(gradient, _per_cell(body.lam), _per_cell(body.mu), volume)
-        where = self._points(points)
-        lame_lambda, lame_mu, _ = body.material(where)
-        volume = None if mean is None else mean[body.cells_of(where)]
-        return stress(body.gradient(self.u, where), lame_lambda, lame_mu, volume)
-
-    def nodal_stress(self) -> Array:
-        """Cauchy stress at the vertices of the mesh, shape (3, 3, nvertices).
-
-        Returns
-        -------
-        ndarray
-            In the unit of E; from the dofs of Adini's and the BFS element, see
-            `skfem_adini.nodal_stress`, else means over the cells around a vertex.
-        """
-        return nodal_stress(self.system.body, self.u)
-
-    def cell_stress(self) -> Array:
-        """Mean Cauchy stress of each cell, shape (3, 3, ncells).
-
-        Returns
-        -------
-        ndarray
-            In the unit of E, shape (3, 3, ncells); in 2-D the last row and column hold only
-            sigma_zz.
-        """
-        return cell_stress(self.system.body, self.stress())
-
-    def von_mises(self, points: ArrayLike | None = None) -> Array:
-        """Von Mises stress, in the places of `stress`; plane strain keeps its sigma_zz.
-
-        Parameters
-        ----------
-        points : array, shape (dim, npoints), optional
-
-        Returns
-        -------
-        ndarray, shape (ncells, nquadrature) or (npoints,)
-            In the unit of E.
-
-        Raises
-        ------
-        InputError
-            Points of another shape, not finite, or outside the body.
-        """
-        body = self.system.body
-        sigma = self.stress(points)
-        trace = np.trace(sigma)
-        if body.plane == "strain":
-            nu = _per_cell(body.nu) if points is None else body.material(self._points(points))[2]
-            out_of_plane = nu * trace
-        else:
-            out_of_plane = np.zeros_like(trace)
-        trace = trace + out_of_plane
-        square = np.sum(sigma**2, axis=(0, 1)) + out_of_plane**2
-        return np.asarray(np.sqrt(1.5 * np.maximum(square - trace**2 / 3, 0.0)))
-
-    def sample(self, points: ArrayLike) -> Array:
-        """Displacement at points of the body by the element's own interpolation.
-
-        Parameters
-        ----------
-        points : array, shape (dim, npoints)
-
-        Returns
-        -------
-        ndarray, shape (dim, npoints)
-
-        Raises
-        ------
-        InputError
-            Points of another shape, not finite, or outside the body.
-        """
-        return self.system.body.displacement(self.u, self._points(points))
-
-    def _points(self, points: ArrayLike) -> Array:
-        where, dim = numbers("points", points), self.system.body.dim
-        if where.ndim != 2 or where.shape[0] != dim or not np.all(np.isfinite(where)):
-            raise InputError(f"points: expected finite numbers of shape ({dim}, n)")
-        return where
 
     def save(self, path: str | Path) -> Path:
         """Write the result, problem included, to one compressed file; see `load`.
@@ -269,26 +181,6 @@ class ContactResult(ContactForces):
         """
         return cls(**vars(read(path)))
 
-    def to_pyvista(self, subdivide: int | None = None) -> Any:
-        """Body as a pyvista grid: displacement, cell-wise von Mises stress.
-
-        Parameters
-        ----------
-        subdivide : int, optional
-            Linear cells along each edge of a cell instead of exact ones, as for
-            `skfem_adini.to_pyvista`.
-
-        Returns
-        -------
-        pyvista.UnstructuredGrid
-
-        Raises
-        ------
-        MissingDependency
-            pyvista is not installed.
-        """
-        return body_grid(self, subdivide)
-
     def boundary_to_pyvista(self) -> Any:
         """Contact points as a pyvista point cloud or polyline with every contact field.
 
@@ -321,7 +213,3 @@ class ContactResult(ContactForces):
             Not axes, or flat ones in 3-D.
         """
         return plot_tractions(self, ax)
-
-
-def _per_cell(value: Array) -> Array:
-    return value[:, None] if value.ndim else value

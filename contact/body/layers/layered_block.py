@@ -86,6 +86,7 @@ class LayeredBlock(Solid):
     """
 
     _ANEW, _KEPT = ("stiffness", "_edges", "arrays"), ("prescribed", "trace")
+    _IDENTITY = "cell_bodies"
     arrays = HostArrays()
 
     def __init__(

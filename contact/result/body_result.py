@@ -1,0 +1,245 @@
+"""The solution inside one body: displacement, stress, and the balance of its forces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from contact.body.elasticity import stress
+from contact.errors import InputError, numbers
+from contact.output.vtk import body_grid
+from contact.result.recovery import cell_stress, nodal_stress
+
+Array = NDArray[np.float64]
+
+
+class BodyFields:
+    """What follows from the displacement of a body and the forces on it.
+
+    Lengths have the unit of the mesh, stresses that of E.
+    """
+
+    if TYPE_CHECKING:
+        u: Array
+
+        @property
+        def body(self) -> Any:
+            """The body, a `Solid`."""
+
+        @property
+        def solid(self) -> Any:
+            """The body, or all bodies together."""
+
+        @property
+        def applied(self) -> Array:
+            """Load on every dof, shape (ndofs,)."""
+            ...
+
+        @property
+        def contact_forces(self) -> Array:
+            """Contact forces on every dof, with the opposite sign, shape (ndofs,)."""
+            ...
+
+    @cached_property
+    def reactions(self) -> Array:
+        """Forces of the supports on all dofs, shape (ndofs,)."""
+        return np.asarray(self.solid.internal(self.u) + self.contact_forces - self.applied)
+
+    def balance(self) -> dict[str, Array]:
+        """Applied load, support reactions, contact force, and the residual of their sum.
+
+        Returns
+        -------
+        dict
+            ``load``, ``support``, ``contact``: resultants, shape (dim,); ``residual``: their sum
+            divided by the largest of them, or by the internal forces of the body if all resultants
+            are rounding errors of these. Only reactions at prescribed displacements count.
+        """
+        body = self.solid
+        parts = {
+            "load": body.total(self.applied),
+            "support": body.total(body.at_supports(self.reactions)),
+            "contact": body.total(-self.contact_forces),
+        }
+        largest = max(float(np.abs(part).max()) for part in parts.values())
+        _, cancelling = body.equilibrium(self.u, self.contact_forces, self.applied)
+        if largest <= 1e-12 * cancelling:  # nothing but the rounding of forces inside
+            largest = cancelling or 1.0
+        parts["residual"] = sum(parts.values(), start=np.zeros(body.dim)) / largest
+        return parts
+
+    def stress(self, points: ArrayLike | None = None) -> Array:
+        """Cauchy stress in the quadrature points of the basis, or at given points.
+
+        Parameters
+        ----------
+        points : array, shape (dim, npoints), optional
+
+        Returns
+        -------
+        ndarray, shape (dim, dim, ncells, nquadrature) or (dim, dim, npoints)
+
+        Raises
+        ------
+        InputError
+            Points of another shape, not finite, or outside the body.
+        """
+        body = self.body
+        mean = body.mean_dilatation(self.u)
+        if points is None:
+            gradient = np.asarray(body.basis.interpolate(self.u).grad)
+            volume = None if mean is None else mean[:, None]
+            return stress(gradient, _per_cell(body.lam), _per_cell(body.mu), volume)
+        where = self._points(points)
+        lame_lambda, lame_mu, _ = body.material(where)
+        volume = None if mean is None else mean[body.cells_of(where)]
+        return stress(body.gradient(self.u, where), lame_lambda, lame_mu, volume)
+
+    def nodal_stress(self) -> Array:
+        """Cauchy stress at the vertices of the mesh, shape (3, 3, nvertices).
+
+        Returns
+        -------
+        ndarray
+            In the unit of E; from the dofs of Adini's and the BFS element, see
+            `skfem_adini.nodal_stress`, else means over the cells around a vertex.
+        """
+        return nodal_stress(self.body, self.u)
+
+    def cell_stress(self) -> Array:
+        """Mean Cauchy stress of each cell, shape (3, 3, ncells).
+
+        Returns
+        -------
+        ndarray
+            In the unit of E, shape (3, 3, ncells); in 2-D the last row and column hold only
+            sigma_zz.
+        """
+        return cell_stress(self.body, self.stress())
+
+    def von_mises(self, points: ArrayLike | None = None) -> Array:
+        """Von Mises stress, in the places of `stress`; plane strain keeps its sigma_zz.
+
+        Parameters
+        ----------
+        points : array, shape (dim, npoints), optional
+
+        Returns
+        -------
+        ndarray, shape (ncells, nquadrature) or (npoints,)
+            In the unit of E.
+
+        Raises
+        ------
+        InputError
+            Points of another shape, not finite, or outside the body.
+        """
+        body = self.body
+        sigma = self.stress(points)
+        trace = np.trace(sigma)
+        if body.plane == "strain":
+            nu = _per_cell(body.nu) if points is None else body.material(self._points(points))[2]
+            out_of_plane = nu * trace
+        else:
+            out_of_plane = np.zeros_like(trace)
+        trace = trace + out_of_plane
+        square = np.sum(sigma**2, axis=(0, 1)) + out_of_plane**2
+        return np.asarray(np.sqrt(1.5 * np.maximum(square - trace**2 / 3, 0.0)))
+
+    def sample(self, points: ArrayLike) -> Array:
+        """Displacement at points of the body by the element's own interpolation.
+
+        Parameters
+        ----------
+        points : array, shape (dim, npoints)
+
+        Returns
+        -------
+        ndarray, shape (dim, npoints)
+
+        Raises
+        ------
+        InputError
+            Points of another shape, not finite, or outside the body.
+        """
+        return np.asarray(self.body.displacement(self.u, self._points(points)))
+
+    def _points(self, points: ArrayLike) -> Array:
+        where, dim = numbers("points", points), self.body.dim
+        if where.ndim != 2 or where.shape[0] != dim or not np.all(np.isfinite(where)):
+            raise InputError(f"points: expected finite numbers of shape ({dim}, n)")
+        return where
+
+    def to_pyvista(self, subdivide: int | None = None) -> Any:
+        """The body as a pyvista grid: displacement and stress.
+
+        Parameters
+        ----------
+        subdivide : int, optional
+            Linear cells along each edge of a cell instead of exact ones, as for
+            `skfem_adini.to_pyvista`.
+
+        Returns
+        -------
+        pyvista.UnstructuredGrid
+
+        Raises
+        ------
+        MissingDependency
+            pyvista is not installed.
+        """
+        return body_grid(self, subdivide)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BodyResult(BodyFields):
+    """The part of a `ContactResult` that belongs to one body: ``result[body]``.
+
+    Attributes
+    ----------
+    body : Solid
+        As it was when the problem was solved.
+    u : ndarray, shape (ndofs,)
+        Displacement of all dofs of ``body.basis``.
+    applied : ndarray, shape (ndofs,)
+        The load.
+    contact_forces : ndarray, shape (ndofs,)
+        ``G^T mu + T^T t`` on its dofs: the contact forces with the opposite sign.
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from contact import ContactProblem, ElasticBody
+    >>> mesh = MeshQuad().refined(2).with_defaults()
+    >>> body = ElasticBody.from_mesh(mesh, E=1.0, nu=0.3).fix("left", "x")
+    >>> problem = ContactProblem(body.load("top", (0.0, -0.1)), "bottom", 0.0, friction=0.3)
+    >>> inside = problem.solve()[body]
+    >>> bool(abs(inside.resultant[1] - 0.1) < 1e-10)
+    True
+    """
+
+    body: Any
+    u: Array
+    applied: Array
+    contact_forces: Array
+
+    def __repr__(self) -> str:
+        return f"BodyResult({self.body!r}; displacement at most {self.body.reach(self.u):.6g})"
+
+    @property
+    def solid(self) -> Any:
+        """The body."""
+        return self.body
+
+    @property
+    def resultant(self) -> Array:
+        """Force of everything in contact with the body on it, shape (dim,)."""
+        return np.asarray(self.body.total(-self.contact_forces))
+
+
+def _per_cell(value: Array) -> Array:
+    return value[:, None] if value.ndim else value
