@@ -60,9 +60,24 @@ def first_occurrence(number: Index, count: int) -> tuple[Index, Index]:
 
 def along(outline: Outline, form: FacetFunctional, number: Index, count: int) -> Index:
     """Order of the contact points, shape (count,): along the boundary in 2-D, unchanged in 3-D."""
-    mesh, ends = outline.body.mesh, outline.corners.T
-    if mesh.dim() == 3:
+    if outline.body.mesh.dim() == 3:
         return np.arange(count)
+    return in_order(outline, np.broadcast_to(form.nominal[0], number.shape), number, count)
+
+
+def in_order(outline: Outline, nominal: Array, number: Index, count: int) -> Index:
+    """Order of the contact points along a boundary in 2-D, shape (count,).
+
+    Parameters
+    ----------
+    outline : Outline
+    nominal : ndarray, shape (nfacets, nvalues)
+        Nominal places of the values on the reference facet.
+    number : ndarray of int, shape (nfacets, nvalues)
+        Contact point of each value, -1 for none.
+    count : int
+    """
+    mesh, ends = outline.body.mesh, outline.corners.T
     length = np.linalg.norm(mesh.p[:, ends[1]] - mesh.p[:, ends[0]], axis=0)
     at: dict[int, list[int]] = {}
     for f, (a, b) in enumerate(ends.T.tolist()):
@@ -83,7 +98,7 @@ def along(outline: Outline, form: FacetFunctional, number: Index, count: int) ->
             f = ahead[0]
             left.discard(f)
             forward = ends[0, f] == vertex
-            s = form.nominal[0] if forward else 1.0 - form.nominal[0]
+            s = nominal[f] if forward else 1.0 - nominal[f]
             used = number[f] >= 0
             place[number[f][used]] = np.minimum(place[number[f][used]], arc + (s * length[f])[used])
             arc += length[f]

@@ -80,8 +80,20 @@ class Outline:
     @cached_property
     def turned(self) -> Array:
         """Smooth normals at corners of each facet, where sharp its own; shape as `at_corners`."""
+        return self.averaged(self.at_corners, self.body.mesh.p[:, self.corners])
+
+    def averaged(self, own: Array, corners: Array) -> Array:
+        """Smooth normals at corners of each facet, where sharp its own; shape as `at_corners`.
+
+        Parameters
+        ----------
+        own : ndarray, shape (dim, nfacets, ncorners)
+            Normals of each facet at its own corners.
+        corners : ndarray, shape (dim, nfacets, ncorners)
+            Places of the corners, which may have moved.
+        """
         vertex, place = self._vertices
-        weight, own = corner_weights(self.body.mesh.p[:, self.corners], axis=2), self.at_corners
+        weight = corner_weights(corners, axis=2)
         mean = _unit_sums(weight * own, place, vertex.size)
         sharp = _sharp(own.reshape(own.shape[0], -1), place.ravel(), vertex.size)
         mean = self._within_supports(mean, vertex)

@@ -1,0 +1,216 @@
+r"""Contact rows of an interface, in two and in three dimensions, from its integration points.
+
+With the multiplier functions at the points, :math:`\Psi`, their weights :math:`w_q` and the values
+of the scalar elements on either side, :math:`\Phi_s` and :math:`\Phi_m`,
+
+.. math::
+    P = \mathrm{diag}(1 / w_k) \, \Psi^T \mathrm{diag}(w_q), \qquad
+    G = P \, [n \cdot \Phi_s, \; -n \cdot \Phi_m], \qquad g = P \, ((y - x) \cdot n),
+
+and T likewise with the tangents at the points. A multiplier :math:`\mu_k` is a force; it acts on
+both bodies along one line, from x to y, so that forces and, without friction, moments of the two
+bodies cancel to the last digit, whatever the gap (M. A. Puso and T. A. Laursen, A mortar segment-
+to-segment contact method for large deformation solid mechanics, Comput. Methods Appl. Mech. Engrg.
+193, 2004).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.body.supports import norms
+from contact.errors import InputError
+from contact.rows.contact_rows import ContactRows
+from contact.rows.frames import (
+    along_supports,
+    directed,
+    tangent_frame,
+    turned_tangents,
+    within_supports,
+)
+from contact.rows.mortar.facet_trace import facet_trace
+from contact.rows.mortar.interface_quadrature import InterfaceQuadrature
+from contact.rows.mortar.multipliers import Multipliers
+from contact.rows.outline import Outline
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+# Entries of a row that are rounding, over the length of the dof; and what counts as held.
+ROUNDING, HELD = 1e-14, 1e-9
+
+
+@dataclass(frozen=True)
+class MortarRows:
+    """Contact rows of the interface of two bodies.
+
+    ``rows.G @ u + other_G @ v`` is the normal displacement of the first body, u, relative to that
+    of the second, v, along the outward normal of the first.
+
+    Attributes
+    ----------
+    rows : ContactRows
+        G and T with the columns of the first body; the gap, weights, places and frames.
+    other_G, other_T : csr_array
+        Rows as those of G and T, with the columns of the second body.
+    P : csr_array, shape (m, n)
+        Means over the interface: of values at its integration points, one for each contact point.
+    quadrature : InterfaceQuadrature
+        The integration points.
+    """
+
+    rows: ContactRows
+    other_G: sparse.csr_array  # noqa: N815
+    other_T: sparse.csr_array  # noqa: N815
+    P: sparse.csr_array
+    quadrature: InterfaceQuadrature
+
+
+@dataclass(frozen=True)
+class InterfaceRows:
+    """What the rows of an interface are made of.
+
+    Attributes
+    ----------
+    first, second : Outline
+        Non-mortar and mortar side.
+    quadrature : InterfaceQuadrature
+    functions : Multipliers
+    hub : ndarray of int, shape (m,)
+        Vertex of the first mesh that a contact point belongs to, or -1.
+    """
+
+    first: Outline
+    second: Outline
+    quadrature: InterfaceQuadrature
+    functions: Multipliers
+    hub: Index
+
+    def means(self) -> sparse.csr_array:
+        """The matrix P, shape (m, n)."""
+        psi, w = self.functions.psi, sparse.diags_array(self.quadrature.w)
+        return sparse.csr_array(sparse.diags_array(1.0 / self.functions.weights) @ psi.T @ w)
+
+    def normals(self) -> Array:
+        """Unit normals of the contact points, shape (dim, m).
+
+        Raises
+        ------
+        InputError
+            Facets with opposite normals share a contact point.
+        """
+        mean = (self.functions.N.T @ (self.quadrature.w * self.quadrature.n).T).T
+        length = np.linalg.norm(mean, axis=0)
+        if np.any(length < 1e-9 * self.functions.weights):  # unit vectors that cancel
+            raise InputError("boundary: facets with opposite normals meet at a contact point")
+        return np.asarray(mean / length)
+
+    def assemble(self, x_nominal: Array, partner: sparse.csr_array, name: str) -> MortarRows:
+        """Build the rows; their gap is the measured one.
+
+        Parameters
+        ----------
+        x_nominal : ndarray, shape (dim, m)
+        partner : csr_array, shape (m, scalar dofs of the second body)
+            Its trace opposite the contact points, by which it is decided whether both bodies are
+            held there.
+        name : str
+            Name of the functional.
+        """
+        quadrature, P = self.quadrature, self.means()
+        here = facet_trace(self.first, quadrature.facet, quadrature.X)
+        there = facet_trace(self.second, quadrature.other, quadrature.Y)
+        own, free = self._own(P, here), self.first.body.constraint[0]
+        normals = within_supports(own, self.normals(), free)
+        tangents = tangent_frame(normals)
+        if len(normals) == 3:
+            tangents = along_supports(own, tangents, free)
+        at, point = P.indices, np.repeat(np.arange(P.shape[0]), np.diff(P.indptr))
+        n = quadrature.n[:, at]
+        t = turned_tangents(tangents[:, :, point], normals[:, point], n)
+        directions = [(normals, n), *((tangents[:, j], t[:, j]) for j in range(t.shape[1]))]
+        G, *T = (
+            self._held(P, own, partner, straight, vectors, (here, there))
+            for straight, vectors in directions
+        )
+        count = len(normals) - 1
+        together = np.arange(P.shape[0] * count).reshape(count, P.shape[0]).T.ravel()
+        along, other = (
+            sparse.csr_array(sparse.csr_array(sparse.vstack([rows[k] for rows in T]))[together])
+            for k in (0, 1)
+        )
+        w = self.functions.weights
+        x = (self.functions.N.T @ (quadrature.w * quadrature.x).T).T / w
+        rows = ContactRows(
+            G[0], along, P @ quadrature.gap, w, x, x_nominal, normals, tangents, name
+        )
+        return MortarRows(rows, G[1], other, P, quadrature)
+
+    def _own(self, P: sparse.csr_array, here: sparse.csr_array) -> sparse.csr_array:
+        """Rows of the first body's trace by which supports are recognised.
+
+        A point that belongs to a vertex counts as held where the vertex is, see
+        `contact.rows.trace_rows.TraceRows.supported`.
+        """
+        k = np.flatnonzero(self.hub >= 0)
+        value = self.first.body.scalar_dofs.nodal_dofs[0, self.hub[k]]
+        shape = P.shape[0], here.shape[1]
+        vertex = sparse.csr_array((np.ones(k.size), (k, value)), shape=shape)
+        rest = sparse.diags_array((self.hub < 0).astype(float))
+        return sparse.csr_array(vertex + rest @ (P @ here))
+
+    def _held(
+        self,
+        P: sparse.csr_array,
+        own: sparse.csr_array,
+        partner: sparse.csr_array,
+        straight: Array,
+        vectors: Array,
+        traces: tuple[sparse.csr_array, sparse.csr_array],
+    ) -> tuple[sparse.csr_array, sparse.csr_array]:
+        """Rows of one direction for both bodies.
+
+        Where supports hold both bodies in this direction, as on a plane of symmetry, the mean over
+        the half of the interface that is modelled is not zero, but that over both halves is: the
+        row is that of the vertex alone, which the supports fix.
+
+        Parameters
+        ----------
+        P, own, partner : csr_array
+        straight : ndarray, shape (dim, m)
+            The direction at each contact point.
+        vectors : ndarray, shape (dim, nnz)
+            The direction at the integration points, for each entry of P.
+        traces : pair of csr_array
+        """
+        alone = [directed(own, straight), -directed(partner, straight)]
+        bodies = self.first.body, self.second.body
+        held = np.ones(P.shape[0], dtype=bool)
+        for rows, body in zip(alone, bodies, strict=True):
+            held &= norms(rows @ body.constraint[0]) <= HELD * norms(rows)
+        pick, leave = (sparse.diags_array(part.astype(float)) for part in (held, ~held))
+        both = []
+        for rows, body, trace, sign in zip(alone, bodies, traces, (1.0, -1.0), strict=True):
+            result = sparse.csr_array(pick @ rows + leave @ _along(P, sign * vectors, trace))
+            # Rounding: functions that are biorthogonal to this one.
+            small = np.abs(result.data) < ROUNDING * body.lengths[0][result.indices]
+            result.data[small] = 0.0
+            result.eliminate_zeros()
+            both.append(result)
+        return both[0], both[1]
+
+
+def _along(P: sparse.csr_array, vectors: Array, trace: sparse.csr_array) -> sparse.csr_array:
+    """Means of the displacement along vectors given for every entry of P, shape (m, ndofs)."""
+    dim, shape = len(vectors), (P.shape[0], len(vectors) * trace.shape[1])
+    parts = []
+    for c, vector in enumerate(vectors):
+        weighted = sparse.csr_array((P.data * vector, P.indices, P.indptr), shape=P.shape)
+        part = (weighted @ trace).tocoo()
+        parts.append((part.data, part.row, dim * part.col + c))
+    data, row, column = (np.concatenate(v) for v in zip(*parts, strict=True))
+    return sparse.csr_array(sparse.coo_array((data, (row, column)), shape=shape))

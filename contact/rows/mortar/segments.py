@@ -1,0 +1,290 @@
+r"""Segments of a plane interface: the part of a non-mortar facet that faces one mortar facet.
+
+From the place x(s) on a non-mortar facet, a line runs along the averaged normal n(s), which is
+linear in s. A vertex y of the other body is met by the line whose parameter solves
+
+.. math:: (x(s) - y) \times n(s) = 0,
+
+which is quadratic in s on a straight facet and cubic on a curved one. What is asked of it is
+decided by the signs at s = 0 and s = 1 alone: a vertex beyond one of these two lines is off the
+facet on that side; one between them is met once. So no wrong root is ever chosen, a facet may be
+met by one a thousand times as long, and two facets that share a vertex and its normal agree about
+what lies on either side of it, to the last digit.
+
+Where several mortar facets lie on one line, the nearest takes part. Facets whose normals do not
+point towards each other take none.
+
+References
+----------
+M. A. Puso and T. A. Laursen, A mortar segment-to-segment contact method for large deformation
+solid mechanics, Comput. Methods Appl. Mech. Engrg. 193 (2004); A. Popp, M. W. Gee and W. A. Wall, A
+finite deformation mortar contact formulation using a primal-dual active set strategy, Int. J.
+Numer. Meth. Engng 79 (2009).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.errors import InputError
+from contact.rows.mortar.bracketed_root import bracketed_root
+from contact.rows.mortar.facet_curves import FacetCurves
+from contact.rows.mortar.interface_quadrature import InterfaceQuadrature
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+# Cosine of the largest angle between a normal and the one opposite: a line that meets a facet at a
+# smaller angle to it than 15 degrees does not find a partner there.
+FACING = 0.25
+# Part of a facet that is rounding; rounding of a place, over its coordinates, is added to it.
+SLIVER, ROUNDING = 1e-13, 8 * np.finfo(float).eps
+# Pairs of facets looked at together: a few arrays of 8 MB.
+BLOCK = 1_000_000
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Intervals of non-mortar facets that face one mortar facet each.
+
+    Attributes
+    ----------
+    facet, other : ndarray of int, shape (n,)
+        The two facets.
+    start, end : ndarray, shape (n,)
+        The interval of the coordinate of `facet`.
+    """
+
+    facet: Index
+    other: Index
+    start: Array
+    end: Array
+
+    def chosen(self, which: NDArray[np.bool_] | Index) -> Segments:
+        """Some of the segments."""
+        return Segments(self.facet[which], self.other[which], self.start[which], self.end[which])
+
+
+def interface_segments(first: FacetCurves, second: FacetCurves) -> Segments:
+    """Pair the facets of two boundaries; the segments do not overlap, and run along each facet.
+
+    Parameters
+    ----------
+    first, second : FacetCurves
+        Non-mortar and mortar side.
+
+    Raises
+    ------
+    InputError
+        No facet faces another one within the size of the larger boundary, with an overlap of at
+        most half the size of the smaller one; or only such as have normals that point the same way.
+    """
+    pieces = _in_line(first, second, 1.0)
+    pieces = _nearest(first, second, pieces)
+    gap = _gaps(first, second, pieces.facet, pieces.other, _middle(pieces))
+    small, large = sorted(np.linalg.norm(np.ptp(c.ends, axis=(1, 2))) for c in (first, second))
+    pieces = pieces.chosen((gap <= large) & (gap >= -0.5 * small))
+    if not pieces.facet.size:
+        wrong = "point the same way" if _in_line(first, second, -1.0).facet.size else ""
+        raise InputError(
+            "others: the normals of the two boundaries point the same way; a contact boundary must "
+            "face the surface of the other body"
+            if wrong
+            else f"others: no facet lies opposite the contact boundary, along its normals within "
+            f"{large:g}; check the places of the bodies and the names of the boundaries"
+        )
+    return pieces
+
+
+def interface_quadrature(
+    first: FacetCurves, second: FacetCurves, degree: int
+) -> InterfaceQuadrature:
+    """Gauss points on all segments of a plane interface.
+
+    Parameters
+    ----------
+    first, second : FacetCurves
+        Non-mortar and mortar side.
+    degree : int
+        Degree of polynomials in s to be integrated exactly.
+
+    Raises
+    ------
+    InputError
+        As `interface_segments`.
+    """
+    pieces = interface_segments(first, second)
+    points, weights = np.polynomial.legendre.leggauss(degree // 2 + 1)
+    size = pieces.end - pieces.start
+    s = (pieces.start[:, None] + 0.5 * (1.0 + points) * size[:, None]).ravel()
+    facet, other = (np.repeat(k, points.size) for k in (pieces.facet, pieces.other))
+    x, n = first.at(facet, s), first.direction(facet, s)
+    Y = opposite(second, other, x, n)
+    return InterfaceQuadrature(
+        x,
+        second.at(other, Y),
+        n / np.linalg.norm(n, axis=0),
+        measure(first.slope(facet, s), (0.5 * weights * size[:, None]).ravel()),
+        facet,
+        other,
+        s[None],
+        Y[None],
+    )
+
+
+def measure(slope: Array, weights: Array) -> Array:
+    """Weights of integrals over a curve from those over its parameter, shape (n,).
+
+    The only place where the measure of the interface is formed.
+
+    Parameters
+    ----------
+    slope : ndarray, shape (2, n)
+        Derivative of the place.
+    weights : ndarray, shape (n,)
+    """
+    return np.asarray(np.linalg.norm(slope, axis=0) * weights)
+
+
+def opposite(second: FacetCurves, other: Index, x: Array, n: Array) -> Array:
+    """Where lines through places x along n meet given facets: the coordinate there, shape (n,).
+
+    Parameters
+    ----------
+    second : FacetCurves
+    other : ndarray of int, shape (n,)
+    x, n : ndarray, shape (2, n)
+    """
+    a, b = (_cross(second.ends[:, other, k] - x, n) for k in (0, 1))
+    if not np.any(second.bulge[:, other]):
+        return np.clip(a / np.where(a == b, 1.0, a - b), 0.0, 1.0)
+    c = _cross(second.bulge[:, other], n)
+
+    def crossing(s: Array) -> tuple[Array, Array]:
+        return (1.0 - s) * a + s * b + s * (1.0 - s) * c, b - a + (1.0 - 2.0 * s) * c
+
+    return bracketed_root(crossing, other.size)
+
+
+def _in_line(first: FacetCurves, second: FacetCurves, facing: float) -> Segments:
+    """Pairs of facets that lines along the normals connect, with the intervals in common.
+
+    Parameters
+    ----------
+    first, second : FacetCurves
+    facing : {1, -1}
+        Pairs whose normals are opposite, or point the same way.
+    """
+    count, others = first.sign.size, second.sign.size
+    found: list[Index] = []
+    middle = np.full(others, 0.5)
+    outward = second.outward(np.arange(others), middle)
+    for at in range(0, count, max(1, BLOCK // others)):
+        here = np.arange(at, min(count, at + max(1, BLOCK // others)))
+        n = first.direction(here, np.full(here.size, 0.5))
+        towards = -facing * (n.T @ outward) > FACING * np.linalg.norm(n, axis=0)[:, None]
+        before, after = _sides(first, second, here[:, None], np.arange(others))
+        off = before.all(axis=0) | after.all(axis=0) | (before & after).any(axis=0)
+        i, j = np.nonzero(towards & ~off)
+        found.append(np.array([here[i], j]))
+    facet, other = np.hstack(found)
+    start, end = np.sort(_met(first, second, facet, other), axis=0)
+    size = first.length[facet]
+    noise = SLIVER + ROUNDING * np.abs(first.ends).max() / size
+    start, end = (np.where(s < noise, 0.0, np.where(s > 1.0 - noise, 1.0, s)) for s in (start, end))
+    pieces = Segments(facet, other, start, end).chosen(end - start > noise)
+    return pieces.chosen(np.lexsort((pieces.start, pieces.facet)))
+
+
+def _sides(
+    first: FacetCurves, second: FacetCurves, facet: Index, other: Index
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Whether the two ends of mortar facets lie before or beyond non-mortar facets, (2, ...)."""
+    sign = -first.sign[facet]  # so that the cross product grows along the facet
+    before, after = [], []
+    for k in (0, 1):
+        y = second.ends[:, other, k]
+        here, there = (
+            sign
+            * _cross(
+                first.ends[:, facet, e] - y.reshape(2, *(1,) * (facet.ndim - 1), -1),
+                first.normals[:, facet, e],
+            )
+            for e in (0, 1)
+        )
+        before.append(here >= 0)
+        after.append(there <= 0)
+    return np.array(before), np.array(after)
+
+
+def _met(first: FacetCurves, second: FacetCurves, facet: Index, other: Index) -> Array:
+    """Coordinate at which each end of the mortar facet is met, 0 or 1 if off, shape (2, n)."""
+    before, after = _sides(first, second, facet, other)
+    met = np.where(before, 0.0, 1.0)
+    for k in (0, 1):
+        inside = np.flatnonzero(~before[k] & ~after[k])
+        on, y = facet[inside], second.ends[:, other[inside], k]
+        turn = first.normals[:, on, 1] - first.normals[:, on, 0]
+
+        def crossing(
+            s: Array, on: Index = on, y: Array = y, turn: Array = turn
+        ) -> tuple[Array, Array]:
+            off, n = first.at(on, s) - y, first.direction(on, s)
+            return _cross(off, n), _cross(first.slope(on, s), n) + _cross(off, turn)
+
+        met[k, inside] = bracketed_root(crossing, inside.size)
+    return met
+
+
+def _nearest(first: FacetCurves, second: FacetCurves, pieces: Segments) -> Segments:
+    """Where segments of a facet overlap, only those of the nearest mortar facets."""
+    same = pieces.facet[1:] == pieces.facet[:-1]
+    over = same & (pieces.start[1:] < pieces.end[:-1] - SLIVER)
+    crowded = np.isin(pieces.facet, pieces.facet[1:][over])
+    if not crowded.any():
+        return pieces
+    several = pieces.chosen(crowded)
+    facet = np.concatenate((several.facet, several.facet))
+    ticks = np.unique(np.array([facet, np.concatenate((several.start, several.end))]), axis=1)
+    inner = (ticks[0, 1:] == ticks[0, :-1]) & (np.diff(ticks[1]) > SLIVER)
+    on, low, high = ticks[0, :-1][inner].astype(np.int64), ticks[1, :-1][inner], ticks[1, 1:][inner]
+    # Every short interval with every segment of its facet; both are sorted by facets.
+    begin, stop = (np.searchsorted(several.facet, on, side=side) for side in ("left", "right"))
+    short = np.repeat(np.arange(on.size), stop - begin)
+    offset = np.arange(short.size) - np.repeat(
+        np.cumsum(stop - begin) - (stop - begin), stop - begin
+    )
+    long = begin[short] + offset
+    middle = 0.5 * (low + high)[short]
+    covers = (several.start[long] < middle) & (several.end[long] > middle)
+    short, long, middle = short[covers], long[covers], middle[covers]
+    gap = np.abs(_gaps(first, second, on[short], several.other[long], middle))
+    order = np.lexsort((gap, short))
+    best = order[np.append(True, np.diff(short[order]) > 0)] if order.size else order
+    k = short[best]
+    rest = pieces.chosen(~crowded)
+    joined = Segments(
+        np.concatenate((rest.facet, on[k])),
+        np.concatenate((rest.other, several.other[long[best]])),
+        np.concatenate((rest.start, low[k])),
+        np.concatenate((rest.end, high[k])),
+    )
+    return joined.chosen(np.lexsort((joined.start, joined.facet)))
+
+
+def _gaps(first: FacetCurves, second: FacetCurves, facet: Index, other: Index, s: Array) -> Array:
+    """Signed distance along the normal at s to the mortar facet."""
+    x, n = first.at(facet, s), first.direction(facet, s)
+    y = second.at(other, opposite(second, other, x, n))
+    return np.asarray(np.sum((y - x) * n, axis=0) / np.linalg.norm(n, axis=0))
+
+
+def _middle(pieces: Segments) -> Array:
+    return 0.5 * (pieces.start + pieces.end)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.asarray(a[0] * b[1] - a[1] * b[0])

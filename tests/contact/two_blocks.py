@@ -1,0 +1,51 @@
+"""Two bodies whose facing sides do not match: blocks of given ticks, straight, turned or bent."""
+
+import numpy as np
+from families import CURVED, STRAIGHT
+
+from contact import ElasticBody
+
+E, NU = 2.0, 0.3
+UPPER, LOWER = "bottom", "top"  # the sides that face each other
+
+
+def block(element, xs, ys, *, place=None, curved=False, size=1.0, E=E, nu=NU, **more):
+    """A block with ticks xs and ys and named sides, its places mapped by `place`, then scaled."""
+    mesh = STRAIGHT[element].init_tensor(np.asarray(xs, float), np.asarray(ys, float))
+    mesh = mesh.with_defaults()
+    names = dict(mesh.boundaries)
+    if curved:
+        mesh = CURVED[element].from_mesh(mesh)
+    x = mesh.doflocs if place is None else place(mesh.doflocs)
+    mesh = type(mesh)(size * x, mesh.t, sort_t=False).with_boundaries(names)
+    return ElasticBody.from_mesh(mesh, element(), E=E, nu=nu, **more)
+
+
+def turned(angle, centre=(0.0, 0.0)):
+    """A rotation, as `place` of `block`."""
+    c, s = np.cos(angle), np.sin(angle)
+    return lambda x: np.array([[c, -s], [s, c]]) @ x + np.array(centre)[:, None]
+
+
+def ring(radius, centre, angles):
+    """Polar coordinates (radius, angle), as `place` of `block`; angles is added to theirs."""
+    return lambda x: np.array(
+        [
+            centre[0] + radius * x[0] * np.cos(angles + x[1]),
+            centre[1] + radius * x[0] * np.sin(angles + x[1]),
+        ]
+    )
+
+
+def facing(element, n, m, other=None, shift=0.0, gap=0.0, curved=False, **more):
+    """An upper block of n facets on [0, 1], a lower one of m on [shift, 1 + shift]."""
+    other = element if other is None else other
+    upper = block(element, np.linspace(0, 1, n + 1), [gap, gap + 0.4, gap + 1.0], **more)
+    lower = block(other, np.linspace(shift, 1 + shift, m + 1), [-1.0, -0.5, 0.0], **more)
+    return upper, lower
+
+
+def sides(upper, lower, multipliers="upper"):
+    """The first four arguments of `mortar_rows`."""
+    pair = [upper, upper.facets(UPPER), lower, lower.facets(LOWER)]
+    return pair if multipliers == "upper" else pair[2:] + pair[:2]
