@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from skfem import ElementQuad1, ElementQuad2, ElementTriP1, ElementTriP2
 from two_blocks import block, facing, ring, sides, turned
 
-from contact import InputError
+from contact import ElasticBody, InputError
 from contact.body.rigid_modes import rigid_field, rigid_modes
 from contact.rows.discretise import contact_rows
 from contact.rows.mortar.mortar_rows import mortar_rows
@@ -231,6 +231,32 @@ def test_a_body_against_itself(element):
     assert np.abs(total @ rigid_modes(body)).max() < 1e-12
     with pytest.raises(InputError, match=r"^others: facet \d+ belongs to both sides"):
         mortar_rows(body, upper, body, np.append(lower, upper[0]))
+
+
+@pytest.mark.parametrize("element", PLANE)
+def test_the_tip_of_a_slit(element):
+    """Where both lips have the same dofs the rows of one minus the other are zero to the bit."""
+    whole = block(element, np.linspace(0, 2, 9), [-1.0, -0.3, 0.0, 0.4, 1.0]).mesh
+    p, t = whole.p, whole.t.copy()
+    lip = np.flatnonzero((p[1] == 0.0) & (p[0] > 1.0))
+    above = p[1, t].mean(axis=0) > 0
+    twin = np.arange(p.shape[1])
+    twin[lip] = p.shape[1] + np.arange(lip.size)
+    t[:, above] = twin[t[:, above]]
+    mesh = type(whole)(np.hstack((p, p[:, lip])), t, sort_t=False)
+    body = ElasticBody.from_mesh(mesh, element(), E=1.0, nu=0.3)
+    x = mesh.p[:, mesh.facets].mean(axis=1)
+    lips = np.flatnonzero((np.abs(x[1]) < 1e-12) & (x[0] > 1) & (mesh.f2t[1] < 0))
+    up = above[mesh.f2t[0, lips]]
+    found = mortar_rows(body, lips[up], body, lips[~up])
+    total = abs(found.rows.G + found.other_G).max(axis=1).toarray().ravel()
+    slip = abs(found.rows.T + found.other_T).max(axis=1).toarray().ravel()
+    # An Adini element has its value and its slopes there: two coefficients of the trace.
+    tip = 2 if element is ElementQuadAdini else 1
+    # Points run along the interface; the tip is its left end.
+    assert np.all(total[:tip] == 0.0)
+    assert np.all(slip[:tip] == 0.0)
+    assert total[tip:].min() > 0.1
 
 
 def test_bad_input():
