@@ -18,7 +18,12 @@ from skfem_adini import to_pyvista
 
 Array = NDArray[np.float64]
 
-STICK, SLIP, OPEN = "#1f6f8b", "#d1495b", "#b8b8b8"
+_COLOURS = {
+    Status.OPEN: "#b8b8b8",
+    Status.STICK: "#1f6f8b",
+    Status.SLIP: "#d1495b",
+    Status.BONDED: "#5b4a8a",
+}
 
 
 def plot_tractions(
@@ -76,7 +81,7 @@ def plot_tractions(
             label = "friction bound" if first else None
             ax.fill_between(s[here], -g[here], g[here], color="0.92", zorder=0, label=label)
     ax.axhline(0.0, color="0.7", lw=0.8, zorder=1)
-    for status, colour in ((Status.OPEN, OPEN), (Status.STICK, STICK), (Status.SLIP, SLIP)):
+    for status, colour in _COLOURS.items():
         at = result.status == status
         if at.any():
             ax.plot(s[at], result.pressure[at], "o", ms=4, color=colour, label=status.name.lower())

@@ -133,7 +133,7 @@ def cross_check(
     ------
     InputError
         Friction in three dimensions with a solver other than Clarabel, a solver that qpsolvers does
-        not have, or a result of another problem.
+        not have, a result of another problem, or one with bonded points.
     MissingDependency
         The solver is not installed.
 
@@ -192,6 +192,8 @@ def _check(problem: ContactProblem, result: ContactResult, solver: str) -> None:
     ):
         if not isinstance(given, kind):
             raise InputError(f"{name}: expected a {kind.__name__}, got {type(given).__name__}")
+    if result.system.rows.ties.any():
+        raise InputError("result: it has bonded points, whose problem is not handed to a peer")
     if _has_cones(result) and solver != "clarabel":
         raise InputError(
             "cross_check: friction in 3-D is a cone problem, not a QP; use solver='clarabel'"

@@ -163,15 +163,21 @@ def unique_below(problem: BoundaryProblem) -> float:
     """The bound F* of the module docstring; 0 if rigid motions are free."""
     if problem.s.size:
         return 0.0
-    normal = problem.normal[problem.can_touch]
-    tangent = problem.tangent[problem.tangent >= 0]
-    tangent = tangent[problem.W.diagonal()[tangent] > 0]
+    W, ties = problem.W, problem.ties
+    normal = problem.normal[problem.can_touch & ~ties]
+    tangent = problem.tangent[(problem.tangent >= 0) & ~ties[:, None]]
+    tangent = tangent[W.diagonal()[tangent] > 0]
     if normal.size == 0 or tangent.size == 0:
         return np.inf
-    compliance_t = problem.W[np.ix_(tangent, tangent)]
-    coupling = problem.W[np.ix_(normal, tangent)]
+    if ties.any():  # the compliance of a body that is held at its bonded points
+        at = np.concatenate((problem.normal[ties], problem.tangent[ties].ravel()))
+        at = at[at >= 0]
+        at = at[W.diagonal()[at] > 0]
+        W = W - W[:, at] @ np.linalg.solve(W[np.ix_(at, at)], W[at])
+    compliance_t = W[np.ix_(tangent, tangent)]
+    coupling = W[np.ix_(normal, tangent)]
     # The normal block of the inverse is the inverse of the Schur complement.
-    rest = problem.W[np.ix_(normal, normal)] - coupling @ np.linalg.solve(compliance_t, coupling.T)
+    rest = W[np.ix_(normal, normal)] - coupling @ np.linalg.solve(compliance_t, coupling.T)
     ratio = np.linalg.eigvalsh(rest)[0] / np.linalg.eigvalsh(compliance_t)[-1]
     return float(np.sqrt(max(ratio, 0.0)))
 

@@ -46,6 +46,9 @@ class BoundaryProblem:
     K : ndarray, shape (k, k), optional
         Stiffness of the motions a, where these are more than rigid
         (`contact.problem.stiffness_form`): ``C^T l + K a = s``.
+    bonded : ndarray of bool, shape (m,), optional
+        Points tied to the obstacle: ``u_n = d`` and ``u_t = 0`` whatever the forces, which have no
+        sign and no bound. None: no point is.
     """
 
     W: Array
@@ -57,6 +60,16 @@ class BoundaryProblem:
     tangent: Index
     prescribed_slip: Array
     K: Array | None = None
+    bonded: NDArray[np.bool_] | None = None
+
+    @property
+    def ties(self) -> NDArray[np.bool_]:
+        """The mask `bonded`, all False where it is None, shape (m,)."""
+        return np.zeros(self.gap.size, dtype=bool) if self.bonded is None else self.bonded
+
+    def bound(self, g: Array) -> Array:
+        """The friction bound g, infinite at bonded points, shape (m,)."""
+        return g if self.bonded is None else np.where(self.bonded, np.inf, g)
 
     @property
     def can_touch(self) -> NDArray[np.bool_]:
@@ -88,6 +101,8 @@ class BoundaryProblem:
     def residual_size(self, mu: Array, t: Array) -> float:
         """Scale of residuals: the largest force, at least 1e-12 of the data that cause forces."""
         overlap = np.maximum(-self.gap, 0.0)
+        if self.bonded is not None:
+            overlap, mu = np.where(self.bonded, np.abs((self.gap, mu)), (overlap, mu))
         causes = (float(np.abs(part).max(initial=0.0)) for part in (self.v0, self.s, overlap))
         # Smaller forces are rounding of the data.
         tiny = 1e-12 * max(*causes, np.finfo(float).tiny)

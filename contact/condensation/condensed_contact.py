@@ -194,7 +194,10 @@ class CondensedContact:
         Raises
         ------
         Infeasible
-            A point whose normal displacement is prescribed lies behind the obstacle.
+            A point whose normal displacement is prescribed lies behind the obstacle, or supports
+            displace a bonded one.
+        InputError
+            A bonded point without a gap.
         """
         fixed_n, fixed_t = self.prescribed(gap, slip_from, motion)
         v0 = self.B @ self.flexed(self.reduce(load)) + self.points.stacked(fixed_n, fixed_t)
@@ -210,6 +213,7 @@ class CondensedContact:
             normal=self.points.normal,
             tangent=self.points.tangent,
             prescribed_slip=fixed_t / scale[:, None],
+            bonded=self.rows.ties if self.rows.bonded.size else None,
         )
 
     def prescribed(
@@ -227,15 +231,29 @@ class CondensedContact:
             largest = max(largest, float(np.abs(slip_from).max(initial=0.0)))
         # Prescribed slips this small, relative to the displacements, are rounding.
         fixed_t = np.where(self._stiff & (np.abs(fixed_t) <= 1e-12 * largest), 0.0, fixed_t)
-        prescribed = self.points.normal < 0
+        prescribed, ties = self.points.normal < 0, self.rows.ties
         # Rounding of the coordinates.
         round_off = 1e-12 * self.body.extent
         through = prescribed & (fixed_n - gap > round_off)
+        if not np.all(np.isfinite(gap[ties])):
+            raise InputError(
+                "rows.bonded: a bonded point needs a finite gap, zero where it is tied"
+            )
+        through |= ties & prescribed & (gap - fixed_n > round_off)
+        moved = np.abs(np.where((self.points.tangent < 0) | self._stiff, fixed_t, 0.0)).max(axis=1)
+        slips = ties & (moved > max(round_off, 1e-12 * largest))
+        if np.any(slips):
+            i = int(np.flatnonzero(slips)[0])
+            raise Infeasible(
+                f"supports: they displace the bonded contact point {i} at "
+                f"{self.rows.x_nominal[:, i]} along the boundary by {moved[i]:.6g}"
+            )
         if np.any(through):
             i = int(np.flatnonzero(through)[0])
+            where = "away from" if ties[i] else "beyond"
             raise Infeasible(
                 f"obstacle: contact point {i} at {self.rows.x_nominal[:, i]} is fixed at normal "
-                f"displacement {fixed_n[i]:.6g}, beyond its gap {gap[i]:.6g}"
+                f"displacement {fixed_n[i]:.6g}, {where} its gap {gap[i]:.6g}"
             )
         return fixed_n, fixed_t
 

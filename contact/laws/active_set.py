@@ -37,7 +37,8 @@ def signorini(
         \min \tfrac12 l^T W l - l^T (v_0 - d) \quad
         \text{s.t.} \quad \mu \ge 0, \; |t| \le g, \; C^T l = s
 
-    is the dual of Signorini's problem with gap d and given friction. In two dimensions the friction
+    is the dual of Signorini's problem with gap d and given friction. Forces of bonded points are
+    not bounded. In two dimensions the friction
     ball is an interval and the problem is a box QP, solved by `gpu.solve_qp`.
 
     Parameters
@@ -67,11 +68,13 @@ def signorini(
     gpu.NotConverged
         Rows are linearly dependent and prescribe displacements that contradict each other.
     """
-    g = np.zeros(problem.gap.size) if bound is None else bound
+    g = problem.bound(np.zeros(problem.gap.size) if bound is None else bound)
     if bound is not None and problem.tangent.shape[1] > 1 and softness is None:
         raise InputError("given friction in 3-D is no box QP; use method 'newton' or 'pdas'")
     can_touch = problem.can_touch
     live_t = (problem.tangent >= 0) & (g[:, None] > 0)
+    if problem.bonded is not None:  # a component that supports hold needs no force of the tie
+        live_t &= (problem.W.diagonal()[problem.tangent] > 0) | ~problem.bonded[:, None]
     used = np.concatenate((problem.normal[can_touch], problem.tangent[live_t]))
     count = int(can_touch.sum())
     point_t = np.nonzero(live_t)[0]
@@ -81,6 +84,7 @@ def signorini(
     q[:count] += problem.gap[can_touch]
     C = problem.C[used]
     lb, ub = np.zeros(used.size), np.full(used.size, np.inf)
+    lb[:count][problem.ties[can_touch]] = -np.inf
     lb[count:], ub[count:] = -g[point_t], g[point_t]
     if softness is not None:
         P = P.copy()

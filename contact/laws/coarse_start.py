@@ -43,13 +43,13 @@ class CoarseProblem:
 
     @classmethod
     def of(cls, fine: BoundaryProblem, friction: Friction | None) -> CoarseProblem | None:
-        """Group the points of a problem; None in 3-D and for fewer than `FEW` points.
+        """Group the points of a problem; None in 3-D, with ties and for fewer than `FEW` points.
 
         In two dimensions points are numbered along the boundary: neighbours have consecutive
         numbers.
         """
         m = fine.gap.size
-        if fine.tangent.shape[1] != 1 or m < FEW:
+        if fine.tangent.shape[1] != 1 or m < FEW or fine.ties.any():
             return None
         group = np.arange(m) // GROUP
         count = int(group[-1]) + 1

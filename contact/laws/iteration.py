@@ -73,13 +73,14 @@ def outer_step(
     size: float | None = None,
 ) -> Iteration:
     """Describe an outer step; `size` is its residual, by default that of the laws with bound g."""
+    g = problem.bound(g)
     rubs = (g > 0) & np.any(problem.tangent >= 0, axis=1)
     # A point sticks if its force is below the bound by more than rounding.
     slip = rubs & (np.linalg.norm(now.t, axis=1) >= g * (1 - 1e-9))
     return Iteration(
         step,
         phase,
-        int((now.mu > 0).sum()),
+        int(((now.mu > 0) | problem.ties).sum()),
         int((rubs & ~slip).sum()),
         int(slip.sum()),
         residual(problem, now.mu, now.t, now.a, g) if size is None else size,

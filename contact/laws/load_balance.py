@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import scipy
 
@@ -47,9 +49,17 @@ def check_held(problem: BoundaryProblem, friction: Friction | None) -> None:
     gpu.Infeasible
         Its certificate is the motion a, shape (k,).
     """
+    apart, allowed = without_ties(problem)
+    motion = _unresisted(apart, friction)
+    if motion is not None:
+        raise Infeasible(motion[0], allowed @ motion[1])
+
+
+def _unresisted(problem: BoundaryProblem, friction: Friction | None) -> tuple[str, Array] | None:
+    """What is wrong, and the motion a, where `check_held` raises; no points may be bonded."""
     k = problem.s.size
     if k == 0:
-        return
+        return None
     touch = problem.can_touch
     rubs = np.zeros(touch.size, dtype=bool)
     if friction is not None:
@@ -59,7 +69,7 @@ def check_held(problem: BoundaryProblem, friction: Friction | None) -> None:
     seen = np.vstack((normal, tangential, np.zeros((k, k))))
     _, singular, V = np.linalg.svd(seen, full_matrices=False)
     if singular[-1] <= _UNSEEN * float(np.abs(problem.C).max(initial=1e-300)):
-        raise Infeasible("no contact row sees this rigid motion", V[-1])
+        return "no contact row sees this rigid motion", V[-1]
 
     # Unknowns: a = a+ - a- with |a|_1 <= 1, which favours few components, and w_i >= |v_t,i|.
     points = np.flatnonzero(live.any(axis=1))
@@ -91,7 +101,7 @@ def check_held(problem: BoundaryProblem, friction: Friction | None) -> None:
         # A gain this small may be rounding. The cuts underestimate the moduli and overestimate the
         # gain: if it is not positive, the body is held.
         if found.x is None or gain @ found.x <= _GAIN * float(np.abs(problem.s).max()):
-            return
+            return None
         motion = found.x[:k] - found.x[k : 2 * k]
         v = V_t @ motion
         length = np.linalg.norm(v, axis=1)
@@ -100,9 +110,10 @@ def check_held(problem: BoundaryProblem, friction: Friction | None) -> None:
         # if by less than a tenth, the gain is accepted.
         worth = np.abs(found.ineqlin.marginals[: len(cuts) * points.size])
         if short @ worth.reshape(len(cuts), points.size).sum(axis=0) <= 0.1 * (gain @ found.x):
-            raise Infeasible("no admissible contact forces balance the loads", motion)
+            return "no admissible contact forces balance the loads", motion
         b = np.divide(v, length[:, None], out=np.zeros_like(v), where=length[:, None] > 0)
         cuts.append(np.hstack((np.einsum("pi,pik->pk", b, V_t), -np.eye(points.size))))
+    return None
 
 
 def at_the_limit(problem: BoundaryProblem, friction: Friction | None) -> Array | None:
@@ -126,6 +137,7 @@ def by_friction_alone(problem: BoundaryProblem) -> Array | None:
     Only friction resists it. Whether friction suffices depends on the pressure. `check_held` admits
     any pressure, also one that the gap does not allow: there may be no equilibrium.
     """
+    problem, allowed = without_ties(problem)
     k, size = problem.s.size, float(np.abs(problem.C).max(initial=0.0))
     if k == 0 or size == 0.0 or not np.any(problem.s):
         return None
@@ -136,7 +148,8 @@ def by_friction_alone(problem: BoundaryProblem) -> Array | None:
     if found.x is None:
         return None
     motion: Array = found.x[:k] - found.x[k:]
-    return motion if problem.s @ motion > _DRIVEN * float(np.abs(problem.s).max()) else None
+    driven = problem.s @ motion > _DRIVEN * float(np.abs(problem.s).max())
+    return allowed @ motion if driven else None
 
 
 def undetermined_slip(
@@ -148,6 +161,7 @@ def undetermined_slip(
     is at its bound parallel to that force, all with it or all against it. The loads are then at the
     limit of friction, and they do not determine how far the body has slipped.
     """
+    problem, allowed = without_ties(problem)
     k, force = problem.s.size, float(max(mu.max(initial=0.0), np.abs(t).max(initial=0.0)))
     if k == 0 or friction is None or force == 0.0:
         return None
@@ -174,8 +188,40 @@ def undetermined_slip(
         slip = along @ motion
         reach = _NOTHING * largest
         if np.any(np.abs(slip) > reach) and (np.all(slip >= -reach) or np.all(slip <= reach)):
-            return np.asarray(motion)
+            return np.asarray(allowed @ motion)
     return None
+
+
+def without_ties(problem: BoundaryProblem) -> tuple[BoundaryProblem, Array]:
+    """The problem in the motions that leave all bonded points at rest, without these points.
+
+    Returns
+    -------
+    problem : BoundaryProblem
+        Its motions b are those ``a = allowed @ b`` that displace no bonded point; the forces of
+        bonded points balance the loads on all others.
+    allowed : ndarray, shape (k, number of motions b)
+    """
+    k, ties = problem.s.size, problem.ties
+    if not ties.any():
+        return problem, np.eye(k)
+    at = np.concatenate((problem.normal[ties], problem.tangent[ties].ravel()))
+    rows = np.vstack((problem.C[at[at >= 0]], np.zeros((k, k))))
+    _, singular, V = np.linalg.svd(rows, full_matrices=False)
+    allowed = V[singular <= _UNSEEN * float(np.abs(problem.C).max(initial=1e-300))].T
+    s = allowed.T @ problem.s
+    # What rounding leaves of loads that bonded points balance is no load.
+    s[np.abs(s) <= _NOTHING * float(np.abs(problem.s).max(initial=0.0))] = 0.0
+    apart = replace(
+        problem,
+        C=problem.C @ allowed,
+        s=s,
+        gap=np.where(ties, np.inf, problem.gap),
+        normal=np.where(ties, -1, problem.normal),
+        tangent=np.where(ties[:, None], -1, problem.tangent),
+        bonded=None,
+    )
+    return apart, allowed
 
 
 def _directions(count: int) -> list[Array]:

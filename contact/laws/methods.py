@@ -11,7 +11,7 @@ from scipy.linalg import LinAlgError
 
 from contact.arrays.dense_arrays import DeviceMatrix
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
-from contact.errors import ContactError, NotConverged
+from contact.errors import ContactError, InputError, NotConverged
 from contact.laws.active_set import signorini
 from contact.laws.coarse_start import CoarseProblem
 from contact.laws.device_newton import plane_newton
@@ -80,10 +80,17 @@ def solve_boundary(
         The method stalled, and so did the methods that are tried after it.
     gpu.InputError
         The compliance is not positive semidefinite.
+    InputError
+        Bonded points and the method ``fixed_point``.
     """
+    if options.method == "fixed_point" and problem.ties.any():
+        raise InputError(
+            "method='fixed_point': it regularises friction and has no form for bonded points; use "
+            "'newton', 'pdas' or 'tresca_loop'"
+        )
     check_held(problem, friction)
     tol, newton = options.tol * INNER, options.method == "newton"
-    if newton and isinstance(problem.W, DeviceMatrix) and problem.tangent.shape[1] == 1:
+    if newton and isinstance(problem.W, DeviceMatrix) and _in_plane(problem):
         limit, arrays = options.max_iterations, problem.W.arrays
         with suppress(NotConverged, LinAlgError):
             forces = plane_newton(
@@ -118,6 +125,11 @@ def solve_boundary(
         report=report,
     )
     return forces, 0.0
+
+
+def _in_plane(problem: BoundaryProblem) -> bool:
+    """Whether Newton's method on the device takes the problem: plane, without bonded points."""
+    return problem.tangent.shape[1] == 1 and not problem.ties.any()
 
 
 def _from_coarse(

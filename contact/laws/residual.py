@@ -24,9 +24,12 @@ def residual(problem: BoundaryProblem, mu: Array, t: Array, a: Array, bound: Arr
         Friction bound g, for Coulomb's law F mu.
     """
     u_n, u_t = problem.displacements(mu, t, a)
-    contact = mu - np.maximum(0.0, mu + problem.penetration(u_n))
+    through = problem.penetration(u_n)
+    contact = mu - np.maximum(0.0, mu + through)
+    if problem.bonded is not None:
+        contact = np.where(problem.bonded & problem.can_touch, through, contact)
     live = problem.tangent >= 0
-    friction = np.where(live, t - project(np.where(live, t + u_t, 0.0), bound), 0.0)
+    friction = np.where(live, t - project(np.where(live, t + u_t, 0.0), problem.bound(bound)), 0.0)
     balance = problem.C.T @ problem.forces(mu, t) - problem.s
     if problem.K is not None:
         balance = balance + problem.K @ a

@@ -12,12 +12,13 @@ class Status(IntEnum):
     OPEN    no pressure (Tresca without an obstacle: friction at rest or sliding)
     STICK   in contact, no slip
     SLIP    in contact, the shear is at its bound
+    BONDED  tied to the obstacle: forces of either sign, no friction
     ======  =====================================================================
 
     Attributes
     ----------
-    OPEN, STICK, SLIP : Status
-        Integers 0, 1 and 2, as `ContactResult.status` holds them.
+    OPEN, STICK, SLIP, BONDED : Status
+        Integers 0, 1, 2 and 3, as `ContactResult.status` holds them.
 
     Examples
     --------
@@ -35,3 +36,4 @@ class Status(IntEnum):
     OPEN = 0
     STICK = 1
     SLIP = 2
+    BONDED = 3

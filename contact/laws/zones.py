@@ -24,7 +24,7 @@ class Zones:
     q : ndarray, shape (m, dim - 1)
         ``t + u_t``, which the friction law projects onto the ball of radius g.
     g : ndarray, shape (m,)
-        Friction bound.
+        Friction bound; bonded points are active, and stick under an infinite one.
     """
 
     active: NDArray[np.bool_]
@@ -38,8 +38,8 @@ class Zones:
         """Zones from forces and the displacements that they cause."""
         u_n, u_t = problem.displacements(now.mu, now.t, now.a)
         contact = now.mu + problem.penetration(u_n)
-        active = contact > 0
-        g = friction.bound(np.where(active, contact, 0.0))
+        active = (contact > 0) | (problem.ties & problem.can_touch)
+        g = problem.bound(friction.bound(np.where(active, contact, 0.0)))
         q = np.where(problem.tangent >= 0, now.t + u_t, 0.0)
         length = np.linalg.norm(q, axis=1)
         rubs = (g > 0) & np.any(problem.tangent >= 0, axis=1)

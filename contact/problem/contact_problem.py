@@ -205,7 +205,7 @@ class ContactProblem(Portable):
         friction = self.friction * rows.weights if self.law == "tresca" else self.friction
         if after is not None:
             _check_same(rows, after.system.rows)
-        slip_from = None if after is None else after.slip
+        slip_from = None if after is None else np.where(rows.ties[:, None], 0.0, after.slip)
         return ContactSystem(body, rows, body.f, self.law, friction, slip_from, motion)
 
     def condense(self, device: str | None = None) -> CondensedContact:

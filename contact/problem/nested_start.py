@@ -94,8 +94,8 @@ def _motion(problem: BoundaryProblem, mu: Array, t: Array, friction: Friction | 
     """Free rigid motions of the body and its obstacles by least squares, shape (k,)."""
     u_n, u_t = problem.displacements(mu, t, np.zeros(problem.s.size))
     # Smaller forces are rounding; a force within a thousandth of its bound counts as slip.
-    loaded = problem.can_touch & (mu > 1e-9 * mu.max(initial=0.0))
-    g = np.zeros(mu.size) if friction is None else friction.bound(mu)
+    loaded = problem.can_touch & ((mu > 1e-9 * mu.max(initial=0.0)) | problem.ties)
+    g = problem.bound(np.zeros(mu.size) if friction is None else friction.bound(mu))
     sticks = (problem.tangent >= 0) & (np.linalg.norm(t, axis=1) < 0.999 * g)[:, None]
     at = np.concatenate((problem.normal[loaded], problem.tangent[sticks]))
     off = np.concatenate(((problem.gap - u_n)[loaded], -u_t[sticks]))

@@ -93,6 +93,7 @@ class StiffnessForm:
             tangent=points.tangent,
             prescribed_slip=fixed_t / self.point_scale[:, None],
             K=block_diag(S, np.zeros((rigid, rigid))),
+            bonded=system.rows.ties if system.rows.bonded.size else None,
         )
 
     def solve(
@@ -187,7 +188,7 @@ class StiffnessForm:
         a[:n] = np.linalg.lstsq(problem.K[:n, :n], left[:n], rcond=1e-14)[0]
         if a.size > n:
             u_n, _ = problem.displacements(np.zeros_like(mu), np.zeros_like(t), a)
-            loaded = problem.can_touch & (mu > 0)
+            loaded = problem.can_touch & ((mu > 0) | problem.ties)
             at = problem.normal[loaded]
             off = (problem.gap - u_n)[loaded]
             a[n:] = np.linalg.lstsq(problem.C[at, n:], off, rcond=1e-9)[0]

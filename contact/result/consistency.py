@@ -72,6 +72,11 @@ def check_problem(body: ElasticBody, rows: ContactRows) -> None:
     for name, expected in shapes:
         _finite(f"rows.{name}", getattr(rows, name), expected)
     _whole("rows.part", rows.part, (m,) if rows.part.size else (0,), m)
+    _check_shape("rows.bonded", rows.bonded, (m,) if rows.bonded.size else (0,))
+    if rows.bonded.dtype != bool:
+        raise InputError("rows.bonded: expected a mask, True or False")
+    if not np.all(np.isfinite(rows.gap[rows.ties])):
+        raise InputError("rows.bonded: a bonded point needs a finite gap")
     if not np.all(rows.weights > 0):
         raise InputError("rows.weights: expected lengths or areas, positive")
     frame = np.concatenate((rows.normals[:, None], rows.tangents), axis=1)

@@ -80,17 +80,16 @@ class ContactForces(ContactState):
         # What rounding leaves of a displacement is no slip.
         moves = np.linalg.norm(self.slip_increment, axis=1) > 1e-10 * self.system.body.reach(self.u)
         slides = loaded & moves & (force >= g * (1 - 1e-9))
-        return np.where(slides, Status.SLIP, np.where(loaded, Status.STICK, Status.OPEN)).astype(
-            np.int8
-        )
+        status = np.where(slides, Status.SLIP, np.where(loaded, Status.STICK, Status.OPEN))
+        return np.where(self.system.rows.ties, Status.BONDED, status).astype(np.int8)
 
     @property
     def zone(self) -> Array:
         """Span of the nominal places of loaded points, shape (dim, 2): least and largest.
 
-        NaN where nothing is in contact.
+        NaN where nothing is in contact; bonded points do not count.
         """
-        loaded = self.mu > 1e-12 * float(self.mu.max(initial=0.0))
+        loaded = (self.mu > 1e-12 * float(self.mu.max(initial=0.0))) & ~self.system.rows.ties
         if not loaded.any():
             return np.full((self.x.shape[0], 2), np.nan)
         where = self.x_nominal[:, loaded]

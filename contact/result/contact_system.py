@@ -97,7 +97,8 @@ class ContactSystem:
             forces, divided by the sum of their moduli; ``support``: violation of the prescribed
             displacements;
             ``penetration``, ``sign``, ``complementarity``: the contact law; ``cone``, ``slip``:
-            |t| <= g, and t = P_g(t + c u_t) with the slip increment u_t. Lengths are relative to
+            |t| <= g, and t = P_g(t + c u_t) with the slip increment u_t; these laws are not those
+            of bonded points, which have ``tie``: |u_n - d| and |u_t|. Lengths are relative to
             the largest displacement, or to the one that a contact force alone would cause if that
             is larger; forces are relative to the largest contact force. If obstacles are driven by
             forces, also ``obstacle``: their residual force divided by the sum of moduli.
@@ -108,23 +109,30 @@ class ContactSystem:
         # Where forces cancel and nothing moves, displacements are the rounding of what they cause.
         length = max(self.body.reach(u), self.body.give(contact)) or 1.0
         size = max(float(np.abs(mu).max(initial=0.0)), float(np.abs(t).max(initial=0.0))) or 1.0
-        reachable = np.isfinite(rows.gap)
+        ties = rows.ties
+        free = ~ties
+        reachable = np.isfinite(rows.gap) & free
         u_n, u_t = self.relative(u, w)
         through = np.where(reachable, u_n - np.where(reachable, rows.gap, 0.0), -np.inf)
         u_t = self.slip_increment(u_t)
         g = self.bound(mu)
-        live = self.body.live(rows.T).reshape(t.shape)
+        live = self.body.live(rows.T).reshape(t.shape) & free[:, None]
         returned = t - project(t + size / length * u_t, g)
         result = {
             "equilibrium": unbalanced / (cancelling or 1.0),
             "balance": self._unbalanced(u, contact),
             "support": self.body.support_error(u) / length,
             "penetration": _largest(np.maximum(through, 0.0)) / length,
-            "sign": _largest(np.maximum(-mu, 0.0)) / size,
-            "complementarity": _largest(np.minimum(np.abs(mu) / size, np.abs(through) / length)),
-            "cone": _largest(np.maximum(np.linalg.norm(t, axis=1) - g, 0.0)) / size,
+            "sign": _largest(np.maximum(-mu[free], 0.0)) / size,
+            "complementarity": _largest(
+                np.minimum(np.abs(mu) / size, np.abs(through) / length)[free]
+            ),
+            "cone": _largest(np.maximum(np.linalg.norm(t, axis=1) - g, 0.0)[free]) / size,
             "slip": _largest(returned[live]) / size,
         }
+        if ties.any():
+            opened = max(_largest((u_n - rows.gap)[ties]), _largest(u_t[ties]))
+            result["tie"] = opened / length
         if self.motion is not None and np.any(self.motion.free):
             result["obstacle"] = self._unbalanced_obstacle(self.motion, mu, t)
         if any(np.isnan(value) for value in result.values()):

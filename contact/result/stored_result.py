@@ -117,6 +117,8 @@ def problem_arrays(system: ContactSystem) -> dict[str, Any]:
         value = getattr(system.rows, field.name)
         if field.name in _SPARSE:
             _pack(arrays, f"rows/{field.name}", value)
+        elif field.name == "bonded" and not value.size:  # as in files from before there were ties
+            continue
         elif field.name not in ("functional", "gap"):
             arrays[f"rows/{field.name}"] = value
     about = {
@@ -289,7 +291,7 @@ def _rebuild_problem(
         if field.name in _SPARSE
         else arrays[f"rows/{field.name}"]
         for field in fields(ContactRows)
-        if field.name != "functional"
+        if field.name != "functional" and (field.name != "bonded" or "rows/bonded" in arrays)
     }
     rows = ContactRows(**parts, functional=about["functional"])
     check_problem(body, rows)

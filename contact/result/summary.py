@@ -9,9 +9,10 @@ import numpy as np
 
 
 def counts(result: Any) -> str:
-    """How many contact points are open, stick and slip."""
-    free, stick, slip = np.bincount(result.status, minlength=3)[:3]
-    return f"{result.mu.size} points: {free} open, {stick} stick, {slip} slip"
+    """How many contact points are open, stick and slip, and are bonded, if any are."""
+    free, stick, slip, bonded = np.bincount(result.status, minlength=4)[:4]
+    tied = f", {bonded} bonded" if bonded else ""
+    return f"{result.mu.size} points: {free} open, {stick} stick, {slip} slip{tied}"
 
 
 def facts(result: Any) -> dict[str, str]:

@@ -37,6 +37,9 @@ class ContactRows:
         Name of the functional; of several boundaries the different names, joined by commas.
     part : ndarray of int, shape (m,)
         Number of the contact boundary of each point; empty where there is one only.
+    bonded : ndarray of bool, shape (m,)
+        Points tied to the obstacle at the gap d, ``u_n = d`` and ``u_t = 0``, with forces of either
+        sign in every component and without friction; empty where no point is.
     """
 
     G: sparse.csr_array
@@ -49,3 +52,9 @@ class ContactRows:
     tangents: Array
     functional: str
     part: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    bonded: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+
+    @property
+    def ties(self) -> NDArray[np.bool_]:
+        """The mask `bonded`, all False where it is empty, shape (m,)."""
+        return self.bonded if self.bonded.size else np.zeros(self.gap.size, dtype=bool)
