@@ -1,5 +1,6 @@
 """Frictional contact of elastic bodies with rigid obstacles, on scikit-fem."""
 
+from contact.body.anisotropic import Anisotropic, Orthotropic
 from contact.body.cut_body import CutBody
 from contact.body.elastic_body import ElasticBody
 from contact.body.layers.layered_block import LayeredBlock
@@ -26,6 +27,7 @@ from contact.problem.contact_problem import ContactProblem
 from contact.result.contact_result import ContactResult
 
 __all__ = [
+    "Anisotropic",
     "ClosestPoint",
     "CondensedContact",
     "ContactError",
@@ -45,6 +47,7 @@ __all__ = [
     "LoadStepper",
     "MissingDependency",
     "NotConverged",
+    "Orthotropic",
     "Parabola",
     "Plane",
     "Rigid",

@@ -37,30 +37,17 @@ def strain_rows(body: Elastic) -> Array:
 
     At each quadrature point the rows are :math:`L^T (\epsilon_{11}, \epsilon_{22}, \dots)`, with
     :math:`L L^T = \lambda 1 1^T + 2 \mu I`, and :math:`2 \sqrt\mu\, \epsilon_{ij}`, times the root
-    of the weight. With mean dilatation the part with lambda is a separate row, one for each cell.
+    of the weight; for an anisotropic body :math:`L L^T = C` with all strains. With mean dilatation
+    the part with lambda is a separate row, one for each cell.
     """
     basis, dim = _of_positive_weights(body.basis), body.basis.mesh.dim()
     g, dx, mean = _gradients(basis), basis.dx, body.dilatation == "mean"
-    _, cells, points, n = g.shape
-    lame_lambda, lame_mu = np.broadcast_to(body.lam, cells), np.broadcast_to(body.mu, cells)
-    elastic = np.zeros((cells, dim, dim)) + (0.0 if mean else 1.0) * lame_lambda[:, None, None]
-    elastic += 2.0 * lame_mu[:, None, None] * np.eye(dim)
-    L = np.linalg.cholesky(elastic)
-    rows = []
-    for a in range(dim):
-        row = np.zeros((cells, points, n, dim))
-        for b in range(a, dim):
-            row[..., b] = L[:, b, a, None, None] * g[b]
-        rows.append(row)
-    for a in range(dim):
-        for b in range(a):
-            row = np.zeros((cells, points, n, dim))
-            row[..., a] = np.sqrt(lame_mu)[:, None, None] * g[b]
-            row[..., b] = np.sqrt(lame_mu)[:, None, None] * g[a]
-            rows.append(row)
+    _, cells, _, n = g.shape
+    rows = body.law.strain_rows(g, not mean)
     A = (np.stack(rows, axis=1) * np.sqrt(dx)[:, None, :, None, None]).reshape(cells, -1, n * dim)
     if mean:
         total = np.einsum("cq,acqn->cna", dx, g).reshape(cells, 1, n * dim)
+        lame_lambda = np.broadcast_to(body.lam, cells)
         A = np.hstack((A, np.sqrt(lame_lambda / dx.sum(axis=1))[:, None, None] * total))
     return A
 
@@ -74,12 +61,10 @@ def internal_forces(body: Elastic, u: Array) -> Array:
     # Translations cause no strain; displacements from the cell's first node are exact.
     local = local - np.where(values, local[:, :1], 0.0)
     gradient = np.einsum("acqn,cnb->bacq", g, local)
-    stress = np.broadcast_to(body.mu, len(dofs))[:, None] * (gradient + gradient.swapaxes(0, 1))
-    dilatation = np.trace(gradient)
+    mean = None
     if body.dilatation == "mean":
-        dilatation = np.average(dilatation, axis=1, weights=basis.dx)[:, None]
-    for a in range(dim):
-        stress[a, a] += np.broadcast_to(body.lam, len(dofs))[:, None] * dilatation
+        mean = np.average(np.trace(gradient), axis=1, weights=basis.dx)[:, None]
+    stress = body.law.stress(gradient, mean)
     forces = np.einsum("bacq,acqn->cnb", stress * basis.dx, g)
     result = np.zeros(u.size)
     np.add.at(result, dofs, forces.reshape(dofs.shape))

@@ -13,7 +13,6 @@ from skfem import Basis, ElementVector, MeshQuad
 
 from contact.body.cut_arc import CutArc
 from contact.body.elastic_body import ElasticBody, Field
-from contact.body.elasticity import stiffness_matrix
 from contact.errors import InputError, array_of, evaluated, function_of_places, numbers
 from contact.settled import settled
 from skfem_adini import AdiniExtension, CutDomain, ElementQuadAdini, LevelSet, Polygon
@@ -294,10 +293,7 @@ class CutBody(ElasticBody):
         """S, integrated over the part of the cells inside; all dofs of the active cells."""
         total = sparse.csr_array((self.basis.N, self.basis.N))
         for basis in self.domain.groups(self.basis.elem):
-            lame_lambda, lame_mu = (
-                value[basis.tind] if value.ndim else value for value in (self.lam, self.mu)
-            )
-            total = total + stiffness_matrix(basis, lame_lambda, lame_mu)
+            total = total + self.law.at(basis.tind).stiffness(basis)
         return sparse.csr_array(total)
 
     @cached_property

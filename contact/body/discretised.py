@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import Basis
 
+from contact.body.constitutive import StressLaw
+
 Array = NDArray[np.float64]
 
 
@@ -29,8 +31,8 @@ class Elastic(Discretised, Protocol):
         ...
 
     @property
-    def mu(self) -> Array:
-        """Lame's second parameter, a number or one a cell."""
+    def law(self) -> StressLaw:
+        """Stress from strain in each cell."""
         ...
 
     @property

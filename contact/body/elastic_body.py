@@ -17,9 +17,9 @@ from skfem import (
     Mesh,
 )
 
+from contact.body.anisotropic import Anisotropic
 from contact.body.boundary_names import select_components, select_facets
 from contact.body.cell_check import check_cells, check_rectangles
-from contact.body.elasticity import stiffness_matrix
 from contact.body.material import MaterialBody
 from contact.body.mesh_file import read_mesh
 from contact.body.rigid_modes import dof_lengths
@@ -58,11 +58,14 @@ class ElasticBody(MaterialBody):
     dilatation : {"pointwise", "mean"}
         "mean" replaces div u in each Q1 cell by its mean, so that nearly incompressible materials
         do not lock, see `stiffness_matrix`. All other elements are "pointwise".
+    material : Anisotropic or Orthotropic, optional
+        Instead of E and nu. In two dimensions the plane must be one of symmetry. It may be assigned
+        later as `anisotropy`; E and nu are None then.
 
     Raises
     ------
     InputError
-        Not a vector basis, or a material constant outside its range.
+        Not a vector basis, a material constant outside its range, or a material beside E and nu.
 
     Examples
     --------
@@ -79,10 +82,11 @@ class ElasticBody(MaterialBody):
     def __init__(
         self,
         basis: Basis,
-        E: ArrayLike,
-        nu: ArrayLike,
+        E: ArrayLike | None = None,
+        nu: ArrayLike | None = None,
         plane: str | None = "strain",
         dilatation: str = "pointwise",
+        material: Anisotropic | None = None,
     ) -> None:
         if not isinstance(basis, Basis) or not isinstance(basis.elem, ElementVector):
             raise InputError(
@@ -98,7 +102,9 @@ class ElasticBody(MaterialBody):
         check_rectangles(basis.mesh, basis.elem.elem)
         self.basis, self.dim, self.element = basis, basis.elem.dim, basis.elem.elem
         self._portable = PortableBasis(basis)
-        self._set_material(E=E, nu=nu, plane=plane, dilatation=dilatation)
+        if material is None and (E is None or nu is None):
+            raise InputError("E, nu: an isotropic body needs both; an anisotropic one a material")
+        self._set_material(E=E, nu=nu, plane=plane, dilatation=dilatation, anisotropy=material)
         self.f = np.zeros(basis.N)
         self.check_unchanged()
         self._supports: list[tuple[NDArray[np.int64], int, Callable[..., Any], bool]] = []
@@ -109,10 +115,11 @@ class ElasticBody(MaterialBody):
         mesh: Mesh | str | Path,
         element: Any = None,
         *,
-        E: ArrayLike,
-        nu: ArrayLike,
+        E: ArrayLike | None = None,
+        nu: ArrayLike | None = None,
         plane: str | None = "strain",
         dilatation: str = "pointwise",
+        material: Anisotropic | None = None,
     ) -> Self:
         """Build a body from a mesh or from a mesh file with named boundaries.
 
@@ -124,7 +131,7 @@ class ElasticBody(MaterialBody):
         element : Element, optional
             Scalar or vector element. Default: P2 triangles, Q2 quadrilaterals, P1 tetrahedra,
             Q1 hexahedra; on meshes of second order P2 and Q2.
-        E, nu, plane, dilatation
+        E, nu, plane, dilatation, material
             As for the class.
 
         Returns
@@ -149,7 +156,7 @@ class ElasticBody(MaterialBody):
             basis = Basis(mesh, element)
         except AdiniInputError as error:
             raise InputError(str(error)) from error
-        return cls(basis, E, nu, plane, dilatation)
+        return cls(basis, E, nu, plane, dilatation, material)
 
     @property
     def mesh(self) -> Mesh:
@@ -161,8 +168,7 @@ class ElasticBody(MaterialBody):
     def stiffness(self) -> sparse.csr_array:
         """S of ``a(u, v) = int sigma(u) : eps(v)``, all dofs, shape (ndofs, ndofs)."""
         self.check_unchanged()
-        mean = self.dilatation == "mean"
-        return stiffness_matrix(self.basis, self.lam, self.mu, mean)
+        return self.law.stiffness(self.basis, self.dilatation == "mean")
 
     @cached_property
     def absolute_stiffness(self) -> sparse.csr_array:

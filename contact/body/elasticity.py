@@ -35,6 +35,7 @@ its pressure begins to oscillate; plane stress does not lock.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -175,12 +176,59 @@ def stiffness_matrix(
     T. J. R. Hughes, The Finite Element Method, Prentice-Hall 1987, sections 4.4 and 4.5 (selective
     reduced integration, equivalence with mixed methods).
     """
-    dim, n_local = basis.mesh.dim(), basis.Nbfun // basis.mesh.dim()
-    n_cells, n_points = basis.dx.shape
+    dim, n_cells = basis.mesh.dim(), len(basis.dx)
     lame_lambda = np.broadcast_to(lame_lambda, (n_cells,))[:, None, None]
     lame_mu = np.broadcast_to(lame_mu, (n_cells,))[:, None, None]
-    dofs = basis.element_dofs.T
     total = sparse.csr_array((basis.N, basis.N))
+    for cells, weighted, K in _products(basis):
+        laplacian = sum(K[a, a] for a in range(dim))
+        if mean_dilatation:
+            total_of = weighted.sum(axis=-1)  # int d_c phi_i, (dim, ncells, n_local)
+            size = basis.dx[cells].sum(axis=1)[:, None, None]
+        local = _empty_blocks(basis, cells)
+        for c in range(dim):
+            for d in range(dim):
+                volume = K[c, d]
+                if mean_dilatation:
+                    volume = total_of[c][:, :, None] * total_of[d][:, None, :] / size
+                block = lame_lambda[cells] * volume + lame_mu[cells] * K[d, c]
+                local[:, :, c, :, d] = block + lame_mu[cells] * laplacian if c == d else block
+        total = total + _scattered(basis, cells, local)
+    total.sort_indices()
+    return total
+
+
+def tensor_stiffness(basis: Basis, tensor: NDArray[np.float64]) -> sparse.csr_array:
+    """Stiffness of ``C eps(u) : eps(v)`` for a vector basis made by ElementVector.
+
+    Parameters
+    ----------
+    basis : Basis of an ElementVector
+    tensor : ndarray, shape (dim, dim, dim, dim) or (dim, dim, dim, dim, ncells)
+        C_ijkl with the symmetries of elasticity.
+
+    Returns
+    -------
+    csr_array, shape (ndofs, ndofs)
+    """
+    dim, n_cells = basis.mesh.dim(), len(basis.dx)
+    constant = tensor if tensor.ndim == 5 else tensor[..., None]
+    C = np.broadcast_to(constant, (*tensor.shape[:4], n_cells))[..., None, None]
+    total = sparse.csr_array((basis.N, basis.N))
+    for cells, _, K in _products(basis):
+        local = _empty_blocks(basis, cells)
+        for c in range(dim):
+            for d in range(dim):
+                local[:, :, c, :, d] = sum(C[c, a, d, b, cells] * K[a, b] for a, b in K)
+        total = total + _scattered(basis, cells, local)
+    total.sort_indices()
+    return total
+
+
+def _products(basis: Basis) -> Iterator[tuple[slice, Any, dict[tuple[int, int], Any]]]:
+    """Of a chunk of cells: weighted gradients, and K_ab = int d_a phi_i d_b phi_j."""
+    dim, n_local = basis.mesh.dim(), basis.Nbfun // basis.mesh.dim()
+    n_cells, n_points = basis.dx.shape
     for start in range(0, n_cells, _CHUNK):
         cells = slice(start, min(start + _CHUNK, n_cells))
         gradient = np.empty((dim, cells.stop - start, n_points, n_local))
@@ -189,26 +237,22 @@ def stiffness_matrix(
         weighted = (gradient * basis.dx[cells][..., None]).swapaxes(-1, -2)
         K = {(a, b): weighted[a] @ gradient[b] for a in range(dim) for b in range(a, dim)}
         K |= {(b, a): block.swapaxes(-1, -2) for (a, b), block in K.items() if a < b}
-        laplacian = sum(K[a, a] for a in range(dim))
-        if mean_dilatation:
-            total_of = weighted.sum(axis=-1)  # int d_c phi_i, (dim, ncells, n_local)
-            size = basis.dx[cells].sum(axis=1)[:, None, None]
-        local = np.empty((cells.stop - start, n_local, dim, n_local, dim))
-        for c in range(dim):
-            for d in range(dim):
-                volume = K[c, d]
-                if mean_dilatation:
-                    volume = total_of[c][:, :, None] * total_of[d][:, None, :] / size
-                block = lame_lambda[cells] * volume + lame_mu[cells] * K[d, c]
-                local[:, :, c, :, d] = block + lame_mu[cells] * laplacian if c == d else block
-        chunk = dofs[cells]
-        rows = np.repeat(chunk, dim * n_local, axis=1).ravel()
-        columns = np.tile(chunk, (1, dim * n_local)).ravel()
-        total = total + sparse.csr_array(
-            sparse.coo_array((local.ravel(), (rows, columns)), shape=total.shape)
-        )
-    total.sort_indices()
-    return total
+        yield cells, weighted, K
+
+
+def _empty_blocks(basis: Basis, cells: slice) -> NDArray[np.float64]:
+    dim = basis.mesh.dim()
+    n_local = basis.Nbfun // dim
+    return np.empty((cells.stop - cells.start, n_local, dim, n_local, dim))
+
+
+def _scattered(basis: Basis, cells: slice, local: NDArray[np.float64]) -> sparse.csr_array:
+    chunk = basis.element_dofs.T[cells]
+    rows = np.repeat(chunk, basis.Nbfun, axis=1).ravel()
+    columns = np.tile(chunk, (1, basis.Nbfun)).ravel()
+    return sparse.csr_array(
+        sparse.coo_array((local.ravel(), (rows, columns)), shape=(basis.N, basis.N))
+    )
 
 
 def stress(

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from contact.body.anisotropic import Anisotropic
+from contact.body.constitutive import IsotropicLaw, StressLaw, TensorLaw
 from contact.body.elasticity import check_locking, checked_dilatation, lame
 from contact.body.solid import BasisSolid
 from contact.errors import InputError, numbers
@@ -19,22 +21,37 @@ def _property(name: str, text: str) -> Any:
     return property(lambda body: body._material[name], change, doc=text)
 
 
-@settled("it follows from E, nu and plane; set these", "lam", "mu")
+@settled("it follows from E, nu, plane and material; set these", "lam", "mu", "law")
 class MaterialBody(BasisSolid):
     """A body whose material may be changed; cached results of the old material are dropped."""
 
     dim: int
     element: Any
 
-    E = _property("E", "Young's modulus, a number or one a cell (read-only array).")
-    nu = _property("nu", "Poisson's ratio, a number or one a cell (read-only array).")
+    E = _property("E", "Young's modulus, a number or one a cell; None if anisotropic.")
+    nu = _property("nu", "Poisson's ratio, a number or one a cell; None if anisotropic.")
+    anisotropy = _property("anisotropy", "The `Anisotropic` material; None if isotropic.")
     plane = _property("plane", '"strain" or "stress"; None in three dimensions.')
     dilatation = _property("dilatation", '"pointwise" or "mean".')
+    law: StressLaw
     _material: dict[str, Any]
 
     def _set_material(self, **changed: Any) -> None:
         """Check and store a material; a problem recognises a change by the identity of the dict."""
         new = self.__dict__.get("_material", {}) | changed
+        new["plane"] = checked_plane(new["plane"], self.dim)
+        new["dilatation"] = checked_dilatation(new["dilatation"], self.element)
+        if new["anisotropy"] is None:
+            derived = self._isotropic(new)
+        else:
+            derived = {"lam": None, "mu": None, "law": self._anisotropic(new)}
+        self._material = new
+        self.__dict__.update(derived)
+        for matrix in ("stiffness", "absolute_stiffness"):
+            self.__dict__.pop(matrix, None)
+
+    def _isotropic(self, new: dict[str, Any]) -> dict[str, Any]:
+        """Check E and nu, which become read-only arrays, and return what follows from them."""
         count = self.basis.mesh.nelements
         for name in ("E", "nu"):
             value = numbers(name, new[name])
@@ -45,14 +62,29 @@ class MaterialBody(BasisSolid):
                 )
             value.flags.writeable = False
             new[name] = value
-        new["plane"] = checked_plane(new["plane"], self.dim)
-        new["dilatation"] = checked_dilatation(new["dilatation"], self.element)
         lame_lambda, lame_mu = lame(new["E"], new["nu"], new["plane"])
         check_locking(new["nu"], new["plane"], new["dilatation"], self.element)
-        self._material = new
-        self.__dict__.update(lam=lame_lambda, mu=lame_mu)
-        for derived in ("stiffness", "absolute_stiffness"):
-            self.__dict__.pop(derived, None)
+        law = IsotropicLaw(lame_lambda, lame_mu, new["nu"], new["plane"])
+        return {"lam": lame_lambda, "mu": lame_mu, "law": law}
+
+    def _anisotropic(self, new: dict[str, Any]) -> TensorLaw:
+        """Law of an anisotropic material, checked against the cells and the other arguments."""
+        given, count = new["anisotropy"], self.basis.mesh.nelements
+        if not isinstance(given, Anisotropic):
+            raise InputError(
+                f"material: expected Orthotropic(...) or Anisotropic(...), got {given!r}"
+            )
+        if new["E"] is not None or new["nu"] is not None:
+            raise InputError(
+                "material: it takes the place of E and nu; give either these or a material"
+            )
+        if new["dilatation"] != "pointwise":
+            raise InputError("dilatation='mean' is for isotropic bodies, given by E and nu")
+        if given.C.ndim == 3 and len(given.C) != count:
+            raise InputError(
+                f"material: it has {len(given.C)} stiffness tensors for a mesh of {count} cells"
+            )
+        return TensorLaw.of(given.C, self.dim, new["plane"])
 
     def check_unchanged(self) -> None:
         """Raise an `InputError` if the mesh was edited in place, or the loads to invalid values."""

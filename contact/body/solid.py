@@ -12,6 +12,7 @@ from scipy import sparse
 
 from contact.body.cell_finder import find_cells, places_in
 from contact.body.cell_strains import has_slender_cells, internal_forces
+from contact.body.constitutive import StressLaw
 from contact.body.rigid_modes import rigid_modes, value_dofs
 from contact.body.supports import live_rows
 from contact.errors import InputError, numbers
@@ -182,8 +183,8 @@ class Solid(Portable, ABC):
         """Gradient d u_i / d x_j of the displacement at points, shape (dim, dim, npoints)."""
 
     @abstractmethod
-    def material(self, points: Array) -> tuple[Array, Array, Array]:
-        """Lame parameters lambda and mu, and Poisson's ratio, at points."""
+    def law_at(self, points: Array) -> StressLaw:
+        """Stress from strain at points, shape (dim, npoints)."""
 
     def mean_dilatation(self, u: Array) -> Array | None:
         """Mean div u of each cell, shape (ncells,), with mean dilatation; else None."""
@@ -201,6 +202,7 @@ class BasisSolid(Solid):
     lam: Array
     mu: Array
     nu: Array
+    law: StressLaw
     dilatation: str
     _live: tuple[sparse.csr_array, sparse.csr_array, NDArray[np.bool_]] | None = None
     _give: tuple[sparse.csr_array, Array] | None = None
@@ -365,13 +367,9 @@ class BasisSolid(Solid):
             start=np.zeros((self.dim, self.dim, points.shape[1])),
         )
 
-    def material(self, points: Array) -> tuple[Array, Array, Array]:
-        """Lame parameters lambda and mu, and Poisson's ratio, at points."""
-        cells, count = self.cells_of(points), self.mesh.nelements
-        lame_lambda, lame_mu, nu = (
-            np.broadcast_to(v, count)[cells] for v in (self.lam, self.mu, self.nu)
-        )
-        return lame_lambda, lame_mu, nu
+    def law_at(self, points: Array) -> StressLaw:
+        """Stress from strain at points, shape (dim, npoints)."""
+        return self.law.at(self.cells_of(points))
 
     def _local(self, points: Array, cells: NDArray[np.int64]) -> Any:
         """Each local basis function at the points, and its dof in the cell of each point."""

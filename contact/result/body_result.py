@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contact.body.elasticity import stress
 from contact.errors import InputError, numbers
 from contact.output.vtk import body_grid
 from contact.result.recovery import cell_stress, nodal_stress
@@ -93,11 +92,10 @@ class BodyFields:
         if points is None:
             gradient = np.asarray(body.basis.interpolate(self.u).grad)
             volume = None if mean is None else mean[:, None]
-            return stress(gradient, _per_cell(body.lam), _per_cell(body.mu), volume)
+            return np.asarray(body.law.stress(gradient, volume))
         where = self._points(points)
-        lame_lambda, lame_mu, _ = body.material(where)
         volume = None if mean is None else mean[body.cells_of(where)]
-        return stress(body.gradient(self.u, where), lame_lambda, lame_mu, volume)
+        return np.asarray(body.law_at(where).stress(body.gradient(self.u, where), volume))
 
     def nodal_stress(self) -> Array:
         """Cauchy stress at the vertices of the mesh, shape (3, 3, nvertices).
@@ -141,9 +139,9 @@ class BodyFields:
         body = self.body
         sigma = self.stress(points)
         trace = np.trace(sigma)
-        if body.plane == "strain":
-            nu = _per_cell(body.nu) if points is None else body.material(self._points(points))[2]
-            out_of_plane = nu * trace
+        if body.dim == 2:
+            law = body.law if points is None else body.law_at(self._points(points))
+            out_of_plane = law.out_of_plane(sigma)
         else:
             out_of_plane = np.zeros_like(trace)
         trace = trace + out_of_plane
@@ -239,7 +237,3 @@ class BodyResult(BodyFields):
     def resultant(self) -> Array:
         """Force of everything in contact with the body on it, shape (dim,)."""
         return np.asarray(self.body.total(-self.contact_forces))
-
-
-def _per_cell(value: Array) -> Array:
-    return value[:, None] if value.ndim else value

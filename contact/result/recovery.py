@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.body.elasticity import stress
+from contact.body.constitutive import IsotropicLaw
 from contact.body.vector_element import GRADIENT_DOFS
 from skfem_adini import nodal_stress as stress_of_dofs
 
@@ -23,12 +23,12 @@ def nodal_stress(body: ElasticBody, u: Array) -> Array:
     Adini and BFS have the gradient among their dofs. For other elements the stresses of the cells
     around a vertex are evaluated there and averaged by the cells' sizes.
     """
-    if isinstance(body.element, GRADIENT_DOFS):
+    if isinstance(body.element, GRADIENT_DOFS) and isinstance(body.law, IsotropicLaw):
         plane: Any = body.plane or "strain"
         return stress_of_dofs(body.basis, u, body.E, body.nu, plane)
     mesh, size = body.mesh, body.basis.dx.sum(axis=1)
     X = np.repeat(mesh.elem.refdom.p[:, None], mesh.nelements, axis=1)
-    at = _full(body, _stress_at(body, u, X), body.nu)
+    at = _full(body, _stress_at(body, u, X))
     total, share = np.zeros((mesh.nvertices, 3, 3)), np.zeros(mesh.nvertices)
     for corner, vertices in enumerate(mesh.t):
         np.add.at(total, vertices, (at[..., corner] * size).transpose(2, 0, 1))
@@ -40,7 +40,7 @@ def cell_stress(body: ElasticBody, sigma: Array) -> Array:
     """Mean of each cell of the stress in the quadrature points, shape (3, 3, ncells)."""
     dx = body.basis.dx
     mean = np.sum(sigma * dx, axis=-1) / dx.sum(axis=1)
-    return _full(body, mean, body.nu)
+    return _full(body, mean)
 
 
 def _stress_at(body: ElasticBody, u: Array, X: Array) -> Array:
@@ -49,20 +49,15 @@ def _stress_at(body: ElasticBody, u: Array, X: Array) -> Array:
     for i, dofs in enumerate(body.basis.element_dofs):
         field = body.basis.elem.gbasis(body.basis.mapping, X, i, tind=everywhere)[0]
         gradient += np.asarray(field.grad) * u[dofs][:, None]
-    lame_lambda, lame_mu = (
-        value[:, None] if value.ndim else value for value in (body.lam, body.mu)
-    )
     mean = body.mean_dilatation(u)
-    return stress(gradient, lame_lambda, lame_mu, None if mean is None else mean[:, None])
+    return body.law.stress(gradient, None if mean is None else mean[:, None])
 
 
-def _full(body: ElasticBody, sigma: Array, nu: Array) -> Array:
-    """Tensors with nine components: sigma_zz of plane strain is nu (sigma_xx + sigma_yy)."""
+def _full(body: ElasticBody, sigma: Array) -> Array:
+    """Tensors with nine components: sigma_zz of plane strain follows from the law."""
     if body.dim == 3:
         return sigma
     full = np.zeros((3, 3, *sigma.shape[2:]))
     full[:2, :2] = sigma
-    if body.plane == "strain":
-        ratio = nu.reshape(nu.shape + (1,) * (sigma.ndim - 3)) if nu.ndim else nu
-        full[2, 2] = ratio * np.trace(sigma)
+    full[2, 2] = body.law.out_of_plane(sigma)
     return full

@@ -15,6 +15,7 @@ import skfem
 from scipy import sparse
 from skfem.generic_utils import OrientedBoundary
 
+from contact.body.anisotropic import Anisotropic
 from contact.body.cut_body import CutBody
 from contact.body.elastic_body import ElasticBody
 from contact.errors import InputError, NotConverged
@@ -104,7 +105,11 @@ def problem_arrays(system: ContactSystem) -> dict[str, Any]:
             raise InputError(
                 "result: its basis has a mapping or a numbering of its own, which no file holds"
             )
-    arrays: dict[str, Any] = {"p": mesh.doflocs, "t": mesh.t, "E": body.E, "nu": body.nu}
+    arrays: dict[str, Any] = {"p": mesh.doflocs, "t": mesh.t}
+    if body.anisotropy is None:
+        arrays |= {"E": body.E, "nu": body.nu}
+    else:
+        arrays["C"] = body.anisotropy.C
     arrays |= {"quadrature/X": basis.X, "quadrature/W": basis.W}
     boundaries, subdomains = mesh.boundaries or {}, mesh.subdomains or {}
     for i, facets in enumerate(boundaries.values()):
@@ -280,10 +285,11 @@ def _rebuild_problem(
     rule = (arrays["quadrature/X"], arrays["quadrature/W"]) if "quadrature/X" in arrays else None
     body = ElasticBody(
         skfem.Basis(mesh, element, quadrature=rule),
-        arrays["E"],
-        arrays["nu"],
+        arrays.get("E"),
+        arrays.get("nu"),
         about["plane"],
         about.get("dilatation", "pointwise"),
+        Anisotropic(arrays["C"]) if "C" in arrays else None,
     )
     body.constraint = _unpack(arrays, "constraint"), arrays["u0"]
     parts: dict[str, Any] = {

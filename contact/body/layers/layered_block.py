@@ -15,6 +15,7 @@ from skfem import Basis, ElementVector, MeshQuad
 
 from contact.arrays.dense_arrays import HostArrays, arrays_on
 from contact.body.boundary_names import select_components
+from contact.body.constitutive import IsotropicLaw
 from contact.body.elastic_body import ElasticBody, Field
 from contact.body.layers.bottom_row import LowestRow
 from contact.body.layers.cell_stencil import CellStencil
@@ -367,11 +368,11 @@ class LayeredBlock(Solid):
             value[:, :, at] += np.asarray(field.grad)[:, :, 0] * own
         return value
 
-    def material(self, points: Array) -> tuple[Array, Array, Array]:
-        """Lame parameters lambda and mu, and Poisson's ratio, at points."""
+    def law_at(self, points: Array) -> IsotropicLaw:
+        """Stress from strain at points, shape (2, npoints)."""
         table = np.array([[float(c.lam), float(c.mu), float(c.nu)] for c in self.cell_bodies])
         lame_lambda, lame_mu, nu = table[located(self, points)[0]].T
-        return lame_lambda, lame_mu, nu
+        return IsotropicLaw(lame_lambda, lame_mu, nu, self.plane)
 
     def elastic(self) -> ElasticBody:
         """The same body as an `ElasticBody`, with loads and supports; dofs are numbered as here."""

@@ -1,0 +1,223 @@
+"""The law of Hooke in a body, isotropic or by a tensor: stress, energy and stiffness of its cells.
+
+What reads the material of a body asks its law, and does not know of which kind it is. A law belongs
+to all cells; `StressLaw.at` is that of some of them, or of points in them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from skfem import Basis
+
+from contact.body.anisotropic import VOIGT, tensor_of
+from contact.body.elasticity import stiffness_matrix, stress, tensor_stiffness
+from contact.errors import InputError
+
+Array = NDArray[np.float64]
+_SYMMETRY = 1e-12  # relative: stiffness that couples the plane to shear across it
+
+
+class StressLaw(Protocol):
+    """Stress from strain in every cell; constants are numbers or one a cell."""
+
+    def at(self, cells: NDArray[np.int64]) -> Self:
+        """The law of the given cells, or of points in them, shape (n,)."""
+        ...
+
+    def stress(self, gradient: Array, dilatation: Array | None = None) -> Array:
+        """Stress of displacement gradients (dim, dim, ncells, ...), of the same shape.
+
+        `dilatation` replaces div u in the volumetric part of an isotropic law.
+        """
+        ...
+
+    def out_of_plane(self, sigma: Array) -> Array:
+        """sigma_zz of a body in two dimensions from the stresses in its plane."""
+        ...
+
+    def stiffness(self, basis: Basis, mean_dilatation: bool = False) -> sparse.csr_array:
+        """Stiffness matrix of a basis whose cells are those of the law."""
+        ...
+
+    def strain_rows(self, gradients: Array, volumetric: bool = True) -> list[Array]:
+        """Strains whose squares sum to twice the energy density, for each basis function.
+
+        Parameters
+        ----------
+        gradients : ndarray, shape (dim, ncells, npoints, n)
+            Of the scalar basis functions.
+        volumetric : bool
+            Whether the part with lambda of an isotropic law is among them.
+
+        Returns
+        -------
+        list of ndarray, shape (ncells, npoints, n, dim)
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class IsotropicLaw:
+    """``sigma = lambda tr(eps) I + 2 mu eps``, with lambda reduced in plane stress.
+
+    Attributes
+    ----------
+    lam, mu, nu : ndarray, shape () or (ncells,)
+    plane : {"strain", "stress", None}
+    """
+
+    lam: Array
+    mu: Array
+    nu: Array
+    plane: str | None
+
+    def at(self, cells: NDArray[np.int64]) -> Self:
+        """The law of the given cells."""
+        lam, mu, nu = (v[cells] if v.ndim else v for v in (self.lam, self.mu, self.nu))
+        return type(self)(lam, mu, nu, self.plane)
+
+    def stress(self, gradient: Array, dilatation: Array | None = None) -> Array:
+        """Stress of displacement gradients."""
+        axes = gradient.ndim - 2
+        return stress(gradient, _over(self.lam, axes), _over(self.mu, axes), dilatation)
+
+    def out_of_plane(self, sigma: Array) -> Array:
+        """``nu (sigma_xx + sigma_yy)`` in plane strain, zero in plane stress."""
+        trace = np.trace(sigma)
+        if self.plane == "stress":
+            return np.zeros_like(trace)
+        return np.asarray(_over(self.nu, trace.ndim) * trace)
+
+    def stiffness(self, basis: Basis, mean_dilatation: bool = False) -> sparse.csr_array:
+        """See `contact.body.elasticity.stiffness_matrix`."""
+        return stiffness_matrix(basis, self.lam, self.mu, mean_dilatation)
+
+    def strain_rows(self, gradients: Array, volumetric: bool = True) -> list[Array]:
+        """Rows of the root of ``lambda 1 1^T + 2 mu I``, and shears times ``2 sqrt(mu)``."""
+        g, (dim, cells, points, n) = gradients, gradients.shape
+        lam, mu = np.broadcast_to(self.lam, cells), np.broadcast_to(self.mu, cells)
+        elastic = np.zeros((cells, dim, dim)) + (1.0 if volumetric else 0.0) * lam[:, None, None]
+        elastic += 2.0 * mu[:, None, None] * np.eye(dim)
+        L = np.linalg.cholesky(elastic)
+        rows = []
+        for a in range(dim):
+            row = np.zeros((cells, points, n, dim))
+            for b in range(a, dim):
+                row[..., b] = L[:, b, a, None, None] * g[b]
+            rows.append(row)
+        for a in range(dim):
+            for b in range(a):
+                row = np.zeros((cells, points, n, dim))
+                row[..., a] = np.sqrt(mu)[:, None, None] * g[b]
+                row[..., b] = np.sqrt(mu)[:, None, None] * g[a]
+                rows.append(row)
+        return rows
+
+
+@dataclass(frozen=True, eq=False)
+class TensorLaw:
+    r"""``sigma_ij = C_ijkl eps_kl``, the tensor of the plane in two dimensions.
+
+    Attributes
+    ----------
+    tensor : ndarray, shape (dim, dim, dim, dim) or (dim, dim, dim, dim, ncells)
+    zz : ndarray, shape (2, 2) or (2, 2, ncells)
+        ``sigma_zz = zz_ab sigma_ab``.
+    """
+
+    tensor: Array
+    zz: Array
+
+    @classmethod
+    def of(cls, C: Array, dim: int, plane: str | None) -> Self:
+        r"""Law of a Voigt stiffness in `dim` dimensions.
+
+        Plane strain takes the rows and columns xx, yy, xy of C; plane stress their Schur
+        complement :math:`C_{pp} - C_{pz} C_{zz}^{-1} C_{zp}` (Ting 1996, section 3.2).
+
+        Raises
+        ------
+        InputError
+            Two dimensions and a plane that is none of symmetry: strains in it would shear across.
+        """
+        if dim == 3:
+            return cls(tensor_of(C), np.zeros((2, 2)))
+        inside, across = [0, 1, 5], [3, 4]
+        for place in (*inside, 2):
+            if np.abs(C[..., place, across]).max() > _SYMMETRY * np.abs(C).max():
+                raise InputError(
+                    "material: in two dimensions the plane must be one of symmetry, that is "
+                    "C_14, C_15, C_24, C_25, C_34, C_35, C_46 and C_56 zero in the axes of the "
+                    "mesh; turn the axes about z only, or make the body in three dimensions"
+                )
+        C_pp, C_pz = C[..., inside, :][..., inside], C[..., inside, 2]
+        if plane == "stress":
+            outer = C_pz[..., :, None] * C_pz[..., None, :]
+            C_pp, C_pz = C_pp - outer / C[..., 2, 2, None, None], np.zeros_like(C_pz)
+        row = np.linalg.solve(C_pp, C_pz[..., None])[..., 0]
+        row[..., 2] *= 0.5  # sigma_xy stands twice in the double sum
+        index = np.where(VOIGT[:2, :2] == 5, 2, VOIGT[:2, :2])
+        tensor = C_pp[..., index[:, :, None, None], index[None, None]]
+        zz = row[..., index]
+        if C.ndim == 3:
+            tensor, zz = np.moveaxis(tensor, 0, -1), np.moveaxis(zz, 0, -1)
+        return cls(np.ascontiguousarray(tensor), np.ascontiguousarray(zz))
+
+    def at(self, cells: NDArray[np.int64]) -> Self:
+        """The law of the given cells."""
+        if self.tensor.ndim == 4:
+            return self
+        return type(self)(
+            self.tensor[..., cells], self.zz[..., cells] if self.zz.ndim == 3 else self.zz
+        )
+
+    def stress(self, gradient: Array, dilatation: Array | None = None) -> Array:
+        """Stress of displacement gradients; the tensor has its own volumetric part."""
+        C = self.tensor
+        C = C.reshape(C.shape + (1,) * (gradient.ndim - 3)) if C.ndim == 5 else C
+        return np.asarray(np.einsum("abcd...,cd...->ab...", C, gradient))
+
+    def out_of_plane(self, sigma: Array) -> Array:
+        """sigma_zz for eps_zz = 0 in plane strain, zero in plane stress."""
+        zz = self.zz
+        zz = zz.reshape(zz.shape + (1,) * (sigma.ndim - 3)) if zz.ndim == 3 else zz
+        return np.asarray(np.einsum("ab...,ab...->...", zz, sigma))
+
+    def stiffness(self, basis: Basis, mean_dilatation: bool = False) -> sparse.csr_array:
+        """See `contact.body.elasticity.tensor_stiffness`."""
+        return tensor_stiffness(basis, self.tensor)
+
+    def strain_rows(self, gradients: Array, volumetric: bool = True) -> list[Array]:
+        """Rows of the root of the tensor as a matrix of the independent strains."""
+        g, (dim, cells, points, n) = gradients, gradients.shape
+        pairs = [(a, b) for a in range(dim) for b in range(a, dim)]
+        first, second = np.array(pairs).T
+        matrix = self.tensor[first[:, None], second[:, None], first, second]
+        matrix = np.broadcast_to(
+            matrix.T if matrix.ndim == 3 else matrix, (cells, *matrix.shape[:2])
+        )
+        L = np.linalg.cholesky(matrix)
+        strains = []
+        for a, b in pairs:
+            strain = np.zeros((cells, points, n, dim))
+            strain[..., a] = g[b]
+            strain[..., b] = g[a]
+            strains.append(strain)
+        every = range(len(pairs))
+        return [
+            sum(
+                (L[:, j, i, None, None, None] * strains[j] for j in every if j >= i),
+                start=0.0 * strains[0],
+            )
+            for i in every
+        ]
+
+
+def _over(value: Any, axes: int) -> Any:
+    """Constants of the cells, to be multiplied with arrays (ncells, ...) of so many axes."""
+    return value.reshape(value.shape + (1,) * (axes - 1)) if value.ndim else value
