@@ -11,7 +11,12 @@ from two_blocks import block, facing, ring, sides, turned
 
 from contact import InputError
 from contact.rows.mortar.facet_curves import FacetCurves
-from contact.rows.mortar.segments import interface_quadrature, interface_segments
+from contact.rows.mortar.segments import (
+    _near_the_lines,
+    _sides,
+    interface_quadrature,
+    interface_segments,
+)
 from contact.rows.outline import Outline
 
 
@@ -179,3 +184,27 @@ def test_sides_that_do_not_face(element):
     far = facing(element, 3, 4, gap=10.0)[0]
     with pytest.raises(InputError, match=r"within 1[.]*[0-9]*; check the places"):
         interface_segments(curves(far, "bottom"), curves(lower, "top"))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_tree_loses_no_pair(seed):
+    """Against all pairs of two wavy sides, rough, graded and far from each other."""
+    rng = np.random.default_rng(seed)
+    wave, height = rng.uniform(1, 9, 2), rng.uniform(0, 0.3, 2)
+    ticks = [np.unique(np.append(rng.uniform(0, 1, 70) ** p, [0.0, 1.0])) for p in (1, 3)]
+
+    def wavy(k, lift):
+        return lambda x: np.array([x[0], x[1] + height[k] * np.sin(wave[k] * x[0]) + lift])
+
+    one = curves(block(ElementQuad1, ticks[0], [0, 2], place=wavy(0, seed % 3)), "bottom")
+    two = curves(block(ElementQuad1, ticks[1], [-2, 0], place=wavy(1, 0.0)), "top")
+    for first, second in ((one, two), (two, one)):
+        shape = first.sign.size, second.sign.size
+        facet, other = (k.ravel() for k in np.indices(shape))
+        before, after = _sides(first, second, facet, other)
+        connected = ~before.all(axis=0) & ~after.all(axis=0)
+        found = np.zeros(shape, dtype=bool)
+        found[_near_the_lines(first, second)] = True
+        assert connected.any()
+        assert np.all(found.ravel()[connected])
+        assert found.sum() < 0.5 * found.size
