@@ -93,6 +93,8 @@ class PositiveBasis:
         number, hub = _numbers(outline.corners, degree, inline, held)
         slot = np.arange(SLOTS)
         place = np.where(degree[:, None] > 0, slot / np.maximum(degree, 1)[:, None], 0.5)
+        # With the lower degree there is a coefficient left at a held end, which is not its value.
+        hub[np.isin(hub, outline.corners[held])] = -1
         order = in_order(outline, place, number, hub.size)
         rank = np.empty(hub.size, dtype=np.int64)
         rank[order] = np.arange(hub.size)

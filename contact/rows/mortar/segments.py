@@ -11,8 +11,8 @@ facet on that side; one between them is met once. So no wrong root is ever chose
 met by one a thousand times as long, and two facets that share a vertex and its normal agree about
 what lies on either side of it, to the last digit.
 
-Pairs come from a tree of the mortar facets. Where several lie on one line, the nearest takes part. Facets whose normals do not
-point towards each other take none.
+Pairs come from a tree of the mortar facets. Where several lie on one line, the nearest takes part.
+Facets whose normals do not point towards each other take none.
 
 References
 ----------
