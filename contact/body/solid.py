@@ -15,6 +15,7 @@ from contact.body.cell_strains import has_slender_cells, internal_forces
 from contact.body.constitutive import StressLaw
 from contact.body.rigid_modes import rigid_modes, value_dofs
 from contact.body.supports import live_rows
+from contact.body.surface import Surface
 from contact.errors import InputError, numbers
 from contact.portable import Portable, PortableBasis
 
@@ -34,10 +35,13 @@ class Solid(Portable, ABC):
     plane : {"strain", "stress", None}
     f : ndarray, shape (ndofs,)
         Load on every dof.
+    name : str
+        By which errors and results of several bodies know it; see `named`.
     """
 
     dim: int
     plane: str | None
+    name: str = ""
     _f: Array
     _supports: list[Any]
     if TYPE_CHECKING:
@@ -87,6 +91,65 @@ class Solid(Portable, ABC):
         return S.shape == other.stiffness.shape and bool(
             abs(S - other.stiffness).max() <= 1e-12 * abs(S).max()
         )
+
+    def named(self, name: str) -> Self:
+        """Give the body a name, by which errors and results of several bodies know it.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        Solid
+            Itself, for chaining.
+
+        Raises
+        ------
+        InputError
+            Not a word.
+        """
+        if not isinstance(name, str) or not name:
+            raise InputError(f"name={name!r}: expected a word")
+        self.name = name
+        return self
+
+    def surface(self, boundary: Any, clearance: Any = None) -> Surface:
+        """A boundary of this body as the obstacle of another one, or of another boundary.
+
+        Parameters
+        ----------
+        boundary : str, list of str or array of facet numbers
+        clearance : float, callable x -> array, or ndarray of shape (m,), optional
+            The gap at the contact points of the other side; default: measured between the meshes.
+
+        Returns
+        -------
+        Surface
+
+        Raises
+        ------
+        InputError
+            No such boundary.
+
+        Examples
+        --------
+        >>> from skfem import MeshQuad
+        >>> from contact import ContactProblem, ElasticBody
+        >>> mesh = MeshQuad().refined(2).with_defaults()
+        >>> lower = ElasticBody.from_mesh(mesh, E=1.0, nu=0.3).fix("bottom", "xy")
+        >>> above = mesh.translated((0.0, 1.0)).refined(1).with_defaults()
+        >>> upper = ElasticBody.from_mesh(above, E=2.0, nu=0.3).fix("top", "xy", -0.01)
+        >>> result = ContactProblem(upper, "bottom", lower.surface("top"), friction=0.3).solve()
+        >>> bool((result.pressure > 0).all())
+        True
+        """
+        return Surface(self, self.trace.whole_facets(boundary), clearance)
+
+    @property
+    def materials(self) -> tuple[Any, ...]:
+        """The material of each of the `bodies`."""
+        return (self._material,)
 
     @property
     def bodies(self) -> tuple[Any, ...]:

@@ -6,14 +6,14 @@ from functools import singledispatch
 
 from contact.body.layers.layered_block import LayeredBlock
 from contact.body.solid import BasisSolid, Solid
-from contact.condensation.condensed_body import CondensedBody, Rows
+from contact.condensation.condensed_body import BodyRows, CondensedBody
 from contact.condensation.layers import CondensedLayers
 from contact.condensation.sparse import SparseBody
 from contact.errors import InputError
 
 
 @singledispatch
-def condense(body: Solid, rows: Rows, solver: str, device: str) -> CondensedBody:
+def condense(body: Solid, rows: BodyRows, solver: str, device: str) -> CondensedBody:
     """Reduce a body to its contact boundary.
 
     Another kind of body registers its own function: ``@condense.register(Kind)``.
@@ -21,8 +21,8 @@ def condense(body: Solid, rows: Rows, solver: str, device: str) -> CondensedBody
     Parameters
     ----------
     body : Solid
-    rows : pair of csr_array
-        Its columns of the normal and the tangential contact rows.
+    rows : BodyRows
+        Its columns of the contact rows.
     solver : {"auto", "pardiso", "superlu"}
         Sparse factorisation.
     device : {"cpu", "cuda"}
@@ -36,7 +36,7 @@ def condense(body: Solid, rows: Rows, solver: str, device: str) -> CondensedBody
 
 
 @condense.register(BasisSolid)
-def _by_factorisation(body: BasisSolid, rows: Rows, solver: str, device: str) -> CondensedBody:
+def _by_factorisation(body: BasisSolid, rows: BodyRows, solver: str, device: str) -> CondensedBody:
     if device != "cpu":
         raise InputError(
             f"device={device!r}: sparse factorisation runs on the 'cpu'; a `LayeredBlock` can "
@@ -46,7 +46,9 @@ def _by_factorisation(body: BasisSolid, rows: Rows, solver: str, device: str) ->
 
 
 @condense.register(LayeredBlock)
-def _by_slab_doubling(body: LayeredBlock, rows: Rows, solver: str, device: str) -> CondensedBody:
+def _by_slab_doubling(
+    body: LayeredBlock, rows: BodyRows, solver: str, device: str
+) -> CondensedBody:
     if solver != "auto":
         raise InputError(
             f"solver={solver!r}: a LayeredBlock is condensed without sparse factorisation; "

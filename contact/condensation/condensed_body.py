@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,22 @@ from contact.body.rigid_modes import describe_motion
 from contact.condensation.held_factor import held_factor
 
 Array = NDArray[np.float64]
-Rows = tuple[sparse.csr_array, sparse.csr_array]
+
+
+@dataclass(frozen=True)
+class BodyRows:
+    """The columns of one body in the contact rows.
+
+    Attributes
+    ----------
+    normal, tangential : csr_array, shapes (k, ndofs) and (l, ndofs)
+    keep : csr_array, shape (1, ndofs), optional
+        Other dofs to be kept, for rows that come later.
+    """
+
+    normal: sparse.csr_array
+    tangential: sparse.csr_array
+    keep: sparse.csr_array | None = None
 
 
 class CondensedBody:
@@ -63,13 +79,27 @@ class CondensedBody:
         other._prescribe(body)
         return other
 
-    def _touch(self, rows: Rows) -> sparse.csr_array:
+    def _touch(self, rows: BodyRows) -> sparse.csr_array:
         """Rows in all unknowns, from normal and tangential ones; sets which unknowns they touch."""
-        normal, tangential = (sparse.csr_array(part @ self._P) for part in rows)
+        B = self._in_unknowns(rows)
+        kept = [] if rows.keep is None else [(rows.keep @ self._P).indices]
+        self._boundary = np.unique(np.concatenate([B.indices, *kept])).astype(np.int64)
+        return B
+
+    def _in_unknowns(self, rows: BodyRows) -> sparse.csr_array:
+        normal, tangential = (
+            sparse.csr_array(part @ self._P) for part in (rows.normal, rows.tangential)
+        )
         tangential.eliminate_zeros()
-        B = sparse.vstack([normal, tangential], format="csr")
-        self._boundary = np.unique(B.indices).astype(np.int64)
-        return sparse.csr_array(B)
+        return sparse.csr_array(sparse.vstack([normal, tangential], format="csr"))
+
+    def touched_by(self, rows: BodyRows) -> CondensedBody:
+        """The same factorisation for other rows, on dofs that were kept."""
+        other, B = copy(self), self._in_unknowns(rows)
+        if np.setdiff1d(B.indices, self._boundary).size:
+            raise AssertionError("rows: they touch unknowns that were eliminated")
+        other.B = sparse.csr_array(B[:, self._boundary])
+        return other
 
     def _hold(self, N: Array, modes: Array) -> None:
         """Factor S_b, free rigid motions held; N are these on its unknowns, modes on all."""

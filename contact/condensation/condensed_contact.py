@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 from contact.arrays.blas_threads import one_blas_thread
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condense import condense
-from contact.condensation.condensed_body import CondensedBody
+from contact.condensation.condensed_body import BodyRows, CondensedBody
 from contact.condensation.point_rows import PointRows
 from contact.errors import Infeasible, InputError
 from contact.obstacles.rigid import ObstacleMotion
@@ -42,6 +42,10 @@ class CondensedContact:
     rows : ContactRows
     solver : {"auto", "pardiso", "superlu"}
         Sparse factorisation; see `contact.condensation.schur`.
+    device : {"cpu", "cuda"}
+        The latter for a `LayeredBlock`.
+    keep : csr_array, shape (1, ndofs), optional
+        Has entries at dofs that are kept for other rows, see `touched_by`.
 
     Attributes
     ----------
@@ -88,14 +92,49 @@ class CondensedContact:
     _arrays: Any
 
     def __init__(
-        self, body: Any, rows: ContactRows, solver: str = "auto", device: str = "cpu"
+        self,
+        body: Any,
+        rows: ContactRows,
+        solver: str = "auto",
+        device: str = "cpu",
+        keep: sparse.csr_array | None = None,
     ) -> None:
+        of_bodies = self._take(body, rows, keep)
+        self.parts: tuple[CondensedBody, ...] = tuple(
+            condense(one, own, solver, device)
+            for one, own in zip(body.bodies, of_bodies, strict=True)
+        )
+        self._finish(body)
+
+    def touched_by(self, body: Any, rows: ContactRows) -> CondensedContact:
+        """The same factorisations for other rows, on dofs that were kept.
+
+        Parameters
+        ----------
+        body : Solid
+            This body, perhaps under other loads.
+        rows : ContactRows
+        """
+        other = copy(self)
+        other.parts = tuple(
+            part.under(one).touched_by(own)
+            for part, one, own in zip(
+                self.parts, body.bodies, other._take(body, rows, None), strict=True
+            )
+        )
+        other._finish(body)
+        return other
+
+    def _take(self, body: Any, rows: ContactRows, keep: sparse.csr_array | None) -> list[BodyRows]:
+        """Take over the rows; returns the columns of each body in the live ones."""
         self.rows = rows
         normal, tangential = self._choose(rows, body.live(rows.G), body.live(rows.T))
-        self.parts: tuple[CondensedBody, ...] = tuple(
-            condense(one, (normal[:, own], tangential[:, own]), solver, device)
-            for one, own in zip(body.bodies, body.slices, strict=True)
-        )
+        return [
+            BodyRows(normal[:, own], tangential[:, own], None if keep is None else keep[:, own])
+            for own in body.slices
+        ]
+
+    def _finish(self, body: Any) -> None:
         self._prescribe(body)
         self.B = sparse.csr_array(sparse.hstack([part.B for part in self.parts], format="csr"))
         self.slender = any(part.slender for part in self.parts)

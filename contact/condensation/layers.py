@@ -14,7 +14,7 @@ from contact.body.free_motions import RIGID, unseen_motion
 from contact.body.layers.layered_block import LayeredBlock
 from contact.body.layers.layers import PER_NODE
 from contact.body.rigid_modes import describe_motion, reduced_echelon, rigid_modes
-from contact.condensation.condensed_body import CondensedBody, Rows
+from contact.condensation.condensed_body import BodyRows, CondensedBody
 from contact.condensation.slab_doubling import SlabDoubling
 
 Array = NDArray[np.float64]
@@ -28,15 +28,15 @@ class CondensedLayers(CondensedBody):
     Parameters
     ----------
     body : LayeredBlock
-    rows : pair of csr_array, shapes (k, ndofs) and (l, ndofs)
-        Normal and tangential contact rows, on the bottom's dofs only.
+    rows : BodyRows
+        On the bottom's dofs only.
     arrays : HostArrays
         Where to compute.
     """
 
     serial = False  # recovery has large products
 
-    def __init__(self, body: LayeredBlock, rows: Rows, arrays: HostArrays) -> None:
+    def __init__(self, body: LayeredBlock, rows: BodyRows, arrays: HostArrays) -> None:
         self.arrays = arrays
         size, held = body.row_size, body.prescribed[0]
         free = np.ones((2, size), dtype=bool)  # of all node rows but the top, and of the top
@@ -47,7 +47,7 @@ class CondensedLayers(CondensedBody):
         per_length = 1.0 / np.tile([1.0, 1.0, *[body.cell_size] * 4], body.columns + 1)[own]
         self._P = sparse.csr_array((per_length, (own, np.arange(own.size))), shape=(size, own.size))
         self._prescribe(body)
-        B = self._touch((rows[0][:, :size], rows[1][:, :size]))
+        B = self._touch(rows)
         self.B = sparse.csr_array(B[:, self._boundary])
         self._per_length = per_length[self._boundary]
         self._factor: Any = SlabDoubling(
@@ -85,6 +85,11 @@ class CondensedLayers(CondensedBody):
         everywhere = self._of_all_dofs(plain)
         everywhere[held] = 0.0
         return free, everywhere
+
+    def _in_unknowns(self, rows: BodyRows) -> sparse.csr_array:
+        size = self.body.row_size
+        lowest = BodyRows(rows.normal[:, :size], rows.tangential[:, :size])
+        return super()._in_unknowns(lowest)
 
     def restrict(self, rows: Any) -> Array:
         """Rows on all dofs, expressed in the contact boundary's unknowns, shape (nrows, nb)."""

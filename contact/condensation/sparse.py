@@ -9,7 +9,7 @@ from scipy import sparse
 
 from contact.arrays.blas_threads import one_blas_thread
 from contact.body.free_motions import free_motions, unseen_motion
-from contact.condensation.condensed_body import CondensedBody, Rows
+from contact.condensation.condensed_body import BodyRows, CondensedBody
 from contact.condensation.elimination_order import elimination_order
 from contact.condensation.schur import schur_factor
 from contact.condensation.strain_factor import factor_of_strains, strains_can_be_factored
@@ -21,8 +21,7 @@ class SparseBody(CondensedBody):
     Parameters
     ----------
     body : BasisSolid
-    rows : pair of csr_array, shapes (k, ndofs) and (l, ndofs)
-        Normal and tangential contact rows.
+    rows : BodyRows
     solver : {"auto", "pardiso", "superlu"}
         See `contact.condensation.schur`.
 
@@ -32,7 +31,7 @@ class SparseBody(CondensedBody):
         A piece of the body is neither fixed nor connected to the contact boundary.
     """
 
-    def __init__(self, body: Any, rows: Rows, solver: str = "auto") -> None:
+    def __init__(self, body: Any, rows: BodyRows, solver: str = "auto") -> None:
         self.slender = body.slender
         P, _ = body.constraint
         if P.nnz == P.shape[1] and np.all(P.data == 1.0):

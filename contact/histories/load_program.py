@@ -17,6 +17,7 @@ from contact.portable import Portable
 
 if TYPE_CHECKING:
     from contact.body.elastic_body import Field
+    from contact.body.solid import Solid
     from contact.problem.contact_problem import ContactProblem
 
 Array = NDArray[np.float64]
@@ -39,7 +40,14 @@ class LoadProgram(Portable):
         self._motions: list[tuple[Array, Factor]] = []
         self._obstacle: Callable[[float], ObstacleLike] | None = None
 
-    def load(self, boundary: Boundary, traction: Field, factor: Factor | None = None) -> Self:
+    def load(
+        self,
+        boundary: Boundary,
+        traction: Field,
+        factor: Factor | None = None,
+        *,
+        body: Solid | str | int | None = None,
+    ) -> Self:
         """Add the traction ``factor(t) * traction`` on a boundary; see `ElasticBody.load`.
 
         Parameters
@@ -48,10 +56,19 @@ class LoadProgram(Portable):
         traction : array of shape (dim,) or callable x -> array of shape (dim, ...)
         factor : callable t -> float, optional
             Default: t itself.
+        body : Solid, str or int, optional
+            Which one, if the problem has several.
         """
-        return self.load_vector(self._unloaded().load(boundary, traction).f, factor)
+        k = self._number(body)
+        return self.load_vector(self._unloaded(k).load(boundary, traction).f, factor, body=k)
 
-    def body_force(self, force: Field, factor: Factor | None = None) -> Self:
+    def body_force(
+        self,
+        force: Field,
+        factor: Factor | None = None,
+        *,
+        body: Solid | str | int | None = None,
+    ) -> Self:
         """Add the volume force ``factor(t) * force``; see `ElasticBody.body_force`.
 
         Parameters
@@ -60,10 +77,19 @@ class LoadProgram(Portable):
             Force per volume.
         factor : callable t -> float, optional
             Default: t itself.
+        body : Solid, str or int, optional
+            Which one, if the problem has several.
         """
-        return self.load_vector(self._unloaded().body_force(force).f, factor)
+        k = self._number(body)
+        return self.load_vector(self._unloaded(k).body_force(force).f, factor, body=k)
 
-    def load_vector(self, vector: ArrayLike, factor: Factor | None = None) -> Self:
+    def load_vector(
+        self,
+        vector: ArrayLike,
+        factor: Factor | None = None,
+        *,
+        body: Solid | str | int | None = None,
+    ) -> Self:
         """Add the load ``factor(t) * vector``, such as the ``f`` of another body on the same mesh.
 
         Parameters
@@ -72,25 +98,39 @@ class LoadProgram(Portable):
             Force, or what works on a derivative among the dofs.
         factor : callable t -> float, optional
             Default: t itself.
+        body : Solid, str or int, optional
+            Which one, if the problem has several.
 
         Raises
         ------
         InputError
             Not one finite number a dof.
         """
-        values = numbers("vector", vector)
-        if values.shape != self.problem.body.f.shape or not np.all(np.isfinite(values)):
-            raise InputError(
-                f"vector: expected {self.problem.body.f.size} finite numbers, got shape "
-                f"{values.shape}"
-            )
-        self._loads.append((values, checked_factor(factor)))
+        values, k = numbers("vector", vector), self._number(body)
+        size = self.problem.body.bodies[k].f.size
+        if values.shape != (size,) or not np.all(np.isfinite(values)):
+            raise InputError(f"vector: expected {size} finite numbers, got shape {values.shape}")
+        self._loads.append((self._of_all(k, values), checked_factor(factor)))
         return self
 
-    def _unloaded(self) -> Any:
-        body = copy(self.problem.body)
+    def _number(self, body: Solid | str | int | None) -> int:
+        """Which of the problem's bodies is meant."""
+        together = self.problem.body
+        if body is None and len(together.bodies) > 1:
+            raise InputError("body: there are several; say which, as in load(..., body=upper)")
+        return 0 if body is None else int(together.number_of(body))
+
+    def _unloaded(self, k: int) -> Any:
+        body = copy(self.problem.body.bodies[k])
         body.f = np.zeros_like(body.f)
         return body
+
+    def _of_all(self, k: int, values: Array) -> Array:
+        """Values on the dofs of a body among zeros on those of all others."""
+        own = self.problem.body.slices[k]
+        everything = np.zeros(self.problem.body.slices[-1].stop)
+        everything[own] = values
+        return everything
 
     def move(
         self,
@@ -98,6 +138,8 @@ class LoadProgram(Portable):
         components: str | int | Sequence[int] | None = None,
         value: Field = 1.0,
         factor: Factor | None = None,
+        *,
+        body: Solid | str | int | None = None,
     ) -> Self:
         """Move supports: ``factor(t) * value`` comes on top of what the body prescribes there.
 
@@ -108,19 +150,22 @@ class LoadProgram(Portable):
             components.
         factor : callable t -> float, optional
             Default: t itself.
+        body : Solid, str or int, optional
+            Which one, if the problem has several.
 
         Raises
         ------
         InputError
             There is no such support, or the motion contradicts another support.
         """
-        body = self.problem.body
-        at_rest = copy(body)
+        k = self._number(body)
+        held = self.problem.body.bodies[k]
+        at_rest = copy(held)
         at_rest._supports = []
         at_rest.fix(boundary, components, value)  # checks the value
         moved = at_rest._supports
         for place, c, *_ in moved:
-            if not any(c == d and np.array_equal(place, f) for f, d, *_ in body._supports):
+            if not any(c == d and np.array_equal(place, f) for f, d, *_ in held._supports):
                 raise InputError(
                     f"move: the body is not fixed on boundary {boundary!r} in component "
                     f"{'xyz'[c]}; fix it first, with body.fix({boundary!r}, ...)"
@@ -130,11 +175,12 @@ class LoadProgram(Portable):
                 ((f, c, m[2], *how) for m in moved if m[1] == c and np.array_equal(m[0], f)),
                 (f, c, _still, *how),
             )
-            for f, c, _, *how in body._supports
+            for f, c, _, *how in held._supports
         ]
         for derived in ("constraint", "prescribed"):
             at_rest.__dict__.pop(derived, None)
-        self._motions.append((at_rest.constraint[1], checked_factor(factor)))
+        moved_by = self._of_all(k, at_rest.constraint[1])
+        self._motions.append((moved_by, checked_factor(factor)))
         return self
 
     def obstacle(self, of_time: Callable[[float], ObstacleLike]) -> Self:
@@ -152,6 +198,11 @@ class LoadProgram(Portable):
         InputError
             Not a function.
         """
+        if self.problem.pairs:
+            raise InputError(
+                "obstacle: where bodies touch each other, let a Rigid move by its displacement or "
+                "force, or move the supports of a body"
+            )
         if not callable(of_time):
             raise InputError(f"obstacle: expected a function of time, got {of_time!r}")
         self._obstacle = of_time

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact.body.cut_arc import CutArc
 from contact.body.solid import Solid
+from contact.body.surface import Surface
 from contact.condensation.condensed_contact import CondensedContact
 from contact.errors import InputError
 from contact.laws.iteration import Iteration
@@ -25,16 +26,18 @@ from contact.result.contact_result import ContactResult
 from contact.result.contact_system import ContactSystem
 from contact.rows.contact_boundaries import ContactBoundaries
 from contact.rows.contact_rows import ContactRows
+from contact.rows.interfaces import Interfaces
+from contact.rows.pairs import Pair, between, given_pairs
 from contact.settled import settled
 
 Array = NDArray[np.float64]
 FrictionLike = float | ArrayLike | Callable[[Array], ArrayLike] | Sequence[Any]
-Laws = tuple[ObstacleLike, FrictionLike, str | None]
+Laws = tuple[Any, FrictionLike | None, str | None]
 logger = logging.getLogger(__name__)
 _SAME: Any = object()
 
 
-@settled("make a new ContactProblem", "body", "boundary", "functional", "solver")
+@settled("make a new ContactProblem", "body", "boundary", "functional", "solver", "pairs")
 @settled("set the obstacle, or make a new ContactProblem", "boundaries", "rows", "motion")
 class ContactProblem(Portable):
     """Contact of an elastic body with a rigid obstacle, with or without friction.
@@ -98,24 +101,25 @@ class ContactProblem(Portable):
 
     def __init__(
         self,
-        body: Solid,
-        boundary: str | Sequence[str] | ArrayLike | CutArc,
-        obstacle: ObstacleLike,
-        friction: FrictionLike = 0.0,
+        body: Solid | Sequence[Solid],
+        boundary: str | Sequence[str] | ArrayLike | CutArc | Sequence[Pair],
+        obstacle: ObstacleLike | Surface | Sequence[ObstacleLike | Surface] = None,
+        friction: FrictionLike | None = None,
         law: str | None = "coulomb",
         functional: str | Sequence[str | None] | None = None,
         solver: str = "auto",
     ) -> None:
-        if not isinstance(body, Solid):
-            raise InputError(
-                "body: expected an ElasticBody, a LayeredBlock or a CutBody, got "
-                f"{type(body).__name__}"
-            )
         if not isinstance(solver, str):
             raise InputError(f"solver={solver!r}: expected 'auto', 'pardiso' or 'superlu'")
-        self.body: Any = body
+        self.body: Any
+        self.pairs: tuple[Pair, ...]
+        if isinstance(body, Solid):
+            friction = 0.0 if friction is None else friction
+            self.body, self.pairs = between(body, boundary, obstacle, functional)
+        else:
+            self.body, self.pairs = given_pairs(body, boundary, obstacle, functional)
         self.boundary, self.functional, self.solver = boundary, functional, solver
-        self.boundaries: ContactBoundaries
+        self.boundaries: ContactBoundaries | Interfaces
         self.rows: ContactRows
         self.motion: ObstacleMotion | None
         self._discretise((obstacle, friction, law))
@@ -130,6 +134,8 @@ class ContactProblem(Portable):
 
     @obstacle.setter
     def obstacle(self, obstacle: ObstacleLike) -> None:
+        if self.pairs:
+            raise InputError("obstacle: make a new ContactProblem where bodies touch each other")
         self._discretise((obstacle, *self._laws[1:]))
 
     @property
@@ -140,6 +146,11 @@ class ContactProblem(Portable):
     @friction.setter
     def friction(self, friction: FrictionLike) -> None:
         self._take((self._laws[0], friction, self._laws[2]), self.boundaries)
+
+    @property
+    def given_friction(self) -> Any:
+        """Friction as it was given; None for that of the pairs."""
+        return self._laws[1]
 
     @property
     def law(self) -> str | None:
@@ -154,7 +165,7 @@ class ContactProblem(Portable):
         """Compute the contact rows; their frames depend on the body's supports."""
         self.body.check_unchanged()
         supports = len(self.body._supports)
-        found = ContactBoundaries.of(self.body.trace, self.boundary, laws[0], self.functional)
+        found = self._boundaries(laws[0])
         gap, motion = found.gap(laws[0]), found.motion(laws[0])
         self._take(laws, found)
         G, T = (self.body.embed(part) for part in (found.rows.G, found.rows.T))
@@ -163,7 +174,12 @@ class ContactProblem(Portable):
         self._supports = supports
         self._condensed = None
 
-    def _take(self, laws: Laws, boundaries: ContactBoundaries) -> None:
+    def _boundaries(self, obstacle: Any) -> ContactBoundaries | Interfaces:
+        if self.pairs:
+            return Interfaces.of(self.body, self.pairs)
+        return ContactBoundaries.of(self.body.trace, self.boundary, obstacle, self.functional)
+
+    def _take(self, laws: Laws, boundaries: ContactBoundaries | Interfaces) -> None:
         """Check and store obstacle, friction and law."""
         obstacle, given, law = laws
         if law is not None and not (isinstance(law, str) and law in ("coulomb", "tresca")):
@@ -175,7 +191,7 @@ class ContactProblem(Portable):
                 "friction: law=None is contact without friction; leave friction out, or choose "
                 "law='coulomb' or 'tresca'"
             )
-        if obstacle is None and not (law == "tresca" and rubs):
+        if obstacle is None and not self.pairs and not (law == "tresca" and rubs):
             raise InputError(
                 "obstacle: None (no contact law) needs given friction, law='tresca' and friction "
                 "> 0; there is no pressure for Coulomb's law to act on"
@@ -235,8 +251,8 @@ class ContactProblem(Portable):
         self._follow_body()
         if device is not None and not (isinstance(device, str) and device in ("cpu", "cuda")):
             raise InputError(f"device={device!r}: expected 'cpu' or 'cuda'")
-        kept, material = self._condensed, self.body._material
-        if kept is None or kept[1] is not material or device not in (None, kept[0]):
+        kept, material = self._condensed, self.body.materials
+        if kept is None or not _same(kept[1], material) or device not in (None, kept[0]):
             where = device or ("cpu" if kept is None else kept[0])
             kept = where, material, CondensedContact(self.body, self.rows, self.solver, where)
             self._condensed = kept
@@ -335,6 +351,10 @@ class ContactProblem(Portable):
     ) -> ContactResult:
         """Solve and certify one discrete system on a condensation of its body; see `solve`."""
         return solve_system(system, condensed, options, start, report)
+
+
+def _same(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
+    return all(a is b for a, b in zip(one, other, strict=True))
 
 
 def _check_same(rows: ContactRows, of_last: ContactRows) -> None:

@@ -53,7 +53,8 @@ def doubt(condensed: CondensedContact, problem: BoundaryProblem, friction: Frict
     if limit is not None:
         raise undetermined(condensed, limit)
     if a is None or condensed.moves_obstacle(a):
-        return strained_by_rotation(condensed.body.trace)
+        bodies = condensed.body.bodies
+        return next(filter(None, (strained_by_rotation(body.trace) for body in bodies)), "")
     return (
         f"; or there is no equilibrium: {condensed.rigid_motion(a)[0]} is driven by "
         "the loads, friction alone resists it, and the pressure may be too small for that"

@@ -34,13 +34,14 @@ def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
     missed = {name: value for name, value in kkt.items() if not value <= limits.get(name, tol)}
     if missed:
         found = ", ".join(f"{name} {value:.1e}" for name, value in missed.items())
-        remedy = strained_by_rotation(state.system.body.trace)
+        bodies = state.system.body.bodies
+        remedy = next(filter(None, (strained_by_rotation(body.trace) for body in bodies)), "")
         if "balance" in missed and not remedy:
             remedy = (
                 "; the displacements hold too few digits for the reactions of cells as slender as "
                 "these: make them squarer, or let tol be larger"
             )
-        if isinstance(state.system.body.trace.element, skfem.ElementQuadBFS):
+        if any(isinstance(body.trace.element, skfem.ElementQuadBFS) for body in bodies):
             remedy = (
                 "; take skfem_adini's ElementQuadBFS, scikit-fem's own loses digits in small cells"
             )

@@ -97,18 +97,27 @@ class ContactForces(ContactState):
 
     @cached_property
     def resultant(self) -> Array:
-        """Force of the obstacle on the body, pressure and friction together, shape (dim,)."""
+        """Force of the obstacle on the body, pressure and friction together, shape (dim,).
+
+        Where bodies touch each other: the sum of the `resultants`.
+        """
+        if self.system.rows.axes.size:
+            return np.asarray(self.resultants.sum(axis=0))
         return self.system.body.total(-self.contact_forces)
 
     @property
     def resultants(self) -> Array:
-        """The resultant of each contact boundary, shape (nboundaries, dim)."""
-        return np.array(
-            [
-                self.system.body.total(-self._forces(self.part == k))
-                for k in range(self.part.max() + 1)
-            ]
-        )
+        """The resultant of each contact boundary, shape (nboundaries, dim).
+
+        Where two bodies meet it is the force on the one that carries the contact points; the force
+        on the other is equal and opposite.
+        """
+        boundaries = [self.part == k for k in range(self.part.max() + 1)]
+        axes = self.system.rows.axes
+        if not axes.size:
+            return np.array([self.system.body.total(-self._forces(p)) for p in boundaries])
+        on_points = -np.einsum("ma,mac->mc", np.column_stack((self.mu, self.t)), axes)
+        return np.array([on_points[p].sum(axis=0) for p in boundaries])
 
     def _forces(self, chosen: NDArray[np.bool_]) -> Array:
         rows, t = self.system.rows, np.where(chosen[:, None], self.t, 0.0)

@@ -140,23 +140,17 @@ class ContactSystem:
         return result
 
     def _unbalanced(self, u: Array, contact: Array) -> float:
-        """Residual of the resultant of all forces.
+        """Residual of the resultant of all forces on a body, the largest of all bodies.
 
         This is checked in addition to `equilibrium`, which in slender cells is relative to forces
         of neighbouring nodes that cancel and are many times larger than the load. If supports have
         moved a body until it just touches the obstacle, its forces are of the size of the rounding
         errors of that motion: they are relative to those that a thousandth of it would cause.
         """
-        body = self.body
-        given = body.total(np.abs(self.load)) + body.total(np.abs(contact))
-        if not np.any(given):  # supports alone hold each other
-            return 0.0
-        reactions = body.at_supports(body.internal(u) + contact - self.load)
-        size = _largest(given + body.total(np.abs(reactions)))
-        left = _largest(body.total(self.load + reactions - contact)) / size
-        if left > _DIGITS and not np.any(self.load):  # supports alone cause the forces
-            left /= max(1.0, _TRAVEL * body.reach(u) / (body.deformation(u) or 1e-300))
-        return left
+        pairs = zip(self.body.bodies, self.body.slices, strict=True)
+        return max(
+            _unbalanced_body(body, u[own], contact[own], self.load[own]) for body, own in pairs
+        )
 
     def _unbalanced_obstacle(self, motion: ObstacleMotion, mu: Array, t: Array) -> float:
         """Residual forces on free motions, relative to all contact forces times their arms.
@@ -174,6 +168,18 @@ class ContactSystem:
     def energy(self, u: Array) -> float:
         """Potential energy ``u^T S u / 2 - f^T u``, without friction."""
         return float(0.5 * u @ (self.body.stiffness @ u) - self.load @ u)
+
+
+def _unbalanced_body(body: Any, u: Array, contact: Array, load: Array) -> float:
+    given = body.total(np.abs(load)) + body.total(np.abs(contact))
+    if not np.any(given):  # supports alone hold each other
+        return 0.0
+    reactions = body.at_supports(body.internal(u) + contact - load)
+    size = _largest(given + body.total(np.abs(reactions)))
+    left = _largest(body.total(load + reactions - contact)) / size
+    if left > _DIGITS and not np.any(load):  # supports alone cause the forces
+        left /= max(1.0, _TRAVEL * body.reach(u) / (body.deformation(u) or 1e-300))
+    return left
 
 
 def _largest(x: Any) -> float:

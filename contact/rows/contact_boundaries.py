@@ -80,7 +80,7 @@ class ContactBoundaries:
             _discretised(body, p, form, _direction(o))
             for p, form, o in zip(places, forms, obstacles, strict=True)
         ]
-        rows = parts[0][0] if len(parts) == 1 else _joined([rows for rows, _ in parts])
+        rows = parts[0][0] if len(parts) == 1 else joined([rows for rows, _ in parts])
         directions = tuple(
             _towards(o, rows.x_nominal) for o, (rows, _) in zip(obstacles, parts, strict=True)
         )
@@ -168,10 +168,10 @@ class ContactBoundaries:
             Not finite, negative, or of a wrong shape.
         """
         if not self.several or not isinstance(friction, list | tuple):
-            return _values(friction, self.rows.x)
+            return friction_values(friction, self.rows.x)
         each = _each("friction", friction, True, len(self.rules), shared=())
         places = self._of_each(self.rows.x)
-        return np.concatenate([_values(f, x) for f, x in zip(each, places, strict=True)])
+        return np.concatenate([friction_values(f, x) for f, x in zip(each, places, strict=True)])
 
     def _of_each(self, x: Array) -> list[Array]:
         """Values at all contact points, split by boundary."""
@@ -215,7 +215,14 @@ def _each(name: str, given: Any, several: bool, count: int, shared: tuple[type, 
     return list(given)
 
 
-def _values(friction: Any, x: Array) -> Array:
+def friction_values(friction: Any, x: Array) -> Array:
+    """Friction at places x, shape (dim, m), from a number, an array or a callable.
+
+    Raises
+    ------
+    InputError
+        Not finite, negative, or of a wrong shape.
+    """
     value = evaluated("friction", friction, x)
     if value.shape not in ((), x.shape[1:]):
         raise InputError(
@@ -227,7 +234,8 @@ def _values(friction: Any, x: Array) -> Array:
     return np.broadcast_to(value, x.shape[1:]).copy()
 
 
-def _joined(parts: list[ContactRows]) -> ContactRows:
+def joined(parts: list[ContactRows]) -> ContactRows:
+    """The rows of several boundaries, one after the other."""
     names = dict.fromkeys(rows.functional for rows in parts)
     first = parts[0]
     return replace(
@@ -242,4 +250,26 @@ def _joined(parts: list[ContactRows]) -> ContactRows:
         tangents=np.concatenate([rows.tangents for rows in parts], axis=2),
         functional=",".join(names),
         part=np.repeat(np.arange(len(parts)), [rows.gap.size for rows in parts]),
+        owner=np.concatenate([rows.owner for rows in parts]),
+        axes=np.concatenate([rows.axes for rows in parts]),
+    )
+
+
+def selected(rows: ContactRows, points: NDArray[np.int64]) -> ContactRows:
+    """Some of the contact points."""
+    slips = rows.tangents.shape[1]
+    along = (slips * points[:, None] + np.arange(slips)).ravel()
+    return replace(
+        rows,
+        G=rows.G[points],
+        T=rows.T[along],
+        gap=rows.gap[points],
+        weights=rows.weights[points],
+        x=rows.x[:, points],
+        x_nominal=rows.x_nominal[:, points],
+        normals=rows.normals[:, points],
+        tangents=rows.tangents[:, :, points],
+        part=rows.part[points] if rows.part.size else rows.part,
+        owner=rows.owner[points] if rows.owner.size else rows.owner,
+        axes=rows.axes[points] if rows.axes.size else rows.axes,
     )

@@ -40,6 +40,11 @@ class ContactRows:
     bonded : ndarray of bool, shape (m,)
         Points tied to the obstacle at the gap d, ``u_n = d`` and ``u_t = 0``, with forces of either
         sign in every component and without friction; empty where no point is.
+    owner : ndarray of int, shape (m,)
+        Number of the body on whose boundary each point lies; empty where there is one body only.
+    axes : ndarray, shape (m, dim, dim)
+        Means of the normal and of the tangents under each functional: the directions in which unit
+        forces act. Where bodies touch each other, else empty.
     """
 
     G: sparse.csr_array
@@ -53,6 +58,8 @@ class ContactRows:
     functional: str
     part: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     bonded: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    owner: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    axes: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
 
     @property
     def ties(self) -> NDArray[np.bool_]:

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from contact.output.contact_runs import arc_length
-from contact.output.drawn import Drawn, DrawnSystem
+from contact.output.drawn import Drawn, DrawnBody, DrawnSystem
 from contact.output.vtk import body_grid, boundary_grid
 
 
@@ -17,7 +17,7 @@ def test_bare_fields_are_drawn_like_a_result(make):
     """Twice the fields of a result, without it: the same places, twice the values."""
     _, result = make.solved()
     system = SimpleNamespace(**{name: getattr(result.system, name) for name in names(DrawnSystem)})
-    fields = {name: getattr(result, name) for name in names(Drawn)}
+    fields = {name: getattr(result, name) for name in (*names(DrawnBody), *names(Drawn))}
     fields |= {"system": system, "pressure": 2 * result.pressure, "u": 2 * result.u}
     bare = SimpleNamespace(**fields)
     ours, theirs = boundary_grid(bare), boundary_grid(result)

@@ -1,0 +1,265 @@
+"""Several bodies as one `Solid`: their dofs one body after the other, their matrices as blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from functools import cached_property
+from typing import Any, NoReturn, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.body.solid import Solid
+from contact.body.supports import live_rows
+from contact.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+class Bodies(Solid):
+    """The bodies of a contact problem, which sees them as one.
+
+    No matrix is copied: products are formed body by body. `ContactProblem` makes one of the bodies
+    that it is given; they may get other loads, supports and material constants afterwards.
+
+    Parameters
+    ----------
+    bodies : sequence of Solid
+        Of one dimension, each once.
+
+    Raises
+    ------
+    InputError
+        No body, one twice, of different dimensions, or two of one name.
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from contact import ElasticBody
+    >>> mesh = MeshQuad().refined(1).with_defaults()
+    >>> upper, lower = (ElasticBody.from_mesh(mesh, E=E, nu=0.3) for E in (1.0, 2.0))
+    >>> both = Bodies([upper, lower.named("lower")])
+    >>> both.f.size == 2 * upper.f.size, both.number_of(upper), both.number_of("lower")
+    (True, 0, 1)
+    """
+
+    def __init__(self, bodies: Sequence[Solid]) -> None:
+        if isinstance(bodies, str) or not isinstance(bodies, Sequence) or not bodies:
+            raise InputError(f"bodies: expected a list of bodies, got {bodies!r}")
+        for body in bodies:
+            if not isinstance(body, Solid) or isinstance(body, Bodies):
+                raise InputError(
+                    "bodies: expected ElasticBody, LayeredBlock or CutBody, got "
+                    f"{type(body).__name__}"
+                )
+        if any(a is b for i, a in enumerate(bodies) for b in bodies[:i]):
+            raise InputError("bodies: one of them is given twice")
+        if len({body.dim for body in bodies}) > 1:
+            raise InputError(
+                f"bodies: of {sorted({body.dim for body in bodies})} dimensions; all need the same"
+            )
+        names = [body.name for body in bodies if body.name]
+        if len(set(names)) < len(names):
+            raise InputError(f"bodies: two are called {max(names, key=names.count)!r}")
+        self._bodies = tuple(bodies)
+        self.dim = bodies[0].dim
+        planes = {body.plane for body in bodies}
+        self.plane = planes.pop() if len(planes) == 1 else None
+
+    def __repr__(self) -> str:
+        return f"Bodies({', '.join(map(repr, self._bodies))})"
+
+    @property
+    def bodies(self) -> tuple[Any, ...]:
+        """The bodies."""
+        return self._bodies
+
+    @property
+    def slices(self) -> tuple[slice, ...]:
+        """Where the dofs of each body stand among all dofs."""
+        ends = np.cumsum([body.f.size for body in self._bodies]).tolist()
+        return tuple(slice(a, b) for a, b in zip([0, *ends], ends, strict=False))
+
+    @property
+    def extent(self) -> float:
+        """Largest extent of a body along a coordinate axis."""
+        return max(body.extent for body in self._bodies)
+
+    @property
+    def f(self) -> Array:
+        """Load on every dof, shape (ndofs,)."""
+        return np.concatenate([body.f for body in self._bodies])
+
+    @f.setter
+    def f(self, value: Array) -> None:
+        raise InputError("f: the loads of several bodies are given to each of them")
+
+    @property
+    def _supports(self) -> list[Any]:  # type: ignore[override]
+        return [support for body in self._bodies for support in body._supports]
+
+    def number_of(self, body: Any) -> int:
+        """Which of the bodies is meant by one of them, as it is or was, by a number or a name.
+
+        Raises
+        ------
+        InputError
+            None of them, or not one alone.
+        """
+        found = [k for k, own in enumerate(self._bodies) if own is body]
+        if not found and isinstance(body, Solid):
+            found = [k for k, own in enumerate(self._bodies) if own.is_same_body(body)]
+        elif isinstance(body, str):
+            found = [k for k, own in enumerate(self._bodies) if own.name == body]
+        elif isinstance(body, int) and not isinstance(body, bool):
+            found = [body] if 0 <= body < len(self._bodies) else []
+        if len(found) != 1:
+            known = ", ".join(self.called(k) for k in range(len(self._bodies)))
+            raise InputError(f"body: {body!r} is not one of {known}")
+        return found[0]
+
+    def number_of_trace(self, trace: Any) -> int:
+        """Which of the bodies has this trace."""
+        return next(k for k, own in enumerate(self._bodies) if own.trace is trace)
+
+    def called(self, k: int) -> str:
+        """Name of a body, or its number in words."""
+        name = self._bodies[k].name
+        return repr(name) if name else f"body {k}"
+
+    def said_of(self, k: int, motion: str) -> str:
+        """A motion of body k in the words of an error message."""
+        return f"{motion} of {self.called(k)}"
+
+    def check_unchanged(self) -> None:
+        """Raise an `InputError` if loads were edited in place to values that are not finite."""
+        for body in self._bodies:
+            body.check_unchanged()
+
+    def snapshot(self) -> Self:
+        """A copy for a result, which later loads and supports do not change."""
+        return self._of(body.snapshot() for body in self._bodies)
+
+    def under(self, f: Array, u0: Array) -> Self:
+        """The same bodies, sharing their matrices, with other loads and prescribed displacements.
+
+        Parameters
+        ----------
+        f, u0 : ndarray, shape (ndofs,)
+        """
+        return self._of(
+            body.under(f[own], u0[own]) for body, own in zip(self.bodies, self.slices, strict=True)
+        )
+
+    def _of(self, bodies: Any) -> Self:
+        other = copy(self)
+        other._bodies = tuple(bodies)
+        for name in ("constraint", "_blocks"):
+            other.__dict__.pop(name, None)
+        return other
+
+    def has_stiffness_of(self, other: Solid) -> bool:
+        """Whether the bodies answer alike, as far as their matrices are at hand."""
+        pairs = zip(self.bodies, other.bodies, strict=False)
+        same = len(self.bodies) == len(other.bodies)
+        return same and all(a.has_stiffness_of(b) for a, b in pairs)
+
+    @property
+    def materials(self) -> tuple[Any, ...]:
+        """The material of each body."""
+        return tuple(body._material for body in self._bodies)
+
+    @property
+    def trace(self) -> NoReturn:
+        """Raise an `InputError`: each body has a trace of its own."""
+        raise InputError("body: there are several, each with a mesh and a Basis of its own")
+
+    basis = mesh = element = trace
+
+    @cached_property
+    def stiffness(self) -> Any:
+        """S of all bodies as one sparse matrix, assembled for checks that need it as a whole."""
+        return sparse.block_diag([body.stiffness for body in self._bodies], format="csr")
+
+    @property
+    def constraint(self) -> tuple[sparse.csr_array, Array]:
+        """P and u0 of ``u = P z + u0``, all bodies."""
+        each = [body.constraint for body in self.bodies]
+        P = sparse.block_diag([P for P, _ in each], format="csr")
+        return sparse.csr_array(P), np.concatenate([u0 for _, u0 in each])
+
+    def embed(self, matrix: sparse.csr_array) -> sparse.csr_array:
+        """The same rows."""
+        return matrix
+
+    def embedded(self, k: int, matrix: sparse.csr_array) -> sparse.csr_array:
+        """Rows on the trace of body k, extended to all dofs of all bodies."""
+        own, total = self.slices[k], self.slices[-1].stop
+        rows = self._bodies[k].embed(matrix).tocsr()
+        place = rows.indices + own.start
+        return sparse.csr_array((rows.data, place, rows.indptr), shape=(rows.shape[0], total))
+
+    def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
+        """Rows that the supports do not fix: those that those of some body do not."""
+        P, lengths = [], []
+        for body in self._bodies:
+            trace = body.trace
+            P.append((trace.constraint[0], body.f.size - trace.f.size))
+            lengths.append(trace.lengths)
+        blocks = [sparse.vstack([p, sparse.csr_array((rest, p.shape[1]))]) for p, rest in P]
+        of_dof = [np.r_[own, np.ones(rest)] for (own, _), (_, rest) in zip(lengths, P, strict=True)]
+        of_free = [free for _, free in lengths]
+        whole = sparse.csr_array(sparse.block_diag(blocks, format="csr"))
+        return live_rows(rows, whole, (np.concatenate(of_dof), np.concatenate(of_free)))
+
+    def _each(self, *vectors: Array) -> Any:
+        """Each body with its part of every vector."""
+        return [
+            (body, *(v[own] for v in vectors))
+            for body, own in zip(self._bodies, self.slices, strict=True)
+        ]
+
+    def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
+        """Those of the body with the largest ratio of residual to cancelling forces."""
+        found = [body.equilibrium(*own) for body, *own in self._each(u, contact, load)]
+        return max(found, key=lambda pair: pair[0] / (pair[1] or 1.0))
+
+    def internal(self, u: Array) -> Array:
+        """Internal forces S u of a displacement, shape (ndofs,)."""
+        return np.concatenate([body.internal(own) for body, own in self._each(u)])
+
+    def reach(self, u: Array) -> float:
+        """Largest displacement at a node; dofs that are derivatives do not count."""
+        return max(float(body.reach(own)) for body, own in self._each(u))
+
+    def deformation(self, u: Array) -> float:
+        """Largest part of a displacement that no rigid motion of a body explains."""
+        return max(float(body.deformation(own)) for body, own in self._each(u))
+
+    def support_error(self, u: Array) -> float:
+        """Largest deviation from a prescribed displacement."""
+        return max(float(body.support_error(own)) for body, own in self._each(u))
+
+    def at_supports(self, forces: Array) -> Array:
+        """The part of forces on all dofs that acts where a displacement is prescribed."""
+        return np.concatenate([body.at_supports(own) for body, own in self._each(forces)])
+
+    def total(self, forces: Array) -> Array:
+        """Resultant of forces on all dofs of all bodies, shape (dim,)."""
+        return np.sum([body.total(own) for body, own in self._each(forces)], axis=0)
+
+    def give(self, forces: Array) -> float:
+        """Scale of the displacement that the forces would cause; 0 where it is unknown."""
+        return max(float(body.give(own)) for body, own in self._each(forces))
+
+    def displacement(self, u: Array, points: Array) -> NoReturn:
+        """Raise an `InputError`: a place may belong to several bodies."""
+        raise InputError("body: there are several; choose one, as in result[body].sample(points)")
+
+    gradient = displacement
+
+    def material(self, points: Array) -> NoReturn:
+        """Raise an `InputError`: a place may belong to several bodies."""
+        raise InputError("body: there are several; choose one")

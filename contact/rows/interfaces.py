@@ -1,0 +1,251 @@
+"""All pairs of boundaries of several bodies, discretised together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.body.rigid_modes import rigid_field
+from contact.body.several_bodies import Bodies
+from contact.errors import InputError
+from contact.obstacles.rigid import ObstacleMotion
+from contact.rows.contact_boundaries import ContactBoundaries, friction_values, joined, selected
+from contact.rows.contact_rows import ContactRows
+from contact.rows.mortar.displaced import displaced_rows
+from contact.rows.mortar.interface_rows import MortarRows
+from contact.rows.mortar.mortar_rows import Interface, with_clearance
+from contact.rows.pairs import Pair, Tie
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Interfaces:
+    """The pairs of a problem of several bodies; it is used as `ContactBoundaries` is.
+
+    Attributes
+    ----------
+    bodies : Bodies
+    rows : ContactRows
+        Rows of all pairs, one after the other, on the dofs of all bodies.
+    pairs : tuple of Pair
+    sides : tuple of (Interface or ContactBoundaries)
+        Of each pair: the interface of two bodies, or the boundary opposite a rigid obstacle.
+    """
+
+    bodies: Bodies
+    rows: ContactRows
+    pairs: tuple[Pair, ...]
+    sides: tuple[Interface | ContactBoundaries, ...]
+
+    @classmethod
+    def of(cls, bodies: Bodies, pairs: Sequence[Pair]) -> Interfaces:
+        """Discretise the pairs.
+
+        Raises
+        ------
+        InputError
+            A body that is not among the bodies, or boundaries that share facets.
+        """
+        _refuse_shared(bodies, pairs)
+        sides: list[Interface | ContactBoundaries] = []
+        parts = []
+        for pair in pairs:
+            if pair.two_bodies:
+                interface = _interface(pair)
+                found = interface.rows()
+                if pair.opposite.clearance is not None:
+                    found = with_clearance(found, pair.opposite.clearance)
+                parts.append(_of_two(bodies, interface, found))
+                sides.append(interface)
+            else:
+                side = ContactBoundaries.of(
+                    pair.body.trace, pair.boundary, pair.opposite, pair.functional
+                )
+                k = bodies.number_of(pair.body)
+                G, T = (bodies.embedded(k, part) for part in (side.rows.G, side.rows.T))
+                parts.append(_owned(pair.body.trace, side.rows, k, G, T))
+                sides.append(side)
+        return cls(bodies, joined(parts), tuple(pairs), tuple(sides))
+
+    def displaced(self, u: Array) -> Interfaces:
+        """The same pairs where the bodies are; the gap is that between the reference places.
+
+        Parameters
+        ----------
+        u : ndarray, shape (ndofs,)
+            Displacement of all dofs of all bodies.
+
+        Raises
+        ------
+        InputError
+            No facet of a pair faces another one any longer.
+        """
+        parts = []
+        for side, own in zip(self.sides, self._points, strict=True):
+            if isinstance(side, ContactBoundaries):
+                parts.append(selected(self.rows, own))
+                continue
+            one, two = (
+                u[self.bodies.slices[self.bodies.number_of_trace(outline.body)]]
+                for outline in (side.first, side.second)
+            )
+            parts.append(_of_two(self.bodies, side, displaced_rows(side, one, two)))
+        return replace(self, rows=joined(parts))
+
+    @property
+    def boundary_dofs(self) -> sparse.csr_array:
+        """Entries at all dofs of the facets of both sides of every pair, shape (1, ndofs)."""
+        seen = np.zeros(self.bodies.slices[-1].stop)
+        for side in self.sides:
+            if isinstance(side, ContactBoundaries):
+                continue
+            for outline in (side.first, side.second):
+                k, dim = self.bodies.number_of_trace(outline.body), outline.body.dim
+                scalar = np.unique(outline.scalar_dofs)
+                for c in range(dim):
+                    seen[self.bodies.slices[k].start + dim * scalar + c] = 1.0
+        return sparse.csr_array(seen[None])
+
+    @property
+    def _points(self) -> list[NDArray[np.int64]]:
+        """Contact points of each pair."""
+        return np.split(np.arange(self.rows.gap.size), np.cumsum(self._sizes)[:-1])
+
+    @property
+    def _sizes(self) -> NDArray[np.int64]:
+        return np.bincount(self.rows.part, minlength=len(self.pairs))
+
+    def _of_each(self, values: Array) -> list[Array]:
+        """Values at all contact points, their last axis split by pair."""
+        return np.split(values, np.cumsum(self._sizes)[:-1], axis=-1)
+
+    def gap(self, pairs: Any) -> Array:
+        """Gap of every contact point, shape (m,)."""
+        return np.concatenate(
+            [
+                side.gap(pair.opposite) if isinstance(side, ContactBoundaries) else gap
+                for pair, side, gap in zip(
+                    self.pairs, self.sides, self._of_each(self.rows.gap), strict=True
+                )
+            ]
+        )
+
+    def rise(self, pairs: Any) -> Array:
+        """Gap from the curve that straight facets approximate minus the gap from them, (m,)."""
+        return np.concatenate(
+            [
+                side.rise(pair.opposite) if isinstance(side, ContactBoundaries) else np.zeros(size)
+                for pair, side, size in zip(self.pairs, self.sides, self._sizes, strict=True)
+            ]
+        )
+
+    def motion(self, pairs: Any) -> ObstacleMotion | None:
+        """The motions of those obstacles that are `Rigid`; None when none is."""
+        m, slips = self.rows.gap.size, self.rows.tangents.shape[1]
+        start, found = 0, []
+        for pair, side, size in zip(self.pairs, self.sides, self._sizes, strict=True):
+            own = side.motion(pair.opposite) if isinstance(side, ContactBoundaries) else None
+            if own is not None:
+                normal = np.zeros((m, own.normal.shape[1]))
+                tangent = np.zeros((m * slips, own.normal.shape[1]))
+                normal[start : start + size] = own.normal
+                tangent[slips * start : slips * (start + size)] = own.tangent
+                found.append(replace(own, normal=normal, tangent=tangent))
+            start += size
+        if not found:
+            return None
+        return ObstacleMotion(
+            np.hstack([own.normal for own in found]),
+            np.hstack([own.tangent for own in found]),
+            np.concatenate([own.prescribed for own in found]),
+            np.concatenate([own.force for own in found]),
+        )
+
+    def friction(self, given: Any) -> Array:
+        """Coefficient or bound of every contact point, shape (m,).
+
+        Parameters
+        ----------
+        given : float, callable, ndarray, list of these, or None
+            For all pairs, or one for each; None for what the pairs have.
+
+        Raises
+        ------
+        InputError
+            Not finite, negative, or of a wrong shape.
+        """
+        if given is None:
+            each = [pair.friction for pair in self.pairs]
+        elif isinstance(given, list | tuple):
+            if len(given) != len(self.pairs):
+                raise InputError(f"friction: {len(given)} given for {len(self.pairs)} pairs")
+            each = list(given)
+        elif isinstance(given, np.ndarray) and given.ndim:
+            return friction_values(given, self.rows.x)
+        else:
+            each = [0.0 if isinstance(pair, Tie) else given for pair in self.pairs]
+        places = self._of_each(self.rows.x)
+        return np.concatenate([friction_values(f, x) for f, x in zip(each, places, strict=True)])
+
+
+def _interface(pair: Pair) -> Interface:
+    first, facets = pair.body, pair.body.trace.whole_facets(pair.boundary)
+    second, others = pair.opposite.body, pair.opposite.facets
+    if pair.multipliers == "second":
+        first, facets, second, others = second, others, first, facets
+    tied, functional = isinstance(pair, Tie), pair.functional
+    if functional is None and tied:
+        functional = "standard"
+    return Interface.of(first.trace, facets, second.trace, others, functional, tied)
+
+
+def _of_two(bodies: Bodies, interface: Interface, found: MortarRows) -> ContactRows:
+    """Rows of an interface on the dofs of all bodies."""
+    own, first, second = found.rows, interface.first.body, interface.second.body
+    i, k = (bodies.number_of_trace(body) for body in (first, second))
+    G = bodies.embedded(i, own.G) + bodies.embedded(k, found.other_G)
+    T = bodies.embedded(i, own.T) + bodies.embedded(k, found.other_T)
+    return _owned(first, own, i, G, T)
+
+
+def _owned(
+    trace: Any, rows: ContactRows, k: int, G: sparse.csr_array, T: sparse.csr_array
+) -> ContactRows:
+    """Rows of a body's own trace, with those of all bodies in their place."""
+    m, dim = rows.gap.size, trace.dim
+    shifts = rigid_field(trace, np.zeros(dim))[:, :dim]
+    axes = np.concatenate(
+        ((rows.G @ shifts)[:, None], (rows.T @ shifts).reshape(m, dim - 1, dim)), axis=1
+    )
+    owner = np.full(m, k, dtype=np.int64)
+    return replace(rows, G=sparse.csr_array(G), T=sparse.csr_array(T), owner=owner, axes=axes)
+
+
+def _refuse_shared(bodies: Bodies, pairs: Sequence[Pair]) -> None:
+    """Raise if facets carry the multipliers of two pairs, or are opposite to themselves."""
+    taken: dict[int, list[NDArray[np.int64]]] = {}
+    faced: dict[int, list[NDArray[np.int64]]] = {}
+    for pair in pairs:
+        sides = [(pair.body, pair.body.trace.whole_facets(pair.boundary))]
+        if pair.two_bodies:
+            sides.append((pair.opposite.body, pair.opposite.facets))
+        if pair.multipliers == "second":
+            sides.reverse()
+        for (body, facets), where in zip(sides, (taken, faced), strict=False):
+            where.setdefault(bodies.number_of(body), []).append(facets)
+    for k, own in taken.items():
+        # A facet may face several others, as a foundation does, but carry one set of multipliers.
+        seen, counts = np.unique(np.concatenate(own), return_counts=True)
+        opposite = np.unique(np.concatenate(faced.get(k, [np.zeros(0, dtype=np.int64)])))
+        twice = np.union1d(seen[counts > 1], np.intersect1d(seen, opposite))
+        if twice.size:
+            raise InputError(
+                f"boundary: facet {int(twice[0])} of {bodies.called(k)} belongs to two pairs, or "
+                "to both sides of one"
+            )
