@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError, NotConverged, numbers
+from contact.histories.finite_sliding import FiniteSliding
 from contact.histories.history_folder import HistoryFolder, same_conditions
 from contact.histories.load_history import LoadHistory, LoadStep, as_path, checked_times
 from contact.histories.load_program import LoadProgram
@@ -55,6 +56,9 @@ class LoadStepper(LoadProgram):
         Of each step, as for `ContactProblem.solve`.
     halvings : int
         How often a step that does not converge may be halved, at times between the given ones.
+    sliding : {"small", "finite"}
+        "finite" finds anew, in every step, which places of two bodies face each other: for bodies
+        that slide by more than a facet, see `contact.histories.finite_sliding`.
 
     Attributes
     ----------
@@ -95,6 +99,7 @@ class LoadStepper(LoadProgram):
         tol: float | None = None,
         max_iterations: int | None = None,
         halvings: int = 4,
+        sliding: str = "small",
     ) -> None:
         from contact.problem.contact_problem import ContactProblem
 
@@ -102,8 +107,11 @@ class LoadStepper(LoadProgram):
             raise InputError(f"problem: expected a ContactProblem, got {type(problem).__name__}")
         if isinstance(halvings, bool) or not isinstance(halvings, int) or halvings < 0:
             raise InputError(f"halvings={halvings!r}: expected a whole number from 0")
+        if sliding not in ("small", "finite"):
+            raise InputError(f"sliding={sliding!r}: expected 'small' or 'finite'")
         super().__init__(problem)
         self.halvings = halvings
+        self._finite = FiniteSliding(problem) if sliding == "finite" else None
         self.options = Options.checked(
             problem.law, problem.body.dim, method, tol, max_iterations, None
         )
@@ -268,14 +276,11 @@ class LoadStepper(LoadProgram):
     def _advance(
         self, last: ContactResult | None, begin: float, end: float, halvings: int
     ) -> ContactResult:
-        problem, system = self.problem, self._system_at(end, last)
-        condensed = problem.condense().under(system.body)
-        start = last if last is None else self._extrapolated(last, begin, end)
-        obstacle = problem.obstacle if self._obstacle is None else self._obstacle(end)
         try:
-            result = problem.solve_system(system, condensed, self.options, start)
-            warn_of_sagitta(result, problem.boundaries.rise(obstacle), condensed, self.options)
-            return result
+            if self._finite is not None:
+                near = None if last is None else self._extrapolated(last, begin, end).u
+                return self._finite.step(self._body_at(end), last, near, self.options)
+            return self._small_step(last, begin, end)
         except NotConverged:
             if halvings == 0 or last is None:
                 raise
@@ -283,6 +288,15 @@ class LoadStepper(LoadProgram):
         logger.info("no convergence at t = %g: by way of t = %g", end, middle)
         last = self._advance(last, begin, middle, halvings - 1)
         return self._advance(last, middle, end, halvings - 1)
+
+    def _small_step(self, last: ContactResult | None, begin: float, end: float) -> ContactResult:
+        problem, system = self.problem, self._system_at(end, last)
+        condensed = problem.condense().under(system.body)
+        start = last if last is None else self._extrapolated(last, begin, end)
+        obstacle = problem.obstacle if self._obstacle is None else self._obstacle(end)
+        result = problem.solve_system(system, condensed, self.options, start)
+        warn_of_sagitta(result, problem.boundaries.rise(obstacle), condensed, self.options)
+        return result
 
     def _system_at(self, t: float, last: ContactResult | None) -> ContactSystem:
         """The discrete system at a time, after the last step."""
@@ -298,4 +312,5 @@ class LoadStepper(LoadProgram):
         if before.mu.shape != last.mu.shape or ahead > 2.0:
             return last
         mu = np.maximum(last.mu + ahead * (last.mu - before.mu), 0.0)
-        return replace(last, mu=mu, t=last.t + ahead * (last.t - before.t))
+        t, u = last.t + ahead * (last.t - before.t), last.u + ahead * (last.u - before.u)
+        return replace(last, mu=mu, t=t, u=u)

@@ -1,0 +1,138 @@
+r"""Steps in which bodies of small strain slide by more than a facet.
+
+The contact rows depend on the displacement: in a step they are projected anew, at the places
+:math:`x + u` of the last iterate, until the displacement does not change any more. Each of these
+problems is one of small sliding, on the same sparse factorisation of each body, because all dofs of
+both boundaries were kept. The slip that friction opposes is the part of the step's displacement
+along the present tangents. A result has the rows of its own displacement, and so has its
+certificate.
+
+References
+----------
+P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapters 4 and 9.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.condensation.condensed_contact import CondensedContact
+from contact.errors import InputError, NotConverged
+from contact.result.certify import certify
+from contact.result.contact_result import ContactResult
+from contact.result.contact_system import ContactSystem
+from contact.rows.interfaces import Interfaces
+
+if TYPE_CHECKING:
+    from contact.laws.options import Options
+    from contact.problem.contact_problem import ContactProblem
+
+Array = NDArray[np.float64]
+
+PROJECTIONS = 30  # at most, in one step
+# Change of the displacement, relative to the largest, at which a step ends, over the tolerance.
+SETTLED = 1e-2
+
+
+class FiniteSliding:
+    """Solves the steps of a history in which the bodies of a problem slide.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+
+    Raises
+    ------
+    InputError
+        A problem without two bodies that touch, or one whose clearance is given.
+    """
+
+    def __init__(self, problem: ContactProblem) -> None:
+        interfaces = problem.boundaries
+        if not isinstance(interfaces, Interfaces):
+            raise InputError(
+                "sliding: finite sliding is that of elastic bodies on each other; a problem with a "
+                "rigid obstacle alone has none"
+            )
+        if any(pair.two_bodies and pair.opposite.clearance is not None for pair in problem.pairs):
+            raise InputError(
+                "clearance: in finite sliding the gap is that between the meshes where the bodies "
+                "are; leave clearance out"
+            )
+        self._problem, self._interfaces = problem, interfaces
+        self._condensed: tuple[Any, CondensedContact] | None = None
+
+    def step(
+        self, body: Any, last: ContactResult | None, near: Array | None, options: Options
+    ) -> ContactResult:
+        """Solve one step.
+
+        Parameters
+        ----------
+        body : Bodies
+            Under the loads and prescribed displacements of the step.
+        last : ContactResult or None
+            The last step.
+        near : ndarray, shape (ndofs,), or None
+            Where to look first; default: the last step.
+        options : Options
+
+        Raises
+        ------
+        NotConverged
+            The displacement does not settle, or a solve fails.
+        InputError
+            Boundaries that do not face each other any more, or turn by more than a small angle.
+        """
+        u = np.zeros(body.f.size) if last is None else last.u
+        u, start, change = (u if near is None else near), last, np.inf
+        condensed = self._all_kept()
+        for _ in range(PROJECTIONS):
+            system = self._system(body, u, last)
+            result = self._problem.solve_system(
+                system, condensed.touched_by(body, system.rows), options, start
+            )
+            before, change = change, body.reach(result.u - u)
+            u, start = result.u, result
+            if change <= SETTLED * options.tol * (body.reach(u) or 1.0):
+                break
+        again = self._system(body, u, last)
+        if again.rows.gap.size == result.mu.size:
+            result = replace(result, system=again)
+            certify(result, options.tol, result.slack)
+            return result
+        raise NotConverged(
+            f"finite sliding: after {PROJECTIONS} projections the displacement still changes by "
+            f"{change:.1e} (before: {before:.1e}); take smaller steps",
+            result.history,
+        )
+
+    def _all_kept(self) -> CondensedContact:
+        """The condensation onto all dofs of the boundaries, of the present materials."""
+        problem = self._problem
+        materials = problem.body.materials
+        kept = self._condensed
+        if kept is None or any(a is not b for a, b in zip(kept[0], materials, strict=True)):
+            keep = self._interfaces.boundary_dofs
+            made = CondensedContact(problem.body, problem.rows, problem.solver, keep=keep)
+            kept = self._condensed = materials, made
+        return kept[1]
+
+    def _system(self, body: Any, u: Array, last: ContactResult | None) -> ContactSystem:
+        """The system of small sliding about the displacement u."""
+        problem = self._problem
+        here = self._interfaces.displaced(u)
+        rows, motion = here.rows, here.motion(None)
+        friction = here.friction(problem.given_friction)
+        if problem.law == "tresca":
+            friction = friction * rows.weights
+        slip_from = None
+        if last is not None:
+            slip_from = (rows.T @ last.u).reshape(rows.gap.size, -1)
+            if motion is not None and last.motion is not None:
+                slip_from = slip_from - motion.displacement(last.motion)[1]
+        return ContactSystem(body, rows, body.f, problem.law, friction, slip_from, motion)

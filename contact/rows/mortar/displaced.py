@@ -1,0 +1,72 @@
+r"""Contact rows of an interface where the bodies are, not where they were.
+
+The segments are those of the displaced facets. At their integration points the condition of no
+penetration,
+
+.. math:: n \cdot \big(Y + u_m(Y) - X - u_s(X)\big) \ge 0,
+
+is linear in the displacement once the reference places X and Y that face each other are known:
+:math:`G u \le P (n \cdot (Y - X))`. The displacement is that of the element, so that points of a
+facet which its displaced nodes do not describe have no error either.
+
+References
+----------
+P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapter 4; M. A. Puso and T.
+A. Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.rows.mortar.facet_curves import FacetCurves, facet_nodes
+from contact.rows.mortar.facet_trace import facet_trace
+from contact.rows.mortar.interface_rows import MortarRows
+from contact.rows.mortar.mortar_rows import Interface
+from contact.rows.outline import Outline
+
+Array = NDArray[np.float64]
+
+
+def displaced_rows(interface: Interface, u: Array, v: Array) -> MortarRows:
+    """Rows at the places x + u of both bodies; their gap is that between the reference places.
+
+    Parameters
+    ----------
+    interface : Interface
+        In the plane.
+    u, v : ndarray, shape (ndofs,)
+        Displacements of the first and of the second body.
+
+    Returns
+    -------
+    MortarRows
+        The gap between the displaced bodies is ``rows.gap - (rows.G @ u + other_G @ v)``.
+
+    Raises
+    ------
+    InputError
+        No facet faces another one any longer.
+    """
+    outlines = interface.first, interface.second
+    moved = tuple(
+        FacetCurves.of(outline, facet_nodes(outline) + _at_nodes(outline, of_body))
+        for outline, of_body in zip(outlines, (u, v), strict=True)
+    )
+    found = interface.rows((moved[0], moved[1]))
+    at = found.quadrature
+    X = FacetCurves.of(outlines[0]).at(at.facet, at.X[0])
+    Y = FacetCurves.of(outlines[1]).at(at.other, at.Y[0])
+    gap = found.P @ np.sum((Y - X) * at.n, axis=0)
+    return replace(found, rows=replace(found.rows, gap=gap))
+
+
+def _at_nodes(outline: Outline, u: Array) -> Array:
+    """Displacement at the ends and the middle of each facet, shape (2, nfacets, 3)."""
+    count = outline.facets.size
+    s = np.tile([0.0, 0.5, 1.0], count)[None]
+    trace = facet_trace(outline, np.repeat(np.arange(count), 3), s)
+    return np.array([trace @ u[c::2] for c in range(2)]).reshape(2, count, 3)
