@@ -1,9 +1,10 @@
-"""Frictional contact of elastic bodies with rigid obstacles, on scikit-fem."""
+"""Frictional contact of elastic bodies, with each other and with rigid obstacles."""
 
 from contact.body.anisotropic import Anisotropic, Orthotropic
 from contact.body.cut_body import CutBody
 from contact.body.elastic_body import ElasticBody
 from contact.body.layers.layered_block import LayeredBlock
+from contact.body.surface import Surface
 from contact.checks.cross_check import CrossCheck, cross_check
 from contact.checks.uniqueness import Uniqueness, uniqueness
 from contact.condensation.condensed_contact import CondensedContact
@@ -24,10 +25,13 @@ from contact.obstacles.rigid import Rigid
 from contact.obstacles.shapes import ClosestPoint, Cylinder, Parabola, Plane, Sphere
 from contact.obstacles.signed_distance import SignedDistance
 from contact.problem.contact_problem import ContactProblem
+from contact.result.body_result import BodyResult
 from contact.result.contact_result import ContactResult
+from contact.rows.pairs import Pair, Tie
 
 __all__ = [
     "Anisotropic",
+    "BodyResult",
     "ClosestPoint",
     "CondensedContact",
     "ContactError",
@@ -48,12 +52,15 @@ __all__ = [
     "MissingDependency",
     "NotConverged",
     "Orthotropic",
+    "Pair",
     "Parabola",
     "Plane",
     "Rigid",
     "SignedDistance",
     "Sphere",
     "Status",
+    "Surface",
+    "Tie",
     "Unbounded",
     "Uniqueness",
     "cross_check",

@@ -61,7 +61,8 @@ _REASONS = {
         skfem_adini.BoundaryBasis skfem_adini.CutDomain skfem_adini.CutQuadrature
         skfem_adini.FieldLevelSet skfem_adini.LevelSet skfem_adini.NearNullSpace skfem_adini.Polygon
         skfem_adini.RefinedEigenpair contact.ContactResult contact.CrossCheck contact.Iteration
-        contact.LoadHistory contact.LoadStep contact.Status contact.Uniqueness cip.Diagnostics
+        contact.BodyResult contact.Surface contact.LoadHistory contact.LoadStep contact.Status
+        contact.Uniqueness cip.Diagnostics
         cip.Grid cip.State cip.Trajectory cip.Velocity gpu.KKT gpu.LQRResult gpu.QPFactor
         gpu.QPResult gpu.Status gpu.Step""",
     "geometry of school": """

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from contact.body.solid import Solid
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,9 +20,17 @@ class Surface:
         Numbers of the facets in its mesh.
     clearance : float, callable, ndarray or None
         The gap, if it is not that between the two meshes, as for `Pair`.
+
+    Examples
+    --------
+    >>> from skfem import MeshQuad
+    >>> from contact import ElasticBody
+    >>> body = ElasticBody.from_mesh(MeshQuad().refined(2).with_defaults(), E=1.0, nu=0.3)
+    >>> body.surface("top").facets.size
+    4
     """
 
-    body: Solid
+    body: Any
     facets: NDArray[np.int64]
     clearance: Any = None
 

@@ -40,7 +40,7 @@ _SAME: Any = object()
 @settled("make a new ContactProblem", "body", "boundary", "functional", "solver", "pairs")
 @settled("set the obstacle, or make a new ContactProblem", "boundaries", "rows", "motion")
 class ContactProblem(Portable):
-    """Contact of an elastic body with a rigid obstacle, with or without friction.
+    """Contact of elastic bodies with each other and with rigid obstacles, frictional or not.
 
     Find u and contact forces (pressure p, shear) with equilibrium in the body and on the contact
     boundary, with u_n the displacement along the outward normal and d the gap,
@@ -52,19 +52,23 @@ class ContactProblem(Portable):
 
     Parameters
     ----------
-    body : ElasticBody, LayeredBlock or CutBody
-    boundary : str, list of str, array of facet numbers or CutArc
+    body : ElasticBody, LayeredBlock or CutBody, or a list of these
+    boundary : str, list of str, array of facet numbers or CutArc; or a list of Pair and Tie
         The boundary where contact may occur. Together with a list of obstacles: a list of
-        boundaries, each with its own; friction and functional may then be lists as well.
-    obstacle : obstacle, Rigid, number, callable, array, None, or a list of these
-        See `contact.obstacles.shapes`. None: friction without a contact law, (4.9) in King.
+        boundaries, each with its own; friction and functional may then be lists as well. Beside a
+        list of bodies: the pairs of boundaries that may touch, or are tied.
+    obstacle : obstacle, Rigid, Surface, number, callable, array, None, or a list of these
+        See `contact.obstacles.shapes`; `ElasticBody.surface` is that of another body. None:
+        friction without a contact law, (4.9) in King. Left out beside a list of pairs.
     friction : float, callable x -> array, or ndarray of shape (m,)
-        Coulomb: the coefficient. Tresca: the bound, a traction. Never negative.
+        Coulomb: the coefficient. Tresca: the bound, a traction. Never negative. Beside a list of
+        pairs it takes the place of what they have.
     law : {"coulomb", "tresca", None}
         None is frictionless, as is friction = 0.
     functional : str, optional
         The values of the displacement that contact conditions act on; see
-        `contact.rows.functionals`, also on the accuracy of P1.
+        `contact.rows.functionals`, also on the accuracy of P1. Where bodies touch each other the
+        multipliers, see `Pair`.
     solver : {"auto", "pardiso", "superlu"}
         Sparse factorisation.
 

@@ -32,6 +32,7 @@ from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
 _FORMAT, _BEFORE_CHECKSUMS = 3, 2
 _SPARSE = ("G", "T")
+_OPTIONAL = ("bonded", "owner", "axes")  # rows of files from before there were ties, or two bodies
 _MESHES: dict[str, Any] = {
     kind.__name__: kind
     for kind in (
@@ -122,7 +123,7 @@ def problem_arrays(system: ContactSystem) -> dict[str, Any]:
         value = getattr(system.rows, field.name)
         if field.name in _SPARSE:
             _pack(arrays, f"rows/{field.name}", value)
-        elif field.name == "bonded" and not value.size:  # as in files from before there were ties
+        elif field.name in _OPTIONAL and not value.size:
             continue
         elif field.name not in ("functional", "gap"):
             arrays[f"rows/{field.name}"] = value
@@ -297,7 +298,8 @@ def _rebuild_problem(
         if field.name in _SPARSE
         else arrays[f"rows/{field.name}"]
         for field in fields(ContactRows)
-        if field.name != "functional" and (field.name != "bonded" or "rows/bonded" in arrays)
+        if field.name != "functional"
+        and (field.name not in _OPTIONAL or f"rows/{field.name}" in arrays)
     }
     rows = ContactRows(**parts, functional=about["functional"])
     check_problem(body, rows)

@@ -43,6 +43,11 @@ class Pair:
     InputError
         No body, or an argument that does not fit the others.
 
+    References
+    ----------
+    B. I. Wohlmuth, A mortar finite element method using dual spaces for the Lagrange multiplier,
+    SIAM J. Numer. Anal. 38 (2000), 989-1012.
+
     Examples
     --------
     >>> from skfem import MeshQuad
@@ -103,14 +108,29 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class Tie(Pair):
-    """Two boundaries that are bonded: neither part nor slip, whatever the forces.
+    """Two boundaries that are bonded: they neither part nor slip, whatever the forces.
 
-    Meshes need not match. Parameters are those of `Pair`, without friction; a clearance is closed.
+    Meshes need not match. A clearance is closed.
+
+    Parameters
+    ----------
+    body, boundary, opposite, other, clearance, multipliers
+        As for `Pair`; the opposite side is elastic.
+    friction : float
+        0, because nothing slips.
+    functional : {None, "dual", "hat"}, optional
+        Standard multipliers by default.
 
     Raises
     ------
     InputError
         A rigid obstacle, or friction.
+
+    References
+    ----------
+    C. Bernardi, Y. Maday and A. T. Patera, A new nonconforming approach to domain decomposition:
+    the mortar element method, in: Nonlinear Partial Differential Equations and their Applications,
+    Pitman 1994.
 
     Examples
     --------
