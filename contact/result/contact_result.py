@@ -94,7 +94,7 @@ class ContactResult(BodyFields, ContactForces):
                 f"result: it has {len(self.solid.bodies)} bodies; choose one, as in "
                 "result[body].stress()"
             )
-        return self.solid
+        return self.solid.bodies[0]
 
     @property
     def applied(self) -> Array:

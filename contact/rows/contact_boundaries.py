@@ -250,6 +250,9 @@ def joined(parts: list[ContactRows]) -> ContactRows:
         tangents=np.concatenate([rows.tangents for rows in parts], axis=2),
         functional=",".join(names),
         part=np.repeat(np.arange(len(parts)), [rows.gap.size for rows in parts]),
+        bonded=np.concatenate([rows.ties for rows in parts])
+        if any(rows.bonded.size for rows in parts)
+        else first.bonded,
         owner=np.concatenate([rows.owner for rows in parts]),
         axes=np.concatenate([rows.axes for rows in parts]),
     )
@@ -270,6 +273,7 @@ def selected(rows: ContactRows, points: NDArray[np.int64]) -> ContactRows:
         normals=rows.normals[:, points],
         tangents=rows.tangents[:, :, points],
         part=rows.part[points] if rows.part.size else rows.part,
+        bonded=rows.bonded[points] if rows.bonded.size else rows.bonded,
         owner=rows.owner[points] if rows.owner.size else rows.owner,
         axes=rows.axes[points] if rows.axes.size else rows.axes,
     )

@@ -61,7 +61,8 @@ class Interfaces:
                 found = interface.rows()
                 if pair.opposite.clearance is not None:
                     found = with_clearance(found, pair.opposite.clearance)
-                parts.append(_of_two(bodies, interface, found))
+                rows = _of_two(bodies, interface, found)
+                parts.append(_bonded(rows, pair) if isinstance(pair, Tie) else rows)
                 sides.append(interface)
             else:
                 side = ContactBoundaries.of(
@@ -87,8 +88,8 @@ class Interfaces:
             No facet of a pair faces another one any longer.
         """
         parts = []
-        for side, own in zip(self.sides, self._points, strict=True):
-            if isinstance(side, ContactBoundaries):
+        for pair, side, own in zip(self.pairs, self.sides, self._points, strict=True):
+            if isinstance(side, ContactBoundaries) or isinstance(pair, Tie):
                 parts.append(selected(self.rows, own))
                 continue
             one, two = (
@@ -212,6 +213,12 @@ def _of_two(bodies: Bodies, interface: Interface, found: MortarRows) -> ContactR
     G = bodies.embedded(i, own.G) + bodies.embedded(k, found.other_G)
     T = bodies.embedded(i, own.T) + bodies.embedded(k, found.other_T)
     return _owned(first, own, i, G, T)
+
+
+def _bonded(rows: ContactRows, pair: Pair) -> ContactRows:
+    """Rows of tied boundaries: a gap between the meshes is kept, a given clearance is closed."""
+    gap = rows.gap if pair.opposite.clearance is not None else np.zeros(rows.gap.size)
+    return replace(rows, gap=gap, bonded=np.ones(rows.gap.size, dtype=bool))
 
 
 def _owned(

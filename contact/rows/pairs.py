@@ -110,7 +110,7 @@ class Pair:
 class Tie(Pair):
     """Two boundaries that are bonded: they neither part nor slip, whatever the forces.
 
-    Meshes need not match. A clearance is closed.
+    Meshes need not match. A gap between them stays as it is; a clearance, if given, is closed.
 
     Parameters
     ----------
