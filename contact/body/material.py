@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from contact.body.anisotropic import Anisotropic
+from contact.body.basis_solid import BasisSolid
 from contact.body.constitutive import IsotropicLaw, StressLaw, TensorLaw
 from contact.body.elasticity import check_locking, checked_dilatation, lame
-from contact.body.solid import BasisSolid
 from contact.errors import InputError, numbers
 from contact.settled import settled
 

@@ -260,6 +260,6 @@ class Bodies(Solid):
 
     gradient = displacement
 
-    def material(self, points: Array) -> NoReturn:
+    def law_at(self, points: Array) -> NoReturn:
         """Raise an `InputError`: a place may belong to several bodies."""
         raise InputError("body: there are several; choose one")

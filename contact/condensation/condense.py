@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from functools import singledispatch
 
+from contact.body.basis_solid import BasisSolid
 from contact.body.layers.layered_block import LayeredBlock
-from contact.body.solid import BasisSolid, Solid
+from contact.body.solid import Solid
 from contact.condensation.condensed_body import BodyRows, CondensedBody
 from contact.condensation.layers import CondensedLayers
 from contact.condensation.sparse import SparseBody

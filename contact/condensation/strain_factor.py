@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import qr, solve_triangular
 
+from contact.body.basis_solid import BasisSolid
 from contact.body.cell_strains import strain_rows
-from contact.body.solid import BasisSolid
 from contact.errors import InputError
 
 Array = NDArray[np.float64]

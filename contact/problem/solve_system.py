@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError
 
 from contact.arrays.blas_threads import one_blas_thread
-from contact.body.solid import BasisSolid
+from contact.body.basis_solid import BasisSolid
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condensed_contact import CondensedContact
 from contact.errors import InputError, NotConverged

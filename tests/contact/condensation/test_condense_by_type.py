@@ -5,7 +5,7 @@ import pytest
 from skfem import ElementQuad2, MeshQuad
 
 from contact import CondensedContact, ContactProblem, ElasticBody, InputError, LayeredBlock
-from contact.body.solid import BasisSolid
+from contact.body.basis_solid import BasisSolid
 from contact.condensation.condense import condense
 from contact.condensation.layers import CondensedLayers
 from contact.condensation.sparse import SparseBody

@@ -1,0 +1,216 @@
+"""The part of the interface of elastic bodies that those with a Basis share."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.body.cell_finder import find_cells, places_in
+from contact.body.cell_strains import has_slender_cells, internal_forces
+from contact.body.constitutive import StressLaw
+from contact.body.rigid_modes import rigid_modes, value_dofs
+from contact.body.solid import Solid
+from contact.body.supports import live_rows
+from contact.portable import PortableBasis
+
+if TYPE_CHECKING:
+    from skfem import Basis, Mesh
+
+
+Array = NDArray[np.float64]
+
+
+class BasisSolid(Solid):
+    """A `Solid` with a scikit-fem Basis: sparse matrices, scikit-fem's element finder."""
+
+    basis: Basis
+    lam: Array
+    mu: Array
+    nu: Array
+    law: StressLaw
+    dilatation: str
+    _live: tuple[sparse.csr_array, sparse.csr_array, NDArray[np.bool_]] | None = None
+    _give: tuple[sparse.csr_array, Array] | None = None
+    _portable: PortableBasis
+    _ANEW = ("stiffness", "absolute_stiffness", "lengths", "_live", "_give")
+    _KEPT: ClassVar[tuple[str, ...]] = ("constraint",)
+    _values: NDArray[np.bool_] | None = None
+    _slender: bool | None = None
+
+    if TYPE_CHECKING:
+
+        @property
+        def mesh(self) -> Mesh:
+            """The mesh of the basis."""
+            ...
+
+        @property
+        def stiffness(self) -> sparse.csr_array:
+            """S, all dofs."""
+            ...
+
+        @property
+        def absolute_stiffness(self) -> sparse.csr_array:
+            """|S| entry by entry."""
+            ...
+
+        @property
+        def constraint(self) -> tuple[sparse.csr_array, Array]:
+            """P and u0 of u = P z + u0."""
+            ...
+
+        @property
+        def lengths(self) -> tuple[Array, Array]:
+            """Length of each dof and of each free unknown."""
+            ...
+
+    def snapshot(self) -> Self:
+        """A copy for a result, which shares the matrices."""
+        _ = self.stiffness, self.absolute_stiffness, self.lengths
+        return super().snapshot()
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = super().__getstate__()
+        del state["basis"]
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.basis = self._portable.basis
+
+    @property
+    def trace(self) -> Self:
+        """The body itself."""
+        return self
+
+    def embed(self, matrix: sparse.csr_array) -> sparse.csr_array:
+        """The same rows."""
+        return matrix
+
+    def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
+        """Rows that the supports do not fix; see `contact.body.supports.live_rows`."""
+        P = self.constraint[0]
+        if self._live is None or self._live[0] is not rows or self._live[1] is not P:
+            self._live = rows, P, live_rows(rows, P, self.lengths)
+        return self._live[2]
+
+    def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
+        """Largest residual force at a free dof, and the largest sum of the terms' moduli there."""
+        P, _ = self.constraint
+        _, lengths = self.lengths
+        force = self.internal(u) + contact - load
+        terms = self.absolute_stiffness @ np.abs(u) + np.abs(load)
+        return _largest(P.T @ force / lengths), _largest(abs(P.T @ terms) / lengths)
+
+    def give(self, forces: Array) -> float:
+        """Largest displacement that one of the forces would cause if all other dofs were fixed."""
+        if self._give is None or self._give[0] is not self.stiffness:
+            self._give = self.stiffness, self.lengths[0] / self.stiffness.diagonal()
+        return _largest(forces * self._give[1])
+
+    @property
+    def picked(self) -> sparse.csr_array:
+        """E with ``z = E^T (u - u0)``: P itself, because its columns are orthonormal."""
+        return self.constraint[0]
+
+    def internal(self, u: Array) -> Array:
+        """Internal forces S u, without the mean translation, which would only add rounding.
+
+        Slender cells: from the strains, see `contact.body.cell_strains`.
+        """
+        if self.slender:
+            return internal_forces(self, u)
+        at_rest, values = u.copy(), self._are_values
+        for c in range(self.dim):
+            own = values & (np.arange(u.size) % self.dim == c)
+            at_rest[own] -= u[own].mean()
+        forces: Array = self.stiffness @ at_rest
+        return forces
+
+    @property
+    def slender(self) -> bool:
+        """Whether cells are too slender to compute forces with the assembled matrix."""
+        if self._slender is None:
+            self._slender = has_slender_cells(self.mesh)
+        return self._slender
+
+    @property
+    def _are_values(self) -> NDArray[np.bool_]:
+        if self._values is None:
+            self._values = value_dofs(self)
+        return self._values
+
+    def reach(self, u: Array) -> float:
+        """Largest displacement at a node; if all are zero, largest derivative times its length."""
+        return _largest(u[self._are_values]) or _largest(self.lengths[0] * u)
+
+    def deformation(self, u: Array) -> float:
+        """Largest part of a displacement that no rigid motion explains, in the units of `reach`."""
+        lengths = self.lengths[0]
+        modes = rigid_modes(self) * lengths[:, None]
+        modes /= np.linalg.norm(modes, axis=0)
+        motion = np.linalg.lstsq(modes, lengths * u, rcond=None)[0]
+        return _largest(lengths * u - modes @ motion)
+
+    def support_error(self, u: Array) -> float:
+        """Largest deviation from a prescribed displacement; derivatives are times their length."""
+        P, u0 = self.constraint
+        return _largest(self.lengths[0] * (u - u0 - P @ (self.picked.T @ (u - u0))))
+
+    def at_supports(self, forces: Array) -> Array:
+        """The part of forces on all dofs that acts where a displacement is prescribed."""
+        P, _ = self.constraint
+        part: Array = forces - self.picked @ (P.T @ forces)
+        return part
+
+    def total(self, forces: Array) -> Array:
+        """Resultant of forces on all dofs, shape (dim,)."""
+        per_piece = self.dim * (self.dim + 1) // 2
+        sums = (rigid_modes(self).T @ forces).reshape(-1, per_piece)
+        return np.asarray(sums[:, : self.dim].sum(axis=0))
+
+    def mean_dilatation(self, u: Array) -> Array | None:
+        """Mean div u of each cell, shape (ncells,), with mean dilatation; else None."""
+        if self.dilatation != "mean":
+            return None
+        divergence = np.trace(np.asarray(self.basis.interpolate(u).grad))
+        return np.asarray(np.average(divergence, axis=1, weights=self.basis.dx))
+
+    def displacement(self, u: Array, points: Array) -> Array:
+        """Displacement at points, by the element's own interpolation, shape (dim, npoints)."""
+        cells = self.cells_of(points)
+        return sum(
+            (np.asarray(field)[..., 0] * u[dofs] for field, dofs in self._local(points, cells)),
+            start=np.zeros((self.dim, points.shape[1])),
+        )
+
+    def gradient(self, u: Array, points: Array) -> Array:
+        """Gradient d u_i / d x_j of the displacement at points, shape (dim, dim, npoints)."""
+        cells = self.cells_of(points)
+        return sum(
+            (field.grad[..., 0] * u[dofs] for field, dofs in self._local(points, cells)),
+            start=np.zeros((self.dim, self.dim, points.shape[1])),
+        )
+
+    def law_at(self, points: Array) -> StressLaw:
+        """Stress from strain at points, shape (dim, npoints)."""
+        return self.law.at(self.cells_of(points))
+
+    def _local(self, points: Array, cells: NDArray[np.int64]) -> Any:
+        """Each local basis function at the points, and its dof in the cell of each point."""
+        basis = self.basis
+        X = places_in(self.mesh, basis.mapping, points, cells)[:, :, None]
+        for i in range(basis.Nbfun):
+            field = basis.elem.gbasis(basis.mapping, X, i, tind=cells)[0]
+            yield field, basis.element_dofs[i, cells]
+
+    def cells_of(self, points: Array) -> NDArray[np.int64]:
+        """Number of the cell that each point lies in, shape (npoints,)."""
+        return find_cells(self.mesh, points)
+
+
+def _largest(x: Any) -> float:
+    return float(np.abs(x).max(initial=0.0))
