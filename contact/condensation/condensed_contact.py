@@ -14,7 +14,8 @@ from scipy.linalg import block_diag
 from contact.arrays.blas_threads import one_blas_thread
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condense import condense
-from contact.condensation.condensed_body import BodyRows, CondensedBody
+from contact.condensation.condensed_bodies import CondensedBodies
+from contact.condensation.condensed_body import BodyRows
 from contact.condensation.point_rows import PointRows
 from contact.errors import Infeasible, InputError
 from contact.obstacles.rigid import ObstacleMotion
@@ -28,7 +29,7 @@ Array = NDArray[np.float64]
 REGULARISATION = 1e-10
 
 
-class CondensedContact:
+class CondensedContact(CondensedBodies):
     """The bodies and their contact rows, reduced to a dense problem on the contact boundary.
 
     Everything here depends on the stiffness, the supports and the rows alone; loads, gaps and
@@ -100,7 +101,7 @@ class CondensedContact:
         keep: sparse.csr_array | None = None,
     ) -> None:
         of_bodies = self._take(body, rows, keep)
-        self.parts: tuple[CondensedBody, ...] = tuple(
+        self.parts = tuple(
             condense(one, own, solver, device)
             for one, own in zip(body.bodies, of_bodies, strict=True)
         )
@@ -320,22 +321,6 @@ class CondensedContact:
         scale = self.point_scale
         return self.expand(load, z_b), forces.mu / scale, forces.t / scale[:, None]
 
-    def unbalanced(self, load: Array, u: Array, mu: Array, t: Array) -> Array | None:
-        """Forces on free dofs that nothing balances, where a step of refinement is worth it."""
-        rest = load - (self.rows.G.T @ mu + self.rows.T.T @ t.ravel())
-        each = [
-            part.unbalanced(r, v)
-            for part, r, v in zip(self.parts, self._split(rest), self._split(u), strict=True)
-        ]
-        if all(left is None for left in each):
-            return None
-        return np.concatenate(
-            [
-                np.zeros(part.body.f.size) if left is None else left
-                for part, left in zip(self.parts, each, strict=True)
-            ]
-        )
-
     def obstacle_motion(self, motion: ObstacleMotion | None, forces: Forces) -> Array | None:
         """Motions of the obstacles in physical units, prescribed and found, shape (k,)."""
         if motion is None:
@@ -352,74 +337,6 @@ class CondensedContact:
         """
         serial = any(part.serial for part in self.parts)
         return one_blas_thread(self.size) if serial else nullcontext()
-
-    def _split(self, v: Array) -> list[Array]:
-        """Values on all dofs, body by body."""
-        return [v[own] for own in self.body.slices]
-
-    def _of_boundary(self, z_b: Array) -> list[Array]:
-        """Values of the contact boundary's unknowns, body by body."""
-        return np.split(z_b, np.cumsum([part.B.shape[1] for part in self.parts])[:-1])
-
-    def flexed(self, r: Array) -> Array:
-        """Displacement of the boundary's unknowns under forces r on them."""
-        pairs = zip(self.parts, self._of_boundary(r), strict=True)
-        return np.concatenate([part.flexed(own) for part, own in pairs])
-
-    def resultants(self, load: Array) -> Array:
-        """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
-        pairs = zip(self.parts, self._split(load), strict=True)
-        return self._unit * np.concatenate([part.resultants(own) for part, own in pairs])
-
-    @property
-    def stiffness(self) -> Array:
-        """Schur complement S_b of the contact boundary's unknowns, shape (nb, nb)."""
-        return np.asarray(block_diag(*[part.stiffness for part in self.parts]))
-
-    def reduce(self, load: Array) -> Array:
-        """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
-        pairs = zip(self.parts, self._split(load), strict=True)
-        return np.concatenate([part.reduce(own) for part, own in pairs])
-
-    def carried(self, forces: Array) -> Array:
-        """Forces on all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
-        pairs = zip(self.parts, self._split(forces), strict=True)
-        return np.concatenate([part.carried(own) for part, own in pairs])
-
-    def restrict(self, rows: sparse.csr_array) -> Array:
-        """Rows of all dofs in the contact boundary's unknowns, shape (nrows, nb)."""
-        pairs = zip(self.parts, self.body.slices, strict=True)
-        return np.hstack([part.restrict(rows[:, own]) for part, own in pairs])
-
-    def expand(self, load: Array, z_b: Array) -> Array:
-        """Displacement of all dofs from the contact boundary's unknowns."""
-        trios = zip(self.parts, self._split(load), self._of_boundary(z_b), strict=True)
-        return np.concatenate([part.expand(own, z) for part, own, z in trios])
-
-    def moved(self, forces: Array, z_b: Array) -> Array:
-        """Displacement of all dofs under forces on them and supports at rest."""
-        trios = zip(self.parts, self._split(forces), self._of_boundary(z_b), strict=True)
-        return np.concatenate([part.moved(own, z) for part, own, z in trios])
-
-    def rigid_motion(self, a: Array) -> tuple[str, Array]:
-        """Name and all dofs of the bodies' part of a motion a of the boundary problem.
-
-        If several bodies move, the name is that of the largest motion.
-        """
-        found = []
-        for part, own in zip(self.parts, self._of_motion(a), strict=True):
-            if own.size and own.any():
-                found.append(part.motion_of(part.modes @ (self._unit * own)))
-            else:
-                found.append(("", np.zeros(part.body.f.size)))
-        reaches = [b.reach(u) for b, (_, u) in zip(self.body.bodies, found, strict=True)]
-        k = int(np.argmax(reaches))
-        return self.body.said_of(k, found[k][0]), np.concatenate([u for _, u in found])
-
-    def _of_motion(self, a: Array) -> list[Array]:
-        """The rigid motions a of each body."""
-        ends = np.cumsum([part.N.shape[1] for part in self.parts])
-        return np.split(a[: ends[-1]], ends[:-1])
 
     def moves_obstacle(self, a: Array) -> bool:
         """Whether a motion a of the boundary problem is one of an obstacle, not of the body."""

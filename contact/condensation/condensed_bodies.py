@@ -1,0 +1,116 @@
+"""Bodies that are condensed one by one, taken together."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.linalg import block_diag
+
+from contact.condensation.condensed_body import CondensedBody
+from contact.rows.contact_rows import ContactRows
+
+Array = NDArray[np.float64]
+
+
+class CondensedBodies:
+    """What is done body by body: loads are carried to the boundary, displacements recovered.
+
+    Attributes
+    ----------
+    body : Solid
+        The body, or all together.
+    rows : ContactRows
+    parts : tuple of CondensedBody
+    """
+
+    body: Any
+    rows: ContactRows
+    parts: tuple[CondensedBody, ...]
+    _unit: float  # of a motion a, in physical displacements
+
+    def unbalanced(self, load: Array, u: Array, mu: Array, t: Array) -> Array | None:
+        """Forces on free dofs that nothing balances, where a step of refinement is worth it."""
+        rest = load - (self.rows.G.T @ mu + self.rows.T.T @ t.ravel())
+        each = [
+            part.unbalanced(r, v)
+            for part, r, v in zip(self.parts, self._split(rest), self._split(u), strict=True)
+        ]
+        if all(left is None for left in each):
+            return None
+        return np.concatenate(
+            [
+                np.zeros(part.body.f.size) if left is None else left
+                for part, left in zip(self.parts, each, strict=True)
+            ]
+        )
+
+    def _split(self, v: Array) -> list[Array]:
+        """Values on all dofs, body by body."""
+        return [v[own] for own in self.body.slices]
+
+    def _of_boundary(self, z_b: Array) -> list[Array]:
+        """Values of the contact boundary's unknowns, body by body."""
+        return np.split(z_b, np.cumsum([part.B.shape[1] for part in self.parts])[:-1])
+
+    def flexed(self, r: Array) -> Array:
+        """Displacement of the boundary's unknowns under forces r on them."""
+        pairs = zip(self.parts, self._of_boundary(r), strict=True)
+        return np.concatenate([part.flexed(own) for part, own in pairs])
+
+    def resultants(self, load: Array) -> Array:
+        """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
+        pairs = zip(self.parts, self._split(load), strict=True)
+        return self._unit * np.concatenate([part.resultants(own) for part, own in pairs])
+
+    @property
+    def stiffness(self) -> Array:
+        """Schur complement S_b of the contact boundary's unknowns, shape (nb, nb)."""
+        return np.asarray(block_diag(*[part.stiffness for part in self.parts]))
+
+    def reduce(self, load: Array) -> Array:
+        """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        pairs = zip(self.parts, self._split(load), strict=True)
+        return np.concatenate([part.reduce(own) for part, own in pairs])
+
+    def carried(self, forces: Array) -> Array:
+        """Forces on all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        pairs = zip(self.parts, self._split(forces), strict=True)
+        return np.concatenate([part.carried(own) for part, own in pairs])
+
+    def restrict(self, rows: sparse.csr_array) -> Array:
+        """Rows of all dofs in the contact boundary's unknowns, shape (nrows, nb)."""
+        pairs = zip(self.parts, self.body.slices, strict=True)
+        return np.hstack([part.restrict(rows[:, own]) for part, own in pairs])
+
+    def expand(self, load: Array, z_b: Array) -> Array:
+        """Displacement of all dofs from the contact boundary's unknowns."""
+        trios = zip(self.parts, self._split(load), self._of_boundary(z_b), strict=True)
+        return np.concatenate([part.expand(own, z) for part, own, z in trios])
+
+    def moved(self, forces: Array, z_b: Array) -> Array:
+        """Displacement of all dofs under forces on them and supports at rest."""
+        trios = zip(self.parts, self._split(forces), self._of_boundary(z_b), strict=True)
+        return np.concatenate([part.moved(own, z) for part, own, z in trios])
+
+    def rigid_motion(self, a: Array) -> tuple[str, Array]:
+        """Name and all dofs of the bodies' part of a motion a of the boundary problem.
+
+        If several bodies move, the name is that of the largest motion.
+        """
+        found = []
+        for part, own in zip(self.parts, self._of_motion(a), strict=True):
+            if own.size and own.any():
+                found.append(part.motion_of(part.modes @ (self._unit * own)))
+            else:
+                found.append(("", np.zeros(part.body.f.size)))
+        reaches = [b.reach(u) for b, (_, u) in zip(self.body.bodies, found, strict=True)]
+        k = int(np.argmax(reaches))
+        return self.body.said_of(k, found[k][0]), np.concatenate([u for _, u in found])
+
+    def _of_motion(self, a: Array) -> list[Array]:
+        """The rigid motions a of each body."""
+        ends = np.cumsum([part.N.shape[1] for part in self.parts])
+        return np.split(a[: ends[-1]], ends[:-1])
