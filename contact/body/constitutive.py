@@ -36,8 +36,21 @@ class StressLaw(Protocol):
         """
         ...
 
-    def out_of_plane(self, sigma: Array) -> Array:
-        """sigma_zz of a body in two dimensions from the stresses in its plane."""
+    def out_of_plane(self, sigma: Array, thermal_strain: Array | None = None) -> Array:
+        """sigma_zz of a body in two dimensions from the stresses in its plane.
+
+        Parameters
+        ----------
+        sigma : ndarray, shape (2, 2, ncells, ...)
+        thermal_strain : ndarray, shape (3, 3, ncells, ...), optional
+        """
+        ...
+
+    def in_plane(self, strain: Array) -> Array:
+        """Strain of shape (dim, dim, ...) whose stress is that of a strain (3, 3, ...).
+
+        In plane strain the part along z counts, because it is prevented.
+        """
         ...
 
     def stiffness(self, basis: Basis, mean_dilatation: bool = False) -> sparse.csr_array:
@@ -86,12 +99,26 @@ class IsotropicLaw:
         axes = gradient.ndim - 2
         return stress(gradient, _over(self.lam, axes), _over(self.mu, axes), dilatation)
 
-    def out_of_plane(self, sigma: Array) -> Array:
-        """``nu (sigma_xx + sigma_yy)`` in plane strain, zero in plane stress."""
+    def out_of_plane(self, sigma: Array, thermal_strain: Array | None = None) -> Array:
+        """``nu (sigma_xx + sigma_yy) - E eps_T,zz`` in plane strain, zero in plane stress."""
         trace = np.trace(sigma)
         if self.plane == "stress":
             return np.zeros_like(trace)
-        return np.asarray(_over(self.nu, trace.ndim) * trace)
+        result = np.asarray(_over(self.nu, trace.ndim) * trace)
+        if thermal_strain is None:
+            return result
+        return result - _over(2 * self.mu * (1 + self.nu), trace.ndim) * thermal_strain[2, 2]
+
+    def in_plane(self, strain: Array) -> Array:
+        """``eps_ab + nu eps_zz delta_ab`` in plane strain."""
+        if self.plane is None:
+            return strain
+        part = strain[:2, :2].copy()
+        if self.plane == "strain":
+            along = _over(self.nu, part.ndim - 2) * strain[2, 2]
+            for a in range(2):
+                part[a, a] += along
+        return part
 
     def stiffness(self, basis: Basis, mean_dilatation: bool = False) -> sparse.csr_array:
         """See `contact.body.elasticity.stiffness_matrix`."""
@@ -127,11 +154,14 @@ class TensorLaw:
     ----------
     tensor : ndarray, shape (dim, dim, dim, dim) or (dim, dim, dim, dim, ncells)
     zz : ndarray, shape (2, 2) or (2, 2, ncells)
-        ``sigma_zz = zz_ab sigma_ab``.
+        ``sigma_zz = zz_ab sigma_ab`` where nothing expands.
+    axial : ndarray, shape () or (ncells,)
+        1 / S_zz, Young's modulus along z; zero in plane stress.
     """
 
     tensor: Array
     zz: Array
+    axial: Array
 
     @classmethod
     def of(cls, C: Array, dim: int, plane: str | None) -> Self:
@@ -146,7 +176,7 @@ class TensorLaw:
             Two dimensions and a plane that is none of symmetry: strains in it would shear across.
         """
         if dim == 3:
-            return cls(tensor_of(C), np.zeros((2, 2)))
+            return cls(tensor_of(C), np.zeros((2, 2)), np.zeros(()))
         inside, across = [0, 1, 5], [3, 4]
         for place in (*inside, 2):
             if np.abs(C[..., place, across]).max() > _SYMMETRY * np.abs(C).max():
@@ -160,21 +190,22 @@ class TensorLaw:
             outer = C_pz[..., :, None] * C_pz[..., None, :]
             C_pp, C_pz = C_pp - outer / C[..., 2, 2, None, None], np.zeros_like(C_pz)
         row = np.linalg.solve(C_pp, C_pz[..., None])[..., 0]
+        axial = C[..., 2, 2] - np.sum(C_pz * row, axis=-1) if plane == "strain" else np.zeros(())
         row[..., 2] *= 0.5  # sigma_xy stands twice in the double sum
         index = np.where(VOIGT[:2, :2] == 5, 2, VOIGT[:2, :2])
         tensor = C_pp[..., index[:, :, None, None], index[None, None]]
         zz = row[..., index]
         if C.ndim == 3:
             tensor, zz = np.moveaxis(tensor, 0, -1), np.moveaxis(zz, 0, -1)
-        return cls(np.ascontiguousarray(tensor), np.ascontiguousarray(zz))
+        return cls(np.ascontiguousarray(tensor), np.ascontiguousarray(zz), axial)
 
     def at(self, cells: NDArray[np.int64]) -> Self:
         """The law of the given cells."""
         if self.tensor.ndim == 4:
             return self
-        return type(self)(
-            self.tensor[..., cells], self.zz[..., cells] if self.zz.ndim == 3 else self.zz
-        )
+        zz = self.zz[..., cells] if self.zz.ndim == 3 else self.zz
+        axial = self.axial[cells] if self.axial.ndim else self.axial
+        return type(self)(self.tensor[..., cells], zz, axial)
 
     def stress(self, gradient: Array, dilatation: Array | None = None) -> Array:
         """Stress of displacement gradients; the tensor has its own volumetric part."""
@@ -182,11 +213,22 @@ class TensorLaw:
         C = C.reshape(C.shape + (1,) * (gradient.ndim - 3)) if C.ndim == 5 else C
         return np.asarray(np.einsum("abcd...,cd...->ab...", C, gradient))
 
-    def out_of_plane(self, sigma: Array) -> Array:
+    def out_of_plane(self, sigma: Array, thermal_strain: Array | None = None) -> Array:
         """sigma_zz for eps_zz = 0 in plane strain, zero in plane stress."""
         zz = self.zz
         zz = zz.reshape(zz.shape + (1,) * (sigma.ndim - 3)) if zz.ndim == 3 else zz
-        return np.asarray(np.einsum("ab...,ab...->...", zz, sigma))
+        result = np.asarray(np.einsum("ab...,ab...->...", zz, sigma))
+        if thermal_strain is None:
+            return result
+        return result - _over(np.asarray(self.axial), result.ndim) * thermal_strain[2, 2]
+
+    def in_plane(self, strain: Array) -> Array:
+        """``eps_ab + zz_ab eps_zz`` in two dimensions."""
+        if self.tensor.shape[0] == 3:
+            return strain
+        zz = self.zz
+        zz = zz.reshape(zz.shape + (1,) * (strain.ndim - 2 - (zz.ndim == 3)))
+        return np.asarray(strain[:2, :2] + zz * strain[2, 2])
 
     def stiffness(self, basis: Basis, mean_dilatation: bool = False) -> sparse.csr_array:
         """See `contact.body.elasticity.tensor_stiffness`."""
@@ -216,6 +258,19 @@ class TensorLaw:
             )
             for i in every
         ]
+
+
+def thermal_stress(law: StressLaw, strain: Array) -> Array:
+    """Stress ``C eps_T`` of a thermal strain (3, 3, ncells, ...), shape (dim, dim, ncells, ...)."""
+    return law.stress(law.in_plane(strain))
+
+
+def total_stress(
+    law: StressLaw, gradient: Array, dilatation: Array | None, thermal_strain: Array | None
+) -> Array:
+    """Stress of displacement gradients, without that of a thermal strain (3, 3, ncells, ...)."""
+    sigma = law.stress(gradient, dilatation)
+    return sigma if thermal_strain is None else sigma - thermal_stress(law, thermal_strain)
 
 
 def _over(value: Any, axes: int) -> Any:

@@ -224,6 +224,10 @@ class CutBody(ElasticBody):
         self.f = self.f + boundary.integral(np.broadcast_to(value, boundary.x.shape))
         return self
 
+    def heat(self, temperature: Any, expansion: ArrayLike) -> NoReturn:
+        """Refuse: the forces would have to be integrated over the parts inside."""
+        raise InputError("heat: a CutBody takes no thermal strains; make an ElasticBody")
+
     def whole_facets(self, boundary: Any) -> NDArray[np.int64]:
         """Facet numbers of a boundary, none of which a cut cell has.
 

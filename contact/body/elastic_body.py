@@ -20,9 +20,9 @@ from skfem import (
 from contact.body.anisotropic import Anisotropic
 from contact.body.boundary_names import select_components, select_facets
 from contact.body.cell_check import check_cells, check_rectangles
-from contact.body.material import MaterialBody
 from contact.body.mesh_file import read_mesh
 from contact.body.rigid_modes import dof_lengths
+from contact.body.thermal_strain import HeatedBody
 from contact.body.vector_element import DEFAULT_ELEMENT, GRADIENT_DOFS, vector_element
 from contact.errors import InputError, evaluated, function_of_places, numbers
 from contact.facet_basis import facet_basis
@@ -35,7 +35,7 @@ Field = float | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]
 
 
 @settled("make a new body", "basis", "dim", "element")
-class ElasticBody(MaterialBody):
+class ElasticBody(HeatedBody):
     """A linearly elastic body, discretised by any scikit-fem vector basis.
 
     The data flow is `basis -> stiffness S, load f, conditions C x = c`; each is an attribute.
@@ -349,7 +349,7 @@ class ElasticBody(MaterialBody):
         unit = sparse.eye_array(self.basis.N, format="csr")
         return sparse.csr_array(unit[:, free]), np.where(free, 0.0, u0)
 
-    def under(self, f: NDArray[np.float64], u0: NDArray[np.float64]) -> Self:
+    def under(self, f: NDArray[np.float64], u0: NDArray[np.float64], thermal: Any = None) -> Self:
         """The same body, sharing its matrices, with other loads and prescribed displacements.
 
         Parameters

@@ -38,6 +38,11 @@ class MaterialBody(BasisSolid):
 
     def _set_material(self, **changed: Any) -> None:
         """Check and store a material; a problem recognises a change by the identity of the dict."""
+        if self.thermal is not None:
+            raise InputError(
+                f"{', '.join(changed)}: the body was heated, and the forces of that hold its old "
+                "material; make a new body, and heat it after its material is set"
+            )
         new = self.__dict__.get("_material", {}) | changed
         new["plane"] = checked_plane(new["plane"], self.dim)
         new["dilatation"] = checked_dilatation(new["dilatation"], self.element)

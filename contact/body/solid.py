@@ -43,6 +43,7 @@ class Solid(Portable, ABC):
     if TYPE_CHECKING:
         stiffness: Any
     _material: Any = None
+    thermal: Any = None  # strain by temperature, see `contact.body.thermal_strain`
     _FUNCTIONS: ClassVar[tuple[str, ...]] = ("_supports",)
     _IDENTITY: ClassVar[str] = "basis"  # the attribute that all copies of a body share
 
@@ -247,6 +248,10 @@ class Solid(Portable, ABC):
 
     def mean_dilatation(self, u: Array) -> Array | None:
         """Mean div u of each cell, shape (ncells,), with mean dilatation; else None."""
+        return None
+
+    def thermal_strain_at(self, points: Array) -> Array | None:
+        """Thermal strain at points, shape (3, 3, npoints); None if the body was not heated."""
         return None
 
     def give(self, forces: Array) -> float:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from contact.body.thermal_strain import HeatedBody
 from contact.errors import InputError, numbers
 from contact.histories.history_folder import fingerprint
 from contact.histories.time_factor import Factor, checked_factor, value_at
@@ -32,11 +33,12 @@ class LoadProgram(Portable):
     problem : ContactProblem
     """
 
-    _FUNCTIONS = ("_loads", "_motions", "_obstacle")
+    _FUNCTIONS = ("_loads", "_heats", "_motions", "_obstacle")
 
     def __init__(self, problem: ContactProblem) -> None:
         self.problem = problem
         self._loads: list[tuple[Array, Factor]] = []
+        self._heats: list[tuple[int, Array, Factor]] = []
         self._motions: list[tuple[Array, Factor]] = []
         self._obstacle: Callable[[float], ObstacleLike] | None = None
 
@@ -82,6 +84,40 @@ class LoadProgram(Portable):
         """
         k = self._number(body)
         return self.load_vector(self._unloaded(k).body_force(force).f, factor, body=k)
+
+    def heat(
+        self,
+        temperature: Any,
+        expansion: ArrayLike,
+        factor: Factor | None = None,
+        *,
+        body: Solid | str | int | None = None,
+    ) -> Self:
+        """Add the change of temperature ``factor(t) * temperature``; see `ElasticBody.heat`.
+
+        Parameters
+        ----------
+        temperature, expansion
+            As for `ElasticBody.heat`.
+        factor : callable t -> float, optional
+            Default: t itself.
+        body : Solid, str or int, optional
+            Which one, if the problem has several.
+
+        Raises
+        ------
+        InputError
+            A body without thermal strains, such as a `LayeredBlock`.
+        """
+        k = self._number(body)
+        cold = self._unloaded(k)
+        if not isinstance(cold, HeatedBody):
+            raise InputError(f"heat: a {type(cold).__name__} takes no thermal strains")
+        cold.thermal = None
+        cold.heat(temperature, expansion)
+        self.load_vector(cold.f, factor, body=k)
+        self._heats.append((k, np.asarray(cold.thermal), checked_factor(factor)))
+        return self
 
     def load_vector(
         self,
@@ -215,10 +251,16 @@ class LoadProgram(Portable):
             f = f + value_at(factor, t) * vector
         for vector, factor in self._motions:
             u0 = u0 + value_at(factor, t) * vector
-        return base.under(f, u0)
+        now = base.under(f, u0)
+        for k, strain, factor in self._heats:
+            part = now.bodies[k]
+            before = 0.0 if part.thermal is None else part.thermal
+            part.thermal = before + value_at(factor, t) * strain
+        return now
 
     def _fingerprint(self) -> str:
         vectors = [vector for vector, _ in (*self._loads, *self._motions)]
+        vectors += [strain for _, strain, _ in self._heats]
         return fingerprint(self.problem.system, vectors)
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from contact.body.constitutive import total_stress
 from contact.errors import InputError, numbers
 from contact.output.vtk import body_grid
 from contact.result.recovery import cell_stress, nodal_stress
@@ -92,10 +93,11 @@ class BodyFields:
         if points is None:
             gradient = np.asarray(body.basis.interpolate(self.u).grad)
             volume = None if mean is None else mean[:, None]
-            return np.asarray(body.law.stress(gradient, volume))
+            return total_stress(body.law, gradient, volume, body.thermal_strain_in(body.basis.X))
         where = self._points(points)
         volume = None if mean is None else mean[body.cells_of(where)]
-        return np.asarray(body.law_at(where).stress(body.gradient(self.u, where), volume))
+        gradient = body.gradient(self.u, where)
+        return total_stress(body.law_at(where), gradient, volume, body.thermal_strain_at(where))
 
     def nodal_stress(self) -> Array:
         """Cauchy stress at the vertices of the mesh, shape (3, 3, nvertices).
@@ -140,8 +142,12 @@ class BodyFields:
         sigma = self.stress(points)
         trace = np.trace(sigma)
         if body.dim == 2:
-            law = body.law if points is None else body.law_at(self._points(points))
-            out_of_plane = law.out_of_plane(sigma)
+            if points is None:
+                law, free = body.law, body.thermal_strain_in(body.basis.X)
+            else:
+                where = self._points(points)
+                law, free = body.law_at(where), body.thermal_strain_at(where)
+            out_of_plane = law.out_of_plane(sigma, free)
         else:
             out_of_plane = np.zeros_like(trace)
         trace = trace + out_of_plane

@@ -18,6 +18,7 @@ from skfem.generic_utils import OrientedBoundary
 from contact.body.anisotropic import Anisotropic
 from contact.body.cut_body import CutBody
 from contact.body.elastic_body import ElasticBody
+from contact.body.thermal_strain import checked_thermal
 from contact.errors import InputError, NotConverged
 from contact.laws.iteration import Iteration
 from contact.laws.options import default_tolerance
@@ -152,6 +153,8 @@ def state_arrays(state: ContactState) -> dict[str, Any]:
         "mu": state.mu,
         "multiplier_t": state.t,
     }
+    if system.body.thermal is not None:
+        arrays["thermal"] = system.body.thermal
     if system.slip_from is not None:
         arrays["slip_from"] = system.slip_from
     if system.motion is not None and state.motion is not None:
@@ -245,6 +248,7 @@ def _rebuild(
         body.f = arrays["load"]
     else:
         body, rows = near.body.under(arrays["load"], arrays["u0"]), near.rows
+    body.thermal = checked_thermal(body, arrays.get("thermal"))
     rows = replace(rows, gap=arrays["rows/gap"])
     motion = None
     if "motion" in arrays:

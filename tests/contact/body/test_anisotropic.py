@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+from families import PLANE_AND_BFS, SOLID, STRAIGHT
 from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 from skfem import (
@@ -29,7 +30,6 @@ from contact import (
 )
 from contact.body.cell_strains import internal_forces, strain_rows
 from skfem_adini import ElementQuadAdini
-from tests.contact.families import PLANE_AND_BFS, SOLID, STRAIGHT
 
 E, NU, G = (11.0, 2.0, 1.0), (0.35, 0.3, 0.4), (0.9, 0.7, 0.3)
 TURN = Rotation.from_euler("zyx", [0.4, -0.7, 1.1])

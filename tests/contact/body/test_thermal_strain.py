@@ -1,0 +1,282 @@
+"""Thermal strains: free and hindered expansion, a bimetal strip, a shrink fit, histories."""
+
+import pickle
+
+import numpy as np
+import pytest
+from families import PLANE_AND_BFS, SOLID, STRAIGHT
+from scipy.spatial.transform import Rotation
+from skfem import (
+    ElementHex1,
+    ElementQuad1,
+    ElementQuad2,
+    ElementTriP2,
+    MeshHex,
+    MeshQuad,
+    MeshQuad2,
+    MeshTri,
+)
+
+from contact import (
+    Anisotropic,
+    ContactProblem,
+    ContactResult,
+    CutBody,
+    ElasticBody,
+    InputError,
+    LayeredBlock,
+    LoadHistory,
+    LoadStepper,
+    Orthotropic,
+)
+from skfem_adini import ElementQuadAdini
+
+ORTHOTROPIC = Orthotropic((11.0, 2.0, 1.0), (0.35, 0.3, 0.4), (0.9, 0.7, 0.3), rotation=0.4)
+MATERIALS = [{"E": 3.0, "nu": 0.3}, {"material": ORTHOTROPIC}]
+EVERY = [*PLANE_AND_BFS, *SOLID]
+
+
+def standing(body):
+    """Held by smooth walls left, in front and below: nothing hinders its expansion."""
+    body = body.fix("left", "x").fix("bottom", "y")
+    return body if body.dim == 2 else body.fix("front", "z")
+
+
+def without_contact(body):
+    return ContactProblem(body, "right", 1e3).solve()
+
+
+@pytest.mark.parametrize("material", MATERIALS, ids=["isotropic", "orthotropic"])
+@pytest.mark.parametrize(
+    ("element", "plane"),
+    [(e, p) for e in PLANE_AND_BFS for p in ("strain", "stress")] + [(e, None) for e in SOLID],
+)
+def test_free_expansion_has_no_stress_in_the_plane(element, material, plane):
+    mesh = STRAIGHT[element]().refined(1).with_defaults()
+    body = ElasticBody.from_mesh(mesh, element(), plane=plane, **material)
+    across = 0.0 if plane == "strain" else 3e-4  # eps_zz is prevented in plane strain
+    expansion = (1e-4, 2e-4, across)
+    result = without_contact(standing(body.heat(20.0, expansion)))
+    # The stress of hindered expansion would be 3 * 2e-3; solves with a matrix of condition 1e3.
+    assert np.abs(result.stress()).max() < 1e-12
+    assert np.abs(result.nodal_stress()).max() < 1e-12
+    assert np.abs(result.cell_stress()).max() < 1e-12
+    assert np.abs(result.von_mises()).max() < 1e-12
+    x = mesh.p[:, -1:]
+    assert result.sample(x)[:, 0] == pytest.approx(20 * x[:, 0] * expansion[: len(x)], abs=1e-12)
+
+
+@pytest.mark.parametrize("units", [1.0, 1e11])
+@pytest.mark.parametrize("element", EVERY, ids=lambda e: e.__name__)
+def test_hindered_expansion(element, units):
+    """Smooth walls all around: -E alpha T / (1 - 2 nu) in every direction."""
+    mesh = STRAIGHT[element]().refined(1).with_defaults()
+    nu, alpha, T = 0.3, 1e-5, 40.0
+    body = ElasticBody.from_mesh(mesh, element(), E=units, nu=nu).heat(T, alpha)
+    body = standing(body).fix("top", "y")
+    if body.dim == 3:
+        body.fix("back", "z")
+    result = ContactProblem(body, "right", 0.0).solve()
+    p = units * alpha * T / (1 - 2 * nu)
+    assert np.abs(result.pressure / p - 1).max() < 1e-9
+    expected = -p * np.eye(3)[:, :, None]
+    assert np.abs(result.nodal_stress() - expected).max() < 1e-9 * p
+    assert np.abs(result.cell_stress() - expected).max() < 1e-9 * p
+    assert result.von_mises().max() < 1e-7 * p  # the root of a rounding error
+
+
+@pytest.mark.parametrize("element", [ElementQuad2, ElementTriP2, ElementQuadAdini])
+@pytest.mark.parametrize("plane", ["strain", "stress"])
+def test_sigma_zz_of_one_body_in_two_and_three_dimensions(element, plane):
+    """Plane stress and strain against the three conditions on a tensor, solved one by one."""
+    C, T, alpha = ORTHOTROPIC.C, 7.0, np.array([1e-4, 3e-4, 2e-4])
+    mesh = STRAIGHT[element]().refined(1).with_defaults()
+    body = ElasticBody.from_mesh(mesh, element(), material=ORTHOTROPIC, plane=plane).heat(T, alpha)
+    thermal = np.array([*(T * alpha), 0.0, 0.0, 0.0])
+    sigma = -C @ thermal
+    if plane == "stress":  # eps_zz such that sigma_zz vanishes
+        sigma = sigma - C[:, 2] * sigma[2] / C[2, 2]
+    law, free = body.law, body.thermal_strain_in(body.basis.X)
+    found = -law.stress(law.in_plane(free))
+    expected = sigma[[0, 5, 5, 1]].reshape(2, 2)
+    assert np.abs(found - expected[:, :, None, None]).max() < 1e-14
+    assert np.abs(law.out_of_plane(found, free) - sigma[2]).max() < 1e-14
+
+
+def test_isotropy_given_as_a_tensor_is_heated_alike():
+    E, nu = 3.0, 0.3
+    lam, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 + 2 * nu)
+    C = np.diag([2 * mu] * 3 + [mu] * 3)
+    C[:3, :3] += lam
+    mesh = MeshQuad().refined(2).with_defaults()
+    found = []
+    for plane in ("strain", "stress"):
+        for material in ({"E": E, "nu": nu}, {"material": Anisotropic(C)}):
+            body = ElasticBody.from_mesh(mesh, plane=plane, **material)
+            body.heat(lambda x: x[0] ** 2 - x[1], 0.01).fix("top", "xy")
+            found.append(ContactProblem(body, "bottom", 0.0, friction=0.3).solve())
+    for one, other in (found[:2], found[2:]):
+        for read in ("nodal_stress", "cell_stress", "von_mises"):
+            a, b = getattr(one, read)(), getattr(other, read)()
+            assert np.abs(a - b).max() < 1e-10 * np.abs(a).max()
+        at = np.array([[0.3, 0.8], [0.2, 0.6]])
+        assert np.abs(one.von_mises(at) - other.von_mises(at)).max() < 1e-10
+
+
+def test_bimetal_strip():
+    """Curvature 24 (a2 - a1) T / (h (12 + ...)) of Timoshenko 1925, layers of equal thickness."""
+    length, h, n, T = 40.0, 1.0, 1.7, 100.0
+    mesh = MeshQuad.init_tensor(np.linspace(0, length, 81), np.linspace(0, h, 5)).with_defaults()
+    upper = mesh.p[1, mesh.t].mean(axis=0) > h / 2
+    E, alpha = np.where(upper, n, 1.0), np.where(upper, 1e-5, 2e-5)
+    body = ElasticBody.from_mesh(mesh, ElementQuad2(), E=E, nu=0.0, plane="stress")
+    body.fix("left", "xy").heat(T, alpha[:, None, None])
+    u = ContactProblem(body, "bottom", 1e3).solve()
+    tip = u.sample(np.array([[length], [h / 2]]))[1, 0]
+    # With m = 1: kappa = 6 (a1 - a2) T (1 + m)^2 / (h (3 (1 + m)^2 + (1 + m n) (m^2 + 1 / (m n)))).
+    kappa = 24 * 1e-5 * T / (h * (12 + (1 + n) * (1 + 1 / n)))
+    assert tip == pytest.approx(kappa * length**2 / 2, rel=5e-3)
+
+
+@pytest.mark.parametrize("plane", ["strain", "stress"])
+def test_thermal_shrink_fit(plane):
+    """A ring that cools on a rigid shaft: Lame's pressure of the interference alpha T a."""
+    a, b, E, nu, cooling = 1.0, 2.0, 3.0, 0.3, 1e-3
+    strip = MeshQuad.init_tensor(np.linspace(0, 1, 13), np.linspace(0, 1, 33)).with_defaults()
+    fine = MeshQuad2.from_mesh(strip)
+    r, phi = a + (b - a) * fine.doflocs[0], 0.5 * np.pi * fine.doflocs[1]
+    mesh = MeshQuad2(np.array([r * np.cos(phi), r * np.sin(phi)]), fine.t, sort_t=False)
+    mesh = mesh.with_boundaries(strip.boundaries)
+    body = ElasticBody.from_mesh(mesh, ElementQuad2(), E=E, nu=nu, plane=plane)
+    body.heat(-cooling, 1.0).fix("bottom", "y").fix("top", "x")
+    result = ContactProblem(body, "left", 0.0).solve()
+    if plane == "strain":
+        E, cooling, nu = E / (1 - nu**2), cooling * (1 + nu), nu / (1 - nu)
+    p = E * cooling / ((b**2 + a**2) / (b**2 - a**2) + nu)
+    assert np.abs(result.pressure / p - 1).max() < 1e-3
+
+
+def test_near_incompressible_bodies_with_mean_dilatation():
+    mesh = MeshQuad().refined(2).with_defaults()
+    options = {"E": 1.0, "nu": 0.4999, "dilatation": "mean"}
+    body = ElasticBody.from_mesh(mesh, ElementQuad1(), **options).heat(10.0, (1e-4, 1e-4, 0.0))
+    result = without_contact(standing(body))
+    assert np.abs(result.stress()).max() < 1e-10
+    # A temperature that varies is taken by its mean in each cell.
+    body = ElasticBody.from_mesh(mesh, ElementQuad1(), **options).heat(lambda x: x[0], 1e-4)
+    assert body.thermal.shape == (6, mesh.nelements, 1)
+    x = mesh.p[0, mesh.t].mean(axis=0)
+    assert np.abs(body.thermal[0, :, 0] - 1e-4 * x).max() < 1e-15
+
+
+def test_quadratic_temperature_between_walls():
+    """u = 0 on a long strip with alpha T(x): sigma_xx uniform, of the mean temperature."""
+    mesh = MeshQuad().refined(3).with_defaults()
+    body = ElasticBody.from_mesh(mesh, ElementQuad2(), E=2.0, nu=0.0, plane="stress")
+    body.heat(lambda x: 3 * x[0] ** 2, (0.01, 0.0, 0.0)).fix("left", "x").fix("bottom", "y")
+    result = ContactProblem(body, "right", 0.0).solve()
+    # Displacements of degree two cannot follow a strain of degree two; means do.
+    assert result.pressure.mean() == pytest.approx(2.0 * 0.01, rel=1e-3)
+    at = np.array([[0.13, 0.9], [0.7, 0.2]])
+    free = body.thermal_strain_at(at)
+    assert np.abs(free[0, 0] - 0.03 * at[0] ** 2).max() < 1e-14
+    assert np.abs(free[1:]).max() == 0
+
+
+def test_calls_add_and_an_unheated_body_stays_the_same():
+    mesh = MeshQuad().refined(2).with_defaults()
+    one = ElasticBody.from_mesh(mesh, E=1.0, nu=0.3).heat(3.0, 1e-3)
+    two = (
+        ElasticBody.from_mesh(mesh, E=1.0, nu=0.3)
+        .heat(1.0, 1e-3)
+        .heat(lambda x: 2 + 0 * x[0], 1e-3)
+    )
+    assert np.abs(one.f - two.f).max() < 1e-15
+    assert np.abs(one.thermal - two.thermal).max() < 1e-15
+    assert ElasticBody.from_mesh(mesh, E=1.0, nu=0.3).thermal is None
+    turned = Rotation.from_euler("z", 0.3).as_matrix()
+    tensor = turned @ np.diag([1e-3] * 3) @ turned.T
+    other = ElasticBody.from_mesh(mesh, E=1.0, nu=0.3).heat(3.0, 0.5 * (tensor + tensor.T))
+    assert np.abs(one.f - other.f).max() < 1e-15
+
+
+def test_storage_and_pickle(tmp_path):
+    mesh = MeshQuad().refined(2).with_defaults()
+    body = ElasticBody.from_mesh(mesh, ElementQuadAdini(), E=1.0, nu=0.3).fix("top", "xy")
+    body.heat(lambda x: np.sin(x[0]), 0.1)
+    result = ContactProblem(body, "bottom", 0.0, friction=0.2).solve()
+    again = ContactResult.load(result.save(tmp_path / "a"))
+    other = pickle.loads(pickle.dumps(result))
+    before = result.nodal_stress().copy()
+    body.heat(5.0, 1.0)  # later heat does not touch a result
+    for kept in (again, other, result):
+        assert np.array_equal(kept.nodal_stress(), before)
+        assert np.array_equal(kept.von_mises(), result.von_mises())
+
+
+def test_a_heating_history(tmp_path):
+    """Heated and cooled between walls with friction: the first step is a single solve."""
+    mesh = MeshQuad().refined(2).with_defaults()
+
+    def stepper():
+        body = ElasticBody.from_mesh(mesh, E=1.0, nu=0.3).fix("top", "xy").heat(0.5, 0.01)
+        made = LoadStepper(ContactProblem(body, "bottom", 0.0, friction=0.2))
+        return made.heat(lambda x: 1 + x[0], 0.01, lambda t: t)
+
+    history = stepper().run([1.0, 2.0, 3.0], path=tmp_path / "run")
+    body = ElasticBody.from_mesh(mesh, E=1.0, nu=0.3).fix("top", "xy")
+    body.heat(0.5, 0.01).heat(lambda x: 1 + x[0], 0.01)
+    once = ContactProblem(body, "bottom", 0.0, friction=0.2).solve()
+    assert np.abs(history[0].u - once.u).max() < 1e-10 * np.abs(once.u).max()
+    scale = np.abs(once.stress()).max()
+    assert np.abs(history[0].stress() - once.stress()).max() < 1e-9 * scale
+    assert np.abs(history[2].stress() - once.stress()).max() > 0.1 * scale
+    for a, b in zip(LoadHistory.load(tmp_path / "run"), history, strict=True):
+        assert np.array_equal(a.stress(), b.stress())
+    resumed = stepper().resume(tmp_path / "run")
+    assert np.array_equal(resumed[2].nodal_stress(), history[2].nodal_stress())
+
+
+def test_forces_balance_and_reactions():
+    mesh = MeshHex().refined(1).with_defaults()
+    body = ElasticBody.from_mesh(mesh, ElementHex1(), E=1.0, nu=0.3).heat(lambda x: x[0], 0.01)
+    assert np.abs(body.total(body.f)).max() < 1e-15
+    result = ContactProblem(body.fix("top", "xyz"), "bottom", -0.001).solve()
+    parts = result.balance()
+    assert np.abs(parts["support"] + parts["contact"]).max() < 1e-12
+    assert np.abs(result.pressure).max() > 0
+
+
+@pytest.mark.parametrize(
+    ("temperature", "expansion", "message"),
+    [
+        (np.nan, 1.0, "temperature: expected"),
+        (lambda x: x, 1.0, "temperature: expected"),
+        ("hot", 1.0, "temperature"),
+        (1.0, np.inf, "expansion: holds"),
+        (1.0, (1.0, 2.0), "expansion: expected"),
+        (1.0, np.arange(9.0).reshape(3, 3), "expansion: the tensor must be symmetric"),
+    ],
+)
+def test_inadmissible_heat(temperature, expansion, message):
+    body = ElasticBody.from_mesh(MeshTri().refined(1), E=1.0, nu=0.3)
+    with pytest.raises(InputError, match=message):
+        body.heat(temperature, expansion)
+    assert body.thermal is None
+    assert np.abs(body.f).max() == 0
+
+
+def test_a_heated_body_keeps_its_material():
+    body = ElasticBody.from_mesh(MeshTri().refined(1), E=1.0, nu=0.3).heat(1.0, 1.0)
+    with pytest.raises(InputError, match="E: the body was heated"):
+        body.E = 2.0
+
+
+def test_bodies_that_take_no_heat():
+    mesh = MeshQuad.init_tensor(np.linspace(-1.1, 1.1, 12), np.linspace(-1.1, 0, 7))
+    disk = CutBody(mesh.with_defaults(), lambda x: x[0] ** 2 + x[1] ** 2 - 1, E=1.0, nu=0.3)
+    with pytest.raises(InputError, match="heat: a CutBody"):
+        disk.heat(1.0, 1.0)
+    block = LayeredBlock((1.0, 1.0), layers=[(1.0, 4, 1.0, 0.3)])
+    with pytest.raises(InputError, match="heat: a LayeredBlock"):
+        LoadStepper(ContactProblem(block, "bottom", 0.0)).heat(1.0, 1.0)
