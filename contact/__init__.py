@@ -20,6 +20,7 @@ from contact.errors import (
 from contact.histories.load_history import LoadHistory, LoadStep
 from contact.histories.load_stepper import LoadStepper
 from contact.laws.iteration import Iteration
+from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.laws.status import Status
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.shapes import ClosestPoint, Cylinder, Parabola, Plane, Sphere
@@ -55,6 +56,7 @@ __all__ = [
     "Pair",
     "Parabola",
     "Plane",
+    "PressureOverclosure",
     "Rigid",
     "SignedDistance",
     "Sphere",

@@ -133,7 +133,8 @@ def cross_check(
     ------
     InputError
         Friction in three dimensions with a solver other than Clarabel, a solver that qpsolvers does
-        not have, a result of another problem, or one with bonded points.
+        not have, a result of another problem, or one with bonded points or
+        compliant surfaces.
     MissingDependency
         The solver is not installed.
 
@@ -194,6 +195,8 @@ def _check(problem: ContactProblem, result: ContactResult, solver: str) -> None:
             raise InputError(f"{name}: expected a {kind.__name__}, got {type(given).__name__}")
     if result.system.rows.ties.any():
         raise InputError("result: it has bonded points, whose problem is not handed to a peer")
+    if result.system.overclosure:
+        raise InputError("result: it has compliant surfaces, whose laws are not handed to a peer")
     if _has_cones(result) and solver != "clarabel":
         raise InputError(
             "cross_check: friction in 3-D is a cone problem, not a QP; use solver='clarabel'"

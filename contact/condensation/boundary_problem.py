@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+
+class Compliance(Protocol):
+    """Laws ``u_n - d = h(mu)`` of compliant surfaces, in the scale of a problem."""
+
+    def closest(self, q: Array) -> tuple[Array, Array, Array]:
+        """The mu with ``mu + h(mu) = q``, h and its derivative there, shape (m,)."""
+
+    @property
+    def start(self) -> Array:
+        """h(0), shape (m,)."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +61,8 @@ class BoundaryProblem:
     bonded : ndarray of bool, shape (m,), optional
         Points tied to the obstacle: ``u_n = d`` and ``u_t = 0`` whatever the forces, which have no
         sign and no bound. None: no point is.
+    compliance : Compliance, optional
+        The law ``u_n - d = h(mu)`` of compliant surfaces takes the place of ``u_n = d``.
     """
 
     W: Array
@@ -61,6 +75,7 @@ class BoundaryProblem:
     prescribed_slip: Array
     K: Array | None = None
     bonded: NDArray[np.bool_] | None = None
+    compliance: Compliance | None = None
 
     @property
     def ties(self) -> NDArray[np.bool_]:
@@ -101,6 +116,8 @@ class BoundaryProblem:
     def residual_size(self, mu: Array, t: Array) -> float:
         """Scale of residuals: the largest force, at least 1e-12 of the data that cause forces."""
         overlap = np.maximum(-self.gap, 0.0)
+        if self.compliance is not None:
+            overlap = np.maximum(-self.gap - self.compliance.start, 0.0)
         if self.bonded is not None:
             overlap, mu = np.where(self.bonded, np.abs((self.gap, mu)), (overlap, mu))
         causes = (float(np.abs(part).max(initial=0.0)) for part in (self.v0, self.s, overlap))

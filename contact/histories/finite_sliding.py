@@ -135,4 +135,5 @@ class FiniteSliding:
             slip_from = (rows.T @ last.u).reshape(rows.gap.size, -1)
             if motion is not None and last.motion is not None:
                 slip_from = slip_from - motion.displacement(last.motion)[1]
-        return ContactSystem(body, rows, body.f, problem.law, friction, slip_from, motion)
+        law, laws = problem.law, problem.overclosure
+        return ContactSystem(body, rows, body.f, law, friction, slip_from, motion, laws)

@@ -43,13 +43,15 @@ class CoarseProblem:
 
     @classmethod
     def of(cls, fine: BoundaryProblem, friction: Friction | None) -> CoarseProblem | None:
-        """Group the points of a problem; None in 3-D, with ties and for fewer than `FEW` points.
+        """Group the points of a problem; None in 3-D and for fewer than `FEW` points.
+
+        None also with bonded points and compliant surfaces.
 
         In two dimensions points are numbered along the boundary: neighbours have consecutive
         numbers.
         """
         m = fine.gap.size
-        if fine.tangent.shape[1] != 1 or m < FEW or fine.ties.any():
+        if fine.tangent.shape[1] != 1 or m < FEW or fine.ties.any() or fine.compliance:
             return None
         group = np.arange(m) // GROUP
         count = int(group[-1]) + 1

@@ -53,7 +53,8 @@ class GivenFriction:
         gpu.Infeasible
             No friction forces within the bound balance the loads.
         """
-        if self.damped or self.problem.tangent.shape[1] > 1:
+        box = self.problem.tangent.shape[1] == 1 and self.problem.compliance is None
+        if self.damped or not box:
             return self._by_newton(Tresca(bound), start, report)
         return signorini(
             self.problem, bound=bound, start=start, tol=self.tol, peer=self.peer, report=report

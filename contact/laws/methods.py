@@ -81,13 +81,9 @@ def solve_boundary(
     gpu.InputError
         The compliance is not positive semidefinite.
     InputError
-        Bonded points and the method ``fixed_point``.
+        Bonded points or compliant surfaces, and a method that does not take them.
     """
-    if options.method == "fixed_point" and problem.ties.any():
-        raise InputError(
-            "method='fixed_point': it regularises friction and has no form for bonded points; use "
-            "'newton', 'pdas' or 'tresca_loop'"
-        )
+    _refuse(problem, options)
     check_held(problem, friction)
     tol, newton = options.tol * INNER, options.method == "newton"
     if newton and isinstance(problem.W, DeviceMatrix) and _in_plane(problem):
@@ -103,6 +99,8 @@ def solve_boundary(
             with suppress(NotConverged, LinAlgError):
                 return semismooth_newton(problem, start, friction, tol=tol, report=report), 0.0
             start = None
+    if friction is None and problem.compliance is not None:
+        return _compliant(problem, start, tol, report), 0.0
     if friction is None:
         return signorini(problem, start=start, tol=tol, peer=options.peer, report=report), 0.0
     if start is None:
@@ -128,8 +126,35 @@ def solve_boundary(
 
 
 def _in_plane(problem: BoundaryProblem) -> bool:
-    """Whether Newton's method on the device takes the problem: plane, without bonded points."""
-    return problem.tangent.shape[1] == 1 and not problem.ties.any()
+    """Whether Newton's method on the device takes the problem: plane, hard, without ties."""
+    plane = problem.tangent.shape[1] == 1
+    return plane and not problem.ties.any() and problem.compliance is None
+
+
+def _refuse(problem: BoundaryProblem, options: Options) -> None:
+    """Raise an `InputError` for a method that does not take the problem."""
+    use = "use 'newton', 'pdas' or 'tresca_loop'"
+    if options.method == "fixed_point" and problem.ties.any():
+        raise InputError(
+            f"method='fixed_point': it regularises friction, but bonded points do not slip; {use}"
+        )
+    if problem.compliance is not None and (options.method == "fixed_point" or options.peer):
+        raise InputError(f"method={options.method!r}: it takes no compliant surfaces; {use}")
+
+
+def _compliant(
+    problem: BoundaryProblem, start: Forces | None, tol: float, report: Report
+) -> Forces:
+    """Frictionless contact of compliant surfaces, a convex problem: Newton, or proximal points."""
+    if start is None:
+        start = _frictionless(problem, tol, report)
+    none = Tresca(np.zeros(problem.gap.size))
+    with suppress(NotConverged, LinAlgError):
+        found = semismooth_newton(problem, start, none, tol=tol, report=report)
+        # Newton's method holds free motions by weak springs to where they were before the step: a
+        # step from the solution leaves no force in them.
+        return semismooth_newton(problem, found, none, tol=tol) if problem.s.size else found
+    return proximal_point(problem, none, start, tol=tol, report=report)
 
 
 def _from_coarse(
@@ -159,7 +184,11 @@ def _largest_displacement(problem: BoundaryProblem, forces: Forces, scale: Array
 
 
 def _frictionless(problem: BoundaryProblem, tol: float, report: Report) -> Forces:
-    """Start of the friction methods: contact without friction, free rigid motions on springs."""
+    """Start of the friction methods: contact without friction, free rigid motions on springs.
+
+    Compliant surfaces start from hard ones.
+    """
+    problem = replace(problem, compliance=None)
     if not np.any(problem.can_touch):
         mu, t = problem.zeros()
         return Forces(mu, t, np.zeros(problem.s.size))

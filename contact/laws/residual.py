@@ -25,7 +25,10 @@ def residual(problem: BoundaryProblem, mu: Array, t: Array, a: Array, bound: Arr
     """
     u_n, u_t = problem.displacements(mu, t, a)
     through = problem.penetration(u_n)
-    contact = mu - np.maximum(0.0, mu + through)
+    if problem.compliance is None:
+        contact = mu - np.maximum(0.0, mu + through)
+    else:
+        contact = mu - problem.compliance.closest(mu + through)[0]
     if problem.bonded is not None:
         contact = np.where(problem.bonded & problem.can_touch, through, contact)
     live = problem.tangent >= 0

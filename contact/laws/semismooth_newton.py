@@ -1,7 +1,9 @@
 r"""Semismooth Newton methods for contact with friction, on the condensed boundary problem.
 
 The contact law is imposed by an active set: ``u_n = d`` where ``mu + u_n - d > 0``, and ``mu = 0``
-elsewhere, with gap d. For friction with bound g let q = t + u_t and b = q / |q|:
+elsewhere, with gap d. On compliant surfaces ``u_n - d = h(mu)``: the step linearises h at the
+solution of ``mu + h(mu) = q`` for the last q = mu + u_n - d. For friction with bound g let
+q = t + u_t and b = q / |q|:
 
 * g = 0: t = 0;
 * stick, |q| <= g: u_t = 0;
@@ -131,6 +133,9 @@ def _step(
     A[:n, n:] = -problem.C[rows]
     rhs = np.concatenate((problem.v0[rows], np.zeros(k)))
     rhs[:n_n] -= problem.gap[zones.active]
+    if problem.compliance is not None:
+        A[np.arange(n_n), np.arange(n_n)] += zones.slope[zones.active]
+        rhs[:n_n] -= zones.opening[zones.active]
     rhs[:n] += PROXIMAL * problem.forces(now.mu, now.t)[rows]
 
     # At slipping points the linearised law replaces the equation for u_t.

@@ -25,6 +25,9 @@ class Zones:
         ``t + u_t``, which the friction law projects onto the ball of radius g.
     g : ndarray, shape (m,)
         Friction bound; bonded points are active, and stick under an infinite one.
+    opening, slope : ndarray, shape (m,)
+        The linearised law of compliant surfaces, ``u_n - d = opening + slope mu``; both zero for
+        hard contact.
     """
 
     active: NDArray[np.bool_]
@@ -32,15 +35,21 @@ class Zones:
     slip: NDArray[np.bool_]
     q: Array
     g: Array
+    opening: Array
+    slope: Array
 
     @classmethod
     def of(cls, problem: BoundaryProblem, now: Forces, friction: Friction) -> Zones:
         """Zones from forces and the displacements that they cause."""
         u_n, u_t = problem.displacements(now.mu, now.t, now.a)
         contact = now.mu + problem.penetration(u_n)
+        opening = slope = np.zeros(contact.size)
+        if problem.compliance is not None:
+            contact, h, slope = problem.compliance.closest(contact)
+            opening = h - slope * contact
         active = (contact > 0) | (problem.ties & problem.can_touch)
         g = problem.bound(friction.bound(np.where(active, contact, 0.0)))
         q = np.where(problem.tangent >= 0, now.t + u_t, 0.0)
         length = np.linalg.norm(q, axis=1)
         rubs = (g > 0) & np.any(problem.tangent >= 0, axis=1)
-        return cls(active, rubs & (length <= g), rubs & (length > g), q, g)
+        return cls(active, rubs & (length <= g), rubs & (length > g), q, g, opening, slope)

@@ -17,6 +17,7 @@ from contact.condensation.condensed_contact import CondensedContact
 from contact.errors import InputError
 from contact.laws.iteration import Iteration
 from contact.laws.options import Options
+from contact.laws.pressure_overclosure import PressureOverclosure, checked
 from contact.obstacles.rigid import ObstacleMotion
 from contact.obstacles.shapes import ObstacleLike
 from contact.portable import Portable
@@ -32,6 +33,7 @@ from contact.settled import settled
 
 Array = NDArray[np.float64]
 FrictionLike = float | ArrayLike | Callable[[Array], ArrayLike] | Sequence[Any]
+OverclosureLike = float | PressureOverclosure | Sequence[float | PressureOverclosure | None] | None
 Laws = tuple[Any, FrictionLike | None, str | None]
 logger = logging.getLogger(__name__)
 _SAME: Any = object()
@@ -71,6 +73,9 @@ class ContactProblem(Portable):
         multipliers, see `Pair`.
     solver : {"auto", "pardiso", "superlu"}
         Sparse factorisation.
+    overclosure : None, float, PressureOverclosure, or a list of these, one a boundary
+        Law of compliant surfaces; a number is a stiffness, pressure per length of overclosure.
+        None is hard contact.
 
     Raises
     ------
@@ -112,6 +117,7 @@ class ContactProblem(Portable):
         law: str | None = "coulomb",
         functional: str | Sequence[str | None] | None = None,
         solver: str = "auto",
+        overclosure: OverclosureLike = None,
     ) -> None:
         if not isinstance(solver, str):
             raise InputError(f"solver={solver!r}: expected 'auto', 'pardiso' or 'superlu'")
@@ -127,6 +133,7 @@ class ContactProblem(Portable):
         self.rows: ContactRows
         self.motion: ObstacleMotion | None
         self._discretise((obstacle, friction, law))
+        self.overclosure = overclosure
 
     def __repr__(self) -> str:
         return f"ContactProblem({self.body!r}, {self.friction.size} points, law={self.law!r})"
@@ -164,6 +171,16 @@ class ContactProblem(Portable):
     @law.setter
     def law(self, law: str | None) -> None:
         self._take((*self._laws[:2], law), self.boundaries)
+
+    @property
+    def overclosure(self) -> tuple[PressureOverclosure | None, ...]:
+        """Law of compliant surfaces of each boundary; empty for hard contact. May be set anew."""
+        return self._overclosure
+
+    @overclosure.setter
+    def overclosure(self, overclosure: OverclosureLike) -> None:
+        count = int(self.rows.part.max(initial=0)) + 1
+        self._overclosure = checked(overclosure, count, self.rows.part.size > 0)
 
     def _discretise(self, laws: Laws) -> None:
         """Compute the contact rows; their frames depend on the body's supports."""
@@ -226,7 +243,8 @@ class ContactProblem(Portable):
         if after is not None:
             _check_same(rows, after.system.rows)
         slip_from = None if after is None else np.where(rows.ties[:, None], 0.0, after.slip)
-        return ContactSystem(body, rows, body.f, self.law, friction, slip_from, motion)
+        laws = self.overclosure
+        return ContactSystem(body, rows, body.f, self.law, friction, slip_from, motion, laws)
 
     def condense(self, device: str | None = None) -> CondensedContact:
         """Factor once; the result is kept and serves every later `solve`.

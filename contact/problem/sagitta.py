@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,6 +62,7 @@ def warn_of_sagitta(
         boundary = condensed.boundary_problem(
             system.load, system.rows.gap + rise, system.slip_from, system.motion
         )
+        boundary = replace(boundary, compliance=system.compliance(scale))
         start = start_forces(result, system, boundary, scale)
         with one_blas_thread(condensed.size):
             forces, _ = solve_boundary(boundary, friction, options, start, scale, lambda line: None)

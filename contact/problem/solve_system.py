@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -131,4 +132,5 @@ def _solved(
 def _boundary_problem(
     system: ContactSystem, condensed: CondensedContact, load: Array
 ) -> BoundaryProblem:
-    return condensed.boundary_problem(load, system.rows.gap, system.slip_from, system.motion)
+    problem = condensed.boundary_problem(load, system.rows.gap, system.slip_from, system.motion)
+    return replace(problem, compliance=system.compliance(condensed.point_scale))

@@ -93,6 +93,7 @@ class StiffnessForm:
             tangent=points.tangent,
             prescribed_slip=fixed_t / self.point_scale[:, None],
             K=block_diag(S, np.zeros((rigid, rigid))),
+            compliance=system.compliance(self.point_scale),
             bonded=system.rows.ties if system.rows.bonded.size else None,
         )
 

@@ -117,6 +117,8 @@ def check_state(state: ContactState) -> None:
         raise InputError("gap: holds NaN or minus infinity")
     if system.law not in ("coulomb", "tresca", None):
         raise InputError(f"law={system.law!r}: expected 'coulomb', 'tresca' or None")
+    if len(system.overclosure) not in (0, system.rows.part.max(initial=0) + 1):
+        raise InputError("overclosure: expected one law for each contact boundary")
     if np.any(system.friction < 0) or (system.law is None and np.any(system.friction > 0)):
         raise InputError(f"friction: negative, or given without a law (law={system.law!r})")
     if system.motion is not None and state.motion is not None:

@@ -59,7 +59,10 @@ class ContactForces(ContactState):
 
     @property
     def gap(self) -> Array:
-        """What is left of the gap, d - (u_n - w_n), shape (m,)."""
+        """What is left of the gap, d - (u_n - w_n), shape (m,).
+
+        It is the geometric one: negative by the overclosure where compliant surfaces are pressed.
+        """
         return self.system.rows.gap - self.system.relative(self.u, self.motion)[0]
 
     @property

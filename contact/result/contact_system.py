@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from contact.errors import InputError
 from contact.laws.friction import Coulomb, Friction, Tresca, project
+from contact.laws.pressure_overclosure import PressureOverclosure
+from contact.laws.surface_compliance import SurfaceCompliance
 from contact.obstacles.rigid import ObstacleMotion
 from contact.rows.contact_rows import ContactRows
 
@@ -38,6 +40,8 @@ class ContactSystem:
         the slip since then. None: at rest in the reference state.
     motion : ObstacleMotion, optional
         Motions of obstacles, if any move; displacements of contact points are then relative.
+    overclosure : tuple of PressureOverclosure or None
+        Law of compliant surfaces of each contact boundary; empty for hard contact.
     """
 
     body: Any
@@ -47,6 +51,7 @@ class ContactSystem:
     friction: Array
     slip_from: Array | None = None
     motion: ObstacleMotion | None = None
+    overclosure: tuple[PressureOverclosure | None, ...] = ()
 
     def relative(self, u: Array, w: Array | None) -> tuple[Array, Array]:
         """Normal (m,) and tangential (m, dim - 1) displacement relative to the obstacles.
@@ -79,6 +84,18 @@ class ContactSystem:
             return None
         return Coulomb(self.friction) if self.law == "coulomb" else Tresca(self.friction * scale)
 
+    def compliance(self, scale: Array) -> SurfaceCompliance | None:
+        """The laws of compliant surfaces with displacements divided by the scale of each point.
+
+        Forces are multiplied by it. None where there are no such laws.
+        """
+        return self._laws(self.rows.weights * scale, scale) if self.overclosure else None
+
+    def _laws(self, area: Array, unit: Array) -> SurfaceCompliance:
+        rows = self.rows
+        part = rows.part if rows.part.size else np.zeros(rows.gap.size, dtype=np.int64)
+        return SurfaceCompliance(self.overclosure, np.where(rows.ties, -1, part), area, unit)
+
     def kkt(self, u: Array, mu: Array, t: Array, w: Array | None = None) -> dict[str, float]:
         """Relative residuals of every law, computed from the problem and (u, mu, t, w) alone.
 
@@ -98,7 +115,9 @@ class ContactSystem:
             displacements;
             ``penetration``, ``sign``, ``complementarity``: the contact law; ``cone``, ``slip``:
             |t| <= g, and t = P_g(t + c u_t) with the slip increment u_t; these laws are not those
-            of bonded points, which have ``tie``: |u_n - d| and |u_t|. Lengths are relative to
+            of bonded points, which have ``tie``: |u_n - d| and |u_t|. On compliant
+            surfaces penetration and complementarity are the force that the point of the curve with
+            the same ``mu + c (u_n - d)`` has more, or less, than mu. Lengths are relative to
             the largest displacement, or to the one that a contact force alone would cause if that
             is larger; forces are relative to the largest contact force. If obstacles are driven by
             forces, also ``obstacle``: their residual force divided by the sum of moduli.
@@ -130,6 +149,8 @@ class ContactSystem:
             "cone": _largest(np.maximum(np.linalg.norm(t, axis=1) - g, 0.0)[free]) / size,
             "slip": _largest(returned[live]) / size,
         }
+        if self.overclosure:
+            result |= self._off_the_curve(mu, through, size, length)
         if ties.any():
             opened = max(_largest((u_n - rows.gap)[ties]), _largest(u_t[ties]))
             result["tie"] = opened / length
@@ -138,6 +159,21 @@ class ContactSystem:
         if any(np.isnan(value) for value in result.values()):
             raise InputError("kkt: the state (u, mu, t) holds NaN")
         return result
+
+    def _off_the_curve(
+        self, mu: Array, closed: Array, size: float, length: float
+    ) -> dict[str, float]:
+        """Residuals of compliant surfaces: how much mu is less, and more, than the law's force.
+
+        That is the force on the curve with the same ``mu + size / length (u_n - d)``.
+        """
+        laws = self._laws(self.rows.weights, np.full(mu.size, length / size))
+        free = ~self.rows.ties
+        off = (laws.closest(mu + size / length * closed)[0] - mu)[free]
+        return {
+            "penetration": _largest(np.maximum(off, 0.0)) / size,
+            "complementarity": _largest(np.maximum(-off, 0.0)) / size,
+        }
 
     def _unbalanced(self, u: Array, contact: Array) -> float:
         """Residual of the resultant of all forces on a body, the largest of all bodies.

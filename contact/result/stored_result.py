@@ -22,6 +22,7 @@ from contact.body.thermal_strain import checked_thermal
 from contact.errors import InputError, NotConverged
 from contact.laws.iteration import Iteration
 from contact.laws.options import default_tolerance
+from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.obstacles.rigid import ObstacleMotion
 from contact.output.archive import DamagedFile, read_arrays, write_arrays
 from contact.result.certify import as_lines, certify
@@ -161,13 +162,16 @@ def state_arrays(state: ContactState) -> dict[str, Any]:
         for field in fields(ObstacleMotion):
             arrays[f"motion/{field.name}"] = getattr(system.motion, field.name)
         arrays["motion"] = state.motion
-    step = {
+    step: dict[str, Any] = {
         "law": system.law,
         "method": state.method,
         "tol": state.tol,
         "slack": state.slack,
         "history": [asdict(line) for line in state.history],
     }
+    if system.overclosure:
+        laws = [None if law is None else law.stored() for law in system.overclosure]
+        step["overclosure"] = laws
     return arrays | {"step": np.array(json.dumps(step))}
 
 
@@ -254,8 +258,10 @@ def _rebuild(
     if "motion" in arrays:
         parts = {field.name: arrays[f"motion/{field.name}"] for field in fields(ObstacleMotion)}
         motion = ObstacleMotion(**parts)
+    laws = tuple(PressureOverclosure.from_stored(law) for law in step.get("overclosure", ()))
+    since = arrays.get("slip_from")
     system = ContactSystem(
-        body, rows, arrays["load"], step["law"], arrays["friction"], arrays.get("slip_from"), motion
+        body, rows, arrays["load"], step["law"], arrays["friction"], since, motion, laws
     )
     # Format 2 did not keep the slack of `fixed_point`, the only method that has one.
     unknown = 1e-3 if step["method"] == "fixed_point" and not with_checksum else 0.0
