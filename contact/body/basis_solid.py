@@ -11,7 +11,8 @@ from scipy import sparse
 from contact.body.cell_finder import find_cells, places_in
 from contact.body.cell_strains import has_slender_cells, internal_forces
 from contact.body.constitutive import StressLaw
-from contact.body.rigid_modes import rigid_modes, value_dofs
+from contact.body.multipoint import picked_by
+from contact.body.rigid_modes import dof_lengths, rigid_modes, value_dofs
 from contact.body.solid import Solid
 from contact.body.supports import live_rows
 from contact.portable import PortableBasis
@@ -34,8 +35,9 @@ class BasisSolid(Solid):
     dilatation: str
     _live: tuple[sparse.csr_array, sparse.csr_array, NDArray[np.bool_]] | None = None
     _give: tuple[sparse.csr_array, Array] | None = None
+    _picked: tuple[sparse.csr_array, sparse.csr_array] | None = None
     _portable: PortableBasis
-    _ANEW = ("stiffness", "absolute_stiffness", "lengths", "_live", "_give")
+    _ANEW = ("stiffness", "absolute_stiffness", "lengths", "_live", "_give", "_picked")
     _KEPT: ClassVar[tuple[str, ...]] = ("constraint",)
     _values: NDArray[np.bool_] | None = None
     _slender: bool | None = None
@@ -113,8 +115,11 @@ class BasisSolid(Solid):
 
     @property
     def picked(self) -> sparse.csr_array:
-        """E with ``z = E^T (u - u0)``: P itself, because its columns are orthonormal."""
-        return self.constraint[0]
+        """E with ``z = E^T (u - u0)``; P itself where its columns are orthonormal."""
+        P = self.constraint[0]
+        if self._picked is None or self._picked[0] is not P:
+            self._picked = P, picked_by(P, dof_lengths(self))
+        return self._picked[1]
 
     def internal(self, u: Array) -> Array:
         """Internal forces S u, without the mean translation, which would only add rounding.

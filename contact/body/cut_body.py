@@ -79,6 +79,7 @@ class CutBody(ElasticBody):
     True
     """
 
+    _COUPLES = False
     _KEPT, _FUNCTIONS = ("constraint", "picked"), ("_supports", "level_set")
     _slender = False  # integrals over parts of cells are in the matrix alone
 

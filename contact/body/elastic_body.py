@@ -20,7 +20,9 @@ from skfem import (
 from contact.body.anisotropic import Anisotropic
 from contact.body.boundary_names import select_components, select_facets
 from contact.body.cell_check import check_cells, check_rectangles
+from contact.body.coupled_body import CoupledBody
 from contact.body.mesh_file import read_mesh
+from contact.body.multipoint import column_lengths, coupled
 from contact.body.rigid_modes import dof_lengths
 from contact.body.thermal_strain import HeatedBody
 from contact.body.vector_element import DEFAULT_ELEMENT, GRADIENT_DOFS, vector_element
@@ -35,7 +37,7 @@ Field = float | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]
 
 
 @settled("make a new body", "basis", "dim", "element")
-class ElasticBody(HeatedBody):
+class ElasticBody(CoupledBody, HeatedBody):
     """A linearly elastic body, discretised by any scikit-fem vector basis.
 
     The data flow is `basis -> stiffness S, load f, conditions C x = c`; each is an attribute.
@@ -313,7 +315,8 @@ class ElasticBody(HeatedBody):
         InputError
             Two prescriptions contradict each other.
         """
-        return self._supported()
+        P, u0 = self._supported()
+        return coupled(P, u0, self._couplings, dof_lengths(self)) if self._couplings else (P, u0)
 
     def _supported(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
         if not self._supports:
@@ -366,8 +369,7 @@ class ElasticBody(HeatedBody):
     def lengths(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lengths that make each dof, and each free unknown, a displacement; see `dof_lengths`."""
         of_dof = dof_lengths(self)
-        columns = self.picked.tocsc()
-        return of_dof, of_dof[columns.indices[columns.indptr[:-1]]]
+        return of_dof, column_lengths(self.picked, of_dof)
 
 
 def _constant(value: Any) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:

@@ -32,7 +32,7 @@ def rigid_modes(body: Discretised) -> Array:
     basis = body.basis
     entity, points, cells = dof_entities(basis)
     pieces, piece = _pieces(cells, points.shape[1])
-    kind = _kind_of_dof(basis)
+    kind = dof_kinds(basis)
     dim, ndofs = basis.elem.dim, basis.N
     component = np.arange(ndofs) % dim
     modes = []
@@ -57,7 +57,7 @@ def rigid_field(body: Discretised, centre: Array) -> Array:
     Translations, then rotations about `centre`: counter-clockwise in 2-D, about x, y, z in 3-D.
     """
     basis = body.basis
-    kind, dim = _kind_of_dof(basis), basis.elem.dim
+    kind, dim = dof_kinds(basis), basis.elem.dim
     component = np.arange(basis.N) % dim
     x = basis.doflocs - centre[:, None]
     columns = [((component == c) & (kind == _VALUE)) * 1.0 for c in range(dim)]
@@ -85,7 +85,7 @@ def _middle(points: Array) -> Array:
     return middle
 
 
-def _kind_of_dof(basis: Basis) -> NDArray[np.int64]:
+def dof_kinds(basis: Basis) -> NDArray[np.int64]:
     """-1 for a value, i for the derivative along x_i, -2 for a mixed second derivative."""
     dofs = basis.dofs
     kind = np.full(basis.N, -2, dtype=np.int64)
@@ -104,7 +104,7 @@ def _kind_of_dof(basis: Basis) -> NDArray[np.int64]:
 
 def value_dofs(body: Discretised) -> NDArray[np.bool_]:
     """Dofs that are displacements, not derivatives, shape (ndofs,)."""
-    return np.asarray(_kind_of_dof(body.basis) == _VALUE)
+    return np.asarray(dof_kinds(body.basis) == _VALUE)
 
 
 def dof_lengths(body: Discretised) -> Array:
@@ -114,7 +114,7 @@ def dof_lengths(body: Discretised) -> Array:
     """
     basis = body.basis
     cell = float(basis.dx.sum() / basis.mesh.nelements) ** (1 / basis.elem.dim)
-    kind = _kind_of_dof(basis)
+    kind = dof_kinds(basis)
     return np.where(kind == _VALUE, 1.0, np.where(kind == _MIXED, cell**2, cell))
 
 

@@ -40,6 +40,7 @@ class Solid(Portable, ABC):
     name: str = ""
     _f: Array
     _supports: list[Any]
+    _couplings: tuple[Any, ...] = ()
     if TYPE_CHECKING:
         stiffness: Any
     _material: Any = None

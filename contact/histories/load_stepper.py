@@ -116,7 +116,11 @@ class LoadStepper(LoadProgram):
             problem.law, problem.body.dim, method, tol, max_iterations, None
         )
         self.history = LoadHistory()
-        self._supports = len(problem.body._supports)
+        self._supports = self._conditions()
+
+    def _conditions(self) -> tuple[int, int]:
+        body = self.problem.body
+        return len(body._supports), len(body._couplings)
 
     def __repr__(self) -> str:
         varied = len(self._loads) + len(self._motions) + (self._obstacle is not None)
@@ -141,7 +145,7 @@ class LoadStepper(LoadProgram):
         NotConverged
             Not even steps halved `halvings` times converge; the history holds what was finished.
         """
-        if len(self.problem.body._supports) != self._supports:
+        if self._conditions() != self._supports:
             raise InputError(
                 "body: it was fixed elsewhere after the LoadStepper was made; make a new one"
             )

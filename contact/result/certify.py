@@ -7,6 +7,7 @@ import skfem
 from contact.body.free_motions import strained_by_rotation
 from contact.errors import NotConverged
 from contact.result.contact_state import ContactState
+from contact.result.shared_points import refuse_shared_points
 
 
 def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
@@ -28,6 +29,8 @@ def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
     ------
     NotConverged
         A residual exceeds its tolerance.
+    InputError
+        Points in contact share their unknowns, see `refuse_shared_points`.
     """
     limits = dict.fromkeys(("cone", "slip"), tol + slack)
     kkt = state.system.kkt(state.u, state.mu, state.t, state.motion)
@@ -49,6 +52,7 @@ def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
             f"the solution fails its certificate at tolerance {tol:.1e}: {found}{remedy}",
             state.history,
         )
+    refuse_shared_points(state)
     return kkt
 
 

@@ -59,7 +59,7 @@ def check_problem(body: ElasticBody, rows: ContactRows) -> None:
     ):
         _finite(name, matrix.data, (None,))
         _check_shape(name, matrix, shape)
-    held = P.T @ P - sparse.eye_array(P.shape[1])  # `BasisSolid.picked`: orthonormal columns
+    held = body.picked.T @ P - sparse.eye_array(P.shape[1])  # orthonormal columns
     if np.abs(held.data).max(initial=0.0) > _UNIT:
         raise InputError("constraint: its columns are not orthonormal")
     shapes: tuple[tuple[str, tuple[int, ...]], ...] = (

@@ -1,0 +1,173 @@
+"""Linear equations between dofs: the free unknowns that they leave."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from contact.errors import InputError
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+LARGEST = 4000  # unknowns that the equations may link to one another, which are solved densely
+_RANK = 1e-10  # singular values of equations of unit length below this are rounding
+_AGREE = 1e-9  # of the largest term: right sides that differ by less do not contradict each other
+_NOISE = 1e-14  # entries of orthonormal columns below this are rounding
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """Equations C u = c, and what error messages call them."""
+
+    C: sparse.csr_array
+    c: Array
+    name: str
+
+    def at_rest(self) -> Coupling:
+        """The same equations with zero on the right."""
+        return Coupling(self.C, np.zeros(self.c.size), self.name)
+
+
+def coupled(
+    P: sparse.csr_array, u0: Array, couplings: Sequence[Coupling], of_dof: Array
+) -> tuple[sparse.csr_array, Array]:
+    """Free unknowns of supports and equations together.
+
+    The equations link the unknowns of ``u = P y + u0`` in groups that are independent of each
+    other. The solutions of each group are found by a singular value decomposition of its
+    equations, in which every unknown is a displacement, so that the unit of length has no say in
+    which of them are redundant.
+
+    Parameters
+    ----------
+    P : csr_array, shape (ndofs, n)
+        With orthonormal columns, each of dofs of one kind.
+    u0 : ndarray, shape (ndofs,)
+        Orthogonal to the columns of P.
+    couplings : sequence of Coupling
+    of_dof : ndarray, shape (ndofs,)
+        Length that makes each dof a displacement.
+
+    Returns
+    -------
+    P : csr_array, shape (ndofs, nfree)
+        Unknowns that no equation contains come first and are as before; the further columns are
+        orthonormal, those that mix values and derivatives after multiplication by `of_dof`.
+    u0 : ndarray, shape (ndofs,)
+
+    Raises
+    ------
+    InputError
+        The equations contradict each other or the supports, or link more than `LARGEST` unknowns.
+    """
+    C = sparse.csr_array(sparse.vstack([each.C for each in couplings]))
+    c = np.concatenate([each.c for each in couplings])
+    owner = np.repeat(np.arange(len(couplings)), [each.c.size for each in couplings])
+    unit = 1.0 / _norms(C @ sparse.diags_array(1.0 / of_dof))
+    of_free = column_lengths(P, of_dof)
+    A = sparse.csr_array(sparse.diags_array(unit) @ C @ P @ sparse.diags_array(1.0 / of_free))
+    A.data[np.abs(A.data) < _NOISE] = 0.0
+    A.eliminate_zeros()
+    right = unit * (c - C @ u0)
+    allowed = _AGREE * float(np.max(unit * (np.abs(c) + abs(C) @ np.abs(u0)), initial=0.0))
+    groups = _groups(A)
+    empty = np.flatnonzero(np.diff(A.indptr) == 0)
+    _refuse_contradiction(right[empty], allowed, owner[empty], couplings)
+    columns, y = [], np.zeros(P.shape[1])
+    for rows, members in groups:
+        if members.size > LARGEST:
+            raise InputError(
+                f"{couplings[owner[rows[0]]].name}: the equations link {members.size} unknowns, "
+                f"more than {LARGEST}; tie a smaller boundary, or hold it with fix"
+            )
+        null, y[members], left = _solve(A[rows][:, members].toarray(), right[rows])
+        _refuse_contradiction(left, allowed, owner[rows], couplings)
+        place = np.repeat(members, null.shape[1])
+        number = np.tile(np.arange(null.shape[1]), members.size)
+        shape = P.shape[1], null.shape[1]
+        columns.append(sparse.coo_array((null.ravel(), (place, number)), shape=shape))
+    kept = np.setdiff1d(np.arange(P.shape[1]), np.unique(A.indices))
+    before = sparse.csr_array(sparse.eye_array(P.shape[1], format="csr")[:, kept])
+    if not columns:
+        return sparse.csr_array(P @ before), u0
+    rescaled = sparse.diags_array(1.0 / of_free)
+    change = sparse.csc_array(rescaled @ sparse.hstack(columns))
+    change.eliminate_zeros()
+    new = sparse.csc_array(P @ change)
+    one_kind = ~_mixed(new, of_dof)
+    size = np.where(one_kind, _norms(sparse.csr_array(new.T)), 1.0)
+    new = sparse.csc_array(new @ sparse.diags_array(1.0 / size))
+    return sparse.csr_array(sparse.hstack([P @ before, new])), u0 + P @ (y / of_free)
+
+
+def picked_by(P: sparse.csr_array, of_dof: Array) -> sparse.csr_array:
+    """E with ``E^T P = I``: P itself where its columns hold dofs of one kind only."""
+    mixed = _mixed(sparse.csc_array(P), of_dof)
+    if not mixed.any():
+        return P
+    weighted = sparse.diags_array(of_dof**2) @ P @ sparse.diags_array(mixed.astype(float))
+    plain = P @ sparse.diags_array((~mixed).astype(float))
+    E = sparse.csr_array(weighted + plain)
+    E.eliminate_zeros()
+    return E
+
+
+def column_lengths(P: sparse.csr_array, of_dof: Array) -> Array:
+    """Length that makes each free unknown a displacement: that of its dofs, 1 if they differ."""
+    columns = sparse.csc_array(P)
+    first: Array = of_dof[columns.indices[columns.indptr[:-1]]]
+    return np.where(_mixed(columns, of_dof), 1.0, first)
+
+
+def _mixed(columns: sparse.csc_array, of_dof: Array) -> NDArray[np.bool_]:
+    """Columns that hold dofs of several lengths."""
+    of_entry = of_dof[columns.indices]
+    start = columns.indptr[:-1]
+    first = np.repeat(of_entry[start], np.diff(columns.indptr))
+    owner = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
+    return np.asarray(np.bincount(owner, of_entry != first, columns.shape[1]) > 0)
+
+
+def _groups(A: sparse.csr_array) -> list[tuple[Index, Index]]:
+    """Equations and unknowns of each independent group."""
+    m = A.shape[0]
+    graph: Any = sparse.block_array([[None, A], [A.T, None]], format="csr")
+    count, label = connected_components(graph, directed=False)
+    order = np.argsort(label, kind="stable")
+    bounds = np.searchsorted(label[order], np.arange(1, count))
+    parts = [part for part in np.split(order, bounds) if part[0] < m and part[-1] >= m]
+    return [(part[part < m], part[part >= m] - m) for part in parts]
+
+
+def _solve(A: Array, right: Array) -> tuple[Array, Array, Array]:
+    """Orthonormal null space, least solution, and what it leaves of the right side."""
+    U, s, V = np.linalg.svd(A)
+    rank = int(np.sum(s > _RANK * s[0]))
+    y = V[:rank].T @ ((U[:, :rank].T @ right) / s[:rank])
+    null = V[rank:].T
+    null = np.where(np.abs(null) < _NOISE, 0.0, null) * np.where(null.sum(axis=0) < 0, -1.0, 1.0)
+    return null, y, right - A @ y
+
+
+def _refuse_contradiction(
+    left: Array, allowed: float, owner: Index, couplings: Sequence[Coupling]
+) -> None:
+    if not np.any(np.abs(left) > allowed):
+        return
+    names = sorted({couplings[k].name for k in owner})
+    raise InputError(
+        f"{names[0]}: its equations contradict "
+        + (f"those of {', '.join(names[1:])}" if names[1:] else "each other or the supports")
+        + "; change a right side, a jump or a prescribed value, or leave one of them out"
+    )
+
+
+def _norms(rows: sparse.csr_array) -> Array:
+    return np.sqrt(np.asarray(rows.multiply(rows).sum(axis=1), dtype=float).ravel())

@@ -1,0 +1,306 @@
+"""Periodic and tied boundaries and multipoint constraints, against saddle-point solutions."""
+
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import sparse
+from skfem import (
+    ElementHex1,
+    ElementHex2,
+    ElementQuad1,
+    ElementQuad2,
+    ElementTetP1,
+    ElementTetP2,
+    ElementTriP1,
+    ElementTriP2,
+    MeshHex,
+    MeshQuad,
+    MeshTet,
+    MeshTri,
+)
+
+from contact import (
+    ContactProblem,
+    ContactResult,
+    ElasticBody,
+    LoadStepper,
+    Unbounded,
+    cross_check,
+)
+from contact.body.free_motions import free_motions
+from contact.body.rigid_modes import describe_motion
+from contact.errors import InputError
+from skfem_adini import ElementQuadAdini, ElementQuadBFS
+
+PLANE = [ElementTriP1, ElementTriP2, ElementQuad1, ElementQuad2, ElementQuadAdini, ElementQuadBFS]
+SPACE = [ElementTetP1, ElementTetP2, ElementHex1, ElementHex2]
+
+
+def mesh_of(element, unit=1.0, refine=1):
+    kinds = {"Tri": MeshTri, "Qua": MeshQuad, "Tet": MeshTet, "Hex": MeshHex}
+    kind = kinds[element.__name__.removeprefix("Element")[:3]]
+    return kind().refined(refine).scaled(unit).with_defaults()
+
+
+def sides_of(mesh):
+    """Pairs of opposite sides, one a direction, by the places of their facets."""
+    middle = mesh.p[:, mesh.facets].mean(axis=1)
+    result = []
+    for c in range(mesh.dim()):
+        low, high = mesh.p[c].min(), mesh.p[c].max()
+        at = [
+            np.flatnonzero(np.isclose(middle[c], v, atol=1e-9 * (high - low))) for v in (low, high)
+        ]
+        result.append((at[1], at[0]))
+    return result
+
+
+def solved(body):
+    P, u0 = body.constraint
+    P = P @ sparse.diags_array(1.0 / body.lengths[1])  # unknowns that are displacements
+    S = (P.T @ body.stiffness @ P).toarray()
+    z = np.linalg.lstsq(S, P.T @ (body.f - body.stiffness @ u0), rcond=1e-11)[0]
+    return P @ z + u0
+
+
+def saddle(S, f, C, c):
+    """Displacement of the saddle-point system, by least squares."""
+    size = abs(S).max()
+    K = np.block([[S / size, C.T], [C, np.zeros((C.shape[0],) * 2)]])
+    return np.linalg.lstsq(K, np.r_[f / size, c], rcond=1e-13)[0][: S.shape[0]]
+
+
+@pytest.mark.parametrize("element", PLANE + SPACE)
+@pytest.mark.parametrize("unit", [1.0, 1e-4])
+def test_a_periodic_cell_under_a_mean_strain_is_strained_uniformly(element, unit):
+    mesh = mesh_of(element, unit)
+    body = ElasticBody.from_mesh(mesh, element(), E=2.0, nu=0.3)
+    H = np.array([[1.0, 0.4, -0.2], [0.3, -0.5, 0.1], [0.2, 0.6, 0.7]])[: body.dim, : body.dim]
+    for c, (high, low) in enumerate(sides_of(mesh)):
+        body.periodic(high, low, H[:, c] * unit * 1e-3)
+    u = solved(body)
+    points = unit * np.random.default_rng(0).uniform(0.1, 0.9, (body.dim, 5))
+    gradient = body.gradient(u, points)
+    assert np.abs(gradient - 1e-3 * H[:, :, None]).max() < 1e-14
+    assert body.support_error(u) < 1e-13 * unit
+    P = body.constraint[0]
+    assert abs(body.picked.T @ P - sparse.eye_array(P.shape[1])).max() < 1e-12
+    motions = free_motions(body)
+    assert motions.shape[1] == body.dim
+    names = {describe_motion(body, P @ motions[:, k]) for k in range(body.dim)}
+    assert names == {f"a translation along {axis}" for axis in "xyz"[: body.dim]}
+
+
+@pytest.mark.parametrize("element", PLANE)
+def test_a_periodic_body_is_one_half_of_a_body_of_two_periods(element):
+    bodies = []
+    for cells, length in ((4, 1.0), (8, 2.0)):
+        x, y = np.linspace(0, length, cells + 1), np.linspace(0, 1, 4)
+        kind = MeshTri if "Tri" in element.__name__ else MeshQuad
+        body = ElasticBody.from_mesh(
+            kind.init_tensor(x, y).with_defaults(), element(), E=1.0, nu=0.25
+        )
+        body.fix("bottom", "xy").periodic("right", "left")
+        body.load("top", lambda x: np.array([np.cos(2 * np.pi * x[0]), np.sin(2 * np.pi * x[0])]))
+        bodies.append((body, solved(body)))
+    points = np.array([[0.13, 0.52, 0.91], [0.9, 0.45, 0.2]])
+    one, two = (body.displacement(u, points) for body, u in bodies)
+    assert np.abs(one - two).max() < 1e-11 * np.abs(two).max()
+    again = bodies[1][0].displacement(bodies[1][1], points + np.array([[1.0], [0.0]]))
+    assert np.abs(again - two).max() < 1e-11 * np.abs(two).max()
+
+
+@pytest.mark.parametrize("element", [*PLANE, ElementHex1, ElementTetP2])
+@pytest.mark.parametrize("unit", [1.0, 1e-3])
+def test_a_rigid_side_is_a_rigid_motion_of_its_dofs(element, unit):
+    mesh = mesh_of(element, unit)
+    high, low = sides_of(mesh)[0]
+    traction = np.array([0.3, 0.2, -0.1])[: mesh.dim()]
+    body = ElasticBody.from_mesh(mesh, element(), E=1.0, nu=0.3).fix(low)
+    body.load(high, lambda x: traction.reshape(-1, 1, 1) * (1 + x[1] / unit))
+    u = solved(body.tie(high, rigid=True))
+    dofs = body.basis.get_dofs(high).flatten()
+    where = mesh.p[:, np.unique(mesh.facets[:, high])]
+    v = body.displacement(u, where)
+    arm = where - where.mean(axis=1, keepdims=True)
+    spin = np.linalg.lstsq(arm.T, (v - v.mean(axis=1, keepdims=True)).T, rcond=None)[0].T
+    spin[:, 0] = -spin[0] * (np.arange(mesh.dim()) > 0)
+    assert np.abs(spin + spin.T).max() < 1e-10 * np.abs(spin).max()
+    assert np.abs(v - v.mean(axis=1, keepdims=True) - spin @ arm).max() < 1e-11 * np.abs(v).max()
+    assert np.abs(spin).max() * unit > 1e-3 * np.abs(v).max()
+    assert dofs.size > where.shape[1]
+    # The work of the loads is twice the energy: forces within the rigid side do no work.
+    assert body.f @ u == pytest.approx(u @ body.stiffness @ u, rel=1e-10)
+
+
+@pytest.mark.parametrize("element", PLANE)
+def test_a_tied_side_takes_a_load_by_its_resultant(element):
+    mesh, shift = mesh_of(element, refine=2), []
+    for power in (0, 2):
+
+        def load(x, power=power):
+            return np.array([0.2 * (power + 1) * x[1] ** power, 0 * x[1]])
+
+        body = ElasticBody.from_mesh(mesh, element(), E=1.0, nu=0.3)
+        u = solved(body.fix("left").load("right", load).tie("right", "x"))
+        v = body.displacement(u, np.array([[1.0] * 7, np.linspace(0, 1, 7)]))
+        assert np.ptp(v[0]) < 1e-12 * v[0].max()
+        assert np.ptp(v[1]) > 1e-3 * v[0].max()
+        shift.append(v[0].mean())
+    assert shift[0] == pytest.approx(shift[1], rel=1e-10)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 12), st.sampled_from([ElementQuad1, ElementQuadAdini]))
+def test_random_equations_against_the_saddle_point(seed, count, element):
+    rng = np.random.default_rng(seed)
+    body = ElasticBody.from_mesh(mesh_of(element), element(), E=1.0, nu=0.2).fix("left")
+    body.load("right", (0.1, 0.05))
+    n = body.basis.N
+    free = np.flatnonzero(np.diff(body.constraint[0].indptr))
+    C = np.zeros((count, n))
+    for row in C:
+        row[rng.choice(free, 3, replace=False)] = rng.uniform(0.5, 2.0, 3)
+        row[rng.choice(n)] += 1.0
+    C = np.vstack([C, C[:1] + 2 * C[-1:]])  # redundant
+    c = C @ rng.normal(size=n)
+    inside = C[:, free]
+    if np.linalg.matrix_rank(inside) < count or np.linalg.cond(inside[:count]) > 1e3:
+        return
+    T, u1 = body.constraint
+    body.constrain(sparse.csr_array(C), c)
+    left = np.eye(n) - (T @ T.T).toarray()
+    expected = saddle(body.stiffness.toarray(), body.f, np.vstack([C, left]), np.r_[c, u1])
+    u = solved(body)
+    assert np.abs(C @ u - c).max() < 1e-11 * max(1.0, np.abs(c).max())
+    assert np.abs(u - expected).max() < 1e-8 * np.abs(expected).max()
+    P, u0 = body.constraint
+    assert abs(body.picked.T @ P - sparse.eye_array(P.shape[1])).max() < 1e-12
+    assert np.abs(body.picked.T @ u0).max() < 1e-11 * max(1.0, np.abs(u0).max())
+
+
+def test_a_held_vertex_on_a_periodic_boundary_holds_its_partner():
+    mesh = mesh_of(ElementQuad1, refine=2)
+    body = ElasticBody.from_mesh(mesh, E=1.0, nu=0.3).fix("bottom", "y")
+    body.fix("left", "x", 0.25).periodic("right", "left", (0.5, 0.0))
+    dofs = body.basis.get_dofs("right").flatten()
+    x = dofs[dofs % 2 == 0]
+    assert np.all(np.diff(body.constraint[0].indptr)[x] == 0)
+    assert np.abs(body.constraint[1][x] - 0.75).max() < 1e-13
+
+
+def test_contradictions_and_bad_input_are_refused_by_name():
+    mesh = mesh_of(ElementQuad1, refine=2)
+    for wrong, message in (
+        (
+            lambda body: body.fix("left").fix("right").periodic("right", "left", 0.1).constraint,
+            "supports",
+        ),
+        (
+            lambda body: body.periodic("right", "left", 0.1).periodic("right", "left").constraint,
+            "contra",
+        ),
+        (lambda b: b.periodic("right", "left", 0.1).tie(["left", "right"]).constraint, "tie"),
+        (lambda body: body.periodic("right", "top"), "other: has no vertex"),
+        (lambda body: body.periodic("right", "right"), "same place"),
+        (lambda body: body.periodic("right", "left", np.nan), "jump"),
+        (lambda body: body.periodic("right", "left", (1.0, 2.0, 3.0)), "jump"),
+        (lambda body: body.periodic("right", "left", (None, None)), "jump"),
+        (lambda body: body.tie("right", "z"), "components"),
+        (lambda body: body.tie("right", "x", rigid=True), "components"),
+        (lambda body: body.tie("right", rigid=1), "rigid"),
+        (lambda body: body.constrain(np.ones((1, 3))), "C: expected the shape"),
+        (lambda body: body.constrain(np.zeros((1, body.basis.N))), "C: an equation"),
+        (lambda body: body.constrain(np.ones((2, body.basis.N)), [0.0, 1.0]).constraint, "contra"),
+        (lambda body: body.constrain(np.ones((1, body.basis.N)), [0.0, 1.0]), "c: expected"),
+        (lambda body: body.constrain(np.full((1, body.basis.N), np.inf)), "finite"),
+    ):
+        with pytest.raises(InputError, match=message):
+            wrong(ElasticBody.from_mesh(mesh, E=1.0, nu=0.3))
+
+
+def wavy(element, share, n=64, unit=1.0):
+    """A periodic block on a wave of amplitude 0.01, and its mean pressure (Westergaard 1939)."""
+    above = 0.25 + 1.25 * np.linspace(0, 1, n // 4 + 1)[1:] ** 1.3
+    y = np.r_[np.linspace(0, 0.25, n // 4 + 1), above]
+    mesh = MeshQuad.init_tensor(unit * np.linspace(-0.5, 0.5, n + 1), unit * y).with_defaults()
+    body = ElasticBody.from_mesh(mesh, element(), E=1.0, nu=0.3).periodic("right", "left")
+    mean = share * np.pi * 0.01 / (1 - 0.3**2)
+    body.fix("top", "x").tie("top", "y").load("top", (0.0, -mean))
+
+    def gap(x):
+        return unit * 0.01 * (1 - np.cos(2 * np.pi * x[0] / unit))
+
+    return ContactProblem(body, "bottom", gap), mean
+
+
+@pytest.mark.parametrize("element", [ElementQuad1, ElementQuad2, ElementQuadAdini])
+@pytest.mark.parametrize("unit", [1.0, 1e-3])
+def test_contact_with_a_wave_has_the_pressure_of_westergaard(element, unit):
+    problem, mean = wavy(element, 0.3, unit=unit)
+    result = problem.solve()
+    assert result.resultant[1] == pytest.approx(mean * unit, rel=1e-10)
+    assert result.pressure.max() == pytest.approx(2 * mean / np.sqrt(0.3), rel=1e-3)
+    x = problem.rows.x[0] / unit
+    exact = np.sqrt(np.maximum(0.3 - np.sin(np.pi * x) ** 2, 0.0))
+    exact *= 2 * mean / 0.3 * np.cos(np.pi * x)
+    weights = problem.rows.weights
+    assert weights @ np.abs(result.pressure - exact) < 0.02 * weights @ exact
+    check = cross_check(problem, result)
+    assert check.displacement < 1e-9
+    assert check.multipliers < 1e-9
+
+
+def test_a_stored_and_a_pickled_result_of_a_periodic_rigid_body_is_the_same(tmp_path):
+    for element in (ElementQuad1, ElementQuadAdini):
+        problem, _ = wavy(element, 0.3, n=16)
+        problem.body.tie("top", rigid=True)
+        result = problem.solve()
+        result.save(tmp_path / "wave.npz")
+        again = ContactResult.load(tmp_path / "wave.npz")
+        assert np.array_equal(again.u, result.u)
+        assert max(again.kkt.values()) < 1e-9
+        body = pickle.loads(pickle.dumps(problem.body))
+        assert abs(body.constraint[0] - problem.body.constraint[0]).max() == 0.0
+        assert abs(body.picked - problem.body.picked).max() == 0.0
+        free_motions(body)
+
+
+def test_a_load_stepper_moves_the_supports_of_a_coupled_body():
+    mesh = mesh_of(ElementQuad1, refine=3)
+
+    def problem(shift):
+        body = ElasticBody.from_mesh(mesh, E=1.0, nu=0.3).fix("top", "y", -shift)
+        body.periodic("right", "left", (0.01, 0.0))
+        middle = np.zeros((1, body.basis.N))
+        middle[0, body.basis.get_dofs("top").flatten()[::2]] = 1.0
+        body.constrain(middle, 0.02)
+        return ContactProblem(body, "bottom", lambda x: 0.05 + (x[0] - 0.5) ** 2)
+
+    steps = LoadStepper(problem(0.0)).move("top", "y", -0.1)
+    moved, at_once = steps.step(1.0), problem(0.1).solve()
+    assert at_once.resultant[1] > 1e-3
+    assert np.abs(moved.u - at_once.u).max() < 1e-10 * np.abs(at_once.u).max()
+
+
+@pytest.mark.parametrize("element", [ElementQuad1, ElementQuad2, ElementQuadAdini])
+def test_pressures_that_shared_unknowns_leave_open_are_refused(element):
+    problem, _ = wavy(element, 1.5, n=16)  # complete contact: both corners touch
+    with pytest.raises(InputError, match=r"body: .* pressures are not determined"):
+        problem.solve()
+    mesh = mesh_of(element, refine=3)
+    body = ElasticBody.from_mesh(mesh, element(), E=1.0, nu=0.3).fix("top", "x")
+    body.load("top", (0.0, -0.1)).tie("bottom", "y")
+    with pytest.raises(InputError, match=r"body: .* pressures are not determined"):
+        ContactProblem(body, "bottom", 0.0).solve()
+
+
+def test_a_periodic_body_that_nothing_stops_is_free_to_be_translated():
+    problem, _ = wavy(ElementQuad1, 0.3, n=16)
+    body = ElasticBody.from_mesh(problem.body.mesh, E=1.0, nu=0.3).periodic("right", "left")
+    body.load("top", (0.001, -0.01))
+    with pytest.raises(Unbounded, match="a translation along x"):
+        ContactProblem(body, "bottom", 0.0).solve()
