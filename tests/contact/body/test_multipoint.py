@@ -25,6 +25,7 @@ from skfem import (
 from contact import (
     ContactProblem,
     ContactResult,
+    CutBody,
     ElasticBody,
     LoadStepper,
     Unbounded,
@@ -304,3 +305,15 @@ def test_a_periodic_body_that_nothing_stops_is_free_to_be_translated():
     body.load("top", (0.001, -0.01))
     with pytest.raises(Unbounded, match="a translation along x"):
         ContactProblem(body, "bottom", 0.0).solve()
+
+
+def test_a_cut_body_links_no_dofs():
+    mesh = MeshQuad.init_tensor(np.linspace(-1.1, 1.1, 12), np.linspace(-1.1, 0, 7))
+    disk = CutBody(mesh.with_defaults(), lambda x: x[0] ** 2 + x[1] ** 2 - 1, E=1.0, nu=0.3)
+    for link in (
+        lambda: disk.periodic("right", "left"),
+        lambda: disk.tie("top", "y"),
+        lambda: disk.constrain(np.ones((1, disk.basis.N))),
+    ):
+        with pytest.raises(InputError, match="CutBody"):
+            link()
