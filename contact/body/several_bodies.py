@@ -100,6 +100,10 @@ class Bodies(Solid):
     def _supports(self) -> list[Any]:  # type: ignore[override]
         return [support for body in self._bodies for support in body._supports]
 
+    @property
+    def _couplings(self) -> tuple[Any, ...]:  # type: ignore[override]
+        return tuple(link for body in self._bodies for link in body._couplings)
+
     def number_of(self, body: Any) -> int:
         """Which of the bodies is meant by one of them, as it is or was, by a number or a name.
 

@@ -206,7 +206,7 @@ class LoadProgram(Portable):
                     f"move: the body is not fixed on boundary {boundary!r} in component "
                     f"{'xyz'[c]}; fix it first, with body.fix({boundary!r}, ...)"
                 )
-        at_rest._couplings = tuple(each.at_rest() for each in body._couplings)
+        at_rest._couplings = tuple(each.at_rest() for each in held._couplings)
         at_rest._supports = [
             next(
                 ((f, c, m[2], *how) for m in moved if m[1] == c and np.array_equal(m[0], f)),
