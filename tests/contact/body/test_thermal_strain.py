@@ -1,6 +1,7 @@
 """Thermal strains: free and hindered expansion, a bimetal strip, a shrink fit, histories."""
 
 import pickle
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ from contact import (
     LoadHistory,
     LoadStepper,
     Orthotropic,
+    Pair,
 )
 from skfem_adini import ElementQuadAdini
 
@@ -235,6 +237,8 @@ def test_a_heating_history(tmp_path):
         assert np.array_equal(a.stress(), b.stress())
     resumed = stepper().resume(tmp_path / "run")
     assert np.array_equal(resumed[2].nodal_stress(), history[2].nodal_stress())
+    with pytest.raises(InputError, match="another problem"):
+        stepper().heat(1.0, 0.01).resume(tmp_path / "run")
 
 
 def test_forces_balance_and_reactions():
@@ -280,3 +284,42 @@ def test_bodies_that_take_no_heat():
     block = LayeredBlock((1.0, 1.0), layers=[(1.0, 4, 1.0, 0.3)])
     with pytest.raises(InputError, match="heat: a LayeredBlock"):
         LoadStepper(ContactProblem(block, "bottom", 0.0)).heat(1.0, 1.0)
+
+
+def test_one_of_two_blocks_is_heated(tmp_path):
+    """Between smooth walls, free to the side: the compliances of both carry its expansion."""
+    alpha, T, E = 1e-3, 2.0, (1.0, 3.0)
+    meshes = [MeshQuad().refined(k).with_defaults() for k in (2, 3)]
+    upper, lower = (
+        ElasticBody.from_mesh(mesh, ElementQuad2(), E=young, nu=0.3, plane="stress")
+        for mesh, young in zip((meshes[0].translated((0.0, 1.0)), meshes[1]), E, strict=True)
+    )
+    upper, lower = upper.fix("left", "x").fix("top", "y"), lower.fix("left", "x").fix("bottom", "y")
+    pair = Pair(upper, "bottom", lower, "top")
+    stepper = LoadStepper(ContactProblem([upper, lower], [pair]))
+    history = stepper.heat(T, alpha, body=upper).run([1.0, 2.0])
+    heated = ContactProblem([upper.heat(2 * T, alpha), lower], [pair]).solve()
+    p = alpha * T / (1 / E[0] + 1 / E[1])
+    expected = -np.diag([0.0, 1.0])[:, :, None, None]
+    for result, pressure in ((history[0], p), (history[1], 2 * p), (heated, 2 * p)):
+        for body in (upper, lower):
+            assert np.abs(result[body].stress() / pressure - expected).max() < 1e-8
+        with pytest.raises(InputError):  # a file would not keep the thermal strain
+            result.save(tmp_path / "two")
+
+
+def test_threads_read_one_heated_result():
+    mesh = MeshQuad().refined(2).with_defaults()
+    body = ElasticBody.from_mesh(mesh, material=ORTHOTROPIC).heat(lambda x: x[0], 0.01)
+    problem = ContactProblem(body.fix("top", "xy"), "bottom", 0.0, friction=0.2)
+    alone = problem.solve()
+
+    def solved(_):
+        result = problem.solve()
+        return result.u, result.nodal_stress(), result.von_mises()
+
+    with ThreadPoolExecutor(4) as pool:
+        for u, nodal, mises in pool.map(solved, range(8)):
+            assert np.array_equal(u, alone.u)
+            assert np.array_equal(nodal, alone.nodal_stress())
+            assert np.array_equal(mises, alone.von_mises())
