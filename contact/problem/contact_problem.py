@@ -21,6 +21,7 @@ from contact.laws.pressure_overclosure import PressureOverclosure, checked
 from contact.obstacles.rigid import ObstacleMotion
 from contact.obstacles.shapes import ObstacleLike
 from contact.portable import Portable
+from contact.problem.coarse_facets import warn_of_coarse_facets
 from contact.problem.sagitta import warn_of_sagitta
 from contact.problem.solve_system import solve_system
 from contact.result.contact_result import ContactResult
@@ -361,6 +362,8 @@ class ContactProblem(Portable):
         system = self.system_of(self.body.snapshot(), after)
         result = self.solve_system(system, condensed, options, start, report)
         warn_of_sagitta(result, self.boundaries.rise(self.obstacle), condensed, options)
+        if isinstance(self.boundaries, Interfaces):
+            warn_of_coarse_facets(result, self.boundaries.facet_ratio)
         return result
 
     def solve_system(

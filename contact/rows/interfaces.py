@@ -19,6 +19,7 @@ from contact.rows.contact_rows import ContactRows
 from contact.rows.mortar.displaced import displaced_rows
 from contact.rows.mortar.interface_rows import MortarRows
 from contact.rows.mortar.mortar_rows import Interface, with_clearance
+from contact.rows.mortar.resolution import facet_ratio, interface_rise
 from contact.rows.pairs import Pair, Tie
 
 Array = NDArray[np.float64]
@@ -36,12 +37,17 @@ class Interfaces:
     pairs : tuple of Pair
     sides : tuple of (Interface or ContactBoundaries)
         Of each pair: the interface of two bodies, or the boundary opposite a rigid obstacle.
+    risen, facet_ratio : ndarray, shape (m,)
+        See `contact.rows.mortar.resolution`; 0 and 1 where an obstacle is rigid or boundaries are
+        tied, and no rise where a clearance is given.
     """
 
     bodies: Bodies
     rows: ContactRows
     pairs: tuple[Pair, ...]
     sides: tuple[Interface | ContactBoundaries, ...]
+    risen: Array
+    facet_ratio: Array
 
     @classmethod
     def of(cls, bodies: Bodies, pairs: Sequence[Pair]) -> Interfaces:
@@ -54,16 +60,20 @@ class Interfaces:
         """
         _refuse_shared(bodies, pairs)
         sides: list[Interface | ContactBoundaries] = []
-        parts = []
+        parts, risen, ratios = [], [], []
         for pair in pairs:
             if pair.two_bodies:
                 interface = _interface(pair)
                 found = interface.rows()
+                size, tied = found.rows.gap.size, isinstance(pair, Tie)
+                outlines, known = (interface.first, interface.second), tied
                 if pair.opposite.clearance is not None:
-                    found = with_clearance(found, pair.opposite.clearance)
+                    found, known = with_clearance(found, pair.opposite.clearance), True
                 rows = _of_two(bodies, interface, found)
-                parts.append(_bonded(rows, pair) if isinstance(pair, Tie) else rows)
+                parts.append(_bonded(rows, pair) if tied else rows)
                 sides.append(interface)
+                risen.append(np.zeros(size) if known else interface_rise(*outlines, found))
+                ratios.append(np.ones(size) if tied else facet_ratio(*outlines, found))
             else:
                 side = ContactBoundaries.of(
                     pair.body.trace, pair.boundary, pair.opposite, pair.functional
@@ -72,7 +82,10 @@ class Interfaces:
                 G, T = (bodies.embedded(k, part) for part in (side.rows.G, side.rows.T))
                 parts.append(_owned(pair.body.trace, side.rows, k, G, T))
                 sides.append(side)
-        return cls(bodies, joined(parts), tuple(pairs), tuple(sides))
+                risen.append(np.zeros(side.rows.gap.size))
+                ratios.append(np.ones(side.rows.gap.size))
+        extra = np.concatenate(risen), np.concatenate(ratios)
+        return cls(bodies, joined(parts), tuple(pairs), tuple(sides), *extra)
 
     def displaced(self, u: Array) -> Interfaces:
         """The same pairs where the bodies are; the gap is that between the reference places.
@@ -141,8 +154,10 @@ class Interfaces:
         """Gap from the curve that straight facets approximate minus the gap from them, (m,)."""
         return np.concatenate(
             [
-                side.rise(pair.opposite) if isinstance(side, ContactBoundaries) else np.zeros(size)
-                for pair, side, size in zip(self.pairs, self.sides, self._sizes, strict=True)
+                side.rise(pair.opposite) if isinstance(side, ContactBoundaries) else own
+                for pair, side, own in zip(
+                    self.pairs, self.sides, self._of_each(self.risen), strict=True
+                )
             ]
         )
 

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import warnings
 
 import numpy as np
 import pytest
@@ -9,10 +10,11 @@ from families import PLANE_AND_BFS
 from hypothesis import given
 from hypothesis import strategies as st
 from skfem import ElementQuad1, ElementQuad2, MeshQuad
-from two_blocks import block, facing
+from two_blocks import block, facing, ring
 
 from contact import (
     ContactProblem,
+    ContactWarning,
     ElasticBody,
     InputError,
     LayeredBlock,
@@ -258,3 +260,30 @@ def test_closed_slit_is_the_whole_body(element):
     exact = np.zeros((2, 2, 1, 1))
     exact[1, 1] = -PRESSURE
     assert np.abs(result.stress() - exact).max() <= 1e-10
+
+
+def test_meshes_that_do_not_resolve_their_contact_are_named():
+    for n, m, warned in ((40, 4, True), (8, 6, False)):
+        upper, lower = facing(ElementQuad1, n, m)
+        lower.fix("bottom", "xy")
+        upper.fix("top", "x").fix("top", "y", -0.02)
+        curve = lower.surface("top", clearance=lambda x: 0.1 * (x[0] - 0.5) ** 2)
+        problem = ContactProblem(upper, "bottom", curve)
+        with warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter("always")
+            problem.solve()
+        assert any("the coarser mesh" in str(w.message) for w in found) == warned
+
+
+def test_polygons_that_follow_a_curve_worse_than_they_overlap_are_named():
+    """A ring shrunk onto another by less than the sagitta of its facets."""
+    upper, lower = (
+        block(ElementQuad1, r, np.linspace(0, np.pi / 2, k + 1), place=ring(1.0, (0, 0), 0.0))
+        for r, k in (([1.0, 1.5, 2.0], 6), ([0.5, 0.75, 1.001], 7))
+    )
+    for body in (upper, lower):
+        body.fix("bottom", "y").fix("top", "x")
+    with pytest.warns(ContactWarning, match="if the contact boundary stands for a curve"):
+        ContactProblem(upper, "left", lower.surface("right")).solve()
+    known = lower.surface("right", clearance=-0.001)
+    ContactProblem(upper, "left", known).solve()
