@@ -28,6 +28,11 @@ from contact import (
     cross_check,
     uniqueness,
 )
+from contact.condensation.boundary_problem import BoundaryProblem
+from contact.laws.friction import Coulomb
+from contact.laws.methods import solve_boundary
+from contact.laws.options import Options
+from contact.laws.surface_compliance import SurfaceCompliance
 from skfem_adini import ElementQuadAdini, ElementQuadBFS
 
 ELEMENTS = [
@@ -247,3 +252,59 @@ def test_between_two_bodies(law):
     result = problem.solve()
     assert np.abs(result.pressure - 0.2).max() <= 1e-11
     assert np.abs(result.gap + inverse(0.2)).max() <= 1e-11
+
+
+def test_between_two_bodies_in_finite_sliding():
+    """Springs in a row: two columns of unit stiffness and a layer of stiffness 3."""
+    lower = MeshQuad().refined(2).with_defaults()
+    upper = MeshQuad().refined(1).translated((0.0, 1.0)).with_defaults()
+    below = ElasticBody.from_mesh(lower, ElementQuad2(), E=1.0, nu=0.0).fix("bottom", "y")
+    above = ElasticBody.from_mesh(upper, ElementQuad2(), E=1.0, nu=0.0).fix("top", "y")
+    below, above = below.fix("left", "x"), above.fix("left", "x")
+    problem = ContactProblem(above, "bottom", below.surface("top"), overclosure=3.0)
+    stepper = LoadStepper(problem, sliding="finite").move("top", "y", -0.2, body=above)
+    for share, result in zip((0.5, 1.0), stepper.run([0.5, 1.0]), strict=True):
+        assert np.abs(result.pressure - share * 0.2 / (2.0 + 1.0 / 3.0)).max() <= 1e-11
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_random_problems_obey_the_curve_and_the_ties(seed):
+    """An answer is right, by the definition of the laws."""
+    rng = np.random.default_rng([seed, 7])
+    m, dim_t = int(rng.integers(1, 60)), int(rng.choice([1, 2]))
+    n = m * (1 + dim_t)
+    root = rng.standard_normal((n, n))
+    W = root @ root.T / n + 0.1 * np.eye(n)
+    W /= np.sqrt(np.outer(np.diag(W), np.diag(W)))
+    unit = 10.0 ** rng.uniform(-9, 9)
+    gap, v0 = rng.uniform(-0.2, 1.0, m) * unit, rng.standard_normal(n) * unit
+    normal, tangent = np.arange(m), m + np.arange(m * dim_t).reshape(dim_t, m).T
+    bonded = (rng.random(m) < 0.2) & (rng.random() < 0.5)
+    law = [
+        PressureOverclosure([0.0, 1.0], [0.0, 10.0 ** rng.uniform(-3, 3)]),
+        PressureOverclosure([0.0, 0.1 * unit, unit], [-0.1 * unit, 0.05 * unit, 0.1 * unit]),
+        PressureOverclosure.exponential(unit * 10.0 ** rng.uniform(-2, 1), 0.1 * unit),
+    ][seed % 3]
+    laws = SurfaceCompliance((law,), np.where(bonded, -1, 0), np.ones(m), np.ones(m))
+    held, none = np.zeros((m, dim_t)), np.zeros((n, 0))
+    problem = BoundaryProblem(
+        W, v0, none, np.zeros(0), gap, normal, tangent, held, bonded=bonded, compliance=laws
+    )
+    F = rng.uniform(0.0, 0.5)
+    options = Options.checked("coulomb", 1 + dim_t, "newton", None, None, None)
+    forces, _ = solve_boundary(
+        problem, Coulomb(np.full(m, F)), options, None, np.ones(m), lambda line: None
+    )
+    u_n, u_t = problem.displacements(forces.mu, forces.t, forces.a)
+    size, free = max(np.abs(forces.mu).max(), np.abs(forces.t).max(), 1e-9 * unit), ~bonded
+    slope = laws.closest(forces.mu + u_n - gap)[2]
+    off = np.abs(law.pressure(u_n - gap) - forces.mu) * np.minimum(slope, 1.0)
+    assert np.max(off[free & (slope > 0)], initial=0.0) <= 1e-9 * size
+    assert np.all((u_n - gap - law.start)[free & (slope == 0)] <= 1e-9 * size)
+    assert np.all(forces.mu[free] >= -1e-10 * size)
+    length = np.linalg.norm(forces.t, axis=1)
+    assert np.all((length - F * forces.mu)[free] <= 1e-10 * size)
+    power = np.sum(forces.t * u_t, axis=1) - F * forces.mu * np.linalg.norm(u_t, axis=1)
+    assert np.abs(power[free]).max(initial=0.0) <= 1e-9 * size * max(size, np.abs(u_t).max())
+    assert np.abs((u_n - gap)[bonded]).max(initial=0.0) <= 1e-9 * size
+    assert np.abs(u_t[bonded]).max(initial=0.0) <= 1e-9 * size
