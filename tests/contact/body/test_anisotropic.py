@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from functools import partial
 
 import numpy as np
 import pytest
@@ -297,3 +298,32 @@ def test_inadmissible_bodies():
     body = ElasticBody(Basis(mesh, ElementVector(ElementQuad2())), material=material)
     with pytest.raises(InputError, match="material: it takes"):
         body.E = 2.0
+
+
+@pytest.mark.parametrize("angle", [0.0, np.pi / 2])
+def test_hertz_on_an_orthotropic_half_plane(angle):
+    """The pressure is Hertz', with the modulus of Sih, Paris and Irwin 1965 for the same axes."""
+    material = Orthotropic(E, NU, G, rotation=angle)
+    S = np.linalg.inv(material.C)
+    b = S - np.outer(S[:, 2], S[2]) / S[2, 2]  # compliances of plane strain
+    ratio = np.sqrt(b[1, 1] / b[0, 0]) + (2 * b[0, 1] + b[5, 5]) / (2 * b[0, 0])
+    modulus = 1 / (np.sqrt(b[0, 0] * b[1, 1] / 2) * np.sqrt(ratio))
+    fine = np.linspace(0, 2, 33)
+    ticks = np.concatenate((fine, 2 + np.cumsum(0.0625 * 1.15 ** np.arange(1, 37))))
+    mesh = MeshQuad.init_tensor(ticks, ticks).with_defaults()
+    body = ElasticBody.from_mesh(mesh, ElementQuadAdini(), material=material)
+    body.fix("left", "x").fix("top", "xy")
+    radius, depth = 100.0, 0.04
+    gap = partial(_parabola, radius, depth)
+    result = ContactProblem(body, "bottom", gap).solve()
+    a = np.sqrt(4 * 2 * result.contact_force * radius / (np.pi * modulus))
+    assert 0.5 < a < 2.0
+    x = result.x[0]
+    inside = x < 0.8 * a
+    exact = modulus / (2 * radius) * np.sqrt(a**2 - x[inside] ** 2)
+    error = np.abs(result.pressure[inside] - exact).max() / exact.max()
+    assert error < 2e-3
+
+
+def _parabola(radius, depth, x):
+    return x[0] ** 2 / (2 * radius) - depth
