@@ -165,7 +165,7 @@ class Solid(Portable, ABC):
         return float(np.ptp(self.trace.mesh.p, axis=1).max())
 
     def number_of(self, body: Any) -> int:
-        """Which of the `bodies` is meant by one of them, as it is or was, or by a number.
+        """Which of the `bodies` is meant by one of them, as it is or was, a number or a name.
 
         Raises
         ------
@@ -175,6 +175,8 @@ class Solid(Portable, ABC):
         if isinstance(body, Solid) and body.is_same_body(self):
             return 0
         if isinstance(body, int) and body == 0:
+            return 0
+        if isinstance(body, str) and body and body == self.name:
             return 0
         raise InputError(f"body: {body!r} is not the body of this result")
 

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.body.rigid_modes import rigid_modes
+from contact.body.several_bodies import Bodies
 from contact.errors import InputError
 
 if TYPE_CHECKING:
     from contact.body.elastic_body import ElasticBody
+    from contact.body.solid import Solid
     from contact.result.contact_state import ContactState
     from contact.rows.contact_rows import ContactRows
 
@@ -37,31 +39,19 @@ def check_mesh(p: Array, t: NDArray[np.int64], kind: Any) -> None:
     _whole("t", t, (nodes, None), p.shape[1])
 
 
-def check_problem(body: ElasticBody, rows: ContactRows) -> None:
+def check_problem(body: Solid, rows: ContactRows) -> None:
     """Shapes and ranges of a problem, and that rows measure displacements along their frames.
 
     Raises
     ------
     InputError
     """
-    mesh, dim, n = body.mesh, body.dim, body.basis.N
-    P, u0 = body.constraint
-    m = rows.G.shape[0]
-    for name, facets in (mesh.boundaries or {}).items():
-        _whole(f"boundary {name!r}", facets, (None,), mesh.nfacets)
-    for name, cells in (mesh.subdomains or {}).items():
-        _whole(f"subdomain {name!r}", cells, (None,), mesh.nelements)
-    _finite("u0", u0, (n,))
-    for name, matrix, shape in (
-        ("constraint", P, (n, None)),
-        ("rows.G", rows.G, (m, n)),
-        ("rows.T", rows.T, (m * (dim - 1), n)),
-    ):
+    for one in body.bodies:
+        _check_body(one)
+    dim, n, m = body.dim, body.f.size, rows.G.shape[0]
+    for name, matrix, size in (("rows.G", rows.G, m), ("rows.T", rows.T, m * (dim - 1))):
         _finite(name, matrix.data, (None,))
-        _check_shape(name, matrix, shape)
-    held = body.picked.T @ P - sparse.eye_array(P.shape[1])  # orthonormal columns
-    if np.abs(held.data).max(initial=0.0) > _UNIT:
-        raise InputError("constraint: its columns are not orthonormal")
+        _check_shape(name, matrix, (size, n))
     shapes: tuple[tuple[str, tuple[int, ...]], ...] = (
         ("weights", (m,)),
         ("x", (dim, m)),
@@ -82,13 +72,64 @@ def check_problem(body: ElasticBody, rows: ContactRows) -> None:
     frame = np.concatenate((rows.normals[:, None], rows.tangents), axis=1)
     if np.abs(np.einsum("iam,ibm->abm", frame, frame) - np.eye(dim)[:, :, None]).max() > _UNIT:
         raise InputError("rows: normals and tangents are no orthonormal frames")
+    if isinstance(body, Bodies):
+        _check_axes(body, rows)
+    elif rows.owner.size or rows.axes.size:
+        raise InputError("rows.owner, rows.axes: there is one body only")
+    else:
+        _check_along(_means(body, rows), frame)
+
+
+def _check_body(body: ElasticBody) -> None:
+    mesh, n = body.mesh, body.basis.N
+    P, u0 = body.constraint
+    for name, facets in (mesh.boundaries or {}).items():
+        _whole(f"boundary {name!r}", facets, (None,), mesh.nfacets)
+    for name, cells in (mesh.subdomains or {}).items():
+        _whole(f"subdomain {name!r}", cells, (None,), mesh.nelements)
+    _finite("u0", u0, (n,))
+    _finite("constraint", P.data, (None,))
+    _check_shape("constraint", P, (n, None))
+    held = body.picked.T @ P - sparse.eye_array(P.shape[1])  # orthonormal columns
+    if np.abs(held.data).max(initial=0.0) > _UNIT:
+        raise InputError("constraint: its columns are not orthonormal")
+
+
+def _means(body: Any, rows: ContactRows, own: slice = slice(None)) -> Array:
+    """Rows G and T applied to the translations of a body with dofs `own`, (m, dim, dim)."""
+    m, dim, n = rows.G.shape[0], body.dim, body.f.size
     modes = rigid_modes(body).reshape(n, -1, dim * (dim + 1) // 2)[:, :, :dim].sum(axis=1)
-    along = (rows.T @ modes).reshape(m, dim - 1, dim).transpose(2, 1, 0)
-    for moved, axis in (((rows.G @ modes).T, rows.normals), (along, rows.tangents)):
-        # Averages over facets that turn are nearly of length one, and never point backwards.
-        share = np.sum(moved * axis, axis=0)
-        if np.any(share <= 0) or np.any(np.linalg.norm(moved, axis=0) > 2):
-            raise InputError("rows: G and T do not measure displacements along the frames")
+    along = (rows.T[:, own] @ modes).reshape(m, dim - 1, dim)
+    return np.concatenate(((rows.G[:, own] @ modes)[:, None], along), axis=1)
+
+
+def _check_along(means: Array, frame: Array) -> None:
+    """Check means of unit vectors, shape (m, dim, dim), against frames, (dim, dim, m)."""
+    # Averages over facets that turn are nearly of length one, and never point backwards.
+    share = np.einsum("mac,cam->ma", means, frame)
+    if np.any(share <= 0) or np.any(np.linalg.norm(means, axis=2) > 2):
+        raise InputError("rows: G and T do not measure displacements along the frames")
+
+
+def _check_axes(bodies: Any, rows: ContactRows) -> None:
+    """Check which body has each contact point, and the directions in which its forces act."""
+    m, dim = rows.G.shape[0], bodies.dim
+    _whole("rows.owner", rows.owner, (m,), len(bodies.bodies))
+    _finite("rows.axes", rows.axes, (m, dim, dim))
+    _check_along(rows.axes, np.concatenate((rows.normals[:, None], rows.tangents), axis=1))
+    moved = np.array(
+        [_means(one, rows, own) for one, own in zip(bodies.bodies, bodies.slices, strict=True)]
+    )
+    of_owner = moved[rows.owner, np.arange(m)]
+    others = moved.sum(axis=0) - of_owner
+    # Opposite is another body, which moves against the owner; a rigid obstacle; or the owner
+    # itself, and then a translation moves nothing.
+    turned = np.abs(of_owner - rows.axes).max(axis=(1, 2)) <= _UNIT
+    still = np.abs(of_owner).max(axis=(1, 2)) <= _UNIT
+    against = np.abs(others + rows.axes).max(axis=(1, 2)) <= _UNIT
+    alone = np.abs(others).max(axis=(1, 2)) <= _UNIT
+    if not np.all((turned & (against | alone)) | (still & alone)):
+        raise InputError("rows: G and T do not measure displacements of the body that owns them")
 
 
 def check_state(state: ContactState) -> None:
@@ -100,7 +141,7 @@ def check_state(state: ContactState) -> None:
     """
     system = state.system
     body, gap = system.body, system.rows.gap
-    n, (m, columns) = body.basis.N, (system.rows.G.shape[0], body.dim - 1)
+    n, (m, columns) = body.f.size, (system.rows.G.shape[0], body.dim - 1)
     for name, value, shape in (
         ("load", system.load, (n,)),
         ("u0", body.constraint[1], (n,)),

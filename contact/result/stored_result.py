@@ -18,6 +18,8 @@ from skfem.generic_utils import OrientedBoundary
 from contact.body.anisotropic import Anisotropic
 from contact.body.cut_body import CutBody
 from contact.body.elastic_body import ElasticBody
+from contact.body.several_bodies import Bodies
+from contact.body.solid import Solid
 from contact.body.thermal_strain import checked_thermal
 from contact.errors import InputError, NotConverged
 from contact.laws.iteration import Iteration
@@ -32,7 +34,8 @@ from contact.result.contact_system import ContactSystem
 from contact.rows.contact_rows import ContactRows
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
-_FORMAT, _BEFORE_CHECKSUMS = 3, 2
+# Several bodies have a format of their own: versions that know one body only refuse it.
+_FORMAT, _BEFORE_CHECKSUMS, _SEVERAL = 3, 2, 4
 _SPARSE = ("G", "T")
 _OPTIONAL = ("bonded", "owner", "axes")  # rows of files from before there were ties, or two bodies
 _MESHES: dict[str, Any] = {
@@ -86,8 +89,42 @@ def _named(path: str | Path) -> Path:
 
 
 def problem_arrays(system: ContactSystem) -> dict[str, Any]:
-    """Arrays that all steps of a load history share: body, supports, contact rows."""
-    body = system.body
+    """Arrays that all steps of a load history share: bodies, supports, contact rows."""
+    arrays: dict[str, Any]
+    about: dict[str, Any]
+    rows = {"functional": system.rows.functional}
+    if isinstance(system.body, Bodies):
+        arrays, about = {}, {"format": _SEVERAL, "bodies": [], **rows}
+        for k, body in enumerate(system.body.bodies):
+            own, words = _body_arrays(body, {})
+            arrays |= {f"{_prefix(k)}{name}": array for name, array in own.items()}
+            about["bodies"].append(words)
+    else:
+        arrays, about = _body_arrays(system.body, rows)
+        about = {"format": _FORMAT, **about}
+    for field in fields(ContactRows):
+        value = getattr(system.rows, field.name)
+        if field.name in _SPARSE:
+            _pack(arrays, f"rows/{field.name}", value)
+        elif field.name in _OPTIONAL and not value.size:
+            continue
+        elif field.name not in ("functional", "gap"):
+            arrays[f"rows/{field.name}"] = value
+    return arrays | {"about": np.array(json.dumps(about))}
+
+
+def _prefix(k: int) -> str:
+    """What the names of the arrays of body k begin with."""
+    return f"body/{k}/"
+
+
+def _thermal_name(body: Solid, k: int) -> str:
+    """Name of the array of the thermal strain of body k."""
+    return (_prefix(k) if isinstance(body, Bodies) else "") + "thermal"
+
+
+def _body_arrays(body: Any, rows: dict[str, str]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Mesh, material and supports of a body, and what describes them and its rows in words."""
     if isinstance(body, CutBody):
         raise InputError(
             "result: a CutBody holds a level set, a function, and cannot be saved; save u, mu and "
@@ -121,25 +158,16 @@ def problem_arrays(system: ContactSystem) -> dict[str, Any]:
             arrays[f"boundary/{i}/sides"] = facets.ori
     arrays |= {f"subdomain/{i}": np.asarray(cells) for i, cells in enumerate(subdomains.values())}
     _pack(arrays, "constraint", body.constraint[0])
-    for field in fields(ContactRows):
-        value = getattr(system.rows, field.name)
-        if field.name in _SPARSE:
-            _pack(arrays, f"rows/{field.name}", value)
-        elif field.name in _OPTIONAL and not value.size:
-            continue
-        elif field.name not in ("functional", "gap"):
-            arrays[f"rows/{field.name}"] = value
     about = {
-        "format": _FORMAT,
         "mesh": type(mesh).__name__,
         "element": type(body.element).__name__,
         "plane": body.plane,
         "dilatation": body.dilatation,
-        "functional": system.rows.functional,
+        **rows,  # here, because checksums of earlier load histories depend on the order
         "boundaries": list(boundaries),
         "subdomains": list(subdomains),
     }
-    return arrays | {"about": np.array(json.dumps(about))}
+    return arrays, about | ({"name": body.name} if body.name else {})
 
 
 def state_arrays(state: ContactState) -> dict[str, Any]:
@@ -154,8 +182,9 @@ def state_arrays(state: ContactState) -> dict[str, Any]:
         "mu": state.mu,
         "multiplier_t": state.t,
     }
-    if system.body.thermal is not None:
-        arrays["thermal"] = system.body.thermal
+    for k, body in enumerate(system.body.bodies):
+        if body.thermal is not None:
+            arrays[_thermal_name(system.body, k)] = body.thermal
     if system.slip_from is not None:
         arrays["slip_from"] = system.slip_from
     if system.motion is not None and state.motion is not None:
@@ -240,19 +269,21 @@ def _rebuild(
     arrays: dict[str, Any], with_checksum: bool, near: ContactSystem | None
 ) -> ContactState:
     about = json.loads(str(arrays["about"]))
-    if about["format"] != (_FORMAT if with_checksum else _BEFORE_CHECKSUMS):
+    if about["format"] not in ((_FORMAT, _SEVERAL) if with_checksum else (_BEFORE_CHECKSUMS,)):
         beside = "with" if with_checksum else "without"
         raise InputError(
-            f"it has format {about['format']}, {beside} a checksum; this version reads format "
-            f"{_FORMAT} with one and format {_BEFORE_CHECKSUMS}, of version 0.1.0, without"
+            f"it has format {about['format']}, {beside} a checksum; this version reads formats "
+            f"{_FORMAT} and {_SEVERAL} with one and format {_BEFORE_CHECKSUMS}, of version 0.1.0, "
+            "without"
         )
     step = json.loads(str(arrays["step"]))
-    if near is None:
-        body, rows = _rebuild_problem(arrays, about)
-        body.f = arrays["load"]
-    else:
-        body, rows = near.body.under(arrays["load"], arrays["u0"]), near.rows
-    body.thermal = checked_thermal(body, arrays.get("thermal"))
+    body, rows = _rebuild_problem(arrays, about) if near is None else (near.body, near.rows)
+    for name in ("load", "u0"):
+        if arrays[name].shape != body.f.shape:
+            raise InputError(f"{name}: expected shape {body.f.shape}, got {arrays[name].shape}")
+    body = body.under(arrays["load"], arrays["u0"])
+    for k, one in enumerate(body.bodies):
+        one.thermal = checked_thermal(one, arrays.get(_thermal_name(body, k)))
     rows = replace(rows, gap=arrays["rows/gap"])
     motion = None
     if "motion" in arrays:
@@ -280,7 +311,34 @@ def _rebuild(
 
 def _rebuild_problem(
     arrays: dict[str, Any], about: dict[str, Any]
-) -> tuple[ElasticBody, ContactRows]:
+) -> tuple[ElasticBody | Bodies, ContactRows]:
+    body: ElasticBody | Bodies
+    if about["format"] == _SEVERAL:
+        body = Bodies([_body_of(arrays, k, words) for k, words in enumerate(about["bodies"])])
+    else:
+        body = _rebuild_body(arrays, about)
+    parts: dict[str, Any] = {
+        field.name: _unpack(arrays, f"rows/{field.name}")
+        if field.name in _SPARSE
+        else arrays[f"rows/{field.name}"]
+        for field in fields(ContactRows)
+        if field.name != "functional"
+        and (field.name not in _OPTIONAL or f"rows/{field.name}" in arrays)
+    }
+    rows = ContactRows(**parts, functional=about["functional"])
+    check_problem(body, rows)
+    return body, rows
+
+
+def _body_of(arrays: dict[str, Any], k: int, about: dict[str, Any]) -> ElasticBody:
+    """Body k of several."""
+    prefix = _prefix(k)
+    own = {name.removeprefix(prefix): a for name, a in arrays.items() if name.startswith(prefix)}
+    return _rebuild_body(own, about)
+
+
+def _rebuild_body(arrays: dict[str, Any], about: dict[str, Any]) -> ElasticBody:
+    """A body under no load, with displacements prescribed as zero."""
     for kind, known in (("mesh", _MESHES), ("element", _ELEMENTS)):
         if about[kind] not in known:
             raise InputError(f"{kind} {about[kind]!r} is none of {', '.join(known)}")
@@ -302,18 +360,8 @@ def _rebuild_problem(
         about.get("dilatation", "pointwise"),
         Anisotropic(arrays["C"]) if "C" in arrays else None,
     )
-    body.constraint = _unpack(arrays, "constraint"), arrays["u0"]
-    parts: dict[str, Any] = {
-        field.name: _unpack(arrays, f"rows/{field.name}")
-        if field.name in _SPARSE
-        else arrays[f"rows/{field.name}"]
-        for field in fields(ContactRows)
-        if field.name != "functional"
-        and (field.name not in _OPTIONAL or f"rows/{field.name}" in arrays)
-    }
-    rows = ContactRows(**parts, functional=about["functional"])
-    check_problem(body, rows)
-    return body, rows
+    body.constraint = _unpack(arrays, "constraint"), np.zeros(body.basis.N)
+    return body.named(about["name"]) if "name" in about else body
 
 
 def _boundaries(arrays: dict[str, Any], about: dict[str, Any]) -> dict[str, Any]:
