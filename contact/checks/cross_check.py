@@ -201,10 +201,10 @@ def _check(problem: ContactProblem, result: ContactResult, solver: str) -> None:
         raise InputError(
             "cross_check: friction in 3-D is a cone problem, not a QP; use solver='clarabel'"
         )
-    if result.u.size != problem.body.basis.N or result.mu.size != problem.rows.gap.size:
+    if result.u.size != problem.body.f.size or result.mu.size != problem.rows.gap.size:
         raise InputError(
             f"result: has {result.u.size} unknowns and {result.mu.size} contact points, the "
-            f"problem {problem.body.basis.N} and {problem.rows.gap.size}"
+            f"problem {problem.body.f.size} and {problem.rows.gap.size}"
         )
 
 

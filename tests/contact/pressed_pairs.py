@@ -1,7 +1,7 @@
 """Solved problems of several bodies: pairs, a stack, a rigid foundation, self contact."""
 
 import numpy as np
-from skfem import ElementQuad2, ElementTriP1, MeshQuad
+from skfem import ElementQuad2, ElementTriP1
 from two_blocks import block
 
 from contact import ContactProblem, ElasticBody, Plane

@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from pressed_pairs import pair, slit, stack
 from skfem import ElementHex1, ElementQuad2, ElementTriP2, MeshQuad
 
 import contact.errors
@@ -83,6 +84,49 @@ def test_problems_and_results(name, copied, make):
         assert np.array_equal(again.sample(points), result.sample(points))
     # The same arithmetic on the same numbers.
     assert np.abs(copied(problem).solve().u - result.u).max() <= 1e-13 * np.abs(result.u).max()
+
+
+@pytest.mark.parametrize("copied", [sent, copy.deepcopy, copy.copy])
+@pytest.mark.parametrize("make_pairs", [pair, stack, slit])
+def test_several_bodies(make_pairs, copied):
+    """Bodies, and the pairs that name them, stay together; each body has its result."""
+    problem = make_pairs()
+    result, other = problem.solve(), copied(problem)
+    for one, again in ((problem, other), (result.system, copied(result).system)):
+        assert [b.name for b in again.body.bodies] == [b.name for b in one.body.bodies]
+    for ours, theirs in zip(problem.pairs, other.pairs, strict=True):
+        k = next(k for k, body in enumerate(problem.body.bodies) if ours.body is body)
+        assert theirs.body is other.body.bodies[k]
+        if ours.two_bodies:
+            assert any(theirs.opposite.body is body for body in other.body.bodies)
+    assert np.abs(other.solve().u - result.u).max() <= 1e-13 * np.abs(result.u).max()
+    again = copied(result)
+    assert again.kkt == result.kkt
+    for k in range(len(problem.body.bodies)):
+        assert np.array_equal(again[k].nodal_stress(), result[k].nodal_stress())
+        assert np.array_equal(again[k].resultant, result[k].resultant)
+    fewer = copied(result[0])
+    assert np.array_equal(fewer.balance()["support"], result[0].balance()["support"])
+
+
+@pytest.mark.parametrize("copied", [sent, copy.deepcopy])
+def test_copies_of_several_bodies_are_independent(copied):
+    problem = pair()
+    before, other = problem.solve(), copied(problem)
+    other.body.bodies[0].load("top", (0.0, -0.2))
+    other.body.bodies[1].fix("left", "x")
+    assert other.solve().contact_force > 2 * before.contact_force
+    assert np.array_equal(problem.solve().u, before.u)
+
+
+def test_history_of_several_bodies():
+    stepper = LoadStepper(pair()).load("top", (0.05, 0.0), np.sin, body="upper")
+    history = stepper.run([0.5, 1.0])
+    loaded = sent(history)
+    assert [r.kkt for r in loaded] == [r.kkt for r in history]
+    assert loaded[0].solid.bodies[1].basis is loaded[1].solid.bodies[1].basis
+    ahead = sent(stepper).step(1.5)
+    assert np.abs(ahead.u - stepper.step(1.5).u).max() <= 1e-13 * np.abs(ahead.u).max()
 
 
 def test_copies_are_independent(make):

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from optional_packages import PARDISO
+from pressed_pairs import pair
 
 from contact import ContactProblem
 
@@ -76,6 +77,16 @@ def test_a_copy_outlives_its_original(solver, make):
     del original
     gc.collect()
     assert same(fields(other.solve()), expected)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_one_problem_of_two_bodies_solved_by_many(solver):
+    expected = fields(pair(solver=solver).solve())
+    shared = pair(solver=solver)
+    with ThreadPoolExecutor(6) as pool:
+        together = list(pool.map(lambda _: fields(shared.solve()), range(12)))
+        apart = list(pool.map(lambda _: fields(pair(solver=solver).solve()), range(6)))
+    assert all(same(expected, found) for found in (*together, *apart))
 
 
 @PARDISO

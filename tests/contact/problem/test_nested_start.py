@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pressed_pairs import pair
 from skfem import ElementHex1, ElementQuad1, ElementQuad2, ElementTriP2
 
 from contact import ContactProblem, ElasticBody, LayeredBlock, Parabola, Plane, Rigid
@@ -174,3 +175,12 @@ def test_fewer_points_by_the_principle_of_virtual_work(seed, law):
 def test_few_points_have_no_coarser_ones():
     problem = boundary_problem(0, 99)
     assert CoarseProblem.of(problem, None) is None
+
+
+@pytest.mark.parametrize("element", [ElementQuad2, ElementTriP2, ElementQuadAdini])
+def test_start_of_two_bodies_from_another_element(element):
+    """Tractions go from contact point to contact point; the free punch is brought into touch."""
+    coarse, problem = pair(friction=0.2).solve(), pair(element, friction=0.2)
+    cold, nested = problem.solve(), problem.solve(start=coarse)
+    assert len(nested.history) <= len(cold.history)
+    assert np.abs(cold.u - nested.u).max() < 1e-11 * np.abs(cold.u).max()

@@ -73,7 +73,7 @@ def test_file_of_one_body_is_as_before(make):
 
 
 def test_several_bodies_have_a_format_of_their_own():
-    """An earlier version, which knows formats 2 and 3, refuses the file instead of misreading it."""
+    """An earlier version, which knows formats 2 and 3, refuses the file."""
     about = json.loads(str(problem_arrays(pair().system)["about"]))
     assert about["format"] == 4
     assert [body["name"] for body in about["bodies"]] == ["upper", "lower"]
