@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError, numbers
 from contact.histories.history_folder import HistoryFolder
-from contact.output.vtk import body_grid, boundary_grids
+from contact.output.vtk import block_sets, body_grid, boundary_grids
 from skfem_adini.output.vtk_files import write_series
 
 if TYPE_CHECKING:
@@ -146,6 +146,8 @@ class LoadHistory:
 
         ``name.pvd`` lists ``name_0000.vtu``, ...; ``name_boundary.pvd`` lists the contact points,
         ``name_boundary_0000.vtp``, .... In Python ``pyvista.get_reader("name.pvd")`` reads them.
+        Of several bodies ``name.pvd`` lists ``name_0000.vtm``, ..., each with the blocks of
+        `ContactResult.to_pyvista`.
 
         Parameters
         ----------
@@ -176,9 +178,13 @@ class LoadHistory:
             path.with_name(f"{path.stem}_boundary.pvd"),
             zip(times, boundary_grids(self.results), strict=True),
         )
-        return write_series(
-            path, ((t, body_grid(r, subdivide)) for t, r in zip(times, self.results, strict=True))
+        several = len(self.results[0].solid.bodies) > 1
+        steps = (
+            block_sets(self.results, subdivide)
+            if several
+            else (body_grid(r, subdivide) for r in self.results)
         )
+        return write_series(path, zip(times, steps, strict=True))
 
     @classmethod
     def load(cls, path: str | Path) -> LoadHistory:

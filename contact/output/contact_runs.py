@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from contact.body.cut_body import CutBody
 from contact.output.drawn import Drawn
+from contact.output.sides import side
 
 if TYPE_CHECKING:
     from skfem import Mesh
@@ -73,14 +74,14 @@ def contact_runs(result: Drawn) -> list[Run]:
     runs: list[Run] = []
     for k in range(int(result.part.max()) + 1):
         here = np.flatnonzero(result.part == k)
-        cut = isinstance(result.system.body, CutBody)
+        cut = isinstance(side(result, here).body, CutBody)
         runs += _runs_of_arc(result, here) if cut else _runs_of_facets(result, here)
     return runs
 
 
 def _runs_of_arc(result: Drawn, here: Index) -> list[Run]:
     """Knots of a cut arc begin where a curve of it does, and follow it."""
-    arc, x = result.system.body.arc(), result.x[:, here]
+    arc, x = side(result, here).body.arc(), result.x[:, here]
     owner = np.empty(arc.weights.size, dtype=np.int64)
     for k, curve in enumerate(arc.curves):
         owner[curve.points] = k
@@ -99,13 +100,14 @@ def _runs_of_arc(result: Drawn, here: Index) -> list[Run]:
 
 def _runs_of_facets(result: Drawn, here: Index) -> list[Run]:
     x, nominal, rows = result.x[:, here], result.x_nominal[:, here], result.system.rows
-    trace = result.system.body.trace
-    vertex = _vertices(trace, rows.G[here]) if "centroid" in rows.functional else None
+    own = side(result, here)
+    trace = own.trace
+    vertex = _vertices(trace, own.G) if "centroid" in rows.functional else None
     lines = _lines(trace.mesh, nominal, rows.normals[:, here], vertex)
-    own = np.argmin([line.project(nominal)[1] for line in lines], axis=0)
+    nearest = np.argmin([line.project(nominal)[1] for line in lines], axis=0)
     runs = []
-    for j in dict.fromkeys(own.tolist()):  # in the order of the contact points
-        mine, line = np.flatnonzero(own == j), lines[j]
+    for j in dict.fromkeys(nearest.tolist()):  # in the order of the contact points
+        mine, line = np.flatnonzero(nearest == j), lines[j]
         s = line.along(x[:, mine], nominal[:, mine])
         runs.append(Run(here[mine], s, line.length, line.closed))
     return runs

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from contact.body.cut_body import CutBody
 from contact.errors import InputError, MissingDependency, numbers
 from contact.output.contact_runs import Run, contact_runs
 from contact.output.drawn import Drawn, DrawnBody
+from contact.output.sides import drawn_bodies, is_elastic
 from skfem_adini import to_pyvista, von_mises
 
 
@@ -66,37 +68,90 @@ def boundary_grid(result: Drawn) -> Any:
 
 def boundary_grids(results: Iterable[Drawn]) -> Iterator[Any]:
     """The grids of several results; points that are the same are joined only once."""
+    for result, runs in _joined(results):
+        yield _grid(result.system.rows.x, runs, _fields(result))
+
+
+def block_sets(results: Iterable[Drawn], subdivide: int | None = None) -> Iterator[Any]:
+    """Bodies and contact surfaces of several results, a pyvista.MultiBlock each.
+
+    There is a block for each body, called by its name or "body 0", ...; one for the contact surface
+    of each pair, "contact 0", ..., as `boundary_grid` has it; and, if a body is opposite,
+    "contact 0 opposite": the points moved by the gap onto it, with its normals, and the tractions
+    that act on it.
+    """
+    pyvista = _import_pyvista()
+    for result, runs in _joined(results):
+        blocks = pyvista.MultiBlock()
+        for k, one in enumerate(drawn_bodies(result)):
+            blocks.append(body_grid(one, subdivide), one.body.name or f"body {k}")
+        fields = _fields(result)
+        for k in range(int(result.part.max()) + 1):
+            chosen = np.flatnonzero(result.part == k)
+            number = np.full(result.part.size, -1)
+            number[chosen] = np.arange(chosen.size)
+            own = [
+                replace(run, points=number[run.points]) for run in runs if k == _part(result, run)
+            ]
+            x, here = result.system.rows.x[:, chosen], {n: v[chosen] for n, v in fields.items()}
+            blocks.append(_grid(x, own, here), f"contact {k}")
+            if is_elastic(result, chosen):
+                n, gap = result.system.rows.normals[:, chosen], result.system.rows.gap[chosen]
+                for name in ("shear", "slip", "normal"):
+                    here[name] = -here[name]
+                blocks.append(_grid(x + n * gap, own, here), f"contact {k} opposite")
+        yield blocks
+
+
+def _part(result: Drawn, run: Run) -> int:
+    return int(result.part[run.points[0]])
+
+
+def _joined(results: Iterable[Drawn]) -> Iterator[tuple[Drawn, list[Run]]]:
+    """Results with the runs of their points, which are found anew only where points differ."""
     places, runs = np.zeros(0), []
     for result in results:
         if result.x.shape[0] == 2 and not np.array_equal(places, result.x_nominal):
             places, runs = result.x_nominal, contact_runs(result)
-        yield _points(result, runs)
+        yield result, runs
 
 
-def _points(result: Drawn, runs: list[Run]) -> Any:
+def _fields(result: Drawn) -> dict[str, Any]:
+    """What is known at every contact point, by name."""
+    for name, forces in (("mu", result.mu), ("t", result.t)):
+        if not np.all(np.isfinite(forces)):
+            raise InputError(f"{name}: the result holds NaN or infinity, which cannot be written")
+    tangents = result.system.rows.tangents
+    return {
+        "pressure": result.pressure,
+        "shear": _vectors(np.einsum("mj,djm->md", result.shear, tangents)),
+        "slip": _vectors(np.einsum("mj,djm->md", result.slip, tangents)),
+        "normal": _vectors(result.system.rows.normals.T),
+        "gap": np.where(np.isfinite(result.gap), result.gap, np.nan),
+        "status": result.status,
+    }
+
+
+def _grid(x: np.ndarray[Any, Any], runs: list[Run], fields: dict[str, Any]) -> Any:
+    """Points x of shape (dim, m), joined along runs, with point data."""
+    pyvista = _import_pyvista()
+    points = _vectors(x.T)
+    cloud = pyvista.PolyData(points)
+    if len(x) == 2:
+        around = [np.r_[run.points, run.points[: run.closed]] for run in runs]
+        cells = [np.r_[run.size, run] for run in around if run.size > 1]
+        cloud = pyvista.PolyData(points, lines=np.concatenate(cells)) if cells else cloud
+    for name, values in fields.items():
+        cloud.point_data[name] = values
+    return cloud
+
+
+def _import_pyvista() -> Any:
     try:
         import pyvista
     except ImportError as error:  # pragma: no cover - a core dependency
         raise MissingDependency("VTK export needs pyvista: pip install 'pyvista>=0.47'") from error
-    for name, forces in (("mu", result.mu), ("t", result.t)):
-        if not np.all(np.isfinite(forces)):
-            raise InputError(f"{name}: the result holds NaN or infinity, which cannot be written")
-    rows = result.system.rows
-    dim, m = rows.x.shape
-    points = np.zeros((m, 3))
-    points[:, :dim] = rows.x.T
-    cloud = pyvista.PolyData(points)
-    if dim == 2:
-        around = [np.r_[run.points, run.points[: run.closed]] for run in runs]
-        cells = [np.r_[run.size, run] for run in around if run.size > 1]
-        cloud = pyvista.PolyData(points, lines=np.concatenate(cells)) if cells else cloud
-    cloud.point_data["pressure"] = result.pressure
-    cloud.point_data["shear"] = _vectors(np.einsum("mj,djm->md", result.shear, rows.tangents))
-    cloud.point_data["slip"] = _vectors(np.einsum("mj,djm->md", result.slip, rows.tangents))
-    cloud.point_data["normal"] = _vectors(rows.normals.T)
-    cloud.point_data["gap"] = np.where(np.isfinite(result.gap), result.gap, np.nan)
-    cloud.point_data["status"] = result.status
-    return cloud
+    return pyvista
 
 
 def _vectors(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.errors import InputError
-from contact.output.vtk import boundary_grid
+from contact.output.vtk import block_sets, boundary_grid
 from contact.plot import plot_tractions
 from contact.result.body_result import BodyFields, BodyResult
 from contact.result.certify import as_lines
@@ -180,6 +180,31 @@ class ContactResult(BodyFields, ContactForces):
             certified as well.
         """
         return cls(**vars(read(path)))
+
+    def to_pyvista(self, subdivide: int | None = None) -> Any:
+        """The body as a pyvista grid: displacement and stress; of several bodies all that is known.
+
+        Parameters
+        ----------
+        subdivide : int, optional
+            Linear cells along each edge of a cell instead of exact ones, as for
+            `skfem_adini.to_pyvista`.
+
+        Returns
+        -------
+        pyvista.UnstructuredGrid or pyvista.MultiBlock
+            Of several bodies: a block for each, by its name or as "body 0", ...; for each pair its
+            contact surface, "contact 0", ..., as `boundary_to_pyvista` has it; and the opposite
+            face if it is elastic, "contact 0 opposite", with the tractions on it.
+
+        Raises
+        ------
+        MissingDependency
+            pyvista is not installed.
+        """
+        if len(self.solid.bodies) > 1:
+            return next(block_sets([self], subdivide))
+        return super().to_pyvista(subdivide)
 
     def boundary_to_pyvista(self) -> Any:
         """Contact points as a pyvista point cloud or polyline with every contact field.

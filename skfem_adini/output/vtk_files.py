@@ -54,13 +54,58 @@ def write_grid(path: Path, grid: Any) -> None:
         file.write(data)
 
 
+def write_blocks(path: Path, blocks: Any) -> Path:
+    """Write a `pyvista.MultiBlock` as a `.vtm` file that lists a file for each block, by name.
+
+    Parameters
+    ----------
+    path
+        A name ending in `.vtm`; the blocks lie beside it as `name_0.vtu` (polygons: `.vtp`) and so
+        on, and are complete before the list appears.
+    blocks
+        Data sets with names, not nested.
+
+    Raises
+    ------
+    OSError
+        No space left, or no right to write.
+    AdiniError
+        VTK refuses a data set.
+    """
+    whole = ElementTree.Element("VTKFile", type="vtkMultiBlockDataSet", version="1.0")
+    listed = ElementTree.SubElement(whole, "vtkMultiBlockDataSet")
+    for k, name in enumerate(blocks.keys()):
+        file = _write_beside(path, str(k), blocks[k])
+        ElementTree.SubElement(listed, "DataSet", index=str(k), name=name, file=file.name)
+    return _write_list(path, whole)
+
+
+def _write_beside(path: Path, number: str, data: Any) -> Path:
+    """Write one data set of a list of them; its file has the list's name and a number."""
+    kinds = ("vtkMultiBlockDataSet", ".vtm"), ("vtkPolyData", ".vtp")
+    suffix = next((suffix for kind, suffix in kinds if data.IsA(kind)), ".vtu")
+    file = path.with_name(f"{path.stem}_{number}{suffix}")
+    if suffix == ".vtm":
+        return write_blocks(file, data)
+    write_grid(file, data)
+    return file
+
+
+def _write_list(path: Path, root: ElementTree.Element) -> Path:
+    ElementTree.indent(root)
+    with complete_file(path) as whole:
+        ElementTree.ElementTree(root).write(whole, xml_declaration=True, encoding="utf-8")
+    return path
+
+
 def write_series(path: Path, steps: Iterable[tuple[float, Any]]) -> Path:
     """Write data sets of pyvista as a `.pvd` collection, with one file for each step beside it.
 
     Parameters
     ----------
     path
-        A name ending in `.pvd`; the steps are `name_0000.vtu` (polygons: `.vtp`) and so on.
+        A name ending in `.pvd`; the steps are `name_0000.vtu` (polygons: `.vtp`) and so on. A step
+        of several blocks is `name_0000.vtm`, see `write_blocks`.
     steps
         Times and data sets, read one after the other.
 
@@ -73,11 +118,6 @@ def write_series(path: Path, steps: Iterable[tuple[float, Any]]) -> Path:
     collection = ElementTree.Element("VTKFile", type="Collection", version="0.1")
     listed = ElementTree.SubElement(collection, "Collection")
     for k, (time, grid) in enumerate(steps):
-        suffix = ".vtp" if grid.IsA("vtkPolyData") else ".vtu"
-        file = path.with_name(f"{path.stem}_{k:04d}{suffix}")
-        write_grid(file, grid)
+        file = _write_beside(path, f"{k:04d}", grid)
         ElementTree.SubElement(listed, "DataSet", timestep=repr(float(time)), file=file.name)
-    ElementTree.indent(collection)
-    with complete_file(path) as whole:
-        ElementTree.ElementTree(collection).write(whole, xml_declaration=True, encoding="utf-8")
-    return path
+    return _write_list(path, collection)
