@@ -7,23 +7,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.body.cut_body import CutBody
 from contact.errors import InputError, numbers
-from contact.facet_basis import facet_basis
-from contact.laws.status import Status
 from contact.output.contact_runs import arc_length
-from contact.output.drawn import Drawn
-from contact.output.vtk import body_grid
-from skfem_adini import to_pyvista
+from contact.output.drawn import Drawn, DrawnBody
+from contact.output.pictures import (
+    COLOURS,
+    deformed_cells,
+    deformed_edges,
+    new_axes,
+    pressed_faces,
+    triangulated,
+)
+from contact.output.sides import drawn_bodies
 
 Array = NDArray[np.float64]
-
-_COLOURS = {
-    Status.OPEN: "#b8b8b8",
-    Status.STICK: "#1f6f8b",
-    Status.SLIP: "#d1495b",
-    Status.BONDED: "#5b4a8a",
-}
 
 
 def plot_tractions(
@@ -64,27 +61,30 @@ def plot_tractions(
         if abscissa is not None:
             raise InputError("abscissa: tractions along a line need a body in 2-D")
         return plot_pressure(result, ax)
-    ax = _axes(ax)
+    ax = new_axes(ax)
     s, run = arc_length(result)
     if abscissa is not None:
         s = numbers("abscissa", abscissa)
         if s.shape != run.shape:
             raise InputError(f"abscissa: expected {run.size} numbers, got shape {s.shape}")
     g = result.system.bound(result.mu) / result.system.rows.weights
+    whose = "shear on the body" if len(result.system.body.bodies) == 1 else "shear"
     for k in range(run.max() + 1):
         here = run == k
         ax.plot(s[here], result.pressure[here], color="0.25", lw=1.2, zorder=2)
         if result.system.law is not None:
             first = k == 0
-            label = "shear on the body" if first else None
+            label = whose if first else None
             ax.plot(s[here], result.shear[here, 0], color="0.25", lw=1.0, ls="--", label=label)
             label = "friction bound" if first else None
             ax.fill_between(s[here], -g[here], g[here], color="0.92", zorder=0, label=label)
     ax.axhline(0.0, color="0.7", lw=0.8, zorder=1)
-    for status, colour in _COLOURS.items():
+    for status, colour in COLOURS.items():
         at = result.status == status
         if at.any():
             ax.plot(s[at], result.pressure[at], "o", ms=4, color=colour, label=status.name.lower())
+    if abscissa is None:
+        _name_parts(ax, result, s)
     ax.set_xlabel(xlabel or "arc length along the contact boundary")
     ax.set_ylabel("contact traction")
     ax.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=5)
@@ -92,7 +92,9 @@ def plot_tractions(
 
 
 def plot_pressure(result: Drawn, ax: Any = None) -> Any:
-    """Contact pressure on the faces of a body in 3-D, on each the mean of its contact points.
+    """Contact pressure on the faces of bodies in 3-D, on each the mean of its contact points.
+
+    Where two bodies meet it is drawn once, on the one that carries the contact points.
 
     Parameters
     ----------
@@ -120,19 +122,21 @@ def plot_pressure(result: Drawn, ax: Any = None) -> Any:
     from matplotlib import cm
     from mpl_toolkits.mplot3d import art3d  # type: ignore[import-untyped]
 
-    mesh = result.system.body.trace.mesh
-    facets, pressure = face_pressure(result)
+    drawn = [_faces(result, k) for k in _owners(result)]
     if ax is None:
         import matplotlib.pyplot as plt
 
         ax = plt.figure(layout="constrained").add_subplot(projection="3d")
     if not hasattr(ax, "add_collection3d"):
         raise InputError("ax: a body in 3-D is drawn in axes with projection='3d'")
-    corners = mesh.p[:, mesh.facets[:, facets]].transpose(2, 1, 0)
-    faces = art3d.Poly3DCollection(list(corners), cmap=cm.viridis, lw=0.2, ec="0.5")
-    faces.set_array(pressure)
-    ax.add_collection3d(faces)
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    everywhere = np.concatenate([pressure for _, pressure in drawn])
+    for corners, pressure in drawn:
+        faces = art3d.Poly3DCollection(list(corners), cmap=cm.viridis, lw=0.2, ec="0.5")
+        faces.set_array(pressure)
+        faces.set_clim(everywhere.min(initial=np.inf), everywhere.max(initial=-np.inf))
+        ax.add_collection3d(faces)
+    corners = np.concatenate([corners.reshape(-1, 3) for corners, _ in drawn])
+    low, high = corners.min(axis=0), corners.max(axis=0)
     room = 0.05 * float((high - low).max())
     for axis, a, b in zip("xyz", low - room, high + room, strict=True):
         getattr(ax, f"set_{axis}lim")(a, b)
@@ -140,20 +144,27 @@ def plot_pressure(result: Drawn, ax: Any = None) -> Any:
     return ax
 
 
-def face_pressure(result: Drawn) -> tuple[NDArray[np.int64], Array]:
+def face_pressure(result: Drawn, body: Any = None) -> tuple[NDArray[np.int64], Array]:
     """Facets of a body in 3-D that its contact points lie on, and the mean pressure of each.
 
     Parameters
     ----------
     result : ContactResult
-        Of a body in 3-D.
+        In 3-D.
+    body : Solid, int or str, optional
+        Which one, if several have contact points.
 
     Returns
     -------
     facets : ndarray, shape (k,)
-        Facet numbers of the mesh.
+        Facet numbers of its mesh.
     pressure : ndarray, shape (k,)
         Force per area, the unit of E.
+
+    Raises
+    ------
+    InputError
+        Contact points lie on several bodies, and none is chosen; or the body has none.
 
     Examples
     --------
@@ -165,32 +176,17 @@ def face_pressure(result: Drawn) -> tuple[NDArray[np.int64], Array]:
     >>> facets.size, bool((pressure > 0).all())
     (4, True)
     """
-    mesh, rows = result.system.body.trace.mesh, result.system.rows
-    facets = mesh.boundary_facets()
-    corner = mesh.p[:, mesh.facets[:, facets]]
-    middle = corner.mean(axis=1)
-    reach = np.linalg.norm(corner - middle[:, None], axis=0).max(axis=0)
-    normal = np.cross((corner[:, 1] - corner[:, 0]).T, (corner[:, 2] - corner[:, 0]).T).T
-    normal /= np.linalg.norm(normal, axis=0)
-    found, pressure = [], []
-    for f in range(facets.size):
-        off = rows.x_nominal - middle[:, f : f + 1]
-        near = np.linalg.norm(off, axis=0) <= (1 + 1e-6) * reach[f]
-        near &= np.abs(normal[:, f] @ off) <= 0.2 * reach[f]
-        near &= np.abs(normal[:, f] @ rows.normals) > 0.3
-        # All around its middle: a face beside the boundary has points on one side only.
-        around = off[:, near].T
-        spread = [
-            (around @ (corner[:, i, f] - middle[:, f]) > 0).any() for i in range(len(corner[0]))
-        ]
-        if near.any() and all(spread):
-            found.append(f)
-            pressure.append(np.average(result.pressure[near], weights=rows.weights[near]))
-    return facets[found], np.array(pressure)
+    owners = _owners(result)
+    if body is None and len(owners) > 1:
+        raise InputError(f"body: bodies {owners} have contact points; say which one is meant")
+    k = owners[0] if body is None else result.system.body.number_of(body)
+    if k not in owners:
+        raise InputError(f"body: body {k} has no contact points; its pair has them on the other")
+    return pressed_faces(result, k)
 
 
 def plot_field(
-    result: Drawn,
+    result: DrawnBody,
     component: int,
     ax: Any = None,
     *,
@@ -203,7 +199,8 @@ def plot_field(
 
     Parameters
     ----------
-    result : ContactResult
+    result : ContactResult or BodyResult
+        Of several bodies all are drawn, in one scale of colours; ``result[body]`` alone.
     component : int
     ax : matplotlib Axes, optional
     per_cell : int
@@ -233,18 +230,16 @@ def plot_field(
     >>> ax.get_aspect()
     1.0
     """
-    body = result.system.body
-    if body.dim != 2:
+    bodies = drawn_bodies(result)
+    if bodies[0].body.dim != 2:
         raise InputError("plot: fields are drawn for bodies in 2-D; use to_pyvista in 3-D")
-    ax = _axes(ax)
-    grid = to_pyvista(
-        body.basis, {"u": result.u}, subdivide=1 if nodal else _subdivision(body, per_cell)
-    )
-    grid = body.clipped(grid) if isinstance(body, CutBody) else grid
-    points, u = np.asarray(grid.points)[:, :2], np.asarray(grid.point_data["u"])[:, :2]
-    triangles = _triangles(grid)
-    where = points + magnification * u
-    colours = ax.tripcolor(where[:, 0], where[:, 1], triangles, u[:, component], shading="gouraud")
+    ax = new_axes(ax)
+    drawn = [triangulated(one, per_cell, nodal) for one in bodies]
+    values = np.concatenate([u[:, component] for _, u, _ in drawn])
+    for points, u, triangles in drawn:
+        x, y = (points + magnification * u).T
+        colours = ax.tripcolor(x, y, triangles, u[:, component], shading="gouraud")
+        colours.set_clim(values.min(), values.max())
     ax.figure.colorbar(colours, ax=ax, shrink=0.85, label=label)
     draw_edges(result, ax, magnification)
     ax.set_aspect("equal")
@@ -252,13 +247,14 @@ def plot_field(
 
 
 def plot_cells(
-    result: Drawn, ax: Any = None, *, magnification: float = 1.0, label: str | None = None
+    result: DrawnBody, ax: Any = None, *, magnification: float = 1.0, label: str | None = None
 ) -> Any:
     """Mean von Mises stress of each cell on the deformed body (2-D).
 
     Parameters
     ----------
-    result : ContactResult
+    result : ContactResult or BodyResult
+        Of several bodies all are drawn, in one scale of colours; ``result[body]`` alone.
     ax : matplotlib Axes, optional
     magnification : float
         Of the deformation.
@@ -284,28 +280,32 @@ def plot_cells(
     """
     from matplotlib.collections import PolyCollection
 
-    body = result.system.body
-    if body.dim != 2:
+    bodies = drawn_bodies(result)
+    if bodies[0].body.dim != 2:
         raise InputError("plot: cells are drawn for bodies in 2-D; use to_pyvista in 3-D")
-    ax = _axes(ax)
-    grid = body_grid(result, subdivide=None if isinstance(body, CutBody) else 1)
-    where = np.asarray(grid.points) + magnification * np.asarray(grid.point_data["displacement"])
-    outlines = [where[corners, :2] for corners in _polygons(grid)]
-    cells = PolyCollection(outlines, array=grid.cell_data["von_mises"], lw=0.3)
-    cells.set_edgecolor("face")
-    ax.add_collection(cells)
+    ax = new_axes(ax)
+    drawn = [deformed_cells(one, magnification) for one in bodies]
+    values = np.concatenate([of_cells for _, of_cells in drawn])
+    for outlines, of_cells in drawn:
+        cells = PolyCollection(outlines, array=of_cells, lw=0.3)
+        cells.set_clim(values.min(), values.max())
+        cells.set_edgecolor("face")
+        ax.add_collection(cells)
     ax.figure.colorbar(cells, ax=ax, shrink=0.85, label=label)
     ax.autoscale_view()
     ax.set_aspect("equal")
     return ax
 
 
-def draw_edges(result: Drawn, ax: Any, magnification: float = 1.0, outline: bool = False) -> Any:
+def draw_edges(
+    result: DrawnBody, ax: Any, magnification: float = 1.0, outline: bool = False
+) -> Any:
     """Cell edges of the deformed body, or its outline alone, as the element bends them (2-D).
 
     Parameters
     ----------
-    result : ContactResult
+    result : ContactResult or BodyResult
+        Of several bodies all are drawn, in one scale of colours; ``result[body]`` alone.
         Of a body in 2-D.
     ax : matplotlib Axes
     magnification : float
@@ -330,17 +330,10 @@ def draw_edges(result: Drawn, ax: Any, magnification: float = 1.0, outline: bool
     """
     from matplotlib.collections import LineCollection
 
-    body = result.system.body
-    mesh = body.mesh
-    s = np.linspace(0.0, 1.0, 7)[None]
-    facets = mesh.boundary_facets() if outline else np.arange(mesh.nfacets)
-    along = facet_basis(mesh, body.basis.elem, facets, quadrature=(s, np.ones(s.shape[1])))
-    x = np.asarray(along.global_coordinates()) + magnification * np.asarray(
-        along.interpolate(result.u)
-    )
+    bodies = drawn_bodies(result)
     ax.add_collection(
         LineCollection(
-            list(x.transpose(1, 2, 0)),
+            [edge for one in bodies for edge in deformed_edges(one, magnification, outline)],
             colors="k",
             linewidths=0.9 if outline else 0.25,
             alpha=1.0 if outline else 0.6,
@@ -350,31 +343,28 @@ def draw_edges(result: Drawn, ax: Any, magnification: float = 1.0, outline: bool
     return ax
 
 
-def _subdivision(body: Any, per_cell: int) -> int:
-    """Simplices are cut into powers of two."""
-    return per_cell if body.mesh.t.shape[0] == 4 else 2 ** int(np.ceil(np.log2(per_cell)))
+def _name_parts(ax: Any, result: Drawn, s: Array) -> None:
+    """Name the pairs of several bodies over the axes, and part them by lines."""
+    count = int(result.part.max()) + 1
+    if count == 1 or len(result.system.body.bodies) == 1:
+        return
+    for k in range(count):
+        own = s[result.part == k]
+        over = ax.get_xaxis_transform()
+        ax.text(own.mean(), 1.01, f"contact {k}", transform=over, ha="center", va="bottom", size=8)
+        if k:
+            left = s[result.part == k - 1].max()
+            ax.axvline(0.5 * (left + own.min()), color="0.8", lw=0.8, ls=":", zorder=0)
 
 
-def _polygons(grid: Any) -> list[NDArray[np.int64]]:
-    """Corners of each cell; those of a cut body have three or four."""
-    cells, found = np.asarray(grid.cells), []  # each as its number of corners, then these
-    while cells.size:
-        found.append(cells[1 : 1 + cells[0]])
-        cells = cells[1 + cells[0] :]
-    return found
+def _owners(result: Drawn) -> list[int]:
+    """Numbers of the bodies that contact points lie on."""
+    owner = result.system.rows.owner
+    return np.unique(owner).tolist() if owner.size else [0]
 
 
-def _triangles(grid: Any) -> NDArray[np.int64]:
-    cells = _polygons(grid)
-    first = [corners[:3] for corners in cells]
-    return np.array(first + [corners[[0, 2, 3]] for corners in cells if len(corners) == 4])
-
-
-def _axes(ax: Any) -> Any:
-    if ax is None:
-        import matplotlib.pyplot as plt
-
-        _, ax = plt.subplots(figsize=(6, 4), layout="constrained")
-    if not hasattr(ax, "fill_between"):
-        raise InputError(f"ax: expected axes of matplotlib, got {type(ax).__name__}")
-    return ax
+def _faces(result: Drawn, k: int) -> tuple[Array, Array]:
+    """Corners (n, corners, 3) and pressures (n,) of the faces of body k in contact."""
+    mesh = result.system.body.bodies[k].trace.mesh
+    facets, pressure = pressed_faces(result, k)
+    return mesh.p[:, mesh.facets[:, facets]].transpose(2, 1, 0), pressure

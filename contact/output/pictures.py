@@ -1,0 +1,124 @@
+"""What pictures of bodies are drawn of: deformed cells, edges, and pressures on faces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.body.cut_body import CutBody
+from contact.errors import InputError
+from contact.facet_basis import facet_basis
+from contact.laws.status import Status
+from contact.output.drawn import Drawn, DrawnBody
+from contact.output.vtk import body_grid
+from skfem_adini import to_pyvista
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+COLOURS = {
+    Status.OPEN: "#b8b8b8",
+    Status.STICK: "#1f6f8b",
+    Status.SLIP: "#d1495b",
+    Status.BONDED: "#5b4a8a",
+}
+
+
+def triangulated(one: DrawnBody, per_cell: int, nodal: bool) -> tuple[Array, Array, Index]:
+    """Places (n, 2), displacements (n, 2) and triangles (k, 3) of a body in 2-D.
+
+    Parameters
+    ----------
+    one : DrawnBody
+    per_cell : int
+        Parts of a cell's edge; simplices are cut into powers of two.
+    nodal : bool
+        Corners of the cells only.
+    """
+    body = one.body
+    parts = per_cell if body.mesh.t.shape[0] == 4 else 2 ** int(np.ceil(np.log2(per_cell)))
+    grid = to_pyvista(body.basis, {"u": one.u}, subdivide=1 if nodal else parts)
+    grid = body.clipped(grid) if isinstance(body, CutBody) else grid
+    cells = _polygons(grid)
+    first = [corners[:3] for corners in cells]
+    triangles = first + [corners[[0, 2, 3]] for corners in cells if len(corners) == 4]
+    u = np.asarray(grid.point_data["u"])[:, :2]
+    return np.asarray(grid.points)[:, :2], u, np.array(triangles)
+
+
+def deformed_cells(one: DrawnBody, magnification: float) -> tuple[list[Array], Array]:
+    """Outline of each deformed cell of a body in 2-D, and its mean von Mises stress."""
+    grid = body_grid(one, subdivide=None if isinstance(one.body, CutBody) else 1)
+    where = np.asarray(grid.points) + magnification * np.asarray(grid.point_data["displacement"])
+    return [where[corners, :2] for corners in _polygons(grid)], np.asarray(
+        grid.cell_data["von_mises"]
+    )
+
+
+def deformed_edges(one: DrawnBody, magnification: float, outline: bool) -> list[Array]:
+    """Edges of the deformed cells of a body in 2-D, or its boundary's, as the element bends them.
+
+    Returns
+    -------
+    list of ndarray, shape (points, 2)
+    """
+    body = one.body
+    mesh = body.mesh
+    s = np.linspace(0.0, 1.0, 7)[None]
+    facets = mesh.boundary_facets() if outline else np.arange(mesh.nfacets)
+    along = facet_basis(mesh, body.basis.elem, facets, quadrature=(s, np.ones(s.shape[1])))
+    x = np.asarray(along.global_coordinates()) + magnification * np.asarray(
+        along.interpolate(one.u)
+    )
+    return list(x.transpose(1, 2, 0))
+
+
+def pressed_faces(result: Drawn, k: int) -> tuple[Index, Array]:
+    """Facets of body k in 3-D that contact points of it lie on, and the mean pressure of each."""
+    rows, mesh = result.system.rows, result.system.body.bodies[k].trace.mesh
+    own = rows.owner == k if rows.owner.size else np.ones(rows.weights.size, dtype=bool)
+    nominal, normals = rows.x_nominal[:, own], rows.normals[:, own]
+    values, weights = result.pressure[own], rows.weights[own]
+    facets = mesh.boundary_facets()
+    corner = mesh.p[:, mesh.facets[:, facets]]
+    middle = corner.mean(axis=1)
+    reach = np.linalg.norm(corner - middle[:, None], axis=0).max(axis=0)
+    normal = np.cross((corner[:, 1] - corner[:, 0]).T, (corner[:, 2] - corner[:, 0]).T).T
+    normal /= np.linalg.norm(normal, axis=0)
+    found, pressure = [], []
+    for f in range(facets.size):
+        off = nominal - middle[:, f : f + 1]
+        near = np.linalg.norm(off, axis=0) <= (1 + 1e-6) * reach[f]
+        near &= np.abs(normal[:, f] @ off) <= 0.2 * reach[f]
+        near &= np.abs(normal[:, f] @ normals) > 0.3
+        # All around its middle: a face beside the boundary has points on one side only.
+        around = off[:, near].T
+        spread = [
+            (around @ (corner[:, i, f] - middle[:, f]) > 0).any() for i in range(len(corner[0]))
+        ]
+        if near.any() and all(spread):
+            found.append(f)
+            pressure.append(np.average(values[near], weights=weights[near]))
+    return facets[found], np.array(pressure)
+
+
+def new_axes(ax: Any) -> Any:
+    """The axes given, or those of a new figure; `InputError` for what is none."""
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        _, ax = plt.subplots(figsize=(6, 4), layout="constrained")
+    if not hasattr(ax, "fill_between"):
+        raise InputError(f"ax: expected axes of matplotlib, got {type(ax).__name__}")
+    return ax
+
+
+def _polygons(grid: Any) -> list[Index]:
+    """Corners of each cell; those of a cut body have three or four."""
+    cells, found = np.asarray(grid.cells), []  # each as its number of corners, then these
+    while cells.size:
+        found.append(cells[1 : 1 + cells[0]])
+        cells = cells[1 + cells[0] :]
+    return found
