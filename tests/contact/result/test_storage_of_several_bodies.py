@@ -165,3 +165,15 @@ def test_history_of_other_bodies_is_refused(tmp_path):
     other = LoadStepper(pair(E=2.5)).load("top", (0.05, 0.0), np.sin, body="upper")
     with pytest.raises(InputError, match="history of another problem"):
         other.load("right", (-0.02, 0.0), body=1).resume(tmp_path / "run")
+
+
+def test_heat_of_one_of_two_bodies(tmp_path):
+    """Stresses are those of the body's own thermal strain; the other body has none."""
+    problem = pair()
+    problem.body.bodies[1].heat(3e-3, 10.0)
+    result = problem.solve()
+    loaded = ContactResult.load(result.save(tmp_path / "warm.npz"))
+    assert loaded[0].body.thermal is None
+    assert np.array_equal(loaded[1].body.thermal, result[1].body.thermal)
+    assert np.array_equal(loaded["lower"].stress(), result["lower"].stress())
+    assert np.abs(result["lower"].stress() - pair().solve()["lower"].stress()).max() > 1e-3
