@@ -10,9 +10,13 @@ import numpy as np
 
 def counts(result: Any) -> str:
     """How many contact points are open, stick and slip, and are bonded, if any are."""
-    free, stick, slip, bonded = np.bincount(result.status, minlength=4)[:4]
+    return _counted(result.status)
+
+
+def _counted(status: Any) -> str:
+    free, stick, slip, bonded = np.bincount(status, minlength=4)[:4]
     tied = f", {bonded} bonded" if bonded else ""
-    return f"{result.mu.size} points: {free} open, {stick} stick, {slip} slip{tied}"
+    return f"{status.size} points: {free} open, {stick} stick, {slip} slip{tied}"
 
 
 def facts(result: Any) -> dict[str, str]:
@@ -31,18 +35,38 @@ def facts(result: Any) -> dict[str, str]:
         strength = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
         law = f"{law}, " + ("friction " if law == "coulomb" else "bound as a force ") + strength
     return {
-        "body": repr(system.body),
+        **_bodies(system.body),
         "law": law or "without friction",
         "functional": system.rows.functional,
         "solved by": f"{result.method}, iterations: {len(result.history)}",
         "contact": counts(result),
-        "resultant": vector(result.resultant),
+        **_forces(result),
         "pressure": "none"
         if highest is None
         else f"at most {result.pressure[highest]:.6g}, at {vector(result.x[:, highest])}",
         "displacement": f"at most {system.body.reach(result.u):.6g}",
         "certificate": f"no residual above {kkt[worst]:.1e} ({worst})",
     }
+
+
+def _bodies(body: Any) -> dict[str, str]:
+    """The body, or each of several by its name or number."""
+    if len(body.bodies) == 1:
+        return {"body": repr(body)}
+    return {one.name or f"body {k}": repr(one) for k, one in enumerate(body.bodies)}
+
+
+def _forces(result: Any) -> dict[str, str]:
+    """The resultant; of several bodies that of each pair, and how its points are."""
+    body, owner = result.system.body, result.system.rows.owner
+    if len(body.bodies) == 1:
+        return {"resultant": vector(result.resultant)}
+    found = {}
+    for k, force in enumerate(result.resultants):
+        own = result.part == k
+        whose = body.called(int(owner[own][0]))
+        found[f"contact {k}"] = f"{_counted(result.status[own])}; {vector(force)} on {whose}"
+    return found
 
 
 def as_text(rows: dict[str, str], title: str) -> str:
