@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from contact.body.basis_solid import BasisSolid
+from contact.body.cut_body import CutBody
 from contact.output.drawn import Drawn
 from contact.output.pictures import COLOURS, deformed_edges
 from contact.output.sides import drawn_bodies
@@ -55,6 +57,13 @@ def draw_outlines(result: Drawn, ax: Any) -> Any:
     ax.set_ylabel("y")
     ax.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=5)
     return ax
+
+
+def have_outlines(result: Drawn) -> bool:
+    """Whether these are several bodies in 2-D whose mesh ends where they do, which can be drawn."""
+    bodies = result.system.body.bodies
+    whole = all(isinstance(one, BasisSolid) and not isinstance(one, CutBody) for one in bodies)
+    return len(bodies) > 1 and bodies[0].dim == 2 and whole
 
 
 def on_deformed(result: Drawn) -> Array:

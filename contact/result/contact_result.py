@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.errors import InputError
-from contact.output.outlines import draw_outlines
+from contact.output.outlines import draw_outlines, have_outlines
 from contact.output.vtk import block_sets, boundary_grid
 from contact.plot import plot_tractions
 from contact.result.body_result import BodyFields, BodyResult
@@ -224,7 +224,8 @@ class ContactResult(BodyFields, ContactForces):
     def plot(self, ax: Any = None) -> Any:
         """Pressure and shear along the boundary, stick and slip; in 3-D pressure on the faces.
 
-        Without axes, below them the outlines of several deformed bodies near their contact, in 2-D.
+        Without axes, below them the outlines of several deformed bodies near their contact, in 2-D;
+        not of a `LayeredBlock` or a `CutBody`.
 
         Parameters
         ----------
@@ -240,7 +241,7 @@ class ContactResult(BodyFields, ContactForces):
         InputError
             Not axes, or flat ones in 3-D.
         """
-        if ax is None and self.solid.dim == 2 and len(self.solid.bodies) > 1:
+        if ax is None and have_outlines(self):
             import matplotlib.pyplot as plt
 
             _, (ax, below) = plt.subplots(2, 1, figsize=(6, 7), layout="constrained")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection, PolyCollection
 from pressed_pairs import pair, stack
-from skfem import ElementHex1, MeshHex
+from skfem import ElementHex1, MeshHex, MeshQuad
 
-from contact import ContactProblem, ElasticBody, InputError, Pair
+from contact import ContactProblem, ElasticBody, InputError, LayeredBlock, Pair
 from contact.output.outlines import on_deformed
 from contact.plot import draw_edges, face_pressure, plot_cells, plot_field, plot_pressure
 
@@ -98,6 +98,15 @@ def test_drawn_points_lie_on_both_bodies(result):
     inner = np.abs(x[0]) < 0.4
     # Equal as means over some of a cell, which is .2 wide; the displacement is .03.
     assert np.abs(height - x[1])[inner].max() < 1e-3
+
+
+def test_layers_have_no_outline():
+    """A block without a mesh: the tractions are drawn all the same."""
+    block = LayeredBlock(1.0, [(0.5, 4, 1.0, 0.3)], sides="x").fix("top", "y", -0.02)
+    below = MeshQuad().refined(2).translated((0.0, -1.0)).with_defaults()
+    lower = ElasticBody.from_mesh(below, E=1.0, nu=0.3).fix("bottom", "xy")
+    ax = ContactProblem(block, "bottom", lower.surface("top"), friction=0.3).solve().plot()
+    assert ax.figure.axes == [ax]
 
 
 def test_parts_are_named():
