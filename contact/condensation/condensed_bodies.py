@@ -85,6 +85,23 @@ class CondensedBodies:
         pairs = zip(self.parts, self.body.slices, strict=True)
         return np.hstack([part.restrict(rows[:, own]) for part, own in pairs])
 
+    def restricted_columns(self, matrix: sparse.csr_array) -> sparse.csr_array:
+        """Transpose of forces on all dofs, in those that work on the boundary's unknowns.
+
+        Parameters
+        ----------
+        matrix : csr_array, shape (ndofs, n)
+
+        Returns
+        -------
+        csr_array, shape (nb, n)
+        """
+        parts = [
+            part.boundary_columns.T @ matrix[own]
+            for part, own in zip(self.parts, self.body.slices, strict=True)
+        ]
+        return sparse.csr_array(sparse.vstack(parts, format="csr"))
+
     def expand(self, load: Array, z_b: Array) -> Array:
         """Displacement of all dofs from the contact boundary's unknowns."""
         trios = zip(self.parts, self._split(load), self._of_boundary(z_b), strict=True)

@@ -147,6 +147,11 @@ class CondensedBody:
         carried: Array = self._factor.reduce(self._P.T @ forces)
         return carried
 
+    @property
+    def boundary_columns(self) -> sparse.csr_array:
+        """Displacement of all dofs for unit unknowns of the boundary, without elimination."""
+        return sparse.csr_array(self._P[:, self._boundary])
+
     def restrict(self, rows: sparse.csr_array) -> Array:
         """Rows of all dofs in the contact boundary's unknowns, shape (nrows, nb)."""
         reduced: Array = (rows @ self._P)[:, self._boundary].toarray()

@@ -1,11 +1,13 @@
 r"""Steps in which bodies of small strain slide by more than a facet.
 
 The contact rows depend on the displacement: in a step they are projected anew, at the places
-:math:`x + u` of the last iterate, until the displacement does not change any more. Each of these
-problems is one of small sliding, on the same sparse factorisation of each body, because all dofs of
-both boundaries were kept. The slip that friction opposes is the part of the step's displacement
-along the present tangents. A result has the rows of its own displacement, and so has its
-certificate.
+:math:`x + u` of the last iterate, until the displacement does not change any more. The first of
+these problems in a step is one of small sliding, on the same sparse factorisation of each body,
+because all dofs of both boundaries were kept. In the plane, and unless a body floats, the others
+are steps of Newton's method with the derivative of the projection, see
+`contact.histories.sliding_newton`. The slip that friction opposes is the part of the step's
+displacement along the present tangents. A result has the rows of its own displacement, and so has
+its certificate.
 
 References
 ----------
@@ -14,14 +16,19 @@ P. Wriggers, Computational Contact Mechanics, 2nd ed., Springer 2006, chapters 4
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import LinAlgError
 
 from contact.condensation.condensed_contact import CondensedContact
 from contact.errors import InputError, NotConverged
+from contact.histories.sliding_newton import newton_step
+from contact.laws.iteration import Iteration
+from contact.laws.status import Status
 from contact.result.certify import certify
 from contact.result.contact_result import ContactResult
 from contact.result.contact_system import ContactSystem
@@ -88,28 +95,55 @@ class FiniteSliding:
         InputError
             Boundaries that do not face each other any more, or turn by more than a small angle.
         """
-        u = np.zeros(body.f.size) if last is None else last.u
-        u, start, change = (u if near is None else near), last, np.inf
-        condensed = self._all_kept()
-        for _ in range(PROJECTIONS):
+        rest = np.zeros(body.f.size) if last is None else last.u
+        u, result, change = (rest if near is None else near), last, np.inf
+        kept, lines = self._all_kept(), list[Iteration]()
+        for k in range(PROJECTIONS):
             system = self._system(body, u, last)
-            result = self._problem.solve_system(
-                system, condensed.touched_by(body, system.rows), options, start
-            )
+            condensed = kept.touched_by(body, system.rows)
+            found = self._newton(system, condensed, rest, result, options) if k else None
+            if found is None:
+                result = self._problem.solve_system(system, condensed, options, result)
+            else:
+                result = found
             before, change = change, body.reach(result.u - u)
-            u, start = result.u, result
-            if change <= SETTLED * options.tol * (body.reach(u) or 1.0):
+            u, size = result.u, body.reach(result.u) or 1.0
+            lines += [*(result.history if found is None else ()), _line(k, result, change / size)]
+            # What Newton's next step would still change, where this one was a step of it.
+            ahead = change if found is None else min(change, change**2 / before)
+            if ahead <= SETTLED * options.tol * size:
                 break
         again = self._system(body, u, last)
-        if again.rows.gap.size == result.mu.size:
-            result = replace(result, system=again)
+        if result is not None and again.rows.gap.size == result.mu.size:
+            result = replace(result, system=again, history=tuple(lines))
             certify(result, options.tol, result.slack)
             return result
         raise NotConverged(
             f"finite sliding: after {PROJECTIONS} projections the displacement still changes by "
             f"{change:.1e} (before: {before:.1e}); take smaller steps",
-            result.history,
+            tuple(lines),
         )
+
+    def _newton(
+        self,
+        system: ContactSystem,
+        condensed: CondensedContact,
+        rest: Array,
+        result: ContactResult | None,
+        options: Options,
+    ) -> ContactResult | None:
+        """The next iterate with the derivative of the projection; None where there is none."""
+        if result is None or options.method != "newton" or condensed.N.shape[1]:
+            return None
+        if system.rows.gap.size != result.mu.size or system.motion is not None:
+            return None
+        change = self._interfaces.in_motion(result.u, rest, result.mu, result.t)
+        if change is None:
+            return None
+        with suppress(NotConverged, LinAlgError):
+            u, mu, t = newton_step(system, condensed, change, result, options.tol)
+            return replace(result, system=system, u=u, mu=mu, t=t)
+        return None
 
     def _all_kept(self) -> CondensedContact:
         """The condensation onto all dofs of the boundaries, of the present materials."""
@@ -133,7 +167,15 @@ class FiniteSliding:
         slip_from = None
         if last is not None:
             slip_from = (rows.T @ last.u).reshape(rows.gap.size, -1)
+            slip_from[rows.ties] = 0.0
             if motion is not None and last.motion is not None:
                 slip_from = slip_from - motion.displacement(last.motion)[1]
         law, laws = problem.law, problem.overclosure
         return ContactSystem(body, rows, body.f, law, friction, slip_from, motion, laws)
+
+
+def _line(k: int, result: ContactResult, change: float) -> Iteration:
+    """A projection in the history; its residual is the relative change of the displacement."""
+    open_, stick, slip = np.bincount(result.status, minlength=3)[: Status.SLIP + 1]
+    active = result.mu.size - int(open_)
+    return Iteration(k + 1, "projection", active, int(stick), int(slip), change)

@@ -20,9 +20,27 @@ from contact.rows.mortar.displaced import displaced_rows
 from contact.rows.mortar.interface_rows import MortarRows
 from contact.rows.mortar.mortar_rows import Interface, with_clearance
 from contact.rows.mortar.resolution import facet_ratio, interface_rise
+from contact.rows.mortar.sliding_derivative import SlidingDerivative
 from contact.rows.pairs import Pair, Tie
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RowsInMotion:
+    """Derivatives with respect to the displacement at which rows were projected.
+
+    Attributes
+    ----------
+    normal, tangential : csr_array, shapes (m, ndofs) and (m, ndofs)
+        Of the relative displacements of the contact points, besides G and T.
+    force : csr_array, shape (ndofs, ndofs)
+        Of the contact forces with the opposite sign.
+    """
+
+    normal: sparse.csr_array
+    tangential: sparse.csr_array
+    force: sparse.csr_array
 
 
 @dataclass(frozen=True)
@@ -111,6 +129,47 @@ class Interfaces:
             )
             parts.append(_of_two(self.bodies, side, displaced_rows(side, one, two)))
         return replace(self, rows=joined(parts))
+
+    def in_motion(self, u: Array, last: Array, mu: Array, t: Array) -> RowsInMotion | None:
+        """Derivatives of the rows that were projected at a displacement; None if none is known.
+
+        Parameters
+        ----------
+        u, last : ndarray, shape (ndofs,)
+            Displacement, and that of the last step.
+        mu, t : ndarray, shapes (m,) and (m, dim - 1)
+            Contact forces.
+        """
+        total = self.bodies.slices[-1].stop
+        parts, size = [], 0
+        for pair, side in zip(self.pairs, self.sides, strict=True):
+            if isinstance(side, ContactBoundaries) or isinstance(pair, Tie) or self.bodies.dim > 2:
+                return None
+            numbers = [self.bodies.number_of_trace(o.body) for o in (side.first, side.second)]
+            slices = [self.bodies.slices[k] for k in numbers]
+            now = u[slices[0]], u[slices[1]]
+            found = displaced_rows(side, *now)
+            own = slice(size, size + found.rows.gap.size)
+            size = own.stop
+            since = tuple(v - last[s] for v, s in zip(now, slices, strict=True))
+            if own.stop > mu.size:
+                return None
+            of_pair = SlidingDerivative.of(
+                side, found, now, (since[0], since[1]), (mu[own], t[own, 0])
+            )
+            dofs = np.concatenate([np.arange(s.start, s.stop) for s in slices])
+            place = sparse.csr_array(
+                (np.ones(dofs.size), (np.arange(dofs.size), dofs)), shape=(dofs.size, total)
+            )
+            parts.append((of_pair, place))
+        if size != mu.size:
+            return None
+        normal = sparse.vstack([d.normal @ P for d, P in parts], format="csr")
+        tangential = sparse.vstack([d.tangential @ P for d, P in parts], format="csr")
+        force = sparse.csr_array((total, total))
+        for d, P in parts:
+            force = sparse.csr_array(force + P.T @ d.force @ P)
+        return RowsInMotion(sparse.csr_array(normal), sparse.csr_array(tangential), force)
 
     @property
     def boundary_dofs(self) -> sparse.csr_array:

@@ -174,6 +174,11 @@ class Interface:
         one, two = curves or (FacetCurves.of(self.first), FacetCurves.of(self.second))
         more = CURVED if one.curved or two.curved else 0
         quadrature = interface_quadrature(one, two, self.degree + more)
+        if curves is not None:  # forces and pressures are those of small strains
+            at = quadrature.facet, quadrature.X[0]
+            slopes = (side.slope(*at) for side in (FacetCurves.of(self.first), one))
+            rest, now = (np.linalg.norm(slope, axis=0) for slope in slopes)
+            quadrature = replace(quadrature, w=quadrature.w * rest / now)
         functions = Multipliers.of(self.basis, quadrature, self.functional != "standard")
         hub = self.basis.hub[functions.point]
         facet, s = self.basis.nominal[0][functions.point], self.basis.nominal[1][functions.point]

@@ -1,5 +1,7 @@
 """Bodies that slide by more than a facet, on the factorisation of the state of rest."""
 
+import itertools
+
 import numpy as np
 import pytest
 from skfem import ElementQuad1, ElementQuad2, MeshQuad
@@ -56,6 +58,17 @@ def test_ironing(element, monkeypatch):
     forces = np.array([result.resultant for result in history.results[3:]])
     assert np.ptp(forces[:, 1]) <= 5e-3 * forces[0, 1]  # a long slab looks the same everywhere
     assert history.results[-1].x[0, history.results[-1].mu > 0].min() > -0.5
+
+
+@pytest.mark.parametrize("element", [ElementQuad1, ElementQuad2, ElementQuadAdini])
+def test_newton_with_the_derivative_of_the_projection_is_quadratic(element):
+    """In full slip four projections are enough: errors are squared, up to a part of 1e-3."""
+    history, *_ = ironing(element, [0.5, 1.0, 1.7, 2.4, 3.1, 3.8])
+    for k, result in enumerate(history.results):
+        changes = [line.residual for line in result.history if line.phase == "projection"]
+        assert len(changes) <= (5 if k < 4 else 4)
+        pairs = itertools.pairwise(changes[1:])
+        assert all(after <= 20 * before**2 + 2e-3 * before for before, after in pairs)
 
 
 def test_the_gap_of_a_result_is_that_of_the_displaced_bodies():

@@ -1,0 +1,173 @@
+r"""How contact rows change with the displacement at which they were projected.
+
+An integration point keeps its place X on the non-mortar side. When the bodies move, its normal n
+turns by an angle :math:`\theta`, and the place Y that it faces runs along the mortar side, so that
+:math:`(y - x) \times n = 0` remains true. With p the normal turned by 90 degrees,
+:math:`\tau = \partial y / \partial Y`, the gap g and changes :math:`\delta` at fixed Y,
+
+.. math::
+    \delta Y = \frac{(\delta x - \delta y) \cdot p + g\, \theta}{\tau \cdot p}, \qquad
+    \delta g = n \cdot (\delta y - \delta x) + (n \cdot \tau)\, \delta Y .
+
+The angle of an averaged normal is the mean of those of its facets, and that between the ends of a
+facet is linear. The ends of segments move too; this changes integrals by products with the gap,
+which is zero in contact.
+
+References
+----------
+M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004), and A. Popp, M. W. Gee
+and W. A. Wall, Int. J. Numer. Meth. Engng 79 (2009), for the whole linearisation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.rows.mortar.facet_curves import FacetCurves, facet_nodes
+from contact.rows.mortar.facet_trace import facet_trace
+from contact.rows.mortar.interface_rows import MortarRows
+from contact.rows.mortar.mortar_rows import Interface
+from contact.rows.outline import Outline
+
+Array = NDArray[np.float64]
+Csr = sparse.csr_array
+
+# Derivative of a facet's end with respect to its ends and middle: row 0 at s = 0, row 1 at s = 1.
+_SLOPE = np.array([[-3.0, 4.0, -1.0], [1.0, -4.0, 3.0]])
+_NODES = np.array([0.0, 0.5, 1.0])
+# Central differences that are exact to the fourth power, for traces of third order.
+_STEPS, _WEIGHTS = (-0.5, -0.25, 0.25, 0.5), (1.0, -8.0, 8.0, -1.0)
+
+
+@dataclass(frozen=True)
+class SlidingDerivative:
+    """Derivatives with respect to the dofs of the first body, then of the second.
+
+    Attributes
+    ----------
+    normal, tangential : csr_array, shape (m, ndofs)
+        To be added to G and T in the conditions of the contact points.
+    force : csr_array, shape (ndofs, ndofs)
+        Of the contact forces with the opposite sign, ``G^T mu + T^T t`` at fixed mu and t.
+    """
+
+    normal: Csr
+    tangential: Csr
+    force: Csr
+
+    @classmethod
+    def of(
+        cls,
+        interface: Interface,
+        found: MortarRows,
+        displacements: tuple[Array, Array],
+        increments: tuple[Array, Array],
+        forces: tuple[Array, Array],
+    ) -> SlidingDerivative:
+        """Differentiate rows that `contact.rows.mortar.displaced.displaced_rows` found.
+
+        Parameters
+        ----------
+        interface : Interface
+        found : MortarRows
+        displacements, increments : pair of ndarray, shape (ndofs,)
+            Displacement of each body, and its part since the last step.
+        forces : ndarray, shapes (m,) and (m,)
+            mu and t.
+        """
+        q, (one, two) = found.quadrature, (interface.first, interface.second)
+        n, p = q.n, np.array([-q.n[1], q.n[0]])
+        (u, v), (du, dv) = displacements, increments
+        here, there = facet_trace(one, q.facet, q.X), facet_trace(two, q.other, q.Y)
+        ahead = sum(
+            (facet_trace(two, q.other, q.Y + h) * w for h, w in zip(_STEPS, _WEIGHTS, strict=True)),
+            start=0.0 * there,
+        ) * (1.0 / 3.0)
+        X, Y = FacetCurves.of(one), FacetCurves.of(two)
+        gap = np.sum((Y.at(q.other, q.Y[0]) + _values(there, v)) * n, axis=0)
+        gap -= np.sum((X.at(q.facet, q.X[0]) + _values(here, u)) * n, axis=0)
+        tau = Y.slope(q.other, q.Y[0]) + _values(ahead, v)
+        count = 2 * here.shape[1], 2 * there.shape[1]
+        turn = sparse.hstack(
+            (_turns(one, u, q.facet, q.X[0]), Csr((q.facet.size, count[1]))), format="csr"
+        )
+        run = sparse.hstack((_along(here, p), -_along(there, p)), format="csr")
+        run = _scaled(1.0 / np.sum(tau * p, axis=0), run + _scaled(gap, turn))
+        # The tangents of contact points are their normals turned, one way or the other.
+        way = np.sign(found.rows.tangents[1, 0] * found.rows.normals[0]
+                      - found.rows.tangents[0, 0] * found.rows.normals[1])  # fmt: skip
+        normal = found.P @ _scaled(-np.sum(n * tau, axis=0), run)
+        slip = _values(here, du) - _values(there, dv)
+        tangential = _scaled(-np.sum(p * _values(ahead, dv), axis=0), run)
+        tangential = found.P @ (tangential - _scaled(np.sum(n * slip, axis=0), turn))
+        a, b = found.P.T @ forces[0], found.P.T @ (way * forces[1])
+        turned, whole = p * a - n * b, n * a + p * b
+        of_first = _along(here, turned).T @ turn
+        of_second = -(_along(there, turned).T @ turn) - _along(ahead, whole).T @ run
+        return cls(
+            Csr(normal),
+            Csr(_scaled(way, tangential)),
+            Csr(sparse.vstack((of_first, of_second), format="csr")),
+        )
+
+
+def _turns(outline: Outline, u: Array, facet: NDArray[np.int64], s: Array) -> Csr:
+    """Angle by which the averaged normal at places of facets turns, shape (n, ndofs)."""
+    count = outline.facets.size
+    every = np.arange(count)
+    trace = facet_trace(outline, np.repeat(every, 3), np.tile(_NODES, count)[None])
+    nodes = facet_nodes(outline) + np.array([trace @ u[c::2] for c in range(2)]).reshape(
+        2, count, 3
+    )
+    curves = FacetCurves.of(outline, nodes)
+    angles = []
+    for end in (0, 1):
+        slope = np.einsum("dfk,k->df", nodes, _SLOPE[end])
+        size = np.linalg.norm(slope, axis=0)
+        n = curves.sign * np.array([slope[1], -slope[0]]) / size
+        # The outward normal is the tangent turned by -90 degrees times the sign.
+        pick = sparse.kron(sparse.eye_array(count), _SLOPE[end][None], format="csr")
+        angles.append(_along(Csr(pick @ trace), -n * curves.sign / size))
+    own = sparse.vstack(angles, format="csr")  # all starts, then all ends
+    continued, (beyond, corner) = outline.continued, outline.beyond
+    weight, rows, columns, values = 1.0 / curves.length, [], [], []
+    for end in (0, 1):
+        on, other = continued[:, end], np.maximum(beyond[:, end], 0)
+        share = np.where(on, weight / (weight + weight[other]), 1.0)
+        at = every + count * end
+        rows += [at, at[on]]
+        columns += [at, (other + count * np.maximum(corner[:, end], 0))[on]]
+        values += [share, 1.0 - share[on]]
+    mean = sparse.coo_array(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
+        shape=(2 * count, 2 * count),
+    )
+    k, index = facet.size, np.arange(facet.size)
+    between = sparse.coo_array(
+        (np.r_[1.0 - s, s], (np.r_[index, index], np.r_[facet, facet + count])),
+        shape=(k, 2 * count),
+    )
+    return Csr(between.tocsr() @ mean.tocsr() @ own)
+
+
+def _values(trace: Csr, u: Array) -> Array:
+    """Displacement at the rows of a scalar trace, shape (2, n)."""
+    return np.array([trace @ u[c::2] for c in range(2)])
+
+
+def _along(trace: Csr, v: Array) -> Csr:
+    """Displacement along vectors v (2, n) at the rows of a scalar trace, shape (n, ndofs)."""
+    parts = [_scaled(v[c], trace).tocoo() for c in range(2)]
+    data = np.concatenate([part.data for part in parts])
+    row = np.concatenate([part.row for part in parts])
+    column = np.concatenate([2 * part.col + c for c, part in enumerate(parts)])
+    shape = trace.shape[0], 2 * trace.shape[1]
+    return Csr(sparse.coo_array((data, (row, column)), shape=shape))
+
+
+def _scaled(v: Array, rows: Csr) -> Csr:
+    return Csr(sparse.diags_array(v) @ rows)
