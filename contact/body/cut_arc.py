@@ -48,6 +48,9 @@ class CutArc:
     trace: sparse.csr_array
     spacing: float
 
+    def __repr__(self) -> str:
+        return f"CutArc({self.index.size} points)"
+
     @cached_property
     def curves(self) -> list[Curve]:
         """The connected smooth curves that the arc consists of."""

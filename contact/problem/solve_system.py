@@ -80,7 +80,8 @@ def _solved(
 ) -> ContactResult:
     scale = condensed.point_scale
     friction = system.scaled_friction(scale)
-    whole = isinstance(system.body, BasisSolid)  # layers have no assembled stiffness matrix
+    # Layers have no assembled stiffness matrix.
+    whole = all(isinstance(body, BasisSolid) for body in system.body.bodies)
 
     def solved(load: Array, warm: ContactResult | Forces | None, line: Report) -> Any:
         boundary = _boundary_problem(system, condensed, load)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.body.cut_arc import CutArc
 from contact.body.rigid_modes import rigid_field
 from contact.body.several_bodies import Bodies
 from contact.errors import InputError
@@ -270,6 +271,11 @@ class Interfaces:
 
 
 def _interface(pair: Pair) -> Interface:
+    if isinstance(pair.boundary, CutArc):
+        raise InputError(
+            "boundary: the arc of a CutBody touches rigid obstacles; two elastic bodies touch each "
+            "other along facets"
+        )
     first, facets = pair.body, pair.body.trace.whole_facets(pair.boundary)
     second, others = pair.opposite.body, pair.opposite.facets
     if pair.multipliers == "second":
@@ -313,7 +319,10 @@ def _refuse_shared(bodies: Bodies, pairs: Sequence[Pair]) -> None:
     taken: dict[int, list[NDArray[np.int64]]] = {}
     faced: dict[int, list[NDArray[np.int64]]] = {}
     for pair in pairs:
-        sides = [(pair.body, pair.body.trace.whole_facets(pair.boundary))]
+        arc = isinstance(pair.boundary, CutArc)
+        # Points of arcs are told from facets by their sign.
+        own = -1 - pair.boundary.index if arc else pair.body.trace.whole_facets(pair.boundary)
+        sides = [(pair.body, own)]
         if pair.two_bodies:
             sides.append((pair.opposite.body, pair.opposite.facets))
         if pair.multipliers == "second":
@@ -326,7 +335,9 @@ def _refuse_shared(bodies: Bodies, pairs: Sequence[Pair]) -> None:
         opposite = np.unique(np.concatenate(faced.get(k, [np.zeros(0, dtype=np.int64)])))
         twice = np.union1d(seen[counts > 1], np.intersect1d(seen, opposite))
         if twice.size:
+            number = int(twice[0])
+            place = f"facet {number}" if number >= 0 else f"point {-1 - number} of the curve"
             raise InputError(
-                f"boundary: facet {int(twice[0])} of {bodies.called(k)} belongs to two pairs, or "
-                "to both sides of one"
+                f"boundary: {place} of {bodies.called(k)} belongs to two pairs, or to both sides "
+                "of one"
             )

@@ -15,6 +15,7 @@ from two_blocks import block, facing, ring
 from contact import (
     ContactProblem,
     ContactWarning,
+    CutBody,
     ElasticBody,
     InputError,
     LayeredBlock,
@@ -74,6 +75,7 @@ def test_stack_of_three_on_a_rigid_plane(element):
         assert np.abs(result[body].balance()["residual"]).max() <= 1e-12
 
 
+@pytest.mark.filterwarnings("ignore:facets in contact are up to")
 @given(
     n=st.integers(1, 9),
     m=st.integers(1, 9),
@@ -287,3 +289,36 @@ def test_polygons_that_follow_a_curve_worse_than_they_overlap_are_named():
         ContactProblem(upper, "left", lower.surface("right")).solve()
     known = lower.surface("right", clearance=-0.001)
     ContactProblem(upper, "left", known).solve()
+
+
+def test_a_cut_body_touches_a_plane_beside_a_pair():
+    """The arc of a cut body and facets of others, in one problem."""
+    mesh = MeshQuad.init_tensor(np.linspace(-1.1, 1.1, 12), np.linspace(-1.1, 0, 7))
+    disk = CutBody(mesh.with_defaults(), lambda x: x[0] ** 2 + x[1] ** 2 - 1, E=1.0, nu=0.3)
+    disk.fix("top", "x").fix("top", "y", -0.05)
+    floor = Plane((0.0, -1.02), (0.0, 1.0))
+    upper, lower = pressed(ElementQuad2, 3, 4)
+    pairs = [Pair(disk, disk.arc(), floor), Pair(upper, "bottom", lower, "top")]
+    result = ContactProblem([disk, upper, lower], pairs).solve()
+    alone = ContactProblem(disk, disk.arc(), floor).solve()
+    np.testing.assert_allclose(result.pressure[result.part == 0], alone.pressure, atol=1e-10)
+    assert np.abs(result.pressure[result.part == 1] - PRESSURE).max() <= 1e-10
+    with pytest.raises(InputError, match="two pairs"):
+        ContactProblem([disk], [Pair(disk, disk.arc(), floor), Pair(disk, disk.arc(), floor)])
+    with pytest.raises(InputError, match="the arc of a CutBody"):
+        ContactProblem(disk, disk.arc(), lower.surface("top"))
+
+
+@pytest.mark.parametrize("height", [2e-3, 1e-3])
+def test_thin_bodies_on_each_other(height):
+    """Plates a thousand times as long as high: what bends softly loses no digits."""
+
+    def thin(x):
+        return x * np.array([[1.0], [height]])
+
+    upper = block(ElementQuad2, np.linspace(0, 1, 9), [0, 1], place=thin).fix("left", "x")
+    lower = block(ElementQuad2, np.linspace(0, 1, 13), [-1, 0], place=thin).fix("left", "x")
+    upper.load("top", (0.0, -1e-6))
+    lower.fix("bottom", "y")
+    result = ContactProblem(upper, "bottom", lower.surface("top")).solve()
+    assert np.abs(result.pressure / 1e-6 - 1).max() <= 1e-6
