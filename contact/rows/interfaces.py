@@ -19,12 +19,19 @@ from contact.rows.contact_boundaries import ContactBoundaries, friction_values, 
 from contact.rows.contact_rows import ContactRows
 from contact.rows.mortar.displaced import displaced_rows
 from contact.rows.mortar.interface_rows import MortarRows
-from contact.rows.mortar.mortar_rows import Interface, with_clearance
+from contact.rows.mortar.mortar_rows import (
+    Interface,
+    interface_of,
+    with_clearance,
+)
 from contact.rows.mortar.resolution import facet_ratio, interface_rise
 from contact.rows.mortar.sliding_derivative import SlidingDerivative
+from contact.rows.mortar.solid_interface import SolidInterface
 from contact.rows.pairs import Pair, Tie
 
 Array = NDArray[np.float64]
+Elastic = Interface | SolidInterface
+Side = Elastic | ContactBoundaries
 
 
 @dataclass(frozen=True)
@@ -64,7 +71,7 @@ class Interfaces:
     bodies: Bodies
     rows: ContactRows
     pairs: tuple[Pair, ...]
-    sides: tuple[Interface | ContactBoundaries, ...]
+    sides: tuple[Side, ...]
     risen: Array
     facet_ratio: Array
 
@@ -78,7 +85,7 @@ class Interfaces:
             A body that is not among the bodies, or boundaries that share facets.
         """
         _refuse_shared(bodies, pairs)
-        sides: list[Interface | ContactBoundaries] = []
+        sides: list[Side] = []
         parts, risen, ratios = [], [], []
         for pair in pairs:
             if pair.two_bodies:
@@ -124,6 +131,8 @@ class Interfaces:
             if isinstance(side, ContactBoundaries) or isinstance(pair, Tie):
                 parts.append(selected(self.rows, own))
                 continue
+            if isinstance(side, SolidInterface):
+                raise InputError("sliding: bodies slide by finite distances in the plane only")
             one, two = (
                 u[self.bodies.slices[self.bodies.number_of_trace(outline.body)]]
                 for outline in (side.first, side.second)
@@ -144,7 +153,7 @@ class Interfaces:
         total = self.bodies.slices[-1].stop
         parts, size = [], 0
         for pair, side in zip(self.pairs, self.sides, strict=True):
-            if isinstance(side, ContactBoundaries) or isinstance(pair, Tie) or self.bodies.dim > 2:
+            if not isinstance(side, Interface) or isinstance(pair, Tie):
                 return None
             numbers = [self.bodies.number_of_trace(o.body) for o in (side.first, side.second)]
             slices = [self.bodies.slices[k] for k in numbers]
@@ -270,7 +279,7 @@ class Interfaces:
         return np.concatenate([friction_values(f, x) for f, x in zip(each, places, strict=True)])
 
 
-def _interface(pair: Pair) -> Interface:
+def _interface(pair: Pair) -> Elastic:
     if isinstance(pair.boundary, CutArc):
         raise InputError(
             "boundary: the arc of a CutBody touches rigid obstacles; two elastic bodies touch each "
@@ -283,10 +292,10 @@ def _interface(pair: Pair) -> Interface:
     tied, functional = isinstance(pair, Tie), pair.functional
     if functional is None and tied:
         functional = "standard"
-    return Interface.of(first.trace, facets, second.trace, others, functional, tied)
+    return interface_of(first.trace, facets, second.trace, others, functional, tied)
 
 
-def _of_two(bodies: Bodies, interface: Interface, found: MortarRows) -> ContactRows:
+def _of_two(bodies: Bodies, interface: Elastic, found: MortarRows) -> ContactRows:
     """Rows of an interface on the dofs of all bodies."""
     own, first, second = found.rows, interface.first.body, interface.second.body
     i, k = (bodies.number_of_trace(body) for body in (first, second))

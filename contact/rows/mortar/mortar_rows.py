@@ -1,4 +1,4 @@
-"""Contact rows of two bodies in the plane whose meshes do not match."""
+"""Contact rows of two bodies whose meshes do not match."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from contact.rows.mortar.interface_rows import InterfaceRows, MortarRows
 from contact.rows.mortar.multipliers import Multipliers
 from contact.rows.mortar.positive_basis import PositiveBasis
 from contact.rows.mortar.segments import interface_quadrature, opposite
+from contact.rows.mortar.solid_interface import SolidInterface
 from contact.rows.outline import Outline
 
 Array = NDArray[np.float64]
@@ -82,7 +83,7 @@ def mortar_rows(
     >>> interface.rows.gap.round(12).tolist(), interface.rows.weights.round(3).tolist()
     ([0.5, 0.5, 0.5, 0.5], [0.167, 0.333, 0.333, 0.167])
     """
-    interface = Interface.of(first, facets, second, others, functional, tied)
+    interface = interface_of(first, facets, second, others, functional, tied)
     found = interface.rows()
     return found if clearance is None else with_clearance(found, clearance)
 
@@ -138,25 +139,7 @@ class Interface:
         tied: bool = False,
     ) -> Interface:
         """Check the arguments of `mortar_rows` and number the contact points."""
-        name = "dual" if functional is None else functional
-        if name not in FUNCTIONALS:
-            raise InputError(
-                f"functional={functional!r}: two bodies offer {sorted(FUNCTIONALS)}; leave it out "
-                "for the dual one"
-            )
-        if first.dim != 2 or second.dim != 2:
-            raise InputError(
-                f"others: bodies in {first.dim} and {second.dim} dimensions do not make an "
-                "interface in the plane"
-            )
-        if not facets.size or not others.size:
-            raise InputError("facets: empty" if not facets.size else "others: empty")
-        shared = np.intersect1d(facets, others) if first is second else np.zeros(0)
-        if shared.size:
-            raise InputError(
-                f"others: facet {int(shared[0])} belongs to both sides of the interface; a body "
-                "touches itself on disjoint facets"
-            )
+        name = checked_functional(first, facets, second, others, functional)
         outlines = Outline(first, facets), Outline(second, others)
         own, theirs = (facet_functional(body.element, None) for body in (first, second))
         basis = PositiveBasis.of(outlines[0], own, name == "hat", tied)
@@ -206,3 +189,43 @@ class Interface:
         most = N.row[order[np.append(np.diff(N.col[order]) > 0, True)]]
         other = quadrature.other[most]
         return facet_trace(self.second, other, opposite(two, other, x, n)[None])
+
+
+def checked_functional(
+    first: ElasticBody, facets: Index, second: ElasticBody, others: Index, functional: str | None
+) -> str:
+    """The name of the functional, after a look at the other arguments of `mortar_rows`."""
+    name = "dual" if functional is None else functional
+    if name not in FUNCTIONALS:
+        raise InputError(
+            f"functional={functional!r}: two bodies offer {sorted(FUNCTIONALS)}; leave it out "
+            "for the dual one"
+        )
+    if first.dim != second.dim:
+        raise InputError(
+            f"others: bodies in {first.dim} and {second.dim} dimensions do not make an interface"
+        )
+    if not facets.size or not others.size:
+        raise InputError("facets: empty" if not facets.size else "others: empty")
+    shared = np.intersect1d(facets, others) if first is second else np.zeros(0)
+    if shared.size:
+        raise InputError(
+            f"others: facet {int(shared[0])} belongs to both sides of the interface; a body "
+            "touches itself on disjoint facets"
+        )
+    return name
+
+
+def interface_of(
+    first: ElasticBody,
+    facets: Index,
+    second: ElasticBody,
+    others: Index,
+    functional: str | None = None,
+    tied: bool = False,
+) -> Interface | SolidInterface:
+    """The interface of two bodies, in the plane or in space; arguments as of `mortar_rows`."""
+    if first.dim == 2:
+        return Interface.of(first, facets, second, others, functional, tied)
+    name = checked_functional(first, facets, second, others, functional)
+    return SolidInterface.of(first, facets, second, others, name)

@@ -85,7 +85,7 @@ class Multipliers:
             N[q, used] = here.T
             psi[q, used] = _dual(basis, facet[q], s[q], w[q], here).T if dual and degree else here.T
         weights = _sums(number.ravel() + 1, (w[:, None] * N).ravel(), basis.size + 1)[1:]
-        joined, point = _joined(basis.number, weights)
+        joined, point = joined_points(basis.number, weights)
         place = np.repeat(np.arange(facet.size), SLOTS)[number.ravel() >= 0]
         column = joined[number[number >= 0]]
         covered = column >= 0
@@ -145,7 +145,7 @@ def _of_whole_facet(degree: int, low: Array, high: Array) -> Array:
     return entry
 
 
-def _joined(number: Index, weights: Array) -> tuple[Index, Index]:
+def joined_points(number: Index, weights: Array) -> tuple[Index, Index]:
     """New number of every contact point, -1 if not covered, and the points that are kept.
 
     A point whose weight is too small becomes the one of largest weight on a facet of its own.

@@ -1,0 +1,164 @@
+"""Contact facets in space as images of the reference facet, at rest or displaced."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.errors import InputError
+from contact.rows.outline import Outline, reference_corners
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_STEPS, _SETTLED = 30, 1e-14
+
+
+@dataclass(frozen=True)
+class FaceMaps:
+    """The facets of a boundary in space, by Lagrange polynomials of their nodes.
+
+    Attributes
+    ----------
+    nodes : ndarray, shape (3, nfacets, k)
+        Corners in ring order first; then, of facets of second order, the middles of the edges and
+        of quadrilaterals.
+    normals : ndarray, shape (3, nfacets, ncorners)
+        Averaged unit normals at the corners, see `contact.rows.outline.Outline.averaged`.
+    """
+
+    nodes: Array
+    normals: Array
+
+    @classmethod
+    def of(cls, outline: Outline, moved: Array | None = None) -> FaceMaps:
+        """The facets of an outline.
+
+        Parameters
+        ----------
+        outline : Outline
+        moved : ndarray, shape (3, nfacets, k), optional
+            Displacement of the nodes, see `reference_nodes`.
+        """
+        corners = outline.corners.shape[1]
+        X = reference_nodes(outline)
+        nodes = np.asarray(outline.body.basis.mapping.G(X, find=outline.facets))
+        if moved is None:
+            return cls(nodes, outline.turned)
+        still = cls(nodes, outline.turned)
+        nodes = nodes + moved
+        maps = cls(nodes, outline.turned)
+        at = reference_corners(3, corners)
+        facets, own = np.arange(nodes.shape[1]), []
+        for k in range(corners):
+            place = np.repeat(at[:, k : k + 1], facets.size, axis=1)
+            outward = np.sign(np.sum(still.normal(facets, place) * outline.at_corners[..., k], 0))
+            own.append(outward * maps.normal(facets, place))
+        averaged = outline.averaged(np.stack(own, axis=2), nodes[:, :, :corners])
+        return cls(nodes, averaged)
+
+    @property
+    def corners(self) -> int:
+        """Corners of a facet, 3 or 4."""
+        return int(self.normals.shape[2])
+
+    def at(self, facet: Index, X: Array) -> Array:
+        """Places on facets, shape (3, n)."""
+        return np.einsum("dnk,kn->dn", self.nodes[:, facet], shapes(X, self.nodes.shape[2])[0])
+
+    def tangents(self, facet: Index, X: Array) -> Array:
+        """Derivatives of the places with respect to X, shape (3, 2, n)."""
+        return np.einsum("dnk,kin->din", self.nodes[:, facet], shapes(X, self.nodes.shape[2])[1])
+
+    def normal(self, facet: Index, X: Array) -> Array:
+        """Unit normals of the facets themselves, of either sign, shape (3, n)."""
+        along = self.tangents(facet, X)
+        n = np.cross(along[:, 0], along[:, 1], axis=0)
+        return np.asarray(n / np.linalg.norm(n, axis=0))
+
+    def direction(self, facet: Index, X: Array) -> Array:
+        """Averaged normals, interpolated between the corners, of unit length, shape (3, n)."""
+        hat = shapes(X, self.corners)[0]
+        n = np.einsum("dnk,kn->dn", self.normals[:, facet], hat)
+        return np.asarray(n / np.linalg.norm(n, axis=0))
+
+    def met(self, facet: Index, x: Array, direction: Array) -> Array:
+        """Where lines through places x meet facets: reference coordinates, shape (2, n).
+
+        They may lie outside the reference facet. Newton's method, certified by its residual.
+
+        Raises
+        ------
+        InputError
+            A facet is so distorted that a line has no crossing.
+        """
+        X = np.full((2, facet.size), 1.0 / 3.0 if self.corners == 3 else 0.5)
+        size = np.ptp(self.nodes[:, facet, : self.corners], axis=2).max(axis=0)
+        for _ in range(_STEPS):
+            A = np.concatenate((self.tangents(facet, X), -direction[:, None]), axis=1)
+            off = x - self.at(facet, X)
+            step = np.linalg.solve(A.transpose(2, 0, 1), off.T[..., None])[:, :2, 0].T
+            X = X + step
+            if np.all(np.abs(step).max(axis=0, initial=0.0) <= _SETTLED):
+                break
+        off = x - self.at(facet, X)
+        off -= np.sum(off * direction, axis=0) * direction
+        if np.any(np.linalg.norm(off, axis=0) > 1e-9 * size + 1e-12 * np.abs(x).max(initial=0.0)):
+            raise InputError("facets: one is so distorted that lines along the normals miss it")
+        return X
+
+
+def reference_nodes(outline: Outline) -> Array:
+    """Nodes of the reference facet of an outline's mesh, shape (2, k): 3, 4, 6 or 9 of them."""
+    count = outline.corners.shape[1]
+    corner = reference_corners(3, count)
+    if type(outline.body.mesh).__name__ not in ("MeshTet2", "MeshHex2"):
+        return corner
+    middle = 0.5 * (corner + np.roll(corner, -1, axis=1))
+    inner = np.full((2, 1), 0.5) if count == 4 else np.zeros((2, 0))
+    return np.hstack((corner, middle, inner))
+
+
+def shapes(X: Array, nodes: int) -> tuple[Array, Array]:
+    """Lagrange polynomials of a facet of 3, 4, 6 or 9 nodes and their derivatives.
+
+    Parameters
+    ----------
+    X : ndarray, shape (2, n)
+    nodes : int
+
+    Returns
+    -------
+    values, derivatives : ndarray, shapes (nodes, n) and (nodes, 2, n)
+    """
+    x, y = X
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    if nodes in (3, 6):
+        L = np.array([1 - x - y, x, y])
+        D = np.array([[-one, -one], [one, zero], [zero, one]])
+        if nodes == 3:
+            return L, D
+        k = np.array([1, 2, 0])
+        values = np.vstack((L * (2 * L - 1), 4 * L * L[k]))
+        slopes = np.concatenate(
+            ((4 * L - 1)[:, None] * D, 4 * (L[:, None] * D[k] + L[k][:, None] * D))
+        )
+        return values, slopes
+    order = 1 if nodes == 4 else 2
+    (u, du), (v, dv) = (_line(s, order) for s in (x, y))
+    # Places in steps of a side: corners in ring order, middles of the edges, the middle.
+    ring = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    if order == 2:
+        ring = [(0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1), (1, 1)]
+    i, j = np.array(ring).T
+    return u[i] * v[j], np.stack((du[i] * v[j], u[i] * dv[j]), axis=1)
+
+
+def _line(s: Array, order: int) -> tuple[Array, Array]:
+    one = np.ones_like(s)
+    if order == 1:
+        return np.array([1 - s, s]), np.array([-one, one])
+    values = np.array([(1 - s) * (1 - 2 * s), 4 * s * (1 - s), s * (2 * s - 1)])
+    return values, np.array([4 * s - 3, 4 - 8 * s, 4 * s - 1])

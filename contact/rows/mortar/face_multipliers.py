@@ -1,0 +1,152 @@
+r"""Multiplier functions of an interface in space.
+
+As in the plane (`contact.rows.mortar.multipliers`) they belong to positive functions N_k that sum
+to one: hats of the vertices for linear and bilinear traces, for the Adini brick, whose trace has
+three numbers a vertex, and on curved facets; else the Bernstein polynomials of second order, whose
+integrals are positive where those of Lagrange polynomials are not. Dual functions are
+:math:`\psi = D_e M_e^{-1} N` over the covered part of a facet. Where that part is so small that
+M_e has lost its digits the N_k themselves take their place: they sum to one as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.rows.functionals import FacetFunctional
+from contact.rows.mortar.interface_quadrature import InterfaceQuadrature
+from contact.rows.mortar.multipliers import Multipliers, joined_points
+from contact.rows.numbering import first_occurrence, numbering
+from contact.rows.outline import Outline, hats
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_SINGULAR = 1e-4  # least ratio of singular values of functions of unit size on a covered part
+
+
+@dataclass(frozen=True)
+class FaceBasis:
+    """The positive functions N_k of a boundary in space.
+
+    Attributes
+    ----------
+    outline : Outline
+    form : FacetFunctional
+        Whose polynomials span the functions of a facet.
+    hat : bool
+        Hats of the vertices, whatever the element.
+    number : ndarray of int, shape (nfacets, nvalues)
+        Contact point of each function of a facet, -1 for none.
+    size : int
+        Number of contact points, covered or not.
+    """
+
+    outline: Outline
+    form: FacetFunctional
+    hat: bool
+    number: Index
+    size: int
+
+    @classmethod
+    def of(cls, outline: Outline, form: FacetFunctional, hat: bool) -> FaceBasis:
+        """The functions of a boundary."""
+        hat = hat or form.mean
+        if hat:
+            vertex, number = np.unique(outline.corners, return_inverse=True)
+            return cls(outline, form, True, number.reshape(outline.corners.shape), vertex.size)
+        number, size = numbering(outline, form)
+        return cls(outline, form, False, number, size)
+
+    @property
+    def nominal(self) -> tuple[Index, Array]:
+        """A facet of each contact point, and its place there, shapes (m,) and (2, m)."""
+        facet, slot = first_occurrence(self.number, self.size)
+        return facet, self.form.nominal[:, slot]
+
+    @property
+    def hub(self) -> Index:
+        """Vertex of the mesh that each contact point belongs to, or -1, shape (m,)."""
+        hub = np.full(self.size, -1)
+        corners = np.arange(self.outline.corners.shape[1]) if self.hat else self.form.corners
+        hub[self.number[:, corners]] = self.outline.corners
+        return hub
+
+    def values(self, facet: Index, X: Array) -> Array:
+        """The N_k of facets at places X (2, n), shape (n, nvalues)."""
+        hat = hats(X, self.outline.corners.shape[1])
+        if self.hat:
+            return np.asarray(hat.T)
+        N = self.form.basis(X)
+        if self.form.reduced:
+            low = self.outline.curved[facet]
+            N[:, low] = 0.0
+            N[self.form.corners[:, None], np.flatnonzero(low)] = hat[:, low]
+        return np.asarray(N.T)
+
+
+def face_multipliers(basis: FaceBasis, quadrature: InterfaceQuadrature, dual: bool) -> Multipliers:
+    """Evaluate the functions at the integration points; uncovered contact points have none.
+
+    Parameters
+    ----------
+    basis : FaceBasis
+    quadrature : InterfaceQuadrature
+    dual : bool
+    """
+    facet, w = quadrature.facet, quadrature.w
+    N = basis.values(facet, quadrature.X)
+    number = basis.number[facet]
+    psi = _dual(facet, w, N, number >= 0) if dual else N
+    used = number >= 0
+    weights = np.bincount(number[used], (w[:, None] * N)[used], basis.size).astype(np.float64)
+    joined, point = joined_points(basis.number, weights)
+    place, slot = np.nonzero(used)
+    column = joined[number[place, slot]]
+    covered = column >= 0
+    size = facet.size, point.size
+    psi_k, N_k = (
+        sparse.csr_array(
+            sparse.coo_array(
+                (v[place, slot][covered], (place[covered], column[covered])), shape=size
+            )
+        )
+        for v in (psi, N)
+    )
+    return Multipliers(psi_k, N_k, np.asarray(N_k.T @ w), point)
+
+
+def _dual(facet: Index, w: Array, N: Array, used: NDArray[np.bool_]) -> Array:
+    """Dual functions at all points, shape (n, nvalues).
+
+    ``M_e = R^T R`` is not formed: ``sqrt(w) N = Q R``, so that half of the digits that a condition
+    of M_e costs are kept.
+    """
+    order = np.argsort(facet, kind="stable")
+    _, start, count = np.unique(facet[order], return_index=True, return_counts=True)
+    place = np.arange(facet.size) - np.repeat(start, count)
+    row = np.repeat(np.arange(start.size), count)
+    slots, root = N.shape[1], np.sqrt(w[order])
+    # Functions that a facet lacks are replaced by points of their own, at the end.
+    rows = np.zeros((start.size, int(count.max()) + slots, slots))
+    rows[row, place] = root[:, None] * np.where(used[order], N[order], 0.0)
+    here = used[order][start]
+    size = np.linalg.norm(rows, axis=1)
+    size = np.where(here & (size > 0), size, 1.0)
+    rows /= size[:, None]
+    lacking = np.eye(slots) * ~(here & np.any(rows != 0, axis=1))[:, None, :]
+    rows[:, -slots:] = lacking
+    Q, R = np.linalg.qr(rows)
+    singular = np.linalg.svd(R, compute_uv=False)
+    good = singular[:, -1] > _SINGULAR * singular[:, 0]
+    R[~good] = np.eye(slots)
+    D = np.zeros((start.size, slots))
+    np.add.at(D, row, w[order][:, None] * N[order])
+    factor = np.linalg.solve(R, np.eye(slots)).transpose(0, 2, 1) * (D / size)[:, None]
+    found = np.einsum("nj,nji->ni", Q[row, place] / root[:, None], factor[row])
+    psi = np.empty_like(N)
+    psi[order] = np.where(good[row][:, None] & used[order], found, N[order])
+    return psi

@@ -1,0 +1,92 @@
+"""The interface of two bodies in space whose meshes do not match."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.body.elastic_body import ElasticBody
+from contact.rows.functionals import facet_functional
+from contact.rows.mortar.clipped_polygons import middle_normals, polygon_quadrature
+from contact.rows.mortar.face_maps import FaceMaps
+from contact.rows.mortar.face_multipliers import FaceBasis, face_multipliers
+from contact.rows.mortar.facet_trace import facet_trace
+from contact.rows.mortar.interface_rows import InterfaceRows, MortarRows
+from contact.rows.mortar.multipliers import Multipliers
+from contact.rows.outline import Outline
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+# Degree of the trace of each element on a facet, as a polynomial of two variables.
+_DEGREE = {"ElementTetP1": 1, "ElementTetP2": 2, "ElementHex1": 2, "ElementHex2": 4}
+_CUBIC = 4  # of the Adini brick
+
+
+@dataclass(frozen=True)
+class SolidInterface:
+    """Two boundaries in space and the multipliers between them.
+
+    Attributes
+    ----------
+    first, second : Outline
+        Non-mortar and mortar side.
+    functional : {"dual", "standard", "hat"}
+    basis : FaceBasis
+    degree : int
+        Of the polynomials that the Gauss rules integrate.
+    """
+
+    first: Outline
+    second: Outline
+    functional: str
+    basis: FaceBasis
+    degree: int
+
+    @classmethod
+    def of(
+        cls, first: ElasticBody, facets: Index, second: ElasticBody, others: Index, functional: str
+    ) -> SolidInterface:
+        """Number the contact points; arguments as of `contact.rows.mortar.mortar_rows`."""
+        one, two = Outline(first, facets), Outline(second, others)
+        form = facet_functional(first.element, None)
+        facet_functional(second.element, None)  # its trace is known
+        degrees = [_DEGREE.get(type(body.element).__name__, _CUBIC) for body in (first, second)]
+        basis = FaceBasis.of(one, form, functional == "hat")
+        return cls(one, two, functional, basis, degrees[0] + max(degrees) + 1)
+
+    def rows(self) -> MortarRows:
+        """Rows at rest; the gap is the measured one."""
+        one, two = FaceMaps.of(self.first), FaceMaps.of(self.second)
+        outward = (
+            middle_normals(one, self.first.at_corners),
+            middle_normals(two, self.second.at_corners),
+        )
+        quadrature = polygon_quadrature(one, two, outward, self.degree)
+        functions = face_multipliers(self.basis, quadrature, self.functional != "standard")
+        facet, X = self.basis.nominal
+        facet, X = facet[functions.point], X[:, functions.point]
+        x_nominal = one.at(facet, X)
+        interface = InterfaceRows(
+            self.first, self.second, quadrature, functions, self.basis.hub[functions.point]
+        )
+        n = one.direction(facet, X)
+        partner = self._partner(two, quadrature.other, functions, x_nominal, n)
+        found = interface.assemble(x_nominal, partner, self.functional)
+        if self.functional != "standard":
+            return found
+        # Coefficients of standard functions that represent a linear pressure are its values there.
+        return replace(found, rows=replace(found.rows, x=x_nominal))
+
+    def _partner(
+        self, two: FaceMaps, other: Index, functions: Multipliers, x: Array, n: Array
+    ) -> sparse.csr_array:
+        """Trace of the second body opposite the contact points, shape (m, scalar dofs)."""
+        # The facet that the largest part of each function lies on.
+        N = functions.N.tocoo()
+        order = np.lexsort((N.data, N.col))
+        most = other[N.row[order[np.append(np.diff(N.col[order]) > 0, True)]]]
+        return facet_trace(self.second, most, two.met(most, x, n))
