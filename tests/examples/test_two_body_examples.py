@@ -1,0 +1,28 @@
+"""Shrink fit and tied meshes: the scripts against closed forms and the orders of their elements."""
+
+import numpy as np
+import pytest
+
+
+@pytest.mark.filterwarnings("ignore:the cells are not parallelograms")
+def test_shrink_fit_has_the_pressure_of_lame(example, tmp_path):
+    found = example("shrink_fit").main(["--output", str(tmp_path)])
+    for name in ("Q1", "Q2", "Adini"):
+        assert found.errors[name][-1] <= 1e-3
+        assert 1.8 <= found.orders[name] <= 2.5
+        result, *bodies = found.results[name]
+        assert max(result.kkt.values()) <= 1e-10
+        # The two meet on polygons, on which normals jump: each body's forces balance.
+        for body in bodies:
+            assert np.abs(result[body].balance()["residual"]).max() <= 1e-10
+    assert (tmp_path / "shrink_fit.png").stat().st_size > 10_000
+
+
+def test_ties_keep_the_order_of_the_elements(example, tmp_path):
+    script = example("tied_meshes")
+    found = script.main(["--cells", "2", "4", "6", "--output", str(tmp_path)])
+    for (name, _), (of_field, of_gradient) in found.orders.items():
+        low, lower = script.LIMITS[name]
+        assert of_field >= low
+        assert of_gradient >= lower
+    assert (tmp_path / "tied_meshes.png").stat().st_size > 10_000
