@@ -17,7 +17,8 @@ from sphinx.util import logging
 ROOT = Path(__file__).resolve().parents[1]
 GROUPS = {
     "Contact": "contact_part contact_block cut_hertz layered_block bumper_mesh",
-    "Bodies that touch each other": "lap_joint ironing shrink_fit tied_meshes",
+    "Bodies that touch each other": "lap_joint ironing validation_two_cylinders shrink_fit "
+    "tied_meshes",
     "Contact beside closed forms": "validation_cattaneo validation_far_field validation_flat_punch "
     "validation_hertz_line validation_hertz_sphere validation_membrane validation_order half_space",
     "Elements": "poisson_adini eigenvalues plate bending hanging_nodes shape_functions open_vtk",

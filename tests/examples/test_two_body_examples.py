@@ -26,3 +26,20 @@ def test_ties_keep_the_order_of_the_elements(example, tmp_path):
         assert of_field >= low
         assert of_gradient >= lower
     assert (tmp_path / "tied_meshes.png").stat().st_size > 10_000
+
+
+def test_two_cylinders_have_the_pressure_of_hertz(example, tmp_path):
+    found = example("validation_two_cylinders").main(["--output", str(tmp_path)])
+    for name, lines in found.lines.items():
+        middle = lines[1]  # 16 cells in the half-width
+        assert middle.rms <= 1e-3
+        assert abs(middle.peak) <= 5e-4
+        assert found.orders[name] >= 1.7
+        for line in lines:
+            newton = [s for s in line.result.history if not s.phase.startswith("coarse")]
+            assert len(newton) <= 8  # after the start by fewer points
+    for pair in found.cgs1.values():
+        assert abs(pair.a / 6.215 - 1) <= 0.01
+        assert abs(pair.p / 3585 - 1) <= 0.01
+        assert max(pair.result.kkt.values()) <= 1e-10
+    assert (tmp_path / "validation_two_cylinders.png").stat().st_size > 10_000
