@@ -36,8 +36,9 @@ def test_two_cylinders_have_the_pressure_of_hertz(example, tmp_path):
         assert abs(middle.peak) <= 5e-4
         assert found.orders[name] >= 1.7
         for line in lines:
-            newton = [s for s in line.result.history if not s.phase.startswith("coarse")]
-            assert len(newton) <= 8  # after the start by fewer points
+            coarse = [step.phase.startswith("coarse") for step in line.result.history]
+            # After a start on fewer points; few enough points need none.
+            assert coarse.count(False) <= (8 if any(coarse) else 12)
     for pair in found.cgs1.values():
         assert abs(pair.a / 6.215 - 1) <= 0.01
         assert abs(pair.p / 3585 - 1) <= 0.01
