@@ -1,22 +1,27 @@
 """Segments of an interface in space: facets of one side cut by those of the other.
 
-Both facets of a pair are projected along the normal in the middle of the non-mortar one onto its
-mean plane, where the polygon that they have in common is found by clipping (I. E. Sutherland and G.
-W. Hodgman, Reentrant polygon clipping, Comm. ACM 17 (1974)), all pairs at once. Triangles from its
-middle carry Gauss points. From there, lines along the same normal meet both facets, curved or not
-(M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004)).
+Corners of mortar facets are projected along averaged normals onto the mean plane of the non-mortar
+facet, where the polygon that a pair has in common is found by clipping, all pairs at once.
+Triangles from one of its corners carry Gauss points x. From there the line along the averaged
+normal meets the mortar facet in y: the force of a contact point acts on both bodies along one line,
+so that moments cancel whatever the gap. On a flat interface these are the polygons of M. A. Puso
+and T. A. Laursen (Comput. Methods Appl. Mech. Engrg. 193 (2004)), who project along the normal of
+the plane. On a curved one with a gap their y - x is not along the averaged normal, and facets of
+second order are not covered up to their curved edges.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem.quadrature import get_quadrature
-from skfem.refdom import RefTri
+from scipy.special import roots_jacobi
 
 from contact.errors import InputError
+from contact.rows.mortar.convex_polygons import anticlockwise, common, measured, triangles
 from contact.rows.mortar.face_maps import FaceMaps
+from contact.rows.mortar.facet_planes import FacetPlanes
 from contact.rows.mortar.interface_quadrature import InterfaceQuadrature
+from contact.rows.mortar.nearest_polygons import nearest_polygons
 from contact.rows.outline import reference_corners
 
 Array = NDArray[np.float64]
@@ -24,7 +29,7 @@ Index = NDArray[np.int64]
 
 FACING = 0.25  # least cosine between a normal and the one opposite it
 BLOCK = 1_000_000  # pairs looked at together
-SLIVER = 1e-12  # part of the smaller facet below which a polygon is rounding
+SLIVER = 1e-13  # part of the smaller facet below which a polygon is rounding
 
 
 def polygon_quadrature(
@@ -46,14 +51,14 @@ def polygon_quadrature(
     InputError
         No facet faces another one, or only such as have normals that point the same way.
     """
-    facet, other = _pairs(first, second, outward, 1.0)
-    frame = _frames(first, outward[0], facet)
-    polygon, size = _common(first, second, facet, other, frame)
-    area, middle = _measured(polygon, size)
-    least = SLIVER * np.minimum(_extent(first)[facet], _extent(second)[other]) ** 2
+    planes = FacetPlanes.of(first, outward[0])
+    facet, other = _pairs(planes, second, outward, 1.0)
+    polygon, size = _common(planes, second, facet, other)
+    area, middle = measured(polygon, size)
+    least = SLIVER * np.minimum(planes.area()[facet], _extent(second)[other] ** 2)
     kept = area > least
     if not kept.any():
-        same = _pairs(first, second, outward, -1.0)[0].size
+        same = _pairs(planes, second, outward, -1.0)[0].size
         raise InputError(
             "others: the normals of the two boundaries point the same way; a contact boundary must "
             "face the surface of the other body"
@@ -61,40 +66,53 @@ def polygon_quadrature(
             else "others: no facet lies opposite the contact boundary, along its normals; check "
             "the places of the bodies and the names of the boundaries"
         )
-    facet, other, polygon, size, middle = (
-        facet[kept], other[kept], polygon[kept], size[kept], middle[kept],
-    )  # fmt: skip
-    frame = frame[0][:, kept], frame[1][:, :, kept]
-    at, place, w = _points(polygon, size, middle, degree)
-    origin, axes = frame[0][:, at], frame[1][:, :, at]
-    x = origin + np.einsum("dan,an->dn", axes[:, :2], place)
-    facet, other, along = facet[at], other[at], axes[:, 2]
-    X, Y = first.met(facet, x, along), second.met(other, x, along)
-    slant = np.abs(np.sum(first.normal(facet, X) * along, axis=0))
-    quadrature = InterfaceQuadrature(
-        first.at(facet, X), second.at(other, Y), first.direction(facet, X), w / slant,
-        facet, other, X, Y,
-    )  # fmt: skip
-    return _within_reach(quadrature, first, second)
+    on = np.flatnonzero(kept)
+    gap = _gaps(planes, second, outward[1], facet[on], other[on], middle[on].T)
+    on = on[_within_reach(gap, first, second)]
+    facet, other = facet[on], other[on]
+
+    def distance(k: Index, place: Array) -> Array:
+        return np.abs(_gaps(planes, second, outward[1], facet[k], other[k], place))
+
+    polygon, size, k = nearest_polygons(polygon[on], size[on], facet, planes.area(), distance)
+    at, place, w = _points(polygon, size, degree)
+    facet, other = facet[k[at]], other[k[at]]
+    X = planes.inverse(facet, place)
+    x, n = first.at(facet, X), first.direction(facet, X)
+    Y = second.met(other, x, n)
+    return InterfaceQuadrature(
+        x, second.at(other, Y), n, w * planes.stretch(facet, X), facet, other, X, Y
+    )
 
 
-def _within_reach(q: InterfaceQuadrature, first: FaceMaps, second: FaceMaps) -> InterfaceQuadrature:
-    """Points whose gap is no larger than the boundaries, and whose overlap than half of that."""
+def _within_reach(gap: Array, first: FaceMaps, second: FaceMaps) -> NDArray[np.bool_]:
+    """Where the gap is no larger than the boundaries, and the overlap than half of that."""
     reach = [float(np.linalg.norm(np.ptp(side.nodes, axis=(1, 2)))) for side in (first, second)]
-    near = (q.gap <= max(reach)) & (q.gap >= -0.5 * min(reach))
+    near = (gap <= max(reach)) & (gap >= -0.5 * min(reach))
     if not near.any():
         raise InputError(
             f"others: no facet lies opposite the contact boundary, along its normals within "
             f"{max(reach):g}; check the places of the bodies and the names of the boundaries"
         )
-    points = q.x[:, near], q.y[:, near], q.n[:, near], q.w[near]
-    return InterfaceQuadrature(*points, q.facet[near], q.other[near], q.X[:, near], q.Y[:, near])
+    return np.asarray(near)
+
+
+def _gaps(
+    planes: FacetPlanes, second: FaceMaps, outward: Array, facet: Index, other: Index, place: Array
+) -> Array:
+    """Gaps at places (2, n) of the mean planes to the tangent planes of mortar facets."""
+    X = planes.inverse(facet, place)
+    x, n = planes.maps.at(facet, X), planes.maps.direction(facet, X)
+    off = second.nodes[:, other, : second.corners].mean(axis=2) - x
+    against = np.minimum(np.sum(outward[:, other] * n, axis=0), -0.5 * FACING)
+    return np.asarray(np.sum(off * outward[:, other], axis=0) / against)
 
 
 def _pairs(
-    first: FaceMaps, second: FaceMaps, outward: tuple[Array, Array], facing: float
+    planes: FacetPlanes, second: FaceMaps, outward: tuple[Array, Array], facing: float
 ) -> tuple[Index, Index]:
     """Pairs whose normals are opposite (or, with -1, point the same way) and which may overlap."""
+    first, spread = planes.maps, planes.spread()
     middles = [side.nodes[:, :, : side.corners].mean(axis=2) for side in (first, second)]
     radii = [
         np.linalg.norm(side.nodes - m[..., None], axis=0).max(axis=1)
@@ -110,20 +128,11 @@ def _pairs(
         off = middles[1][:, None] - middles[0][:, here, None]
         lift = np.einsum("df,dfg->fg", n, off)
         aside = np.sqrt(np.maximum(np.sum(off * off, axis=0) - lift**2, 0.0))
-        f, g = np.nonzero(towards & (aside <= radii[0][here, None] + radii[1]))
+        room = radii[0][here, None] + radii[1] + np.abs(lift) * spread[here, None]
+        f, g = np.nonzero(towards & (aside <= room))
         found.append(np.array([here[f], g]))
     facet, other = np.hstack(found)
     return facet, other
-
-
-def _frames(first: FaceMaps, outward: Array, facet: Index) -> tuple[Array, Array]:
-    """Middle of each non-mortar facet, (3, n), and axes, the last its normal, (3, 3, n)."""
-    middle = first.nodes[:, :, : first.corners].mean(axis=2)
-    side = first.nodes[:, :, 1] - first.nodes[:, :, 0]
-    one = side - np.sum(side * outward, axis=0) * outward
-    one /= np.linalg.norm(one, axis=0)
-    axes = np.stack((one, np.cross(outward, one, axis=0), outward), axis=1)
-    return middle[:, facet], axes[:, :, facet]
 
 
 def _extent(side: FaceMaps) -> Array:
@@ -131,81 +140,27 @@ def _extent(side: FaceMaps) -> Array:
 
 
 def _common(
-    first: FaceMaps, second: FaceMaps, facet: Index, other: Index, frame: tuple[Array, Array]
+    planes: FacetPlanes, second: FaceMaps, facet: Index, other: Index
 ) -> tuple[Array, Index]:
-    """The common polygon of each pair, padded, shape (n, 8, 2), and its number of corners."""
-    origin, axes = frame
-    flat = [
-        np.einsum(
-            "dan,dnk->nka", axes[:, :2], side.nodes[:, on, : side.corners] - origin[..., None]
-        )
-        for side, on in ((first, facet), (second, other))
-    ]
-    window, polygon = (_anticlockwise(corners) for corners in flat)
-    size = np.full(len(polygon), polygon.shape[1])
-    for k in range(window.shape[1]):
-        a, b = window[:, k], window[:, (k + 1) % window.shape[1]]
-        polygon, size = _clipped(polygon, size, a, b)
-    return polygon, size
+    """The common polygon of each pair, padded, and its number of corners."""
+    count = second.corners
+    y = second.nodes[:, other, :count].reshape(3, -1)
+    image = planes.image(np.repeat(facet, count), y).reshape(2, -1, count)
+    window, polygon = (
+        anticlockwise(flat.transpose(1, 2, 0)) for flat in (planes.polygon[:, facet], image)
+    )
+    sides = np.full(facet.size, window.shape[1])
+    return common(polygon, np.full(facet.size, count), window, sides)
 
 
-def _anticlockwise(corners: Array) -> Array:
-    """Polygons, shape (n, k, 2), with the interior on the left."""
-    x, y = corners[..., 0], corners[..., 1]
-    area = np.sum(x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y, axis=1)
-    return np.where((area < 0)[:, None, None], corners[:, ::-1], corners)
-
-
-def _clipped(polygon: Array, size: Index, a: Array, b: Array) -> tuple[Array, Index]:
-    """The part of each polygon on the left of the line from a to b."""
-    count, width = polygon.shape[:2]
-    index = np.arange(width)
-    real = index < size[:, None]
-    after = np.where(index + 1 < size[:, None], index + 1, 0)
-    following = np.take_along_axis(polygon, after[..., None], axis=1)
-    way = b - a
-
-    def height(p: Array) -> Array:
-        off = p - a[:, None]
-        return way[:, None, 0] * off[..., 1] - way[:, None, 1] * off[..., 0]
-
-    here, there = height(polygon), height(following)
-    crossing = real & ((here >= 0) != (there >= 0))
-    share = here / np.where(crossing, here - there, 1.0)
-    cut = polygon + share[..., None] * (following - polygon)
-    # Each corner is followed by the place where its edge meets the line.
-    points = np.stack((polygon, cut), axis=2).reshape(count, 2 * width, 2)
-    keep = np.stack((real & (here >= 0), crossing), axis=2).reshape(count, 2 * width)
-    order = np.argsort(~keep, axis=1, kind="stable")
-    size = keep.sum(axis=1)
-    width = max(3, int(size.max(initial=0)))
-    return np.take_along_axis(points, order[..., None], axis=1)[:, :width], size
-
-
-def _measured(polygon: Array, size: Index) -> tuple[Array, Array]:
-    """Area and middle of the corners of each polygon, shapes (n,) and (n, 2)."""
-    real = np.arange(polygon.shape[1]) < size[:, None]
-    middle = np.sum(np.where(real[..., None], polygon, 0.0), axis=1) / np.maximum(size, 1)[:, None]
-    return _triangles(polygon, size, middle)[2].sum(axis=1), middle
-
-
-def _triangles(polygon: Array, size: Index, middle: Array) -> tuple[Array, Array, Array]:
-    """Edges of the polygons from the middle, and areas of the triangles; zero where padded."""
-    index = np.arange(polygon.shape[1])
-    after = np.where(index + 1 < size[:, None], index + 1, 0)
-    one = polygon - middle[:, None]
-    two = np.take_along_axis(polygon, after[..., None], axis=1) - middle[:, None]
-    area = 0.5 * (one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0])
-    return one, two, np.where(index < size[:, None], area, 0.0)
-
-
-def _points(polygon: Array, size: Index, middle: Array, degree: int) -> tuple[Index, Array, Array]:
+def _points(polygon: Array, size: Index, degree: int) -> tuple[Index, Array, Array]:
     """Polygon, place in its plane (2, n) and weight of each Gauss point."""
-    one, two, area = _triangles(polygon, size, middle)
+    corner = polygon[:, 0]
+    one, two, area = triangles(polygon, size, corner)
     at, k = np.nonzero(area > 0)
-    points, weights = _positive_rule(degree)
+    points, weights = _collapsed_rule(degree)
     place = (
-        middle[at][..., None]
+        corner[at][..., None]
         + one[at, k][..., None] * points[0]
         + two[at, k][..., None] * points[1]
     )
@@ -213,13 +168,17 @@ def _points(polygon: Array, size: Index, middle: Array, degree: int) -> tuple[In
     return np.repeat(at, weights.size), place.transpose(1, 0, 2).reshape(2, -1), w.ravel()
 
 
-def _positive_rule(degree: int) -> tuple[Array, Array]:
-    """Points and weights on the reference triangle; rules with negative weights are passed over."""
-    while True:
-        points, weights = get_quadrature(RefTri, degree)
-        if np.all(weights > 0):
-            return np.asarray(points), np.asarray(weights)
-        degree += 1
+def _collapsed_rule(degree: int) -> tuple[Array, Array]:
+    """Positive points and weights on the reference triangle, exact to the last digit.
+
+    Those of a square whose one side is collapsed (A. H. Stroud, Approximate Calculation of Multiple
+    Integrals, Prentice-Hall 1971, section 2.4).
+    """
+    count = degree // 2 + 1
+    (u, wu), (v, wv) = (roots_jacobi(count, power, 0) for power in (1, 0))
+    x, y = 0.5 * (1.0 + u)[:, None], 0.5 * (1.0 + v)
+    points = np.array([x + 0.0 * y, (1.0 - x) * y]).reshape(2, -1)
+    return points, 0.125 * np.outer(wu, wv).ravel()
 
 
 def middle_normals(maps: FaceMaps, at_corners: Array) -> Array:

@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _STEPS, _SETTLED = 30, 1e-14
+# Part of a facet, and of a unit normal, that is rounding.
+AFFINE = 1e-11
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,24 @@ class FaceMaps:
         """Corners of a facet, 3 or 4."""
         return int(self.normals.shape[2])
 
+    @property
+    def affine(self) -> bool:
+        """Whether all facets are affine images of the reference facet."""
+        corner = self.nodes[:, :, : self.corners]
+        X = reference_corners(3, self.corners)
+        if self.nodes.shape[2] > self.corners:
+            X = _second_order(X)
+        slopes = corner[:, :, [1, -1]] - corner[:, :, :1]
+        off = corner[:, :, :1] + slopes @ X - self.nodes
+        size = np.linalg.norm(slopes, axis=0).max(axis=1)
+        noise = AFFINE * size + 16.0 * np.spacing(np.abs(self.nodes).max())
+        return bool(np.all(np.linalg.norm(off, axis=0).max(axis=1) <= noise))
+
+    @property
+    def flat(self) -> bool:
+        """Whether averaged normals do not vary along a facet."""
+        return bool(np.abs(self.normals - self.normals[:, :, :1]).max() <= AFFINE)
+
     def at(self, facet: Index, X: Array) -> Array:
         """Places on facets, shape (3, n)."""
         return np.einsum("dnk,kn->dn", self.nodes[:, facet], shapes(X, self.nodes.shape[2])[0])
@@ -96,12 +116,17 @@ class FaceMaps:
         """
         X = np.full((2, facet.size), 1.0 / 3.0 if self.corners == 3 else 0.5)
         size = np.ptp(self.nodes[:, facet, : self.corners], axis=2).max(axis=0)
+        least = _SETTLED + 4.0 * np.spacing(np.abs(x).max(initial=0.0)) / size.min(initial=np.inf)
         for _ in range(_STEPS):
-            A = np.concatenate((self.tangents(facet, X), -direction[:, None]), axis=1)
+            one, two = self.tangents(facet, X).transpose(1, 0, 2)
             off = x - self.at(facet, X)
-            step = np.linalg.solve(A.transpose(2, 0, 1), off.T[..., None])[:, :2, 0].T
+            # Cramer's rule for off = one s + two t + direction r.
+            beside = np.cross(two, direction, axis=0), np.cross(direction, one, axis=0)
+            turn = np.sum(one * beside[0], axis=0)
+            step = np.array([np.sum(off * side, axis=0) for side in beside])
+            step /= np.where(turn == 0, 1.0, turn)
             X = X + step
-            if np.all(np.abs(step).max(axis=0, initial=0.0) <= _SETTLED):
+            if np.all(np.abs(step) <= least):
                 break
         off = x - self.at(facet, X)
         off -= np.sum(off * direction, axis=0) * direction
@@ -116,8 +141,12 @@ def reference_nodes(outline: Outline) -> Array:
     corner = reference_corners(3, count)
     if type(outline.body.mesh).__name__ not in ("MeshTet2", "MeshHex2"):
         return corner
+    return _second_order(corner)
+
+
+def _second_order(corner: Array) -> Array:
     middle = 0.5 * (corner + np.roll(corner, -1, axis=1))
-    inner = np.full((2, 1), 0.5) if count == 4 else np.zeros((2, 0))
+    inner = np.full((2, 1), 0.5) if corner.shape[1] == 4 else np.zeros((2, 0))
     return np.hstack((corner, middle, inner))
 
 

@@ -77,15 +77,31 @@ class FaceBasis:
 
     def values(self, facet: Index, X: Array) -> Array:
         """The N_k of facets at places X (2, n), shape (n, nvalues)."""
-        hat = hats(X, self.outline.corners.shape[1])
-        if self.hat:
-            return np.asarray(hat.T)
-        N = self.form.basis(X)
-        if self.form.reduced:
-            low = self.outline.curved[facet]
-            N[:, low] = 0.0
-            N[self.form.corners[:, None], np.flatnonzero(low)] = hat[:, low]
-        return np.asarray(N.T)
+        X = np.clip(X, 0.0, 1.0)  # off by rounding, which would make small weights negative
+        hat = np.maximum(hats(X, self.outline.corners.shape[1]), 0.0)
+        if self.hat or not self.form.reduced:
+            return np.asarray((hat / hat.sum(axis=0)).T)
+        N = _bernstein(self.form.nominal, X)
+        low = self.outline.curved[facet]
+        N[:, low] = 0.0
+        N[self.form.corners[:, None], np.flatnonzero(low)] = hat[:, low]
+        return np.asarray((N / N.sum(axis=0)).T)
+
+
+def _bernstein(nominal: Array, X: Array) -> Array:
+    """Bernstein polynomials of second order with given places, 6 or 9 of them, shape (k, n).
+
+    As products, so that those that are small on a narrow part keep their digits.
+    """
+    i, j = np.rint(2 * nominal).astype(np.int64)
+    x, y = X
+    if i.size == 9:
+        u, v = (np.array([(1 - s) ** 2, 2 * s * (1 - s), s**2]) for s in (x, y))
+        return np.asarray(u[i] * v[j])
+    k = 2 - i - j
+    last = np.maximum(1 - x - y, 0.0)
+    several = np.where(np.maximum(np.maximum(i, j), k) == 2, 1.0, 2.0)[:, None]
+    return np.asarray(several * x ** i[:, None] * y ** j[:, None] * last ** k[:, None])
 
 
 def face_multipliers(basis: FaceBasis, quadrature: InterfaceQuadrature, dual: bool) -> Multipliers:
@@ -149,4 +165,5 @@ def _dual(facet: Index, w: Array, N: Array, used: NDArray[np.bool_]) -> Array:
     found = np.einsum("nj,nji->ni", Q[row, place] / root[:, None], factor[row])
     psi = np.empty_like(N)
     psi[order] = np.where(good[row][:, None] & used[order], found, N[order])
-    return psi
+    # What rounding leaves on narrow parts would be missing from a uniform pressure.
+    return np.asarray(psi + N * (1.0 - psi.sum(axis=1))[:, None])

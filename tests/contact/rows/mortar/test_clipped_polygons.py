@@ -2,53 +2,21 @@
 
 import numpy as np
 import pytest
-from families import CURVED, SOLID, STRAIGHT
+from families import SOLID
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 from skfem import ElementHex1, ElementHex2, ElementTetP1, ElementTetP2
+from solid_boxes import box, pair, rows
 
-from contact import ElasticBody, InputError
-from contact.rows.mortar.clipped_polygons import _anticlockwise, _clipped, _measured
+from contact import InputError
+from contact.rows.mortar.convex_polygons import anticlockwise, clipped, measured
 from contact.rows.mortar.face_maps import shapes
 from contact.rows.mortar.mortar_rows import interface_of, mortar_rows
 from contact.rows.outline import reference_corners
 from skfem_adini import ElementHexAdini
 
 elements = pytest.mark.parametrize("element", SOLID, ids=lambda e: e.__name__)
-
-
-def box(element, cells, corner=(0.0, 0.0, 0.0), sizes=(1.0, 1.0, 1.0), place=None, curved=False):
-    """A box of cells, mapped by `place`."""
-    ticks = [a + np.linspace(0, l, n + 1) for a, l, n in zip(corner, sizes, cells, strict=True)]
-    mesh = STRAIGHT[element].init_tensor(*ticks)
-    last = ticks[2]
-    named = mesh.with_boundaries(
-        {
-            "bottom": lambda x: np.abs(x[2] - last[0]) < 1e-9,
-            "top": lambda x: np.abs(x[2] - last[-1]) < 1e-9,
-        }
-    )
-    names = dict(named.boundaries)
-    if curved:
-        named = CURVED[element].from_mesh(named)
-    x = named.doflocs if place is None else place(named.doflocs)
-    mesh = type(named)(x, named.t, sort_t=False).with_boundaries(names)
-    return ElasticBody.from_mesh(mesh, element(), E=2.0, nu=0.3)
-
-
-def pair(element, other=None, shift=(0.0, 0.0), unit=1.0, place=None, **more):
-    """An upper box of 3 x 2 facets above a lower one of 4 x 5."""
-
-    def scaled(x):
-        return unit * (x if place is None else place(x))
-
-    upper = box(element, (3, 2, 1), (*shift, 1.0), place=scaled, **more)
-    return upper, box(other or element, (4, 5, 1), place=scaled, **more)
-
-
-def rows(upper, lower, **more):
-    return mortar_rows(upper, upper.facets("bottom"), lower, lower.facets("top"), **more)
 
 
 def tilted(x):
@@ -68,11 +36,11 @@ def test_area_of_the_common_part_of_convex_polygons(seed, n, m):
         around = np.array([np.cos(angles), np.sin(angles)]).T
         return around * rng.uniform(0.5, 2.0) + rng.uniform(-0.7, 0.7, 2)
 
-    one, two = (_anticlockwise(convex(k)[None]) for k in (n, m))
+    one, two = (anticlockwise(convex(k)[None]) for k in (n, m))
     polygon, size = two, np.array([m])
     for k in range(n):
-        polygon, size = _clipped(polygon, size, one[:, k], one[:, (k + 1) % n])
-    found = float(_measured(polygon, size)[0][0])
+        polygon, size = clipped(polygon, size, one[:, k], one[:, (k + 1) % n])
+    found = float(measured(polygon, size)[0][0])
     lines = []
     for corners in (one[0], two[0]):
         way = np.roll(corners, -1, axis=0) - corners
@@ -127,8 +95,7 @@ def test_forces_and_moments_of_normal_forces_cancel(element, functional):
     ]
     size = mu.sum()
     assert np.abs(sums[0] + sums[1])[:3].max() <= 1e-12 * size
-    if place is None:
-        assert np.abs(sums[0] + sums[1])[3:].max() <= 1e-12 * size
+    assert np.abs(sums[0] + sums[1])[3:].max() <= 1e-12 * size
 
 
 @pytest.mark.parametrize("element", [ElementHex1, ElementHex2, ElementTetP1, ElementTetP2])
