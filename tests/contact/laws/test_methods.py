@@ -159,10 +159,10 @@ def test_three_digits_in_less_than_ten_steps(E, functional, iterates, make):
     "n", [10, 20, 40, *(pytest.param(n, marks=pytest.mark.slow) for n in (64, 128))]
 )
 def test_monolithic_newton_steps(n, functional, make):
-    """At most 8 steps after the frictionless start, whatever the mesh."""
+    """At most 8 steps after the frictionless start, or one on fewer points, whatever the mesh."""
     _, result = make.solved(n=n, functional=functional)
     phases = [line.phase for line in result.history]
-    assert set(phases) == {"frictionless", "newton"}
+    assert {phase.removeprefix("coarse ") for phase in phases} == {"frictionless", "newton"}
     assert phases.count("newton") <= 8
     assert phases == sorted(phases)  # the start comes first
     assert result.history[-1].residual < 1e-12
