@@ -114,7 +114,7 @@ class ContactProblem(Portable):
         body: Solid | Sequence[Solid],
         boundary: str | Sequence[str] | ArrayLike | CutArc | Sequence[Pair],
         obstacle: ObstacleLike | Surface | Sequence[ObstacleLike | Surface] = None,
-        friction: FrictionLike | None = None,
+        friction: FrictionLike = 0.0,
         law: str | None = "coulomb",
         functional: str | Sequence[str | None] | None = None,
         solver: str = "auto",
@@ -124,16 +124,17 @@ class ContactProblem(Portable):
             raise InputError(f"solver={solver!r}: expected 'auto', 'pardiso' or 'superlu'")
         self.body: Any
         self.pairs: tuple[Pair, ...]
+        given: FrictionLike | None = friction
         if isinstance(body, Solid):
-            friction = 0.0 if friction is None else friction
             self.body, self.pairs = between(body, boundary, obstacle, functional)
         else:
             self.body, self.pairs = given_pairs(body, boundary, obstacle, functional)
+            given = None if np.isscalar(friction) and friction == 0.0 else friction
         self.boundary, self.functional, self.solver = boundary, functional, solver
         self.boundaries: ContactBoundaries | Interfaces
         self.rows: ContactRows
         self.motion: ObstacleMotion | None
-        self._discretise((obstacle, friction, law))
+        self._discretise((obstacle, given, law))
         self.overclosure = overclosure
 
     def __repr__(self) -> str:
