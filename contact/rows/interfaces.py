@@ -290,8 +290,8 @@ def _interface(pair: Pair) -> Elastic:
     if pair.multipliers == "second":
         first, facets, second, others = second, others, first, facets
     tied, functional = isinstance(pair, Tie), pair.functional
-    if functional is None and tied:
-        functional = "standard"
+    if functional is None and tied and first.dim == 2:
+        functional = "standard"  # in space their degree is not lowered at held edges
     return interface_of(first.trace, facets, second.trace, others, functional, tied)
 
 

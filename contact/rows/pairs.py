@@ -118,8 +118,9 @@ class Tie(Pair):
         As for `Pair`; the opposite side is elastic.
     friction : float
         0, because nothing slips.
-    functional : {None, "dual", "hat"}, optional
-        Standard multipliers by default.
+    functional : {None, "dual", "standard", "hat"}, optional
+        Standard multipliers by default in the plane, where they keep the order of the elements;
+        dual ones in space.
 
     Raises
     ------

@@ -121,3 +121,16 @@ def test_three_boxes_and_both_choices_of_multipliers():
         ]
         result = ContactProblem([a, b, c], pairs).solve()
         assert np.abs(result.pressure - PRESSURE).max() <= 1e-11
+
+
+@pytest.mark.parametrize("element", [ElementHex1, ElementHex2, ElementTetP2])
+@pytest.mark.parametrize("m", [2, 3, 4])
+def test_ties_that_end_at_held_edges(element, m):
+    """Both bodies held where the tie ends: the traction across it does not oscillate."""
+    upper, lower = stacked(element, element, m, 3)
+    lower.fix("left", "xyz").fix("bottom", "xyz")
+    upper.fix("left", "xyz").load("top", (0.1, 0.0, 0.5))
+    result = ContactProblem([upper, lower], [Tie(upper, "bottom", lower, "top")]).solve()
+    free = result.x_nominal[0] > 1e-9
+    assert result.pressure[free].max() < 0
+    assert result.pressure[free].min() > -0.6
