@@ -24,14 +24,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError
 
+from contact.body.basis_solid import BasisSolid
 from contact.condensation.condensed_contact import CondensedContact
-from contact.errors import InputError, NotConverged
+from contact.errors import InputError, NotConverged, numbers
+from contact.histories.rotations import refuse_large_rotations
 from contact.histories.sliding_newton import newton_step
 from contact.laws.iteration import Iteration
 from contact.laws.status import Status
 from contact.result.certify import certify
 from contact.result.contact_result import ContactResult
 from contact.result.contact_system import ContactSystem
+from contact.rows.contact_boundaries import ContactBoundaries
 from contact.rows.interfaces import Interfaces
 
 if TYPE_CHECKING:
@@ -41,6 +44,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 PROJECTIONS = 30  # at most, in one step
+SMALL_ANGLE = 0.1  # radians: small strains are then off by 5e-3
 # Change of the displacement, relative to the largest, at which a step ends, over the tolerance.
 SETTLED = 1e-2
 
@@ -51,14 +55,17 @@ class FiniteSliding:
     Parameters
     ----------
     problem : ContactProblem
+    largest_rotation : float or None
+        Angle in radians; default: `SMALL_ANGLE`.
 
     Raises
     ------
     InputError
-        A problem without two bodies that touch, or one whose clearance is given.
+        A problem without two bodies that touch, or one whose clearance is given; an angle that is
+        none.
     """
 
-    def __init__(self, problem: ContactProblem) -> None:
+    def __init__(self, problem: ContactProblem, largest_rotation: float | None = None) -> None:
         interfaces = problem.boundaries
         if not isinstance(interfaces, Interfaces):
             raise InputError(
@@ -70,7 +77,23 @@ class FiniteSliding:
                 "clearance: in finite sliding the gap is that between the meshes where the bodies "
                 "are; leave clearance out"
             )
-        self._problem, self._interfaces = problem, interfaces
+        for side in interfaces.sides:
+            if isinstance(side, ContactBoundaries):
+                continue
+            for k in {interfaces.bodies.number_of_trace(o.body) for o in (side.first, side.second)}:
+                body = interfaces.bodies.bodies[k]
+                if not isinstance(body, BasisSolid):
+                    raise InputError(
+                        f"sliding: {interfaces.bodies.called(k)} is a {type(body).__name__}, whose "
+                        "condensation keeps one set of contact rows; let block.elastic() slide"
+                    )
+        angle = SMALL_ANGLE if largest_rotation is None else largest_rotation
+        value = numbers("largest_rotation", angle)
+        if value.shape != () or not 0.0 < value < 0.5 * np.pi:
+            raise InputError(
+                f"largest_rotation={angle!r}: expected an angle in radians between 0 and pi / 2"
+            )
+        self._problem, self._interfaces, self._angle = problem, interfaces, float(angle)
         self._condensed: tuple[Any, CondensedContact] | None = None
 
     def step(
@@ -93,7 +116,8 @@ class FiniteSliding:
         NotConverged
             The displacement does not settle, or a solve fails.
         InputError
-            Boundaries that do not face each other any more, or turn by more than a small angle.
+            Boundaries that do not face each other any more; a body, or its boundary, that turns by
+            more than a small angle.
         """
         rest = np.zeros(body.f.size) if last is None else last.u
         u, result, change = (rest if near is None else near), last, np.inf
@@ -117,6 +141,7 @@ class FiniteSliding:
         if result is not None and again.rows.gap.size == result.mu.size:
             result = replace(result, system=again, history=tuple(lines))
             certify(result, options.tol, result.slack)
+            refuse_large_rotations(self._interfaces, u, self._angle)
             return result
         raise NotConverged(
             f"finite sliding: after {PROJECTIONS} projections the displacement still changes by "
@@ -159,7 +184,11 @@ class FiniteSliding:
     def _system(self, body: Any, u: Array, last: ContactResult | None) -> ContactSystem:
         """The system of small sliding about the displacement u."""
         problem = self._problem
-        here = self._interfaces.displaced(u)
+        try:
+            here = self._interfaces.displaced(u)
+        except InputError:  # perhaps because of a rotation
+            refuse_large_rotations(self._interfaces, u, self._angle)
+            raise
         rows, motion = here.rows, here.motion(None)
         friction = here.friction(problem.given_friction)
         if problem.law == "tresca":

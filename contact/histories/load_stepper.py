@@ -58,7 +58,12 @@ class LoadStepper(LoadProgram):
         How often a step that does not converge may be halved, at times between the given ones.
     sliding : {"small", "finite"}
         "finite" finds anew, in every step, which places of two bodies face each other: for bodies
-        that slide by more than a facet, see `contact.histories.finite_sliding`.
+        that slide by more than a facet, see `contact.histories.finite_sliding`. Rigid obstacles
+        and tied boundaries of the same problem keep their rows.
+    largest_rotation : float, optional
+        Angle in radians by which a body that slides, or its contact boundary, may turn; with a
+        larger one the step is refused. Small strains mistake the rotation for a strain of 1 - cos:
+        by default, 0.1, of 5e-3.
 
     Attributes
     ----------
@@ -100,6 +105,7 @@ class LoadStepper(LoadProgram):
         max_iterations: int | None = None,
         halvings: int = 4,
         sliding: str = "small",
+        largest_rotation: float | None = None,
     ) -> None:
         from contact.problem.contact_problem import ContactProblem
 
@@ -109,9 +115,11 @@ class LoadStepper(LoadProgram):
             raise InputError(f"halvings={halvings!r}: expected a whole number from 0")
         if sliding not in ("small", "finite"):
             raise InputError(f"sliding={sliding!r}: expected 'small' or 'finite'")
+        if largest_rotation is not None and sliding == "small":
+            raise InputError("largest_rotation: it belongs to sliding='finite'")
         super().__init__(problem)
         self.halvings = halvings
-        self._finite = FiniteSliding(problem) if sliding == "finite" else None
+        self._finite = FiniteSliding(problem, largest_rotation) if sliding == "finite" else None
         self.options = Options.checked(
             problem.law, problem.body.dim, method, tol, max_iterations, None
         )

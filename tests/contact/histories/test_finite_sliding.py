@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from skfem import ElementQuad1, ElementQuad2, MeshQuad
 
-from contact import ContactProblem, ElasticBody, InputError, LoadStepper, Plane
+from contact import ContactProblem, ElasticBody, InputError, LayeredBlock, LoadStepper, Plane
 from contact.condensation import sparse
 from skfem_adini import ElementQuadAdini
 
@@ -120,5 +120,9 @@ def test_what_has_no_finite_sliding_is_refused():
     for problem, message in ((rigid, "rigid obstacle"), (given, "clearance")):
         with pytest.raises(InputError, match=message):
             LoadStepper(problem, sliding="finite")
+    layers = LayeredBlock(1.0, [(0.5, 4, 1.0, 0.3)], top="xy").named("layers")
+    of_layers = ContactProblem(layers, "bottom", lower.surface("top"))
+    with pytest.raises(InputError, match="sliding: 'layers' is a LayeredBlock"):
+        LoadStepper(of_layers, sliding="finite")
     with pytest.raises(InputError, match="sliding='large'"):
         LoadStepper(given, sliding="large")
