@@ -47,7 +47,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "contact.LayeredBlock": ("fix", "load", "body_force"),
     "contact.LoadHistory": (),
     "cip.Grid": (),
-    "cip.Velocity": ("from_expression",),
+    "cip.Velocity": ("from_expression", "with_parameters"),
     "cip.State": (),
     "cip.Solver": (),
     "cip.Trajectory": (),

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cip.formulas.expression import COORDINATES, Expression, apply, constant, raised, variable
+from cip.formulas.parameters import parameters_in
 from cip.formulas.straight_line_code import numpy_function
 
 Orders = tuple[int, int, int, int]
@@ -76,7 +77,9 @@ class System:
     jets : tuple of Jet
         The unknowns: the displacements of the moving directions first.
     rates : tuple of Expression
-        Their derivatives in tau, in terms of the foot (x1, x2, x3), t and the jets.
+        Their derivatives in tau, in terms of the foot (x1, x2, x3), t, the jets and parameters.
+    parameters : list of str
+        The variables of the parameters in them.
     """
 
     def __init__(
@@ -95,20 +98,19 @@ class System:
                     todo.append(Jet.named(name))
         self.jets = tuple(self._rates)
         self.rates = tuple(self._rates.values())
-        self._evaluator: Callable[..., Any] | None = None
+        self.parameters = parameters_in(self.rates)
+        self._evaluator: tuple[dict[str, Any], Callable[..., Any]] | None = None
 
-    def evaluator(self, functions: Mapping[str, Callable[..., Any]]) -> Callable[..., Any]:
+    def evaluator(self, functions: Mapping[str, Any]) -> Callable[..., Any]:
         """The rates as a function of x1, x2, x3, t and the jets.
 
-        `functions` are the callables of opaque nodes by name. If there are none, the result is
-        cached.
+        `functions` are the callables of opaque nodes and the numbers of parameters by name. The
+        result for the last of them is kept.
         """
-        names = [*COORDINATES, *(jet.name for jet in self.jets)]
-        if functions:
-            return numpy_function(self.rates, names, functions)
-        if self._evaluator is None:
-            self._evaluator = numpy_function(self.rates, names)
-        return self._evaluator
+        if self._evaluator is None or self._evaluator[0] != functions:
+            names = [*COORDINATES, *(jet.name for jet in self.jets)]
+            self._evaluator = dict(functions), numpy_function(self.rates, names, functions)
+        return self._evaluator[1]
 
     def start(self, jet: Jet) -> float:
         """Value of a jet at tau = 0: 1 on the diagonal of the Jacobian, else 0."""

@@ -61,6 +61,7 @@ def device_source(
     if computed:
         parameters += [f"const real* __restrict__ line{axis}" for axis in range(grid.dim)]
         parameters += ["const real t", "const real step", "const index count", "int* said"]
+        parameters += [f"const real {name}" for name in stage.system.parameters]
     else:
         parameters.append("const real* __restrict__ feet")
     constants, place, lines = _plane(grid) if stage.axis is None else _line(stage)
@@ -80,7 +81,12 @@ def device_source(
         for axis, index_of in enumerate(_indices(grid)):
             x[axis] = f"line{axis}[{index_of}]"
         body.append(f"    real room[{FOOT_ROOM}];")
-        body.append(f"    const index found = path(room, {', '.join(x)}, t, step, count);")
+        more = ""
+        if stage.system.parameters:
+            values = ", ".join(stage.system.parameters)
+            body.append(f"    const real box[] = {{{values}}};")
+            more = ", box"
+        body.append(f"    const index found = path(room, {', '.join(x)}, t, step, count{more});")
         # A byte for each code of `path`: threads only ever write the same 1, so need no atomics.
         body.append("    if (found != 0) ((unsigned char*)said)[found - 1] = 1;")
     if stage.conservative:
@@ -228,6 +234,7 @@ class CudaEngine(Engine):
         said = self._cupy.zeros(1, np.int32)
         real = self.dtype.type
         clock = [real(t_end), real(dt / count), self._whole(count), said]
+        clock += [real(value) for value in stage.parameters]
         self._start(stage, True, [m, out, *self._lines, *clock, *self._widths])
         part = (stage.axis, dt, count)
         if part in self._certain:

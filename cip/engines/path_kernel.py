@@ -58,13 +58,14 @@ def path_source(
 ) -> str:
     r"""Python source of the kernels `rates`, `velocity` and `path`.
 
-    ``path(feet, x1, x2, x3, t, step, count)`` writes the jets in the order of `wanted`, the
+    ``path(feet, x1, x2, x3, t, step, count, box)`` writes the jets in the order of `wanted`, the
     displacements in cells (uniform directions only), and returns 0. It returns `LEFT` if the path
     leaves the box through a wall or is not finite; then the first of the jets is infinite. It
     returns `COARSE` if `count` is even and the sub-steps are too long. The path ends at time `t`
-    and is followed back over `count` sub-steps of length `step`. The numbers of `box_of` are
-    constants in the code, or (not `constant`) a last argument: then one kernel of a velocity serves
-    all grids.
+    and is followed back over `count` sub-steps of length `step`. The last argument `box` holds the
+    numbers of `box_of`, unless they are constants in the code (`constant`), and then the values of
+    the velocity's parameters; it is missing where it would be empty. So one kernel of a velocity
+    serves all parameters, and where it is not `constant` all grids.
 
     Notes
     -----
@@ -79,11 +80,14 @@ def path_source(
     in the displacements.
     """
     numbers = [repr(x) if constant else f"box[{q}]" for q, x in enumerate(box)]
+    first = 0 if constant else len(box)
+    more = ", box: Array" if system.parameters or not constant else ""
     sides = [numbers[start : start + _NUMBERS] for start in range(0, len(numbers), _NUMBERS)]
     lines = [
         *_rate_functions(system),
         "def path(feet: Out, x1: Real, x2: Real, x3: Real, t: Real, step: Real,"
-        f" count: Index{'' if constant else ', box: Array'}) -> Index:",
+        f" count: Index{more}) -> Index:",
+        *(f"    {name} = box[{first + q}]" for q, name in enumerate(system.parameters)),
         "    found = 0",
         *(f"    y{q} = {system.start(jet)!r}" for q, jet in enumerate(system.jets)),
         *(f"    {letter}{q} = 0.0" for letter in "eog" for q in range(len(sides))),
@@ -101,16 +105,17 @@ def path_source(
 
 def _rate_functions(system: System) -> list[str]:
     """The functions `rates` of all unknowns and `velocity` of the displacements alone."""
-    reals = ", ".join(f"{name}: Real" for name in (*COORDINATES, *(j.name for j in system.jets)))
+    names = (*COORDINATES, *(jet.name for jet in system.jets), *system.parameters)
+    reals = ", ".join(f"{name}: Real" for name in names)
     rates = {f"r{q}": rate for q, rate in enumerate(system.rates)}
     first = {f"r{q}": system.rates[q] for q in range(len(system.moving))}
+    place = (*COORDINATES, *system.parameters)
     return [
         f"def rates({reals}) -> {_kinds(len(rates))}:",
         *statements(rates),
         f"    return {', '.join(rates)}",
         "",
-        f"def velocity({', '.join(f'{name}: Real' for name in COORDINATES)}) -> "
-        f"{_kinds(len(first))}:",
+        f"def velocity({', '.join(f'{name}: Real' for name in place)}) -> {_kinds(len(first))}:",
         *statements(first),
         f"    return {', '.join(first)}",
         "",
@@ -145,7 +150,7 @@ def _leaves(system: System, sides: Sequence[Sequence[str]]) -> list[str]:
 
 def _judgement(system: System, sides: Sequence[Sequence[str]]) -> list[str]:
     """Code that adds the defect of the last two sub-steps and compares the sum with its limit."""
-    point = [*_point(system, "y"), "t - count * step"]
+    point = [*_point(system, "y"), "t - count * step", *system.parameters]
     exact = [f"e{q} <= {side[3]} + {side[4]} * abs(y{q})" for q, side in enumerate(sides)]
     results = ", ".join(f"f{q}" for q in range(len(sides)))
     return [
@@ -192,7 +197,8 @@ def _stage(system: System, stage: int) -> list[str]:
     lines = [f"w{q} = {value}" for q, value in enumerate(values)]
     point = _point(system, "w")
     time = "s" if stage == 0 else f"s - {weight!r} * step"
-    inner = ", ".join([*point, time, *(f"w{q}" for q in range(len(system.jets)))])
+    values = [f"w{q}" for q in range(len(system.jets))]
+    inner = ", ".join([*point, time, *values, *system.parameters])
     results = ", ".join(f"{letter}{q}" for q in range(len(system.jets)))
     return [*lines, f"{results} = rates({inner})"]
 

@@ -28,7 +28,7 @@ class Paths(NamedTuple):
 
     `x`, `y`, `z` are the coordinates along the grid's lines (0 in directions that it lacks), in
     `run_feet` those of the points. A path ends at time `t` and is followed over `substeps` steps of
-    length `step`; `box` holds the numbers of `box_of`.
+    length `step`; `box` holds the numbers of `box_of`, then the values of parameters.
     """
 
     x: Array
@@ -43,7 +43,8 @@ class Paths(NamedTuple):
 def compiled(grid: Grid, stage: Stage) -> tuple[Any, Any]:
     """The compiled kernel `path` of a stage, and the array for its last argument `box`."""
     box = box_of(grid, stage.system, stage.limit, float(np.finfo(float).eps))
-    return _path(path_source(stage.system, stage.jets, box, constant=False)), np.array(box)
+    path = _path(path_source(stage.system, stage.jets, box, constant=False))
+    return path, np.array([*box, *stage.parameters])
 
 
 @cache

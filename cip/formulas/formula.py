@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cip.errors import InputError
 from cip.formulas.expression import COORDINATES, Expression, opaque, ordered, traced
+from cip.formulas.parameters import bound
 from cip.formulas.parsing import parse
 from cip.formulas.pointwise_check import Box, Samples, alike, check_pointwise
 from cip.formulas.straight_line_code import numpy_function
@@ -39,6 +40,8 @@ class Formula:
     dim : int
     known : dict, optional
         Callables of (x1, .., t): the value, orders (0, 0, 0, 0), and given derivatives.
+    parameters : mapping, optional
+        The values of the formula's parameters by their names.
     """
 
     def __init__(
@@ -46,8 +49,10 @@ class Formula:
         expression: Expression,
         dim: int,
         known: dict[Orders, Callable[..., Any]] | None = None,
+        parameters: Mapping[str, float] | None = None,
     ) -> None:
         self.expression, self.dim, self.known = expression, dim, known or {}
+        self.numbers = bound(parameters or {})
 
     @classmethod
     def of(
@@ -140,11 +145,12 @@ class Formula:
         return not self.exact or "t" not in self.expression.variables()
 
     def functions(self, nodes: Sequence[Expression], steps: Sequence[float]) -> dict[str, Any]:
-        """The opaque functions of this formula that `nodes` use: callables by their names in code.
+        """What `nodes` need of this formula besides coordinates, by the names in code.
 
-        `steps` as for `derivative`.
+        They are the callables of its opaque functions and the numbers of its parameters. `steps` as
+        for `derivative`.
         """
-        found = {}
+        found: dict[str, Any] = dict(self.numbers)
         for node in ordered(list(nodes)):
             if node.op == "opaque" and node.value[0] == self._name:
                 orders = node.value[1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 from cip.errors import InputError
@@ -18,6 +18,7 @@ from cip.formulas.expression import (
     ordered,
     variable,
 )
+from cip.formulas.parameters import parameter
 
 _ALIASES = {"x": "x1", "y": "x2", "z": "x3"}
 _CONSTANTS = {"pi": math.pi, "e": math.e}
@@ -30,11 +31,12 @@ _OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
 }
 
 
-def parse(text: str, name: str = "expression") -> Expression:
+def parse(text: str, name: str = "expression", parameters: Collection[str] = ()) -> Expression:
     """The formula that a text in x1, x2, x3 (or x, y, z) and t stands for.
 
     The grammar is Python's arithmetic with ``+ - * / **``, numbers, pi, e, and sin, cos, tan,
-    arcsin, arccos, arctan, sinh, cosh, tanh, exp, log, sqrt, abs and sign.
+    arcsin, arccos, arctan, sinh, cosh, tanh, exp, log, sqrt, abs and sign; and the names in
+    `parameters`, which have no other meaning.
 
     Raises
     ------
@@ -45,7 +47,7 @@ def parse(text: str, name: str = "expression") -> Expression:
         raise InputError(f"{name}: expected a text such as 'x2 * sin(t)', got {text!r}")
     try:
         tree = ast.parse(text.strip(), mode="eval").body
-        found = _parsed(tree, text, name)
+        found = _parsed(tree, text, name, parameters)
     except InputError:
         raise
     except SyntaxError as error:
@@ -65,7 +67,7 @@ def parse(text: str, name: str = "expression") -> Expression:
     return found
 
 
-def _parsed(tree: ast.expr, text: str, name: str) -> Expression:
+def _parsed(tree: ast.expr, text: str, name: str, parameters: Collection[str]) -> Expression:
     if isinstance(tree, ast.Constant) and isinstance(tree.value, int | float):
         return constant(tree.value)
     if isinstance(tree, ast.Name):
@@ -74,17 +76,24 @@ def _parsed(tree: ast.expr, text: str, name: str) -> Expression:
         known = _ALIASES.get(tree.id, tree.id)
         if known in COORDINATES:
             return variable(known)
-        raise InputError(f"{name}: {tree.id!r} in {text!r} is none of x1, x2, x3, t, pi, e")
+        if tree.id in parameters:
+            return parameter(tree.id)
+        known_names = ", ".join(["x1, x2, x3, t, pi, e", *parameters])
+        raise InputError(
+            f"{name}: {tree.id!r} in {text!r} is none of {known_names}; other names need values in "
+            "parameters={name: value}"
+        )
     if isinstance(tree, ast.BinOp) and type(tree.op) in _OPERATORS:
-        left, right = _parsed(tree.left, text, name), _parsed(tree.right, text, name)
+        left = _parsed(tree.left, text, name, parameters)
+        right = _parsed(tree.right, text, name, parameters)
         found: Expression = _OPERATORS[type(tree.op)](left, right)
         return found
     if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub | ast.UAdd):
-        inner = _parsed(tree.operand, text, name)
+        inner = _parsed(tree.operand, text, name, parameters)
         return -inner if isinstance(tree.op, ast.USub) else inner
     if isinstance(tree, ast.Call) and isinstance(tree.func, ast.Name) and not tree.keywords:
         if tree.func.id in RULES and len(tree.args) == 1:
-            return apply(tree.func.id, _parsed(tree.args[0], text, name))
+            return apply(tree.func.id, _parsed(tree.args[0], text, name, parameters))
         raise InputError(
             f"{name}: {tree.func.id!r} in {text!r} is no known function of one argument; "
             f"known are {', '.join(RULES)}"

@@ -49,12 +49,12 @@ def _operation(node: Expression, args: list[str]) -> str:
 def numpy_function(
     outputs: Sequence[Expression],
     arguments: Sequence[str],
-    functions: Mapping[str, Callable[..., Any]] | None = None,
+    functions: Mapping[str, Any] | None = None,
 ) -> Callable[..., tuple[Any, ...]]:
     """A function of the arguments that returns a tuple of the formulas' values.
 
     A value keeps the shape that it was computed with: a constant formula gives a number.
-    `functions` are the callables of opaque nodes by their names.
+    `functions` are the callables of opaque nodes and the numbers of parameters, by their names.
     """
     named = {f"out{q}": node for q, node in enumerate(outputs)}
     body = [f"def evaluate({', '.join(arguments)}):", *statements(named)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from typing import Any
 
@@ -10,8 +10,9 @@ import numpy as np
 
 from cip.errors import InputError
 from cip.formulas.clock import clock_of, timed, with_time
-from cip.formulas.expression import COORDINATES, raised, traced
+from cip.formulas.expression import COORDINATES, ordered, raised, traced
 from cip.formulas.formula import Formula, Orders, agree, spline
+from cip.formulas.parameters import checked, parameter
 from cip.formulas.parsing import parse
 from cip.formulas.pointwise_check import Box
 from cip.formulas.traced_function import portable
@@ -78,6 +79,7 @@ class Velocity:
         self._c, self._jacobian, self._hessian = c, jacobian, hessian
         self.steady = bool(steady)
         self._formulas: tuple[Formula, ...] | None = None
+        self._parameters: dict[str, float] = {}
         self._box: Box = ()
         for name, value in {"jacobian": jacobian, "hessian": hessian}.items():
             if value is not None and not (callable(value) and callable(c)):
@@ -93,7 +95,9 @@ class Velocity:
                 raise InputError("steady: velocities given by arrays are steady")
 
     @classmethod
-    def from_expression(cls, *components: str | float) -> Velocity:
+    def from_expression(
+        cls, *components: str | float, parameters: Mapping[str, float] | None = None
+    ) -> Velocity:
         """The velocity with these formulas in x1, x2, x3 (or x, y, z) and t as components.
 
         Parameters
@@ -102,6 +106,10 @@ class Velocity:
             One for each direction, for instance ``"x2", "-x1"``: arithmetic (``+ - * / **``) of
             these variables, numbers, pi and e, with sin, cos, tan, arcsin, arccos, arctan, sinh,
             cosh, tanh, exp, log, sqrt, abs and sign.
+        parameters : mapping, optional
+            Values of further names in the formulas. They are arguments of the compiled code:
+            `with_parameters` changes them without compiling again, where a number written into the
+            text compiles for about a second. Both forms agree to rounding.
 
         Returns
         -------
@@ -111,24 +119,80 @@ class Velocity:
         Raises
         ------
         InputError
-            A text that is not of this form, or whose numbers overflow.
+            A text that is not of this form, or whose numbers overflow; a parameter that no formula
+            holds, or whose value is not a finite number.
+
+        Examples
+        --------
+        >>> from cip import Velocity
+        >>> shear = Velocity.from_expression("a*sin(k*x2)", "0", parameters={"a": 1.0, "k": 2.0})
+        >>> shear.with_parameters(a=0.5).parameters
+        {'a': 0.5, 'k': 2.0}
         """
         if not 1 <= len(components) <= 3:
             raise InputError(f"components: expected 1 to 3 formulas, got {len(components)}")
         self = cls([0.0] * len(components))
+        values = checked(parameters)
         formulas = []
         for q, text in enumerate(components):
             if isinstance(text, int | float | np.integer | np.floating):
                 text = repr(float(text))
-            expression = parse(text, f"component {q + 1}")
-            formulas.append(Formula(expression, len(components)))
-            if expression.variables() - {*COORDINATES[: len(components)], "t"}:
+            expression = parse(text, f"component {q + 1}", values)
+            formulas.append(Formula(expression, len(components), parameters=values))
+            beyond = {*COORDINATES} - {*COORDINATES[: len(components)], "t"}
+            if expression.variables() & beyond:
                 raise InputError(
                     f"component {q + 1}: {text!r} holds a coordinate beyond x{len(components)}"
                 )
+        held = set(ordered([formula.expression for formula in formulas]))
+        unused = [name for name in values if parameter(name) not in held]
+        if unused:
+            raise InputError(f"parameters: no formula holds {unused[0]!r}; leave it out")
         self._formulas = tuple(formulas)
+        self._parameters = values
         self.steady = all(formula.steady for formula in formulas)
         return self
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Values of the named parameters of the formulas, those of `from_expression`; a copy."""
+        return dict(self._parameters)
+
+    def with_parameters(self, **values: float) -> Velocity:
+        """The same formulas with other values of some parameters; nothing is compiled again.
+
+        Parameters
+        ----------
+        **values : float
+            New values by name; the other parameters keep theirs.
+
+        Returns
+        -------
+        Velocity
+
+        Raises
+        ------
+        InputError
+            A name that is none of the parameters, or a value that is not a finite number.
+
+        Examples
+        --------
+        >>> from cip import Velocity
+        >>> Velocity.from_expression("a + t", parameters={"a": 1}).with_parameters(a=2).parameters
+        {'a': 2.0}
+        """
+        unknown = sorted(set(values) - set(self._parameters))
+        if unknown:
+            known = ", ".join(self._parameters) or "it has none"
+            raise InputError(f"{unknown[0]}: no parameter of this velocity; known: {known}")
+        new = object.__new__(type(self))
+        new.__dict__.update(self.__dict__)
+        new._parameters = {**self._parameters, **checked(values)}
+        new._formulas = tuple(
+            Formula(formula.expression, formula.dim, formula.known, new._parameters)
+            for formula in self._formulas or ()
+        )
+        return new
 
     def __getstate__(self) -> dict[str, Any]:
         state = dict(self.__dict__)

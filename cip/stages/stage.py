@@ -118,6 +118,14 @@ class Stage:
         self._wall_moments: WallMoments | None = None
 
     @property
+    def parameters(self) -> list[float]:
+        """Values of the parameters of the velocity, in the order of `System.parameters`."""
+        values: dict[str, np.float64] = {}
+        for c in self.velocity:
+            values.update(c.numbers)
+        return [float(values[name]) for name in self.system.parameters]
+
+    @property
     def blocks(self) -> list[int]:
         """For each block of feet, the number of the moment of values that it moves.
 

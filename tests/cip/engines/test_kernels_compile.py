@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from device_cases import CASES, solver_of
 
+from cip import Grid, Solver, Velocity
 from cip.engines.cuda_engine import device_source
 from cip.profiles.catalogue import LIMITER_CODES
 
@@ -158,3 +159,25 @@ def test_feet_computed_in_the_kernel(profile, dim, form, tmp_path):
     error = np.abs(out - expected).reshape(len(state.data), -1) / scale
     assert error.max() < 1e-12
     assert left[0] == 0
+
+
+def test_parameters_are_arguments_of_the_kernel(tmp_path):
+    """One compiled source for several values, each against the CPU's kernel."""
+    grid = Grid((0, 1), 24, periodic=True)
+    velocity = Velocity.from_expression("a + b*sin(2*pi*x1)*t", parameters={"a": 0.4, "b": 0.2})
+    run, sources = None, set()
+    for b in (0.2, -0.7):
+        solver = Solver(grid, velocity.with_parameters(b=b), store_feet=False)
+        state, stage = random_state(solver), solver._stages[0]
+        m, out = state.data.reshape(-1), np.full_like(state.data, np.nan).reshape(-1)
+        expected = np.full_like(out, np.nan)
+        assert not solver._kernels.launch_path(stage, m, expected, 0.3, 0.2, 3)
+        sources.add(device_source(stage, solver._kernels.name(stage), 0, True, "double", "int"))
+        run = run or compiled(min(sources), tmp_path)
+        clock = [ctypes.c_double(0.3), ctypes.c_double(0.2 / 3), ctypes.c_int(3)]
+        values = [ctypes.c_double(value) for value in (0.4, b)]
+        said = np.zeros(1, np.int32)
+        line = pointer(grid.coordinates[0])
+        run(pointer(m), pointer(out), line, *clock, pointer(said), *values, grid.size, 1)
+        np.testing.assert_allclose(out, expected, rtol=0, atol=1e-11)
+    assert len(sources) == 1

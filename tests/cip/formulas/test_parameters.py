@@ -1,0 +1,162 @@
+"""Named parameters of formulas: the same steps as with numbers, and no compilation."""
+
+import pickle
+from contextlib import contextmanager
+from copy import deepcopy
+
+import numpy as np
+import pytest
+
+from cip import Grid, InputError, Solver, Velocity
+
+VALUES = {"a": 0.7, "b": 0.3, "w": 2.5}
+FIELDS = {
+    1: ["a + b*sin(2*pi*x1)*cos(w*t)"],
+    2: ["a*cos(2*pi*x2)", "b*sin(2*pi*x1)*exp(-w*t)"],
+    3: ["a*cos(2*pi*x2)", "b*sin(2*pi*x3)", "a*b*cos(2*pi*x1 + w*t)"],
+}
+
+
+@contextmanager
+def compilations():
+    """The names of all functions that numba compiles in the block."""
+    from numba.core import event
+
+    names = []
+
+    class Listener(event.Listener):
+        def on_start(self, found):
+            names.append(found.data["dispatcher"].py_func.__name__)
+
+        def on_end(self, found):
+            pass
+
+    with event.install_listener("numba:compile", Listener()):
+        yield names
+
+
+def numbers_for_names(text, values):
+    for name, value in values.items():
+        text = text.replace(f"{name}*", f"{value!r}*").replace(f"{name} ", f"{value!r} ")
+    return text
+
+
+def final(velocity, grid, profile, form="transport", **more):
+    splitting = "strang" if grid.dim > 1 and profile not in ("adini", "bicubic") else None
+    solver = Solver(grid, velocity, form, profile, splitting=splitting, **more)
+    return solver.run(solver.state("sin(2*pi*x1) + 0.2"), 0.2, dt=0.05).final.data
+
+
+CASES = [
+    (1, "cubic", "transport"),
+    (2, "bicubic", "transport"),
+    pytest.param(1, "quintic", "advection", marks=pytest.mark.slow),
+    pytest.param(1, "csl4", "advection", marks=pytest.mark.slow),
+    pytest.param(2, "adini", "advection", marks=pytest.mark.slow),
+    pytest.param(3, "cubic", "transport", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize(("dim", "profile", "form"), CASES)
+def test_same_steps_as_with_numbers_in_the_text(dim, profile, form):
+    grid = Grid([(0, 1)] * dim, (16,) * dim, periodic=True)
+    named = Velocity.from_expression(*FIELDS[dim], parameters=VALUES)
+    other = named.with_parameters(a=-0.4, w=1.5)
+    texts = FIELDS[dim]
+    for velocity in (named, other):
+        values = velocity.parameters
+        plain = [numbers_for_names(text, values) for text in texts]
+        assert not any(name + end in text for text in plain for name in "abw" for end in "* ")
+        expected = final(Velocity.from_expression(*plain), grid, profile, form)
+        found = final(velocity, grid, profile, form)
+        # Products of constants are combined in the text with numbers: equal up to rounding.
+        scale = np.abs(expected).max(axis=tuple(range(1, dim + 1)), keepdims=True)
+        assert np.max(np.abs(found - expected) / scale) < 1e-12
+    assert other.parameters == {"a": -0.4, "b": 0.3, "w": 1.5}
+    assert named.parameters == VALUES
+
+
+def test_steady_feet_and_walls_take_the_values_too():
+    """c = a on (0, 1) with u = sin(t) at x = 0: u = sin(t - x / a) behind the front."""
+    grid = Grid((0, 1), 40)
+    velocity = Velocity.from_expression("a + 0*x1", parameters={"a": 1.0})
+    for a in (1.0, 2.0):
+        solver = Solver(grid, velocity.with_parameters(a=a), boundary={"x-": "sin(t)"})
+        end = solver.run(solver.state(lambda x, a=a: -np.sin(x / a)), 0.5, dt=0.02).final
+        # The cubic's error, at most h^3 times a derivative of order 4 over all steps.
+        np.testing.assert_allclose(end["u"], np.sin(0.5 - grid.coordinates[0] / a), atol=1e-6)
+
+
+@pytest.mark.parametrize("store", [True, False])
+def test_new_values_compile_nothing(store):
+    grid = Grid((0, 1), 16, periodic=True)
+    text = "c0 + c1*sin(2*pi*x1 + shift)*cos(t)"
+    velocity = Velocity.from_expression(text, parameters={"c0": 1, "c1": 0.5, "shift": 0})
+    first = final(velocity, grid, "cubic", store_feet=store)
+    with compilations() as names:
+        ends = [
+            final(velocity.with_parameters(c0=c0, shift=c0), grid, "cubic", store_feet=store)
+            for c0 in (0.5, 1.5, 2.5)
+        ]
+    assert names == []
+    assert all(np.abs(end - first).max() > 0.01 for end in ends)
+    with compilations() as names:
+        import numba
+
+        numba.njit("int64(int64)")(lambda x: x)
+    assert len(names) == 1  # the listener does count
+
+
+def test_copies_keep_the_values():
+    grid = Grid((0, 1), 16, periodic=True)
+    velocity = Velocity.from_expression("a + t", parameters={"a": 0.25})
+    velocity.parameters["a"] = 7.0  # a copy
+    expected = final(velocity, grid, "linear")
+    for copy in (pickle.loads(pickle.dumps(velocity)), deepcopy(velocity)):
+        assert copy.parameters == {"a": 0.25}
+        np.testing.assert_array_equal(final(copy, grid, "linear"), expected)
+        changed = final(copy.with_parameters(a=0.5), grid, "linear")
+        assert np.abs(changed - expected).max() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("texts", "parameters", "message"),
+    [
+        (["a*x1"], {"a": np.nan}, "parameters: 'a' must be finite"),
+        (["a*x1"], {"a": "1"}, "parameters: 'a'"),
+        (["a*x1"], {"a": [1.0]}, "parameters: 'a'"),
+        (["a*x1"], {"a": 1, "b": 2}, "parameters: no formula holds 'b'"),
+        (["a*x1"], {"b": 2}, "component 1: 'a' in .* is none of x1, .*, b"),
+        (["x1"], {"x1": 2}, "parameters: 'x1' has a meaning"),
+        (["pi*x1"], {"pi": 3}, "parameters: 'pi' has a meaning"),
+        (["sin(x1)"], {"sin": 3}, "parameters: 'sin' has a meaning"),
+        (["x1"], {"two words": 3}, "parameters: 'two words' is no name"),
+        (["x1"], {"lambda": 3}, "parameters: 'lambda' is no name"),
+        (["x1"], [1.0], "parameters: expected numbers by names"),
+    ],
+)
+def test_bad_parameters_are_named(texts, parameters, message):
+    with pytest.raises(InputError, match=message):
+        Velocity.from_expression(*texts, parameters=parameters)
+
+
+def test_bad_new_values_are_named():
+    velocity = Velocity.from_expression("a*x1", parameters={"a": 1.0})
+    with pytest.raises(InputError, match="b: no parameter of this velocity; known: a"):
+        velocity.with_parameters(b=1.0)
+    with pytest.raises(InputError, match="parameters: 'a' must be finite"):
+        velocity.with_parameters(a=np.inf)
+    with pytest.raises(InputError, match="a: no parameter of this velocity; known: it has none"):
+        Velocity(1.0).with_parameters(a=1.0)
+
+
+def test_names_of_unknowns_do_not_collide():
+    """Parameters named as the variables of the generated code are."""
+    grid = Grid((0, 1), 16, periodic=True)
+    names = ["j0_000", "f_000", "v0", "r0", "y0", "step", "box"]
+    text = "+".join(f"{name}*cos({q}*t)" for q, name in enumerate(names))
+    values = {name: 0.1 * (q + 1) for q, name in enumerate(names)}
+    plain = "+".join(f"{values[name]!r}*cos({q}*t)" for q, name in enumerate(names))
+    found = final(Velocity.from_expression(text, parameters=values), grid, "cubic")
+    expected = final(Velocity.from_expression(plain), grid, "cubic")
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
