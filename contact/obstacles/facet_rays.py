@@ -1,0 +1,75 @@
+"""Where lines along the normals of a body meet the flat facets of a surface."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.obstacles.box_tree import BoxTree
+
+Array = NDArray[np.float64]
+
+
+def facet_normals(corners: Array) -> Array:
+    """Normals of segments or triangles (nfacets, dim, dim), as long as the facet is large.
+
+    A triangle turns counter-clockwise seen from its outside; a segment has its outside on the
+    right of the way from its first to its second end, so that a counter-clockwise outline is solid.
+    """
+    edge = corners[:, 1] - corners[:, 0]
+    if corners.shape[2] == 2:
+        return np.stack((edge[:, 1], -edge[:, 0]), axis=1)
+    return np.cross(edge, corners[:, 2] - corners[:, 0])
+
+
+def gap_to_facets(corners: Array, tree: BoxTree, x: Array, n: Array) -> Array:
+    """Gap along n from x, both (npoints, dim), to flat facets; inf where the line meets none.
+
+    The nearest meeting ahead is the gap if the line enters the obstacle there. Otherwise x lies
+    inside it, if the line entered at the nearest meeting behind, whose distance is the (negative)
+    gap.
+
+    References
+    ----------
+    T. Moeller and B. Trumbore, Fast, minimum storage ray/triangle intersection, Journal of
+    Graphics Tools 2 (1997), 21-28.
+    """
+    line, facet = tree.near_lines(x, n)
+    c, normal = corners[facet], facet_normals(corners)[facet]
+    slope = np.sum(normal * n[line], axis=1)
+    steep = np.abs(slope) > 1e-12 * np.linalg.norm(normal, axis=1)
+    line, c, normal, slope = line[steep], c[steep], normal[steep], slope[steep]
+    d = np.sum(normal * (c[:, 0] - x[line]), axis=1) / slope
+    foot = x[line] + d[:, None] * n[line]
+    inside = np.all(_coordinates(c, normal, foot) >= -1e-10, axis=1)
+    line, d, enters = line[inside], d[inside], slope[inside] < 0
+    ahead, ahead_enters = _nearest(len(x), line, d, enters, d >= 0)
+    behind, behind_enters = _nearest(len(x), line, -d, enters, d < 0)
+    gap = np.where(behind_enters, -behind, np.inf)
+    return np.where(ahead_enters, ahead, gap)
+
+
+def _nearest(
+    count: int, line: NDArray[np.int64], d: Array, enters: NDArray[np.bool_], among: Array
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Least d of each line, inf if there is none, and whether the line enters there."""
+    line, d, enters = line[among], d[among], enters[among]
+    order = np.lexsort((~enters, d, line))
+    first, at = np.unique(line[order], return_index=True)
+    least, entering = np.full(count, np.inf), np.zeros(count, dtype=bool)
+    least[first], entering[first] = d[order][at], enters[order][at]
+    return least, entering
+
+
+def _coordinates(c: Array, normal: Array, foot: Array) -> Array:
+    """Barycentric coordinates of places in the planes of the facets."""
+    if c.shape[2] == 2:
+        edge = c[:, 1] - c[:, 0]
+        s = np.sum((foot - c[:, 0]) * edge, axis=1) / np.sum(edge * edge, axis=1)
+        return np.stack((1.0 - s, s), axis=1)
+    area = np.sum(normal * normal, axis=1)
+    parts = [
+        np.sum(np.cross(c[:, i] - c[:, i - 1], foot - c[:, i - 1]) * normal, axis=1) / area
+        for i in range(3)
+    ]
+    return np.stack(parts, axis=1)
