@@ -25,6 +25,7 @@ from contact.laws.status import Status
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.shapes import ClosestPoint, Cylinder, Parabola, Plane, Sphere
 from contact.obstacles.signed_distance import SignedDistance
+from contact.obstacles.surface_mesh import SurfaceMesh
 from contact.problem.contact_problem import ContactProblem
 from contact.result.body_result import BodyResult
 from contact.result.contact_result import ContactResult
@@ -62,6 +63,7 @@ __all__ = [
     "Sphere",
     "Status",
     "Surface",
+    "SurfaceMesh",
     "Tie",
     "Unbounded",
     "Uniqueness",

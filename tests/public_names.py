@@ -44,6 +44,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "contact.ContactProblem": ("condense", "solve"),
     "contact.ContactResult": (),
     "contact.LoadStepper": (),
+    "contact.SurfaceMesh": (),
     "contact.LayeredBlock": ("fix", "load", "body_force"),
     "contact.LoadHistory": (),
     "cip.Grid": (),

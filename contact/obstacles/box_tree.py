@@ -1,8 +1,8 @@
-"""A binary tree of boxes around simplices, searched for many lines at once."""
+"""A binary tree of boxes around simplices, searched for many lines or points at once."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +10,16 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Meets = Callable[[Index, Array, Array], NDArray[np.bool_]]
+Batches = Iterator[tuple[Index, Index]]
+
+_TOGETHER = 2**18  # pairs of a query and a box that are looked at in one step: bounds the memory
 
 
 class BoxTree:
     """Boxes around the simplices of a surface, in pairs up to one box around all of them.
 
-    Neighbours along a Morton curve share a box. All queries descend together, one level a step.
+    Neighbours along a Morton curve share a box. All queries descend together, one level a step,
+    unless they meet too many boxes to keep.
 
     Parameters
     ----------
@@ -28,43 +32,97 @@ class BoxTree:
         margin = 1e-12 * float(np.abs(corners).max())  # rounding must not lose a facet
         order = np.argsort(_morton(0.5 * (low + high)), kind="stable")
         count = 1 << max(int(order.size - 1).bit_length(), 0)
-        lows = np.full((count, low.shape[1]), np.inf)
-        highs = np.full((count, low.shape[1]), -np.inf)
-        lows[: order.size], highs[: order.size] = low[order] - margin, high[order] + margin
+        # Coordinates first: they are then read without gaps.
+        lows = np.full((low.shape[1], count), np.inf)
+        highs = np.full((low.shape[1], count), -np.inf)
+        lows[:, : order.size], highs[:, : order.size] = (
+            low[order].T - margin,
+            high[order].T + margin,
+        )
         self._order = order
         self._levels = [(lows, highs)]
-        while len(lows) > 1:
-            lows, highs = np.minimum(lows[::2], lows[1::2]), np.maximum(highs[::2], highs[1::2])
+        while lows.shape[1] > 1:
+            lows = np.minimum(lows[:, ::2], lows[:, 1::2])
+            highs = np.maximum(highs[:, ::2], highs[:, 1::2])
             self._levels.append((lows, highs))
 
     def near_lines(self, x: Array, n: Array) -> tuple[Index, Index]:
         """Pairs (line, facet) where the line x + d n, of shapes (npoints, dim), meets the box."""
         with np.errstate(divide="ignore"):
-            inverse = 1.0 / n
+            slopes = np.ascontiguousarray(1.0 / n.T)
+        places = np.ascontiguousarray(x.T)
 
         def meets(query: Index, low: Array, high: Array) -> NDArray[np.bool_]:
-            with np.errstate(invalid="ignore"):  # 0 * inf on the face of a box: no bound from it
-                one, other = (low - x[query]) * inverse[query], (high - x[query]) * inverse[query]
-            enter = np.fmax.reduce(np.fmin(one, other), axis=1)
-            leave = np.fmin.reduce(np.fmax(one, other), axis=1)
+            enter, leave = np.full(query.size, -np.inf), np.full(query.size, np.inf)
+            for place, slope, lowest, highest in zip(places, slopes, low, high, strict=True):
+                at, per = place[query], slope[query]
+                with np.errstate(invalid="ignore"):  # 0 * inf on a box's face: no bound from it
+                    one, other = (lowest - at) * per, (highest - at) * per
+                enter = np.fmax(enter, np.fmin(one, other))
+                leave = np.fmin(leave, np.fmax(one, other))
             slack = 1e-12 * np.minimum(np.abs(enter), np.abs(leave))
             # A line along an axis enters at inf and leaves at -inf beside two faces: it misses.
             slack[np.isinf(slack)] = 0.0
             return np.asarray(~(enter > leave + slack))
 
+        line, facet = zip(*self._descend(len(x), meets), strict=True)
+        return np.concatenate(line), np.concatenate(facet)
+
+    def near_points(self, x: Array, bound: Array) -> Batches:
+        """Pairs (point, facet), in batches, that hold the facets nearest to places (npoints, dim).
+
+        Parameters
+        ----------
+        x : ndarray, shape (npoints, dim)
+        bound : ndarray, shape (npoints,)
+            Squares of known distances to some facet, which may be lowered between batches.
+        """
+        places = np.ascontiguousarray(x.T)
+
+        def meets(query: Index, low: Array, high: Array) -> NDArray[np.bool_]:
+            square = np.zeros(query.size)
+            for one, lowest, highest in zip(places, low, high, strict=True):
+                place = one[query]
+                away = np.maximum(np.maximum(lowest - place, place - highest), 0.0)
+                square += away * away
+            return np.asarray(square <= bound[query] * (1 + 1e-12))
+
         return self._descend(len(x), meets)
 
-    def _descend(self, queries: int, meets: Meets) -> tuple[Index, Index]:
-        query, node = np.arange(queries), np.zeros(queries, dtype=np.int64)
-        for level, (low, high) in enumerate(reversed(self._levels)):
-            if level:
-                query = np.repeat(query, 2)
-                node = (2 * node[:, None] + np.arange(2)).ravel()
-            real = low[node, 0] <= high[node, 0]
+    def one_near(self, x: Array) -> Index:
+        """A facet near each place (npoints, dim): always down to the nearer of two boxes."""
+        node = np.zeros(len(x), dtype=np.int64)
+        places = x.T[:, :, None]
+        for low, high in reversed(self._levels[:-1]):
+            pair = 2 * node[:, None] + np.arange(2)
+            away = np.maximum(low[:, pair] - places, places - high[:, pair]).clip(0.0)
+            square = np.sum(away * away, axis=0)
+            # Inside both boxes: the one whose middle is nearer. Empty boxes are at inf.
+            with np.errstate(invalid="ignore"):
+                middle = np.abs(low[:, pair] + high[:, pair] - 2 * places).sum(axis=0)
+            both = (square[:, 0] == square[:, 1]) & (middle[:, 1] < middle[:, 0])
+            node = 2 * node + ((square[:, 1] < square[:, 0]) | both)
+        return self._order[node]
+
+    def _descend(self, queries: int, meets: Meets) -> Batches:
+        top = len(self._levels) - 1
+        waiting = [(np.arange(queries), np.zeros(queries, dtype=np.int64), top)]
+        while waiting:
+            query, node, level = waiting.pop()
+            low, high = self._levels[level]
+            real = low[0, node] <= high[0, node]
             query, node = query[real], node[real]
-            kept = meets(query, low[node], high[node])
+            kept = meets(query, low[:, node], high[:, node])
             query, node = query[kept], node[kept]
-        return query, self._order[node]
+            if level == 0:
+                yield query, self._order[node]
+                continue
+            parts = -(-max(query.size, 1) // _TOGETHER)
+            for some, nodes in zip(
+                np.array_split(query, parts), np.array_split(node, parts), strict=True
+            ):
+                below = (2 * nodes[:, None] + np.arange(2)).ravel()
+                waiting.append((np.repeat(some, 2), below, level - 1))
 
 
 def _morton(centres: Array) -> NDArray[np.uint64]:

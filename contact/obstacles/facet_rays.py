@@ -41,7 +41,7 @@ def gap_to_facets(corners: Array, tree: BoxTree, x: Array, n: Array) -> Array:
     line, c, normal, slope = line[steep], c[steep], normal[steep], slope[steep]
     d = np.sum(normal * (c[:, 0] - x[line]), axis=1) / slope
     foot = x[line] + d[:, None] * n[line]
-    inside = np.all(_coordinates(c, normal, foot) >= -1e-10, axis=1)
+    inside = np.all(coordinates(c, normal, foot) >= -1e-10, axis=1)
     line, d, enters = line[inside], d[inside], slope[inside] < 0
     ahead, ahead_enters = _nearest(len(x), line, d, enters, d >= 0)
     behind, behind_enters = _nearest(len(x), line, -d, enters, d < 0)
@@ -61,15 +61,15 @@ def _nearest(
     return least, entering
 
 
-def _coordinates(c: Array, normal: Array, foot: Array) -> Array:
+def coordinates(c: Array, normal: Array, foot: Array) -> Array:
     """Barycentric coordinates of places in the planes of the facets."""
     if c.shape[2] == 2:
         edge = c[:, 1] - c[:, 0]
         s = np.sum((foot - c[:, 0]) * edge, axis=1) / np.sum(edge * edge, axis=1)
         return np.stack((1.0 - s, s), axis=1)
-    area = np.sum(normal * normal, axis=1)
+    area = np.einsum("fi,fi->f", normal, normal)
     parts = [
-        np.sum(np.cross(c[:, i] - c[:, i - 1], foot - c[:, i - 1]) * normal, axis=1) / area
+        np.einsum("fi,fi->f", np.cross(normal, c[:, i] - c[:, i - 1]), foot - c[:, i - 1]) / area
         for i in range(3)
     ]
     return np.stack(parts, axis=1)

@@ -12,6 +12,7 @@ from skfem import Mesh
 from contact.errors import InputError, warn
 from contact.facet_basis import facet_basis
 from contact.obstacles.shapes import ClosestPoint, Cylinder, Plane, Sphere
+from contact.obstacles.surface_mesh import SurfaceMesh
 
 Array = NDArray[np.float64]
 
@@ -50,7 +51,7 @@ def check_placement(obstacle: Any, gap: Array, x: Array, n: Array, size: float) 
     share = float(np.mean(_within(plain, x, n, size)))
     if share > 0.5:
         remedy = "turn its normal round" if isinstance(plain, Plane) else "change its place or sign"
-        if isinstance(plain, Cylinder | Sphere):
+        if isinstance(plain, Cylinder | Sphere | SurfaceMesh):
             remedy = f"for a hole that the body lies in, {type(plain).__name__}(..., hollow=True)"
             remedy = "hollow=False, for a body around it" if plain.hollow else remedy
         warn(

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError, evaluated, numbers
 from contact.obstacles.signed_distance import SignedDistance
+from contact.obstacles.surface_mesh import SurfaceMesh
 
 Array = NDArray[np.float64]
 ObstacleLike = Any  # an obstacle, a number, a callable x -> d, an array of one gap a point, or None
@@ -266,7 +267,7 @@ class ClosestPoint:
 
     Parameters
     ----------
-    obstacle : Plane, Cylinder, Sphere or SignedDistance
+    obstacle : Plane, Cylinder, Sphere, SurfaceMesh or SignedDistance
 
     Raises
     ------
@@ -284,10 +285,10 @@ class ClosestPoint:
     obstacle: Any
 
     def __post_init__(self) -> None:
-        if not isinstance(self.obstacle, Plane | Cylinder | Sphere | SignedDistance):
+        if not isinstance(self.obstacle, Plane | Cylinder | Sphere | SurfaceMesh | SignedDistance):
             raise InputError(
                 f"ClosestPoint: a {type(self.obstacle).__name__} has no distance; use a Plane, "
-                "Cylinder, Sphere or SignedDistance"
+                "Cylinder, Sphere, SurfaceMesh or SignedDistance"
             )
 
     def __call__(self, x: Array, n: Array) -> Array:
@@ -331,7 +332,7 @@ def evaluate_gap(obstacle: ObstacleLike, x: Array, n: Array) -> Array:
         raise InputError(
             f"obstacle: {obstacle.__name__} is a class; give one, {obstacle.__name__}(...)"
         )
-    known = (Plane, Cylinder, Sphere, Parabola, SignedDistance, ClosestPoint)
+    known = (Plane, Cylinder, Sphere, Parabola, SurfaceMesh, SignedDistance, ClosestPoint)
     if isinstance(obstacle, known):
         gap = obstacle(x, n)
     else:

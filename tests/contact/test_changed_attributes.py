@@ -19,6 +19,7 @@ from contact import (
     Rigid,
     SignedDistance,
     Sphere,
+    SurfaceMesh,
     uniqueness,
 )
 from skfem_adini import ElementQuadAdini
@@ -230,6 +231,10 @@ def test_problem_is_checked_when_set(name, value, word):
     same(ours.solve(), before)
 
 
+def wedge():
+    return SurfaceMesh([[0.0, -1.0, 1.0], [-1.0, -3.0, -3.0]], [[0, 1, 2], [1, 2, 0]])
+
+
 SETTLED = {
     "body": (body, ("basis", "dim", "element", "lam", "mu", "mesh")),
     "problem": (
@@ -247,6 +252,7 @@ SETTLED = {
     "ball": (lambda: Sphere((0, 0), 1.0), ("centre", "radius", "hollow")),
     "parabola": (lambda: Parabola((0, 0), 1.0), ("apex", "radius", "offset")),
     "distance": (lambda: SignedDistance(lambda x: x[0]), ("function", "reach")),
+    "surface mesh": (wedge, ("points", "facets", "hollow", "sheet", "normals")),
     "rigid": (lambda: Rigid(0.0), ("obstacle", "displacement", "force", "centre")),
     "result": (lambda: problem(body()).solve(), ("u", "mu", "t", "system", "motion")),
 }

@@ -21,6 +21,7 @@ from contact import (
     Rigid,
     SignedDistance,
     Sphere,
+    SurfaceMesh,
     uniqueness,
 )
 
@@ -143,6 +144,10 @@ CALLS = {
     "parabola offset": lambda v, s: contact(Parabola((0.5, 0), 1.0, v)),
     "distance function": lambda v, s: contact(SignedDistance(v)),
     "distance reach": lambda v, s: contact(SignedDistance(lambda x: x[1] + 1, v)),
+    "surface points": lambda v, s: contact(SurfaceMesh(v, [[0, 1, 2], [1, 2, 0]])),
+    "surface facets": lambda v, s: contact(SurfaceMesh([[0, -1, 1], [-1, -3, -3]], v)),
+    "surface file": lambda v, s: contact(SurfaceMesh.from_file(v)),
+    "surface scale": lambda v, s: contact(SurfaceMesh.from_file("no.stl", v)),
     "closest point": lambda v, s: contact(ClosestPoint(v)),
     "rigid obstacle": lambda v, s: contact(Rigid(v)),
     "rigid displacement": lambda v, s: contact(Rigid(0.0, displacement=v)),

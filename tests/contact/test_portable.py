@@ -25,6 +25,7 @@ from contact import (
     Rigid,
     SignedDistance,
     Sphere,
+    SurfaceMesh,
 )
 from skfem_adini import ElementQuadAdini
 
@@ -179,6 +180,7 @@ OBSTACLES = [
     Sphere((0.0, -2.0), 1.5),
     Parabola((0.0, 0.0), 3.0),
     SignedDistance(slope),
+    SurfaceMesh([[0.0, -1.0, 1.0], [-0.1, -3.0, -3.0]], [[0, 1, 2], [1, 2, 0]]),
     ClosestPoint(Plane((0.0, -1.0), (3.0, 4.0))),
 ]
 

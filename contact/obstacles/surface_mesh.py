@@ -1,0 +1,315 @@
+"""A rigid obstacle bounded by the facets of a mesh."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from contact.errors import InputError, numbers
+from contact.obstacles.facet_checks import (
+    check_facets,
+    is_free,
+    merged,
+    outwards,
+    read_facets,
+    read_points,
+)
+from contact.obstacles.facet_rays import gap_to_facets
+from contact.obstacles.flat_facets import FlatFacets
+from contact.obstacles.surface_files import polydata, read_surface
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SurfaceMesh:
+    """An obstacle whose surface is a mesh: segments in two dimensions, triangles in three.
+
+    A closed surface bounds a solid, whichever way its facets are turned, as long as neighbours are
+    turned alike. Points that are the same are merged, as the triangles of an STL file need it. The
+    gap is measured along the body's normal to the flat facets, or, in a `ClosestPoint`, to their
+    nearest place.
+
+    Parameters
+    ----------
+    points : array_like, shape (dim, npoints)
+    facets : array_like of int, shape (dim, nfacets)
+        Numbers of the points of each facet.
+    hollow : bool
+        The obstacle is the other side of the surface: a cavity, with the body in it.
+    sheet : bool
+        The surface may have a border. What lies behind it is the obstacle, as far as its facets
+        reach: behind is where a triangle turns clockwise, and on the left of the way along a
+        polyline. Nothing touches its border.
+
+    Attributes
+    ----------
+    normals : ndarray, shape (dim, nfacets)
+        Unit normals, out of the obstacle.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, NaN, numbers of points that are not there; facets without an area; a border
+        of a surface that is no sheet; edges of more than two facets; neighbours that are turned
+        differently; closed parts within each other that are.
+
+    Notes
+    -----
+    Whether a place lies inside is told by the normal of the nearest place, which at edges and
+    corners is the mean of the facets' normals by their angles. That the surface does not cut
+    itself is not checked.
+
+    References
+    ----------
+    J. A. Baerentzen and H. Aanaes, Signed distance computation using the angle weighted
+    pseudonormal, IEEE Transactions on Visualization and Computer Graphics 11 (2005), 243-253.
+
+    Examples
+    --------
+    A wedge, 1 below the origin:
+
+    >>> wedge = SurfaceMesh([[0.0, -1.0, 1.0], [-1.0, -3.0, -3.0]], [[0, 1, 2], [1, 2, 0]])
+    >>> wedge
+    SurfaceMesh(3 points, 3 segments)
+    >>> x, down = np.array([[0.0, 0.5], [0.0, 0.0]]), np.array([[0.0, 0.0], [-1.0, -1.0]])
+    >>> print(wedge(x, down), wedge.distance(x)[0].round(4))
+    [1. 2.] [1.    1.118]
+    """
+
+    points: Array
+    facets: Index
+    hollow: bool = False
+    sheet: bool = False
+    normals: Array = field(init=False)
+    _flat: FlatFacets = field(init=False)
+    _shift: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        for name in ("hollow", "sheet"):
+            if not isinstance(getattr(self, name), bool | np.bool_):
+                raise InputError(f"{name}={getattr(self, name)!r}: expected True or False")
+        points = read_points(self.points)
+        points, facets = merged(points, read_facets(self.facets, points))
+        check_facets(points, facets)
+        free = is_free(facets)
+        if np.any(free) and not self.sheet:
+            raise InputError(
+                f"facets: the surface is open at {int(free.sum())} "
+                f"{'ends' if len(points) == 2 else 'edges'}, so that it bounds no solid; close it "
+                "(pyvista's fill_holes), or sheet=True if what lies behind it is the obstacle"
+            )
+        if not np.any(free):
+            facets = outwards(points, facets)
+        if self.hollow:
+            facets = facets[::-1]
+        # Beside its own middle the surface loses no digits to a distant origin.
+        shift = 0.5 * (points.min(axis=1) + points.max(axis=1))
+        faces = FlatFacets.of(points - shift[:, None], facets)
+        self._set(points=points, facets=facets, normals=faces.pseudonormals[:, 0].T.copy())
+        self._set(_flat=faces, _shift=shift)
+
+    def _set(self, **values: Any) -> None:
+        for name, value in values.items():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_file(
+        cls,
+        path: str | PathLike[str],
+        scale: float = 1.0,
+        *,
+        hollow: bool = False,
+        sheet: bool = False,
+    ) -> SurfaceMesh:
+        """Read an STL, PLY, OBJ or VTP file.
+
+        Parameters
+        ----------
+        path : str or path
+            A file of lines without faces, in a plane of constant z, makes an obstacle in two
+            dimensions.
+        scale : float
+            Unit of the file in that of the body: 1e-3 for a file in mm and a body in m.
+        hollow, sheet : bool
+            See `SurfaceMesh`.
+
+        Returns
+        -------
+        SurfaceMesh
+
+        Raises
+        ------
+        InputError
+            No such file, another format, nothing in it; what `SurfaceMesh` refuses.
+        MissingDependency
+            pyvista is not installed.
+
+        Examples
+        --------
+        >>> import tempfile, pyvista
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     pyvista.Cube().triangulate().save(folder + "/cube.stl")
+        ...     SurfaceMesh.from_file(folder + "/cube.stl", scale=1e-3).points.max().round(9)
+        np.float64(0.0005)
+        """
+        size = numbers("scale", scale)
+        if size.shape != () or not 0 < size < np.inf:
+            raise InputError(f"scale={scale!r}: expected a positive number")
+        points, facets = read_surface(path)
+        return cls(float(size) * points, facets, hollow, sheet)
+
+    def __repr__(self) -> str:
+        """Say how large it is; its numbers would fill pages."""
+        facets = "segments" if len(self.points) == 2 else "triangles"
+        kind = "".join(f", {name}=True" for name in ("hollow", "sheet") if getattr(self, name))
+        return f"SurfaceMesh({self.points.shape[1]} points, {self.facets.shape[1]} {facets}{kind})"
+
+    def __call__(self, x: Array, n: Array) -> Array:
+        """Return the gap along n from x; both of shape (dim, ...)."""
+        n = n.reshape(len(n), -1).T
+        faces = self._flat
+        return gap_to_facets(faces.corners, faces.tree, self._home(x), n).reshape(x.shape[1:])
+
+    def distance(self, x: Array) -> tuple[Array, Array]:
+        """Signed distance, positive outside the obstacle, and its gradient.
+
+        Parameters
+        ----------
+        x : ndarray, shape (dim, ...)
+
+        Returns
+        -------
+        distance : ndarray, shape (...)
+            Infinite where the nearest place of a sheet lies on its border and x not straight above
+            it.
+        gradient : ndarray, shape (dim, ...)
+            On an edge, where it jumps, the mean of the facets' normals by their angles.
+
+        Raises
+        ------
+        InputError
+            Places of another dimension.
+
+        Examples
+        --------
+        >>> square = SurfaceMesh([[0, 1, 1, 0], [0, 0, 1, 1]], [[0, 1, 2, 3], [1, 2, 3, 0]])
+        >>> print(*square.distance(np.array([[0.5, 2.0], [0.9, 0.5]])))
+        [-0.1  1. ] [[0. 1.]
+         [1. 0.]]
+        """
+        home = self._home(x)
+        faces = self._flat
+        near = faces.nearest(home)
+        normal = faces.pseudonormals[near.facet, near.part]
+        away = home - near.foot
+        height = np.sum(away * normal, axis=1)
+        length = np.linalg.norm(away, axis=1)
+        side = np.where(height < 0, -1.0, 1.0)
+        # On a facet the normal has all digits; so close to an edge no difference has any.
+        flat = (near.part == 0) | (length <= 1e-8 * faces.size)
+        unit = away / np.where(flat, 1.0, side * length)[:, None]
+        gradient = np.where(flat[:, None], normal, unit)
+        distance = np.where(near.part == 0, height, side * length)
+        beside = np.linalg.norm(away - height[:, None] * normal, axis=1) > 1e-10 * faces.size
+        distance[faces.border[near.facet, near.part] & beside] = np.inf
+        return distance.reshape(x.shape[1:]), gradient.T.reshape(x.shape)
+
+    def closest(self, x: ArrayLike) -> Array:
+        """Nearest places of the surface.
+
+        Parameters
+        ----------
+        x : array_like, shape (dim, ...)
+
+        Returns
+        -------
+        ndarray, shape (dim, ...)
+
+        Raises
+        ------
+        InputError
+            Places that are not finite, or of another dimension.
+
+        Examples
+        --------
+        >>> square = SurfaceMesh([[0, 1, 1, 0], [0, 0, 1, 1]], [[0, 1, 2, 3], [1, 2, 3, 0]])
+        >>> square.closest([[0.4, 3.0], [0.9, 2.0]])
+        array([[0.4, 1. ],
+               [1. , 1. ]])
+        """
+        places = numbers("x", x)
+        if places.ndim < 1 or not np.all(np.isfinite(places)):
+            raise InputError("x: expected finite places of shape (dim, ...)")
+        near = self._flat.nearest(self._home(places))
+        return np.asarray((near.foot + self._shift).T.reshape(places.shape))
+
+    def translated(self, displacement: Sequence[float]) -> SurfaceMesh:
+        """The same surface elsewhere, for `LoadStepper.obstacle`; nothing is checked anew.
+
+        Parameters
+        ----------
+        displacement : sequence of float
+            One number a direction.
+
+        Returns
+        -------
+        SurfaceMesh
+
+        Raises
+        ------
+        InputError
+            A wrong number of components, or one that is not finite.
+
+        Examples
+        --------
+        >>> square = SurfaceMesh([[0, 1, 1, 0], [0, 0, 1, 1]], [[0, 1, 2, 3], [1, 2, 3, 0]])
+        >>> square.translated((0.0, -3.0)).points
+        array([[ 0.,  1.,  1.,  0.],
+               [-3., -3., -2., -2.]])
+        """
+        move = numbers("displacement", displacement)
+        if move.shape != self._shift.shape or not np.all(np.isfinite(move)):
+            raise InputError(
+                f"displacement={displacement!r}: expected {self._shift.size} finite numbers"
+            )
+        moved = copy.copy(self)
+        moved._set(points=self.points + move[:, None], _shift=self._shift + move)
+        return moved
+
+    def to_pyvista(self) -> Any:
+        """The surface with its cell data ``normal``.
+
+        Returns
+        -------
+        pyvista.PolyData
+
+        Raises
+        ------
+        MissingDependency
+            pyvista is not installed.
+
+        Examples
+        --------
+        >>> square = SurfaceMesh([[0, 1, 1, 0], [0, 0, 1, 1]], [[0, 1, 2, 3], [1, 2, 3, 0]])
+        >>> square.to_pyvista().n_lines
+        4
+        """
+        return polydata(self.points, self.facets, self.normals)
+
+    def _home(self, x: Array) -> Array:
+        """Places (dim, ...) as (npoints, dim), beside the middle of the surface."""
+        if x.shape[0] != self._shift.size:
+            raise InputError(
+                f"obstacle of dimension {self._shift.size} against a body of {x.shape[0]}"
+            )
+        return np.ascontiguousarray(x.reshape(x.shape[0], -1).T) - self._shift

@@ -1,0 +1,210 @@
+"""Distances and gaps to surface meshes: every facet in turn, VTK, planes, circles and spheres."""
+
+import numpy as np
+import pytest
+import pyvista
+from convergence import order
+from hypothesis import given
+from hypothesis import strategies as st
+from surfaces import ball, brick, bumpy, lump, ring, rotation
+
+from contact import ClosestPoint, Cylinder, Plane, Sphere, SurfaceMesh
+
+seeds = st.integers(0, 10**6)
+
+
+def places(rng, dim, count=60, size=1.6):
+    n = rng.standard_normal((dim, count))
+    return rng.uniform(-size, size, (dim, count)), n / np.linalg.norm(n, axis=0)
+
+
+def one_by_one(points, facets, x):
+    """Least distance to all facets: to each of their parts by least squares, where within."""
+    dim = len(points)
+    subsets = (
+        [(0,), (1,), (0, 1)] if dim == 2 else [(0,), (1,), (2,), (0, 1), (1, 2), (0, 2), (0, 1, 2)]
+    )
+    best = np.full(x.shape[1], np.inf)
+    for f in facets.T:
+        for subset in subsets:
+            c = points[:, f[list(subset)]]
+            edges = c[:, 1:] - c[:, :1]
+            s = np.linalg.pinv(edges) @ (x - c[:, :1])
+            within = (s >= 0).all(axis=0) & (s.sum(axis=0) <= 1)
+            away = np.linalg.norm(x - c[:, :1] - edges @ s, axis=0)
+            best = np.where(within, np.minimum(best, away), best)
+    return best
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_distance_as_if_every_facet_were_tried(dim):
+    @given(seeds)
+    def check(seed):
+        rng = np.random.default_rng(seed)
+        points, facets = bumpy(rng, dim)
+        x, _ = places(rng, dim)
+        surface = SurfaceMesh(points, facets)
+        d, gradient = surface.distance(x)
+        np.testing.assert_allclose(np.abs(d), one_by_one(points, facets, x), rtol=1e-9, atol=1e-12)
+        feet = surface.closest(x)
+        np.testing.assert_allclose(np.linalg.norm(x - feet, axis=0), np.abs(d), atol=1e-12)
+        np.testing.assert_allclose(x - d * gradient, feet, atol=1e-10)
+        # A star: inside where the ray from the middle leaves it farther out. To get there from
+        # within, one goes back along -ray.
+        ray = x / np.linalg.norm(x, axis=0)
+        out = -surface(0 * ray, -ray)
+        assert np.all(np.isfinite(out))
+        assert np.array_equal(d < 0, np.linalg.norm(x, axis=0) < out)
+
+    check()
+
+
+@pytest.mark.parametrize("make", [lambda: lump(4), lambda: ball(3)], ids=["lump", "ball"])
+def test_distance_of_vtk(make):
+    """vtkImplicitPolyDataDistance, which knows edges and corners as well."""
+    points, facets = make()
+    x, _ = places(np.random.default_rng(0), 3, 2000)
+    cells = np.column_stack((np.full(facets.shape[1], 3), facets.T)).ravel()
+    cloud = pyvista.PolyData(x.T.copy())
+    cloud.compute_implicit_distance(pyvista.PolyData(points.T.copy(), cells), inplace=True)
+    theirs = np.asarray(cloud["implicit_distance"])
+    # VTK searches in cells of a grid in single precision.
+    np.testing.assert_allclose(SurfaceMesh(points, facets).distance(x)[0], theirs, atol=1e-6)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_box_is_the_plane_of_its_top(dim):
+    up = np.eye(dim)[-1]
+    surface = SurfaceMesh(*brick((-9.0,) * (dim - 1) + (-7.0,), (8.0,) * (dim - 1) + (0.25,)))
+    plane = Plane(0.25 * up, up)
+    rng = np.random.default_rng(1)
+    x, n = rng.uniform(-1, 1, (2, dim, 3, 100))
+    n[-1] = -3
+    n /= np.linalg.norm(n, axis=0)
+    np.testing.assert_allclose(surface(x, n), plane(x, n), rtol=0, atol=1e-12)
+    for ours, theirs in zip(surface.distance(x), plane.distance(x), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("hollow", [False, True])
+def test_round_obstacles_are_approached(dim, hollow):
+    """Distances and gaps with order two, directions with order one."""
+    rng = np.random.default_rng(2)
+    _, ray = places(rng, dim, 400)
+    x = ray * rng.uniform(0.8, 1.4, 400)
+    n = (ray if hollow else -ray) + rng.uniform(-0.2, 0.2, ray.shape)
+    n /= np.linalg.norm(n, axis=0)
+    exact = (Cylinder if dim == 2 else Sphere)(np.zeros(dim), 1.0, hollow=hollow)
+    levels = [2, 3, 4, 5] if dim == 3 else [4, 5, 6, 7]
+    errors = []
+    for level in levels:
+        facets = ring(2**level) if dim == 2 else ball(level)
+        surface = SurfaceMesh(*facets, hollow=hollow)
+        d, gradient = surface.distance(x)
+        both = zip((surface(x, n), d, gradient), (exact(x, n), *exact.distance(x)), strict=True)
+        errors.append([np.abs(ours - theirs).max() for ours, theirs in both])
+    gap, distance, direction = (order(2.0 ** np.array(levels), e) for e in np.transpose(errors))
+    assert abs(gap - 2) < 0.2
+    assert abs(distance - 2) < 0.2
+    assert abs(direction - 1) < 0.3
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_moved_turned_scaled_renumbered(dim):
+    @given(seeds, st.sampled_from([1e-6, 1.0, 1e3]), st.booleans())
+    def check(seed, unit, turn_round):
+        rng = np.random.default_rng(seed)
+        points, facets = bumpy(rng, dim)
+        x, n = places(rng, dim, 30)
+        q, shift = rotation(rng, dim), unit * rng.uniform(-5, 5, (dim, 1))
+        number, shuffled = rng.permutation(points.shape[1]), rng.permutation(facets.shape[1])
+        there = np.empty_like(points)
+        there[:, number] = unit * q @ points + shift
+        renumbered = np.roll(number[facets[:, shuffled]], rng.integers(dim) if dim == 3 else 0, 0)
+        if turn_round:  # which a closed surface does not mind
+            renumbered = renumbered[::-1]
+        here, moved = SurfaceMesh(points, facets), SurfaceMesh(there, renumbered)
+        home, away = here(x, n), moved(unit * q @ x + shift, q @ n)
+        np.testing.assert_array_equal(np.isinf(home), np.isinf(away))
+        seen = np.isfinite(home)
+        # Rounding over the angle at which facets are met.
+        np.testing.assert_allclose(away[seen], unit * home[seen], rtol=1e-8, atol=1e-9 * unit)
+        d, gradient = here.distance(x)
+        far, turned = moved.distance(unit * q @ x + shift)
+        np.testing.assert_allclose(far, unit * d, rtol=1e-9, atol=1e-11 * unit)
+        np.testing.assert_allclose(turned, q @ gradient, atol=1e-6)
+
+    check()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_translated_is_made_there(dim):
+    rng = np.random.default_rng(3)
+    points, facets = bumpy(rng, dim)
+    x, n = places(rng, dim)
+    move = np.arange(1.0, dim + 1)
+    surface = SurfaceMesh(points, facets)
+    moved = surface.translated(move).translated(move)
+    again = SurfaceMesh(points + 2 * move[:, None], facets)
+    np.testing.assert_allclose(moved.points, again.points, rtol=1e-15)
+    here = x + 2 * move[:, None]
+    np.testing.assert_allclose(moved(here, n), again(here, n), rtol=1e-9)
+    np.testing.assert_allclose(moved.closest(here), again.closest(here), atol=1e-12)
+    np.testing.assert_allclose(moved(here, n), surface(x, n), rtol=1e-9)
+    np.testing.assert_array_equal(surface.points, points)
+
+
+def test_triangles_without_shared_points_are_joined():
+    points, facets = ball(2)
+    rng = np.random.default_rng(4)
+    soup = points[:, facets.T.ravel()] + rng.uniform(-1e-9, 1e-9, (3, facets.size))
+    surface = SurfaceMesh(soup, np.arange(facets.size).reshape(-1, 3).T)
+    assert surface.points.shape == points.shape
+    x, _ = places(rng, 3)
+    there = SurfaceMesh(points, facets)
+    np.testing.assert_allclose(surface.distance(x)[0], there.distance(x)[0], atol=1e-8)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_hollow_is_the_other_side(dim):
+    points, facets = bumpy(np.random.default_rng(5), dim)
+    x, _ = places(np.random.default_rng(6), dim)
+    solid, hole = SurfaceMesh(points, facets), SurfaceMesh(points, facets, hollow=True)
+    for one, other in zip(solid.distance(x), hole.distance(x), strict=True):
+        np.testing.assert_allclose(one, -other, atol=1e-15)
+    np.testing.assert_allclose(solid.normals, -hole.normals, atol=1e-15)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_shell_has_a_cavity(dim):
+    """The inner part is turned the other way; both are one obstacle."""
+    facets = ring(200) if dim == 2 else ball(4)
+    points, outer = facets
+    inner = outer[::-1] + points.shape[1]
+    shell = SurfaceMesh(np.hstack((points, 0.5 * points)), np.hstack((outer, inner)))
+    x, _ = places(np.random.default_rng(7), dim, 300)
+    length = np.linalg.norm(x, axis=0)
+    # The sagitta of a facet.
+    np.testing.assert_allclose(shell.distance(x)[0], np.abs(length - 0.75) - 0.25, atol=0.01)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_sheet(dim):
+    """A wall from 0 to 1: what is behind it and in front of it; nothing meets its border."""
+    wall = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[1], [0]])
+    if dim == 3:
+        wall = brick((0.0, 0.0, -1.0), (1.0, 1.0, 0.0))
+        top = np.flatnonzero((wall[0][2, wall[1]] == 0).all(axis=0))
+        wall = wall[0], wall[1][:, top]
+    sheet = SurfaceMesh(*wall, sheet=True)
+    x = np.full((dim, 3), 0.5)
+    x[-1] = 0.2, -0.3, 0.2
+    x[0, 2] = 1.1
+    down = np.tile(-np.eye(dim)[-1:].T, 3)
+    for gap in (sheet, ClosestPoint(sheet)):
+        np.testing.assert_allclose(gap(x, down), [0.2, -0.3, np.inf], atol=1e-15)
+    assert np.all(np.isinf(sheet(x, -down)[[0, 2]]))
+    assert np.all(np.isfinite(sheet.distance(x)[1]))
+    back = SurfaceMesh(*wall, sheet=True, hollow=True)
+    np.testing.assert_allclose(back.distance(x)[0], [-0.2, 0.3, np.inf], atol=1e-15)
