@@ -2,6 +2,7 @@
 
 from contact.body.anisotropic import Anisotropic, Orthotropic
 from contact.body.cut_body import CutBody
+from contact.body.distributed_body import DistributedBody
 from contact.body.elastic_body import ElasticBody
 from contact.body.layers.layered_block import LayeredBlock
 from contact.body.surface import Surface
@@ -29,6 +30,7 @@ from contact.obstacles.surface_mesh import SurfaceMesh
 from contact.problem.contact_problem import ContactProblem
 from contact.result.body_result import BodyResult
 from contact.result.contact_result import ContactResult
+from contact.result.save_pvtu import save_pvtu
 from contact.rows.pairs import Pair, Tie
 
 __all__ = [
@@ -43,6 +45,7 @@ __all__ = [
     "CrossCheck",
     "CutBody",
     "Cylinder",
+    "DistributedBody",
     "ElasticBody",
     "Infeasible",
     "InputError",
@@ -68,6 +71,7 @@ __all__ = [
     "Unbounded",
     "Uniqueness",
     "cross_check",
+    "save_pvtu",
     "uniqueness",
 ]
 

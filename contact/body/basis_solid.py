@@ -184,6 +184,11 @@ class BasisSolid(Solid):
         divergence = np.trace(np.asarray(self.basis.interpolate(u).grad))
         return np.asarray(np.average(divergence, axis=1, weights=self.basis.dx))
 
+    def mean_dilatation_at(self, u: Array, points: Array) -> Array | None:
+        """Mean div u of the cell of each point, with mean dilatation; else None."""
+        mean = self.mean_dilatation(u)
+        return None if mean is None else mean[self.cells_of(points)]
+
     def displacement(self, u: Array, points: Array) -> Array:
         """Displacement at points, by the element's own interpolation, shape (dim, npoints)."""
         cells = self.cells_of(points)

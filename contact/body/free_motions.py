@@ -69,8 +69,8 @@ def unseen_motion(modes: Array, on_boundary: Array) -> Array | None:
 
 def not_held(body: Any, name: str, u: Array) -> Unbounded:
     """The error that names a rigid motion u, shape (ndofs,), of a body."""
-    work, f = float(body.f @ u), body.f
-    idle = abs(work) <= 1e-12 * float(np.abs(f) @ np.abs(u))
+    f = body.f
+    idle = abs(body.dot(f, u)) <= 1e-12 * body.dot(np.abs(f), np.abs(u))
     lack = ", and no load says how far it goes" if idle else " that could balance the loads"
     return Unbounded(
         f"the body is not held: {name} meets no resistance{lack}; fix a displacement that it "

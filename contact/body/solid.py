@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from contact.body.constitutive import StressLaw
+from contact.body.constitutive import StressLaw, total_stress
 from contact.body.surface import Surface
 from contact.errors import InputError, numbers
 from contact.portable import Portable
@@ -237,6 +237,10 @@ class Solid(Portable, ABC):
     def total(self, forces: Array) -> Array:
         """Resultant of forces on all dofs, shape (dim,)."""
 
+    def dot(self, a: Array, b: Array) -> float:
+        """Inner product of two vectors of all dofs."""
+        return float(a @ b)
+
     @abstractmethod
     def displacement(self, u: Array, points: Array) -> Array:
         """Displacement at points, by the element's own interpolation, shape (dim, npoints)."""
@@ -248,6 +252,16 @@ class Solid(Portable, ABC):
     @abstractmethod
     def law_at(self, points: Array) -> StressLaw:
         """Stress from strain at points, shape (dim, npoints)."""
+
+    def stress_at(self, u: Array, points: Array) -> Array:
+        """Cauchy stress at points, shape (dim, dim, npoints)."""
+        gradient, strain = self.gradient(u, points), self.thermal_strain_at(points)
+        mean = self.mean_dilatation_at(u, points)
+        return total_stress(self.law_at(points), gradient, mean, strain)
+
+    def mean_dilatation_at(self, u: Array, points: Array) -> Array | None:
+        """Mean div u of the cell of each point, with mean dilatation; else None."""
+        return None
 
     def mean_dilatation(self, u: Array) -> Array | None:
         """Mean div u of each cell, shape (ncells,), with mean dilatation; else None."""

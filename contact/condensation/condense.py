@@ -5,9 +5,11 @@ from __future__ import annotations
 from functools import singledispatch
 
 from contact.body.basis_solid import BasisSolid
+from contact.body.distributed_body import DistributedBody
 from contact.body.layers.layered_block import LayeredBlock
 from contact.body.solid import Solid
 from contact.condensation.condensed_body import BodyRows, CondensedBody
+from contact.condensation.distributed import CondensedDistributed
 from contact.condensation.layers import CondensedLayers
 from contact.condensation.sparse import SparseBody
 from contact.errors import InputError
@@ -56,3 +58,18 @@ def _by_slab_doubling(
             "leave 'auto', or use block.elastic()"
         )
     return CondensedLayers(body, rows, body.compute_on(device))
+
+
+@condense.register(DistributedBody)
+def _on_many_processes(
+    body: DistributedBody, rows: BodyRows, solver: str, device: str
+) -> CondensedBody:
+    if device != "cpu":
+        raise InputError(f"device={device!r}: a DistributedBody is condensed on the 'cpu'")
+    alone = body.comm.size == 1
+    known = ("auto", "mumps", "pardiso", "superlu") if alone else ("auto", "mumps")
+    if solver not in known:
+        raise InputError(
+            f"solver={solver!r}: a DistributedBody on {body.comm.size} processes takes {known}"
+        )
+    return CondensedDistributed(body, rows, solver)

@@ -91,6 +91,7 @@ class CondensedContact(CondensedBodies):
     """
 
     _arrays: Any
+    _keeps_stiff = True
 
     def __init__(
         self,
@@ -157,7 +158,8 @@ class CondensedContact(CondensedBodies):
         # friction: its row is kept, without compliance. If they prescribe all of it, friction acts
         # on supports alone, and the rows are dropped.
         alive = live_t.reshape(live_n.size, -1)
-        self._stiff: NDArray[np.bool_] = ~alive & np.any(alive, axis=1, keepdims=True)
+        half: NDArray[np.bool_] = ~alive & np.any(alive, axis=1, keepdims=True)
+        self._half_held, self._stiff = half, half & self._keeps_stiff
         seen = self._stiff.ravel() | live_t
         number = live_n.sum() + np.cumsum(seen) - 1
         self.points = PointRows(normal, np.where(seen, number, -1).reshape(alive.shape))

@@ -11,6 +11,7 @@ from scipy.linalg import LinAlgError
 
 from contact.arrays.dense_arrays import DeviceMatrix
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
+from contact.condensation.primal import PrimalProblem
 from contact.errors import ContactError, InputError, NotConverged
 from contact.laws.active_set import signorini
 from contact.laws.coarse_start import CoarseProblem
@@ -21,6 +22,7 @@ from contact.laws.given_friction import GivenFriction
 from contact.laws.iteration import Iteration, Report, outer_step
 from contact.laws.load_balance import check_held
 from contact.laws.options import Options
+from contact.laws.primal_newton import primal_newton
 from contact.laws.proximal_point import proximal_point
 from contact.laws.semismooth_newton import semismooth_newton
 from contact.laws.tresca_loop import tresca_loop
@@ -83,6 +85,8 @@ def solve_boundary(
     InputError
         Bonded points or compliant surfaces, and a method that does not take them.
     """
+    if isinstance(problem, PrimalProblem):
+        return primal_newton(problem, friction, options, start, report), 0.0
     _refuse(problem, options)
     check_held(problem, friction)
     tol, newton = options.tol * INNER, options.method == "newton"

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from contact.body.cut_arc import CutArc
 from contact.body.solid import Solid
 from contact.body.surface import Surface
+from contact.condensation.condensed_by_type import condensed_contact
 from contact.condensation.condensed_contact import CondensedContact
 from contact.errors import InputError
 from contact.laws.iteration import Iteration
@@ -278,7 +279,7 @@ class ContactProblem(Portable):
         kept, material = self._condensed, self.body.materials
         if kept is None or not _same(kept[1], material) or device not in (None, kept[0]):
             where = device or ("cpu" if kept is None else kept[0])
-            kept = where, material, CondensedContact(self.body, self.rows, self.solver, where)
+            kept = where, material, condensed_contact(self.body, self.rows, self.solver, where)
             self._condensed = kept
         return kept[2]
 

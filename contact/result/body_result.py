@@ -89,15 +89,12 @@ class BodyFields:
             Points of another shape, not finite, or outside the body.
         """
         body = self.body
-        mean = body.mean_dilatation(self.u)
-        if points is None:
-            gradient = np.asarray(body.basis.interpolate(self.u).grad)
-            volume = None if mean is None else mean[:, None]
-            return total_stress(body.law, gradient, volume, body.thermal_strain_in(body.basis.X))
-        where = self._points(points)
-        volume = None if mean is None else mean[body.cells_of(where)]
-        gradient = body.gradient(self.u, where)
-        return total_stress(body.law_at(where), gradient, volume, body.thermal_strain_at(where))
+        if points is not None:
+            return np.asarray(body.stress_at(self.u, self._points(points)))
+        mean, gradient = body.mean_dilatation(self.u), body.basis.interpolate(self.u).grad
+        volume = None if mean is None else mean[:, None]
+        strain = body.thermal_strain_in(body.basis.X)
+        return total_stress(body.law, np.asarray(gradient), volume, strain)
 
     def nodal_stress(self) -> Array:
         """Cauchy stress at the vertices of the mesh, shape (3, 3, nvertices).

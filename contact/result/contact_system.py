@@ -203,17 +203,18 @@ class ContactSystem:
 
     def energy(self, u: Array) -> float:
         """Potential energy ``u^T S u / 2 - f^T u``, without friction."""
-        return float(0.5 * u @ (self.body.stiffness @ u) - self.load @ u)
+        return 0.5 * self.body.dot(u, self.body.stiffness @ u) - self.body.dot(self.load, u)
 
 
 def _unbalanced_body(body: Any, u: Array, contact: Array, load: Array) -> float:
-    given = body.total(np.abs(load)) + body.total(np.abs(contact))
+    loads = body.total(np.abs(load))
+    given = loads + body.total(np.abs(contact))
     if not np.any(given):  # supports alone hold each other
         return 0.0
     reactions = body.at_supports(body.internal(u) + contact - load)
     size = _largest(given + body.total(np.abs(reactions)))
     left = _largest(body.total(load + reactions - contact)) / size
-    if left > _DIGITS and not np.any(load):  # supports alone cause the forces
+    if left > _DIGITS and not np.any(loads):  # supports alone cause the forces
         left /= max(1.0, _TRAVEL * body.reach(u) / (body.deformation(u) or 1e-300))
     return left
 

@@ -1,0 +1,167 @@
+"""Condensation of a body on many processes by one parallel factorisation."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from contact.arrays.blas_threads import one_blas_thread
+from contact.body.distributed_body import DistributedBody
+from contact.body.free_motions import RIGID, not_held, unseen_motion
+from contact.body.multipoint import picked_by
+from contact.body.rigid_modes import describe_motion, reduced_echelon
+from contact.condensation.condensed_body import BodyRows, CondensedBody
+from contact.condensation.schur import schur_factor
+from contact.errors import InputError
+from skfem_adini import InputError as MatrixInputError
+from skfem_adini.distributed import MumpsSchur, has_petsc
+
+Array = NDArray[np.float64]
+
+
+class CondensedDistributed(CondensedBody):
+    """A `DistributedBody`, condensed by MUMPS onto the unknowns that contact rows touch.
+
+    Every process holds the Schur complement and the boundary problem, and solves it in the same
+    way; what belongs to the inside of the body stays where it is.
+
+    Parameters
+    ----------
+    body : DistributedBody
+    rows : BodyRows
+        On the dofs of the contact strip.
+
+    Raises
+    ------
+    Unbounded
+        Nothing holds the body, and contact does not see its motion.
+    InputError
+        The stiffness is not positive definite.
+    """
+
+    def __init__(self, body: DistributedBody, rows: BodyRows, solver: str = "auto") -> None:
+        z = body.unknowns
+        # Scale the unknowns to unit stiffness, by powers of two.
+        diagonal = self._diagonal(body)
+        exponent = np.round(-0.5 * np.log2(np.where(diagonal > 0, diagonal, 1.0)))
+        self._unit = np.ldexp(1.0, exponent.astype(np.int64))
+        of_known = z.known(self._unit)
+        S = sparse.csr_array(z.own.T @ body.rows @ z.all)
+        S.data *= np.repeat(self._unit, np.diff(S.indptr)) * of_known[S.indices]
+        strip = z.collected(z.strip_numbers, self._unit)
+        self._P = sparse.csr_array(z.strip @ sparse.diags_array(strip))
+        self._strip = body.trace.basis.N
+        self._prescribe(body)
+        B = self._touch(rows)
+        self.B = sparse.csr_array(B[:, self._boundary])
+        self._at = z.strip_numbers[self._boundary]
+        modes = self._free_motions()
+        on_boundary = z.collected(self._at, modes)
+        self._refuse(unseen_motion(modes, on_boundary))
+        self._factor = self._schur(S, solver)
+        with one_blas_thread(max(self.B.shape)):
+            self._hold(on_boundary, modes)
+
+    def _schur(self, S: sparse.csr_array, solver: str) -> Any:
+        """The factor by MUMPS; on one process also by the solvers of other bodies."""
+        body, z = self.body, self.body.unknowns
+        if body.comm.size == 1 and (solver != "mumps" and not (solver == "auto" and has_petsc())):
+            return schur_factor(S, self._at, partial(_banded, S), solver)
+        try:
+            return MumpsSchur(S, z.numbers, z.first, z.total, self._at, body.comm)
+        except MatrixInputError as error:
+            raise InputError(str(error)) from error
+
+    @staticmethod
+    def _diagonal(body: DistributedBody) -> Array:
+        """Diagonal of the stiffness in the own unknowns."""
+        z = body.unknowns
+        product = sparse.csr_array(body.rows @ z.all)
+        own = np.searchsorted(z.numbers, z.first + np.arange(z.own.shape[1]))
+        sums = z.own.multiply(product[:, own]).sum(axis=0)
+        return np.asarray(sums, dtype=np.float64).ravel()
+
+    def _prescribe(self, body: Any) -> None:
+        u0 = body.constraint[1]
+        self.body, self._u0 = body, u0
+        moved = any(body.comm.allgather(bool(u0.any())))
+        self._lifted = body.internal(u0) if moved else None
+
+    def _in_unknowns(self, rows: BodyRows) -> sparse.csr_array:
+        strip = (
+            sparse.csr_array(part[:, : self._strip]) for part in (rows.normal, rows.tangential)
+        )
+        return super()._in_unknowns(BodyRows(*strip))
+
+    def rigid_in_unknowns(self) -> Array:
+        """Rigid motions of all of space in the own unknowns, resisted or not."""
+        z, owned = self.body.unknowns, self.body.space.owned
+        picked = picked_by(z.own, self.body.lengths[0][owned])
+        return np.asarray(picked.T @ self.body.rigid[owned]) / self._unit[:, None]
+
+    def _free_motions(self) -> Array:
+        """Rigid motions that no support resists, in the own unknowns, shape (own, k)."""
+        body = self.body
+        z, owned = body.unknowns, body.space.owned
+        of_dof = body.lengths[0][owned][:, None]
+        modes, picked = body.rigid[owned], picked_by(z.own, of_dof[:, 0])
+        size = np.linalg.norm(body.stacked(of_dof * modes), axis=0)
+        held = body.stacked(of_dof * (modes - z.own @ (picked.T @ modes)) / size)
+        _, singular, V = np.linalg.svd(held, full_matrices=False)
+        plain = reduced_echelon(V[singular < 10 * RIGID] / size)
+        self._rigid = plain.T
+        free: Array = picked.T @ (modes @ plain.T) / self._unit[:, None]
+        return free
+
+    def resultants(self, load: Array) -> Array:
+        """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
+        here = self.modes.T @ self._to_own(load)
+        return np.asarray(sum(self.body.comm.allgather(here)))
+
+    def _to_own(self, forces: Array) -> Array:
+        """Forces on the dofs in the own unknowns."""
+        own: Array = self._unit * (self.body.unknowns.own.T @ self.body.counted(forces))
+        return own
+
+    def carried(self, forces: Array) -> Array:
+        """Forces on all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        carried: Array = self._factor.reduce(self._to_own(forces))
+        return carried
+
+    def moved(self, forces: Array, z_b: Array) -> Array:
+        """Displacement of all dofs under forces on them and supports at rest."""
+        body = self.body
+        z_b = body.comm.bcast(z_b)  # the processes agree on every bit
+        own = self._unit * self._factor.expand(self._to_own(forces), z_b)
+        return self._of_own(own)
+
+    def _of_own(self, own: Array) -> Array:
+        body = self.body
+        x = np.zeros(body.space.basis.N)
+        x[body.space.owned] = body.unknowns.own @ own
+        u: Array = body.of_owned(x)
+        return u
+
+    def restrict(self, rows: sparse.csr_array) -> Array:
+        """Rows of all dofs in the contact boundary's unknowns, shape (nrows, nb)."""
+        return super().restrict(sparse.csr_array(rows[:, : self._strip]))
+
+    def motion_of(self, motion: Array) -> tuple[str, Array]:
+        """Name and all dofs of a rigid motion in own unknowns."""
+        u = self._of_own(self._unit * motion)
+        strip = u[: self._strip]
+        return describe_motion(self.body.trace, strip), u
+
+    def _refuse(self, motion: Array | None) -> None:
+        if motion is not None:
+            raise not_held(self.body, *self.motion_of(motion))
+
+
+def _banded(S: sparse.csr_array) -> NDArray[np.int64]:
+    """An elimination order that needs the matrix alone."""
+    return reverse_cuthill_mckee(S, symmetric_mode=True).astype(np.int64)

@@ -1,0 +1,188 @@
+"""Contact rows of a body that are made unknowns of it, so that nothing dense is needed."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.body.node_blocks import NodeBlocks
+from contact.condensation.boundary_problem import BoundaryProblem, Forces
+from contact.condensation.condensed_contact import CondensedContact
+from contact.condensation.distributed import CondensedDistributed
+from contact.condensation.rows_as_unknowns import rows_as_unknowns
+from contact.errors import InputError
+from contact.obstacles.rigid import ObstacleMotion
+from contact.rows.contact_rows import ContactRows
+from skfem_adini.distributed import AlteredSystem
+
+Array = NDArray[np.float64]
+
+# Compliance of a contact row times the diagonal entry of its unknown: on uniform meshes it is
+# between 1.3 and 4. It is a constant of the method, not of the result.
+_COMPLIANCE = 2.0
+
+
+@dataclass(frozen=True)
+class PrimalProblem(BoundaryProblem):
+    """Contact rows v as unknowns of a body on many processes, in the scale of a `BoundaryProblem`.
+
+    Attributes
+    ----------
+    system : AlteredSystem
+        The stiffness, in unknowns among which are the rows without prescribed parts.
+    load : ndarray
+        Own forces on its unknowns.
+    v : ndarray, shape (n,)
+        The rows at the present state: it takes the place of ``v0 - W l + C a``; v0 is what is
+        prescribed.
+    """
+
+    system: Any = None
+    load: Any = None
+    v: Any = None
+
+    def displacements(self, mu: Array, t: Array, a: Array) -> tuple[Array, Array]:
+        """Normal and tangential displacement of every point at the present state."""
+        u_n = np.where(self.normal >= 0, self.v[self.normal], 0.0)
+        u_t = np.where(self.tangent >= 0, self.v[self.tangent], self.prescribed_slip)
+        return u_n, u_t
+
+
+@dataclass(frozen=True)
+class PrimalForces(Forces):
+    """Forces with the own unknowns x that belong to them."""
+
+    x: Any = None
+
+
+class PrimalBody(CondensedDistributed):
+    """The scaled stiffness of a `DistributedBody`, without elimination."""
+
+    thin = False
+
+    def _schur(self, S: sparse.csr_array, solver: str) -> Any:
+        self.S = S
+
+    def _hold(self, N: Array, modes: Array) -> None:
+        self.N, self.modes = N, modes
+
+
+class PrimalContact(CondensedContact):
+    """What `CondensedContact` is to bodies that are condensed, for one that is not.
+
+    The contact rows are unknowns: ``B z = v``. Newton's methods then prescribe those of points in
+    contact and solve for all others by multigrid, see `contact.laws.primal_newton`.
+    """
+
+    _keeps_stiff = False
+
+    def __init__(self, body: Any, rows: ContactRows, method: str) -> None:
+        self._method = method
+        of_body = self._take(body, rows, None)
+        self.parts = (PrimalBody(body, of_body[0]),)
+        self._finish(body)
+
+    @property
+    def size(self) -> int:
+        """Order of the largest dense matrix."""
+        return 1
+
+    def _condense(self) -> None:
+        part: Any = self.parts[0]
+        body, z, B = part.body, part.body.unknowns, sparse.csr_array(self.B)
+        self._arrays = part.arrays
+        diagonal = z.collected(part._at, _diagonal(part.S, z))
+        compliance = _COMPLIANCE * (B.multiply(B) @ (1.0 / diagonal))
+        self._scale = scale = self.points.lengths(compliance)
+        B = sparse.csr_array(sparse.diags_array(1.0 / scale) @ B)
+        pivots, change, back = rows_as_unknowns(B)
+        self._blocks = blocks = NodeBlocks.of(body)
+        at = z.collected(part._at, blocks.numbers).astype(np.int64)
+        modes = part.rigid_in_unknowns()
+        of_chosen = back @ z.collected(part._at, modes)
+        modes = blocks.put(modes)
+        mine = blocks.own(at[pivots])
+        modes[at[pivots][mine] - blocks.first] = of_chosen[pivots][mine]
+        self._system = AlteredSystem(
+            *blocks.rows(part.S, z),
+            blocks.first,
+            blocks.total,
+            at[pivots],
+            *blocks.change(change, at),
+            near_null=modes,
+            comm=body.comm,
+            method=self._method,
+            block_size=blocks.size,
+        )
+        del part.S
+        self._unit = float(np.mean(scale))
+        self.N = part.N * self._unit
+        self._C = (self.B @ self.N) / scale[:, None]
+
+    def boundary_problem(
+        self,
+        load: Array,
+        gap: Array,
+        slip_from: Array | None = None,
+        motion: ObstacleMotion | None = None,
+    ) -> PrimalProblem:
+        """The problem for one load vector and one gap; see `CondensedContact.boundary_problem`."""
+        if motion is not None and np.any(motion.free):
+            raise InputError(
+                "obstacle: forces on obstacles are not offered without condensation; take "
+                "DistributedBody(..., backend='mumps')"
+            )
+        fixed_n, fixed_t = self.prescribed(gap, slip_from, motion)
+        if np.abs(fixed_t[self._half_held]).max(initial=0.0) > 0.0:
+            raise InputError(
+                "supports: one tangential component of a contact point is moved and the other "
+                "free, which is not offered without condensation; take "
+                "DistributedBody(..., backend='mumps')"
+            )
+        part: Any = self.parts[0]
+        v0 = self.points.stacked(fixed_n, fixed_t) / self._scale
+        scale = self.point_scale
+        own = self._blocks.put(part._to_own(part._from_rest(load)))
+        return PrimalProblem(
+            W=np.zeros((0, 0)),
+            v0=v0,
+            C=self._C,
+            s=self.resultants(load),
+            gap=gap / scale,
+            normal=self.points.normal,
+            tangent=self.points.tangent,
+            prescribed_slip=fixed_t / scale[:, None],
+            bonded=self.rows.ties if self.rows.bonded.size else None,
+            system=self._system,
+            load=self._system.carried(own),
+            v=v0,
+        )
+
+    def recover(self, load: Array, problem: Any, forces: Any) -> tuple[Array, Array, Array]:
+        """Displacement of all dofs and physical forces: (u, mu, t)."""
+        part: Any = self.parts[0]
+        z = self._system.to_z(forces.x)[self._blocks.place]
+        u = part._of_own(part._unit * z)
+        scale = self.point_scale
+        u0 = part.prescribed()
+        return u + u0, forces.mu / scale, forces.t / scale[:, None]
+
+    def under(self, body: Any) -> PrimalContact:
+        """The same matrices for a body that is under other loads."""
+        other = copy(self)
+        other.parts = tuple(
+            part.under(one) for part, one in zip(self.parts, body.bodies, strict=True)
+        )
+        other._prescribe(body)
+        return other
+
+
+def _diagonal(S: sparse.csr_array, z: Any) -> Array:
+    column = np.searchsorted(z.numbers, z.first + np.arange(S.shape[0]))
+    picked = sparse.csr_array((np.ones(column.size), (np.arange(column.size), column)), S.shape)
+    return np.asarray(S.multiply(picked).sum(axis=1), dtype=np.float64).ravel()

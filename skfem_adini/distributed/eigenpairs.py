@@ -1,0 +1,151 @@
+"""The lowest eigenpairs of distributed matrices, by SLEPc."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skfem_adini.arguments.dof_numbers import dof_numbers
+from skfem_adini.distributed.communicator import INSTALLING, any_of, petsc, total
+from skfem_adini.distributed.distributed_matrix import DistributedMatrix, to_petsc
+from skfem_adini.errors import InputError, MissingDependency, NotConverged
+
+Array = NDArray[np.float64]
+
+# Relative residual that each pair must have, in the scaled unknowns.
+_RESIDUAL = 1e-9
+
+
+def lowest_eigenpairs(
+    K: DistributedMatrix,
+    M: DistributedMatrix,
+    count: int,
+    fixed: ArrayLike | None = None,
+    shift: float = 0.0,
+) -> tuple[Array, Array]:
+    r"""Return the smallest eigenvalues of :math:`K x = \lambda M x` on many processes.
+
+    Krylov-Schur's method is applied to :math:`(K - \sigma M)^{-1} M`, with MUMPS's factors; dofs
+    are scaled by the square roots of the diagonal of M.
+
+    Parameters
+    ----------
+    K, M
+        Symmetric, of one `DistributedBasis`; M positive definite.
+    count
+        Number of eigenpairs.
+    fixed
+        Local dofs of homogeneous essential conditions, the halo included.
+    shift
+        The number sigma, below all eigenvalues; below zero if K is singular.
+
+    Returns
+    -------
+    values : ndarray
+        Ascending, shape (count,).
+    vectors : ndarray
+        Of unit M-norm, local vectors as columns, shape (basis.N, count), zero at the fixed dofs.
+
+    Raises
+    ------
+    InputError
+        Matrices of different spaces, a count that is too large, or K - sigma M not definite.
+    MissingDependency
+        petsc4py or slepc4py is not installed.
+    NotConverged
+        The iteration does not converge, or a recomputed residual is too large.
+
+    References
+    ----------
+    V. Hernandez, J. E. Roman and V. Vidal, SLEPc: a scalable and flexible toolkit for the solution
+    of eigenvalue problems, ACM Trans. Math. Software 31 (2005), 351-362.
+    """
+    space = K.space
+    if M.space is not space:
+        raise InputError("K, M: expected matrices of one DistributedBasis")
+    free = np.ones(space.basis.N)
+    if fixed is not None:
+        free[dof_numbers("fixed", fixed, space.basis.N)] = 0.0
+    unknowns = int(total(space.comm, free[space.owned].sum()))
+    if (
+        isinstance(count, bool)
+        or not isinstance(count, int | np.integer)
+        or not (1 <= count < unknowns)
+    ):
+        raise InputError(f"count: expected 1 to {unknowns - 1}, a whole number, got {count!r}")
+    diagonal = M.diagonal()
+    if any_of(space.comm, np.any(diagonal <= 0)):
+        raise InputError("M: the matrix is not positive definite")
+    PETSc, SLEPc = petsc(space.comm), _slepc()
+    scale = free / np.sqrt(diagonal)
+    number = _numbers_of_free(space, free)
+    stiffness, mass = (_scaled(A, scale, free, number, unknowns) for A in (K, M))
+    solver = SLEPc.EPS().create(comm=PETSc.COMM_WORLD)
+    solver.setOperators(stiffness, mass)
+    solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+    solver.setDimensions(nev=int(count))
+    solver.setTolerances(tol=1e-13, max_it=1000)
+    solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+    solver.setTarget(shift)
+    transform = solver.getST()
+    transform.setType("sinvert")
+    transform.setShift(shift)
+    ksp = transform.getKSP()
+    ksp.setType("preonly")
+    ksp.getPC().setType("cholesky")
+    ksp.getPC().setFactorSolverType("mumps")
+    try:
+        solver.solve()
+    except PETSc.Error as error:
+        raise InputError(
+            "shift: K - shift M is not positive definite; take a lower shift, or fix dofs "
+            f"({str(error).strip().splitlines()[-1]})"
+        ) from error
+    if solver.getConverged() < count:
+        raise NotConverged(
+            f"eigenpairs: {solver.getConverged()} of {count} converged; ask for fewer, or take a "
+            "shift nearer to them"
+        )
+    own = np.flatnonzero(free[space.owned] > 0)
+    values, vectors = np.empty(count), np.zeros((space.basis.N, count))
+    x = stiffness.createVecRight()
+    for k in range(count):
+        values[k] = solver.getEigenpair(k, x).real
+        residual = solver.computeError(k, SLEPc.EPS.ErrorType.RELATIVE)
+        if not residual <= _RESIDUAL:
+            raise NotConverged(f"eigenpairs: pair {k} has the relative residual {residual:.1e}")
+        vectors[space.owned[own], k] = x.getArray()
+    order = np.argsort(values, kind="stable")
+    local = space.update(scale[:, None] * vectors[:, order])
+    norms = np.sqrt(total(space.comm, np.sum(local[space.owned] * (M.rows @ local), axis=0)))
+    return values[order], local / norms
+
+
+def _slepc() -> Any:
+    try:
+        from slepc4py import SLEPc
+    except ImportError as error:
+        raise MissingDependency(f"slepc4py cannot be imported ({error}); {INSTALLING}") from None
+    return SLEPc
+
+
+def _numbers_of_free(space: Any, free: Array) -> NDArray[np.int64]:
+    """Consecutive numbers of the free dofs, process by process, at all local dofs."""
+    own = free[space.owned] > 0
+    counts = space.comm.allgather(int(own.sum()))
+    number = np.full(space.basis.N, -1, dtype=np.int64)
+    number[space.owned[own]] = sum(counts[: space.comm.rank]) + np.arange(int(own.sum()))
+    return space.update(number)
+
+
+def _scaled(
+    A: DistributedMatrix, scale: Array, free: Array, number: NDArray[np.int64], size: int
+) -> Any:
+    """The scaled matrix of the free dofs, for PETSc."""
+    space, rows = A.space, A.rows.copy()
+    rows.data = rows.data * np.repeat(scale[space.owned], np.diff(rows.indptr))
+    rows.data *= scale[rows.indices]
+    kept = rows[free[space.owned] > 0][:, free > 0]
+    return to_petsc(kept, number[free > 0], (size, size), space.comm)

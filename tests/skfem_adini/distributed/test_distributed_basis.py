@@ -1,0 +1,191 @@
+"""Spaces, vectors and matrices on several processes are those of one, row by row."""
+
+from copy import deepcopy
+from typing import Any
+
+import numpy as np
+import pytest
+import skfem
+from skfem.models.elasticity import linear_elasticity
+from skfem.models.poisson import laplace, unit_load
+
+from skfem_adini import ElementQuadAdini, InputError, NearNullSpace, near_null_space
+from skfem_adini.distributed import (
+    DistributedBasis,
+    DistributedMatrix,
+    DistributedSolver,
+    TensorGrid,
+    partition,
+    smooth_modes,
+)
+from tests.skfem_adini.distributed.spaces import spaces
+from tests.skfem_adini.distributed.threads_as_processes import on_threads
+
+SPACES = list(spaces())
+SIZES = (1, 2, 3, 5)
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize(("name", "mesh", "element", "form"), SPACES, ids=[s[0] for s in SPACES])
+def test_matrices_products_and_loads_are_the_serial_ones(
+    name: str, mesh: Any, element: Any, form: Any, size: int
+) -> None:
+    def task(comm: Any) -> Any:
+        space = DistributedBasis(mesh, element, comm)
+        K = space.assemble(form)
+        x = space.extended(np.cos(space.numbers[space.owned].astype(float)))
+        return K.gather(), space.gather(x), space.gather(K @ x), space.gather(K.diagonal())
+
+    K, x, y, diagonal = on_threads(size, task)[0]
+    exact = form.assemble(skfem.Basis(mesh, deepcopy(element)))
+    largest = abs(exact).max()
+    assert abs(K - exact).max() <= 1e-13 * largest
+    assert np.abs(y - exact @ x).max() <= 1e-13 * largest * np.abs(x).max()
+    assert np.abs(diagonal - exact.diagonal()).max() <= 1e-13 * largest
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_every_dof_has_one_owner_and_numbers_are_consecutive(size: int) -> None:
+    mesh = skfem.MeshTri().refined(3)
+
+    def task(comm: Any) -> Any:
+        space = DistributedBasis(mesh, skfem.ElementTriP2(), comm)
+        assert np.array_equal(space.numbers[space.owned], space.first + np.arange(space.owned.size))
+        return space.first, space.owned.size, space.N
+
+    found = on_threads(size, task)
+    assert sum(count for _, count, _ in found) == found[0][2]
+    assert [first for first, *_ in found] == np.cumsum([0, *[c for _, c, _ in found]])[:-1].tolist()
+
+
+@pytest.mark.parametrize("size", [1, 3])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_mesh_its_maker_and_a_grid_give_one_space(size: int, dim: int) -> None:
+    grid = TensorGrid(*[np.linspace(0, 1, n) ** 1.3 for n in (6, 5, 8)[:dim]])
+    whole = grid.mesh()
+    element = skfem.ElementVector(skfem.ElementQuad2() if dim == 2 else skfem.ElementHex1())
+    form, side = linear_elasticity(1.0, 1.0), "top"
+
+    def task(comm: Any) -> Any:
+        found = []
+        for mesh in (whole, lambda: whole, grid):
+            space = DistributedBasis(mesh, element, comm)
+            mask = np.zeros(space.basis.N)
+            mask[space.boundary_dofs("left", "top")] = 1.0
+            strip, cells = space.strip([side])
+            found.append((space.assemble(form).gather(), space.gather(mask), strip, cells))
+        return found
+
+    results = on_threads(size, task)
+    serial = skfem.Basis(whole, element)
+    exact, fixed = form.assemble(serial), serial.get_dofs(["left", "top"]).flatten()
+    for K, mask, strip, cells in results[0]:
+        assert abs(K - exact).max() <= 1e-13 * abs(exact).max()
+        assert np.array_equal(np.flatnonzero(mask), np.sort(fixed))
+        assert np.allclose(strip.p[:, strip.t].mean(axis=1), whole.p[:, whole.t[:, cells]].mean(1))
+        assert strip.boundaries[side].size == whole.boundaries[side].size
+    assert {tuple(cells) for r in results for *_, cells in r} == {tuple(results[0][0][3])}
+
+
+@pytest.mark.parametrize("mesh", [m for _, m, *_ in SPACES[::5]])
+@pytest.mark.parametrize("size", [1, 2, 7])
+def test_parts_are_balanced_and_none_is_empty(mesh: Any, size: int) -> None:
+    counts = np.bincount(partition(mesh, size), minlength=size)
+    assert counts.sum() == mesh.t.shape[1]
+    assert counts.min() > 0
+    assert counts.max() <= 1.5 * counts.mean() + 2
+
+
+def test_strips_take_the_place_of_metis(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "pymetis", None)
+    mesh = skfem.MeshQuad.init_tensor(np.linspace(0, 3, 13), np.linspace(0, 1, 5))
+    part = partition(mesh, 3)
+    middle = mesh.p[0, mesh.t].mean(axis=0)
+    assert [set(np.round(middle[part == k] / 1.0 - 0.5)) for k in range(3)] == [{0}, {1}, {2}]
+
+
+@pytest.mark.parametrize("size", [1, 3])
+def test_smooth_modes_are_without_energy(size: int) -> None:
+    mesh = skfem.MeshQuad().refined(2)
+
+    def task(comm: Any) -> Any:
+        vector = DistributedBasis(mesh, skfem.ElementVector(ElementQuadAdini()), comm)
+        scalar = DistributedBasis(mesh, skfem.ElementQuad2(), comm)
+        K, L = vector.assemble(linear_elasticity(1.0, 1.0)), scalar.assemble(laplace)
+        modes = smooth_modes(vector)
+        gathered = np.array([vector.gather(m) for m in modes.T]) if comm.size else None
+        return (
+            np.abs(K.rows @ modes).max(),
+            np.abs(L.rows @ smooth_modes(scalar)).max(),
+            gathered,
+        )
+
+    for elastic, harmonic, _ in (found := on_threads(size, task)):
+        assert elastic <= 1e-12
+        assert harmonic <= 1e-12
+    ours, theirs = found[0][2].T, _rigid(mesh)
+    # They span the same space as the modes of multigrid on one process.
+    assert np.linalg.matrix_rank(np.hstack((ours, theirs)), tol=1e-9) == 3
+
+
+def _rigid(mesh: Any) -> Any:
+    space: NearNullSpace = near_null_space(
+        skfem.Basis(mesh, skfem.ElementVector(ElementQuadAdini()))
+    )
+    return space.modes
+
+
+def test_one_process_without_petsc_solves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "petsc4py", None)
+    mesh = skfem.MeshQuad().refined(3).with_defaults()
+    space = DistributedBasis(mesh, ElementQuadAdini())
+    fixed = space.boundary_dofs("left")
+    solver = DistributedSolver(space.assemble(laplace), fixed)
+    assert solver.method == "factorize"
+    given = np.where(np.isin(np.arange(space.N), fixed), 0.5, 0.0)
+    x = solver.solve(space.assemble(unit_load), given)
+    basis = skfem.Basis(mesh, ElementQuadAdini())
+    K, f = laplace.assemble(basis), unit_load.assemble(basis)
+    exact = skfem.solve(*skfem.condense(K, f, x=given, D=basis.get_dofs("left")))
+    assert np.abs(x - exact).max() <= 1e-11 * np.abs(exact).max()
+
+
+@pytest.mark.parametrize(
+    ("mesh", "element", "words"),
+    [
+        (None, skfem.ElementQuad1(), "mesh: expected a mesh"),
+        (skfem.MeshTri().refined(1), skfem.ElementTriMorley(), "element: ElementTriMorley"),
+        (skfem.MeshTri().refined(1), skfem.ElementTriArgyris(), "element: ElementTriArgyris"),
+    ],
+)
+def test_bad_input_is_named(mesh: Any, element: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        DistributedBasis(mesh, element)
+
+
+def test_more_processes_than_cells_are_named_on_all_of_them() -> None:
+    for mesh in (skfem.MeshQuad(), lambda: skfem.MeshQuad()):
+        with pytest.raises(InputError, match="2 processes are more than the 1 cells"):
+            on_threads(2, lambda comm, m=mesh: DistributedBasis(m, skfem.ElementQuad1(), comm))
+    with pytest.raises(InputError, match="ticks: 2 processes"):
+        on_threads(2, lambda comm: DistributedBasis(TensorGrid([0, 1], [0, 1]), None, comm))
+
+
+def test_other_bad_input_is_named() -> None:
+    space = DistributedBasis(skfem.MeshQuad().refined(1).with_defaults(), skfem.ElementQuad1())
+    K = space.assemble(laplace)
+    with pytest.raises(InputError, match="names: no boundary 'roof'"):
+        space.boundary_dofs("roof")
+    with pytest.raises(InputError, match="contact: no facets called 'roof'"):
+        space.strip(["roof"])
+    with pytest.raises(InputError, match="rows: expected shape"):
+        DistributedMatrix(space, K.rows[:2])
+    with pytest.raises(InputError, match="solver='lu'"):
+        DistributedSolver(K, solver="lu")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="ticks: expected"):
+        TensorGrid([0.0, 1.0])
+    with pytest.raises(InputError, match="ascending"):
+        TensorGrid([0.0, 1.0], [1.0, 0.0])
+    for parts in (0, 1.5, True, 99):
+        with pytest.raises(InputError, match="parts: "):
+            partition(space.mesh, parts)  # type: ignore[arg-type]
