@@ -10,7 +10,7 @@ EXAMPLES := $(addprefix run-,$(notdir $(wildcard examples/*.py)))
 # A part of a lane, and where the clock ends it: make test-slow PYTEST="--shard=0/12 --start-within=200"
 PYTEST ?=
 
-.PHONY: help demo test test-slow test-processor test-oldest test-wheel lint doctest examples docs browser-check readme clean $(EXAMPLES)
+.PHONY: help demo test test-slow test-mpi test-processor test-oldest test-wheel lint doctest examples docs browser-check readme clean $(EXAMPLES)
 
 help:
 	@echo "make demo       install, solve the frictional contact block, write VTK and a picture to out/"
@@ -19,6 +19,7 @@ help:
 	@echo "make test-processor  the fast tests as another processor would run them, on two BLAS threads"
 	@echo "make test-oldest     the fast tests with the oldest versions of what we depend on, on Python 3.11"
 	@echo "make test-wheel      the fast tests with the wheel, installed apart from this tree: make test-wheel PYTHON=python3.13"
+	@echo "make test-mpi   the tests on one, two and three processes, with petsc4py built for the PETSc that is there"
 	@echo "make lint       ruff, mypy, and which rooms know which"
 	@echo "make doctest    the examples in docstrings"
 	@echo "make examples   every script in examples/, as a user would run it"
@@ -67,6 +68,17 @@ $(OLDEST)/.test: pyproject.toml .ci/oldest_versions.py
 
 test-oldest: $(OLDEST)/.test
 	$(ONE_THREAD) $(OLDEST)/bin/python -m pytest -n auto --dist worksteal -m "not slow" $(PYTEST)
+
+# Beside the packages of the first environment: petsc4py and its kin, or the reason why they cannot be had.
+MPI := $(VENV)-mpi
+
+$(MPI)/.test: .ci/petsc.sh pyproject.toml $(VENV)/.test
+	.ci/petsc.sh $(VENV) $(MPI)
+	@touch $@
+
+test-mpi: $(MPI)/.test
+	@if [ -e $(MPI)/skipped ]; then echo "skipped: $$(cat $(MPI)/skipped)"; \
+	else $(ONE_THREAD) $(MPI)/bin/python -m pytest -n 0 -m mpi $(PYTEST); fi
 
 # A copy without the packages, so that only the installed ones can be found.
 APART := $(VENV)-wheel

@@ -45,6 +45,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "contact.ContactResult": (),
     "contact.LoadStepper": (),
     "contact.SurfaceMesh": (),
+    "contact.DistributedBody": ("fix", "load", "body_force", "gather"),
     "contact.LayeredBlock": ("fix", "load", "body_force"),
     "contact.LoadHistory": (),
     "cip.Grid": (),
@@ -73,6 +74,7 @@ _REASONS = {
         skfem_adini.nodal_gradient skfem_adini.nodal_stress skfem_adini.project_trace""",
     "a way of computing: classes of cells, refinement, bodies, one factor for many": """
         skfem_adini.assemble skfem_adini.refined_at_boundary contact.CutBody contact.ElasticBody
+        contact.DistributedBody
         contact.LayeredBlock gpu.batch_solve_qp""",
     "compares or searches; the bound F* is derived where it is computed": """
         contact.cross_check contact.uniqueness""",
@@ -81,6 +83,6 @@ _REASONS = {
         skfem_adini.plot.plot_matrix skfem_adini.plot.plot_cut_domain
         skfem_adini.plot.plot_cut_field contact.plot.plot_tractions contact.plot.plot_pressure
         contact.plot.face_pressure contact.plot.plot_field contact.plot.plot_cells
-        contact.plot.draw_edges gpu.register_qpsolvers""",
+        contact.plot.draw_edges contact.save_pvtu gpu.register_qpsolvers""",
 }
 OURS = {name: reason for reason, names in _REASONS.items() for name in names.split()}

@@ -153,6 +153,10 @@ class DistributedBody(SpreadSolid):
         ----------
         u : ndarray
             Of this body, such as ``result.u``.
+
+        Returns
+        -------
+        ndarray or None
         """
         return self.space.gather(self.to_local(u))
 
@@ -196,7 +200,25 @@ class DistributedBody(SpreadSolid):
         value: Field = 0.0,
         smooth: bool | None = None,
     ) -> Self:
-        """Prescribe displacement components on named boundaries; see `ElasticBody.fix`."""
+        """Prescribe displacement components on named boundaries; see `ElasticBody.fix`.
+
+        Parameters
+        ----------
+        boundary : str or list of str
+            Facet numbers differ from process to process.
+        components, value, smooth
+            As for `ElasticBody.fix`.
+
+        Returns
+        -------
+        DistributedBody
+            The body itself.
+
+        Raises
+        ------
+        InputError
+            No process has such a boundary, or as for `ElasticBody.fix`.
+        """
         names, here, near = self._has(boundary)
         for body, has in ((self.local, here), (self._strip, near)):
             if has:
@@ -208,7 +230,24 @@ class DistributedBody(SpreadSolid):
         return self
 
     def load(self, boundary: str | Sequence[str], traction: Field) -> Self:
-        """Add a surface traction on named boundaries; see `ElasticBody.load`."""
+        """Add a surface traction on named boundaries; see `ElasticBody.load`.
+
+        Parameters
+        ----------
+        boundary : str or list of str
+        traction : array of shape (dim,) or callable x -> array of shape (dim, ...)
+            Force per area.
+
+        Returns
+        -------
+        DistributedBody
+            The body itself.
+
+        Raises
+        ------
+        InputError
+            No process has such a boundary, or another shape.
+        """
         names, here, _ = self._has(boundary)
         body = self._unloaded()
         if here:
@@ -218,7 +257,18 @@ class DistributedBody(SpreadSolid):
         return self
 
     def body_force(self, force: Field) -> Self:
-        """Add a volume force; see `ElasticBody.body_force`."""
+        """Add a volume force; see `ElasticBody.body_force`.
+
+        Parameters
+        ----------
+        force : array of shape (dim,) or callable x -> array of shape (dim, ...)
+            Force per volume.
+
+        Returns
+        -------
+        DistributedBody
+            The body itself.
+        """
         self.f = self.f + self.of_owned(self._unloaded().body_force(force).f)
         return self
 

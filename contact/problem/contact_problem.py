@@ -261,7 +261,6 @@ class ContactProblem(Portable):
         Returns
         -------
         CondensedContact
-            On "cuda" that of a `LayeredBlock`, with its arrays on the device.
 
         Raises
         ------

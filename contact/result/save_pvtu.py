@@ -44,7 +44,7 @@ def save_pvtu(path: str | Path, result: ContactResult) -> Path:
     >>> from contact import ContactProblem, DistributedBody, save_pvtu
     >>> mesh = MeshQuad().refined(2).with_defaults()
     >>> body = DistributedBody(mesh, contact="bottom", E=1.0, nu=0.3).fix("top", "xy", -0.01)
-    >>> result = ContactProblem(body, "bottom", friction=0.3).solve()
+    >>> result = ContactProblem(body, "bottom", 0.0, friction=0.3).solve()
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     save_pvtu(f"{folder}/block.pvtu", result).name
     'block.pvtu'

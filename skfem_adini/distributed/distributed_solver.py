@@ -71,7 +71,7 @@ class DistributedSolver:
     >>> solver = DistributedSolver(space.assemble(laplace), fixed)
     >>> x = solver.solve(space.assemble(unit_load))
     >>> print(f"{x.max():.4f}")
-    0.0741
+    0.0739
     """
 
     def __init__(
