@@ -27,7 +27,7 @@ def gap_to_facets(corners: Array, tree: BoxTree, x: Array, n: Array) -> Array:
 
     The nearest meeting ahead is the gap if the line enters the obstacle there. Otherwise x lies
     inside it, if the line entered at the nearest meeting behind, whose distance is the (negative)
-    gap.
+    gap. Between two layers of an open surface, both of which it enters, the nearer one counts.
 
     References
     ----------
@@ -46,7 +46,7 @@ def gap_to_facets(corners: Array, tree: BoxTree, x: Array, n: Array) -> Array:
     ahead, ahead_enters = _nearest(len(x), line, d, enters, d >= 0)
     behind, behind_enters = _nearest(len(x), line, -d, enters, d < 0)
     gap = np.where(behind_enters, -behind, np.inf)
-    return np.where(ahead_enters, ahead, gap)
+    return np.where(ahead_enters & ~(behind_enters & (behind < ahead)), ahead, gap)
 
 
 def _nearest(

@@ -28,9 +28,8 @@ def one_by_one(corners, x, n):
             turn = np.linalg.det(np.column_stack((edges, n)))
             met.append((d, (turn if len(n) == 3 else -turn) < 0))
     ahead, behind = [m for m in met if m[0] >= 0], [m for m in met if m[0] < 0]
-    if ahead and min(ahead)[1]:
-        return min(ahead)[0]
-    return max(behind)[0] if behind and max(behind)[1] else np.inf
+    enters = [m[0] for m in (*sorted(ahead)[:1], *sorted(behind)[-1:]) if m[1]]
+    return min(enters, key=abs, default=np.inf)
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from surfaces import ball, brick, bumpy, lump, ring, rotation
 
 from contact import ClosestPoint, Cylinder, Plane, Sphere, SurfaceMesh
+from contact.obstacles import box_tree
 
 seeds = st.integers(0, 10**6)
 
@@ -187,6 +188,50 @@ def test_a_shell_has_a_cavity(dim):
     length = np.linalg.norm(x, axis=0)
     # The sagitta of a facet.
     np.testing.assert_allclose(shell.distance(x)[0], np.abs(length - 0.75) - 0.25, atol=0.01)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_many_places_in_parts(dim, monkeypatch):
+    """A search that meets more boxes than it keeps at once goes on in parts."""
+    surface = SurfaceMesh(*bumpy(np.random.default_rng(8), dim))
+    x, n = places(np.random.default_rng(9), dim, 300)
+    gap, distance, closest = surface(x, n), surface.distance(x), surface.closest(x)
+    monkeypatch.setattr(box_tree, "_TOGETHER", 50)
+    np.testing.assert_array_equal(surface(x, n), gap)
+    np.testing.assert_array_equal(surface.closest(x), closest)
+    for ours, theirs in zip(surface.distance(x), distance, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    none = np.zeros((dim, 0))
+    assert surface(none, none).shape == (0,)
+    assert surface.distance(none)[1].shape == (dim, 0)
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_no_line_slips_through(unit):
+    """Through corners, middles of edges and of triangles, and from places on them."""
+    points, facets = ball(3)
+    rng = np.random.default_rng(10)
+    points = unit * (rotation(rng, 3) @ points)
+    corners = points[:, facets]
+    edges = (0.5 * (corners + np.roll(corners, 1, axis=1))).reshape(3, -1)
+    aims = np.hstack((points, edges, corners.mean(axis=1)))
+    n = -aims / np.linalg.norm(aims, axis=0)
+    surface = SurfaceMesh(points, facets)
+    for d in unit * np.array([0.7, 1e-6, 0.0, -1e-6, -0.3]):
+        np.testing.assert_allclose(surface(aims - d * n, n), d, rtol=0, atol=1e-12 * unit)
+    skew = n + rng.uniform(-0.5, 0.5, n.shape)
+    skew /= np.linalg.norm(skew, axis=0)
+    # The surface may be met before, where the line goes almost along it.
+    assert np.all(surface(aims - unit * skew, skew) < unit * (1 + 1e-12))
+
+
+def test_between_two_layers_of_a_sheet():
+    """A little behind the first, far before the second: not on the way to the second."""
+    points = np.array([[0.0, 1.0, 0.0, 1.0], [0.0, 0.0, -1.0, -1.0]])
+    layers = SurfaceMesh(points, [[1, 3], [0, 2]], sheet=True)
+    x = np.array([[0.5, 0.5, 0.5], [0.1, -0.1, -0.9]])
+    gap = layers(x, np.tile([[0.0], [-1.0]], 3))
+    np.testing.assert_allclose(gap, [0.1, -0.1, 0.1], atol=1e-15)
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from convergence import order
 from families import PLANE_AND_BFS, SOLID
-from skfem import ElementHex1, ElementQuad1, ElementQuad2, ElementTriP2
+from skfem import ElementHex1, ElementQuad1, ElementQuad2, ElementTriP2, MeshQuad
 from surfaces import ball, brick, ring
 
 from contact import (
@@ -12,9 +12,12 @@ from contact import (
     ContactProblem,
     ContactResult,
     ContactWarning,
+    CutBody,
     Cylinder,
     ElasticBody,
+    LayeredBlock,
     LoadStepper,
+    Pair,
     Plane,
     Rigid,
     Sphere,
@@ -172,3 +175,37 @@ def test_a_bore_and_its_cavity(make):
     np.testing.assert_allclose(result.pressure, exact.pressure, rtol=1e-3)
     with pytest.warns(ContactWarning, match=r"SurfaceMesh\(\.\.\., hollow=True\)"):
         ContactProblem(body, "right", SurfaceMesh(*ring(200, 2.05)), 0.2).condense()
+
+
+def test_layers_cut_bodies_and_pairs(make):
+    """Bodies that are discretised otherwise, and one pair among others."""
+    outline = SurfaceMesh(*brick((-3.0, -4.0), (3.0, -1.0)))
+    plane = Plane((0.0, -1.0), (0.0, 1.0))
+    mesh = MeshQuad.init_tensor(np.linspace(-1.1, 1.1, 13), np.linspace(-1.1, 0.0, 7))
+    mesh = mesh.with_boundaries({"flat": lambda x: np.abs(x[1]) < 1e-9})
+    disk = CutBody(mesh, lambda x: x[0] ** 2 + x[1] ** 2 - 1, 1.0, 0.3)
+    disk.fix("flat", "x").fix("flat", "y", -0.05)
+    low = disk.arc(where=lambda x: np.hypot(x[0], x[1] + 1) < 0.6)
+    layers = LayeredBlock(1.0, [(0.5, 4, 1.0, 0.3)], columns=8).fix("top", "x", 0.01)
+    layers.fix("top", "y", lambda x: -1.02 - 0.01 * x[0])
+    upper = make.block(4).named("upper")
+    lower_mesh = make.box(ElementQuad1, np.linspace(0, 1, 4), np.linspace(-1, 0, 4))
+    lower = ElasticBody.from_mesh(lower_mesh, ElementQuad1(), E=1.0, nu=0.3).named("lower")
+    lower.fix("left", "x")
+
+    def solved(case, floor):
+        if case == "cut":
+            return ContactProblem(disk, low, ClosestPoint(floor), 0.2).solve()
+        if case == "layers":
+            return ContactProblem(layers, "bottom", floor, 0.2).solve()
+        pairs = [
+            Pair(upper, "bottom", lower, "top", 0.2),
+            Pair(lower, "bottom", floor, friction=0.2),
+        ]
+        return ContactProblem([upper, lower], pairs).solve()
+
+    for case in ("cut", "layers", "pairs"):
+        ours, theirs = solved(case, outline), solved(case, plane)
+        top = theirs.pressure.max()
+        assert top > 0
+        np.testing.assert_allclose(ours.pressure, theirs.pressure, rtol=0, atol=1e-9 * top)
