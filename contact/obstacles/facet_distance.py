@@ -82,7 +82,7 @@ def _on_each(c: Array, normal: Array, x: Array) -> tuple[Array, Index]:
     height = np.einsum("fi,fi->f", x - c[:, 0], normal) / area
     foot = x - height[:, None] * normal
     part = np.zeros(len(x), dtype=np.int64)
-    beside = np.flatnonzero(np.any(coordinates(c, normal, x) < 0, axis=1))
+    beside = np.flatnonzero(np.any(coordinates(c, normal, x) <= 0, axis=1))
     least = np.full(beside.size, np.inf)
     for i in range(3):
         there, s = _on_segment(c[beside, i], c[beside, i - 2], x[beside])

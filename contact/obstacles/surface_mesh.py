@@ -215,12 +215,15 @@ class SurfaceMesh:
         height = np.sum(away * normal, axis=1)
         length = np.linalg.norm(away, axis=1)
         side = np.where(height < 0, -1.0, 1.0)
-        # On a facet the normal has all digits; so close to an edge no difference has any.
-        flat = (near.part == 0) | (length <= 1e-8 * faces.size)
+        lateral = np.linalg.norm(away - height[:, None] * normal, axis=1)
+        # Straight above a facet, or above an edge within a face, the normal has all digits; where
+        # an edge is so close that differences have few, the mean of the normals is as good.
+        straight = (near.part == 0) | (lateral <= 1e-14 * faces.size)
+        flat = straight | (length <= 1e-8 * faces.size)
         unit = away / np.where(flat, 1.0, side * length)[:, None]
         gradient = np.where(flat[:, None], normal, unit)
-        distance = np.where(near.part == 0, height, side * length)
-        beside = np.linalg.norm(away - height[:, None] * normal, axis=1) > 1e-10 * faces.size
+        distance = np.where(straight, height, side * length)
+        beside = lateral > 1e-10 * faces.size
         distance[faces.border[near.facet, near.part] & beside] = np.inf
         return distance.reshape(x.shape[1:]), gradient.T.reshape(x.shape)
 

@@ -80,6 +80,11 @@ def test_a_box_is_the_plane_of_its_top(dim):
     plane = Plane(0.25 * up, up)
     rng = np.random.default_rng(1)
     x, n = rng.uniform(-1, 1, (2, dim, 3, 100))
+    # On the diagonals of the top, too, which is two triangles in 3-D.
+    x[: dim - 1, 1], x[: dim - 1, 2] = (
+        x[0, 1],
+        x[0, 2] * (-1.0) ** np.arange(dim - 1)[:, None] - 0.5,
+    )
     n[-1] = -3
     n /= np.linalg.norm(n, axis=0)
     np.testing.assert_allclose(surface(x, n), plane(x, n), rtol=0, atol=1e-12)
@@ -253,3 +258,32 @@ def test_sheet(dim):
     assert np.all(np.isfinite(sheet.distance(x)[1]))
     back = SurfaceMesh(*wall, sheet=True, hollow=True)
     np.testing.assert_allclose(back.distance(x)[0], [-0.2, 0.3, np.inf], atol=1e-15)
+
+
+def test_normals_at_the_corners_of_a_cube():
+    """However many of the triangles at a corner lie in each face."""
+    points, facets = brick((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
+    d, gradient = SurfaceMesh(points, facets).distance(points)
+    np.testing.assert_allclose(d, 0.0, atol=1e-15)
+    np.testing.assert_allclose(gradient, points / np.sqrt(3), rtol=1e-14)
+    middles = 0.5 * (points[:, facets] + np.roll(points[:, facets], 1, axis=1)).reshape(3, -1)
+    gradient = SurfaceMesh(points, facets).distance(middles)[1]
+    on = np.abs(middles) == 1
+    np.testing.assert_allclose(gradient, middles * on / np.sqrt(on.sum(axis=0)), atol=1e-14)
+
+
+def test_inside_near_a_sharp_corner():
+    """Many thin triangles on one side of a spike do not outweigh the others."""
+    around = np.r_[np.linspace(0.0, 0.3, 40), 2.0, 4.0]
+    rim = np.array([np.cos(around), np.sin(around), 0 * around])
+    points = np.c_[rim, [0.9, 0.1, 3.0], [0.0, 0.0, 0.0]]
+    here, last = np.arange(42), 42
+    there = np.roll(here, -1)
+    facets = np.c_[[here, there, 0 * here + last], [there, here, 0 * here + last + 1]]
+    surface = SurfaceMesh(points, facets)
+    x = points[:, [last]] + np.random.default_rng(11).uniform(-0.3, 0.3, (3, 3000))
+    # The spike is convex: inside is behind all planes.
+    height = np.einsum("if,ifk->fk", surface.normals, x[:, None] - points[:, facets[0]][:, :, None])
+    inside = np.all(height < 0, axis=0)
+    assert inside.any()
+    assert np.array_equal(surface.distance(x)[0] < 0, inside)
