@@ -67,14 +67,6 @@ class FaceBasis:
         facet, slot = first_occurrence(self.number, self.size)
         return facet, self.form.nominal[:, slot]
 
-    @property
-    def hub(self) -> Index:
-        """Vertex of the mesh that each contact point belongs to, or -1, shape (m,)."""
-        hub = np.full(self.size, -1)
-        corners = np.arange(self.outline.corners.shape[1]) if self.hat else self.form.corners
-        hub[self.number[:, corners]] = self.outline.corners
-        return hub
-
     def values(self, facet: Index, X: Array) -> Array:
         """The N_k of facets at places X (2, n), shape (n, nvalues)."""
         X = np.clip(X, 0.0, 1.0)  # off by rounding, which would make small weights negative

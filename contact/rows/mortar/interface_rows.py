@@ -80,15 +80,19 @@ class InterfaceRows:
         Non-mortar and mortar side.
     quadrature : InterfaceQuadrature
     functions : Multipliers
-    hub : ndarray of int, shape (m,)
-        Vertex of the first mesh that a contact point belongs to, or -1.
+    own : csr_array, shape (m, scalar dofs of the first body)
+        Its trace at the contact points.
+    at_place : ndarray of bool, shape (m,)
+        The contact points that count as held where the body is held at their place; the others
+        where the mean over the interface is.
     """
 
     first: Outline
     second: Outline
     quadrature: InterfaceQuadrature
     functions: Multipliers
-    hub: Index
+    own: sparse.csr_array
+    at_place: NDArray[np.bool_]
 
     def means(self) -> sparse.csr_array:
         """The matrix P, shape (m, n)."""
@@ -124,7 +128,7 @@ class InterfaceRows:
         quadrature, P = self.quadrature, self.means()
         here = facet_trace(self.first, quadrature.facet, quadrature.X)
         there = facet_trace(self.second, quadrature.other, quadrature.Y)
-        own, free = self._own(P, here), self.first.body.constraint[0]
+        own, free = self._recognised(P, here), self.first.body.constraint[0]
         normals = within_supports(own, self.normals(), free)
         tangents = tangent_frame(normals)
         if len(normals) == 3:
@@ -150,18 +154,17 @@ class InterfaceRows:
         )
         return MortarRows(rows, G[1], other, P, quadrature)
 
-    def _own(self, P: sparse.csr_array, here: sparse.csr_array) -> sparse.csr_array:
+    def _recognised(self, P: sparse.csr_array, here: sparse.csr_array) -> sparse.csr_array:
         """Rows of the first body's trace by which supports are recognised.
 
-        A point that belongs to a vertex counts as held where the vertex is, see
+        A point on a plane of symmetry counts as held where its place is: its mean over the half of
+        the interface that is modelled may have a displacement normal to the plane, see
         `contact.rows.trace_rows.TraceRows.supported`.
         """
-        k = np.flatnonzero(self.hub >= 0)
-        value = self.first.body.scalar_dofs.nodal_dofs[0, self.hub[k]]
-        shape = P.shape[0], here.shape[1]
-        vertex = sparse.csr_array((np.ones(k.size), (k, value)), shape=shape)
-        rest = sparse.diags_array((self.hub < 0).astype(float))
-        return sparse.csr_array(vertex + rest @ (P @ here))
+        place, mean = (
+            sparse.diags_array(part.astype(float)) for part in (self.at_place, ~self.at_place)
+        )
+        return sparse.csr_array(place @ self.own + mean @ (P @ here))
 
     def _held(
         self,
@@ -176,7 +179,7 @@ class InterfaceRows:
 
         Where supports hold both bodies in this direction, as on a plane of symmetry, the mean over
         the half of the interface that is modelled is not zero, but that over both halves is: the
-        row is that of the vertex alone, which the supports fix.
+        row is that of its place alone, which the supports fix.
 
         Parameters
         ----------

@@ -163,10 +163,11 @@ class Interface:
             rest, now = (np.linalg.norm(slope, axis=0) for slope in slopes)
             quadrature = replace(quadrature, w=quadrature.w * rest / now)
         functions = Multipliers.of(self.basis, quadrature, self.functional != "standard")
-        hub = self.basis.hub[functions.point]
+        vertex = self.basis.hub[functions.point] >= 0
         facet, s = self.basis.nominal[0][functions.point], self.basis.nominal[1][functions.point]
         x_nominal = one.at(facet, s)
-        interface = InterfaceRows(self.first, self.second, quadrature, functions, hub)
+        own = facet_trace(self.first, facet, s[None])
+        interface = InterfaceRows(self.first, self.second, quadrature, functions, own, vertex)
         partner = self._partner(two, quadrature, functions, x_nominal, one.direction(facet, s))
         found = interface.assemble(x_nominal, partner, self.functional)
         if self.functional != "standard":

@@ -77,9 +77,8 @@ class SolidInterface:
         facet, X = self.basis.nominal
         facet, X = facet[functions.point], X[:, functions.point]
         x_nominal = one.at(facet, X)
-        interface = InterfaceRows(
-            self.first, self.second, quadrature, functions, self.basis.hub[functions.point]
-        )
+        own, held = facet_trace(self.first, facet, X), np.ones(facet.size, dtype=bool)
+        interface = InterfaceRows(self.first, self.second, quadrature, functions, own, held)
         n = one.direction(facet, X)
         partner = self._partner(two, quadrature.other, functions, x_nominal, n)
         found = interface.assemble(x_nominal, partner, self.functional)
