@@ -49,7 +49,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "contact.LayeredBlock": ("fix", "load", "body_force"),
     "contact.LoadHistory": (),
     "cip.Grid": (),
-    "cip.Velocity": ("from_expression", "with_parameters"),
+    "cip.Velocity": ("from_expression", "from_snapshots", "with_parameters"),
     "cip.State": (),
     "cip.Solver": (),
     "cip.Trajectory": (),

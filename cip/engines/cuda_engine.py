@@ -9,9 +9,10 @@ import numpy as np
 
 from cip.engines.cuda_source import prelude, translate
 from cip.engines.engine import Engine
-from cip.engines.path_kernel import COARSE, FOOT_ROOM, LEFT, box_of, path_source
+from cip.engines.path_kernel import COARSE, FOOT_ROOM, LEFT, SPLINE_ROOM, box_of, path_source
 from cip.engines.setting import Setting
 from cip.errors import InputError, MissingDependency
+from cip.formulas.snapshots import snapshots_of
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State
 
@@ -55,12 +56,15 @@ def device_source(
     if computed:
         rounding = float(np.finfo(np.float64 if real == "double" else np.float32).eps)
         box = box_of(grid, stage.system, stage.limit, rounding)
-        modules.append(path_source(stage.system, stage.jets, box))
+        field = snapshots_of(stage.velocity)
+        modules.append(path_source(stage.system, stage.jets, box, field=field))
         entries.append("path")
     parameters = ["const real* __restrict__ m", "real* __restrict__ out"]
     if computed:
         parameters += [f"const real* __restrict__ line{axis}" for axis in range(grid.dim)]
         parameters += ["const real t", "const real step", "const index count", "int* said"]
+        if field is not None:
+            parameters.append("const real* __restrict__ box")
         parameters += [f"const real {name}" for name in stage.system.parameters]
     else:
         parameters.append("const real* __restrict__ feet")
@@ -77,18 +81,7 @@ def device_source(
     foot = "feet, size, o"
     if computed:
         foot = "room, 1, 0"
-        x = ["(real)0"] * 3
-        for axis, index_of in enumerate(_indices(grid)):
-            x[axis] = f"line{axis}[{index_of}]"
-        body.append(f"    real room[{FOOT_ROOM}];")
-        more = ""
-        if stage.system.parameters:
-            values = ", ".join(stage.system.parameters)
-            body.append(f"    const real box[] = {{{values}}};")
-            more = ", box"
-        body.append(f"    const index found = path(room, {', '.join(x)}, t, step, count{more});")
-        # A byte for each code of `path`: threads only ever write the same 1, so need no atomics.
-        body.append("    if (found != 0) ((unsigned char*)said)[found - 1] = 1;")
+        body += _path_call(stage, field is not None)
     if stage.conservative:
         parameters += ["const real low", "const real high", "const real slack"]
         body.append(f"    const Limits limits = {{{limiter}, low, high, slack}};")
@@ -109,6 +102,21 @@ def device_source(
             "",
         ]
     )
+
+
+def _path_call(stage: Stage, splines: bool) -> list[str]:
+    """Code that computes the foot of node o in the array `room` and notes the code of `path`."""
+    x = ["(real)0"] * 3
+    for axis, index_of in enumerate(_indices(stage.grid)):
+        x[axis] = f"line{axis}[{index_of}]"
+    lines = [f"    real room[{SPLINE_ROOM if splines else FOOT_ROOM}];"]
+    more = ", box" if splines else ""
+    if stage.system.parameters:
+        lines.append(f"    const real box[] = {{{', '.join(stage.system.parameters)}}};")
+        more = ", box"
+    lines.append(f"    const index found = path(room, {', '.join(x)}, t, step, count{more});")
+    # A byte for each code of `path`: threads only ever write the same 1, so need no atomics.
+    return [*lines, "    if (found != 0) ((unsigned char*)said)[found - 1] = 1;"]
 
 
 def _modules(stage: Stage) -> list[Any]:
@@ -188,6 +196,7 @@ class CudaEngine(Engine):
         self._cupy = cupy
         self._compiled: dict[Any, Any] = {}
         self._certain: set[Any] = set()
+        self._splines: Any = None
         grid = setting.grid
         widths = [] if all(grid.uniform) else grid.widths  # equal widths: constants in the kernels
         self._widths = [cupy.asarray(width.astype(self.dtype)) for width in widths]
@@ -234,7 +243,7 @@ class CudaEngine(Engine):
         said = self._cupy.zeros(1, np.int32)
         real = self.dtype.type
         clock = [real(t_end), real(dt / count), self._whole(count), said]
-        clock += [real(value) for value in stage.parameters]
+        clock += [*self._table(stage), *(real(value) for value in stage.parameters)]
         self._start(stage, True, [m, out, *self._lines, *clock, *self._widths])
         part = (stage.axis, dt, count)
         if part in self._certain:
@@ -245,6 +254,15 @@ class CudaEngine(Engine):
             # Every later step has the same feet, so the host need not wait for their codes.
             self._certain.add(part)
         return found
+
+    def _table(self, stage: Stage) -> list[Any]:
+        """The numbers of a velocity from snapshots on the device, if it is one."""
+        field = snapshots_of(stage.velocity)
+        if field is None:
+            return []
+        if self._splines is None:
+            self._splines = self._cupy.asarray(field.table.astype(self.dtype))
+        return [self._splines]
 
     def _start(self, stage: Stage, computed: bool, arguments: list[Any]) -> None:
         key = (stage.axis, computed)

@@ -12,7 +12,17 @@ from collections.abc import Sequence
 
 from cip.characteristics.feet import MOST_CELLS, ON_WALL
 from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
-from cip.formulas.expression import COORDINATES
+from cip.engines.snapshot_kernel import (
+    Layout,
+    derivatives_in,
+    room_needed,
+    spline_source,
+    weight_source,
+    with_names,
+)
+from cip.errors import NotSupported
+from cip.formulas.expression import COORDINATES, Expression, variable
+from cip.formulas.snapshots import Snapshots
 from cip.formulas.straight_line_code import statements
 from cip.grid import Grid
 
@@ -24,6 +34,9 @@ _NUMBERS = 5  # how many `box_of` gives for each direction
 # Length of the array for the components of a foot: bicubic updates and quintic sweeps in three
 # dimensions need 12.
 FOOT_ROOM = 16
+# The same with the values and weights of splines behind them: quintic ones of all three components
+# with derivatives up to the third need about this many.
+SPLINE_ROOM = 256
 
 
 def box_of(grid: Grid, system: System, limit: float, rounding: float) -> list[float]:
@@ -54,7 +67,11 @@ def box_of(grid: Grid, system: System, limit: float, rounding: float) -> list[fl
 
 
 def path_source(
-    system: System, wanted: Sequence[Jet], box: Sequence[float], constant: bool = True
+    system: System,
+    wanted: Sequence[Jet],
+    box: Sequence[float],
+    constant: bool = True,
+    field: Snapshots | None = None,
 ) -> str:
     r"""Python source of the kernels `rates`, `velocity` and `path`.
 
@@ -64,8 +81,9 @@ def path_source(
     returns `COARSE` if `count` is even and the sub-steps are too long. The path ends at time `t`
     and is followed back over `count` sub-steps of length `step`. The last argument `box` holds the
     numbers of `box_of`, unless they are constants in the code (`constant`), and then the values of
-    the velocity's parameters; it is missing where it would be empty. So one kernel of a velocity
-    serves all parameters, and where it is not `constant` all grids.
+    the velocity's parameters and the table of its `field`, if it is one from snapshots; it is
+    missing where it would be empty. So one kernel of a velocity serves all parameters and data, and
+    where it is not `constant` all grids. With a `field` the array `feet` has `SPLINE_ROOM` places.
 
     Notes
     -----
@@ -81,10 +99,14 @@ def path_source(
     """
     numbers = [repr(x) if constant else f"box[{q}]" for q, x in enumerate(box)]
     first = 0 if constant else len(box)
-    more = ", box: Array" if system.parameters or not constant else ""
+    more = ", box: Array" if system.parameters or field or not constant else ""
+    splines = None
+    if field is not None:
+        start = first + len(system.parameters)
+        splines = Layout(field.degrees, len(field.coefficients), start, FOOT_ROOM)
     sides = [numbers[start : start + _NUMBERS] for start in range(0, len(numbers), _NUMBERS)]
     lines = [
-        *_rate_functions(system),
+        *_rate_functions(system, splines),
         "def path(feet: Out, x1: Real, x2: Real, x3: Real, t: Real, step: Real,"
         f" count: Index{more}) -> Index:",
         *(f"    {name} = box[{first + q}]" for q, name in enumerate(system.parameters)),
@@ -92,9 +114,9 @@ def path_source(
         *(f"    y{q} = {system.start(jet)!r}" for q, jet in enumerate(system.jets)),
         *(f"    {letter}{q} = 0.0" for letter in "eog" for q in range(len(sides))),
         "    for n in range(count):",
-        *(f"        {line}" for line in _substep(system)),
+        *(f"        {line}" for line in _substep(system, splines)),
         *(f"        {line}" for line in _leaves(system, sides)),
-        *(f"    {line}" for line in _judgement(system, sides)),
+        *(f"    {line}" for line in _judgement(system, sides, splines)),
         *(f"    {line}" for line in _results(system, wanted, [side[0] for side in sides])),
         f"    if found == {LEFT}:",
         "        feet[0] = 1e308 * 1e308",
@@ -103,36 +125,59 @@ def path_source(
     return "\n".join(lines) + "\n"
 
 
-def _rate_functions(system: System) -> list[str]:
+def _rate_functions(system: System, splines: Layout | None) -> list[str]:
     """The functions `rates` of all unknowns and `velocity` of the displacements alone."""
-    names = (*COORDINATES, *(jet.name for jet in system.jets), *system.parameters)
-    reals = ", ".join(f"{name}: Real" for name in names)
-    rates = {f"r{q}": rate for q, rate in enumerate(system.rates)}
-    first = {f"r{q}": system.rates[q] for q in range(len(system.moving))}
-    place = (*COORDINATES, *system.parameters)
+    jets = [jet.name for jet in system.jets]
+    first = system.rates[: len(system.moving)]
+    lines = []
+    if splines is not None:
+        lists = [derivatives_in(rates) for rates in (system.rates, first)]
+        if max(room_needed(splines, nodes) for nodes in lists) > SPLINE_ROOM - FOOT_ROOM:
+            raise NotSupported("profile: too many derivatives of snapshots; take degree=3")
+        lines += [*weight_source(splines, *lists), ""]
     return [
-        f"def rates({reals}) -> {_kinds(len(rates))}:",
-        *statements(rates),
-        f"    return {', '.join(rates)}",
-        "",
-        f"def velocity({', '.join(f'{name}: Real' for name in place)}) -> {_kinds(len(first))}:",
-        *statements(first),
-        f"    return {', '.join(first)}",
+        *lines,
+        *_rate_function("rates", system.rates, [*jets, *system.parameters], splines),
+        *_rate_function("velocity", first, system.parameters, splines),
+    ]
+
+
+def _rate_function(
+    name: str, rates: Sequence[Expression], more: Sequence[str], splines: Layout | None
+) -> list[str]:
+    """A function of x1, x2, x3, t and `more`; where there are splines also of their room."""
+    arguments = [f"{x}: Real" for x in (*COORDINATES, *more)]
+    lines: list[str] = []
+    first: list[str] = []
+    if splines is not None:
+        nodes = derivatives_in(rates)
+        lines += [*spline_source(splines, f"splines_of_{name}", nodes), ""]
+        first.append(f"    splines_of_{name}({', '.join(COORDINATES)}, box, work)")
+        first += [f"    s{q} = work[{splines.room + q}]" for q in range(len(nodes))]
+        rates = with_names(rates, {node: variable(f"s{q}") for q, node in enumerate(nodes)})
+        arguments += ["box: Array", "work: Out"]
+    outputs = {f"r{q}": rate for q, rate in enumerate(rates)}
+    return [
+        *lines,
+        f"def {name}({', '.join(arguments)}) -> {_kinds(len(outputs))}:",
+        *first,
+        *statements(outputs),
+        f"    return {', '.join(outputs)}",
         "",
     ]
 
 
-def _substep(system: System) -> list[str]:
+def _substep(system: System, splines: Layout | None) -> list[str]:
     """Code of a Runge-Kutta step; after every second one it adds the defect of Simpson's rule."""
     moving = range(len(system.moving))
-    lines = ["s = t - n * step", *_stage(system, 0), "if n % 2 == 1:"]
+    lines = ["s = t - n * step", *_stage(system, 0, splines), "if n % 2 == 1:"]
     lines += [f"    g{q} = g{q} + 4.0 * a{q}" for q in moving]
     lines += ["else:", "    if n > 0:"]
     lines += [f"        {_defect(q, 'a')}" for q in moving]
     for q in moving:
         lines += [f"    o{q} = y{q}", f"    g{q} = a{q}"]
     for stage in (1, 2, 3):
-        lines += _stage(system, stage)
+        lines += _stage(system, stage, splines)
     for q in range(len(system.jets)):
         total = f"a{q} + 2.0 * b{q} + 2.0 * c{q} + d{q}"
         lines.append(f"y{q} = y{q} + step * (1.0 / 6.0) * ({total})")
@@ -148,9 +193,9 @@ def _leaves(system: System, sides: Sequence[Sequence[str]]) -> list[str]:
     return lines
 
 
-def _judgement(system: System, sides: Sequence[Sequence[str]]) -> list[str]:
+def _judgement(system: System, sides: Sequence[Sequence[str]], splines: Layout | None) -> list[str]:
     """Code that adds the defect of the last two sub-steps and compares the sum with its limit."""
-    point = [*_point(system, "y"), "t - count * step", *system.parameters]
+    point = [*_point(system, "y"), "t - count * step", *system.parameters, *_room(splines)]
     exact = [f"e{q} <= {side[3]} + {side[4]} * abs(y{q})" for q, side in enumerate(sides)]
     results = ", ".join(f"f{q}" for q in range(len(sides)))
     return [
@@ -187,7 +232,12 @@ def _point(system: System, place: str) -> list[str]:
     ]
 
 
-def _stage(system: System, stage: int) -> list[str]:
+def _room(splines: Layout | None) -> list[str]:
+    """The last arguments of `rates` and `velocity` where there are splines."""
+    return [] if splines is None else ["box", "feet"]
+
+
+def _stage(system: System, stage: int, splines: Layout | None) -> list[str]:
     letter, before = "abcd"[stage], "abcd"[stage - 1]
     weight = _STAGES[stage]
     values = [
@@ -198,7 +248,7 @@ def _stage(system: System, stage: int) -> list[str]:
     point = _point(system, "w")
     time = "s" if stage == 0 else f"s - {weight!r} * step"
     values = [f"w{q}" for q in range(len(system.jets))]
-    inner = ", ".join([*point, time, *values, *system.parameters])
+    inner = ", ".join([*point, time, *values, *system.parameters, *_room(splines)])
     results = ", ".join(f"{letter}{q}" for q in range(len(system.jets)))
     return [*lines, f"{results} = rates({inner})"]
 

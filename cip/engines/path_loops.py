@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import math
+import re
 from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cip.engines.cpu_loops import address, at_addresses
-from cip.engines.path_kernel import FOOT_ROOM, box_of, path_source
+from cip.engines.path_kernel import SPLINE_ROOM, box_of, path_source
 from cip.formulas.expression import RULES
+from cip.formulas.snapshots import snapshots_of
 from cip.grid import Grid
 from cip.jit import Array, Index, Out, Real, generated, room
 from cip.profiles.records import Foot, Line, Update
 from cip.stages.stage import Stage
 
 # On the stack: numba would free an array after its last use, the taking of its address.
-foot_room = room(FOOT_ROOM)
+foot_room = room(SPLINE_ROOM)
 # `loop_over` replaces these two by kernels.
 node: Any = None
 path: Any = None
@@ -43,16 +45,19 @@ class Paths(NamedTuple):
 def compiled(grid: Grid, stage: Stage) -> tuple[Any, Any]:
     """The compiled kernel `path` of a stage, and the array for its last argument `box`."""
     box = box_of(grid, stage.system, stage.limit, float(np.finfo(float).eps))
-    path = _path(path_source(stage.system, stage.jets, box, constant=False))
-    return path, np.array([*box, *stage.parameters])
+    field = snapshots_of(stage.velocity)
+    path = _path(path_source(stage.system, stage.jets, box, constant=False, field=field))
+    table = np.empty(0) if field is None else field.table
+    return path, np.concatenate([box, stage.parameters, table])
 
 
 @cache
 def _path(source: str) -> Any:
     namespace: dict[str, Any] = {name: getattr(np, name) for name in RULES}
     namespace.update(Real=Real, Index=Index, Array=Array, Out=Out)
-    namespace.update(nan=math.nan, inf=math.inf, abs=abs)
-    return generated(source, ["rates", "velocity", "path"], namespace, __file__)
+    namespace.update(nan=math.nan, inf=math.inf, abs=abs, floor=math.floor)
+    names = re.findall(r"^def (\w+)", source, re.MULTILINE)
+    return generated(source, names, namespace, __file__)
 
 
 def run_plane_path(

@@ -10,12 +10,14 @@ import numpy as np
 
 from cip.errors import InputError
 from cip.formulas.clock import clock_of, timed, with_time
-from cip.formulas.expression import COORDINATES, ordered, raised, traced
-from cip.formulas.formula import Formula, Orders, agree, spline
+from cip.formulas.expression import COORDINATES, ordered, raised
+from cip.formulas.formula import Formula, Orders, spline
 from cip.formulas.parameters import checked, parameter
 from cip.formulas.parsing import parse
 from cip.formulas.pointwise_check import Box
+from cip.formulas.snapshots import Snapshots
 from cip.formulas.traced_function import portable
+from cip.formulas.traced_velocity import traced_velocity
 from cip.grid import Grid
 from cip.reals import real_number
 
@@ -80,6 +82,7 @@ class Velocity:
         self.steady = bool(steady)
         self._formulas: tuple[Formula, ...] | None = None
         self._parameters: dict[str, float] = {}
+        self._snapshots: Snapshots | None = None
         self._box: Box = ()
         for name, value in {"jacobian": jacobian, "hessian": hessian}.items():
             if value is not None and not (callable(value) and callable(c)):
@@ -151,6 +154,55 @@ class Velocity:
         self._formulas = tuple(formulas)
         self._parameters = values
         self.steady = all(formula.steady for formula in formulas)
+        return self
+
+    @classmethod
+    def from_snapshots(cls, times: Any, arrays: Any, grid: Grid, degree: int = 5) -> Velocity:
+        """The velocity with given values at the nodes of a grid at several times.
+
+        Between them it is the tensor-product spline through all values (de Boor, A Practical Guide
+        to Splines, 1978, chapters IX and XIII), cubic in time (of lower degree for 2 and 3 times).
+        Its derivatives, which the schemes need, are those of the spline, and with four or more
+        times it is twice differentiable also at these: steps may cross them. It is compiled for
+        CPU and GPU; new data of the same degree and dimension compile nothing.
+
+        Parameters
+        ----------
+        times : array_like, shape (T,)
+            Increasing, at least 2. A step that leaves their range is refused.
+        arrays : array_like, shape (T, dim, *grid.nodes)
+            All components at each time; in one dimension also (T, nodes).
+        grid : Grid
+            That of the arrays, uniform or not. It covers the grid of the solver or, where it is
+            periodic, has a period that fits a whole number of times.
+        degree : {5, 3}
+            In space: values are of order `degree` + 1 in the spacing, derivatives one less each.
+            Kinks in the second derivatives of cubic splines cost the characteristics sub-steps.
+
+        Returns
+        -------
+        Velocity
+            It depends on t.
+
+        Raises
+        ------
+        InputError
+            Times that do not increase, arrays of another shape, NaN in them (with the place), or
+            fewer cells than the degree needs; with a solver, a grid that the data do not cover.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from cip import Grid, Velocity
+        >>> grid, times = Grid((0, 1), 20, periodic=True), [0.0, 0.5, 1.0, 1.5]
+        >>> winds = [np.sin(2 * np.pi * (grid.coordinates[0] - t)) for t in times]
+        >>> velocity = Velocity.from_snapshots(times, winds, grid)
+        >>> velocity.dim, velocity.steady, velocity.exact
+        (1, False, True)
+        """
+        field = Snapshots(times, arrays, grid, degree)
+        self = cls([0.0] * grid.dim)
+        self._snapshots, self.steady = field, False
         return self
 
     @property
@@ -225,7 +277,7 @@ class Velocity:
             for n in (1, 2, 3) if dim is None else (dim,):
                 names = (*COORDINATES[:n], *(() if self.steady else ("t",)))
                 if dim is None:
-                    formulas = _traced(value, self._where(n), not self.steady)
+                    formulas = traced_velocity(value, self._where(n), not self.steady)
                     if formulas is not None:
                         found[names] = [formula.expression for formula in formulas]
                 else:
@@ -243,16 +295,22 @@ class Velocity:
         A callable does not tell its number of components before `on` is called with a grid; until
         then it is traced as a velocity in one dimension.
         """
-        formulas = self._formulas or _traced(self._c, self._where(self.dim or 1), not self.steady)
+        if self._snapshots is not None:
+            return True
+        formulas = self._formulas or traced_velocity(
+            self._c, self._where(self.dim or 1), not self.steady
+        )
         return formulas is not None and all(formula.exact for formula in formulas)
 
     def on(self, grid: Grid) -> tuple[Formula, ...]:
         """One `Formula` for each component on this grid."""
         self._box = grid.bounds
+        if self._snapshots is not None:
+            return self._snapshots.on(grid)
         if self._formulas is not None:
             return self._check(self._formulas, grid)
         if callable(self._c):
-            formulas = _traced(self._c, grid.bounds, not self.steady)
+            formulas = traced_velocity(self._c, grid.bounds, not self.steady)
             return self._check(formulas or self._by_values(grid), grid)
         parts = _components(self._c)
         if len(parts) != grid.dim:
@@ -325,30 +383,3 @@ def _components(c: Any) -> list[Any]:
             raise InputError(f"c: expected 1 to 3 components, got {len(c)}")
         return list(c)
     raise InputError(f"c: expected a callable or arrays, got {type(c).__name__}")
-
-
-def _traced(c: Any, box: Box, time: bool) -> tuple[Formula, ...] | None:
-    if not callable(c):
-        return None
-    dim = len(box)
-    names = [*COORDINATES[:dim], *(["t"] if time else [])]
-    found = []
-    for q in range(dim):
-
-        def part(*point: Any, q: int = q) -> Any:
-            result = c(*point)
-            if isinstance(result, tuple | list | np.ndarray) and np.ndim(result) == 1:
-                if len(result) != dim:
-                    raise TypeError("wrong number of components")
-                return result[q]
-            if dim > 1:
-                raise TypeError("one component only")
-            return result
-
-        expression = traced(part, names)
-        if expression is None:
-            return None
-        found.append(expression)
-    if not agree(found, c, box, time):
-        return None
-    return tuple(Formula(expression, dim) for expression in found)

@@ -13,6 +13,7 @@ from cip.characteristics.feet import check_step, time_scale
 from cip.engines.engine import Engine
 from cip.engines.setting import Setting
 from cip.errors import InputError
+from cip.formulas.snapshots import snapshots_of
 from cip.formulas.velocity import Velocity
 from cip.grid import Grid
 from cip.output.trajectory import Trajectory
@@ -263,6 +264,7 @@ class Solver:
         """
         dt = check_step(dt)
         self._accept(state)
+        self._check_times(state.t, state.t + dt)
         return self._advance(self._kernels.place(state), dt).require_finite()
 
     def run(
@@ -302,6 +304,7 @@ class Solver:
             finished step and is marked ``interrupted``.
         """
         self._accept(state)
+        self._check_times(state.t, real_number(t_end, "t_end"))
         length = self._step_length(dt, cfl, state.t)
 
         def record(states: Sequence[State], interrupted: bool) -> Trajectory:
@@ -335,6 +338,12 @@ class Solver:
             )
         ):
             raise InputError(f"state: it lives on {state.grid}, the solver on {self.grid}")
+
+    def _check_times(self, start: float, end: float) -> None:
+        """Raise `InputError` if the velocity is not known from `start` to `end`."""
+        field = snapshots_of(self._formulas)
+        if field is not None:
+            field.check_times(start, end)
 
     def _advance(self, state: State, dt: float) -> State:
         data = state.data

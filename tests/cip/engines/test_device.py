@@ -50,3 +50,24 @@ def test_walls_on_the_device(stored):
         )  # fmt: skip
         ends.append(solver.run(solver.state(1.0), 0.5, dt=0.11).final.data)
     np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-12 * np.abs(ends[0]).max())
+
+
+@pytest.mark.parametrize(("profile", "dim"), [("cubic", 1), ("bicubic", 2), ("cubic", 3)])
+def test_snapshots_and_parameters_on_the_device(profile, dim):
+    """Random winds at uneven times, and named numbers of a formula."""
+    from cip import Grid, Solver, Velocity
+
+    grid = Grid([(0, 1)] * dim, (12,) * dim, periodic=True)
+    winds = 0.3 * np.random.default_rng(4).uniform(size=(4, dim, *grid.nodes))
+    text = ["a*cos(2*pi*x1 + b*t)"] * dim
+    velocities = [
+        Velocity.from_snapshots([0, 0.1, 0.4, 0.6], winds, grid),
+        Velocity.from_expression(*text, parameters={"a": 0.3, "b": 2.0}),
+    ]
+    splitting = "strang" if dim == 3 else None
+    for velocity in velocities:
+        ends = []
+        for backend in ("cpu", "cupy"):
+            solver = Solver(grid, velocity, profile=profile, splitting=splitting, backend=backend)
+            ends.append(solver.run(solver.state(field), 0.5, dt=0.11).final.data)
+        np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-10 * np.abs(ends[0]).max())

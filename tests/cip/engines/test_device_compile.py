@@ -1,8 +1,10 @@
 """Every kernel of the device compiles for every architecture: NVRTC needs no GPU."""
 
+import numpy as np
 import pytest
 from device_cases import CASES, solver_of
 
+from cip import Grid, Solver, Velocity
 from cip.engines.cuda_engine import OPTIONS, device_source
 from cip.profiles.catalogue import LIMITER_CODES
 from gpu.cuda.catalogue import ARCHITECTURES
@@ -56,6 +58,18 @@ def test_every_kernel_compiles(compile_cuda, profile, limiter, dim, feet, archit
     check(compile_cuda, architecture, kernel, real="float", index="long long")
     if feet == "stored":
         check(compile_cuda, architecture, kernel, uneven=True)
+
+
+@pytest.mark.parametrize(("dim", "profile"), [(1, "cubic"), (2, "adini")])
+def test_snapshots_and_parameters_compile(compile_cuda, dim, profile):
+    """Splines and named parameters as arguments of the kernel."""
+    grid = Grid([(0, 1)] * dim, (8,) * dim, periodic=True)
+    winds = Velocity.from_snapshots([0, 1], np.zeros((2, dim, *grid.nodes)), grid)
+    named = Velocity.from_expression(*["a*cos(t)"] * dim, parameters={"a": 1.0})
+    for velocity in (winds, named):
+        (stage,) = Solver(grid, velocity, profile=profile)._stages
+        source = device_source(stage, f"node_{profile}", 0, True, "double", "int")
+        assert b".text.run" in compile_cuda(source, ENDS[1], OPTIONS)
 
 
 def test_wrong_source_is_refused(compile_cuda):

@@ -181,3 +181,44 @@ def test_parameters_are_arguments_of_the_kernel(tmp_path):
         run(pointer(m), pointer(out), line, *clock, pointer(said), *values, grid.size, 1)
         np.testing.assert_allclose(out, expected, rtol=0, atol=1e-11)
     assert len(sources) == 1
+
+
+@pytest.mark.parametrize(
+    ("dim", "profile", "degree"),
+    [
+        (1, "cubic", 5),
+        (2, "adini", 3),
+        pytest.param(2, "bicubic", 5, marks=pytest.mark.slow),
+        pytest.param(3, "cubic", 5, marks=pytest.mark.slow),
+    ],
+)
+def test_snapshots_in_the_kernel(dim, profile, degree, tmp_path):
+    """Splines of random winds, periodic in one direction and not in the others."""
+    rng = np.random.default_rng(2)
+    periodic = (False, True, False)[:dim]
+    data = Grid([(-0.5, 1.5), (0, 1), (-0.5, 1.5)][:dim], (9, 8, 10)[:dim], periodic=periodic)
+    times = [0.0, 0.1, 0.3, 0.4, 0.7]
+    winds = 0.2 * rng.uniform(size=(5, dim, *data.nodes))
+    grid = Grid([(0, 1)] * dim, (12, 10, 8)[:dim], periodic=[p and dim > 1 for p in periodic])
+    velocity = Velocity.from_snapshots(times, winds, data, degree)
+    splitting = "strang" if dim == 3 else None
+    solver = Solver(
+        grid, velocity, profile=profile, splitting=splitting, boundary=0.0, store_feet=False
+    )
+    state, stage = random_state(solver), solver._stages[0]
+    m, out = state.data.reshape(-1), np.full_like(state.data, np.nan).reshape(-1)
+    expected = np.full_like(out, np.nan)
+    solver._kernels.launch_path(stage, m, expected, 0.5, 0.35, 6)
+    source = device_source(stage, solver._kernels.name(stage), 0, True, "double", "int")
+    run = compiled(source, tmp_path)
+    clock = [ctypes.c_double(0.5), ctypes.c_double(0.35 / 6), ctypes.c_int(6)]
+    lines, said = [pointer(line) for line in grid.coordinates], np.zeros(1, np.int32)
+    table = velocity.on(grid)[0].field.table
+    blocks = (grid.nodes[1], grid.nodes[0]) if stage.axis is None else (grid.size, 1)
+    run(pointer(m), pointer(out), *lines, *clock, pointer(said), pointer(table), *blocks)
+    # Paths that enter through a wall have no finite foot in either.
+    known = np.isfinite(expected)
+    np.testing.assert_array_equal(np.isfinite(out), known)
+    assert known.mean() > 0.7
+    scale = np.abs(expected[known]).max()
+    assert np.abs(out - expected)[known].max() < 1e-11 * scale

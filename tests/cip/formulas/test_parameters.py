@@ -1,11 +1,11 @@
 """Named parameters of formulas: the same steps as with numbers, and no compilation."""
 
 import pickle
-from contextlib import contextmanager
 from copy import deepcopy
 
 import numpy as np
 import pytest
+from compilations import compilations
 
 from cip import Grid, InputError, Solver, Velocity
 
@@ -15,24 +15,6 @@ FIELDS = {
     2: ["a*cos(2*pi*x2)", "b*sin(2*pi*x1)*exp(-w*t)"],
     3: ["a*cos(2*pi*x2)", "b*sin(2*pi*x3)", "a*b*cos(2*pi*x1 + w*t)"],
 }
-
-
-@contextmanager
-def compilations():
-    """The names of all functions that numba compiles in the block."""
-    from numba.core import event
-
-    names = []
-
-    class Listener(event.Listener):
-        def on_start(self, found):
-            names.append(found.data["dispatcher"].py_func.__name__)
-
-        def on_end(self, found):
-            pass
-
-    with event.install_listener("numba:compile", Listener()):
-        yield names
 
 
 def numbers_for_names(text, values):

@@ -1,0 +1,215 @@
+r"""Fields given by arrays at several times: tensor-product splines in space and time.
+
+The interpolant is :math:`c(t, x) = \sum_{mjkl} a_{mjkl} B_m(t) B_j(x_1) B_k(x_2) B_l(x_3)` with
+the not-a-knot (or periodic) B-splines of de Boor (A Practical Guide to Splines, 1978, chapters IX
+and XIII), cubic in time. Its derivatives are those of the splines, so the characteristics and their
+derivatives belong to one and the same field, which is twice differentiable also at the times of the
+snapshots: a step may cross them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cip.errors import InputError
+from cip.formulas.expression import opaque
+from cip.formulas.formula import Formula, Orders
+from cip.grid import Grid
+from cip.reals import real_array
+
+Array = NDArray[np.float64]
+_DEGREES = (3, 5)
+# A step may end this fraction of the covered time outside: the rounding of sums of steps.
+_ROUNDING = 1e-12
+# Relative rounding of the ends of boxes and periods that are meant to agree.
+_SAME = 1e-9
+
+
+class Snapshots:
+    """The splines through arrays at several times.
+
+    Parameters
+    ----------
+    times, arrays, grid, degree
+        As for `Velocity.from_snapshots`.
+
+    Attributes
+    ----------
+    grid : Grid
+    degrees : tuple of int
+        In time and in each direction of space.
+    knots : list of ndarray
+        Likewise.
+    coefficients : ndarray
+        Shape (components, times, coefficients in each direction).
+    """
+
+    def __init__(self, times: Any, arrays: Any, grid: Any, degree: Any) -> None:
+        if not isinstance(grid, Grid):
+            raise InputError(f"grid: expected the Grid of the arrays, got {type(grid).__name__}")
+        if degree not in _DEGREES:
+            raise InputError(f"degree: expected 3 or 5, got {degree!r}")
+        if min(grid.cells) < degree + 1:
+            raise InputError(
+                f"degree: splines of degree {degree} need {degree + 1} cells in each direction, "
+                f"the grid of the arrays has {grid.cells}"
+            )
+        self.grid, self.times = grid, _times(times)
+        values = _values(arrays, self.times, grid)
+        self.degrees = (min(3, self.times.size - 1), *([int(degree)] * grid.dim))
+        self.knots: list[Array] = []
+        values = np.moveaxis(values, 1, 0)  # component, time, place
+        for axis, k in enumerate(self.degrees):
+            values = self._fit(values, axis, k)
+        self.coefficients = np.ascontiguousarray(values)
+
+    def _fit(self, values: Array, axis: int, k: int) -> Array:
+        """Replace values along an axis (0 is time) by coefficients; append the knots."""
+        from scipy.interpolate import make_interp_spline
+
+        periodic = axis > 0 and self.grid.periodic[axis - 1]
+        line = self.times if axis == 0 else self.grid.edges[axis - 1]
+        if periodic:
+            first = np.take(values, [0], axis=axis + 1)
+            values = np.concatenate([values, first], axis=axis + 1)
+        one = make_interp_spline(
+            line, values, k=k, axis=axis + 1, bc_type="periodic" if periodic else None
+        )
+        self.knots.append(np.asarray(one.t, dtype=float))
+        return np.moveaxis(np.asarray(one.c), 0, axis + 1)
+
+    @cached_property
+    def table(self) -> Array:
+        """All numbers that a kernel needs, as `cip.engines.snapshot_kernel` reads them.
+
+        For time and each direction: the number of coefficients, of halvings in the search of an
+        interval, and the period or 0; the knots of each; the coefficients.
+        """
+        head: list[float] = []
+        for axis, (knots, k) in enumerate(zip(self.knots, self.degrees, strict=True)):
+            count = knots.size - k - 1
+            periodic = axis > 0 and self.grid.periodic[axis - 1]
+            period = knots[-k - 1] - knots[k] if periodic else 0.0
+            head += [count, int(np.ceil(np.log2(max(count - k, 2)))) + 1, period]
+        return np.concatenate([np.array(head), *self.knots, self.coefficients.ravel()])
+
+    def derivative(self, component: int, orders: Orders) -> Callable[..., Array]:
+        """A partial derivative of a component as a function of (x1, x2, x3, t)."""
+        from scipy.interpolate import NdBSpline
+
+        dim = self.grid.dim
+        spline = NdBSpline(tuple(self.knots), self.coefficients[component], self.degrees)
+        nu = (orders[3], *orders[:dim])
+
+        def values(*point: Any) -> Array:
+            shape = np.broadcast_shapes(*(np.shape(x) for x in (*point[:dim], point[3])))
+            places = [np.broadcast_to(point[3], shape)]
+            for x, (low, high), periodic in zip(
+                point[:dim], self.grid.bounds, self.grid.periodic, strict=True
+            ):
+                inside = low + (x - low) % (high - low) if periodic else x
+                places.append(np.broadcast_to(inside, shape))
+            return np.asarray(spline(np.stack(places, axis=-1), nu=nu))
+
+        return values
+
+    def on(self, grid: Grid) -> tuple[Formula, ...]:
+        """One formula for each component; raises unless the data cover the grid."""
+        if grid.dim != self.grid.dim:
+            raise InputError(
+                f"velocity: {self.grid.dim} components on a grid of {grid.dim} directions"
+            )
+        for axis, (mine, theirs) in enumerate(zip(self.grid.bounds, grid.bounds, strict=True)):
+            name, length = "xyz"[axis], mine[1] - mine[0]
+            slack = _SAME * length
+            if not self.grid.periodic[axis]:
+                if grid.periodic[axis]:
+                    raise InputError(
+                        f"velocity: the grid is periodic in {name}, the snapshots are not"
+                    )
+                if theirs[0] < mine[0] - slack or theirs[1] > mine[1] + slack:
+                    raise InputError(
+                        f"velocity: the snapshots cover {name} from {mine[0]:.6g} to "
+                        f"{mine[1]:.6g}, the grid lies from {theirs[0]:.6g} to {theirs[1]:.6g}"
+                    )
+            elif grid.periodic[axis]:
+                turns = (theirs[1] - theirs[0]) / length
+                if abs(turns - round(turns)) > _SAME * turns or round(turns) < 1:
+                    raise InputError(
+                        f"velocity: the period of the grid in {name} is {turns:.6g} periods of the "
+                        "snapshots; it must be a whole number of them"
+                    )
+        return tuple(SnapshotFormula(self, q) for q in range(grid.dim))
+
+    def check_times(self, start: float, end: float) -> None:
+        """Raise `InputError` if the snapshots do not cover the time from `start` to `end`."""
+        first, last = float(self.times[0]), float(self.times[-1])
+        slack = _ROUNDING * max(last - first, abs(first), abs(last))
+        if start < first - slack or end > last + slack:
+            raise InputError(
+                f"t: the snapshots of the velocity cover {first:.6g} to {last:.6g}, not "
+                f"{start:.6g} to {end:.6g}; stop earlier or give later snapshots"
+            )
+
+
+class SnapshotFormula(Formula):
+    """One component of `Snapshots`; compiled, with the derivatives of the splines.
+
+    Parameters
+    ----------
+    field : Snapshots
+    component : int
+    """
+
+    def __init__(self, field: Snapshots, component: int) -> None:
+        # The name does not tell whose splines these are: one kernel serves all data.
+        super().__init__(opaque(f"snapshots{component}", (0, 0, 0, 0)), field.grid.dim)
+        self.field, self.component = field, component
+
+    @property
+    def steady(self) -> bool:
+        """False: it depends on t."""
+        return False
+
+    def _opaque(self, orders: Orders, steps: Sequence[float]) -> Callable[..., Array]:
+        return self.field.derivative(self.component, orders)
+
+
+def snapshots_of(formulas: Sequence[Formula]) -> Snapshots | None:
+    """The splines of a velocity from snapshots, None for others."""
+    first = formulas[0]
+    return first.field if isinstance(first, SnapshotFormula) else None
+
+
+def _times(times: Any) -> Array:
+    found = real_array(times, "times").astype(float)
+    if found.ndim != 1 or found.size < 2:
+        raise InputError(f"times: expected at least 2 times in one row, got shape {found.shape}")
+    if not np.isfinite(found).all() or np.any(np.diff(found) <= 0.0):
+        raise InputError("times: expected finite, increasing times")
+    return found
+
+
+def _values(arrays: Any, times: Array, grid: Grid) -> Array:
+    """The arrays, checked, of shape (times, components, nodes)."""
+    found = real_array(arrays, "arrays").astype(float)
+    shape = (times.size, grid.dim, *grid.nodes)
+    if grid.dim == 1 and found.shape == (times.size, *grid.nodes):
+        found = found[:, None]
+    if found.shape != shape:
+        raise InputError(
+            f"arrays: expected shape {shape} (times, components, nodes), got {found.shape}"
+        )
+    bad = ~np.isfinite(found)
+    if bad.any():
+        time, component, *place = (int(q) for q in np.argwhere(bad)[0])
+        raise InputError(
+            f"arrays: NaN or infinity in snapshot {time}, component {component}, node "
+            f"{tuple(place)}; fill the gaps before"
+        )
+    return found

@@ -1,0 +1,282 @@
+"""Velocities from gridded snapshots in time, against polynomials, closed forms and SciPy's ODEs."""
+
+import pickle
+from itertools import product
+
+import numpy as np
+import pytest
+from compilations import compilations
+from convergence import order
+from scipy.integrate import solve_ivp
+from scipy.interpolate import RectBivariateSpline
+
+from cip import Grid, InputError, LeftDomain, Solver, Velocity
+
+SLOW = pytest.mark.slow
+UNEVEN = [0.0, 0.07, 0.2, 0.31, 0.45, 0.5, 0.62]
+# Cubic in time and in space, so the splines of either degree are exact where nothing is periodic.
+POLYNOMIALS = [
+    "0.3 + 0.2*x1*{y}*(1 - 2*t) + 0.5*x1**3*t**3 - 0.1*{y}**2*t",
+    "0.1*x1**2 - 0.3*{y}*t**2 + 0.2*x1*{y}**3",
+    "0.2*{y}**3*t - 0.1*x1*x3",
+]
+
+
+def polynomials(dim):
+    return [text.format(y="x2" if dim > 1 else "1") for text in POLYNOMIALS[:dim]]
+
+
+def sampled(velocity, times, grid):
+    """Nodal values of a velocity with formulas, shape (times, dim, nodes)."""
+    point = [*grid.mesh(), *([0.0] * (3 - grid.dim))]
+    formulas = velocity.on(grid)
+    values = [formula.derivative((0, 0, 0, 0), (1.0,) * 4) for formula in formulas]
+    return np.array([[value(*point, t) for value in values] for t in times])
+
+
+def jittered(dim, n=9):
+    lines = [np.linspace(0, 1 + 0.2 * q, n) for q in range(dim)]
+    return Grid.from_coordinates(
+        *(line + 0.01 * np.sin(9 * line * (line[-1] - line)) for line in lines)
+    )
+
+
+@pytest.mark.parametrize("degree", [3, 5])
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_polynomials_and_all_their_derivatives_are_exact(dim, degree):
+    grid = jittered(dim)
+    exact = Velocity.from_expression(*polynomials(dim))
+    found = Velocity.from_snapshots(UNEVEN, sampled(exact, UNEVEN, grid), grid, degree)
+    rng = np.random.default_rng(3)
+    point = [rng.uniform(0, 1, 20) if q < dim else np.zeros(20) for q in range(3)]
+    time = rng.uniform(0, 0.62, 20)
+    steps = (1.0,) * 4
+    for one, other in zip(found.on(grid), exact.on(grid), strict=True):
+        for orders in product(
+            range(3), range(3 if dim > 1 else 1), range(2 if dim > 2 else 1), (0, 1)
+        ):
+            value = one.derivative(orders, steps)(*point, time)
+            expected = other.derivative(orders, steps)(*point, time)
+            # Rounding of second derivatives in both directions: h^-4 epsilon.
+            np.testing.assert_allclose(value, expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("degree", [3, 5])
+@pytest.mark.parametrize("slope", [0, 1, 2])
+def test_orders_in_space(degree, slope):
+    sizes, errors = (20, 40, 80), []
+    x = np.random.default_rng(0).uniform(0, 1, 400)
+    for n in sizes:
+        grid = Grid((0, 1), n, periodic=True)
+        values = [np.sin(2 * np.pi * grid.coordinates[0])] * 2
+        (c,) = Velocity.from_snapshots([0, 1], values, grid, degree).on(grid)
+        found = c.derivative((slope, 0, 0, 0), (1.0,) * 4)(x, 0, 0, 0.4)
+        exact = (2 * np.pi) ** slope * np.sin(2 * np.pi * x + slope * np.pi / 2)
+        errors.append(np.abs(found - exact).max())
+    assert degree + 1 - slope - 0.2 <= order(sizes, errors) <= degree + 1 - slope + 0.4
+
+
+@pytest.mark.parametrize("slope", [0, 1])
+def test_orders_in_time(slope):
+    sizes, errors = (20, 40, 80), []
+    t = np.linspace(0.2, 0.8, 301)
+    grid = Grid((0, 1), 8)
+    for n in sizes:
+        times = np.linspace(0, 1, n + 1)
+        (c,) = Velocity.from_snapshots(times, [np.full(9, np.sin(5 * s)) for s in times], grid).on(
+            grid
+        )
+        found = c.derivative((0, 0, 0, slope), (1.0,) * 4)(0.3, 0, 0, t)
+        errors.append(np.abs(found - 5**slope * np.sin(5 * t + slope * np.pi / 2)).max())
+    assert 4 - slope - 0.2 <= order(sizes, errors) <= 4 - slope + 0.4
+
+
+@pytest.mark.parametrize(("count", "power"), [(2, 1), (3, 2), (4, 3)])
+def test_few_snapshots_are_one_polynomial_in_time(count, power):
+    grid, times = Grid((0, 1), 8), np.linspace(0, 2, count)
+    values = [np.full(9, t**power - t) for t in times]
+    (c,) = Velocity.from_snapshots(times, values, grid).on(grid)
+    t = np.linspace(0, 2, 17)
+    np.testing.assert_allclose(
+        c.derivative((0,) * 4, (1.0,) * 4)(0.3, 0, 0, t), t**power - t, atol=1e-13
+    )
+
+
+CASES = [
+    (1, "cubic", "transport", 5),
+    pytest.param(1, "csl4", "advection", 5, marks=SLOW),
+    pytest.param(1, "quintic", "advection", 5, marks=SLOW),
+    (2, "bicubic", "transport", 5),
+    pytest.param(2, "adini", "advection", 3, marks=SLOW),
+    pytest.param(2, "bicubic", "advection", 5, marks=SLOW),
+    pytest.param(3, "cubic", "transport", 5, marks=SLOW),
+]
+
+
+@pytest.mark.parametrize(("dim", "profile", "form", "degree"), CASES)
+def test_the_run_is_that_of_the_polynomials_formula(dim, profile, form, degree):
+    """Inflow and outflow, compiled and not; the steps cross the times of the snapshots."""
+    data = jittered(dim)
+    exact = Velocity.from_expression(*polynomials(dim))
+    found = Velocity.from_snapshots(UNEVEN, sampled(exact, UNEVEN, data), data, degree)
+    # A part of the box that the snapshots cover.
+    grid = Grid([(0.1, 0.9)] * dim, (10,) * dim)
+    splitting = "strang" if dim > 1 and profile not in ("adini", "bicubic") else None
+    ends = []
+    for velocity in (found, exact):
+        solver = Solver(grid, velocity, form, profile, splitting=splitting, boundary=0.0)
+        run = solver.run(solver.state("exp(-9*(x1-0.5)**2)"), 0.6, dt=0.15)
+        ends.append(run.final.data)
+    # Both feet have errors up to 1e-8 cells, their second derivatives more.
+    scale = np.abs(ends[1]).max(axis=tuple(range(1, dim + 1)), keepdims=True)
+    assert np.max(np.abs(ends[0] - ends[1]) / scale) < 1e-6
+
+
+@pytest.mark.parametrize("store", [True, False])
+@pytest.mark.parametrize("degree", [5, pytest.param(3, marks=SLOW)])
+def test_steps_across_snapshots_against_an_ode_solver(store, degree):
+    """A step over two snapshots: the new values are those at feet that DOP853 finds."""
+    data, times = Grid((-1, 2), 40), np.linspace(0, 1, 6)
+    wind = np.array([0.5 + 0.3 * np.sin(2 * data.coordinates[0] + 4 * t) for t in times])
+    spline = RectBivariateSpline(times, data.coordinates[0], wind, kx=3, ky=degree)
+    grid = Grid((0, 1), 32)
+    velocity = Velocity.from_snapshots(times, wind, data, degree)
+    solver = Solver(grid, velocity, boundary=0.0, store_feet=store, profile="quintic")
+    start = solver.state("sin(x1)")
+    after = solver.step(start.__class__(grid, "quintic", start.data, 0.1), 0.45)
+    x = grid.coordinates[0]
+    back = solve_ivp(
+        lambda t, y: spline.ev(t, y), (0.55, 0.1), x, method="DOP853", rtol=1e-11, atol=1e-12
+    ).y[:, -1]
+    inside = back > 0.0
+    assert 15 < inside.sum() < 33
+    # Feet to 1e-8 cells; the quintic's interpolation of the sine is far below.
+    np.testing.assert_allclose(after["u"][inside], np.sin(back[inside]), rtol=0, atol=1e-9)
+
+
+def test_order_of_the_scheme_with_snapshots():
+    """dx/dt = k(t) sin(2 pi x): tan(pi x) grows by exp(2 pi int k); grids refine together."""
+    errors, sizes = [], (40, 80, 160)
+    for n in sizes:
+        grid, times = Grid((0.01, 1.01), n, periodic=True), np.linspace(0, 0.5, n // 2 + 1)
+        x = grid.coordinates[0]
+        wind = [0.2 * np.cos(3 * t) * np.sin(2 * np.pi * x) for t in times]
+        solver = Solver(grid, Velocity.from_snapshots(times, wind, grid))
+        run = solver.run(solver.state("cos(2*pi*x1)"), 0.5, dt=0.7 / n)
+        grown = np.exp(2 * np.pi * 0.2 * np.sin(1.5) / 3)
+        foot = np.arctan2(np.sin(np.pi * x), grown * np.cos(np.pi * x)) / np.pi
+        errors.append(np.abs(run.final["u"] - np.cos(2 * np.pi * foot)).max())
+    assert 2.8 <= order(sizes, errors) <= 3.6
+
+
+def test_new_data_compile_nothing_and_copies_are_equal():
+    rng = np.random.default_rng(5)
+
+    def end(velocity):
+        solver = Solver(Grid((0, 1), 16, periodic=True), velocity)
+        return solver.run(solver.state("sin(2*pi*x1)"), 0.5, dt=0.1).final.data
+
+    def winds(n, times):
+        grid = Grid((0, 1), n, periodic=True)
+        return Velocity.from_snapshots(times, 0.1 * rng.uniform(size=(len(times), n)), grid)
+
+    first = winds(8, np.linspace(0, 1, 5))
+    expected = end(first)
+    with compilations() as names:
+        other = end(winds(8, np.linspace(0, 1, 5)))
+        end(winds(12, [0.0, 0.3, 0.4, 0.7, 0.8, 0.9]))
+    assert names == []
+    assert np.abs(other - expected).max() > 1e-3
+    np.testing.assert_array_equal(end(pickle.loads(pickle.dumps(first))), expected)
+
+
+def test_periods_of_the_data_repeat():
+    """A solver over two periods of the snapshots, beginning elsewhere."""
+    data = Grid((0, 1), 16, periodic=True)
+    wind = [0.3 + 0.1 * np.sin(2 * np.pi * (data.coordinates[0] - t)) for t in (0, 0.5, 1)]
+    velocity = Velocity.from_snapshots([0, 0.5, 1], wind, data)
+    solver = Solver(Grid((-0.5, 1.5), 40, periodic=True), velocity)
+    u = solver.run(solver.state("sin(2*pi*x1)"), 0.9, dt=0.1).final["u"]
+    np.testing.assert_allclose(u[:20], u[20:], rtol=0, atol=1e-10)
+    alone = Solver(Grid((-0.5, 0.5), 20, periodic=True), velocity)
+    other = alone.run(alone.state("sin(2*pi*x1)"), 0.9, dt=0.1).final["u"]
+    np.testing.assert_allclose(u[:20], other, rtol=0, atol=1e-8)
+
+
+GRID = Grid([(0, 1), (0, 2)], (8, 9))
+ZERO = np.zeros((3, 2, 9, 10))
+GAP = ZERO.copy()
+GAP[1, 0, 4, 5] = np.nan
+
+
+@pytest.mark.parametrize(
+    ("times", "arrays", "grid", "degree", "message"),
+    [
+        ([0, 1, 1], ZERO, GRID, 5, "times: expected finite, increasing"),
+        ([0, 1, np.inf], ZERO, GRID, 5, "times: expected finite, increasing"),
+        ([0], ZERO[:1], GRID, 5, "times: expected at least 2"),
+        ([[0, 1, 2]], ZERO, GRID, 5, "times: expected at least 2 times in one row"),
+        ([0, 1], ZERO, GRID, 5, r"arrays: expected shape \(2, 2, 9, 10\)"),
+        ([0, 1, 2], ZERO[:, :1], GRID, 5, "arrays: expected shape"),
+        ([0, 1, 2], ZERO + 1j, GRID, 5, "arrays: expected real values"),
+        (
+            [0, 1, 2],
+            GAP,
+            GRID,
+            5,
+            r"arrays: NaN or infinity in snapshot 1, component 0, node \(4, 5\)",
+        ),
+        ([0, 1, 2], ZERO, (9, 10), 5, "grid: expected the Grid"),
+        ([0, 1, 2], ZERO, GRID, 4, "degree: expected 3 or 5"),
+        ([0, 1], np.zeros((2, 5)), Grid((0, 1), 4), 5, "degree: splines of degree 5 need 6 cells"),
+    ],
+)
+def test_bad_snapshots_are_named(times, arrays, grid, degree, message):
+    with pytest.raises(InputError, match=message):
+        Velocity.from_snapshots(times, arrays, grid, degree)
+
+
+@pytest.mark.parametrize(
+    ("grid", "message"),
+    [
+        (Grid((0, 1), 8), "velocity: 2 components on a grid of 1"),
+        (Grid([(0, 1.1), (0, 2)], (8, 8)), "velocity: the snapshots cover x from 0 to 1, the grid"),
+        (Grid([(0, 1), (-1, 2)], (8, 8)), "velocity: the snapshots cover y from 0 to 2, the grid"),
+        (
+            Grid([(0, 1), (0, 2)], (8, 8), periodic=(True, False)),
+            "velocity: the grid is periodic in x",
+        ),
+    ],
+)
+def test_grids_that_the_data_do_not_cover(grid, message):
+    with pytest.raises(InputError, match=message):
+        Solver(grid, Velocity.from_snapshots([0, 1, 2], ZERO, GRID))
+
+
+def test_periods_that_do_not_fit():
+    data = Grid((0, 1), 8, periodic=True)
+    velocity = Velocity.from_snapshots([0, 1], np.zeros((2, 8)), data)
+    with pytest.raises(InputError, match=r"velocity: the period of the grid in x is 1.5 periods"):
+        Solver(Grid((0, 1.5), 8, periodic=True), velocity)
+
+
+def test_times_that_the_data_do_not_cover():
+    data = Grid((0, 1), 8, periodic=True)
+    solver = Solver(data, Velocity.from_snapshots([0, 1], np.ones((2, 8)), data))
+    start = solver.state("sin(2*pi*x1)")
+    assert solver.run(start, 1.0, dt=0.1).final.t == 1.0
+    with pytest.raises(
+        InputError, match=r"t: the snapshots of the velocity cover 0 to 1, not 0 to 1.2"
+    ):
+        solver.run(start, 1.2, dt=0.1)
+    with pytest.raises(InputError, match="t: the snapshots"):
+        solver.step(start, 1.1)
+    with pytest.raises(InputError, match="t: the snapshots"):
+        solver.step(solver.state("x1", t=-0.5), 0.1)
+
+
+def test_walls_without_data_are_still_refused():
+    data = Grid((0, 1), 8)
+    solver = Solver(data, Velocity.from_snapshots([0, 1], np.ones((2, 9)), data))
+    with pytest.raises(LeftDomain, match=r"boundary: .* wall 'x-'"):
+        solver.step(solver.state("x1"), 0.1)
