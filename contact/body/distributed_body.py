@@ -272,6 +272,15 @@ class DistributedBody(SpreadSolid):
         self.f = self.f + self.of_owned(self._unloaded().body_force(force).f)
         return self
 
+    def support_motion(self, boundary: Any, components: Any, value: Any) -> Array:
+        """Displacement that one of the supports prescribes; see `Solid.support_motion`."""
+        names, here, _ = self._has(boundary)
+        moved = np.zeros(self.space.basis.N)
+        if here:
+            present = [n for n in names if np.size((self.space.mesh.boundaries or {}).get(n, ()))]
+            moved = self.local.support_motion(present, components, value)
+        return self.of_owned(moved)
+
     def _unloaded(self) -> ElasticBody:
         body = copy(self.local)
         body.f = np.zeros(self.space.basis.N)

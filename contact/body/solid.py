@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.body.constitutive import StressLaw, total_stress
+from contact.body.support_motion import motion_of_support
 from contact.body.surface import Surface
 from contact.errors import InputError, numbers
 from contact.portable import Portable
@@ -262,6 +263,16 @@ class Solid(Portable, ABC):
     def mean_dilatation_at(self, u: Array, points: Array) -> Array | None:
         """Mean div u of the cell of each point, with mean dilatation; else None."""
         return None
+
+    def support_motion(self, boundary: Any, components: Any, value: Any) -> Array:
+        """Displacement that one of the supports prescribes, on all dofs, the others at rest.
+
+        Raises
+        ------
+        InputError
+            There is no such support, or its motion contradicts another one.
+        """
+        return motion_of_support(self, boundary, components, value)
 
     def mean_dilatation(self, u: Array) -> Array | None:
         """Mean div u of each cell, shape (ncells,), with mean dilatation; else None."""

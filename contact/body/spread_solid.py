@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from copy import copy
 from functools import cached_property
@@ -98,6 +99,52 @@ class SpreadSolid(Solid):
         x[self.others] = u[self._shared :]
         own: Array = x[self.space.owned]
         return own
+
+    def places(self) -> dict[str, Index]:
+        """For each owned dof a cell of the whole mesh, and its number among the dofs of the cell.
+
+        Returns
+        -------
+        dict
+            ``cell`` and ``slot``, shape (owned dofs,).
+        """
+        space = self.space
+        cells = space.own_cells
+        dofs = space.basis.element_dofs[:, cells]
+        found = np.full((2, space.basis.N), -1, dtype=np.int64)
+        found[0, dofs] = space.piece.cells[cells]
+        found[1, dofs] = np.arange(dofs.shape[0])[:, None]
+        return {"cell": found[0, space.owned], "slot": found[1, space.owned]}
+
+    def from_places(
+        self, parts: Iterable[dict[str, Any]], names: Sequence[str]
+    ) -> dict[str, Array]:
+        """Vectors of this body from values at the places of `places`, of any number of processes.
+
+        Parameters
+        ----------
+        parts : iterable of dict
+            ``cell`` and ``slot`` with the values of each name.
+        names : sequence of str
+
+        Raises
+        ------
+        InputError
+            A dof has no value.
+        """
+        space, cells = self.space, self.space.piece.cells
+        local = np.zeros((len(names), space.basis.N))
+        known = np.zeros(space.basis.N, dtype=bool)
+        for part in parts:
+            at = np.searchsorted(cells, part["cell"]).clip(max=cells.size - 1)
+            here = cells[at] == part["cell"]
+            dofs = space.basis.element_dofs[part["slot"][here], at[here]]
+            known[dofs] = True
+            for row, name in zip(local, names, strict=True):
+                row[dofs] = part[name][here]
+        if not known[space.owned].all():
+            raise InputError("path: the files of the processes do not hold all dofs of this body")
+        return {name: self.of_owned(row) for name, row in zip(names, local, strict=True)}
 
     @property
     def trace(self) -> ElasticBody:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from contact.body.distributed_body import DistributedBody
 from contact.errors import InputError
 from contact.output.archive import DamagedFile, checksum, read_arrays, write_arrays
 from contact.result.contact_result import ContactResult
@@ -131,7 +132,7 @@ class HistoryFolder:
         """
         place = {"run": self._run, "number": k + 1, "time": float(self.times[k])}
         place |= {"before": self._before}
-        arrays = state_arrays(result) | {"place": np.array(json.dumps(place))}
+        arrays = self._arrays_of(result) | {"place": np.array(json.dumps(place))}
         try:
             write_arrays(self._step(k), arrays, compress=False, exclusive=True)
         except FileExistsError as error:
@@ -162,8 +163,7 @@ class HistoryFolder:
         for k in range(self.times.size):
             path = self._step(k)
             try:
-                arrays, found = read_arrays(path)
-                self._check_place(path, k, arrays)
+                arrays, found = self._read(path, k, system)
                 state = rebuild(path, shared | arrays, found is not None, system)
             except InputError as error:
                 if path.is_file() and not isinstance(error, DamagedFile):
@@ -174,6 +174,16 @@ class HistoryFolder:
                 return
             self._before, system = str(found), state.system
             yield ContactResult(**vars(state))
+
+    def _arrays_of(self, result: ContactResult) -> dict[str, Any]:
+        """What the file of a step holds, but for its place in the run."""
+        return state_arrays(result)
+
+    def _read(self, path: Path, k: int, system: ContactSystem | None) -> tuple[Any, Any]:
+        """The arrays of step k, and their checksum."""
+        arrays, found = read_arrays(path)
+        self._check_place(path, k, arrays)
+        return arrays, found
 
     def prepare(self, count: int, system: ContactSystem) -> None:
         """Prepare the folder for the steps after the first `count`, and write the problem.
@@ -246,7 +256,10 @@ def fingerprint(system: ContactSystem, vectors: Sequence[Array]) -> str:
         A body that no file holds.
     """
     arrays = problem_arrays(system) | {"law": np.array(str(system.law))}
-    arrays |= {"load": system.load, "u0": system.body.constraint[1]}
+    if isinstance(system.body, DistributedBody):  # its vectors are others on other processes
+        vectors = []
+    else:
+        arrays |= {"load": system.load, "u0": system.body.constraint[1]}
     arrays |= {"friction": system.friction, "gap": system.rows.gap}
     if system.motion is not None:
         arrays |= {f"motion/{name}": value for name, value in vars(system.motion).items()}

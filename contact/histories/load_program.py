@@ -195,28 +195,8 @@ class LoadProgram(Portable):
             There is no such support, or the motion contradicts another support.
         """
         k = self._number(body)
-        held = self.problem.body.bodies[k]
-        at_rest = copy(held)
-        at_rest._supports = []
-        at_rest.fix(boundary, components, value)  # checks the value
-        moved = at_rest._supports
-        for place, c, *_ in moved:
-            if not any(c == d and np.array_equal(place, f) for f, d, *_ in held._supports):
-                raise InputError(
-                    f"move: the body is not fixed on boundary {boundary!r} in component "
-                    f"{'xyz'[c]}; fix it first, with body.fix({boundary!r}, ...)"
-                )
-        at_rest._couplings = tuple(each.at_rest() for each in held._couplings)
-        at_rest._supports = [
-            next(
-                ((f, c, m[2], *how) for m in moved if m[1] == c and np.array_equal(m[0], f)),
-                (f, c, _still, *how),
-            )
-            for f, c, _, *how in held._supports
-        ]
-        for derived in ("constraint", "prescribed"):
-            at_rest.__dict__.pop(derived, None)
-        moved_by = self._of_all(k, at_rest.constraint[1])
+        moved = self.problem.body.bodies[k].support_motion(boundary, components, value)
+        moved_by = self._of_all(k, moved)
         self._motions.append((moved_by, checked_factor(factor)))
         return self
 
@@ -263,7 +243,3 @@ class LoadProgram(Portable):
         vectors = [vector for vector, _ in (*self._loads, *self._motions)]
         vectors += [strain for _, strain, _ in self._heats]
         return fingerprint(self.problem.system, vectors)
-
-
-def _still(x: Array) -> Array:
-    return np.zeros(x.shape[1:])

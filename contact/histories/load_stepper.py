@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from contact.body.distributed_body import DistributedBody
 from contact.errors import InputError, NotConverged, numbers
 from contact.histories.finite_sliding import FiniteSliding
 from contact.histories.history_folder import HistoryFolder, same_conditions
 from contact.histories.load_history import LoadHistory, LoadStep, as_path, checked_times
 from contact.histories.load_program import LoadProgram
+from contact.histories.spread_folder import SpreadFolder
 from contact.laws.options import Options
 from contact.problem.sagitta import warn_of_sagitta
 from contact.settled import settled
@@ -126,6 +128,10 @@ class LoadStepper(LoadProgram):
         self.history = LoadHistory()
         self._supports = self._conditions()
 
+    @property
+    def _is_spread(self) -> bool:
+        return isinstance(self.problem.body, DistributedBody)
+
     def _conditions(self) -> tuple[int, int]:
         body = self.problem.body
         return len(body._supports), len(body._couplings)
@@ -208,7 +214,8 @@ class LoadStepper(LoadProgram):
             return self._run(schedule, None, progress, callback)
         everything = np.concatenate((self.history.times, schedule))
         system = self.problem.system
-        folder = HistoryFolder.created(as_path(path), everything, system, self._fingerprint())
+        created = SpreadFolder.created if self._is_spread else HistoryFolder.created
+        folder = created(as_path(path), everything, system, self._fingerprint())
         with folder.locked():
             folder.prepare(0, system)
             for k in range(len(self.history)):
@@ -244,7 +251,10 @@ class LoadStepper(LoadProgram):
             The folder holds no history, or that of another problem; a step belongs to another run
             or was changed; another process is writing to the folder.
         """
-        folder = HistoryFolder.opened(as_path(path))
+        if self._is_spread:
+            folder = SpreadFolder.reopened(as_path(path), self.problem.body.comm)
+        else:
+            folder = HistoryFolder.opened(as_path(path))
         another = InputError(
             f"path: {path} holds the history of another problem (other mesh, material, contact "
             "rows, gap, friction, loads or supports); build the stepper as it was"

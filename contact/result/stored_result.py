@@ -17,6 +17,7 @@ from skfem.generic_utils import OrientedBoundary
 
 from contact.body.anisotropic import Anisotropic
 from contact.body.cut_body import CutBody
+from contact.body.distributed_body import DistributedBody
 from contact.body.elastic_body import ElasticBody
 from contact.body.several_bodies import Bodies
 from contact.body.solid import Solid
@@ -31,6 +32,7 @@ from contact.result.certify import as_lines, certify
 from contact.result.consistency import check_mesh, check_problem, check_state
 from contact.result.contact_state import ContactState
 from contact.result.contact_system import ContactSystem
+from contact.result.stored_pieces import on_all_processes, words_of_distributed
 from contact.rows.contact_rows import ContactRows
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
@@ -65,6 +67,11 @@ def write(state: ContactState, path: str | Path) -> Path:
         See `ContactResult.save`.
     """
     path = _named(path)
+    if isinstance(state.system.body, DistributedBody):
+        raise InputError(
+            "result: that of a DistributedBody is not in one file; write "
+            "LoadStepper(problem).run([1.0], path=folder) and resume it, or contact.save_pvtu"
+        )
     arrays = problem_arrays(state.system) | state_arrays(state)
     _certify(state, "result: it would be refused when it is read")
     write_arrays(path, arrays)
@@ -105,7 +112,7 @@ def problem_arrays(system: ContactSystem) -> dict[str, Any]:
     for field in fields(ContactRows):
         value = getattr(system.rows, field.name)
         if field.name in _SPARSE:
-            _pack(arrays, f"rows/{field.name}", value)
+            _pack(arrays, f"rows/{field.name}", on_all_processes(system.body, value))
         elif field.name in _OPTIONAL and not value.size:
             continue
         elif field.name not in ("functional", "gap"):
@@ -131,6 +138,8 @@ def _body_arrays(body: Any, rows: dict[str, str]) -> tuple[dict[str, Any], dict[
             "t with numpy.savez, build the problem again from its script, and make "
             "ContactResult(problem.system_of(body), u, mu, t, method, ()); its kkt is computed anew"
         )
+    if isinstance(body, DistributedBody):
+        return words_of_distributed(body, rows)
     mesh, basis = body.mesh, body.basis
     for what, known in ((body.element, _ELEMENTS), (mesh, _MESHES)):
         name = type(what).__name__
