@@ -91,6 +91,48 @@ def membrane(folder: str) -> Found:
     }
 
 
+def cylinders(folder: str) -> Found:
+    """Two elastic cylinders and NAFEMS CGS-1 with both bodies meshed."""
+    found = example("validation_two_cylinders").main(["--output", folder])
+    middle = {name: lines[1] for name, lines in found.lines.items()}  # of three meshes
+    return {
+        "two cylinders": {
+            "cells": 16,
+            "rms": {name: line.rms for name, line in middle.items()},
+            "peak": {name: abs(line.peak) for name, line in middle.items()},
+            "order": {name: float(order) for name, order in found.orders.items()},
+        },
+        "two meshes CGS-1": {
+            "curved" if curved else "straight": {"a": pair.a, "p": pair.p}
+            for curved, pair in found.cgs1.items()
+        },
+    }
+
+
+def shrink(folder: str) -> Found:
+    """A ring shrunk onto another, beside Lame's pressure."""
+    facets = (8, 16, 32)
+    arguments = ["--facets", *map(str, facets), "--output", folder]
+    found = example("shrink_fit").main(arguments)
+    return {
+        "shrink fit": {
+            "facets": facets[-1],
+            "rms": {name: float(errors[-1]) for name, errors in found.errors.items()},
+            "order": {name: float(order) for name, order in found.orders.items()},
+        }
+    }
+
+
+def ties(folder: str) -> Found:
+    """Orders of tied meshes, of the displacement and of its gradient, at the worse of two ends."""
+    found = example("tied_meshes").main(["--output", folder])
+    orders: Found = {}
+    for (name, _), pair in found.orders.items():
+        before = orders.get(name, [np.inf, np.inf])
+        orders[name] = [min(float(o), b) for o, b in zip(pair, before, strict=True)]
+    return {"ties": orders}
+
+
 def cut(folder: str) -> Found:
     """Hertz' line contact on a boundary that cuts the cells."""
     rows = example("cut_hertz").main(["--output", folder]).rows
@@ -107,7 +149,10 @@ def main() -> None:
     matplotlib.use("Agg")
     record: Found = {"machine": describe()}
     with tempfile.TemporaryDirectory() as folder:
-        for case in (line, punch, far_field, membrane, cut, sphere, cattaneo, order):
+        for case in (
+            *(line, punch, far_field, membrane, cut, cylinders, shrink, ties),
+            *(sphere, cattaneo, order),
+        ):
             record |= case(folder)
             (RESULTS / "validation.json").write_text(json.dumps(record, indent=1) + "\n")
 

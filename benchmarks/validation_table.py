@@ -10,6 +10,8 @@ def validation(record: Record) -> str:
     line, cgs1, punch = record["hertz line"], record["NAFEMS CGS-1"], record["flat punch"]
     far, order, membrane = record["far field"], record["order"], record["membrane"]
     sphere, rub = record["hertz sphere"], record["cattaneo"]
+    pair, meshed = record["two cylinders"], record["two meshes CGS-1"]
+    shrink, ties = record["shrink fit"], record["ties"]
     rows = [
         (
             f"Hertz line contact, a/h = {line['cells']}",
@@ -54,6 +56,38 @@ def validation(record: Record) -> str:
             f"force {100 * membrane['force']:.1f} %, contact set "
             f"{100 * membrane['contact set']:.1f} %",
             "1 %",
+        ),
+        (
+            f"two elastic cylinders, E 1:3, cells 1:1.37, a/h = {pair['cells']}",
+            "rms pressure error, largest pressure, order: "
+            + "; ".join(
+                f"{pair['rms'][name]:.1e}, {pair['peak'][name]:.1e}, {pair['order'][name]:.1f} "
+                f"({name})"
+                for name in pair["rms"]
+            ),
+            "1e-3, 5e-4, 1.7",
+        ),
+        (
+            "NAFEMS CGS-1, cylinder and block both meshed",
+            "; ".join(
+                f"a = {found['a']:.3f} mm, p_max = {found['p']:.0f} MPa ({kind} cells)"
+                for kind, found in meshed.items()
+            ),
+            "1 %",
+        ),
+        (
+            f"shrink fit of two rings, {shrink['facets']} facets a quarter",
+            "rms pressure error, order: "
+            + "; ".join(
+                f"{shrink['rms'][name]:.1e}, {shrink['order'][name]:.1f} ({name})"
+                for name in shrink["rms"]
+            ),
+            "1e-3, 1.8",
+        ),
+        (
+            "tied meshes, orders of displacement and gradient, ends held or free",
+            "; ".join(f"{low:.2f}, {high:.2f} ({name})" for name, (low, high) in ties.items()),
+            "1.9, .95; 2.9, 1.9; 3.85, 2.9",
         ),
     ]
     table = rows_of("case | ours | the tests allow", rows)
