@@ -6,7 +6,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from families import PLANE, SOLID
 from optional_packages import PARDISO
+from posed_pairs import Pose, posed
 from pressed_pairs import pair
 
 from contact import ContactProblem
@@ -87,6 +89,19 @@ def test_one_problem_of_two_bodies_solved_by_many(solver):
         together = list(pool.map(lambda _: fields(shared.solve()), range(12)))
         apart = list(pool.map(lambda _: fields(pair(solver=solver).solve()), range(6)))
     assert all(same(expected, found) for found in (*together, *apart))
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("element", PLANE + SOLID, ids=lambda e: e.__name__)
+@pytest.mark.filterwarnings("ignore::contact.ContactWarning")
+def test_a_pair_of_every_element_by_four_threads(element, solver):
+    """Stick, slip and open points, in the plane and in space."""
+    pose = Pose(np.eye(3 if element in SOLID else 2))
+    expected = fields(posed(element, pose, solver=solver)[0].solve())
+    shared, *_ = posed(element, pose, solver=solver)
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda _: fields(shared.solve()), range(8)))
+    assert all(same(expected, one) for one in found)
 
 
 @PARDISO
