@@ -7,6 +7,7 @@ from typing import Any
 from contact.body.distributed_body import DistributedBody
 from contact.condensation.condensed_contact import CondensedContact
 from contact.condensation.primal import PrimalContact
+from contact.errors import InputError
 from contact.rows.contact_rows import ContactRows
 
 
@@ -19,10 +20,18 @@ def condensed_contact(
     ----------
     body, rows, solver, device
         As for `CondensedContact`.
+
+    Raises
+    ------
+    InputError
+        Several bodies, of which one asks for "krylov".
     """
-    if (
-        isinstance(body, DistributedBody)
-        and body.chosen_backend(rows.G.shape[0] * body.dim) == "krylov"
-    ):
-        return PrimalContact(body, rows, body.multigrid)
+    if isinstance(body, DistributedBody):
+        if body.chosen_backend(rows.G.shape[0] * body.dim) == "krylov":
+            return PrimalContact(body, rows, body.multigrid)
+    elif any(getattr(one, "backend", "") == "krylov" for one in body.bodies):
+        raise InputError(
+            "backend='krylov': bodies that touch each other are condensed; take "
+            "DistributedBody(..., backend='auto') or 'mumps'"
+        )
     return CondensedContact(body, rows, solver, device)

@@ -43,6 +43,30 @@ def test_contact_without_condensation_is_that_of_one_process_with_it() -> None:
         assert len({one[name]["steps"][0] for one in found}) == 1, name
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize("size", [1, 2, 3])
+def test_two_bodies_touch_as_on_one_process(size: int) -> None:
+    found: Any = run("tests.contact.condensation.spread_pairs", size)
+    assert len(found) == 5
+    for name, off in found.items():
+        for what in ("mu", "t", "u"):
+            assert off[what] <= 1e-10, (name, what)
+        assert off["kkt"] <= 1e-9, name
+        steps, serial = off["steps"]
+        assert steps == serial, name
+        assert off["agreed"], name
+
+
+def test_two_bodies_are_condensed_or_refused() -> None:
+    case = dict(cases())["Adini .9"]
+    parts = {"contact": "bottom", "backend": "krylov", **case.material}
+    lower = DistributedBody(case.mesh.translated((0.0, -1.0)), contact="top", E=1.0, nu=0.3)
+    lower.fix("bottom", "xy")
+    upper = DistributedBody(case.mesh, case.element, **parts).fix("top", "xy", -0.01)
+    with pytest.raises(InputError, match="are condensed"):
+        ContactProblem(upper, "bottom", lower.surface("top"), friction=0.3).condense()
+
+
 @pytest.mark.parametrize("solver", ["auto", "superlu"])
 @pytest.mark.parametrize(("name", "case"), list(cases()))
 def test_one_process_needs_no_petsc(
@@ -75,7 +99,7 @@ def test_what_has_no_place_on_many_processes_is_refused(tmp_path: Path) -> None:
     for refused in (result.stress, result.nodal_stress, result.to_pyvista, lambda: body.basis):
         with pytest.raises(InputError, match=r"result.stress\(points\)"):
             refused()
-    with pytest.raises(InputError, match="has no mesh of the whole"):
+    with pytest.raises(InputError, match="is not in one file"):
         result.save(tmp_path / "result.npz")
     assert not list(tmp_path.iterdir())
     with pytest.raises(InputError, match="takes names of boundaries"):
