@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import importlib
 import time
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.checks.unit_program import UnitProgram
 from contact.errors import MissingDependency
 
 Array = NDArray[np.float64]
@@ -18,28 +18,31 @@ _TOLERANCES = (1e-13, 1e-12, 1e-11, 1e-10)  # tried in turn: rounding may preven
 
 
 def solve_cones(
-    S: Any, f: Array, G: Any, gap: Array, R: Any, offset: Array, bound: Array
-) -> tuple[Array, Array, Array, float]:
-    r"""Minimise ``z^T S z / 2 - f^T z + sum_i g_i |R_i z + o_i|`` subject to ``G z <= d``.
+    unit: UnitProgram, gap: Array, offset: Array, bound: Array, closed: Array
+) -> tuple[Array, Array, Array, Array, float]:
+    r"""Minimise ``z^T S z / 2 - f^T z + sum_i g_i |R_i z + o_i|`` with ``G z <= d``, ``E z = e``.
 
     Each friction term becomes a slack :math:`s_i \ge |R_i z + o_i|`, a second-order cone with one
     dimension more than the slip.
 
     Parameters
     ----------
-    S : sparse array, shape (n, n)
-    f : ndarray, shape (n,)
-    G, gap : sparse array, shape (m, n), and ndarray, shape (m,)
-    R, offset : sparse array, shape (k * dim_t, n), and ndarray, shape (k, dim_t)
-        Rows of one point are consecutive.
+    unit : UnitProgram
+        S = P, f, and the rows G, R and E.
+    gap : ndarray, shape (m,)
+    offset : ndarray, shape (k, dim_t)
+        Rows of R that belong to one point are consecutive.
     bound : ndarray, shape (k,)
+    closed : ndarray, shape (l,)
+        The values e.
 
     Returns
     -------
     z : ndarray, shape (n,)
     mu : ndarray, shape (m,)
     t : ndarray, shape (k, dim_t)
-        Multipliers, with ``S z + G^T mu + R^T t = f``.
+    r : ndarray, shape (l,)
+        Multipliers, with ``S z + G^T mu + R^T t + E^T r = f``.
     seconds : float
 
     Raises
@@ -55,7 +58,8 @@ def solve_cones(
         clarabel = importlib.import_module("clarabel")
     except ImportError as error:
         raise MissingDependency("cones need Clarabel: pip install clarabel") from error
-    n, m, (k, dim_t) = f.size, gap.size, offset.shape
+    S, f = unit.P, unit.f
+    n, m, e, (k, dim_t) = f.size, gap.size, closed.size, offset.shape
     scale = float(abs(S).max()) or 1.0
     size = float(np.abs(f).max(initial=0.0)) / scale or float(np.abs(gap).max(initial=0.0)) or 1.0
     # Rows (s_i, R_i z + o_i) of each point one after the other, as b - A x in the cone.
@@ -67,13 +71,14 @@ def solve_cones(
         (-np.ones(k * dim_t), (spread.ravel(), np.arange(k * dim_t))),
         shape=((1 + dim_t) * k, k * dim_t),
     )
-    A = sparse.block_array([[G, None], [place @ R, slack]], format="csc")
-    b = np.concatenate((gap, np.insert(offset, 0, 0.0, axis=1).ravel())) / size
+    A = sparse.block_array([[unit.E, None], [unit.G, None], [place @ unit.R, slack]], format="csc")
+    b = np.concatenate((closed, gap, np.insert(offset, 0, 0.0, axis=1).ravel())) / size
     P = sparse.block_diag((S / scale, sparse.csc_array((k, k))), format="csc")
     q = np.concatenate((-f, bound)) / (scale * size)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    cones = [clarabel.NonnegativeConeT(m)] if m else []
+    cones = [clarabel.ZeroConeT(e)] if e else []
+    cones += [clarabel.NonnegativeConeT(m)] if m else []
     cones += [clarabel.SecondOrderConeT(1 + dim_t)] * k
     begin = time.perf_counter()
     upper, rows = sparse.triu(sparse.csc_matrix(P), format="csc"), sparse.csc_matrix(A)
@@ -87,5 +92,5 @@ def solve_cones(
             break
     seconds = time.perf_counter() - begin
     y = scale * size * np.array(solution.z)
-    t = -y[m:].reshape(k, 1 + dim_t)[:, 1:]
-    return size * np.array(solution.x[:n]), y[:m], t, seconds
+    t = -y[e + m :].reshape(k, 1 + dim_t)[:, 1:]
+    return size * np.array(solution.x[:n]), y[e : e + m], t, y[:e], seconds

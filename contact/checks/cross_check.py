@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.checks.frozen_problem import FrozenProblem
+from contact.checks.surface_slacks import SurfaceSlacks
 from contact.errors import InputError
+from contact.laws.pressure_overclosure import Exponential
 from contact.problem.contact_problem import ContactProblem
 from contact.result.contact_result import ContactResult
 from contact.result.contact_system import ContactSystem
@@ -112,7 +114,8 @@ def cross_check(
     in variables and rows of unit size (`contact.checks.unit_program`), so that the units of length
     and force have no effect. A Coulomb problem is checked at its solution: with the bound frozen at
     g = F mu it is the given-friction problem that the solution must also solve. In 3-D the friction
-    terms are cones, :math:`s_i \ge |T_i z|`, and the peer is Clarabel.
+    terms are cones, :math:`s_i \ge |T_i z|`, and the peer is Clarabel. Bonded points are equations;
+    a compliant surface with a table adds one slack for each straight piece of it.
 
     Parameters
     ----------
@@ -133,8 +136,8 @@ def cross_check(
     ------
     InputError
         Friction in three dimensions with a solver other than Clarabel, a solver that qpsolvers does
-        not have, a result of another problem, or one with bonded points or
-        compliant surfaces.
+        not have, a result of another problem, or one with the exponential law of compliant
+        surfaces.
     MissingDependency
         The solver is not installed.
 
@@ -164,11 +167,13 @@ def cross_check(
     elif answer.z is not None:
         P, u0 = body.constraint
         u = P @ answer.z + u0
-    bound = system.bound(result.mu)
+    bound, surfaces = system.bound(result.mu), SurfaceSlacks.of(system)
+    free, usable = ~system.rows.ties, np.isfinite(system.rows.gap)
 
     def energy(u: Array) -> float:
         slip = np.linalg.norm(system.slip_increment(system.relative(u, result.motion)[1]), axis=1)
-        return system.energy(u) + float(bound @ slip)
+        closed = system.relative(u, result.motion)[0] - np.where(usable, system.rows.gap, 0.0)
+        return system.energy(u) + float(bound[free] @ slip[free]) + surfaces.energy(closed)
 
     ours, theirs = energy(result.u), energy(u)
     force = max(np.abs(result.mu).max(initial=0.0), np.abs(result.t).max(initial=0.0)) or 1.0
@@ -193,10 +198,11 @@ def _check(problem: ContactProblem, result: ContactResult, solver: str) -> None:
     ):
         if not isinstance(given, kind):
             raise InputError(f"{name}: expected a {kind.__name__}, got {type(given).__name__}")
-    if result.system.rows.ties.any():
-        raise InputError("result: it has bonded points, whose problem is not handed to a peer")
-    if result.system.overclosure:
-        raise InputError("result: it has compliant surfaces, whose laws are not handed to a peer")
+    if any(isinstance(law, Exponential) for law in result.system.overclosure):
+        raise InputError(
+            "result: it has compliant surfaces with an exponential law, which is no quadratic "
+            "program; a table of pressures and overclosures is one"
+        )
     if _has_cones(result) and solver != "clarabel":
         raise InputError(
             "cross_check: friction in 3-D is a cone problem, not a QP; use solver='clarabel'"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -11,6 +11,7 @@ from scipy import sparse
 
 from contact.checks.cone_program import solve_cones
 from contact.checks.split_program import solve_split
+from contact.checks.surface_slacks import SurfaceSlacks
 from contact.checks.unit_program import UnitProgram
 
 if TYPE_CHECKING:
@@ -46,24 +47,30 @@ class FrozenProblem:
 
     .. math::
         \min_z \tfrac12 z^T S z - f^T z + \sum_i g_i |R_i z + o_i| \quad
-        \text{s.t.} \quad G z \le d .
+        \text{s.t.} \quad G z \le d, \; E z = e .
 
     Attributes
     ----------
     S, f : array or sparse array, shape (n, n), and ndarray, shape (n,)
-        Stiffness and load of the body's free unknowns, or of those of the contact boundary.
+        Stiffness and load of the body's free unknowns, or of those of the contact boundary, then
+        of the slacks of compliant surfaces.
     G, gap : array or sparse array, shape (j, n), and ndarray, shape (j,)
-        Rows of points that can touch, and their gaps d.
+        Rows of points that can touch, and their gaps d; then the limits of the slacks.
     R, offset : array or sparse array, shape (k * slips, n), and ndarray, shape (k * slips,)
         Rows of points with friction, those of one point consecutive, and their offsets o.
+    E, closed : array or sparse array, shape (l, n), and ndarray, shape (l,)
+        Rows of bonded points, and their values e.
     bound : ndarray, shape (k,)
         The bounds g.
-    pressing, rubbing : ndarray of int, shapes (j,) and (k * slips,)
-        Contact point of each row of G, and entry of the tangential forces t of each row of R.
+    pressing, rubbing, bonded : ndarray of int, shapes (i,), (k * slips,) and (l,)
+        Entry of each of the first rows of G, of each row of R and of E among the contact forces,
+        the normal ones of all points and then the tangential ones.
     shape : (int, int)
-        The shape of t, (m, dim - 1).
+        The shape of the tangential forces t, (m, dim - 1).
     cones : bool
         The friction terms are cones, as in three dimensions.
+    unknowns : int
+        How many of the unknowns are not slacks.
     """
 
     S: Any
@@ -72,11 +79,15 @@ class FrozenProblem:
     gap: Array
     R: Any
     offset: Array
+    E: Any
+    closed: Array
     bound: Array
     pressing: Index
     rubbing: Index
+    bonded: Index
     shape: tuple[int, int]
     cones: bool
+    unknowns: int
 
     @classmethod
     def of(cls, result: ContactResult, boundary: CondensedContact | None, cones: bool) -> Self:
@@ -92,35 +103,61 @@ class FrozenProblem:
         system = result.system
         rows, (P, u0) = system.rows, system.body.constraint
         m, columns = result.t.shape
-        usable, bound = np.isfinite(rows.gap), system.bound(result.mu)
-        rubs = bound > 0
+        ties, bound = rows.ties, system.bound(result.mu)
+        rubs = (bound > 0) & ~ties
         if cones:  # friction of points whose whole slip is prescribed acts on supports alone
             rubs &= system.body.live(rows.T).reshape(m, columns).any(axis=1)
-        pressing, rubbing = np.flatnonzero(usable), np.flatnonzero(np.repeat(rubs, columns))
-        G: Any = rows.G[usable]
-        R: Any = rows.T[rubbing]
-        gap, g, offset = rows.gap[usable] - G @ u0, bound[rubs], R @ u0
-        if system.slip_from is not None:
-            offset = offset - system.slip_from.ravel()[rubbing]
-        if system.motion is not None and result.motion is not None:
-            w_n, w_t = system.motion.displacement(result.motion)
-            gap, offset = gap + w_n[usable], offset - w_t.ravel()[rubbing]
+        normal, tangential = _targets(result)
+        all_rows: Any = sparse.vstack((rows.G, rows.T), format="csr")
+        targets = np.concatenate((normal, tangential.ravel())) - all_rows @ u0
+        pressing = np.flatnonzero(np.isfinite(rows.gap) & ~ties)
+        rubbing = m + np.flatnonzero(np.repeat(rubs, columns))
+        bonded = np.flatnonzero(np.concatenate((ties, np.repeat(ties, columns))))
         S: Any
         if boundary is not None:
             S, f = boundary.stiffness, boundary.reduce(system.load)
-            G, R = boundary.restrict(G), boundary.restrict(R)
+            parts = [boundary.restrict(all_rows[at]) for at in (pressing, rubbing, bonded)]
         else:
             S = sparse.csr_array(P.T @ system.body.stiffness @ P)
             f = P.T @ (system.load - system.body.stiffness @ u0)
-            G, R = sparse.csr_array(G @ P), sparse.csr_array(R @ P)
-        keep_n, keep_t = _nonzero_rows(G), _nonzero_rows(R)
+            parts = [sparse.csr_array(all_rows[at] @ P) for at in (pressing, rubbing, bonded)]
+        G, R, E = parts
+        g, live = bound[rubs], [_nonzero_rows(part) for part in parts]
         if cones:
-            keep_t = np.arange(R.shape[0])  # a row that supports hold still belongs to its cone
+            live[1] = np.arange(R.shape[0])  # a row that supports hold still belongs to its cone
         else:
-            g = g[keep_t]
-        pressing, rubbing = pressing[keep_n], rubbing[keep_t]
-        parts = G[keep_n], gap[keep_n], R[keep_t], offset[keep_t]
-        return cls(S, f, *parts, g, pressing, rubbing, (m, columns), cones)
+            g = g[live[1]]
+        G, R, E = (part[at] for part, at in zip(parts, live, strict=True))
+        at = [
+            numbers[kept] for numbers, kept in zip((pressing, rubbing, bonded), live, strict=True)
+        ]
+        found = cls(
+            *(S, f, G, targets[at[0]], R, -targets[at[1]], E, targets[at[2]]),
+            *(g, *at, (m, columns), cones, f.size),
+        )
+        return found._with(SurfaceSlacks.of(system))
+
+    def _with(self, slacks: SurfaceSlacks) -> Self:
+        """The program with the slacks of compliant surfaces after its unknowns."""
+        total, own = slacks.among(self.pressing)
+        count = own.point.size
+        if count == 0:
+            return self
+        soft, begin = own.start
+        gap = self.gap.copy()
+        gap[np.searchsorted(self.pressing, soft)] += begin
+        ended = np.isfinite(own.length)
+        limits = np.concatenate((-np.eye(count), np.eye(count)[ended]))
+        none = [np.zeros((part.shape[0], count)) for part in (self.S, self.R, self.E)]
+        return replace(
+            self,
+            S=_blocks([[self.S, none[0]], [none[0].T, np.diag(own.stiffness)]]),
+            f=np.concatenate((self.f, -own.force)),
+            G=_blocks([[self.G, -total], [np.zeros((len(limits), self.f.size)), limits]]),
+            gap=np.concatenate((gap, np.zeros(count), own.length[ended])),
+            R=_blocks([[self.R, none[1]]]),
+            E=_blocks([[self.E, none[2]]]),
+        )
 
     @property
     def size(self) -> int:
@@ -139,21 +176,41 @@ class FrozenProblem:
         """
         k = self.bound.size
         slips = self.R.shape[0] // k if k else 1  # of one point
-        unit = UnitProgram.of(self.S, self.f, self.G, self.R, slips)
+        unit = UnitProgram.of(self.S, self.f, self.G, self.R, slips, self.E)
         gap, g = self.gap / unit.normal, self.bound * unit.tangential
+        closed = self.closed / unit.tied
         offset = self.offset.reshape(k, slips) / unit.tangential[:, None]
-        w: Any
         if self.cones:
-            w, pressed, pushed, seconds = solve_cones(
-                unit.P, unit.f, unit.G, gap, unit.R, offset, g
-            )
+            found = solve_cones(unit, gap, offset, g, closed)
         else:
-            w, pressed, pushed, seconds = solve_split(solver, unit, gap, offset.ravel(), g)
-        mu, t = np.zeros(self.shape[0]), np.zeros(self.shape[0] * self.shape[1])
-        mu[self.pressing] = pressed / unit.normal
-        t[self.rubbing] = (pushed.reshape(k, slips) / unit.tangential[:, None]).ravel()
-        z = None if w is None else unit.back @ w
-        return Answer(z, mu, t.reshape(self.shape), seconds)
+            found = solve_split(solver, unit, gap, offset.ravel(), g, closed)
+        w, pressed, pushed, pulled, seconds = found
+        m, columns = self.shape
+        forces = np.zeros(m * (1 + columns))
+        forces[self.pressing] = (pressed / unit.normal)[: self.pressing.size]
+        forces[self.rubbing] = (pushed.reshape(k, slips) / unit.tangential[:, None]).ravel()
+        forces[self.bonded] = pulled / unit.tied
+        z = None if w is None else (unit.back @ w)[: self.unknowns]
+        return Answer(z, forces[:m], forces[m:].reshape(self.shape), seconds)
+
+
+def _targets(result: ContactResult) -> tuple[Array, Array]:
+    """Gap of each point, and the tangential displacement that is no slip, obstacles included."""
+    system = result.system
+    normal, tangential = system.rows.gap, np.zeros(result.t.shape)
+    if system.slip_from is not None:
+        tangential = tangential + system.slip_from
+    if system.motion is not None and result.motion is not None:
+        w_n, w_t = system.motion.displacement(result.motion)
+        normal, tangential = normal + w_n, tangential + w_t
+    return normal, tangential
+
+
+def _blocks(parts: list[list[Any]]) -> Any:
+    """A matrix of blocks, sparse if the first one is."""
+    return (
+        sparse.block_array(parts, format="csr") if sparse.issparse(parts[0][0]) else np.block(parts)
+    )
 
 
 def _nonzero_rows(rows: Any) -> Index:

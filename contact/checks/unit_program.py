@@ -17,7 +17,7 @@ _LOOSE = 1e-10  # a motion with less stiffness, in units of the diagonal, is rig
 
 @dataclass(frozen=True)
 class UnitProgram:
-    r"""The program ``min z^T S z / 2 - f^T z`` with rows G z and R z, in w of ``z = M w``.
+    r"""The program ``min z^T S z / 2 - f^T z`` with rows G z, R z and E z, in w of ``z = M w``.
 
     Other packages use absolute tolerances, and one step length for all unknowns. For a dense S with
     ``S = L L^T`` the change of variables is ``M = L^{-T}``: the quadratic form becomes the
@@ -29,8 +29,8 @@ class UnitProgram:
     ----------
     P : array or sparse array, shape (n, n)
     f : ndarray, shape (n,)
-    G, R : like P, shapes (m, n) and (k * dim_t, n)
-    normal, tangential : ndarray, shapes (m,) and (k,)
+    G, R, E : like P, shapes (m, n), (k * dim_t, n) and (l, n)
+    normal, tangential, tied : ndarray, shapes (m,), (k,) and (l,)
         Lengths of the rows: value of a row in the caller's units = its value here * length.
     back : array or sparse array, shape (n, n)
         M.
@@ -40,17 +40,19 @@ class UnitProgram:
     f: Array
     G: Any
     R: Any
+    E: Any
     normal: Array
     tangential: Array
+    tied: Array
     back: Any
 
     @classmethod
-    def of(cls, S: Any, f: Array, G: Any, R: Any, dim_t: int) -> Self:
+    def of(cls, S: Any, f: Array, G: Any, R: Any, dim_t: int, E: Any) -> Self:
         """Change variables; S a dense or a sparse array, like G and R.
 
         Parameters
         ----------
-        S, f, G, R
+        S, f, G, R, E
             As above, in any units; S positive semidefinite with a positive diagonal.
         dim_t : int
             Rows of R that belong to one contact point.
@@ -64,17 +66,21 @@ class UnitProgram:
         else:
             back, P = _unit_form(unit[:, None] * S * unit)
             back = unit[:, None] * back
-        G, R = G @ back, R @ back
+        G, R, E = G @ back, R @ back, E @ back
         normal = np.sqrt(_squares(G))
         tangential = np.sqrt(_squares(R).reshape(-1, dim_t).sum(axis=1))
-        normal, tangential = (np.where(size > 0, size, 1.0) for size in (normal, tangential))
+        normal, tangential, tied = (
+            np.where(size > 0, size, 1.0) for size in (normal, tangential, np.sqrt(_squares(E)))
+        )
         return cls(
             P,
             back.T @ f,
             _divided(G, normal),
             _divided(R, np.repeat(tangential, dim_t)),
+            _divided(E, tied),
             normal,
             tangential,
+            tied,
             back,
         )
 
