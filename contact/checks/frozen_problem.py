@@ -116,7 +116,9 @@ class FrozenProblem:
         S: Any
         if boundary is not None:
             S, f = boundary.stiffness, boundary.reduce(system.load)
-            parts = [boundary.restrict(all_rows[at]) for at in (pressing, rubbing, bonded)]
+            parts: list[Any] = [
+                boundary.restrict(all_rows[at]) for at in (pressing, rubbing, bonded)
+            ]
         else:
             S = sparse.csr_array(P.T @ system.body.stiffness @ P)
             f = P.T @ (system.load - system.body.stiffness @ u0)
@@ -147,16 +149,18 @@ class FrozenProblem:
         gap = self.gap.copy()
         gap[np.searchsorted(self.pressing, soft)] += begin
         ended = np.isfinite(own.length)
-        limits = np.concatenate((-np.eye(count), np.eye(count)[ended]))
-        none = [np.zeros((part.shape[0], count)) for part in (self.S, self.R, self.E)]
+        one = sparse.eye_array(count, format="csr")
+        limits: Any = sparse.vstack((-one, one[ended]))
+        none = [sparse.csr_array((part.shape[0], count)) for part in (self.S, self.R, self.E)]
+        dense = not sparse.issparse(self.S)
         return replace(
             self,
-            S=_blocks([[self.S, none[0]], [none[0].T, np.diag(own.stiffness)]]),
+            S=_blocks([[self.S, none[0]], [none[0].T, sparse.diags_array(own.stiffness)]], dense),
             f=np.concatenate((self.f, -own.force)),
-            G=_blocks([[self.G, -total], [np.zeros((len(limits), self.f.size)), limits]]),
+            G=_blocks([[self.G, -total], [None, limits]], dense),
             gap=np.concatenate((gap, np.zeros(count), own.length[ended])),
-            R=_blocks([[self.R, none[1]]]),
-            E=_blocks([[self.E, none[2]]]),
+            R=_blocks([[self.R, none[1]]], dense),
+            E=_blocks([[self.E, none[2]]], dense),
         )
 
     @property
@@ -180,6 +184,7 @@ class FrozenProblem:
         gap, g = self.gap / unit.normal, self.bound * unit.tangential
         closed = self.closed / unit.tied
         offset = self.offset.reshape(k, slips) / unit.tangential[:, None]
+        found: tuple[Array | None, Array, Array, Array, float]
         if self.cones:
             found = solve_cones(unit, gap, offset, g, closed)
         else:
@@ -206,11 +211,10 @@ def _targets(result: ContactResult) -> tuple[Array, Array]:
     return normal, tangential
 
 
-def _blocks(parts: list[list[Any]]) -> Any:
-    """A matrix of blocks, sparse if the first one is."""
-    return (
-        sparse.block_array(parts, format="csr") if sparse.issparse(parts[0][0]) else np.block(parts)
-    )
+def _blocks(parts: list[list[Any]], dense: bool) -> Any:
+    """A matrix of blocks; None is zero."""
+    found = sparse.block_array(parts, format="csr")
+    return found.toarray() if dense else found
 
 
 def _nonzero_rows(rows: Any) -> Index:

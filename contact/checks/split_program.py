@@ -40,8 +40,8 @@ def solve_split(
     equal = (A, closed) if closed.size else (None, None)
     solution, seconds = solve_with(solver, P, np.r_[-unit.f, g], H, h, *equal)
     if solution.x is None or solution.z is None:
-        none_found = (np.full(size, np.nan) for size in (gap.size, k, closed.size))
-        return None, *none_found, seconds
+        mu, t, r = (np.full(size, np.nan) for size in (gap.size, k, closed.size))
+        return None, mu, t, r, seconds
     pushed = solution.z[gap.size : gap.size + k] - solution.z[gap.size + k :]
     pulled = np.asarray(solution.y) if closed.size else np.zeros(0)
     return solution.x[:n], solution.z[: gap.size], pushed, pulled, seconds

@@ -7,6 +7,7 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from contact.result.contact_system import ContactSystem
 
@@ -72,12 +73,19 @@ class SurfaceSlacks:
         points, first = np.unique(self.point, return_index=True)
         return points, self.begin[first]
 
-    def among(self, points: Index) -> tuple[Array, Self]:
+    def among(self, points: Index) -> tuple[sparse.csr_array, SurfaceSlacks]:
         """The slacks of some points, and the matrix of their sums, shape (points, slacks)."""
-        kept = np.isin(self.point, points)
-        fields = (self.point, self.force, self.stiffness, self.begin, self.length)
-        own = type(self)(*(values[kept] for values in fields))
-        return (points[:, None] == own.point).astype(np.float64), own
+        kept = np.flatnonzero(np.isin(self.point, points))
+        own = SurfaceSlacks(
+            self.point[kept],
+            self.force[kept],
+            self.stiffness[kept],
+            self.begin[kept],
+            self.length[kept],
+        )
+        place = np.searchsorted(points, own.point), np.arange(kept.size)
+        total = sparse.coo_array((np.ones(kept.size), place), shape=(points.size, kept.size))
+        return sparse.csr_array(total), own
 
     def energy(self, overclosure: Array) -> float:
         """Energy of the surfaces at the overclosures u_n - d of all points, shape (m,)."""
