@@ -51,7 +51,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "cip.Grid": (),
     "cip.Velocity": ("from_expression", "from_snapshots", "with_parameters"),
     "cip.State": (),
-    "cip.Solver": (),
+    "cip.Solver": ("tangent", "adjoint"),
     "cip.Trajectory": (),
     "gpu.LQRResult": (),
     "gpu.LowRankValue": (),

@@ -82,6 +82,7 @@ def integrate(
     t_end: float,
     dt: float,
     tolerance: float = TOLERANCE,
+    substeps: int | None = None,
 ) -> Feet:
     r"""Follow the characteristics through `points` from `t_end` back to `t_end` - `dt`.
 
@@ -102,6 +103,8 @@ def integrate(
         Coordinates, one array for each direction, all of one shape.
     t_end, dt : float
     tolerance : float
+    substeps : int, optional
+        Take this number of sub-steps and estimate no error.
 
     Returns
     -------
@@ -125,6 +128,8 @@ def integrate(
     rates = system.evaluator(functions)
     flat = [np.ravel(x) for x in points]
     run = _Run(grid, system, rates, flat, t_end, dt)
+    if substeps is not None:
+        return Feet(*run.follow(substeps), substeps)
     count = run.first_guess()
     coarse = run.follow(count)
     one_more = int(not all(formula.steady for formula in formulas))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import prod
 from typing import Any
 
@@ -38,7 +39,7 @@ class CpuEngine(Engine):
 
     def place_feet(self, feet: StageFeet) -> StageFeet:
         """Feet in the setting's precision."""
-        return StageFeet(feet.data.astype(self.dtype), feet.exits, feet.t_start, feet.t_end)
+        return replace(feet, data=feet.data.astype(self.dtype))
 
     def empty(self, data: Any) -> Any:
         """Uninitialized memory for the new moments."""

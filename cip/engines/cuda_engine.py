@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -212,8 +213,7 @@ class CudaEngine(Engine):
 
     def place_feet(self, feet: StageFeet) -> StageFeet:
         """Feet on the device, in the setting's precision."""
-        data = self._cupy.asarray(feet.data.astype(self.dtype))
-        return StageFeet(data, feet.exits, feet.t_start, feet.t_end)
+        return replace(feet, data=self._cupy.asarray(feet.data.astype(self.dtype)))
 
     def empty(self, data: Any) -> Any:
         """Uninitialized memory for the new moments."""

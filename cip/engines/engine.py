@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -117,7 +118,7 @@ class Engine:
                     self._feet.pop(next(iter(self._feet)))
                 self._feet[key] = found
         t_start, t_end = t + stage.begin * dt, t + stage.end * dt
-        return StageFeet(found.data, found.exits, t_start, t_end)
+        return replace(found, t_start=t_start, t_end=t_end)
 
     def _computed_feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
         """Feet of a stage: for formulas by compiled code where that saves time, else by NumPy."""
@@ -157,7 +158,9 @@ class Engine:
 
         if not self._refine(stage, t, dt, attempt) or not np.isfinite(feet.sum()):
             return None
-        return StageFeet(feet.reshape(-1), [None] * len(feet), t + stage.begin * dt, t_end)
+        count = self._counts[stage.part(dt)][1]
+        exits: list[Any] = [None] * len(feet)
+        return StageFeet(feet.reshape(-1), exits, t + stage.begin * dt, t_end, count)
 
     def _refine(self, stage: Stage, t: float, dt: float, attempt: Callable[[int], int]) -> bool:
         """Call attempt(count) with more and more sub-steps until no path returns `COARSE`.

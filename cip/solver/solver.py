@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import DTypeLike
+from scipy.sparse.linalg import LinearOperator
 
 from cip.characteristics.feet import check_step, time_scale
 from cip.engines.engine import Engine
@@ -17,20 +18,14 @@ from cip.formulas.snapshots import snapshots_of
 from cip.formulas.velocity import Velocity
 from cip.grid import Grid
 from cip.output.trajectory import Trajectory
-from cip.profiles.catalogue import LIMITER_CODES, LIMITERS, LINE, PLANE, moments
-from cip.reals import real_array, real_number
+from cip.profiles.catalogue import LINE
+from cip.reals import real_number
+from cip.solver.choices import Form, bounds_of, check_choices, form_of
+from cip.solver.derivatives import derivative
 from cip.solver.time_loop import run
 from cip.stages.stage import Stage, StageFeet, stages
 from cip.stages.state import State, _real, default_profile
 from cip.stages.walls import check_split, portable_boundary, walls
-
-Form = Literal["transport", "advection"]
-_FORMS: dict[Any, Form] = {
-    "transport": "transport",
-    "advective": "transport",
-    "advection": "advection",
-    "conservative": "advection",
-}
 
 
 class Solver:
@@ -145,14 +140,14 @@ class Solver:
             raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
         self.grid = grid
         self.velocity = velocity if isinstance(velocity, Velocity) else Velocity(velocity)
-        self.form: Form = _form(form)
+        self.form: Form = form_of(form)
         self.profile = default_profile(grid) if profile is None else profile
         if profile is None and grid.dim == 3:
             splitting = splitting or "strang"
         self.limiter, self.splitting = limiter, splitting
         self.dtype, self.backend = _real(dtype), backend
-        self._check_choices()
-        self.bounds = _bounds(bounds)
+        check_choices(grid, self.form, self.profile, limiter, splitting, backend)
+        self.bounds = bounds_of(bounds)
         self.bounds_tolerance = real_number(bounds_tolerance, "bounds_tolerance")
         if not self.bounds_tolerance >= 0.0:
             raise InputError(f"bounds_tolerance: expected >= 0, got {bounds_tolerance!r}")
@@ -192,35 +187,6 @@ class Solver:
             boundary, self.backend, self.dtype, self.bounds, self.bounds_tolerance,
             self.store_feet,
         )  # fmt: skip
-
-    def _check_choices(self) -> None:
-        moments(self.profile, self.grid.dim)
-        if not isinstance(self.limiter, str | None) or self.limiter not in LIMITER_CODES:
-            raise InputError(
-                f"limiter: expected one of {', '.join(map(str, LIMITER_CODES))}, "
-                f"got {self.limiter!r}"
-            )
-        if self.limiter is not None and self.limiter not in LIMITERS[self.profile]:
-            allowed = ", ".join(LIMITERS[self.profile]) or "no limiter"
-            raise InputError(
-                f"limiter: {self.limiter!r} does not fit {self.profile!r}, which takes {allowed}"
-            )
-        if self.splitting is not None and not _is(self.splitting, "strang"):
-            raise InputError(f"splitting: expected None or 'strang', got {self.splitting!r}")
-        if self.profile in PLANE and self.splitting is not None:
-            raise InputError(f"splitting: {self.profile!r} is direct; pass splitting=None")
-        if self.profile in LINE and self.grid.dim > 1 and self.splitting is None:
-            raise InputError(
-                f"splitting: {self.profile!r} is one-dimensional; pass splitting='strang', or "
-                "profile='adini' or 'bicubic' in two dimensions"
-            )
-        if self.profile.startswith("csl") and self.form != "advection":
-            raise InputError(
-                f"form: {self.profile!r} conserves the integral and so needs form='advection' "
-                "(the same equation where div c = 0)"
-            )
-        if not _is(self.backend, "cpu", "cupy"):
-            raise InputError(f"backend: expected 'cpu' or 'cupy', got {self.backend!r}")
 
     def state(self, f: Any, derivatives: Any = None, t: float = 0.0) -> State:
         """`State.from_function` with the grid, profile and precision of this solver.
@@ -313,6 +279,70 @@ class Solver:
         loop = (self._advance, self._kernels.begin, record)
         return run(state, t_end, length, snapshots, callback, progress, *loop)
 
+    def tangent(self, run: Trajectory, checkpoints: int | None = None) -> LinearOperator:
+        """The derivative of a run's last state in its first one and in the velocity's parameters.
+
+        It is that of the discrete steps with the sub-steps that the characteristics took, exact to
+        rounding (`cip.sensitivities.window`); for `cubic` and `quintic` in one dimension. If a foot
+        lies on a node, where the profile's highest derivative jumps, one side's is taken.
+
+        Parameters
+        ----------
+        run : Trajectory
+            Of this solver; it is computed once more.
+        checkpoints : int, optional
+            How many states the adjoint keeps, beside all those between two of them, which it
+            computes again; default about the square root of the number of steps.
+
+        Returns
+        -------
+        scipy.sparse.linalg.LinearOperator
+            Shape (N, N + P): columns are the N moments of the first state, ``state.data.ravel()``,
+            then the P parameters, in the order of ``velocity.parameters``.
+
+        Raises
+        ------
+        NotSupported
+            A profile or limiter without derivatives, paths that enter through a wall.
+        InputError
+            A run of another solver.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from cip import Grid, Solver, Velocity
+        >>> shift = Velocity.from_expression("a", parameters={"a": 1.0})
+        >>> solver = Solver(Grid((0, 1), 32, periodic=True), shift, profile="quintic")
+        >>> run = solver.run(solver.state("sin(2*pi*x1)"), 0.5, dt=0.05)
+        >>> by_speed = solver.tangent(run) @ np.append(np.zeros(96), 1.0)  # -0.5 u_x(x - 0.5)
+        >>> bool(abs(by_speed[0] - np.pi) < 1e-4)
+        True
+        """
+        return derivative(self, run, checkpoints)
+
+    def adjoint(self, run: Trajectory, checkpoints: int | None = None) -> LinearOperator:
+        """The transpose of `tangent`, which gives gradients at a cost that does not grow with N.
+
+        Parameters
+        ----------
+        run, checkpoints
+            As for `tangent`.
+
+        Returns
+        -------
+        scipy.sparse.linalg.LinearOperator
+            Shape (N + P, N).
+
+        Examples
+        --------
+        >>> from cip import Grid, Solver
+        >>> solver = Solver(Grid((0, 1), 32, periodic=True), 1.0)
+        >>> run = solver.run(solver.state("sin(2*pi*x1)"), 0.5, dt=0.05)
+        >>> (solver.adjoint(run) @ run.final.data.ravel()).shape
+        (64,)
+        """
+        return derivative(self, run, checkpoints).T
+
     def _step_length(self, dt: float | None, cfl: float | None, t: float) -> float:
         if (dt is None) == (cfl is None):
             raise InputError("dt: pass either dt or cfl")
@@ -367,24 +397,3 @@ class Solver:
         StageFeet
         """
         return self._kernels.feet(stage, t, dt)
-
-
-def _is(value: Any, *names: str) -> bool:
-    return isinstance(value, str) and value in names
-
-
-def _form(form: Any) -> Form:
-    found = _FORMS.get(form) if isinstance(form, str) else None
-    if found is None:
-        raise InputError(f"form: expected one of {', '.join(_FORMS)}, got {form!r}")
-    return found
-
-
-def _bounds(bounds: Any) -> tuple[float, float]:
-    pair = real_array(bounds, "bounds: expected (low, high)")
-    if pair.shape != (2,):
-        raise InputError(f"bounds: expected (low, high), got {bounds!r}")
-    low, high = map(float, pair)
-    if not low < high:
-        raise InputError(f"bounds: low must be below high, got {bounds!r}")
-    return low, high

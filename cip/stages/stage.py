@@ -50,12 +50,15 @@ class StageFeet:
         For each block, `Exits` or None.
     t_start, t_end : float
         Times between which the characteristics were followed.
+    substeps : int
+        Number of sub-steps, of the last block.
     """
 
     data: Any
     exits: list[Exits | None] = field(default_factory=list)
     t_start: float = 0.0
     t_end: float = 0.0
+    substeps: int = 0
 
     @property
     def bounded(self) -> bool:
@@ -159,7 +162,7 @@ class Stage:
             check_inside(self.grid, found.exits, set(self.walls), t_end)
             rows.extend(self._components(found.jets, points))
             exits.append(found.exits)
-        return StageFeet(np.concatenate(rows), exits, t_start, t_end)
+        return StageFeet(np.concatenate(rows), exits, t_start, t_end, found.substeps)
 
     def _components(self, jets: dict[Jet, Array], points: list[Array]) -> list[Array]:
         """The jets in the order of the kernels, displacements in cells, log det made det."""

@@ -1,0 +1,6 @@
+"""Derivatives of whole runs, of the schemes as they compute: tangent-linear and adjoint.
+
+In: a solver, one of its runs.
+Out: a SciPy LinearOperator from the start and the velocity's parameters to the end.
+Start: `window`; a step is differentiated in `step_derivatives`.
+"""
