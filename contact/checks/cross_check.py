@@ -48,6 +48,9 @@ class CrossCheck:
         that it was given.
     ours : float
         Largest residual of the result.
+    effect : float
+        Displacement that the difference of the contact forces would cause, dof by dof, over that of
+        the forces: 0 if the difference acts on nothing. NaN where it is unknown.
 
     Examples
     --------
@@ -70,21 +73,27 @@ class CrossCheck:
     seconds: float
     residual: float
     ours: float
+    effect: float = float("nan")
 
     @property
     def verdict(self) -> str:
         """What follows from the numbers, in words.
 
-        =============================  ===========================================================
-        agrees                         both answers differ by 1e-6 at most
-        the peer did not converge      its residual is larger than that: no conclusion
-        disagrees                      it satisfies the laws, by another solution
-        =============================  ===========================================================
+        ===============================  =========================================================
+        agrees                           both answers differ by 1e-6 at most
+        agrees, forces not unique        both are solutions with one displacement; their contact
+                                         forces differ by some that act on nothing, because rows
+                                         are dependent, as where three bodies meet
+        the peer did not converge        its residual is larger than that: no conclusion
+        disagrees                        it satisfies the laws, by another solution
+        ===============================  =========================================================
         """
         if max(self.displacement, self.multipliers) <= AGREES:
             return "agrees"
         if not self.residual <= AGREES:
             return "the peer did not converge"
+        if max(self.displacement, self.effect) <= AGREES:
+            return "agrees, forces not unique"
         return "disagrees"
 
     def __str__(self) -> str:
@@ -187,6 +196,7 @@ def cross_check(
         seconds=answer.seconds,
         residual=_residual(system, bound, u, mu, t, result.motion),
         ours=max(result.kkt.values()),
+        effect=_effect(result, mu, t),
     )
 
 
@@ -216,6 +226,19 @@ def _check(problem: ContactProblem, result: ContactResult, solver: str) -> None:
 
 def _has_cones(result: ContactResult) -> bool:
     return result.system.body.dim == 3 and result.system.law is not None
+
+
+def _effect(result: ContactResult, mu: Array, t: Array) -> float:
+    """See `CrossCheck.effect`; forces on dofs that supports hold have none."""
+    rows, body = result.system.rows, result.system.body
+    P = body.constraint[0]
+
+    def give(mu: Array, t: Array) -> float:
+        forces = rows.G.T @ mu + rows.T.T @ t.ravel()
+        return float(body.give(P @ (P.T @ forces)))
+
+    size = give(result.mu, result.t)
+    return give(mu - result.mu, t - result.t) / size if size > 0 else float("nan")
 
 
 def _residual(
