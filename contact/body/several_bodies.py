@@ -117,8 +117,8 @@ class Bodies(Solid):
             found = [k for k, own in enumerate(self._bodies) if own.is_same_body(body)]
         elif isinstance(body, str):
             found = [k for k, own in enumerate(self._bodies) if own.name == body]
-        elif isinstance(body, int) and not isinstance(body, bool):
-            found = [body] if 0 <= body < len(self._bodies) else []
+        elif isinstance(body, int | np.integer) and not isinstance(body, bool):
+            found = [int(body)] if 0 <= body < len(self._bodies) else []
         if len(found) != 1:
             known = ", ".join(self.called(k) for k in range(len(self._bodies)))
             raise InputError(f"body: {body!r} is not one of {known}")

@@ -145,6 +145,42 @@ class Solid(Portable, ABC):
         """
         return Surface(self, self.trace.whole_facets(boundary), clearance)
 
+    def periodic(self, *given: Any, **named: Any) -> Any:
+        """Links of opposite boundaries: for bodies with a mesh, see `ElasticBody.periodic`.
+
+        Raises
+        ------
+        InputError
+            This body takes none.
+        """
+        raise self._no_links("periodic")
+
+    def tie(self, *given: Any, **named: Any) -> Any:
+        """A boundary that moves as one: for bodies with a mesh, see `ElasticBody.tie`.
+
+        Raises
+        ------
+        InputError
+            This body takes none.
+        """
+        raise self._no_links("tie")
+
+    def constrain(self, *given: Any, **named: Any) -> Any:
+        """Linear equations between dofs: for bodies with a mesh, see `ElasticBody.constrain`.
+
+        Raises
+        ------
+        InputError
+            This body takes none.
+        """
+        raise self._no_links("constrain")
+
+    def _no_links(self, name: str) -> InputError:
+        return InputError(
+            f"{name}: a {type(self).__name__} takes no equations between its dofs; use "
+            "ElasticBody.from_mesh for the same body with them"
+        )
+
     @property
     def materials(self) -> tuple[Any, ...]:
         """The material of each of the `bodies`."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -75,6 +76,9 @@ class Interfaces:
     risen: Array
     facet_ratio: Array
 
+    def __repr__(self) -> str:
+        return f"Interfaces({len(self.pairs)} pairs, {self.rows.gap.size} points)"
+
     @classmethod
     def of(cls, bodies: Bodies, pairs: Sequence[Pair]) -> Interfaces:
         """Discretise the pairs.
@@ -89,8 +93,9 @@ class Interfaces:
         parts, risen, ratios = [], [], []
         for pair in pairs:
             if pair.two_bodies:
-                interface = _interface(pair)
-                found = interface.rows()
+                with _said_of(bodies, pair):
+                    interface = _interface(pair)
+                    found = interface.rows()
                 size, tied = found.rows.gap.size, isinstance(pair, Tie)
                 outlines, known = (interface.first, interface.second), tied
                 if pair.opposite.clearance is not None:
@@ -279,6 +284,19 @@ class Interfaces:
         return np.concatenate([friction_values(f, x) for f, x in zip(each, places, strict=True)])
 
 
+@contextmanager
+def _said_of(bodies: Bodies, pair: Pair) -> Iterator[None]:
+    """Errors inside name the bodies of the pair, and its side as the caller knows it."""
+    try:
+        yield
+    except InputError as error:
+        sides = [pair.body, *([pair.opposite.body] if pair.two_bodies else [])]
+        names = dict.fromkeys(bodies.called(bodies.number_of(body)) for body in sides)
+        said = str(error).replace("others:", "opposite:", 1)
+        whose = f"the {type(pair).__name__} of {' and '.join(names)}"
+        raise InputError(f"{said} ({whose})") from error
+
+
 def _interface(pair: Pair) -> Elastic:
     if isinstance(pair.boundary, CutArc):
         raise InputError(
@@ -330,7 +348,8 @@ def _refuse_shared(bodies: Bodies, pairs: Sequence[Pair]) -> None:
     for pair in pairs:
         arc = isinstance(pair.boundary, CutArc)
         # Points of arcs are told from facets by their sign.
-        own = -1 - pair.boundary.index if arc else pair.body.trace.whole_facets(pair.boundary)
+        with _said_of(bodies, pair):
+            own = -1 - pair.boundary.index if arc else pair.body.trace.whole_facets(pair.boundary)
         sides = [(pair.body, own)]
         if pair.two_bodies:
             sides.append((pair.opposite.body, pair.opposite.facets))

@@ -8,7 +8,7 @@ from typing import Any
 from contact.body.several_bodies import Bodies
 from contact.body.solid import Solid
 from contact.body.surface import Surface
-from contact.errors import InputError
+from contact.errors import InputError, warn
 from contact.portable import carried
 
 
@@ -80,7 +80,11 @@ class Pair:
         if isinstance(self.opposite, Solid):
             if self.other is None:
                 raise InputError(f"{kind}: name the boundary of the other body as well")
-            surface = self.opposite.surface(self.other, clearance=self.clearance)
+            try:
+                surface = self.opposite.surface(self.other, clearance=self.clearance)
+            except InputError as error:
+                whose = f" of {self.opposite.name!r}" if self.opposite.name else ""
+                raise InputError(f"other{whose}: {error}") from error
             object.__setattr__(self, "opposite", surface)
         elif self.other is not None:
             raise InputError(
@@ -180,7 +184,19 @@ def between(
         for place, one, form in zip(boundaries, obstacles, forms, strict=True)
     ]
     bodies = [body, *(pair.opposite.body for pair in pairs if pair.two_bodies)]
-    return Bodies(list({id(one): one for one in bodies}.values())), tuple(pairs)
+    together = Bodies(list({id(one): one for one in bodies}.values()))
+    _warn_of_planes(together)
+    return together, tuple(pairs)
+
+
+def _warn_of_planes(bodies: Bodies) -> None:
+    """Warn if some bodies are in plane stress and others in plane strain."""
+    if {"strain", "stress"} <= {body.plane for body in bodies.bodies}:
+        said = [f"{bodies.called(k)} in plane {b.plane}" for k, b in enumerate(bodies.bodies)]
+        warn(
+            f"bodies: {', '.join(said)}; each is taken to be one unit thick. Give all of them the "
+            "same plane= unless this is meant"
+        )
 
 
 def given_pairs(
@@ -215,4 +231,5 @@ def given_pairs(
     left = sorted(set(range(len(bodies))) - touched)
     if left:
         raise InputError(f"bodies: {together.called(left[0])} belongs to no pair")
+    _warn_of_planes(together)
     return together, tuple(pairs)
