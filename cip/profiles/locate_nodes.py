@@ -1,4 +1,4 @@
-"""The cells of the feet of all nodes of a line, by the kernel `locate` of the steps."""
+"""The cells of the feet of all nodes, by the kernel `locate` of the steps."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from cip.grid import Grid
 Array = np.ndarray[Any, Any]
 
 
-def cells_of(grid: Grid, displacement: Array) -> tuple[Array, Array, Array]:
-    """Left and right node of the cell of each foot, and the place in it.
+def cells_of(grid: Grid, axis: int, displacement: Array) -> tuple[Array, Array, Array]:
+    """Left and right node of the cell of each foot in a direction, and the place in it.
 
     Parameters
     ----------
     grid : Grid
-        In one dimension.
+    axis : int
     displacement : ndarray
-        From each node to its foot, in cells.
+        From each node of the grid to its foot, in cells.
     """
     from cip.jit import loop_over
     from cip.profiles import line_profiles
@@ -27,7 +27,8 @@ def cells_of(grid: Grid, displacement: Array) -> tuple[Array, Array, Array]:
     size = grid.size
     left, right, place = np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size)
     run = loop_over(_locate_all, locate=line_profiles.locate)
-    run(displacement, size, int(grid.periodic[0]), left, right, place)
+    index = np.ascontiguousarray(np.indices(grid.nodes)[axis].ravel())
+    run(index, displacement, grid.nodes[axis], int(grid.periodic[axis]), left, right, place)
     return left, right, place
 
 
@@ -36,10 +37,11 @@ locate: Any = None
 
 
 def _locate_all(
-    displacement: Array, n: int, periodic: int, left: Array, right: Array, place: Array
-) -> None:
-    for i in range(n):
-        k, r, s = locate(i, displacement[i], n, periodic)
-        left[i] = k
-        right[i] = r
-        place[i] = s
+    index: Array, displacement: Array, n: int, periodic: int, left: Array, right: Array,
+    place: Array,
+) -> None:  # fmt: skip
+    for o in range(index.size):
+        k, r, s = locate(index[o], displacement[o], n, periodic)
+        left[o] = k
+        right[o] = r
+        place[o] = s

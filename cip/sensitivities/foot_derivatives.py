@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cip.characteristics.feet import integrate
-from cip.characteristics.flow_derivatives import Jet, System
+from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
 from cip.formulas.expression import COORDINATES, Expression, constant, variable
 from cip.stages.stage import Stage, StageFeet
 
@@ -82,6 +82,23 @@ def foot_derivatives(stage: Stage, feet: StageFeet) -> Array:
     place = {jet: q for q, jet in enumerate(stage.system.jets)}
     found = np.empty((len(system.parameters), len(stage.jets), stage.grid.size))
     for p, rows in enumerate(found):
+        change = {jet: jets[system.jets[count * (1 + p) + q]] for jet, q in place.items()}
         for row, jet in zip(rows, stage.jets, strict=True):
-            row[:] = jets[system.jets[count * (1 + p) + place[jet]]]
+            row[:] = change[jet] if jet.component < 3 else _determinant(jet, jets, change)
     return found
+
+
+def _determinant(jet: Jet, jets: dict[Jet, Array], change: dict[Jet, Array]) -> Array:
+    """The change of det(dX/dx) = exp(l) or a derivative of it from that of l and its derivatives.
+
+    Of order 0, 1 and 2 these are E, E l_a and E (l_ab + l_a l_b) with E = exp(l).
+    """
+    E, dl = np.exp(jets[LOG_DETERMINANT]), change[LOG_DETERMINANT]
+    axes = [axis for axis in range(3) for _ in range(jet.orders[axis])]
+    if not axes:
+        return np.asarray(E * dl)
+    first = [LOG_DETERMINANT.along(axis) for axis in axes]
+    if len(axes) == 1:
+        return np.asarray(E * (change[first[0]] + dl * jets[first[0]]))
+    (a, b), (da, db) = (jets[one] for one in first), (change[one] for one in first)
+    return np.asarray(E * (change[jet] + da * b + a * db + dl * (jets[jet] + a * b)))

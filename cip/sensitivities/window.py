@@ -20,9 +20,10 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
 from cip.errors import InputError, NotSupported
+from cip.profiles.catalogue import PLANE
 from cip.profiles.locate_nodes import cells_of
 from cip.sensitivities.foot_derivatives import foot_derivatives
-from cip.sensitivities.profile_derivatives import profile_derivatives, rows
+from cip.sensitivities.profile_derivatives import CORNERS, profile_derivatives, rows
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State
 
@@ -35,45 +36,44 @@ class Step:
 
     Attributes
     ----------
-    ends : ndarray of int, shape (2, nodes)
-        The nodes at the ends of the cell of each foot.
-    weights : ndarray, shape (moments, moments, 2, nodes)
-        Derivative of the new moment in the old one at the left and the right end.
-    place, width : ndarray
-        Of the foot in its cell.
-    feet : ndarray, shape (components - 1, nodes)
-        Components of the feet after the first.
+    corners : ndarray of int, shape (2^dim, nodes)
+        The nodes at the corners of the cell of each foot.
+    weights : ndarray, shape (moments, moments, 2^dim, nodes)
+        Derivative of the new moment in the old one at a corner.
+    cell : ndarray, shape (2 dim, nodes)
+        The place of each foot in its cell, then the widths of the cell.
+    feet : ndarray, shape (components - dim, nodes)
+        Components of the feet after the displacements.
     by_parameter : ndarray, shape (parameters, components, nodes)
-        Derivatives of the components; of the first one in the unit of the place in the cell.
+        Derivatives of the components; of displacements in the unit of the place in the cell.
     """
 
     profile: str
     advect: bool
-    ends: np.ndarray[Any, np.dtype[np.int64]]
+    corners: np.ndarray[Any, np.dtype[np.int64]]
     weights: Array
-    place: Array
-    width: Array
+    cell: Array
     feet: Array
     by_parameter: Array
 
     def forward(self, z: Array) -> Array:
         """A z, the new moments; shape (moments, nodes)."""
-        return np.asarray(np.einsum("qren,ren->qn", self.weights, z[:, self.ends]))
+        return np.asarray(np.einsum("qren,ren->qn", self.weights, z[:, self.corners]))
 
     def backward(self, weight: Array) -> Array:
-        """A^T applied: every node scatters to both ends of its cell."""
+        """A^T applied: every node scatters to the corners of its cell."""
         parts = np.einsum("qren,qn->ren", self.weights, weight)
         size = weight.shape[1]
         return np.array(
-            [np.bincount(self.ends.ravel(), part.ravel(), minlength=size) for part in parts]
+            [np.bincount(self.corners.ravel(), part.ravel(), minlength=size) for part in parts]
         )
 
     def parameters(self, z: Array) -> Array:
         """Derivatives of the new moments in the parameters, shape (parameters, moments, nodes)."""
         found = profile_derivatives(self.profile, self.advect)
-        moments = z[:, self.ends].reshape(-1, z.shape[1])
-        values = found.slopes(self.place, self.width, *self.feet, *moments)
-        slopes = rows(values, (len(z), 1 + len(self.feet)), z.shape[1])
+        moments = z[:, self.corners].reshape(-1, z.shape[1])
+        values = found.slopes(*self.cell, *self.feet, *moments)
+        slopes = rows(values, (len(z), self.by_parameter.shape[1]), z.shape[1])
         return np.asarray(np.einsum("qcn,pcn->pqn", slopes, self.by_parameter))
 
 
@@ -90,21 +90,25 @@ def step_derivatives(stage: Stage, feet: StageFeet) -> Step:
             "boundary: characteristics enter through a wall; derivatives of their data are not "
             "implemented. Take a periodic grid, or one that the flow only leaves"
         )
-    size = stage.grid.size
+    grid, size = stage.grid, stage.grid.size
     components = np.asarray(feet.data).reshape(-1, size)
-    left, right, place = cells_of(stage.grid, components[0])
-    width = stage.grid.widths[0][left]
-    found = profile_derivatives(stage.profile, stage.advect)
-    values = found.weights(place, width, *components[1:])
-    weights = rows(values, (found.moments, found.moments, 2), size)
+    found = [cells_of(grid, axis, components[axis]) for axis in range(grid.dim)]
+    widths = [grid.widths[axis][cells[0]] for axis, cells in enumerate(found)]
+    cell = np.stack([*(cells[2] for cells in found), *widths])
+    corners = np.stack(
+        [
+            np.ravel_multi_index([found[axis][side] for axis, side in enumerate(sides)], grid.nodes)
+            for sides in CORNERS[grid.dim]
+        ]
+    )
+    profile, rest = profile_derivatives(stage.profile, stage.advect), components[grid.dim :]
+    shape = (profile.moments, profile.moments, len(corners))
+    weights = rows(profile.weights(*cell, *rest), shape, size)
     by_parameter = np.empty((0, len(components), size))
     if stage.system.parameters:
         by_parameter = foot_derivatives(stage, feet)
-        by_parameter[:, 0] /= width
-    ends = np.stack([left, right])
-    return Step(
-        stage.profile, stage.advect, ends, weights, place, width, components[1:], by_parameter
-    )
+        by_parameter[:, : grid.dim] /= np.stack(widths)
+    return Step(stage.profile, stage.advect, corners, weights, cell, rest, by_parameter)
 
 
 class Window:
@@ -224,7 +228,7 @@ def check_differentiable(profile: str, limiter: str | None, dim: int, backend: s
     Raises
     ------
     NotSupported
-        A profile or limiter with kinks, more than one dimension, or a device.
+        A profile or limiter with kinks, a splitting, or a device.
     """
     if limiter is not None:
         raise NotSupported(f"limiter: {limiter!r} is not differentiable; take limiter=None")
@@ -232,10 +236,10 @@ def check_differentiable(profile: str, limiter: str | None, dim: int, backend: s
         raise NotSupported(
             f"profile: {profile!r} is not differentiable in the feet; take 'cubic' or 'quintic'"
         )
-    if dim != 1 or profile not in ("cubic", "quintic"):
+    if profile not in (("cubic", "quintic") if dim == 1 else PLANE):
         raise NotSupported(
             f"profile: derivatives of {profile!r} in {dim} dimensions are not implemented; they "
-            "are for 'cubic' and 'quintic' in one dimension"
+            "are for 'cubic' and 'quintic' on lines, 'adini' and 'bicubic' in planes"
         )
     if backend != "cpu":
         raise NotSupported("backend: derivatives are implemented for backend='cpu'")

@@ -283,8 +283,9 @@ class Solver:
         """The derivative of a run's last state in its first one and in the velocity's parameters.
 
         It is that of the discrete steps with the sub-steps that the characteristics took, exact to
-        rounding (`cip.sensitivities.window`); for `cubic` and `quintic` in one dimension. If a foot
-        lies on a node, where the profile's highest derivative jumps, one side's is taken.
+        rounding (`cip.sensitivities.window`); for cubic and quintic in one dimension, adini and
+        bicubic. If a foot lies on the edge of a cell, where derivatives of the profile may jump,
+        one side is taken.
 
         Parameters
         ----------

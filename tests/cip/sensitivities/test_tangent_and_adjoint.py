@@ -212,12 +212,6 @@ def test_schemes_without_derivatives_are_refused(options, message):
         solver.adjoint(run)
 
 
-def test_planes_are_refused():
-    solver = Solver(Grid([(0, 1)] * 2, (8, 8), periodic=True), (1.0, 0.0))
-    with pytest.raises(NotSupported, match="profile: derivatives of 'bicubic' in 2"):
-        solver.tangent(solver.run(solver.state(0.0), 0.1, dt=0.1))
-
-
 def test_walls_are_refused():
     solver = Solver(Grid((0, 1), 16), 1.0, boundary=0.0)
     with pytest.raises(NotSupported, match="boundary: characteristics enter"):
