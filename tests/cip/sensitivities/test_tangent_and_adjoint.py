@@ -22,7 +22,12 @@ FIELD = "sin(2*pi*x1) + 0.3*cos(4*pi*x1)"
 every_case = pytest.mark.parametrize(("grid", "text"), CASES, ids=[text for _, text in CASES])
 every_scheme = pytest.mark.parametrize(
     ("profile", "form"),
-    [(profile, form) for profile in ("cubic", "quintic") for form in ("transport", "advection")],
+    [
+        ("cubic", "transport"),
+        ("quintic", "advection"),
+        pytest.param("cubic", "advection", marks=pytest.mark.slow),
+        pytest.param("quintic", "transport", marks=pytest.mark.slow),
+    ],
 )
 
 

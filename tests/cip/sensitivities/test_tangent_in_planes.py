@@ -20,7 +20,12 @@ FIELD = "sin(2*pi*x1) + 0.3*cos(4*pi*x1)*sin(2*pi*x2)"
 every_case = pytest.mark.parametrize(("grid", "texts"), CASES, ids=["steady", "mixed", "uneven"])
 every_scheme = pytest.mark.parametrize(
     ("profile", "form"),
-    [(profile, form) for profile in ("adini", "bicubic") for form in ("transport", "advection")],
+    [
+        ("adini", "transport"),
+        ("bicubic", "advection"),
+        pytest.param("adini", "advection", marks=pytest.mark.slow),
+        pytest.param("bicubic", "transport", marks=pytest.mark.slow),
+    ],
 )
 
 
