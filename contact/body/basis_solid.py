@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.body.axisymmetry import with_hoop
 from contact.body.cell_finder import find_cells, places_in
 from contact.body.cell_strains import has_slender_cells, internal_forces
 from contact.body.constitutive import StressLaw
@@ -122,14 +123,14 @@ class BasisSolid(Solid):
         return self._picked[1]
 
     def internal(self, u: Array) -> Array:
-        """Internal forces S u, without the mean translation, which would only add rounding.
+        """Internal forces S u, without the mean translations, which would only add rounding.
 
         Slender cells: from the strains, see `contact.body.cell_strains`.
         """
         if self.slender:
             return internal_forces(self, u)
         at_rest, values = u.copy(), self._are_values
-        for c in range(self.dim):
+        for c in (1,) if self.is_ring else range(self.dim):
             own = values & (np.arange(u.size) % self.dim == c)
             at_rest[own] -= u[own].mean()
         forces: Array = self.stiffness @ at_rest
@@ -172,7 +173,9 @@ class BasisSolid(Solid):
         return part
 
     def total(self, forces: Array) -> Array:
-        """Resultant of forces on all dofs, shape (dim,)."""
+        """Resultant of forces on all dofs, shape (dim,); of a ring along its axis only."""
+        if self.is_ring:
+            return np.array([0.0, (rigid_modes(self).T @ forces).sum()])
         per_piece = self.dim * (self.dim + 1) // 2
         sums = (rigid_modes(self).T @ forces).reshape(-1, per_piece)
         return np.asarray(sums[:, : self.dim].sum(axis=0))
@@ -181,8 +184,34 @@ class BasisSolid(Solid):
         """Mean div u of each cell, shape (ncells,), with mean dilatation; else None."""
         if self.dilatation != "mean":
             return None
-        divergence = np.trace(np.asarray(self.basis.interpolate(u).grad))
-        return np.asarray(np.average(divergence, axis=1, weights=self.basis.dx))
+        divergence = np.trace(self.gradients(u))
+        return np.asarray(np.average(divergence, axis=1, weights=self.measure))
+
+    @property
+    def measure(self) -> Array:
+        """Quadrature weights of integrals over the body, shape (ncells, npoints)."""
+        dx: Array = self.basis.dx
+        return dx * self.depth(np.asarray(self.basis.global_coordinates())) if self.is_ring else dx
+
+    def gradients(self, u: Array) -> Array:
+        """Gradient of the displacement in the quadrature points, (dim, dim, ncells, npoints).
+
+        In an axisymmetric body that in the axes r, z, theta, shape (3, 3, ncells, npoints).
+        """
+        field = self.basis.interpolate(u)
+        return self.in_space(field, np.asarray(self.basis.global_coordinates()))
+
+    def in_space(self, field: Any, x: Array) -> Array:
+        """Gradient of a displacement field at places x; in an axisymmetric body with the hoop.
+
+        Parameters
+        ----------
+        field : skfem DiscreteField
+            Of vectors, shape (dim, ...), and gradients.
+        x : ndarray, shape (dim, ...)
+        """
+        gradient = np.asarray(field.grad)
+        return with_hoop(gradient, np.asarray(field)[0], x[0]) if self.is_ring else gradient
 
     def mean_dilatation_at(self, u: Array, points: Array) -> Array | None:
         """Mean div u of the cell of each point, with mean dilatation; else None."""
@@ -198,12 +227,18 @@ class BasisSolid(Solid):
         )
 
     def gradient(self, u: Array, points: Array) -> Array:
-        """Gradient d u_i / d x_j of the displacement at points, shape (dim, dim, npoints)."""
+        """Gradient d u_i / d x_j of the displacement at points, shape (dim, dim, npoints).
+
+        In an axisymmetric body that in the axes r, z, theta, shape (3, 3, npoints).
+        """
         cells = self.cells_of(points)
-        return sum(
+        gradient = sum(
             (field.grad[..., 0] * u[dofs] for field, dofs in self._local(points, cells)),
             start=np.zeros((self.dim, self.dim, points.shape[1])),
         )
+        if not self.is_ring:
+            return gradient
+        return with_hoop(gradient, self.displacement(u, points)[0], points[0])
 
     def law_at(self, points: Array) -> StressLaw:
         """Stress from strain at points, shape (dim, npoints)."""

@@ -18,6 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import Basis, Mesh
 
+from contact.body.axisymmetric_law import AxisymmetricLaw
+from contact.body.axisymmetry import forces_of_stress, strain_roots, with_hoop
+from contact.body.constitutive import IsotropicLaw, TensorLaw
 from contact.body.discretised import Elastic
 from contact.body.rigid_modes import value_dofs
 
@@ -41,9 +44,13 @@ def strain_rows(body: Elastic) -> Array:
     the part with lambda is a separate row, one for each cell.
     """
     basis, dim = _of_positive_weights(body.basis), body.basis.mesh.dim()
-    g, dx, mean = _gradients(basis), basis.dx, body.dilatation == "mean"
+    mean, law = body.dilatation == "mean", body.law
+    if isinstance(law, AxisymmetricLaw):
+        return strain_roots(basis, *law.elastic(basis.mesh.nelements, mean))
+    assert isinstance(law, IsotropicLaw | TensorLaw)
+    g, dx = _gradients(basis), basis.dx
     _, cells, _, n = g.shape
-    rows = body.law.strain_rows(g, not mean)
+    rows = law.strain_rows(g, not mean)
     A = (np.stack(rows, axis=1) * np.sqrt(dx)[:, None, :, None, None]).reshape(cells, -1, n * dim)
     if mean:
         total = np.einsum("cq,acqn->cna", dx, g).reshape(cells, 1, n * dim)
@@ -59,12 +66,17 @@ def internal_forces(body: Elastic, u: Array) -> Array:
     local = u[dofs].reshape(len(dofs), -1, dim)
     values = value_dofs(body)[dofs].reshape(local.shape)
     # Translations cause no strain; displacements from the cell's first node are exact.
-    local = local - np.where(values, local[:, :1], 0.0)
-    gradient = np.einsum("acqn,cnb->bacq", g, local)
+    moved = local - np.where(values, local[:, :1], 0.0)
+    gradient = np.einsum("acqn,cnb->bacq", g, moved)
+    if isinstance(body.law, AxisymmetricLaw):
+        radial, r = np.asarray(basis.interpolate(u))[0], np.asarray(basis.global_coordinates())[0]
+        gradient = with_hoop(gradient, radial, r)
     mean = None
     if body.dilatation == "mean":
-        mean = np.average(np.trace(gradient), axis=1, weights=basis.dx)[:, None]
+        mean = np.average(np.trace(gradient), axis=1, weights=body.measure)[:, None]
     stress = body.law.stress(gradient, mean)
+    if isinstance(body.law, AxisymmetricLaw):
+        return forces_of_stress(basis, stress)
     forces = np.einsum("bacq,acqn->cnb", stress * basis.dx, g)
     result = np.zeros(u.size)
     np.add.at(result, dofs, forces.reshape(dofs.shape))

@@ -57,22 +57,6 @@ class StressLaw(Protocol):
         """Stiffness matrix of a basis whose cells are those of the law."""
         ...
 
-    def strain_rows(self, gradients: Array, volumetric: bool = True) -> list[Array]:
-        """Strains whose squares sum to twice the energy density, for each basis function.
-
-        Parameters
-        ----------
-        gradients : ndarray, shape (dim, ncells, npoints, n)
-            Of the scalar basis functions.
-        volumetric : bool
-            Whether the part with lambda of an isotropic law is among them.
-
-        Returns
-        -------
-        list of ndarray, shape (ncells, npoints, n, dim)
-        """
-        ...
-
 
 @dataclass(frozen=True, eq=False)
 class IsotropicLaw:
@@ -125,7 +109,21 @@ class IsotropicLaw:
         return stiffness_matrix(basis, self.lam, self.mu, mean_dilatation)
 
     def strain_rows(self, gradients: Array, volumetric: bool = True) -> list[Array]:
-        """Rows of the root of ``lambda 1 1^T + 2 mu I``, and shears times ``2 sqrt(mu)``."""
+        """Strains whose squares sum to twice the energy density, for each basis function.
+
+        They are rows of the root of ``lambda 1 1^T + 2 mu I``, and shears times ``2 sqrt(mu)``.
+
+        Parameters
+        ----------
+        gradients : ndarray, shape (dim, ncells, npoints, n)
+            Of the scalar basis functions.
+        volumetric : bool
+            Whether the part with lambda is among them.
+
+        Returns
+        -------
+        list of ndarray, shape (ncells, npoints, n, dim)
+        """
         g, (dim, cells, points, n) = gradients, gradients.shape
         lam, mu = np.broadcast_to(self.lam, cells), np.broadcast_to(self.mu, cells)
         elastic = np.zeros((cells, dim, dim)) + (1.0 if volumetric else 0.0) * lam[:, None, None]

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from skfem import Basis, ElementVector, MeshQuad
 
+from contact.body.axisymmetry import AXISYMMETRIC
 from contact.body.cut_arc import CutArc
 from contact.body.elastic_body import ElasticBody, Field
 from contact.errors import InputError, array_of, evaluated, function_of_places, numbers
@@ -94,6 +95,11 @@ class CutBody(ElasticBody):
         threshold: float = 0.5,
         q: int = 8,
     ) -> None:
+        if plane == AXISYMMETRIC:
+            raise InputError(
+                "plane='axisymmetric': a CutBody has no radii; take a mesh that fits the boundary "
+                "(ElasticBody)"
+            )
         try:
             whole = CutDomain(mesh, level_set, q=q)
         except AdiniInputError as error:

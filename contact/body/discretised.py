@@ -21,6 +21,11 @@ class Discretised(Protocol):
         """The Basis."""
         ...
 
+    @property
+    def is_ring(self) -> bool:
+        """Whether the mesh is the section of an axisymmetric body."""
+        ...
+
 
 class Elastic(Discretised, Protocol):
     """A body by its Basis and its material."""
@@ -33,6 +38,11 @@ class Elastic(Discretised, Protocol):
     @property
     def law(self) -> StressLaw:
         """Stress from strain in each cell."""
+        ...
+
+    @property
+    def measure(self) -> Array:
+        """Quadrature weights of integrals over the body, shape (ncells, npoints)."""
         ...
 
     @property

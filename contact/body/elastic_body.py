@@ -18,6 +18,7 @@ from skfem import (
 )
 
 from contact.body.anisotropic import Anisotropic
+from contact.body.axisymmetry import AXISYMMETRIC, axis_facets, refuse_axis
 from contact.body.boundary_names import select_components, select_facets
 from contact.body.cell_check import check_cells, check_rectangles
 from contact.body.coupled_body import CoupledBody
@@ -33,6 +34,8 @@ from contact.settled import settled
 from skfem_adini import InputError as AdiniInputError
 from skfem_adini import essential_constraints
 
+# Degrees of quadrature besides those of the plane: radii, and strains divided by them.
+_OF_RADII = 2
 Field = float | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]
 
 
@@ -55,8 +58,10 @@ class ElasticBody(CoupledBody, HeatedBody):
         Young's modulus, positive.
     nu : float or ndarray, shape (ncells,)
         Poisson's ratio, in (-1, 1/2); how near to 1/2: see `contact.body.elasticity`.
-    plane : {"strain", "stress"}
-        Two dimensions only.
+    plane : {"strain", "stress", "axisymmetric"}
+        Two dimensions only. "axisymmetric": x is the radius and y the axis, see
+        `contact.body.axisymmetry`. Loads are integrated over the whole ring, tractions and
+        pressures stay forces per area; on the axis the radial displacement is held.
     dilatation : {"pointwise", "mean"}
         "mean" replaces div u in each Q1 cell by its mean, so that nearly incompressible materials
         do not lock, see `stiffness_matrix`. All other elements are "pointwise".
@@ -110,6 +115,9 @@ class ElasticBody(CoupledBody, HeatedBody):
         self.f = np.zeros(basis.N)
         self.check_unchanged()
         self._supports: list[tuple[NDArray[np.int64], int, Callable[..., Any], bool]] = []
+        if self.is_ring:
+            axis = axis_facets(basis.mesh)
+            self._supports += [(axis, 0, _constant(0.0), True)] if axis.size else []
 
     @classmethod
     def from_mesh(
@@ -155,7 +163,8 @@ class ElasticBody(CoupledBody, HeatedBody):
         element = vector_element(element, mesh)
         check_cells(mesh)
         try:
-            basis = Basis(mesh, element)
+            more = _OF_RADII if plane == AXISYMMETRIC else 0
+            basis = Basis(mesh, element, intorder=2 * element.maxdeg + more)
         except AdiniInputError as error:
             raise InputError(str(error)) from error
         return cls(basis, E, nu, plane, dilatation, material)
@@ -192,8 +201,14 @@ class ElasticBody(CoupledBody, HeatedBody):
         return select_facets(self.mesh, boundary)
 
     def whole_facets(self, boundary: str | Sequence[str] | ArrayLike) -> NDArray[np.int64]:
-        """The given facets, refused if the boundary of the body cuts their cells (`CutBody`)."""
-        return self.facets(boundary)
+        """The given facets, refused if the boundary of the body cuts their cells (`CutBody`).
+
+        Those on the axis of an axisymmetric body are refused too: they have no area.
+        """
+        facets = self.facets(boundary)
+        if self.is_ring:
+            refuse_axis(self.mesh, facets)
+        return facets
 
     def fix(
         self,
@@ -241,7 +256,7 @@ class ElasticBody(CoupledBody, HeatedBody):
         return self
 
     def load(self, boundary: str | Sequence[str] | ArrayLike, traction: Field) -> Self:
-        """Add a surface traction (force per area) on a boundary.
+        """Add a surface traction (force per area) on a boundary, of a ring on all its surface.
 
         Parameters
         ----------
@@ -258,7 +273,11 @@ class ElasticBody(CoupledBody, HeatedBody):
         InputError
             An unknown boundary, or a traction of the wrong shape or not finite.
         """
-        basis = facet_basis(self.mesh, self.basis.elem, self.facets(boundary))
+        element, facets = self.basis.elem, self.facets(boundary)
+        if self.is_ring:
+            refuse_axis(self.mesh, facets)
+        more = _OF_RADII if self.is_ring else 0
+        basis = facet_basis(self.mesh, element, facets, intorder=2 * element.maxdeg + more)
         self.f = self.f + self._load_vector(basis, traction, "traction")
         return self
 
@@ -294,10 +313,10 @@ class ElasticBody(CoupledBody, HeatedBody):
             ) from None
         if not np.all(np.isfinite(value)):
             raise InputError(f"{name}: holds values that are not finite")
-        result = np.zeros(self.basis.N)
+        result, measure = np.zeros(self.basis.N), basis.dx * self.depth(x)
         for i in range(basis.Nbfun):
             c = i % self.dim  # only this component of an ElementVector function is not zero
-            density_i = basis.basis[i][0][c] * value[c] * basis.dx
+            density_i = basis.basis[i][0][c] * value[c] * measure
             np.add.at(result, basis.element_dofs[i], density_i.sum(axis=1))
         return result
 

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from contact.body.anisotropic import Anisotropic
+from contact.body.axisymmetric_law import AxisymmetricLaw
+from contact.body.axisymmetry import AXISYMMETRIC
 from contact.body.basis_solid import BasisSolid
 from contact.body.constitutive import IsotropicLaw, StressLaw, TensorLaw
 from contact.body.elasticity import check_locking, checked_dilatation, lame
@@ -31,7 +33,7 @@ class MaterialBody(BasisSolid):
     E = _property("E", "Young's modulus, a number or one a cell; None if anisotropic.")
     nu = _property("nu", "Poisson's ratio, a number or one a cell; None if anisotropic.")
     anisotropy = _property("anisotropy", "The `Anisotropic` material; None if isotropic.")
-    plane = _property("plane", '"strain" or "stress"; None in three dimensions.')
+    plane = _property("plane", '"strain", "stress" or "axisymmetric"; None in three dimensions.')
     dilatation = _property("dilatation", '"pointwise" or "mean".')
     law: StressLaw
     _material: dict[str, Any]
@@ -45,6 +47,12 @@ class MaterialBody(BasisSolid):
             )
         new = self.__dict__.get("_material", {}) | changed
         new["plane"] = checked_plane(new["plane"], self.dim)
+        old = self.__dict__.get("_material", new)["plane"]
+        if old != new["plane"] and AXISYMMETRIC in (old, new["plane"]):
+            raise InputError(
+                f"plane: a body with plane={old!r} does not become one with {new['plane']!r}, for "
+                "its loads and supports are others; make a new body"
+            )
         new["dilatation"] = checked_dilatation(new["dilatation"], self.element)
         if new["anisotropy"] is None:
             derived = self._isotropic(new)
@@ -67,12 +75,15 @@ class MaterialBody(BasisSolid):
                 )
             value.flags.writeable = False
             new[name] = value
-        lame_lambda, lame_mu = lame(new["E"], new["nu"], new["plane"])
-        check_locking(new["nu"], new["plane"], new["dilatation"], self.element)
-        law = IsotropicLaw(lame_lambda, lame_mu, new["nu"], new["plane"])
-        return {"lam": lame_lambda, "mu": lame_mu, "law": law}
+        ring = new["plane"] == AXISYMMETRIC
+        plane = None if ring else new["plane"]
+        lame_lambda, lame_mu = lame(new["E"], new["nu"], plane)
+        check_locking(new["nu"], plane, new["dilatation"], self.element)
+        law = IsotropicLaw(lame_lambda, lame_mu, new["nu"], plane)
+        whole = AxisymmetricLaw(law) if ring else law
+        return {"lam": lame_lambda, "mu": lame_mu, "law": whole}
 
-    def _anisotropic(self, new: dict[str, Any]) -> TensorLaw:
+    def _anisotropic(self, new: dict[str, Any]) -> StressLaw:
         """Law of an anisotropic material, checked against the cells and the other arguments."""
         given, count = new["anisotropy"], self.basis.mesh.nelements
         if not isinstance(given, Anisotropic):
@@ -89,6 +100,8 @@ class MaterialBody(BasisSolid):
             raise InputError(
                 f"material: it has {len(given.C)} stiffness tensors for a mesh of {count} cells"
             )
+        if new["plane"] == AXISYMMETRIC:
+            return AxisymmetricLaw.of_material(given)
         return TensorLaw.of(given.C, self.dim, new["plane"])
 
     def check_unchanged(self) -> None:
@@ -110,12 +123,12 @@ def checked_plane(plane: Any, dim: int) -> str | None:
     Raises
     ------
     InputError
-        Another word than "strain" or "stress"; plane stress in three dimensions.
+        Another word than "strain", "stress" or "axisymmetric"; a plane in three dimensions.
     """
     if dim == 2:
         plane = "strain" if plane is None else plane
-        if not isinstance(plane, str) or plane not in ("strain", "stress"):
-            raise InputError(f"plane={plane!r}: expected 'strain' or 'stress'")
+        if not isinstance(plane, str) or plane not in ("strain", "stress", AXISYMMETRIC):
+            raise InputError(f"plane={plane!r}: expected 'strain', 'stress' or 'axisymmetric'")
         return plane
     if plane is not None and not (isinstance(plane, str) and plane == "strain"):
         raise InputError(

@@ -9,6 +9,7 @@ import scipy
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.body.axisymmetry import check_shift
 from contact.body.rigid_modes import dof_kinds, dof_lengths, rigid_field
 from contact.errors import InputError
 
@@ -33,6 +34,8 @@ def periodic_equations(
     here, there = (np.unique(mesh.facets[:, f]) for f in (facets, other))
     low, high = (mesh.p[:, v].min(axis=1) + mesh.p[:, v].max(axis=1) for v in (here, there))
     shift = 0.5 * (high - low)
+    if body.is_ring:
+        check_shift(shift)
     if np.linalg.norm(shift) < near:
         raise InputError("other: the two boundaries lie at the same place; name opposite ones")
     for own, partner, move, name in (
@@ -91,7 +94,8 @@ def tied_equations(
     middle = body.mesh.p[:, np.unique(body.mesh.facets[:, facets])].mean(axis=1)
     field = rigid_field(body, middle)
     result = []
-    for chosen in [list(range(field.shape[1]))] if rigid else [[c] for c in components]:
+    motions = [1] if body.is_ring else list(range(field.shape[1]))
+    for chosen in [motions] if rigid else [[c] for c in components]:
         rows = on if rigid else on[on % body.dim == chosen[0]]
         motion = of_dof[rows, None] * (H[rows] @ field[:, chosen])
         motion /= np.linalg.norm(motion, axis=0)

@@ -22,7 +22,7 @@ def rigid_modes(body: Discretised) -> Array:
     """Rigid motions of every connected piece, shape (ndofs, npieces * dim (dim + 1) / 2).
 
     Translations first, then rotations about the piece's middle, u_a = -x_b and u_b = x_a for
-    a < b. Supports are ignored.
+    a < b. An axisymmetric piece has one, the translation along the axis. Supports are ignored.
 
     Raises
     ------
@@ -38,6 +38,9 @@ def rigid_modes(body: Discretised) -> Array:
     modes = []
     for k in range(pieces):
         inside = piece[entity] == k
+        if body.is_ring:
+            modes.append(inside * (component == 1) * (kind == _VALUE) * 1.0)
+            continue
         x = basis.doflocs - _middle(points[:, piece == k])[:, None]
         modes += [inside * (component == c) * (kind == _VALUE) * 1.0 for c in range(dim)]
         for a in range(dim):
@@ -55,6 +58,7 @@ def rigid_field(body: Discretised, centre: Array) -> Array:
     """Rigid motions of all of space in the body's dofs, shape (ndofs, dim (dim + 1) / 2).
 
     Translations, then rotations about `centre`: counter-clockwise in 2-D, about x, y, z in 3-D.
+    They are those of the mesh: for an axisymmetric body only that along the axis is rigid.
     """
     basis = body.basis
     kind, dim = dof_kinds(basis), basis.elem.dim
@@ -120,6 +124,8 @@ def dof_lengths(body: Discretised) -> Array:
 
 def describe_motion(body: Discretised, u: Array) -> str:
     """Name a rigid motion, e.g. "a translation along x" or "a rotation about (0, 1)"."""
+    if body.is_ring:
+        return "a translation along the axis y"
     modes = rigid_modes(body)
     dim = body.basis.elem.dim
     per_piece = dim * (dim + 1) // 2

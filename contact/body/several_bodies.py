@@ -32,7 +32,7 @@ class Bodies(Solid):
     Raises
     ------
     InputError
-        No body, one twice, of different dimensions, or two of one name.
+        No body, one twice, of different dimensions, some of them axisymmetric, or two of one name.
 
     Examples
     --------
@@ -66,6 +66,8 @@ class Bodies(Solid):
         self._bodies = tuple(bodies)
         self.dim = bodies[0].dim
         planes = {body.plane for body in bodies}
+        if len(planes) > 1 and any(body.is_ring for body in bodies):
+            raise InputError("bodies: axisymmetric ones touch axisymmetric ones only")
         self.plane = planes.pop() if len(planes) == 1 else None
 
     def __repr__(self) -> str:

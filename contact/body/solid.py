@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.body.axisymmetry import AXISYMMETRIC, circumference
 from contact.body.constitutive import StressLaw, total_stress
 from contact.body.support_motion import motion_of_support
 from contact.body.surface import Surface
@@ -29,7 +30,7 @@ class Solid(Portable, ABC):
     Attributes
     ----------
     dim : int
-    plane : {"strain", "stress", None}
+    plane : {"strain", "stress", "axisymmetric", None}
     f : ndarray, shape (ndofs,)
         Load on every dof.
     name : str
@@ -52,7 +53,27 @@ class Solid(Portable, ABC):
     def __repr__(self) -> str:
         element = vars(self).get("element")
         of = f" of {type(element).__name__}" if element is not None else ""
-        return f"{type(self).__name__}({self.dim}-D, {self.f.size} unknowns{of})"
+        kind = self.plane if self.is_ring else f"{self.dim}-D"
+        return f"{type(self).__name__}({kind}, {self.f.size} unknowns{of})"
+
+    @property
+    def is_ring(self) -> bool:
+        """Whether the mesh is the section of an axisymmetric body."""
+        return self.plane == AXISYMMETRIC
+
+    def depth(self, x: Array) -> Array | float:
+        """What integrals over the mesh are multiplied with to be those of the body.
+
+        Parameters
+        ----------
+        x : ndarray, shape (dim, ...)
+
+        Returns
+        -------
+        ndarray, shape (...), or float
+            2 pi r for an axisymmetric body, else 1.
+        """
+        return circumference(x) if self.is_ring else 1.0
 
     @property
     def f(self) -> Array:
@@ -272,7 +293,7 @@ class Solid(Portable, ABC):
 
     @abstractmethod
     def total(self, forces: Array) -> Array:
-        """Resultant of forces on all dofs, shape (dim,)."""
+        """Resultant of forces on all dofs, shape (dim,); of a ring along its axis only."""
 
     def dot(self, a: Array, b: Array) -> float:
         """Inner product of two vectors of all dofs."""
@@ -284,7 +305,10 @@ class Solid(Portable, ABC):
 
     @abstractmethod
     def gradient(self, u: Array, points: Array) -> Array:
-        """Gradient d u_i / d x_j of the displacement at points, shape (dim, dim, npoints)."""
+        """Gradient d u_i / d x_j of the displacement at points, shape (dim, dim, npoints).
+
+        In an axisymmetric body that in the axes r, z, theta, shape (3, 3, npoints).
+        """
 
     @abstractmethod
     def law_at(self, points: Array) -> StressLaw:

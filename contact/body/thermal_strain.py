@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from skfem import ElementHex2, ElementQuad2, ElementTetP2, ElementTriP2
 
 from contact.body.anisotropic import VOIGT
+from contact.body.axisymmetry import forces_of_stress
 from contact.body.cell_finder import places_in
 from contact.body.constitutive import thermal_stress
 from contact.body.material import MaterialBody
@@ -136,12 +137,15 @@ class HeatedBody(MaterialBody):
         if self.dilatation != "mean":
             return value
         at = self._interpolated(np.broadcast_to(value, (6, *value.shape)), self.basis.X)[0, 0]
-        return np.average(at, axis=1, weights=self.basis.dx)[:, None]
+        return np.average(at, axis=1, weights=self.measure)[:, None]
 
     def _thermal_forces(self, strain: Array) -> Array:
         """``int C eps_T : eps(v)`` for every basis function v, shape (ndofs,)."""
         basis = self.basis
-        sigma = thermal_stress(self.law, self._interpolated(strain, basis.X)) * basis.dx
+        sigma = thermal_stress(self.law, self._interpolated(strain, basis.X))
+        if self.is_ring:
+            return forces_of_stress(basis, sigma)
+        sigma = sigma * basis.dx
         result = np.zeros(basis.N)
         for i in range(basis.Nbfun):
             work = np.einsum("abcq,abcq->c", sigma, np.asarray(basis.basis[i][0].grad))

@@ -30,7 +30,7 @@ def body_grid(result: DrawnBody, subdivide: int | None = None) -> Any:
     -------
     pyvista.UnstructuredGrid
         Point data ``displacement``, ``nodal_stress`` (nine components), ``nodal_von_mises``; cell
-        data ``von_mises`` and ``stress`` (xx, yy, zz, xy, ...).
+        data ``von_mises`` and ``stress`` (xx, yy, zz, xy, ...; hoop, if axisymmetric).
     """
     given = None if subdivide is None else numbers("subdivide", subdivide)
     if given is not None and (given.shape != () or not 1 <= given < np.inf or given % 1):
@@ -38,9 +38,11 @@ def body_grid(result: DrawnBody, subdivide: int | None = None) -> Any:
     body, cell, nodal = result.body, result.cell_stress(), result.nodal_stress()
     pairs = [(0, 0), (1, 1), (0, 1)] if body.dim == 2 else [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2)]
     pairs += [] if body.dim == 2 else [(0, 2)]
-    dx = body.basis.dx
+    dx = body.measure
     cell_data = {"von_mises": np.sum(result.von_mises() * dx, axis=1) / dx.sum(axis=1)}
     cell_data |= {f"stress_{'xyz'[i]}{'xyz'[j]}": cell[i, j] for i, j in pairs}
+    if body.is_ring:
+        cell_data["stress_hoop"] = cell[2, 2]
     cut = isinstance(body, CutBody)
     grid = to_pyvista(
         body.basis,

@@ -82,6 +82,7 @@ class BodyFields:
         Returns
         -------
         ndarray, shape (dim, dim, ncells, nquadrature) or (dim, dim, npoints)
+            Of an axisymmetric body in the axes r, z, theta, shape (3, 3, ...).
 
         Raises
         ------
@@ -89,12 +90,13 @@ class BodyFields:
             Points of another shape, not finite, or outside the body.
         """
         body = self.body
+        body = self.body
         if points is not None:
             return np.asarray(body.stress_at(self.u, self._points(points)))
-        mean, gradient = body.mean_dilatation(self.u), body.basis.interpolate(self.u).grad
+        mean, gradient = body.mean_dilatation(self.u), body.gradients(self.u)
         volume = None if mean is None else mean[:, None]
         strain = body.thermal_strain_in(body.basis.X)
-        return total_stress(body.law, np.asarray(gradient), volume, strain)
+        return total_stress(body.law, gradient, volume, strain)
 
     def nodal_stress(self) -> Array:
         """Cauchy stress at the vertices of the mesh, shape (3, 3, nvertices).
@@ -114,12 +116,12 @@ class BodyFields:
         -------
         ndarray
             In the unit of E, shape (3, 3, ncells); in 2-D the last row and column hold only
-            sigma_zz.
+            sigma_zz, of an axisymmetric body the hoop stress.
         """
         return cell_stress(self.body, self.stress())
 
     def von_mises(self, points: ArrayLike | None = None) -> Array:
-        """Von Mises stress, in the places of `stress`; plane strain keeps its sigma_zz.
+        """Von Mises stress, in the places of `stress`; with sigma_zz, or the hoop stress.
 
         Parameters
         ----------
@@ -138,7 +140,7 @@ class BodyFields:
         body = self.body
         sigma = self.stress(points)
         trace = np.trace(sigma)
-        if body.dim == 2:
+        if len(sigma) == 2:
             if points is None:
                 law, free = body.law, body.thermal_strain_in(body.basis.X)
             else:

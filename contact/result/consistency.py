@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from contact.body.rigid_modes import rigid_modes
+from contact.body.rigid_modes import rigid_field
 from contact.body.several_bodies import Bodies
 from contact.errors import InputError
 
@@ -97,8 +97,8 @@ def _check_body(body: ElasticBody) -> None:
 
 def _means(body: Any, rows: ContactRows, own: slice = slice(None)) -> Array:
     """Rows G and T applied to the translations of a body with dofs `own`, (m, dim, dim)."""
-    m, dim, n = rows.G.shape[0], body.dim, body.f.size
-    modes = rigid_modes(body).reshape(n, -1, dim * (dim + 1) // 2)[:, :, :dim].sum(axis=1)
+    m, dim = rows.G.shape[0], body.dim
+    modes = rigid_field(body, np.zeros(dim))[:, :dim]
     along = (rows.T[:, own] @ modes).reshape(m, dim - 1, dim)
     return np.concatenate(((rows.G[:, own] @ modes)[:, None], along), axis=1)
 

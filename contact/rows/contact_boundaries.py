@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.body.axisymmetry import refuse_motions
 from contact.body.cut_arc import CutArc
 from contact.body.elastic_body import ElasticBody
 from contact.body.rigid_modes import rigid_field
@@ -145,6 +146,8 @@ class ContactBoundaries:
             if not isinstance(o, Rigid):
                 continue
             motion, force = o.components(dim)
+            if self.body.is_ring:
+                refuse_motions(motion, force)
             unit = rigid_field(self.body, o.about(dim))
             normal = np.zeros((rows.gap.size, unit.shape[1]))
             normal[here] = rows.G[here] @ unit

@@ -11,7 +11,8 @@ N_k,
 On straight facets :math:`w_k P_k v` is the integral of v with the dual multipliers
 :math:`N M_e^{-1} \omega^e` (B. Wohlmuth, SIAM J. Numer. Anal. 38, 2000). The weights sum to the
 length or area of the boundary, and :math:`\sum_k w_k P_k v` is the integral of v on every facet: a
-uniform pressure is exact on any outline.
+uniform pressure is exact on any outline. Of an axisymmetric body the integrals are those over the
+whole ring, and weights are areas: at a vertex on the axis a small one, but positive.
 
 Between two facets f and g on a straight line a cubic trace has no value of its own at the vertex:
 as a C1 spline in arc length it is :math:`(l_g c_f + l_f c_g) / (l_f + l_g)` there, with c_f and c_g
@@ -105,7 +106,9 @@ class Shares:
         InputError
             A weight is not positive, as on facets that are far too distorted.
         """
-        dx, at = np.asarray(integrals.dx), np.asarray(integrals.global_coordinates())
+        length = np.asarray(integrals.dx).sum(axis=1)
+        at = np.asarray(integrals.global_coordinates())
+        dx = np.asarray(integrals.dx) * outline.body.depth(at)
         N, C = _basis(outline, form, integrals)
         omega = np.einsum("fsq,fq->fs", N, dx)
         moments = np.einsum("fsq,cfq->cfs", N, at * dx)
@@ -116,7 +119,7 @@ class Shares:
         own, nothing = number.copy(), lent & outline.curved[:, None]
         number[nothing] = np.broadcast_to(number[:, :1], number.shape)[nothing]
         if form.smooth:
-            length, (beyond, corner) = dx.sum(axis=1), outline.beyond
+            beyond, corner = outline.beyond
             for end, (outer, inner) in enumerate(((0, 1), (-1, -2))):
                 f = np.flatnonzero(lent[:, outer])
                 g = beyond[f, end]

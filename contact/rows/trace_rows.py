@@ -70,7 +70,8 @@ class TraceRows:
         if shares.mean:
             carried = outline.body.scalar_dofs.nodal_dofs[:, outline.corners]
             mine = (dofs[:, None, :] == carried[..., None]).any(axis=0)
-            parts = (values * np.asarray(basis.dx)[..., None])[:, None] * mine[:, :, None]
+            measure = np.asarray(basis.dx) * outline.body.depth(x)
+            parts = (values * measure[..., None])[:, None] * mine[:, :, None]
         else:
             # All other functions vanish on the facet, up to rounding of the coordinates.
             on_facet = (dofs[:, None, :] == outline.scalar_dofs[..., None]).any(axis=1)

@@ -101,6 +101,11 @@ class LayeredBlock(Solid):
         plane: str | None = "strain",
     ) -> None:
         self.dim, self.plane = 2, checked_plane(plane, 2)
+        if self.is_ring:
+            raise InputError(
+                "plane='axisymmetric': layers of equal cells have no radii; take a mesh "
+                "(ElasticBody)"
+            )
         self.lengths, self.sides, self.top = lengths, sides, top
         self.layers = read_layers(layers)
         self.width, self.height = read_lengths(lengths, self.layers)

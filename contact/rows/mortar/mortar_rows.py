@@ -162,7 +162,11 @@ class Interface:
             slopes = (side.slope(*at) for side in (FacetCurves.of(self.first), one))
             rest, now = (np.linalg.norm(slope, axis=0) for slope in slopes)
             quadrature = replace(quadrature, w=quadrature.w * rest / now)
-        functions = Multipliers.of(self.basis, quadrature, self.functional != "standard")
+        lengths = quadrature.w
+        if self.first.body.is_ring:  # at the places before any displacement
+            x = FacetCurves.of(self.first).at(quadrature.facet, quadrature.X[0])
+            quadrature = replace(quadrature, w=lengths * self.first.body.depth(x))
+        functions = Multipliers.of(self.basis, quadrature, self.functional != "standard", lengths)
         vertex = self.basis.hub[functions.point] >= 0
         facet, s = self.basis.nominal[0][functions.point], self.basis.nominal[1][functions.point]
         x_nominal = one.at(facet, s)

@@ -67,7 +67,13 @@ class Multipliers:
     point: Index
 
     @classmethod
-    def of(cls, basis: PositiveBasis, quadrature: InterfaceQuadrature, dual: bool) -> Multipliers:
+    def of(
+        cls,
+        basis: PositiveBasis,
+        quadrature: InterfaceQuadrature,
+        dual: bool,
+        lengths: Array | None = None,
+    ) -> Multipliers:
         """Evaluate the functions; contact points that are not covered have none.
 
         Parameters
@@ -75,6 +81,9 @@ class Multipliers:
         basis : PositiveBasis
         quadrature : InterfaceQuadrature
         dual : bool
+        lengths : ndarray, shape (n,), optional
+            Weights by which it is decided whether a point joins a neighbour, if not those of the
+            quadrature: near the axis of a ring areas are small however long a facet is.
         """
         facet, s, w = quadrature.facet, quadrature.X[0], quadrature.w
         shape = facet.size, SLOTS
@@ -84,16 +93,17 @@ class Multipliers:
             here = basis.values(facet[q], s[q], degree)
             N[q, used] = here.T
             psi[q, used] = _dual(basis, facet[q], s[q], w[q], here).T if dual and degree else here.T
-        weights = _sums(number.ravel() + 1, (w[:, None] * N).ravel(), basis.size + 1)[1:]
+        size = w if lengths is None else lengths
+        weights = _sums(number.ravel() + 1, (size[:, None] * N).ravel(), basis.size + 1)[1:]
         joined, point = joined_points(basis.number, weights)
         place = np.repeat(np.arange(facet.size), SLOTS)[number.ravel() >= 0]
         column = joined[number[number >= 0]]
         covered = column >= 0
-        size = facet.size, point.size
+        covers = facet.size, point.size
         psi_k, N_k = (
             sparse.csr_array(
                 sparse.coo_array(
-                    (v[number >= 0][covered], (place[covered], column[covered])), shape=size
+                    (v[number >= 0][covered], (place[covered], column[covered])), shape=covers
                 )
             )
             for v in (psi, N)

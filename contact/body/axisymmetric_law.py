@@ -1,0 +1,93 @@
+"""The law of Hooke in an axisymmetric body: that of three dimensions in the axes r, z, theta."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from skfem import Basis
+
+from contact.body.anisotropic import Anisotropic
+from contact.body.axisymmetry import stiffness
+from contact.body.constitutive import IsotropicLaw, TensorLaw
+from contact.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class AxisymmetricLaw:
+    """A `contact.body.constitutive.StressLaw` of strains in a ring; tensors are (3, 3, ...).
+
+    Attributes
+    ----------
+    solid : IsotropicLaw or TensorLaw
+        The law in three dimensions.
+    """
+
+    solid: IsotropicLaw | TensorLaw
+
+    @classmethod
+    def of_material(cls, material: Anisotropic) -> Self:
+        """Law of an anisotropic material whose axes are r, z and theta.
+
+        Raises
+        ------
+        InputError
+            The section is no plane of symmetry: the ring would twist.
+        """
+        TensorLaw.of(material.C, 2, "strain")
+        return cls(TensorLaw.of(material.C, 3, None))
+
+    def at(self, cells: NDArray[np.int64]) -> Self:
+        """The law of the given cells."""
+        return type(self)(self.solid.at(cells))
+
+    def stress(self, gradient: Array, dilatation: Array | None = None) -> Array:
+        """Stress of displacement gradients (3, 3, ncells, ...) in the axes r, z, theta."""
+        return self.solid.stress(gradient, dilatation)
+
+    def out_of_plane(self, sigma: Array, thermal_strain: Array | None = None) -> Array:
+        """The hoop stress, which is among the stresses."""
+        return np.asarray(sigma[2, 2])
+
+    def in_plane(self, strain: Array) -> Array:
+        """The strain itself."""
+        return strain
+
+    def stiffness(self, basis: Basis, mean_dilatation: bool = False) -> sparse.csr_array:
+        """See `contact.body.axisymmetry.stiffness`."""
+        return stiffness(basis, *self.elastic(basis.mesh.nelements, mean_dilatation))
+
+    def elastic(self, cells: int, mean_dilatation: bool = False) -> tuple[Array, Array | None]:
+        """Matrices of the strains rr, zz, theta theta, 2 rz, and lambda if it is left out of them.
+
+        Parameters
+        ----------
+        cells : int
+            Their number.
+        mean_dilatation : bool
+
+        Returns
+        -------
+        ndarray, shape (ncells, 4, 4)
+        ndarray, shape (ncells,), or None
+        """
+        places = ((0, 0), (1, 1), (2, 2), (0, 1))
+        unit = np.zeros((3, 3, cells, 4))
+        for k, (i, j) in enumerate(places):
+            unit[i, j, :, k] += 0.5
+            unit[j, i, :, k] += 0.5
+        volume = np.zeros((cells, 4)) if mean_dilatation else None
+        sigma = self.solid.stress(unit, volume)
+        found = np.stack([np.broadcast_to(sigma[i, j], (cells, 4)) for i, j in places], axis=1)
+        if not mean_dilatation or not isinstance(self.solid, IsotropicLaw):
+            return found, None
+        return found, np.broadcast_to(self.solid.lam, (cells,))
+
+    def strain_rows(self, gradients: Array, volumetric: bool = True) -> list[Array]:
+        """Refuse: the hoop strain is no gradient; see `contact.body.axisymmetry.strain_roots`."""
+        raise InputError("strain_rows: those of an axisymmetric body need values and radii too")

@@ -1,0 +1,225 @@
+r"""Axisymmetric bodies: rings whose mesh is their section, x the radius r and y the axis z.
+
+The displacement is :math:`(u_r, u_z)`, the same in every plane through the axis, and the strains
+are (Timoshenko and Goodier, Theory of Elasticity, 3rd ed., McGraw-Hill 1970, article 117)
+
+.. math::
+    \epsilon_{rr} = \partial_r u_r, \qquad \epsilon_{zz} = \partial_z u_z, \qquad
+    \epsilon_{\theta\theta} = u_r / r, \qquad
+    2 \epsilon_{rz} = \partial_z u_r + \partial_r u_z .
+
+All integrals are those over the whole ring: their measure is :math:`2 \pi r \, dr \, dz`, so that
+forces are forces of the ring, and pressures stay forces per area. On the axis :math:`u_r = 0`, with
+its derivative along the axis; the hoop strain there is the limit :math:`\partial_r u_r`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from skfem import Basis, Mesh
+
+from contact.errors import InputError
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+AXISYMMETRIC = "axisymmetric"
+_NEAR = 1e-10  # of the largest extent: vertices closer to the axis lie on it
+_CHUNK = 2048  # cells whose element matrices are held in memory at a time
+
+
+def circumference(x: Array) -> Array:
+    """Length 2 pi r of the circle through each place x, shape (2, ...)."""
+    return np.asarray(2.0 * np.pi * x[0])
+
+
+def axis_facets(mesh: Mesh) -> Index:
+    """Facets of a section that lie on the axis r = 0.
+
+    Raises
+    ------
+    InputError
+        Negative radii, or a vertex on the axis that belongs to no facet there: the ring would have
+        a hole without size.
+    """
+    r, near = mesh.p[0], _NEAR * float(np.ptp(mesh.p, axis=1).max())
+    if np.any(r < -near):
+        raise InputError(
+            f"plane='axisymmetric': x is the radius and must not be negative, and the mesh has a "
+            f"vertex at x = {r.min():.6g}; take the half of the section with x >= 0"
+        )
+    on_axis = r <= near
+    boundary = mesh.boundary_facets()
+    facets = boundary[on_axis[mesh.facets[:, boundary]].all(axis=0)]
+    alone = np.setdiff1d(np.flatnonzero(on_axis), mesh.facets[:, facets])
+    if alone.size:
+        raise InputError(
+            f"plane='axisymmetric': vertex {int(alone[0])} at {mesh.p[:, alone[0]].tolist()} lies "
+            "on the axis x = 0, and no facet beside it does; let the section meet the axis in "
+            "facets, or leave a hole"
+        )
+    return np.asarray(facets, dtype=np.int64)
+
+
+def refuse_axis(mesh: Mesh, facets: Index) -> None:
+    """Raise an `InputError` if facets lie on the axis, where they have no area."""
+    found = np.intersect1d(facets, axis_facets(mesh))
+    if found.size:
+        raise InputError(
+            f"boundary: facet {int(found[0])} lies on the axis x = 0, where a surface of the ring "
+            "has no area and nothing can act on it; leave the axis out"
+        )
+
+
+def with_hoop(gradient: Array, radial: Array, r: Array) -> Array:
+    """Displacement gradient in cylindrical coordinates (r, z, theta).
+
+    Parameters
+    ----------
+    gradient : ndarray, shape (2, 2, ...)
+        In the section.
+    radial, r : ndarray, shape (...)
+        Radial displacement and radius. On the axis u_r / r is the limit, d u_r / dr.
+
+    Returns
+    -------
+    ndarray, shape (3, 3, ...)
+    """
+    full = np.zeros((3, 3, *gradient.shape[2:]))
+    full[:2, :2] = gradient
+    # A place closer to the axis than this lies on it, up to the rounding of coordinates.
+    away = r > _NEAR * float(np.abs(r).max(initial=0.0))
+    full[2, 2] = np.where(away, radial / np.where(away, r, 1.0), gradient[0, 0])
+    return full
+
+
+def strains(basis: Basis, cells: slice = slice(None)) -> Array:
+    """Strains of the local basis functions, shape (ncells, npoints, 4, nfunctions).
+
+    They are rr, zz, theta theta and the engineering strain 2 rz.
+    """
+    n, (count, points) = basis.Nbfun, basis.dx[cells].shape
+    r = np.asarray(basis.global_coordinates())[0][cells]
+    found = np.zeros((count, points, 4, n))
+    for i in range(n):
+        field = basis.basis[i][0]
+        component = i % 2
+        slope = np.broadcast_to(np.asarray(field.grad[component]), (2, *basis.dx.shape))[:, cells]
+        found[..., component, i] = slope[component]
+        found[..., 3, i] = slope[1 - component]
+        if component == 0:
+            value = np.broadcast_to(np.asarray(field)[0], basis.dx.shape)[cells]
+            found[..., 2, i] = value / r
+    return found
+
+
+def stiffness(basis: Basis, elastic: Array, volumetric: Array | None = None) -> sparse.csr_array:
+    r"""Stiffness of the whole ring.
+
+    Parameters
+    ----------
+    basis : Basis
+    elastic : ndarray, shape (ncells, 4, 4)
+        Stress from the strains of `strains`.
+    volumetric : ndarray, shape (ncells,), optional
+        Lame's lambda of each cell, if `elastic` is without it: its part is then that of the mean
+        dilatation, :math:`\lambda |K|^{-1} \int_K \operatorname{div} u \int_K \operatorname{div}
+        v`.
+
+    Returns
+    -------
+    csr_array, shape (ndofs, ndofs)
+    """
+    total = sparse.csr_array((basis.N, basis.N))
+    for cells in _chunks(basis):
+        B, weights = strains(basis, cells), ring_weights(basis)[cells]
+        stress = elastic[cells, None] @ B * weights[..., None, None]
+        count, points, four, n = B.shape
+        flat = B.reshape(count, points * four, n)
+        local = flat.swapaxes(-1, -2) @ stress.reshape(count, points * four, n)
+        if volumetric is not None:
+            mean = np.einsum("cq,cqsn->cn", weights, B[:, :, :3])
+            share = volumetric[cells] / weights.sum(axis=1)
+            local += share[:, None, None] * mean[:, :, None] * mean[:, None, :]
+        dofs = basis.element_dofs.T[cells]
+        rows, columns = np.repeat(dofs, n, axis=1).ravel(), np.tile(dofs, (1, n)).ravel()
+        part = sparse.coo_array((local.ravel(), (rows, columns)), shape=total.shape)
+        total = total + sparse.csr_array(part)
+    total.sort_indices()
+    return total
+
+
+def strain_roots(basis: Basis, elastic: Array, volumetric: Array | None = None) -> Array:
+    """Rows A of every cell with ``A^T A`` its stiffness, shape (ncells, nrows, nfunctions).
+
+    The arguments are those of `stiffness`.
+    """
+    B, weights = strains(basis), ring_weights(basis)
+    count, points, four, n = B.shape
+    upper = np.linalg.cholesky(elastic).swapaxes(-1, -2)
+    rows = upper[:, None] @ B * np.sqrt(weights)[..., None, None]
+    found: Array = rows.reshape(count, points * four, n)
+    if volumetric is None:
+        return found
+    mean = np.einsum("cq,cqsn->cn", weights, B[:, :, :3])
+    share = np.sqrt(volumetric / weights.sum(axis=1))
+    return np.concatenate((found, (share[:, None] * mean)[:, None]), axis=1)
+
+
+def ring_weights(basis: Basis) -> Array:
+    """Quadrature weights of integrals over the whole ring, shape (ncells, npoints)."""
+    return np.asarray(basis.dx * circumference(np.asarray(basis.global_coordinates())))
+
+
+def _chunks(basis: Basis) -> Iterator[slice]:
+    count = len(basis.dx)
+    for start in range(0, count, _CHUNK):
+        yield slice(start, min(start + _CHUNK, count))
+
+
+def forces_of_stress(basis: Basis, sigma: Array) -> Array:
+    """``int sigma : eps(v)`` over the ring for every basis function, shape (ndofs,).
+
+    Parameters
+    ----------
+    basis : Basis
+    sigma : ndarray, shape (3, 3, ncells, npoints)
+        Stress in the axes r, z, theta.
+    """
+    four = np.stack([sigma[0, 0], sigma[1, 1], sigma[2, 2], sigma[0, 1]], axis=-1)
+    four = four * ring_weights(basis)[..., None]
+    result = np.zeros(basis.N)
+    for cells in _chunks(basis):
+        work = np.einsum("cqs,cqsn->cn", four[cells], strains(basis, cells))
+        np.add.at(result, basis.element_dofs.T[cells], work)
+    return result
+
+
+def refuse_motions(motion: Array, force: Array) -> None:
+    """Raise an `InputError` if a rigid obstacle moves otherwise than along the axis.
+
+    Parameters
+    ----------
+    motion, force : ndarray, shape (3,)
+        As `contact.obstacles.rigid.Rigid.components` returns them.
+    """
+    for k, name in ((0, "displacement or force along the radius x"), (2, "rotation or moment")):
+        if motion[k] != 0.0 or not np.isnan(force[k]):
+            raise InputError(
+                f"Rigid: a {name} is no motion of a rigid ring; an obstacle of an axisymmetric "
+                "body moves along the axis y only: displacement=(None, v) or force=(None, F)"
+            )
+
+
+def check_shift(shift: Any) -> None:
+    """Raise an `InputError` if a translation is not along the axis."""
+    if abs(float(shift[0])) > _NEAR * float(np.abs(shift).max()):
+        raise InputError(
+            "other: an axisymmetric body repeats itself along its axis y only, and these two "
+            "boundaries have different radii"
+        )
