@@ -53,10 +53,11 @@ def axis_facets(mesh: Mesh) -> Index:
             f"plane='axisymmetric': x is the radius and must not be negative, and the mesh has a "
             f"vertex at x = {r.min():.6g}; take the half of the section with x >= 0"
         )
-    on_axis = r <= near
     boundary = mesh.boundary_facets()
-    facets = boundary[on_axis[mesh.facets[:, boundary]].all(axis=0)]
-    alone = np.setdiff1d(np.flatnonzero(on_axis), mesh.facets[:, facets])
+    along = np.asarray(mesh.mapping().G(np.array([[0.0, 0.5, 1.0]]), find=boundary))[0]
+    facets = boundary[(along <= near).all(axis=1)]
+    on_axis = np.flatnonzero(r[: mesh.nvertices] <= near)
+    alone = np.setdiff1d(on_axis, mesh.facets[:, facets])
     if alone.size:
         raise InputError(
             f"plane='axisymmetric': vertex {int(alone[0])} at {mesh.p[:, alone[0]].tolist()} lies "

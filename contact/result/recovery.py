@@ -49,7 +49,8 @@ def cell_stress(body: ElasticBody, sigma: Array) -> Array:
 def _stress_at(body: ElasticBody, u: Array, X: Array) -> Array:
     """Stress at reference points (dim, ncells, npoints) of every cell."""
     everywhere, size = np.arange(X.shape[1]), 3 if body.is_ring else body.dim
-    gradient, x = np.zeros((size, size, *X.shape[1:])), np.asarray(body.basis.mapping.F(X))
+    gradient = np.zeros((size, size, *X.shape[1:]))
+    x = np.asarray(body.basis.mapping.F(X, tind=everywhere))
     for i, dofs in enumerate(body.basis.element_dofs):
         field = body.basis.elem.gbasis(body.basis.mapping, X, i, tind=everywhere)[0]
         gradient += body.in_space(field, x) * u[dofs][:, None]

@@ -118,10 +118,17 @@ def _usable(outline: Outline, functional: str | None) -> FacetFunctional:
     Raises
     ------
     InputError
-        The boundary is curved, and the functional, not ``gauss``, is for straight ones only.
+        The boundary is curved, and the functional, not ``gauss``, is for straight ones only; or
+        the body is axisymmetric, its trace cubic and the functional ``gauss``.
     """
     element = outline.body.element
     form = facet_functional(element, functional)
+    if form.trace is not None and outline.body.is_ring:
+        raise InputError(
+            f"functional={form.name!r}: two Gauss points do not integrate a cubic trace times the "
+            "radius, so that a uniform pressure of an axisymmetric body would be a fifth off at "
+            "the axis; leave functional out, or take 'centroid'"
+        )
     if not (form.straight and outline.curved.any()):
         return form
     if form.name != "gauss":
