@@ -23,6 +23,7 @@ from contact.histories.load_stepper import LoadStepper
 from contact.laws.iteration import Iteration
 from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.laws.status import Status
+from contact.obstacles.cone import Cone
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.shapes import ClosestPoint, Cylinder, Parabola, Plane, Sphere
 from contact.obstacles.signed_distance import SignedDistance
@@ -38,6 +39,7 @@ __all__ = [
     "BodyResult",
     "ClosestPoint",
     "CondensedContact",
+    "Cone",
     "ContactError",
     "ContactProblem",
     "ContactResult",

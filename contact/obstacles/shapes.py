@@ -14,56 +14,23 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from contact.errors import InputError, evaluated, numbers
+from contact.errors import InputError, evaluated
+from contact.obstacles.arguments import (
+    column,
+    finite_number,
+    flag,
+    keep_vectors,
+    positive_number,
+    vector,
+)
+from contact.obstacles.cone import Cone
 from contact.obstacles.signed_distance import SignedDistance
 from contact.obstacles.surface_mesh import SurfaceMesh
 
 Array = NDArray[np.float64]
 ObstacleLike = Any  # an obstacle, a number, a callable x -> d, an array of one gap a point, or None
-
-
-def _vector(name: str, value: ArrayLike) -> Array:
-    array = numbers(name, value)
-    if array.ndim != 1 or array.size not in (2, 3) or not np.all(np.isfinite(array)):
-        raise InputError(f"{name}={value!r}: expected 2 or 3 finite numbers")
-    return array
-
-
-def _number(name: str, value: float) -> float:
-    number = numbers(name, value)
-    if number.shape != () or not np.isfinite(number):
-        raise InputError(f"{name}={value!r}: expected a finite number")
-    return float(number)
-
-
-def _positive(name: str, value: float) -> float:
-    if not _number(name, value) > 0:
-        raise InputError(f"{name}={value!r}: expected a positive number")
-    return float(value)
-
-
-def _flag(name: str, value: bool) -> bool:
-    if not isinstance(value, bool | np.bool_):
-        raise InputError(f"{name}={value!r}: expected True or False")
-    return bool(value)
-
-
-def _keep(obstacle: Any, *names: str) -> None:
-    """Copy given vectors, so that later edits of the caller's array have no effect."""
-    for name in names:
-        value = getattr(obstacle, name)
-        if isinstance(value, list) or (isinstance(value, np.ndarray) and value.ndim):
-            object.__setattr__(
-                obstacle, name, tuple(value.tolist() if hasattr(value, "tolist") else value)
-            )
-
-
-def _column(vector: Array, like: Array) -> Array:
-    if vector.size != like.shape[0]:
-        raise InputError(f"obstacle of dimension {vector.size} against a body of {like.shape[0]}")
-    return vector.reshape((-1,) + (1,) * (like.ndim - 1))
 
 
 @dataclass(frozen=True)
@@ -88,25 +55,25 @@ class Plane:
     normal: Sequence[float]
 
     def __post_init__(self) -> None:
-        _keep(self, "point", "normal")
+        keep_vectors(self, "point", "normal")
 
     def __call__(self, x: Array, n: Array) -> Array:
         """Return the gap along n from x; both of shape (dim, ...)."""
-        point, normal = _vector("point", self.point), _vector("normal", self.normal)
+        point, normal = vector("point", self.point), vector("normal", self.normal)
         if not np.any(normal):
             raise InputError("normal: the zero vector is no direction")
-        height = np.sum((x - _column(point, x)) * _column(normal, x), axis=0)
-        slope = -np.sum(n * _column(normal, x), axis=0)
+        height = np.sum((x - column(point, x)) * column(normal, x), axis=0)
+        slope = -np.sum(n * column(normal, x), axis=0)
         facing = slope > 1e-12 * float(np.linalg.norm(normal))
         return np.where(facing, height / np.where(facing, slope, 1.0), np.inf)
 
     def distance(self, x: Array) -> tuple[Array, Array]:
         """Signed distance of x and its gradient."""
-        point, normal = _vector("point", self.point), _vector("normal", self.normal)
+        point, normal = vector("point", self.point), vector("normal", self.normal)
         if not np.any(normal):
             raise InputError("normal: the zero vector is no direction")
-        unit = _column(normal / np.linalg.norm(normal), x)
-        return np.sum((x - _column(point, x)) * unit, axis=0), np.broadcast_to(unit, x.shape)
+        unit = column(normal / np.linalg.norm(normal), x)
+        return np.sum((x - column(point, x)) * unit, axis=0), np.broadcast_to(unit, x.shape)
 
 
 def _first_meeting(x: Array, n: Array, radius: float) -> Array:
@@ -123,8 +90,8 @@ def _first_meeting(x: Array, n: Array, radius: float) -> Array:
 
 def _round_gap(obstacle: Cylinder | Sphere, x: Array, n: Array) -> Array:
     """Gap of places x about the centre. A hole ends where the ray, run backwards, would enter."""
-    radius = _positive("radius", obstacle.radius)
-    if not _flag("hollow", obstacle.hollow):
+    radius = positive_number("radius", obstacle.radius)
+    if not flag("hollow", obstacle.hollow):
         return _first_meeting(x, n, radius)
     d = _first_meeting(x, -n, radius)
     return np.where(np.isinf(d), np.inf, -d)
@@ -159,26 +126,26 @@ class Cylinder:
     hollow: bool = False
 
     def __post_init__(self) -> None:
-        _keep(self, "centre", "axis")
+        keep_vectors(self, "centre", "axis")
 
     def __call__(self, x: Array, n: Array) -> Array:
         """Return the gap along n from x; both of shape (dim, ...)."""
-        centre = _vector("centre", self.centre)
-        return _round_gap(self, self._across(x - _column(centre, x)), self._across(n))
+        centre = vector("centre", self.centre)
+        return _round_gap(self, self._across(x - column(centre, x)), self._across(n))
 
     def _across(self, x: Array) -> Array:
         """The component of x perpendicular to the axis."""
         if x.shape[0] == 2:
             return x
-        axis = _vector("axis", self.axis)
+        axis = vector("axis", self.axis)
         if axis.size != 3 or not np.any(axis):
             raise InputError(f"axis={self.axis!r}: expected a direction of three components")
-        unit = _column(axis / np.linalg.norm(axis), x)
+        unit = column(axis / np.linalg.norm(axis), x)
         return np.asarray(x - unit * np.sum(x * unit, axis=0))
 
     def distance(self, x: Array) -> tuple[Array, Array]:
         """Signed distance of x and its gradient."""
-        centre = _column(_vector("centre", self.centre), x)
+        centre = column(vector("centre", self.centre), x)
         return _from_centre(self, self._across(x - centre))
 
 
@@ -205,15 +172,15 @@ class Sphere:
     hollow: bool = False
 
     def __post_init__(self) -> None:
-        _keep(self, "centre")
+        keep_vectors(self, "centre")
 
     def __call__(self, x: Array, n: Array) -> Array:
         """Return the gap along n from x; both of shape (dim, ...)."""
-        return _round_gap(self, x - _column(_vector("centre", self.centre), x), n)
+        return _round_gap(self, x - column(vector("centre", self.centre), x), n)
 
     def distance(self, x: Array) -> tuple[Array, Array]:
         """Signed distance of x and its gradient."""
-        centre = _column(_vector("centre", self.centre), x)
+        centre = column(vector("centre", self.centre), x)
         return _from_centre(self, x - centre)
 
 
@@ -247,13 +214,15 @@ class Parabola:
     offset: float = 0.0
 
     def __post_init__(self) -> None:
-        _keep(self, "apex")
+        keep_vectors(self, "apex")
 
     def __call__(self, x: Array, n: Array) -> Array:
         """Return the gap along n from x; both of shape (dim, ...)."""
-        x = x - _column(_vector("apex", self.apex), x)
+        x = x - column(vector("apex", self.apex), x)
         tangential = np.sum(x * x, axis=0) - np.sum(x * n, axis=0) ** 2
-        return _number("offset", self.offset) + tangential / (2 * _positive("radius", self.radius))
+        return finite_number("offset", self.offset) + tangential / (
+            2 * positive_number("radius", self.radius)
+        )
 
 
 @dataclass(frozen=True)
@@ -302,10 +271,10 @@ class ClosestPoint:
 
 def _from_centre(obstacle: Cylinder | Sphere, x: Array) -> tuple[Array, Array]:
     """Distance of places x about the centre, and its gradient."""
-    radius, length = _positive("radius", obstacle.radius), np.linalg.norm(x, axis=0)
+    radius, length = positive_number("radius", obstacle.radius), np.linalg.norm(x, axis=0)
     if np.any(length < 1e-12 * radius):
         raise InputError("ClosestPoint: a contact point lies on the obstacle's centre")
-    outward = -1.0 if _flag("hollow", obstacle.hollow) else 1.0
+    outward = -1.0 if flag("hollow", obstacle.hollow) else 1.0
     return outward * (length - radius), outward * x / length
 
 
@@ -332,7 +301,7 @@ def evaluate_gap(obstacle: ObstacleLike, x: Array, n: Array) -> Array:
         raise InputError(
             f"obstacle: {obstacle.__name__} is a class; give one, {obstacle.__name__}(...)"
         )
-    known = (Plane, Cylinder, Sphere, Parabola, SurfaceMesh, SignedDistance, ClosestPoint)
+    known = (Plane, Cylinder, Sphere, Parabola, Cone, SurfaceMesh, SignedDistance, ClosestPoint)
     if isinstance(obstacle, known):
         gap = obstacle(x, n)
     else:

@@ -90,7 +90,6 @@ class BodyFields:
             Points of another shape, not finite, or outside the body.
         """
         body = self.body
-        body = self.body
         if points is not None:
             return np.asarray(body.stress_at(self.u, self._points(points)))
         mean, gradient = body.mean_dilatation(self.u), body.gradients(self.u)

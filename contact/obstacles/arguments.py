@@ -1,0 +1,59 @@
+"""Checks of the numbers and vectors that describe an obstacle."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from contact.errors import InputError, numbers
+
+Array = NDArray[np.float64]
+
+
+def vector(name: str, value: ArrayLike) -> Array:
+    """A vector of 2 or 3 finite numbers, or an `InputError` with the argument's name."""
+    array = numbers(name, value)
+    if array.ndim != 1 or array.size not in (2, 3) or not np.all(np.isfinite(array)):
+        raise InputError(f"{name}={value!r}: expected 2 or 3 finite numbers")
+    return array
+
+
+def finite_number(name: str, value: float) -> float:
+    """One finite number."""
+    number = numbers(name, value)
+    if number.shape != () or not np.isfinite(number):
+        raise InputError(f"{name}={value!r}: expected a finite number")
+    return float(number)
+
+
+def positive_number(name: str, value: float) -> float:
+    """One positive number."""
+    if not finite_number(name, value) > 0:
+        raise InputError(f"{name}={value!r}: expected a positive number")
+    return float(value)
+
+
+def flag(name: str, value: bool) -> bool:
+    """True or False."""
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"{name}={value!r}: expected True or False")
+    return bool(value)
+
+
+def keep_vectors(obstacle: Any, *names: str) -> None:
+    """Copy given vectors, so that later edits of the caller's array have no effect."""
+    for name in names:
+        value = getattr(obstacle, name)
+        if isinstance(value, list) or (isinstance(value, np.ndarray) and value.ndim):
+            object.__setattr__(
+                obstacle, name, tuple(value.tolist() if hasattr(value, "tolist") else value)
+            )
+
+
+def column(given: Array, like: Array) -> Array:
+    """A vector with the axes of places `like`, (dim, ...), or an `InputError`."""
+    if given.size != like.shape[0]:
+        raise InputError(f"obstacle of dimension {given.size} against a body of {like.shape[0]}")
+    return given.reshape((-1,) + (1,) * (like.ndim - 1))
