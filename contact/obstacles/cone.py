@@ -65,7 +65,10 @@ class Cone:
         # |p + d q|^2 = (h + d c)^2 where the ray enters: a d^2 + 2 b d + rest = 0.
         a, b = np.sum(q * q, axis=0) - c * c, np.sum(p * q, axis=0) - h * c
         rest = np.sum(p * p, axis=0) - h * h
-        discriminant = b * b - a * rest
+        # b^2 - a rest, in a form that keeps its digits where the ray passes by the apex.
+        apart = np.sum((q * h - p * c) ** 2, axis=0)
+        skew = [p[i] * q[j] - p[j] * q[i] for j in range(len(p)) for i in range(j)]
+        discriminant = apart - np.sum(np.square(skew), axis=0)
         # Steeper than the surface the ray enters this half of the double cone only along the axis.
         enters = np.where(a < 0, c > 0, (discriminant >= 0) & ((b < 0) | (a > 0)))
         root = np.sqrt(np.where(enters, np.maximum(discriminant, 0.0), 1.0))
