@@ -143,9 +143,11 @@ def picture(found: dict[str, SimpleNamespace], output: Path) -> None:
     right.plot([-A, A], [0, 0], "k", lw=3, solid_capstyle="butt")
     right.set(xlabel="r / a", ylabel="z / a", aspect="equal", title="below the cone")
     right.invert_yaxis()
-    figure.colorbar(drawn, ax=right, label=r"von Mises stress / $(P / \pi a^2)$", extend="both")
+    figure.colorbar(
+        drawn, ax=right, label=r"von Mises stress / $(P / \pi a^2)$", extend="both", shrink=0.6
+    )
     output.mkdir(parents=True, exist_ok=True)
-    figure.savefig(output / "validation_axisymmetric.png", dpi=120)
+    figure.savefig(output / "validation_axisymmetric.png", dpi=150)
 
 
 if __name__ == "__main__":

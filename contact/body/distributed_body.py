@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from skfem import Basis
 
 from contact.body.anisotropic import Anisotropic
+from contact.body.axisymmetry import AXISYMMETRIC
 from contact.body.backend_choice import choose_backend
 from contact.body.elastic_body import ElasticBody, Field
 from contact.body.spread_solid import SpreadSolid
@@ -116,6 +117,10 @@ class DistributedBody(SpreadSolid):
             raise InputError(f"backend={backend!r}: expected 'auto', 'mumps' or 'krylov'")
         if multigrid not in ("gamg", "hypre"):
             raise InputError(f"multigrid={multigrid!r}: expected 'gamg' or 'hypre'")
+        if plane == AXISYMMETRIC:
+            raise InputError(
+                "plane='axisymmetric': a DistributedBody has no axis yet; take an ElasticBody"
+            )
         self.backend, self.multigrid = backend, multigrid
         self.contact = (contact,) if isinstance(contact, str) else tuple(contact)
         try:

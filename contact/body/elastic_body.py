@@ -34,8 +34,7 @@ from contact.settled import settled
 from skfem_adini import InputError as AdiniInputError
 from skfem_adini import essential_constraints
 
-# Degrees of quadrature besides those of the plane: radii, and strains divided by them.
-_OF_RADII = 2
+_OF_RADII = 2  # degrees of quadrature besides those of the plane, for r and 1 / r
 Field = float | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]
 
 
@@ -115,9 +114,8 @@ class ElasticBody(CoupledBody, HeatedBody):
         self.f = np.zeros(basis.N)
         self.check_unchanged()
         self._supports: list[tuple[NDArray[np.int64], int, Callable[..., Any], bool]] = []
-        if self.is_ring:
-            axis = axis_facets(basis.mesh)
-            self._supports += [(axis, 0, _constant(0.0), True)] if axis.size else []
+        if self.is_ring and (axis := axis_facets(basis.mesh)).size:
+            self._supports.append((axis, 0, _constant(0.0), True))
 
     @classmethod
     def from_mesh(
@@ -276,8 +274,8 @@ class ElasticBody(CoupledBody, HeatedBody):
         element, facets = self.basis.elem, self.facets(boundary)
         if self.is_ring:
             refuse_axis(self.mesh, facets)
-        more = _OF_RADII if self.is_ring else 0
-        basis = facet_basis(self.mesh, element, facets, intorder=2 * element.maxdeg + more)
+        degree = 2 * element.maxdeg + _OF_RADII * self.is_ring
+        basis = facet_basis(self.mesh, element, facets, intorder=degree)
         self.f = self.f + self._load_vector(basis, traction, "traction")
         return self
 

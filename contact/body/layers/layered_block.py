@@ -102,10 +102,7 @@ class LayeredBlock(Solid):
     ) -> None:
         self.dim, self.plane = 2, checked_plane(plane, 2)
         if self.is_ring:
-            raise InputError(
-                "plane='axisymmetric': layers of equal cells have no radii; take a mesh "
-                "(ElasticBody)"
-            )
+            raise InputError("plane='axisymmetric': layers have no radii; take an ElasticBody")
         self.lengths, self.sides, self.top = lengths, sides, top
         self.layers = read_layers(layers)
         self.width, self.height = read_lengths(lengths, self.layers)

@@ -22,6 +22,7 @@ from contact import (
     ContactProblem,
     ContactResult,
     CutBody,
+    DistributedBody,
     ElasticBody,
     InputError,
     LayeredBlock,
@@ -357,6 +358,10 @@ def _refused():
         "to a ring": (turned_ring, "make a new body"),
         "in space": (lambda: ElasticBody.from_mesh(MeshHex(), E=E, nu=NU, **RING), "three dim"),
         "layers": (lambda: LayeredBlock((1.0, 1.0), [(1.0, 4, E, NU)], **RING), "ElasticBody"),
+        "spread": (
+            lambda: DistributedBody(mesh, ElementQuad1(), contact="top", E=E, nu=NU, **RING),
+            "ElasticBody",
+        ),
         "cut": (lambda: CutBody(mesh, level, E, NU, **RING), "ElasticBody"),
         "periodic radii": (lambda: ring(mesh.translated((0.5, 0.0)).with_defaults()).periodic(
             "left", "right"), "along its axis"),

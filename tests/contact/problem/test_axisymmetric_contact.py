@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from convergence import order
 from families import PLANE, PLANE_AND_BFS
-from skfem import ElementHex2, ElementQuad1, ElementQuad2, ElementTriP1, MeshHex, MeshQuad
+from skfem import (
+    ElementHex2,
+    ElementQuad1,
+    ElementQuad2,
+    ElementTriP1,
+    ElementTriP2,
+    MeshHex,
+    MeshQuad,
+)
 
 from contact import (
     ContactProblem,
@@ -29,7 +37,7 @@ E, NU = 3.0, 0.3
 @pytest.mark.parametrize("element", PLANE_AND_BFS[1:])
 def test_ring_on_a_shaft(element, make):
     """A ring shrunk on a rigid shaft, in the plane of r and z: Lame's pressure within 1e-3."""
-    d, cells, errors = 1e-3, (4, 8, 16), []
+    d, cells, errors = 1e-3, (8, 16, 32), []
     p = d * E / (1 + NU) * (4.0 - 1.0) / (4.0 + 1 - 2 * NU)
     for n in cells:
         mesh = make.box(element, np.linspace(1, 2, n + 1), np.linspace(0, 1, n // 2 + 1))
@@ -62,6 +70,58 @@ def test_two_rings(element, make):
     assert np.abs(result.pressure / p - 1).max() < 1e-3
     assert result.contact_force == pytest.approx(p * 2 * np.pi * c * 0.5, rel=1e-3)
     assert np.array_equal(result.resultants, [[0.0, 0.0]])
+
+
+@pytest.mark.parametrize("element", [ElementTriP2, ElementQuad2, ElementQuadAdini])
+@pytest.mark.parametrize(("length", "force"), [(1.0, 1.0), (1e-3, 1e6)], ids=["one", "other"])
+def test_hot_shaft(element, length, force, make):
+    """A heated shaft in a cold ring: Lame's pressure, and his stresses between the radii."""
+    c, b, heat = length, 2 * length, 1e-3
+    modulus = E * force / length**2
+    star, p_unit = modulus / (1 - NU**2), (b**2 + c**2) / (b**2 - c**2) + 1
+    p = star * (1 + NU) * heat / p_unit
+    shaft, ring = (
+        ElasticBody.from_mesh(
+            make.box(element, length * r, length * np.linspace(0, 0.25, n)),
+            element(), E=modulus, nu=NU, **RING,
+        ).fix(["bottom", "top"], "y")
+        for r, n in ((np.linspace(0, 1, 17), 5), (np.linspace(1, 2, 23), 7))
+    )  # fmt: skip
+    shaft.heat(1.0, heat)
+    problem = ContactProblem(shaft, "right", ring.surface("left"), friction=0.2)
+    result = problem.solve()
+    assert np.abs(result.pressure / p - 1).max() < 1e-3
+    r = length * np.linspace(1.05, 1.95, 31)
+    stress = result[ring].stress(np.array([r, 0.1 * length + 0 * r]))
+    lame = p * c**2 / (b**2 - c**2)
+    rest = stress[0, 0] - lame * (1 - b**2 / r**2), stress[2, 2] - lame * (1 + b**2 / r**2)
+    assert np.abs(rest).max() < 1e-3 * np.abs(stress[2, 2]).max()
+    assert np.abs(result[shaft].stress()[2, 2] + p).max() < 2e-3 * p
+    assert max(result.kkt.values()) < 1e-10
+
+
+@pytest.mark.parametrize("element", PLANE)
+def test_compliant_surface(element, make):
+    """A thin elastic lining: the pressure of a disc under a load is the load, its depth p / k."""
+    ticks, p, k = np.linspace(0, 1, 7), 0.02, 0.5
+    body = ElasticBody.from_mesh(make.box(element, ticks, ticks), element(), E=E, nu=0.0, **RING)
+    result = ContactProblem(body.load("top", (0.0, -p)), "bottom", 0.0, overclosure=k).solve()
+    assert result.pressure == pytest.approx(np.full(result.mu.size, p), rel=1e-9)
+    assert result.contact_force == pytest.approx(np.pi * p, rel=1e-9)
+    assert result.sample([[0.3], [0.0]])[1] == pytest.approx([-p / k], rel=1e-9)
+
+
+@pytest.mark.parametrize("element", PLANE)
+def test_sphere_with_friction(element, make):
+    """Another solver finds the same; the shear points outwards and obeys its cone."""
+    ticks = np.linspace(0, 1, 9)
+    body = ElasticBody.from_mesh(make.box(element, ticks, ticks), element(), E=E, nu=NU, **RING)
+    body.fix("top", "xy", 0.0).load("right", (0.0, -0.01))
+    problem = ContactProblem(body, "bottom", Sphere((0.0, -1.98), 2.0), friction=0.1)
+    result = problem.solve()
+    assert np.any(result.status == 2)
+    assert np.all(np.abs(result.t[:, 0]) <= 0.1 * result.mu * (1 + 1e-9) + 1e-15)
+    assert cross_check(problem, result).verdict == "agrees"
 
 
 def test_tied_discs(make):
@@ -186,7 +246,7 @@ def test_load_steps(tmp_path):
     """Friction remembers: at one depth the shear after a release is not that before it."""
     mesh = MeshQuad.init_tensor(np.linspace(0, 1, 9), np.linspace(0, 1, 9)).with_defaults()
     body = ElasticBody.from_mesh(mesh, ElementQuad2(), E=E, nu=NU, **RING).fix("top", "y")
-    problem = ContactProblem(body, "bottom", Rigid(0.0, displacement=(None, 0.0)), friction=0.3)
+    problem = ContactProblem(body, "bottom", Rigid(0.0, displacement=(None, 0.0)), friction=0.15)
 
     def stepper():
         new = LoadStepper(problem)
@@ -199,7 +259,7 @@ def test_load_steps(tmp_path):
     assert all(abs(result.balance()["residual"][1]) < 1e-12 for result in history.results)
     p = before.pressure.max()
     assert np.abs(after.shear - before.shear).max() > 0.05 * p
-    assert np.all(np.abs(after.t[:, 0]) <= 0.3 * after.mu * (1 + 1e-9))
+    assert np.all(np.abs(after.t[:, 0]) <= 0.15 * after.mu * (1 + 1e-9))
     kept = stepper().resume(tmp_path / "steps")
     assert np.array_equal(kept.results[2].mu, after.mu)
 
