@@ -20,8 +20,8 @@ GROUPS = {
     "Bodies that touch each other": "lap_joint ironing validation_two_cylinders shrink_fit "
     "tied_meshes",
     "Contact beside closed forms": "validation_axisymmetric validation_cattaneo "
-    "validation_far_field validation_flat_punch validation_hertz_line validation_hertz_sphere validation_membrane "
-    "validation_order half_space",
+    "validation_far_field validation_flat_punch validation_hertz_line validation_hertz_sphere "
+    "validation_membrane validation_order half_space",
     "Elements": "poisson_adini eigenvalues plate bending hanging_nodes shape_functions open_vtk",
     "Curved domains": "curved_2012",
     "Transport": "cip_zalesak cip_jiang_shu cip_deformation cip_dissertation cip_two_dimensions",
