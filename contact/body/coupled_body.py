@@ -104,7 +104,8 @@ class CoupledBody(MaterialBody):
         Raises
         ------
         InputError
-            An unknown boundary or component, or components of a rigid boundary.
+            An unknown boundary or component, components of a rigid boundary, or a rigid one of an
+            axisymmetric body.
 
         Examples
         --------
@@ -121,6 +122,11 @@ class CoupledBody(MaterialBody):
         facets, chosen = select_facets(self.mesh, boundary), select_components(self.dim, components)
         if not isinstance(rigid, bool):
             raise InputError(f"rigid={rigid!r}: expected True or False")
+        if rigid and self.is_ring:
+            raise InputError(
+                "rigid=True: a rigid part of an axisymmetric body moves along its axis only; take "
+                "fix(boundary, 'x') and tie(boundary, 'y')"
+            )
         if rigid and len(chosen) < self.dim:
             raise InputError("components: a rigid boundary moves in all of them; leave them out")
         self._check_couples("tie")

@@ -365,6 +365,7 @@ def _refused():
         "cut": (lambda: CutBody(mesh, level, E, NU, **RING), "ElasticBody"),
         "periodic radii": (lambda: ring(mesh.translated((0.5, 0.0)).with_defaults()).periodic(
             "left", "right"), "along its axis"),
+        "rigid boundary": (lambda: ring().tie("top", rigid=True), r"tie\(boundary, 'y'\)"),
         "twist": (lambda: ElasticBody.from_mesh(mesh, material=tilt, **RING), "symmetry"),
     }  # fmt: skip
 

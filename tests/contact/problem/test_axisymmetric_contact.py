@@ -124,6 +124,34 @@ def test_sphere_with_friction(element, make):
     assert cross_check(problem, result).verdict == "agrees"
 
 
+@pytest.mark.parametrize("element", PLANE)
+def test_endless_ring(element, make):
+    """A period of an endless ring under pressure widens as Lame's; its ends may not touch."""
+    p, r = 0.01, np.linspace(1.05, 1.95, 10)
+    mesh = make.box(element, np.linspace(1, 2, 17), np.linspace(0, 0.25, 5))
+    body = ElasticBody.from_mesh(mesh, element(), E=E, nu=NU, **RING).periodic("bottom", "top")
+    body.fix("right", "y").load("left", (p, 0.0))
+    result = ContactProblem(body, "right", 1.0).solve()
+    exact = (1 + NU) / E * p / 3.0 * ((1 - 2 * NU) * r + 4.0 / r)
+    found = result.sample(np.array([r, 0.1 + 0 * r]))[0]
+    assert found == pytest.approx(exact, rel=2e-3)
+    with pytest.raises(InputError, match="pressures are not determined"):
+        ContactProblem(body, "left", -0.05).solve()
+
+
+@pytest.mark.parametrize("element", PLANE)
+def test_stiff_lid(element, make):
+    """A lid that is tied along the axis: its load reaches the floor, whose resultant it is."""
+    ticks = np.linspace(0, 1, 7)
+    body = ElasticBody.from_mesh(make.box(element, ticks, ticks), element(), E=E, nu=NU, **RING)
+    body.fix("top", "x").tie("top", "y").load("top", lambda x: np.array([0 * x[0], -x[0]]))
+    result = ContactProblem(body, "bottom", 0.0, friction=0.2).solve()
+    assert result.contact_force == pytest.approx(2 * np.pi / 3, rel=1e-10)
+    lid = result.sample(np.array([[0.1, 0.5, 0.9], [1.0, 1.0, 1.0]]))
+    assert np.ptp(lid[1]) < 1e-12 * np.abs(lid[1]).max()
+    assert np.abs(lid[0]).max() < 1e-12 * np.abs(lid[1]).max()
+
+
 def test_tied_discs(make):
     """Two tied halves of a cylinder under a load are the whole cylinder."""
     upper, lower = (
