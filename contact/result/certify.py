@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import skfem
 
+from contact.body.basis_solid import BasisSolid
 from contact.body.free_motions import strained_by_rotation
 from contact.errors import NotConverged
 from contact.result.contact_state import ContactState
 from contact.result.shared_points import refuse_shared_points
+
+_UNEVEN = 1e6  # ratio of stiffnesses from which reactions lose the digits that a certificate needs
 
 
 def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
@@ -40,6 +46,8 @@ def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
         bodies = state.system.body.bodies
         remedy = next(filter(None, (strained_by_rotation(body.trace) for body in bodies)), "")
         if "balance" in missed and not remedy:
+            remedy = _uneven(bodies)
+        if "balance" in missed and not remedy:
             remedy = (
                 "; the displacements hold too few digits for the reactions of cells as slender as "
                 "these: make them squarer, or let tol be larger"
@@ -54,6 +62,21 @@ def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
         )
     refuse_shared_points(state)
     return kkt
+
+
+def _uneven(bodies: Sequence[Any]) -> str:
+    """A remark on bodies whose stiffnesses differ so much that digits are lost."""
+    solids = [body for body in bodies if isinstance(body, BasisSolid)]
+    # Of each dof for a unit displacement, whatever the unit of the dof.
+    sizes = [float((b.stiffness.diagonal() / b.lengths[0] ** 2).max()) for b in solids]
+    ratio = max(sizes, default=1.0) / min(sizes, default=1.0)
+    if ratio < _UNEVEN:
+        return ""
+    return (
+        f"; the stiffest body is {ratio:.0e} times as stiff as the softest one, so that it moves "
+        "as a rigid one: its displacements hold too few digits for its reactions; use a rigid "
+        "obstacle in its place, fix more of it, or let tol be larger"
+    )
 
 
 def as_lines(kkt: dict[str, float]) -> str:

@@ -14,9 +14,11 @@ from contact import (
     ContactWarning,
     InputError,
     LayeredBlock,
+    NotConverged,
     Pair,
     Tie,
 )
+from skfem_adini import ElementQuadAdini
 
 
 def two(**more):
@@ -92,6 +94,19 @@ def test_a_whole_number_of_numpy_chooses_a_body():
 def test_interfaces_are_shown_in_one_line():
     problem = stack()
     assert repr(problem.boundaries) == f"Interfaces(3 pairs, {problem.rows.gap.size} points)"
+
+
+@pytest.mark.parametrize("element", [ElementQuad1, ElementQuadAdini], ids=lambda e: e.__name__)
+@pytest.mark.parametrize("size", [1.0, 1e-3])
+def test_a_stiff_body_that_contact_holds_is_refused_with_the_reason(element, size):
+    """It moves as a rigid one, and its reactions drown in the rounding of its displacements."""
+    stiff, _ = facing(element, 4, 6, E=1e10, size=size)
+    _, lower = facing(element, 4, 6, E=1.0, size=size)
+    lower.fix("bottom", "xy")
+    stiff.fix("left", "x").load("top", (0.0, -0.01))
+    pair = Pair(stiff, "bottom", lower, "top", friction=0.3)
+    with pytest.raises(NotConverged, match=r"stiffest body is \de\+(09|10) times as stiff"):
+        ContactProblem([stiff, lower], [pair]).solve()
 
 
 @settings(max_examples=40, deadline=None)
