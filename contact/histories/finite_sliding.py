@@ -123,9 +123,9 @@ class FiniteSliding:
         u, result, change = (rest if near is None else near), last, np.inf
         kept, lines = self._all_kept(), list[Iteration]()
         for k in range(PROJECTIONS):
-            system = self._system(body, u, last)
+            system, here = self._system(body, u, last)
             condensed = kept.touched_by(body, system.rows)
-            found = self._newton(system, condensed, rest, result, options) if k else None
+            found = self._newton(system, here, condensed, rest, result, options) if k else None
             if found is None:
                 result = self._problem.solve_system(system, condensed, options, result)
             else:
@@ -137,7 +137,7 @@ class FiniteSliding:
             ahead = change if found is None else min(change, change**2 / before)
             if ahead <= SETTLED * options.tol * size:
                 break
-        again = self._system(body, u, last)
+        again, _ = self._system(body, u, last)
         if result is not None and again.rows.gap.size == result.mu.size:
             result = replace(result, system=again, history=tuple(lines))
             certify(result, options.tol, result.slack)
@@ -152,6 +152,7 @@ class FiniteSliding:
     def _newton(
         self,
         system: ContactSystem,
+        here: Interfaces,
         condensed: CondensedContact,
         rest: Array,
         result: ContactResult | None,
@@ -162,7 +163,7 @@ class FiniteSliding:
             return None
         if system.rows.gap.size != result.mu.size or system.motion is not None:
             return None
-        change = self._interfaces.in_motion(result.u, rest, result.mu, result.t)
+        change = here.in_motion(result.u, rest, result.mu, result.t)
         if change is None:
             return None
         with suppress(NotConverged, LinAlgError):
@@ -181,8 +182,10 @@ class FiniteSliding:
             kept = self._condensed = materials, made
         return kept[1]
 
-    def _system(self, body: Any, u: Array, last: ContactResult | None) -> ContactSystem:
-        """The system of small sliding about the displacement u."""
+    def _system(
+        self, body: Any, u: Array, last: ContactResult | None
+    ) -> tuple[ContactSystem, Interfaces]:
+        """The system of small sliding about the displacement u, and its projected rows."""
         problem = self._problem
         try:
             here = self._interfaces.displaced(u)
@@ -200,7 +203,8 @@ class FiniteSliding:
             if motion is not None and last.motion is not None:
                 slip_from = slip_from - motion.displacement(last.motion)[1]
         law, laws = problem.law, problem.overclosure
-        return ContactSystem(body, rows, body.f, law, friction, slip_from, motion, laws)
+        system = ContactSystem(body, rows, body.f, law, friction, slip_from, motion, laws)
+        return system, here
 
 
 def _line(k: int, result: ContactResult, change: float) -> Iteration:

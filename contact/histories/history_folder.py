@@ -21,6 +21,7 @@ from contact.errors import InputError
 from contact.output.archive import DamagedFile, checksum, read_arrays, write_arrays
 from contact.result.contact_result import ContactResult
 from contact.result.stored_result import problem_arrays, rebuild, state_arrays
+from contact.result.stored_rows import OWN, rows_arrays
 from skfem_adini.output.complete_file import complete_file, remove_unfinished
 from skfem_adini.output.file_lock import try_lock
 
@@ -58,6 +59,7 @@ class HistoryFolder:
         self.fingerprint, self._run = str(about["fingerprint"]), str(about["run"])
         self._problem = self._before = str(about["problem"])
         self.damage: InputError | None = None
+        self._rows_of_problem: Any = None
 
     @classmethod
     def created(
@@ -177,7 +179,10 @@ class HistoryFolder:
 
     def _arrays_of(self, result: ContactResult) -> dict[str, Any]:
         """What the file of a step holds, but for its place in the run."""
-        return state_arrays(result)
+        arrays, rows = state_arrays(result), result.system.rows
+        if rows.T is not self._rows_of_problem:  # finite sliding
+            arrays |= rows_arrays(result.system.body, rows) | {OWN: np.array(True)}
+        return arrays
 
     def _read(self, path: Path, k: int, system: ContactSystem | None) -> tuple[Any, Any]:
         """The arrays of step k, and their checksum."""
@@ -191,6 +196,7 @@ class HistoryFolder:
         Existing files of later steps, and a problem that cannot be read, are renamed; temporary
         files of killed processes are removed.
         """
+        self._rows_of_problem = system.rows.T
         remove_unfinished(self.path)
         for number in self._steps():
             if number > count:
@@ -266,14 +272,18 @@ def fingerprint(system: ContactSystem, vectors: Sequence[Array]) -> str:
     return checksum(arrays | {f"vector/{i}": vector for i, vector in enumerate(vectors)})
 
 
-def same_conditions(now: ContactSystem, then: ContactSystem) -> bool:
-    """Whether two steps have the same loads, supports, gaps, friction and obstacles."""
-    pairs = [
-        (now.load, then.load),
-        (now.body.constraint[1], then.body.constraint[1]),
-        (now.rows.gap, then.rows.gap),
-        (now.friction, then.friction),
-    ]
+def same_conditions(now: ContactSystem, then: ContactSystem, same_rows: bool = True) -> bool:
+    """Whether two steps have the same loads, supports, gaps, friction and obstacles.
+
+    Parameters
+    ----------
+    now, then : ContactSystem
+    same_rows : bool
+        Without it gaps and friction are not compared: they are those of other points.
+    """
+    pairs = [(now.load, then.load), (now.body.constraint[1], then.body.constraint[1])]
+    if same_rows:
+        pairs += [(now.rows.gap, then.rows.gap), (now.friction, then.friction)]
     if (now.motion is None) != (then.motion is None) or now.law != then.law:
         return False
     if now.motion is not None:

@@ -264,7 +264,8 @@ class LoadStepper(LoadProgram):
         with folder.locked():
             history = LoadHistory()
             for t, result in zip(folder.times, folder.finished(self.problem.system), strict=False):
-                if not same_conditions(self._system_at(float(t), None), result.system):
+                now = self._system_at(float(t), None)
+                if not same_conditions(now, result.system, self._finite is None):
                     raise another  # another function of time
                 history = history.extended(float(t), result)
             folder.prepare(len(history), self.problem.system)

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import skfem
-from scipy import sparse
 from skfem.generic_utils import OrientedBoundary
 
 from contact.body.anisotropic import Anisotropic
@@ -32,14 +31,13 @@ from contact.result.certify import as_lines, certify
 from contact.result.consistency import check_mesh, check_problem, check_state
 from contact.result.contact_state import ContactState
 from contact.result.contact_system import ContactSystem
-from contact.result.stored_pieces import on_all_processes, words_of_distributed
+from contact.result.stored_pieces import words_of_distributed
+from contact.result.stored_rows import OWN, pack, rows_arrays, rows_from, unpack
 from contact.rows.contact_rows import ContactRows
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
 # Several bodies have a format of their own: versions that know one body only refuse it.
 _FORMAT, _BEFORE_CHECKSUMS, _SEVERAL = 3, 2, 4
-_SPARSE = ("G", "T")
-_OPTIONAL = ("bonded", "owner", "axes")  # rows of files from before there were ties, or two bodies
 _MESHES: dict[str, Any] = {
     kind.__name__: kind
     for kind in (
@@ -109,14 +107,7 @@ def problem_arrays(system: ContactSystem) -> dict[str, Any]:
     else:
         arrays, about = _body_arrays(system.body, rows)
         about = {"format": _FORMAT, **about}
-    for field in fields(ContactRows):
-        value = getattr(system.rows, field.name)
-        if field.name in _SPARSE:
-            _pack(arrays, f"rows/{field.name}", on_all_processes(system.body, value))
-        elif field.name in _OPTIONAL and not value.size:
-            continue
-        elif field.name not in ("functional", "gap"):
-            arrays[f"rows/{field.name}"] = value
+    arrays |= rows_arrays(system.body, system.rows)
     return arrays | {"about": np.array(json.dumps(about))}
 
 
@@ -166,7 +157,7 @@ def _body_arrays(body: Any, rows: dict[str, str]) -> tuple[dict[str, Any], dict[
         if isinstance(facets, OrientedBoundary):
             arrays[f"boundary/{i}/sides"] = facets.ori
     arrays |= {f"subdomain/{i}": np.asarray(cells) for i, cells in enumerate(subdomains.values())}
-    _pack(arrays, "constraint", body.constraint[0])
+    pack(arrays, "constraint", body.constraint[0])
     about = {
         "mesh": type(mesh).__name__,
         "element": type(body.element).__name__,
@@ -287,6 +278,9 @@ def _rebuild(
         )
     step = json.loads(str(arrays["step"]))
     body, rows = _rebuild_problem(arrays, about) if near is None else (near.body, near.rows)
+    if near is not None and OWN in arrays:  # projected where the bodies were in this step
+        rows = rows_from(arrays, about["functional"])
+        check_problem(body, rows)
     for name in ("load", "u0"):
         if arrays[name].shape != body.f.shape:
             raise InputError(f"{name}: expected shape {body.f.shape}, got {arrays[name].shape}")
@@ -326,15 +320,7 @@ def _rebuild_problem(
         body = Bodies([_body_of(arrays, k, words) for k, words in enumerate(about["bodies"])])
     else:
         body = _rebuild_body(arrays, about)
-    parts: dict[str, Any] = {
-        field.name: _unpack(arrays, f"rows/{field.name}")
-        if field.name in _SPARSE
-        else arrays[f"rows/{field.name}"]
-        for field in fields(ContactRows)
-        if field.name != "functional"
-        and (field.name not in _OPTIONAL or f"rows/{field.name}" in arrays)
-    }
-    rows = ContactRows(**parts, functional=about["functional"])
+    rows = rows_from(arrays, about["functional"])
     check_problem(body, rows)
     return body, rows
 
@@ -369,7 +355,7 @@ def _rebuild_body(arrays: dict[str, Any], about: dict[str, Any]) -> ElasticBody:
         about.get("dilatation", "pointwise"),
         Anisotropic(arrays["C"]) if "C" in arrays else None,
     )
-    body.constraint = _unpack(arrays, "constraint"), np.zeros(body.basis.N)
+    body.constraint = unpack(arrays, "constraint"), np.zeros(body.basis.N)
     return body.named(about["name"]) if "name" in about else body
 
 
@@ -382,19 +368,3 @@ def _boundaries(arrays: dict[str, Any], about: dict[str, Any]) -> dict[str, Any]
         facets, sides = arrays[f"boundary/{i}"], arrays.get(f"boundary/{i}/sides")
         found[name] = facets if sides is None else OrientedBoundary(facets, sides)
     return found
-
-
-def _pack(arrays: dict[str, Any], name: str, matrix: sparse.csr_array) -> None:
-    arrays |= {
-        f"{name}/data": matrix.data,
-        f"{name}/indices": matrix.indices,
-        f"{name}/indptr": matrix.indptr,
-        f"{name}/shape": np.array(matrix.shape),
-    }
-
-
-def _unpack(arrays: dict[str, Any], name: str) -> sparse.csr_array:
-    parts = tuple(arrays[f"{name}/{part}"] for part in ("data", "indices", "indptr"))
-    matrix = sparse.csr_array(parts, shape=tuple(arrays[f"{name}/shape"].tolist()))
-    matrix.check_format(full_check=True)  # products trust the indices
-    return matrix

@@ -28,6 +28,7 @@ from contact.rows.mortar.mortar_rows import (
 from contact.rows.mortar.resolution import facet_ratio, interface_rise
 from contact.rows.mortar.sliding_derivative import SlidingDerivative
 from contact.rows.mortar.solid_interface import SolidInterface
+from contact.rows.mortar.solid_sliding_derivative import solid_sliding_derivative
 from contact.rows.pairs import Pair, Tie
 
 Array = NDArray[np.float64]
@@ -67,6 +68,8 @@ class Interfaces:
     risen, facet_ratio : ndarray, shape (m,)
         See `contact.rows.mortar.resolution`; 0 and 1 where an obstacle is rigid or boundaries are
         tied, and no rise where a clearance is given.
+    projected : tuple of (MortarRows or None)
+        Of `displaced`: the rows of each pair of bodies that may slide.
     """
 
     bodies: Bodies
@@ -75,6 +78,7 @@ class Interfaces:
     sides: tuple[Side, ...]
     risen: Array
     facet_ratio: Array
+    projected: tuple[MortarRows | None, ...] = ()
 
     def __repr__(self) -> str:
         return f"Interfaces({len(self.pairs)} pairs, {self.rows.gap.size} points)"
@@ -131,46 +135,49 @@ class Interfaces:
         InputError
             No facet of a pair faces another one any longer.
         """
-        parts = []
+        parts, projected = [], list[MortarRows | None]()
         for pair, side, own in zip(self.pairs, self.sides, self._points, strict=True):
             if isinstance(side, ContactBoundaries) or isinstance(pair, Tie):
                 parts.append(selected(self.rows, own))
+                projected.append(None)
                 continue
-            if isinstance(side, SolidInterface):
-                raise InputError("sliding: bodies slide by finite distances in the plane only")
             one, two = (
                 u[self.bodies.slices[self.bodies.number_of_trace(outline.body)]]
                 for outline in (side.first, side.second)
             )
-            parts.append(_of_two(self.bodies, side, displaced_rows(side, one, two)))
-        return replace(self, rows=joined(parts))
+            found = displaced_rows(side, one, two)
+            parts.append(_of_two(self.bodies, side, found))
+            projected.append(found)
+        return replace(self, rows=joined(parts), projected=tuple(projected))
 
     def in_motion(self, u: Array, last: Array, mu: Array, t: Array) -> RowsInMotion | None:
-        """Derivatives of the rows that were projected at a displacement; None if none is known.
+        """Derivatives of these rows, those of `displaced`; None if none is known.
 
         Parameters
         ----------
         u, last : ndarray, shape (ndofs,)
-            Displacement, and that of the last step.
+            Displacement at which they were projected, and that of the last step.
         mu, t : ndarray, shapes (m,) and (m, dim - 1)
             Contact forces.
         """
         total = self.bodies.slices[-1].stop
         parts, size = [], 0
-        for pair, side in zip(self.pairs, self.sides, strict=True):
-            if not isinstance(side, Interface) or isinstance(pair, Tie):
+        for side, found in zip(self.sides, self.projected, strict=True):
+            if isinstance(side, ContactBoundaries) or found is None:
                 return None
             numbers = [self.bodies.number_of_trace(o.body) for o in (side.first, side.second)]
             slices = [self.bodies.slices[k] for k in numbers]
             now = u[slices[0]], u[slices[1]]
-            found = displaced_rows(side, *now)
             own = slice(size, size + found.rows.gap.size)
             size = own.stop
             since = tuple(v - last[s] for v, s in zip(now, slices, strict=True))
             if own.stop > mu.size:
                 return None
-            of_pair = SlidingDerivative.of(
-                side, found, now, (since[0], since[1]), (mu[own], t[own, 0])
+            state = found, now, (since[0], since[1])
+            of_pair = (
+                SlidingDerivative.of(side, *state, (mu[own], t[own, 0]))
+                if isinstance(side, Interface)
+                else solid_sliding_derivative(side, *state, (mu[own], t[own]))
             )
             dofs = np.concatenate([np.arange(s.start, s.stop) for s in slices])
             place = sparse.csr_array(

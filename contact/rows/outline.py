@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from contact.body.elastic_body import ElasticBody
 from contact.errors import InputError
@@ -98,6 +99,32 @@ class Outline:
         sharp = _sharp(own.reshape(own.shape[0], -1), place.ravel(), vertex.size)
         mean = self._within_supports(mean, vertex)
         return np.where(sharp[place], own, mean[:, place])
+
+    def averaging(self, own: Array, corners: Array) -> tuple[sparse.csr_array, NDArray[np.bool_]]:
+        """The matrix that takes changes of normals `own` to those of the averaged ones.
+
+        Arguments as of `averaged`.
+
+        Returns
+        -------
+        csr_array, shape (nfacets * ncorners, nfacets * ncorners)
+            For each component; what is along the averaged normals is to be taken off.
+        free : ndarray of bool, shape (dim, nfacets, ncorners)
+            Components that no support holds at zero.
+        """
+        vertex, place = self._vertices
+        weight, at = corner_weights(corners, axis=2).ravel(), place.ravel()
+        total = [np.bincount(at, weight * c.ravel(), vertex.size) for c in own]
+        size = np.linalg.norm(total, axis=0)
+        sharp = _sharp(own.reshape(own.shape[0], -1), at, vertex.size)[at]
+        index = np.arange(at.size)
+        to_vertex = sparse.coo_array((weight, (at, index)), shape=(vertex.size, at.size))
+        share = np.where(sharp, 0.0, 1.0 / np.where(size > 0, size, 1.0)[at])
+        back = sparse.coo_array((share, (index, at)), shape=(at.size, vertex.size))
+        mean = sparse.csr_array(back @ to_vertex) + sparse.diags_array(sharp.astype(float))
+        unit = np.array(total) / np.where(size > 0, size, 1.0)
+        free = ~self._within_a_plane(unit, vertex)
+        return sparse.csr_array(mean), free[:, place] | sharp.reshape(place.shape)
 
     @cached_property
     def curved(self) -> NDArray[np.bool_]:
@@ -237,14 +264,16 @@ class Outline:
 
         See `contact.rows.frames.within_supports`; here for normals of mesh vertices, (dim, n).
         """
-        body, turned = self.body, normals.copy()
-        P = body.constraint[0]
-        value = body.scalar_dofs.nodal_dofs[0, vertex]
-        for c in range(body.dim):
-            held = np.diff(P.indptr)[body.dim * value + c] == 0
-            turned[c, held & (np.abs(normals[c]) < NEARLY)] = 0.0
+        turned = np.where(self._within_a_plane(normals, vertex), 0.0, normals)
         size = np.linalg.norm(turned, axis=0)
         return turned / np.where(size > 0, size, 1.0)
+
+    def _within_a_plane(self, normals: Array, vertex: Index) -> NDArray[np.bool_]:
+        """Components of normals of mesh vertices that planes of symmetry hold at zero, (dim, n)."""
+        body = self.body
+        P, value = body.constraint[0], body.scalar_dofs.nodal_dofs[0, vertex]
+        dofs = body.dim * value + np.arange(body.dim)[:, None]
+        return np.asarray((np.diff(P.indptr)[dofs] == 0) & (np.abs(normals) < NEARLY))
 
 
 def _unit_sums(v: Array, at: Index, count: int) -> Array:

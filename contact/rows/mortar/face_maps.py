@@ -16,6 +16,21 @@ Index = NDArray[np.int64]
 _STEPS, _SETTLED = 30, 1e-14
 # Part of a facet, and of a unit normal, that is rounding.
 AFFINE = 1e-11
+# Nodes of a facet of second order with 3 and with 4 corners.
+_SECOND = {3: 6, 4: 9}
+
+
+def _grid(order: int) -> Index:
+    """Nodes of a quadrilateral in steps of a side: corners, then second-order ones, in rings."""
+    k = order
+    ring = [(0, 0), (k, 0), (k, k), (0, k)]
+    if k == 2:
+        ring += [(1, 0), (2, 1), (1, 2), (0, 1), (1, 1)]
+    rest = [(i, j) for j in range(k + 1) for i in range(k + 1) if (i, j) not in ring]
+    return np.array(ring + rest)
+
+
+_GRIDS = {(order + 1) ** 2: (order, _grid(order)) for order in (1, 2, 3)}
 
 
 @dataclass(frozen=True)
@@ -26,7 +41,7 @@ class FaceMaps:
     ----------
     nodes : ndarray, shape (3, nfacets, k)
         Corners in ring order first; then, of facets of second order, the middles of the edges and
-        of quadrilaterals.
+        of quadrilaterals; then, of displaced ones of third order, the others.
     normals : ndarray, shape (3, nfacets, ncorners)
         Averaged unit normals at the corners, see `contact.rows.outline.Outline.averaged`.
     """
@@ -42,10 +57,10 @@ class FaceMaps:
         ----------
         outline : Outline
         moved : ndarray, shape (3, nfacets, k), optional
-            Displacement of the nodes, see `reference_nodes`.
+            Displacement of the nodes, see `moving_nodes`.
         """
         corners = outline.corners.shape[1]
-        X = reference_nodes(outline)
+        X = reference_nodes(outline) if moved is None else moving_nodes(outline)
         nodes = np.asarray(outline.body.basis.mapping.G(X, find=outline.facets))
         if moved is None:
             return cls(nodes, outline.turned)
@@ -70,9 +85,7 @@ class FaceMaps:
     def affine(self) -> bool:
         """Whether all facets are affine images of the reference facet."""
         corner = self.nodes[:, :, : self.corners]
-        X = reference_corners(3, self.corners)
-        if self.nodes.shape[2] > self.corners:
-            X = _second_order(X)
+        X = _lagrange_nodes(self.nodes.shape[2])
         slopes = corner[:, :, [1, -1]] - corner[:, :, :1]
         off = corner[:, :, :1] + slopes @ X - self.nodes
         size = np.linalg.norm(slopes, axis=0).max(axis=1)
@@ -91,6 +104,11 @@ class FaceMaps:
     def tangents(self, facet: Index, X: Array) -> Array:
         """Derivatives of the places with respect to X, shape (3, 2, n)."""
         return np.einsum("dnk,kin->din", self.nodes[:, facet], shapes(X, self.nodes.shape[2])[1])
+
+    def area(self, facet: Index, X: Array) -> Array:
+        """Area of the facet per area of the reference facet, shape (n,)."""
+        one, two = self.tangents(facet, X).transpose(1, 0, 2)
+        return np.asarray(np.linalg.norm(np.cross(one, two, axis=0), axis=0))
 
     def normal(self, facet: Index, X: Array) -> Array:
         """Unit normals of the facets themselves, of either sign, shape (3, n)."""
@@ -138,20 +156,31 @@ class FaceMaps:
 def reference_nodes(outline: Outline) -> Array:
     """Nodes of the reference facet of an outline's mesh, shape (2, k): 3, 4, 6 or 9 of them."""
     count = outline.corners.shape[1]
-    corner = reference_corners(3, count)
-    if type(outline.body.mesh).__name__ not in ("MeshTet2", "MeshHex2"):
-        return corner
-    return _second_order(corner)
+    if type(outline.body.mesh).__name__ in ("MeshTet2", "MeshHex2"):
+        count = _SECOND[count]
+    return _lagrange_nodes(count)
 
 
-def _second_order(corner: Array) -> Array:
-    middle = 0.5 * (corner + np.roll(corner, -1, axis=1))
-    inner = np.full((2, 1), 0.5) if corner.shape[1] == 4 else np.zeros((2, 0))
-    return np.hstack((corner, middle, inner))
+def moving_nodes(outline: Outline) -> Array:
+    """Reference nodes of displaced facets, shape (2, k), which describe their displacement."""
+    name, count = type(outline.body.element).__name__, outline.corners.shape[1]
+    if name in ("ElementTetP1", "ElementHex1"):
+        return reference_nodes(outline)
+    return _lagrange_nodes(_SECOND[count] if name in ("ElementTetP2", "ElementHex2") else 16)
+
+
+def _lagrange_nodes(count: int) -> Array:
+    """Places of 3, 4, 6, 9 or 16 nodes on the reference facet, shape (2, count)."""
+    if count in (3, 6):
+        corner = reference_corners(3, 3)
+        middle = 0.5 * (corner + np.roll(corner, -1, axis=1))
+        return corner if count == 3 else np.hstack((corner, middle))
+    order, places = _GRIDS[count]
+    return np.asarray(places.T / order)
 
 
 def shapes(X: Array, nodes: int) -> tuple[Array, Array]:
-    """Lagrange polynomials of a facet of 3, 4, 6 or 9 nodes and their derivatives.
+    """Lagrange polynomials of a facet of 3, 4, 6, 9 or 16 nodes and their derivatives.
 
     Parameters
     ----------
@@ -175,19 +204,19 @@ def shapes(X: Array, nodes: int) -> tuple[Array, Array]:
             ((4 * L - 1)[:, None] * D, 4 * (L[:, None] * D[k] + L[k][:, None] * D))
         )
         return values, slopes
-    order = 1 if nodes == 4 else 2
+    order, grid = _GRIDS[nodes]
     (u, du), (v, dv) = (_line(s, order) for s in (x, y))
-    # Places in steps of a side: corners in ring order, middles of the edges, the middle.
-    ring = [(0, 0), (1, 0), (1, 1), (0, 1)]
-    if order == 2:
-        ring = [(0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1), (1, 1)]
-    i, j = np.array(ring).T
+    i, j = grid.T
     return u[i] * v[j], np.stack((du[i] * v[j], u[i] * dv[j]), axis=1)
 
 
 def _line(s: Array, order: int) -> tuple[Array, Array]:
-    one = np.ones_like(s)
-    if order == 1:
-        return np.array([1 - s, s]), np.array([-one, one])
-    values = np.array([(1 - s) * (1 - 2 * s), 4 * s * (1 - s), s * (2 * s - 1)])
-    return values, np.array([4 * s - 3, 4 - 8 * s, 4 * s - 1])
+    """Lagrange polynomials of order + 1 equidistant places, and their derivatives."""
+    values, slopes = np.ones((2, order + 1, s.size))
+    slopes[:] = 0.0
+    for k in range(order + 1):
+        for other in set(range(order + 1)) - {k}:
+            step = order / (k - other)
+            slopes[k] = slopes[k] * (s - other / order) * step + values[k] * step
+            values[k] *= (s - other / order) * step
+    return values, slopes

@@ -31,6 +31,7 @@ from contact.rows.mortar.facet_curves import FacetCurves, facet_nodes
 from contact.rows.mortar.facet_trace import facet_trace
 from contact.rows.mortar.interface_rows import MortarRows
 from contact.rows.mortar.mortar_rows import Interface
+from contact.rows.mortar.trace_fields import along, scaled, values
 from contact.rows.outline import Outline
 
 Array = NDArray[np.float64]
@@ -88,29 +89,29 @@ class SlidingDerivative:
             start=0.0 * there,
         ) * (1.0 / 3.0)
         X, Y = FacetCurves.of(one), FacetCurves.of(two)
-        gap = np.sum((Y.at(q.other, q.Y[0]) + _values(there, v)) * n, axis=0)
-        gap -= np.sum((X.at(q.facet, q.X[0]) + _values(here, u)) * n, axis=0)
-        tau = Y.slope(q.other, q.Y[0]) + _values(ahead, v)
+        gap = np.sum((Y.at(q.other, q.Y[0]) + values(there, v, 2)) * n, axis=0)
+        gap -= np.sum((X.at(q.facet, q.X[0]) + values(here, u, 2)) * n, axis=0)
+        tau = Y.slope(q.other, q.Y[0]) + values(ahead, v, 2)
         count = 2 * here.shape[1], 2 * there.shape[1]
         turn = sparse.hstack(
             (_turns(one, u, q.facet, q.X[0]), Csr((q.facet.size, count[1]))), format="csr"
         )
-        run = sparse.hstack((_along(here, p), -_along(there, p)), format="csr")
-        run = _scaled(1.0 / np.sum(tau * p, axis=0), run + _scaled(gap, turn))
+        run = sparse.hstack((along(here, p), -along(there, p)), format="csr")
+        run = scaled(1.0 / np.sum(tau * p, axis=0), run + scaled(gap, turn))
         # The tangents of contact points are their normals turned, one way or the other.
         way = np.sign(found.rows.tangents[1, 0] * found.rows.normals[0]
                       - found.rows.tangents[0, 0] * found.rows.normals[1])  # fmt: skip
-        normal = found.P @ _scaled(-np.sum(n * tau, axis=0), run)
-        slip = _values(here, du) - _values(there, dv)
-        tangential = _scaled(-np.sum(p * _values(ahead, dv), axis=0), run)
-        tangential = found.P @ (tangential - _scaled(np.sum(n * slip, axis=0), turn))
+        normal = found.P @ scaled(-np.sum(n * tau, axis=0), run)
+        slip = values(here, du, 2) - values(there, dv, 2)
+        tangential = scaled(-np.sum(p * values(ahead, dv, 2), axis=0), run)
+        tangential = found.P @ (tangential - scaled(np.sum(n * slip, axis=0), turn))
         a, b = found.P.T @ forces[0], found.P.T @ (way * forces[1])
         turned, whole = p * a - n * b, n * a + p * b
-        of_first = _along(here, turned).T @ turn
-        of_second = -(_along(there, turned).T @ turn) - _along(ahead, whole).T @ run
+        of_first = along(here, turned).T @ turn
+        of_second = -(along(there, turned).T @ turn) - along(ahead, whole).T @ run
         return cls(
             Csr(normal),
-            Csr(_scaled(way, tangential)),
+            Csr(scaled(way, tangential)),
             Csr(sparse.vstack((of_first, of_second), format="csr")),
         )
 
@@ -120,9 +121,7 @@ def _turns(outline: Outline, u: Array, facet: NDArray[np.int64], s: Array) -> Cs
     count = outline.facets.size
     every = np.arange(count)
     trace = facet_trace(outline, np.repeat(every, 3), np.tile(_NODES, count)[None])
-    nodes = facet_nodes(outline) + np.array([trace @ u[c::2] for c in range(2)]).reshape(
-        2, count, 3
-    )
+    nodes = facet_nodes(outline) + values(trace, u, 2).reshape(2, count, 3)
     curves = FacetCurves.of(outline, nodes)
     angles = []
     for end in (0, 1):
@@ -131,19 +130,19 @@ def _turns(outline: Outline, u: Array, facet: NDArray[np.int64], s: Array) -> Cs
         n = curves.sign * np.array([slope[1], -slope[0]]) / size
         # The outward normal is the tangent turned by -90 degrees times the sign.
         pick = sparse.kron(sparse.eye_array(count), _SLOPE[end][None], format="csr")
-        angles.append(_along(Csr(pick @ trace), -n * curves.sign / size))
+        angles.append(along(Csr(pick @ trace), -n * curves.sign / size))
     own = sparse.vstack(angles, format="csr")  # all starts, then all ends
     continued, (beyond, corner) = outline.continued, outline.beyond
-    weight, rows, columns, values = 1.0 / curves.length, [], [], []
+    weight, rows, columns, shares = 1.0 / curves.length, [], [], []
     for end in (0, 1):
         on, other = continued[:, end], np.maximum(beyond[:, end], 0)
         share = np.where(on, weight / (weight + weight[other]), 1.0)
         at = every + count * end
         rows += [at, at[on]]
         columns += [at, (other + count * np.maximum(corner[:, end], 0))[on]]
-        values += [share, 1.0 - share[on]]
+        shares += [share, 1.0 - share[on]]
     mean = sparse.coo_array(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
+        (np.concatenate(shares), (np.concatenate(rows), np.concatenate(columns))),
         shape=(2 * count, 2 * count),
     )
     k, index = facet.size, np.arange(facet.size)
@@ -152,22 +151,3 @@ def _turns(outline: Outline, u: Array, facet: NDArray[np.int64], s: Array) -> Cs
         shape=(k, 2 * count),
     )
     return Csr(between.tocsr() @ mean.tocsr() @ own)
-
-
-def _values(trace: Csr, u: Array) -> Array:
-    """Displacement at the rows of a scalar trace, shape (2, n)."""
-    return np.array([trace @ u[c::2] for c in range(2)])
-
-
-def _along(trace: Csr, v: Array) -> Csr:
-    """Displacement along vectors v (2, n) at the rows of a scalar trace, shape (n, ndofs)."""
-    parts = [_scaled(v[c], trace).tocoo() for c in range(2)]
-    data = np.concatenate([part.data for part in parts])
-    row = np.concatenate([part.row for part in parts])
-    column = np.concatenate([2 * part.col + c for c, part in enumerate(parts)])
-    shape = trace.shape[0], 2 * trace.shape[1]
-    return Csr(sparse.coo_array((data, (row, column)), shape=shape))
-
-
-def _scaled(v: Array, rows: Csr) -> Csr:
-    return Csr(sparse.diags_array(v) @ rows)

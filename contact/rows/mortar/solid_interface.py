@@ -62,17 +62,30 @@ class SolidInterface:
         basis = FaceBasis.of(one, form, functional == "hat")
         return cls(one, two, functional, basis, degrees[0] + max(degrees) + 1)
 
-    def rows(self) -> MortarRows:
-        """Rows at rest; the gap is the measured one."""
-        one, two = FaceMaps.of(self.first), FaceMaps.of(self.second)
+    def rows(self, maps: tuple[FaceMaps, FaceMaps] | None = None) -> MortarRows:
+        """Rows at the present places of both boundaries; the gap is the measured one.
+
+        Parameters
+        ----------
+        maps : pair of FaceMaps, optional
+            The facets where the bodies have moved to. Those of the meshes if not given.
+        """
+        one, two = rest = FaceMaps.of(self.first), FaceMaps.of(self.second)
+        more = 0 if one.flat else CURVED
+        if not (one.affine and two.affine):
+            more = BENT
+        if maps is not None:
+            one, two = maps
+            more = max(more, CURVED)
         outward = (
             middle_normals(one, self.first.at_corners),
             middle_normals(two, self.second.at_corners),
         )
-        more = 0 if one.flat else CURVED
-        if not (one.affine and two.affine):
-            more = BENT
         quadrature = polygon_quadrature(one, two, outward, self.degree + more)
+        if maps is not None:  # forces and pressures are those of small strains
+            at = quadrature.facet, quadrature.X
+            stretch = one.area(*at) / rest[0].area(*at)
+            quadrature = replace(quadrature, w=quadrature.w / stretch)
         functions = face_multipliers(self.basis, quadrature, self.functional != "standard")
         facet, X = self.basis.nominal
         facet, X = facet[functions.point], X[:, functions.point]

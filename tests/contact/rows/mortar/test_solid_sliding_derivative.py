@@ -1,0 +1,122 @@
+"""In space: the derivative of the projection against central differences of the projection."""
+
+import numpy as np
+import pytest
+from families import SOLID
+from scipy import sparse
+from solid_boxes import box
+
+from contact.body.rigid_modes import dof_kinds, rigid_field, value_dofs
+from contact.rows.mortar.displaced import displaced_maps, displaced_rows, trace_of_nodes
+from contact.rows.mortar.solid_interface import SolidInterface
+from contact.rows.mortar.solid_sliding_derivative import solid_sliding_derivative
+from contact.rows.mortar.turning_normals import turning_normals
+
+STEP = 1e-6
+elements = pytest.mark.parametrize("element", SOLID, ids=lambda e: e.__name__)
+pytestmark = pytest.mark.filterwarnings("ignore:the cells are not parallelepipeds")
+
+
+def bent(x):
+    """Both boxes bent about the y axis, by a radius of four."""
+    angle, radius = (x[0] - 0.5) / 4.0, 4.0 + x[2]
+    return np.array([radius * np.sin(angle), x[1], radius * np.cos(angle) - 4.0])
+
+
+def tilted(x):
+    a, b = 0.8, 0.5
+    one = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
+    two = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
+    return one @ two @ bent(x)
+
+
+def field(body, rng, size):
+    """A smooth displacement, in the values and the derivatives of the element."""
+    u, (x, y, z), kinds = np.zeros(body.basis.N), body.basis.doflocs, dof_kinds(body.basis)
+    for c in range(3):
+        a, b, d = size * rng.normal(), rng.normal(), size * rng.normal()
+        wave = a * np.sin(1.3 * x + b) + d * np.cos(0.7 * y) * z
+        slopes = 1.3 * a * np.cos(1.3 * x + b), -0.7 * d * np.sin(0.7 * y) * z, d * np.cos(0.7 * y)
+        own = np.arange(u.size) % 3 == c
+        u += np.where(own & value_dofs(body), wave, 0.0)
+        for k in range(3):
+            u += np.where(own & (kinds == k), slopes[k], 0.0)
+    return u
+
+
+def state(element, place, gap=0.002):
+    rng = np.random.default_rng(7)
+    sizes, corner = (0.6, 0.5, 0.4), (0.2, 0.25, 1.0 + gap)
+    upper = box(element, (2, 2, 1), corner, sizes, place=place)
+    lower = box(element, (4, 5, 1), place=place)
+    facets = upper.facets("bottom"), lower.facets("top")
+    interface = SolidInterface.of(upper, facets[0], lower, facets[1], "dual")
+    fields = [field(body, rng, 1e-3) for body in (upper, lower, upper, lower)]
+    ways = field(upper, rng, 1.0), field(lower, rng, 1.0)
+    return interface, fields, ways, rng
+
+
+@elements
+@pytest.mark.parametrize("place", [None, bent, tilted], ids=["flat", "bent", "tilted"])
+def test_derivatives_of_gap_slip_and_forces(element, place):
+    interface, (u, v, du, dv), (a, b), _rng = state(element, place)
+    found = displaced_rows(interface, u, v)
+    m = found.rows.gap.size
+    # Pressures that vary little over a facet: how forces are shared between points is held.
+    mu = found.rows.weights * (1.0 + 0.1 * found.rows.x_nominal[0])
+    t = 0.3 * mu[:, None] * np.ones((m, 2))
+    derivative = solid_sliding_derivative(interface, found, (u, v), (du, dv), (mu, t))
+
+    def at(step):
+        now = displaced_rows(interface, u + step * a, v + step * b)
+        rows = now.rows
+        through = rows.G @ (u + step * a) + now.other_G @ (v + step * b) - rows.gap
+        slip = rows.T @ (du + step * a) + now.other_T @ (dv + step * b)
+        own = rows.G.T @ mu + rows.T.T @ t.ravel()
+        theirs = now.other_G.T @ mu + now.other_T.T @ t.ravel()
+        return through, slip, np.concatenate((own, theirs))
+
+    along = np.concatenate((a, b))
+    G = sparse.hstack((found.rows.G, found.other_G)) @ along
+    T = sparse.hstack((found.rows.T, found.other_T)) @ along
+    ours = G + derivative.normal @ along, T + derivative.tangential @ along
+    ours += (derivative.force @ along,)
+    # How forces are shared between the points of facets of other sizes is held in the derivative.
+    limits = 1e-5, 1e-3, 3e-2
+    for mine, ahead, behind, limit in zip(ours, at(STEP), at(-STEP), limits, strict=True):
+        exact = (ahead - behind) / (2 * STEP)
+        assert np.abs(mine - exact).max() <= limit * np.abs(exact).max()
+    if place is not None:  # without the derivative the conditions would be off by far more
+        assert np.abs(derivative.normal @ along).max() > 1e-2 * np.abs(ours[0]).max()
+
+
+@elements
+@pytest.mark.parametrize("place", [None, bent, tilted], ids=["flat", "bent", "tilted"])
+def test_normals_turn_as_their_differences_say(element, place):
+    """Nothing is left out here but the change of the weights of facets that meet."""
+    interface, (u, *_), (a, _), rng = state(element, place)
+    outline, count = interface.first, 40
+    facet = rng.integers(outline.facets.size, size=count)
+    X = rng.random((2, count)) * 0.5
+    parts = turning_normals(outline, displaced_maps(outline, u), trace_of_nodes(outline), facet, X)
+    ours = np.array([part @ a for part in parts])
+
+    def at(step):
+        return displaced_maps(outline, u + step * a).direction(facet, X)
+
+    exact = (at(STEP) - at(-STEP)) / (2 * STEP)
+    assert np.abs(ours - exact).max() <= 2e-2 * np.abs(exact).max()
+
+
+@elements
+def test_a_rotation_turns_the_normals_by_itself(element):
+    interface, (u, *_), _, _rng = state(element, tilted)
+    outline = interface.first
+    facet, X = np.arange(outline.facets.size), np.full((2, outline.facets.size), 0.3)
+    maps = displaced_maps(outline, 0.0 * u)
+    parts = turning_normals(outline, maps, trace_of_nodes(outline), facet, X)
+    rotations = rigid_field(outline.body, np.zeros(3))[:, 3:]
+    n = maps.direction(facet, X)
+    for axis, motion in zip(np.eye(3), rotations.T, strict=True):
+        turned = np.cross(axis, n, axisb=0, axisc=0)
+        assert np.abs(np.array([part @ motion for part in parts]) - turned).max() <= 1e-11
