@@ -1,0 +1,102 @@
+"""Tables of bodies that touch each other, and of bodies on many processes."""
+
+from __future__ import annotations
+
+from markdown_table import Record, rows_of, source
+
+
+def contact_pair(record: Record) -> str:
+    """Two bodies with friction in units of the factorisations of both."""
+    table = rows_of(
+        "bodies | unknowns | contact points | factor + solve of both | whole contact solve | ratio "
+        "| next step of finite sliding",
+        (
+            (
+                f"{row['kind']}, {row['n']} cells",
+                f"{row['unknowns']:,}",
+                f"{row['points']:,}",
+                f"{row['base']:.2f} s",
+                f"{row['total']:.2f} s",
+                f"**{row['ratio']:.2f}**",
+                f"{row['sliding_step_over_base']:.2f} of them"
+                if "sliding_step_over_base" in row
+                else "-",
+            )
+            for row in record["rows"]
+        ),
+    )
+    note = f"Median of {record['repeats']} interleaved repeats, PARDISO on both sides."
+    return f"{table}\n\n{note} {source('contact_pair', record, 'MKL')}"
+
+
+def distributed(record: Record) -> str:
+    """Contact, systems and assembly on one and two processes."""
+    rows = record["rows"]
+    lines = []
+    for row in rows["block"]:
+        lines.append(
+            (
+                "Coulomb block in the plane, MUMPS",
+                f"{row['unknowns']:,.0f}",
+                f"{row['processes']:.0f}",
+                f"{row['assembly']:.1f} s",
+                f"{row['total']:.1f} s",
+                f"{row['total'] / row['base']:.2f} of a plain factor and solve",
+                f"{row['memory']:.1f} GB",
+            )
+        )
+    for row in rows["brick"]:
+        lines.append(
+            (
+                "brick under its weight, multigrid",
+                f"{row['unknowns']:,.0f}",
+                f"{row['processes']:.0f}",
+                f"{row['matrix']:.1f} s",
+                f"{row['total']:.1f} s",
+                f"{row['iterations']:.0f} iterations",
+                f"{row['memory']:.1f} GB",
+            )
+        )
+    for row in rows["million"]:
+        lines.append(
+            (
+                "brick on a ball with friction, multigrid",
+                f"{row['unknowns']:,.0f}",
+                f"{row['processes']:.0f}",
+                f"{row['body'] + row['matrices']:.0f} s",
+                f"{row['solve']:.0f} s",
+                f"{row['steps']:.0f} Newton steps, {row['iterations']:.0f} iterations",
+                f"{row['memory']:.1f} GB",
+            )
+        )
+    table = rows_of(
+        "problem | unknowns | processes | matrices | solve | in which | memory of all", lines
+    )
+    faster = ", ".join(
+        f"{name} {rows[task][0][key] / rows[task][1][key]:.2f}"
+        for name, task, key in (
+            ("assembly", "block", "matrix"),
+            ("multigrid", "brick", "total"),
+            ("MUMPS in the plane", "block", "base"),
+        )
+    )
+    model = rows_of(
+        "what | measured at | core seconds there | grows like | core hours at 100,000,000 "
+        "| memory there",
+        (
+            (
+                line["what"],
+                f"{line['unknowns']:,.0f}",
+                f"{line['core_seconds']:.0f}",
+                f"n^{line['growth']:g}",
+                f"{line['core_seconds_then'] / 3600:.1f}",
+                f"{line['terabytes_then']:.2f} TB",
+            )
+            for line in record["model"]
+        ),
+    )
+    text = (
+        f"Two processes are faster than one by: {faster}. The next table is arithmetic, not a run: "
+        "the figures above times the growth that nested dissection and multigrid have on paper."
+    )
+    return "\n\n".join((table, text, model, source("distributed", record)))
