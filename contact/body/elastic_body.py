@@ -161,7 +161,7 @@ class ElasticBody(CoupledBody, HeatedBody):
         element = vector_element(element, mesh)
         check_cells(mesh)
         try:
-            more = _OF_RADII if plane == AXISYMMETRIC else 0
+            more = _OF_RADII if isinstance(plane, str) and plane == AXISYMMETRIC else 0
             basis = Basis(mesh, element, intorder=2 * element.maxdeg + more)
         except AdiniInputError as error:
             raise InputError(str(error)) from error

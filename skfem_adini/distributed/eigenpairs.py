@@ -11,6 +11,7 @@ from skfem_adini.arguments.dof_numbers import dof_numbers
 from skfem_adini.distributed.communicator import INSTALLING, any_of, petsc, total
 from skfem_adini.distributed.distributed_matrix import DistributedMatrix, to_petsc
 from skfem_adini.errors import InputError, MissingDependency, NotConverged
+from skfem_adini.solvers.lowest_eigenpairs import lowest_eigenpairs as on_one_process
 
 Array = NDArray[np.float64]
 
@@ -28,7 +29,8 @@ def lowest_eigenpairs(
     r"""Return the smallest eigenvalues of :math:`K x = \lambda M x` on many processes.
 
     Krylov-Schur's method is applied to :math:`(K - \sigma M)^{-1} M`, with MUMPS's factors; dofs
-    are scaled by the square roots of the diagonal of M.
+    are scaled by the square roots of the diagonal of M. One process without PETSc or SLEPc takes
+    `skfem_adini.lowest_eigenpairs`.
 
     Parameters
     ----------
@@ -53,7 +55,7 @@ def lowest_eigenpairs(
     InputError
         Matrices of different spaces, a count that is too large, or K - sigma M not definite.
     MissingDependency
-        petsc4py or slepc4py is not installed.
+        petsc4py or slepc4py is not installed, on several processes.
     NotConverged
         The iteration does not converge, or a recomputed residual is too large.
 
@@ -78,24 +80,18 @@ def lowest_eigenpairs(
     diagonal = M.diagonal()
     if any_of(space.comm, np.any(diagonal <= 0)):
         raise InputError("M: the matrix is not positive definite")
-    PETSc, SLEPc = petsc(space.comm), _slepc()
+    try:
+        PETSc, SLEPc = petsc(space.comm), _slepc()
+    except MissingDependency:
+        if space.comm.size > 1:
+            raise
+        return on_one_process(K.rows, M.rows, int(count), np.flatnonzero(free == 0), shift)
     scale = free / np.sqrt(diagonal)
     number = _numbers_of_free(space, free)
     stiffness, mass = (_scaled(A, scale, free, number, unknowns) for A in (K, M))
-    solver = SLEPc.EPS().create(comm=PETSc.COMM_WORLD)
+    solver = _shift_and_invert(PETSc, SLEPc, shift)
     solver.setOperators(stiffness, mass)
-    solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
     solver.setDimensions(nev=int(count))
-    solver.setTolerances(tol=1e-13, max_it=1000)
-    solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
-    solver.setTarget(shift)
-    transform = solver.getST()
-    transform.setType("sinvert")
-    transform.setShift(shift)
-    ksp = transform.getKSP()
-    ksp.setType("preonly")
-    ksp.getPC().setType("cholesky")
-    ksp.getPC().setFactorSolverType("mumps")
     try:
         solver.solve()
     except PETSc.Error as error:
@@ -121,6 +117,23 @@ def lowest_eigenpairs(
     local = space.update(scale[:, None] * vectors[:, order])
     norms = np.sqrt(total(space.comm, np.sum(local[space.owned] * (M.rows @ local), axis=0)))
     return values[order], local / norms
+
+
+def _shift_and_invert(PETSc: Any, SLEPc: Any, shift: float) -> Any:
+    """A solver for the eigenvalues next to the shift, by a factorisation of MUMPS."""
+    solver = SLEPc.EPS().create(comm=PETSc.COMM_WORLD)
+    solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+    solver.setTolerances(tol=1e-13, max_it=1000)
+    solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+    solver.setTarget(shift)
+    transform = solver.getST()
+    transform.setType("sinvert")
+    transform.setShift(shift)
+    ksp = transform.getKSP()
+    ksp.setType("preonly")
+    ksp.getPC().setType("cholesky")
+    ksp.getPC().setFactorSolverType("mumps")
+    return solver
 
 
 def _slepc() -> Any:

@@ -231,7 +231,7 @@ def test_what_is_refused():
     for method, friction in (("fixed_point", 0.3), ("qp:osqp", 0.0)):
         with pytest.raises(InputError, match=r"^method"):
             cylinder(1.0, friction).solve(method)
-    problem = cylinder(1.0)
+    problem = cylinder(PressureOverclosure.exponential(0.01, 0.01))
     with pytest.raises(InputError, match=r"^result"):
         cross_check(problem, problem.solve())
     problem.overclosure = None

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 import skfem
+from scipy import linalg
 from skfem.models.elasticity import linear_elasticity
-from skfem.models.poisson import laplace, unit_load
+from skfem.models.poisson import laplace, mass, unit_load
 
 from skfem_adini import ElementQuadAdini, InputError, NearNullSpace, near_null_space
 from skfem_adini.distributed import (
@@ -15,6 +16,7 @@ from skfem_adini.distributed import (
     DistributedMatrix,
     DistributedSolver,
     TensorGrid,
+    lowest_eigenpairs,
     partition,
     smooth_modes,
 )
@@ -148,6 +150,13 @@ def test_one_process_without_petsc_solves(monkeypatch: pytest.MonkeyPatch) -> No
     K, f = laplace.assemble(basis), unit_load.assemble(basis)
     exact = skfem.solve(*skfem.condense(K, f, x=given, D=basis.get_dofs("left")))
     assert np.abs(x - exact).max() <= 1e-11 * np.abs(exact).max()
+    values, vectors = lowest_eigenpairs(
+        space.assemble(laplace), space.assemble(mass), 3, fixed, shift=-1.0
+    )
+    free = np.setdiff1d(np.arange(basis.N), basis.get_dofs("left"))
+    A, B = (form.assemble(basis)[free][:, free].toarray() for form in (laplace, mass))
+    assert np.abs(values / linalg.eigh(A, B, eigvals_only=True)[:3] - 1).max() <= 1e-11
+    assert np.abs(vectors[fixed]).max() == 0.0
 
 
 @pytest.mark.parametrize(
