@@ -13,6 +13,7 @@ from cip.errors import (
     NotFinite,
     NotSupported,
 )
+from cip.formulas.spline_velocity import SplineVelocity
 from cip.formulas.velocity import Velocity
 from cip.grid import Grid
 from cip.output.trajectory import Diagnostics, Trajectory
@@ -30,6 +31,7 @@ __all__ = [
     "NotFinite",
     "NotSupported",
     "Solver",
+    "SplineVelocity",
     "State",
     "Trajectory",
     "Velocity",

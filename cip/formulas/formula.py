@@ -134,6 +134,10 @@ class Formula:
 
             check_pointwise(values, samples, name)
 
+    def with_numbers(self, parameters: Mapping[str, float]) -> Formula:
+        """The same formula with other values of its parameters."""
+        return Formula(self.expression, self.dim, self.known, parameters)
+
     @property
     def exact(self) -> bool:
         """Whether all derivatives come from a formula."""

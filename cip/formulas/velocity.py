@@ -241,8 +241,7 @@ class Velocity:
         new.__dict__.update(self.__dict__)
         new._parameters = {**self._parameters, **checked(values)}
         new._formulas = tuple(
-            Formula(formula.expression, formula.dim, formula.known, new._parameters)
-            for formula in self._formulas or ()
+            formula.with_numbers(new._parameters) for formula in self._formulas or ()
         )
         return new
 
