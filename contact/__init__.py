@@ -25,6 +25,8 @@ from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.laws.status import Status
 from contact.obstacles.cone import Cone
 from contact.obstacles.rigid import Rigid
+from contact.obstacles.rough import Rough
+from contact.obstacles.self_affine import self_affine
 from contact.obstacles.shapes import ClosestPoint, Cylinder, Parabola, Plane, Sphere
 from contact.obstacles.signed_distance import SignedDistance
 from contact.obstacles.surface_mesh import SurfaceMesh
@@ -64,6 +66,7 @@ __all__ = [
     "Plane",
     "PressureOverclosure",
     "Rigid",
+    "Rough",
     "SignedDistance",
     "Sphere",
     "Status",
@@ -74,6 +77,7 @@ __all__ = [
     "Uniqueness",
     "cross_check",
     "save_pvtu",
+    "self_affine",
     "uniqueness",
 ]
 

@@ -45,6 +45,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "contact.ContactResult": (),
     "contact.LoadStepper": (),
     "contact.SurfaceMesh": (),
+    "contact.Rough": (),
     "contact.DistributedBody": ("fix", "load", "body_force", "gather"),
     "contact.LayeredBlock": ("fix", "load", "body_force"),
     "contact.LoadHistory": (),

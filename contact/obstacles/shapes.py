@@ -26,6 +26,7 @@ from contact.obstacles.arguments import (
     vector,
 )
 from contact.obstacles.cone import Cone
+from contact.obstacles.rough import Rough
 from contact.obstacles.signed_distance import SignedDistance
 from contact.obstacles.surface_mesh import SurfaceMesh
 
@@ -236,7 +237,7 @@ class ClosestPoint:
 
     Parameters
     ----------
-    obstacle : Plane, Cylinder, Sphere, SurfaceMesh or SignedDistance
+    obstacle : Plane, Cylinder, Sphere, SurfaceMesh, SignedDistance or Rough
 
     Raises
     ------
@@ -254,10 +255,11 @@ class ClosestPoint:
     obstacle: Any
 
     def __post_init__(self) -> None:
-        if not isinstance(self.obstacle, Plane | Cylinder | Sphere | SurfaceMesh | SignedDistance):
+        known = (Plane, Cylinder, Sphere, SurfaceMesh, SignedDistance, Rough)
+        if not isinstance(self.obstacle, known):
             raise InputError(
                 f"ClosestPoint: a {type(self.obstacle).__name__} has no distance; use a Plane, "
-                "Cylinder, Sphere, SurfaceMesh or SignedDistance"
+                "Cylinder, Sphere, SurfaceMesh, SignedDistance or Rough"
             )
 
     def __call__(self, x: Array, n: Array) -> Array:
@@ -301,8 +303,8 @@ def evaluate_gap(obstacle: ObstacleLike, x: Array, n: Array) -> Array:
         raise InputError(
             f"obstacle: {obstacle.__name__} is a class; give one, {obstacle.__name__}(...)"
         )
-    known = (Plane, Cylinder, Sphere, Parabola, Cone, SurfaceMesh, SignedDistance, ClosestPoint)
-    if isinstance(obstacle, known):
+    shapes = (Plane, Cylinder, Sphere, Parabola, Cone, SurfaceMesh, Rough)
+    if isinstance(obstacle, (*shapes, SignedDistance, ClosestPoint)):
         gap = obstacle(x, n)
     else:
         gap = evaluated("obstacle", obstacle, x)

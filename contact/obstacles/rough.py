@@ -1,0 +1,329 @@
+"""A rough surface as a rigid obstacle: heights over a plane."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from typing import Any, Literal
+
+import numpy as np
+import scipy.fft
+from numpy.typing import ArrayLike, NDArray
+
+from contact.errors import InputError, evaluated, numbers
+from contact.obstacles.arguments import column, flag, positive_number, vector
+from contact.obstacles.height_files import read_heights
+from contact.obstacles.height_spline import DEGREES, HeightSpline
+from contact.obstacles.signed_distance import SignedDistance
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Rough:
+    r"""The obstacle behind a surface of given heights over a plane.
+
+    Between the points of the grid the heights are a tensor product of cubic splines, with two
+    continuous derivatives, or bilinear. Along the normal of the plane the gap is the difference of
+    heights; along other normals the first place where the ray meets the surface is sought.
+
+    Parameters
+    ----------
+    heights : array_like, shape (n,) for a body in 2-D, (nx, ny) in 3-D
+        In length units, measured out of the obstacle, the first index along the first axis.
+    lengths : float or sequence of float
+        The period, one number an axis; a patch's size if it is not periodic. The points of a period
+        are length / n apart, those of a patch length / (n - 1), from edge to edge.
+    point : sequence of float, optional
+        Where the first height would be zero. Default: the origin.
+    normal : sequence of float, optional
+        Out of the obstacle, towards the body; need not be a unit vector. Default: along y in 2-D
+        and along z in 3-D. The axes of the grid are the other coordinate axes in their order, made
+        perpendicular to the normal and to each other where it is oblique.
+    periodic : bool
+        Beyond the edge of a patch, if it is not periodic, there is no obstacle.
+    interpolation : "cubic" or "linear"
+
+    Attributes
+    ----------
+    rms_height, rms_slope : float
+        Root mean square of the heights about their mean, and of the length of their gradient. Both
+        are sums over the spectrum, and need a periodic surface.
+
+    Raises
+    ------
+    InputError
+        Heights with NaN or of another number of axes, too few of them; lengths that are not
+        positive.
+
+    Notes
+    -----
+    In a `ClosestPoint` the distance is the height above the surface over the length of
+    :math:`(1, -\nabla h)`: exact to first order in the gap. Its gradient is the normal of the
+    surface below the place.
+
+    References
+    ----------
+    T. D. B. Jacobs, T. Junge and L. Pastewka, Quantitative characterization of surface topography
+    using spectral analysis, Surface Topography: Metrology and Properties 5 (2017) 013001.
+
+    Examples
+    --------
+    A wavy foundation, whose crests are .1 below the origin:
+
+    >>> x = np.arange(32) / 32
+    >>> wavy = Rough(0.01 * (np.cos(2 * np.pi * x) - 1.0), 1.0, point=(0.0, -0.1))
+    >>> wavy
+    Rough(32 points, rms height 0.00707)
+    >>> wavy(np.array([[0.0, 1.5], [0.0, 0.0]]), np.array([[0.0, 0.0], [-1.0, -1.0]])).round(12)
+    array([0.1 , 0.12])
+    >>> print(round(wavy.rms_slope / wavy.rms_height / (2 * np.pi), 12))
+    1.0
+    """
+
+    heights: Array
+    lengths: float | Sequence[float]
+    point: Sequence[float] | None = None
+    normal: Sequence[float] | None = None
+    periodic: bool = True
+    interpolation: Literal["cubic", "linear"] = "cubic"
+    _surface: HeightSpline = field(init=False)
+    _frame: tuple[Array, Array, Array] = field(init=False)
+
+    def __post_init__(self) -> None:
+        if self.interpolation not in DEGREES:
+            raise InputError(
+                f"interpolation={self.interpolation!r}: expected one of {', '.join(DEGREES)}"
+            )
+        degree, periodic = DEGREES[self.interpolation], flag("periodic", self.periodic)
+        heights = numbers("heights", self.heights)
+        if heights.ndim not in (1, 2) or min(heights.shape) <= degree:
+            raise InputError(
+                f"heights: of shape {heights.shape}, expected (n,) for a body in two dimensions or "
+                f"(nx, ny) in three, with more than {degree} points along each axis"
+            )
+        if not np.all(np.isfinite(heights)):
+            raise InputError("heights: hold NaN or infinite values; fill them in")
+        lengths = np.atleast_1d(numbers("lengths", self.lengths))
+        if lengths.shape != (heights.ndim,) or not np.all((lengths > 0) & np.isfinite(lengths)):
+            raise InputError(
+                f"lengths={self.lengths!r}: expected {heights.ndim} positive numbers, one an axis"
+            )
+        heights.setflags(write=False)
+        object.__setattr__(self, "heights", heights)
+        object.__setattr__(self, "lengths", tuple(lengths.tolist()))
+        object.__setattr__(self, "_frame", self._placed(heights.ndim + 1))
+        surface = HeightSpline.through(heights, lengths, degree, periodic)
+        object.__setattr__(self, "_surface", surface)
+
+    def _placed(self, dim: int) -> tuple[Array, Array, Array]:
+        """Origin (dim,), axes of the grid (dim - 1, dim) and unit normal (dim,)."""
+        upright = np.eye(dim)[-1]
+        origin = np.zeros(dim) if self.point is None else vector("point", self.point)
+        normal = upright if self.normal is None else vector("normal", self.normal)
+        for name, given in (("point", origin), ("normal", normal)):
+            if given.size != dim:
+                raise InputError(f"{name}: expected {dim} numbers, for heights of {dim - 1} axes")
+        if not np.any(normal):
+            raise InputError("normal: the zero vector is no direction")
+        unit = normal / np.linalg.norm(normal)
+        axes: list[Array] = []
+        for e in np.delete(np.eye(dim), np.argmax(np.abs(unit)), axis=0):
+            for known in (unit, *axes):
+                e = e - known * (known @ e)
+            axes.append(e / np.linalg.norm(e))
+        return origin, np.array(axes), unit
+
+    @classmethod
+    def from_file(
+        cls,
+        path: str | PathLike[str],
+        lengths: float | Sequence[float],
+        scale: float = 1.0,
+        **settings: Any,
+    ) -> Rough:
+        """Read heights from a `.npy` file, a table of numbers or a grey image.
+
+        Parameters
+        ----------
+        path : str or path
+            Tables (`.txt`, `.csv`, `.dat`, `.asc`) hold a row of numbers a line, which runs along
+            the last axis; grey values of a `.png` lie between 0 and 1, the first axis of the
+            surface runs to the right and the second up.
+        lengths : float or sequence of float
+        scale : float
+            Unit of the file's heights in that of the body: 1e-9 for nm and a body in m.
+        **settings
+            `point`, `normal`, `periodic`, `interpolation` of `Rough`.
+
+        Returns
+        -------
+        Rough
+
+        Raises
+        ------
+        InputError
+            No such file, another format, nothing in it; what `Rough` refuses.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     np.savetxt(folder + "/map.txt", np.arange(30.0).reshape(5, 6))
+        ...     Rough.from_file(folder + "/map.txt", (1.0, 1.0), scale=1e-9, periodic=False)
+        Rough(5 x 6 points, patch)
+        """
+        return cls(positive_number("scale", scale) * read_heights(path), lengths, **settings)
+
+    @classmethod
+    def from_function(
+        cls,
+        function: Callable[[Array], ArrayLike],
+        lengths: float | Sequence[float],
+        shape: int | Sequence[int],
+        **settings: Any,
+    ) -> Rough:
+        """Take a function's heights at the points of a grid.
+
+        Parameters
+        ----------
+        function : callable t -> ndarray
+            Of places t on the plane, of shape (dim - 1, npoints).
+        lengths : float or sequence of float
+        shape : int or sequence of int
+            Points along each axis.
+        **settings
+            `point`, `normal`, `periodic`, `interpolation` of `Rough`.
+
+        Returns
+        -------
+        Rough
+
+        Raises
+        ------
+        InputError
+            A function that returns no heights, numbers of points that are not positive; what
+            `Rough` refuses.
+
+        Examples
+        --------
+        >>> Rough.from_function(lambda t: np.cos(t[0]) * np.cos(t[1]), (2 * np.pi,) * 2, (16, 16))
+        Rough(16 x 16 points, rms height 0.5)
+        """
+        sides, points = np.atleast_1d(numbers("lengths", lengths)), np.atleast_1d(shape)
+        if points.dtype.kind not in "iu" or points.shape != sides.shape or np.any(points < 2):
+            raise InputError(f"shape={shape!r}: expected {sides.size} numbers of points")
+        closed = not flag("periodic", settings.get("periodic", True))
+        axes = [np.linspace(0, s, m, endpoint=closed) for s, m in zip(sides, points, strict=True)]
+        t = np.array([a.ravel() for a in np.meshgrid(*axes, indexing="ij")])
+        values = evaluated("function", function, t)
+        if values.shape != t.shape[1:]:
+            raise InputError(f"function: returned {values.shape}, expected {t.shape[1:]} heights")
+        return cls(values.reshape(tuple(points.tolist())), lengths, **settings)
+
+    def __repr__(self) -> str:
+        """Say how large it is; its heights would fill pages."""
+        size = " x ".join(map(str, self.heights.shape))
+        kind = f"rms height {self.rms_height:.3g}" if self.periodic else "patch"
+        return f"Rough({size} points, {kind})"
+
+    def __call__(self, x: Array, n: Array) -> Array:
+        """Return the gap along n from x; both of shape (dim, ...)."""
+        _, axes, unit = self._frame
+        towards = -np.sum(n * column(unit, x), axis=0)
+        across = np.abs(np.tensordot(axes, n, axes=1)).sum(axis=0)
+        straight = (across <= 1e-14) & (towards > 0)
+        gap = np.where(straight, self._above(x), np.inf)
+        skew = ~straight & (towards > 0)
+        if np.any(skew):
+            march = SignedDistance(lambda y: self._above(y) / np.hypot(1.0, self._surface.steepest))
+            gap[skew] = march(x[:, skew], n[:, skew])
+        met = x + np.where(np.isfinite(gap), gap, 0.0) * n
+        gap[~self._surface.within(self._on_plane(met))] = np.inf
+        return gap
+
+    def distance(self, x: Array) -> tuple[Array, Array]:
+        """Distance from the surface to first order, positive above, and its gradient.
+
+        Parameters
+        ----------
+        x : ndarray, shape (dim, ...)
+
+        Returns
+        -------
+        distance : ndarray, shape (...)
+        gradient : ndarray, shape (dim, ...)
+
+        Examples
+        --------
+        >>> ramp = Rough(np.linspace(0.0, 0.75, 5), 1.0, periodic=False)
+        >>> d, normal = ramp.distance(np.array([[0.5], [1.375]]))
+        >>> print(d.round(12), normal.ravel().round(12))
+        [0.8] [-0.6  0.8]
+        """
+        _, axes, unit = self._frame
+        on = self._on_plane(x)
+        slope = self._surface.slope(on)
+        length = np.sqrt(1.0 + np.sum(slope**2, axis=0))
+        upward = column(unit, x) - np.tensordot(axes.T, slope, axes=1)
+        distance = np.where(self._surface.within(on), self._above(x) / length, np.inf)
+        return distance, upward / length
+
+    def spectrum(self) -> tuple[Array, Array]:
+        r"""Wave numbers and the power spectral density of the periodic heights.
+
+        With N heights over the area (or length) A it is :math:`C(q) = A |\hat h(q)|^2`, where
+        :math:`\hat h = N^{-1} \sum h e^{-i q x}`, so that the mean square of the heights is
+        :math:`A^{-1} \sum C(q)`.
+
+        Returns
+        -------
+        q : ndarray, shape (dim - 1, n) or (dim - 1, nx, ny)
+            Wave vectors, in radians a length, in the order of `scipy.fft`.
+        C : ndarray, shape (n,) or (nx, ny)
+            Length cubed of a profile, to the fourth of a surface; zero at q = 0.
+
+        Raises
+        ------
+        InputError
+            A patch, which has no spectrum without a window.
+
+        Examples
+        --------
+        >>> wave = Rough(np.cos(2 * np.pi * np.arange(8) / 8), 1.0)
+        >>> q, C = wave.spectrum()
+        >>> print(np.flatnonzero(C > 1e-9), C.sum().round(12))
+        [1 7] 0.5
+        """
+        if not self.periodic:
+            raise InputError("periodic: the spectrum of a patch depends on a window; none is taken")
+        lengths, h = self._surface.lengths, self.heights
+        waves = [
+            2 * np.pi * scipy.fft.fftfreq(m, s / m) for m, s in zip(h.shape, lengths, strict=True)
+        ]
+        part = scipy.fft.fftn(h - h.mean()) / h.size
+        C = float(np.prod(lengths)) * np.abs(part) ** 2
+        return np.array(np.meshgrid(*waves, indexing="ij")), C
+
+    @property
+    def rms_height(self) -> float:
+        """Root mean square of the heights about their mean."""
+        return float(np.sqrt(np.sum(self.spectrum()[1]) / np.prod(self._surface.lengths)))
+
+    @property
+    def rms_slope(self) -> float:
+        """Root mean square of the gradient's length, by the derivative of the Fourier series."""
+        q, C = self.spectrum()
+        return float(np.sqrt(np.sum(np.sum(q**2, axis=0) * C) / np.prod(self._surface.lengths)))
+
+    def _on_plane(self, x: Array) -> Array:
+        """Coordinates on the plane (dim - 1, ...) of places x."""
+        origin, axes, _ = self._frame
+        return np.asarray(np.tensordot(axes, x - column(origin, x), axes=1))
+
+    def _above(self, x: Array) -> Array:
+        """How far places x lie above the surface, along the normal of the plane."""
+        origin, _, unit = self._frame
+        level = np.sum((x - column(origin, x)) * column(unit, x), axis=0)
+        return np.asarray(level - self._surface.height(self._on_plane(x)))

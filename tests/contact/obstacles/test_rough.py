@@ -1,0 +1,214 @@
+"""Rough obstacles: heights between grid points, rays, files, and contact beside a plain gap."""
+
+import numpy as np
+import pytest
+import skfem
+
+from contact import ClosestPoint, ContactProblem, ElasticBody, InputError, Rough, self_affine
+
+L = (1.7, 0.9)
+
+
+def wave(t):
+    """A smooth periodic surface, its gradient below."""
+    a, b = 2 * np.pi * t[0] / L[0], 2 * np.pi * t[1] / L[1]
+    return 0.03 * np.cos(a) * np.sin(2 * b)
+
+
+def wave_slope(t):
+    a, b = 2 * np.pi * t[0] / L[0], 2 * np.pi * t[1] / L[1]
+    along = -0.03 * 2 * np.pi / L[0] * np.sin(a) * np.sin(2 * b)
+    return np.array([along, 0.03 * 4 * np.pi / L[1] * np.cos(a) * np.cos(2 * b)])
+
+
+@pytest.mark.parametrize("periodic", [True, False])
+@pytest.mark.parametrize(("kind", "order"), [("cubic", 4), ("linear", 2)])
+def test_order_of_heights_between_grid_points(kind, order, periodic):
+    t = np.random.default_rng(0).uniform(0, 1, (2, 400)) * np.array(L)[:, None]
+    x = np.vstack((t, 0 * t[:1] + 0.2))
+    down = np.zeros_like(x)
+    down[2] = -1
+    errors = []
+    for n in (16, 32, 64):
+        rough = Rough.from_function(wave, L, (n, n), periodic=periodic, interpolation=kind)
+        errors.append(np.abs(rough(x, down) - (0.2 - wave(t))).max())
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all((rates > order - 0.7) & (rates < order + 1.3))
+
+
+@pytest.mark.parametrize("kind", ["cubic", "linear"])
+@pytest.mark.parametrize("periodic", [True, False])
+def test_heights_at_grid_points_are_exact(kind, periodic):
+    h = np.random.default_rng(1).standard_normal((6, 9))
+    rough = Rough(h, L, periodic=periodic, interpolation=kind)
+    axes = [np.linspace(0, s, m, endpoint=not periodic) for s, m in zip(L, h.shape, strict=True)]
+    a, b = np.meshgrid(*axes, indexing="ij")
+    x, down = np.array([a, b, 0 * a]), np.stack((0 * a, 0 * a, 0 * a - 1))
+    assert rough(x, down) == pytest.approx(-h, abs=1e-13)
+    shifted = x + np.array([2 * L[0], -L[1], 0.0]).reshape(3, 1, 1)
+    if periodic:
+        assert rough(shifted, down) == pytest.approx(-h, abs=1e-13)
+    else:
+        assert np.all(np.isinf(rough(shifted + 1e-3, down)))
+
+
+def test_gradient_of_the_distance():
+    t = np.random.default_rng(2).uniform(0, 1, (2, 50)) * np.array(L)[:, None]
+    x = np.vstack((t, wave(t)[None]))
+    rough = Rough.from_function(wave, L, (96, 96))
+    d, normal = rough.distance(x)
+    slope = wave_slope(t)
+    wanted = np.vstack((-slope, np.ones((1, 50)))) / np.sqrt(1 + np.sum(slope**2, axis=0))
+    assert d == pytest.approx(0, abs=1e-7)
+    assert normal == pytest.approx(wanted, abs=1e-4)
+    assert ClosestPoint(rough).direction(x) == pytest.approx(-wanted, abs=1e-4)
+
+
+def test_distance_to_first_order():
+    """Half the gap, a quarter of the error: compared with a search along the curve."""
+    rough = Rough.from_function(lambda t: 0.1 * np.cos(t[0]), 2 * np.pi, 256)
+    s = np.linspace(0, 2, 200_001)
+    curve = np.array([s, 0.1 * np.cos(s)])
+    errors = []
+    for above in (0.08, 0.04, 0.02):
+        x = np.array([1.0, 0.1 * np.cos(1.0) + above])
+        exact = np.linalg.norm(curve - x[:, None], axis=0).min()
+        errors.append(abs(rough.distance(x[:, None])[0][0] - exact))
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert rates == pytest.approx(2, abs=0.3)
+
+
+def test_oblique_rays_meet_the_surface_first():
+    """Against a dense walk along each ray, on a surface that some rays meet more than once."""
+    rng = np.random.default_rng(3)
+    rough = Rough(self_affine((64,), 0.9, 0.05, (1, 6), 5), 2.0, interpolation="linear")
+    d = np.linspace(0, 3, 300_001)
+    met = 0
+    for _ in range(25):
+        x, angle = np.array([rng.uniform(0, 2), 0.4]), rng.uniform(-1.35, 1.35)
+        n = np.array([np.sin(angle), -np.cos(angle)])
+        at = x[:, None] + d * n[:, None]
+        below = np.flatnonzero(
+            -np.interp(at[0] % 2, np.arange(65) / 32, rough.heights[np.r_[:64, 0]]) + at[1] <= 0
+        )
+        found = rough(x[:, None], n[:, None])[0]
+        if below.size:
+            assert found == pytest.approx(d[below[0]], abs=2e-5)
+            met += 1
+    assert met > 15
+    assert np.isinf(rough(np.array([[0.1], [0.4]]), np.array([[0.0], [1.0]]))[0])
+
+
+@pytest.mark.parametrize("normal", [(0, 0, -2.0), (0, 3.0, 0), (-1.0, 0, 0), (0.3, -0.4, 1.2)])
+def test_placed_anywhere(normal):
+    """Turned with its plane: the axes are the other coordinate axes, in their order."""
+    n = np.array(normal) / np.linalg.norm(normal)
+    e = np.delete(np.eye(3), np.argmax(np.abs(n)), axis=0)
+    first = e[0] - n * (n @ e[0])
+    first /= np.linalg.norm(first)
+    second = e[1] - n * (n @ e[1]) - first * (first @ e[1])
+    second /= np.linalg.norm(second)
+    point = np.array([0.2, -0.1, 0.4])
+    rough = Rough.from_function(wave, L, (64, 64), point=point, normal=normal)
+    t = np.random.default_rng(4).uniform(-1, 2, (2, 30))
+    x = point[:, None] + np.outer(first, t[0]) + np.outer(second, t[1]) + 0.5 * n[:, None]
+    towards = np.repeat(-n[:, None], 30, axis=1)
+    assert rough(x, towards) == pytest.approx(0.5 - wave(t), abs=1e-5)
+
+
+@pytest.mark.parametrize("element", [skfem.ElementQuad1, skfem.ElementQuad2])
+@pytest.mark.parametrize("unit", [1e-6, 1.0])
+def test_contact_equals_that_of_the_gap(element, unit):
+    """A body on a rough line finds what it finds on the gap as a function."""
+    mesh = skfem.MeshQuad.init_tensor(np.linspace(0, unit, 25), np.linspace(0, 0.5 * unit, 9))
+    body = ElasticBody.from_mesh(mesh.with_defaults(), element(), E=1.0, nu=0.3)
+    body = body.fix("top", "x").fix("top", "y", value=-0.01 * unit)
+    h = unit * self_affine((24,), 0.7, 0.01, (1, 8), 2)
+    rough = Rough(h - h.max(), unit, interpolation="linear")
+
+    def gap(x):
+        return -np.interp(x[0], np.arange(25) / 24 * unit, (h - h.max())[np.r_[:24, 0]])
+
+    one = ContactProblem(body, "bottom", rough, friction=0.3).solve()
+    two = ContactProblem(body, "bottom", gap, friction=0.3).solve()
+    assert np.any(one.pressure > 0)
+    assert np.any(one.pressure == 0)
+    assert one.pressure == pytest.approx(two.pressure, abs=1e-9 * two.pressure.max())
+
+
+def test_contact_in_space():
+    """Bricks on a rough plane and on a tilted copy of both."""
+    flat = skfem.MeshHex.init_tensor(*3 * [np.linspace(0, 1, 7)])
+    below, above = (flat.facets_satisfying(lambda x, z=z: np.isclose(x[2], z)) for z in (0, 1))
+    h = self_affine(16, 0.8, 0.01, (1, 4), 3)
+    results = []
+    for turn in (np.eye(3), np.array([[0.8, 0, 0.6], [0, 1, 0], [-0.6, 0, 0.8]])):
+        mesh = skfem.MeshHex(turn @ flat.p, flat.t).with_boundaries({"low": below, "high": above})
+        body = ElasticBody.from_mesh(mesh, E=1.0, nu=0.3)
+        for axis, value in zip("xyz", turn @ np.array([0.0, 0.0, -0.02]), strict=True):
+            body = body.fix("high", axis, value=value)
+        rough = Rough(h - h.max(), (1.0, 1.0), normal=turn @ np.array([0.0, 0.0, 1.0]))
+        results.append(ContactProblem(body, "low", rough).solve())
+    one, two = results
+    assert 0 < np.sum(one.pressure > 0) < one.pressure.size
+    assert two.pressure == pytest.approx(one.pressure, abs=1e-6 * one.pressure.max())
+
+
+def test_files(tmp_path):
+    h = np.random.default_rng(5).uniform(0, 1, (5, 7))
+    np.save(tmp_path / "a.npy", h)
+    np.savetxt(tmp_path / "a.txt", h, header="nm")
+    np.savetxt(tmp_path / "a.csv", h, delimiter=",")
+    for name in ("a.npy", "a.txt", "a.csv"):
+        rough = Rough.from_file(tmp_path / name, L, scale=1e-9)
+        assert rough.heights == pytest.approx(1e-9 * h, rel=1e-15)
+    np.savetxt(tmp_path / "line.dat", h[0])
+    assert Rough.from_file(tmp_path / "line.dat", 1.0).heights == pytest.approx(h[0])
+
+
+def test_image(tmp_path):
+    """The first axis runs to the right, the second up."""
+    from matplotlib.image import imsave
+
+    grey = np.linspace(0, 1, 30).reshape(5, 6)
+    imsave(tmp_path / "a.png", grey, cmap="gray", vmin=0, vmax=1)
+    rough = Rough.from_file(tmp_path / "a.png", L, scale=2.0)
+    assert rough.heights == pytest.approx(
+        2 * grey[::-1].T, abs=2 / 128
+    )  # grey values have eight bits
+
+
+@pytest.mark.parametrize(
+    ("heights", "lengths", "settings", "words"),
+    [
+        (np.full((8, 8), np.nan), (1, 1), {}, "heights"),
+        (np.zeros((8, 3)), (1, 1), {}, "heights"),
+        (np.zeros((8, 8, 8)), (1, 1, 1), {}, "heights"),
+        (np.zeros((8, 8)), (1, -1), {}, "lengths"),
+        (np.zeros((8, 8)), 1.0, {}, "lengths"),
+        (np.zeros(8), 1.0, {"normal": (0, 0, 1)}, "normal"),
+        (np.zeros(8), 1.0, {"normal": (0, 0)}, "normal"),
+        (np.zeros(8), 1.0, {"point": (0, 0, 1)}, "point"),
+        (np.zeros(8), 1.0, {"interpolation": "spline"}, "interpolation"),
+        (np.zeros(8), 1.0, {"periodic": 1}, "periodic"),
+    ],
+)
+def test_refused(heights, lengths, settings, words):
+    with pytest.raises(InputError, match=f"^{words}"):
+        Rough(heights, lengths, **settings)
+
+
+def test_refused_files(tmp_path):
+    (tmp_path / "a.txt").write_text("heights of nothing")
+    (tmp_path / "b.txt").write_text("# empty\n")
+    (tmp_path / "c.npy").write_text("no array")
+    for name in ("a.txt", "b.txt", "c.npy", "d.npy", "e.xlsx"):
+        with pytest.raises(InputError, match=r"^path"):
+            Rough.from_file(tmp_path / name, (1, 1))
+    with pytest.raises(InputError, match=r"^path"):
+        Rough.from_file(3, (1, 1))
+
+
+def test_of_another_dimension():
+    with pytest.raises(InputError, match="dimension"):
+        Rough(np.zeros(8), 1.0)(np.zeros((3, 1)), np.array([[0.0], [0.0], [-1.0]]))
