@@ -4,6 +4,7 @@
 of a `State` there by a profile; `run` gives a `Trajectory`. Every failure is a `CipError`.
 """
 
+from cip.assimilation.sensors import Sensors
 from cip.errors import (
     CipError,
     InputError,
@@ -30,6 +31,7 @@ __all__ = [
     "NotConverged",
     "NotFinite",
     "NotSupported",
+    "Sensors",
     "Solver",
     "SplineVelocity",
     "State",

@@ -54,6 +54,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "cip.State": (),
     "cip.Solver": ("tangent", "adjoint"),
     "cip.Trajectory": (),
+    "cip.Sensors": (),
     "gpu.LQRResult": (),
     "gpu.LowRankValue": (),
 }
@@ -65,7 +66,7 @@ _REASONS = {
         skfem_adini.FieldLevelSet skfem_adini.LevelSet skfem_adini.NearNullSpace skfem_adini.Polygon
         skfem_adini.RefinedEigenpair contact.ContactResult contact.CrossCheck contact.Iteration
         contact.BodyResult contact.Surface contact.LoadHistory contact.LoadStep contact.Status
-        contact.Uniqueness cip.Diagnostics
+        contact.Uniqueness cip.Diagnostics cip.Sensors
         cip.Grid cip.State cip.Trajectory cip.Velocity gpu.KKT gpu.LQRResult gpu.QPFactor
         gpu.QPResult gpu.Status gpu.Step""",
     "geometry of school": """

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,22 +46,40 @@ def sample(state: State, points: ArrayLike) -> Array:
         Points of a wrong shape, not finite, or outside the box.
     """
     state = state.host()
-    grid = state.grid
-    place = real_array(points, "points").astype(float)
-    if grid.dim == 1 and (place.ndim == 0 or place.shape[0] != 1 or place.ndim == 1):
-        place = place[None]
-    if place.ndim == 0 or place.shape[0] != grid.dim:
-        raise InputError(f"points: expected shape ({grid.dim}, ...), got {place.shape}")
-    shape = place.shape[1:]
-    flat = place.reshape(grid.dim, -1)
-    cells = [_cells(grid, axis, x) for axis, x in enumerate(flat)]
+    place = points_of(points, state.grid.dim)
     data = {name: np.asarray(state.data[q], dtype=float) for q, name in enumerate(state.names)}
-    if state.profile in ("csl2", "csl4") or (grid.dim == 1 and state.profile != "linear"):
+    found = profile_value(state.profile, data, state.grid, place.reshape(state.grid.dim, -1))
+    return np.asarray(found).reshape(place.shape[1:])
+
+
+def points_of(points: ArrayLike, dim: int) -> Array:
+    """Points as coordinates of shape (dim, ...); on lines the first axis may be missing.
+
+    Raises
+    ------
+    InputError
+        Another shape, or no real numbers.
+    """
+    place = real_array(points, "points").astype(float)
+    if dim == 1 and (place.ndim == 0 or place.shape[0] != 1 or place.ndim == 1):
+        place = place[None]
+    if place.ndim == 0 or place.shape[0] != dim:
+        raise InputError(f"points: expected shape ({dim}, ...), got {place.shape}")
+    return place
+
+
+def profile_value(profile: str, data: Mapping[str, Any], grid: Grid, points: Array) -> Any:
+    """The profile of these moments at points of shape (dim, n).
+
+    The moments are arrays, or whatever can be indexed by nodes, added, and multiplied by arrays.
+    """
+    cells = [_cells(grid, axis, x) for axis, x in enumerate(points)]
+    if profile in ("csl2", "csl4") or (grid.dim == 1 and profile != "linear"):
         evaluate = _line if grid.dim == 1 else _tensor_means
-        return evaluate(state.profile, data, grid, cells).reshape(shape)
-    if state.profile == "bicubic":
-        return _bicubic(data, grid, cells).reshape(shape)
-    return _boolean(state.profile != "linear", data, grid, cells).reshape(shape)
+        return evaluate(profile, data, grid, cells)
+    if profile == "bicubic":
+        return _bicubic(data, grid, cells)
+    return _boolean(profile != "linear", data, grid, cells)
 
 
 Cell = tuple[Indices, Indices, Array, Array]
@@ -84,13 +103,13 @@ def _cells(grid: Grid, axis: int, x: Array) -> Cell:
     return k, (k + 1) % grid.nodes[axis], (x - edges[k]) / width, width
 
 
-def _cubic(a: Array, b: Array, va: Array, vb: Array, s: Array) -> Array:
+def _cubic(a: Any, b: Any, va: Any, vb: Any, s: Array) -> Any:
     d = b - a
-    value: Array = a + s * d + s * (1.0 - s) * ((va - d) * (1.0 - s) - (vb - d) * s)
+    value: Any = a + s * d + s * (1.0 - s) * ((va - d) * (1.0 - s) - (vb - d) * s)
     return value
 
 
-def _line(profile: str, data: dict[str, Array], grid: Grid, cells: list[Cell]) -> Array:
+def _line(profile: str, data: Mapping[str, Any], grid: Grid, cells: list[Cell]) -> Any:
     k, r, s, h = cells[0]
     a, b = data["u"][k], data["u"][r]
     if profile == "csl2":
@@ -109,22 +128,22 @@ def _line(profile: str, data: dict[str, Array], grid: Grid, cells: list[Cell]) -
     wa, wb = h**2 / 2 * data["u_xx"][k], h**2 / 2 * data["u_xx"][r]
     A, B, C = b - a - va - wa, vb - va - 2 * wa, wb - wa
     c3, c4, c5 = 10 * A - 4 * B + C, -15 * A + 7 * B - 2 * C, 6 * A - 3 * B + C
-    return np.asarray(a + s * (va + s * (wa + s * (c3 + s * (c4 + s * c5)))))
+    return a + s * (va + s * (wa + s * (c3 + s * (c4 + s * c5))))
 
 
-def _quadratic(a: Array, b: Array, m: Array, s: Array) -> Array:
-    value: Array = a + s * ((6 * m - 4 * a - 2 * b) + s * 3 * (a + b - 2 * m))
+def _quadratic(a: Any, b: Any, m: Any, s: Array) -> Any:
+    value: Any = a + s * ((6 * m - 4 * a - 2 * b) + s * 3 * (a + b - 2 * m))
     return value
 
 
-def _quartic(a: Array, b: Array, va: Array, vb: Array, m: Array, s: Array) -> Array:
+def _quartic(a: Any, b: Any, va: Any, vb: Any, m: Any, s: Array) -> Any:
     A, B, C = b - a - va, vb - va, m - a - va / 2
     c2, c3, c4 = -12 * A + 1.5 * B + 30 * C, 28 * A - 4 * B - 60 * C, -15 * A + 2.5 * B + 30 * C
-    value: Array = a + s * (va + s * (c2 + s * (c3 + s * c4)))
+    value: Any = a + s * (va + s * (c2 + s * (c3 + s * c4)))
     return value
 
 
-def _tensor_means(profile: str, data: dict[str, Array], grid: Grid, cells: list[Cell]) -> Array:
+def _tensor_means(profile: str, data: Mapping[str, Any], grid: Grid, cells: list[Cell]) -> Array:
     """Apply the profile of values and means in one direction after the other."""
     names = list(data)
 
@@ -180,7 +199,7 @@ def _slope(
     return 2 * _cubic(g[0], g[1], width * d[0], width * d[1], -y[0] / width)
 
 
-def _bicubic(data: dict[str, Array], grid: Grid, cells: list[Cell]) -> Array:
+def _bicubic(data: Mapping[str, Any], grid: Grid, cells: list[Cell]) -> Any:
     (k, r, s, hx), (l, q, t, hy) = cells
     rows = []
     for j in (l, q):
@@ -198,14 +217,15 @@ def _bicubic(data: dict[str, Array], grid: Grid, cells: list[Cell]) -> Array:
     return _cubic(rows[0][0], rows[1][0], rows[0][1], rows[1][1], t)
 
 
-def _boolean(slopes: bool, data: dict[str, Array], grid: Grid, cells: list[Cell]) -> Array:
-    total = np.zeros(cells[0][0].size)
+def _boolean(slopes: bool, data: Mapping[str, Any], grid: Grid, cells: list[Cell]) -> Any:
+    total: Any = 0.0
+    count = cells[0][0].size
     for corner in product((0, 1), repeat=grid.dim):
         index = tuple(cell[side] for cell, side in zip(cells, corner, strict=True))
-        weight = np.ones(total.size)
+        weight = np.ones(count)
         for cell, side in zip(cells, corner, strict=True):
             weight = weight * (cell[2] if side else 1.0 - cell[2])
-        total += weight * data["u"][index]
+        total = total + weight * data["u"][index]
     if not slopes:
         return total
     for axis, (k, r, s, h) in enumerate(cells):
@@ -215,10 +235,10 @@ def _boolean(slopes: bool, data: dict[str, Array], grid: Grid, cells: list[Cell]
             inner = [cell[side] for cell, side in zip(others, corner, strict=True)]
             left = (*inner[:axis], k, *inner[axis:])
             right = (*inner[:axis], r, *inner[axis:])
-            weight = np.ones(total.size)
+            weight = np.ones(count)
             for cell, side in zip(others, corner, strict=True):
                 weight = weight * (cell[2] if side else 1.0 - cell[2])
             d = data["u"][right] - data["u"][left]
             bubble = (h * slope[left] - d) * (1.0 - s) - (h * slope[right] - d) * s
-            total += weight * s * (1.0 - s) * bubble
+            total = total + weight * s * (1.0 - s) * bubble
     return total

@@ -1,0 +1,6 @@
+"""Data assimilation: states and parameters of a run from sensors, and where to put the sensors.
+
+In: a solver, a background state with its covariance, `Sensors`.
+Out: an analysis with its deviations; places of sensors with a bound on what any others could do.
+Start: `sensors`.
+"""

@@ -1,0 +1,397 @@
+"""Sensors at points in space and time: their reports, and what they would read in a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import block_array, csr_array
+from scipy.sparse.linalg import LinearOperator, aslinearoperator
+
+from cip.assimilation.report_checks import checked_deviations, checked_times, checked_values
+from cip.assimilation.sensor_files import (
+    parts_of_dataset,
+    read_sensors,
+    sensors_dataset,
+    write_sensors,
+)
+from cip.errors import InputError
+from cip.grid import Grid
+from cip.output.sample import sample
+from cip.output.sample_rows import sample_rows
+from cip.output.trajectory import Trajectory
+from cip.reals import real_array, real_number
+from cip.stages.state import State
+
+Array = NDArray[np.float64]
+# Times of a run that differ by less than this fraction of its length are the same.
+_SAME = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Reports:
+    """What arrived from sensors, as linear maps of states on one grid; missing reports left out.
+
+    Attributes
+    ----------
+    times : ndarray, shape (k,)
+    values, deviations : tuple of ndarray
+        For each time those that arrived, shape (m,).
+    operators : tuple of csr_array
+        For each time a matrix of shape (m, N), applied to all moments, ``state.data.ravel()``.
+    """
+
+    times: Array
+    values: tuple[Array, ...]
+    deviations: tuple[Array, ...]
+    operators: tuple[csr_array, ...]
+
+
+class Sensors:
+    """Point sensors of the field, all read at the same times, with noise and dropouts.
+
+    Parameters
+    ----------
+    points : array_like
+        Places, shape (dim, m); in one dimension shape (m,) is accepted too.
+    times : array_like
+        Increasing times of the reports, shape (k,).
+    values : array_like, optional
+        Reports, shape (k, m); NaN or masked where none arrived. Default: all 0, for sensors that
+        are only planned.
+    deviations : array_like
+        Standard deviation of the noise, positive, broadcast to (k, m), in the unit of the field.
+
+    Attributes
+    ----------
+    points : ndarray, shape (dim, m)
+    times : ndarray, shape (k,)
+    values, deviations : ndarray, shape (k, m)
+
+    Raises
+    ------
+    InputError
+        Shapes that do not belong together, times that do not increase, deviations that are not
+        positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cip import Grid, Sensors, Solver
+    >>> solver = Solver(Grid((0, 1), 32, periodic=True), 1.0)
+    >>> sensors = Sensors([0.21, 0.64], [0.1, 0.2], [[0.5, -0.9], [np.nan, -0.4]], 0.05)
+    >>> start = solver.state("sin(2*pi*x1)")
+    >>> run = solver.run(start, 0.2, dt=0.05, snapshots=sensors.times)
+    >>> sensors.sample(run).round(2).tolist()
+    [[0.64, -0.25], [0.06, 0.37]]
+    >>> sensors.residuals(run).round(1).tolist()  # in deviations
+    [[-2.7, -13.0], [nan, -15.4]]
+    """
+
+    def __init__(
+        self,
+        points: ArrayLike,
+        times: ArrayLike,
+        values: ArrayLike | None = None,
+        deviations: ArrayLike = 1.0,
+    ) -> None:
+        place = real_array(points, "points").astype(float)
+        place = place[None] if place.ndim == 1 else place
+        if place.ndim != 2 or place.shape[0] not in (1, 2, 3) or not place.size:
+            raise InputError(
+                f"points: expected shape (dim, m) with dim = 1, 2 or 3, got {np.shape(points)}"
+            )
+        if not np.isfinite(place).all():
+            raise InputError("points: expected finite coordinates")
+        self.points, self.times = place, checked_times(times)
+        shape = (self.times.size, place.shape[1])
+        self.values = checked_values(values, shape)
+        self.deviations = checked_deviations(deviations, shape)
+
+    def __repr__(self) -> str:
+        dim, count = self.points.shape
+        missing = int(np.isnan(self.values).sum())
+        return (
+            f"Sensors({count} points in {dim} dimensions, {self.times.size} times from "
+            f"{self.times[0]:.6g} to {self.times[-1]:.6g}, {missing} of {self.values.size} "
+            "reports missing)"
+        )
+
+    @property
+    def reported(self) -> NDArray[np.bool_]:
+        """Which reports arrived, shape (k, m)."""
+        return ~np.isnan(self.values)
+
+    def rows(self, grid: Grid, profile: str) -> csr_array:
+        """What all sensors read of a state, by the profile between its nodes.
+
+        Parameters
+        ----------
+        grid : Grid
+        profile : str
+
+        Returns
+        -------
+        scipy.sparse.csr_array
+            Shape (m, N), applied to all moments, ``state.data.ravel()``.
+
+        Raises
+        ------
+        InputError
+            Sensors outside the grid.
+        NotSupported
+            A profile that is not linear in its moments.
+        """
+        self._require(grid)
+        return sample_rows(grid, profile, self.points)
+
+    def reports(self, grid: Grid, profile: str) -> Reports:
+        """The reports that arrived, with their rows, for `identify_velocity` and `four_d_var`.
+
+        Parameters
+        ----------
+        grid, profile
+            As for `rows`.
+
+        Returns
+        -------
+        Reports
+            With ``times``, ``values``, ``deviations`` and ``operators``, an entry for each time.
+        """
+        rows, there = self.rows(grid, profile), self.reported
+        return Reports(
+            self.times,
+            tuple(value[kept] for value, kept in zip(self.values, there, strict=True)),
+            tuple(one[kept] for one, kept in zip(self.deviations, there, strict=True)),
+            tuple(csr_array(rows[np.flatnonzero(kept)]) for kept in there),
+        )
+
+    def operator(self, grid: Grid, profile: str) -> LinearOperator:
+        """The observation operator of all reports that arrived, and its transpose.
+
+        Parameters
+        ----------
+        grid, profile
+            As for `rows`.
+
+        Returns
+        -------
+        scipy.sparse.linalg.LinearOperator
+            Shape (reports, k N): from the moments of the states at all times, one state after the
+            other, to the reports, in the order of ``values[reported]``.
+        """
+        blocks = self.reports(grid, profile).operators
+        count = len(blocks)
+        layout = [[blocks[i] if i == j else None for j in range(count)] for i in range(count)]
+        return aslinearoperator(csr_array(block_array(layout)))
+
+    def states(self, run: Trajectory) -> tuple[State, ...]:
+        """The snapshots of a run at the times of the sensors.
+
+        Parameters
+        ----------
+        run : Trajectory
+            Made with ``snapshots=sensors.times``.
+
+        Returns
+        -------
+        tuple of State
+
+        Raises
+        ------
+        InputError
+            The run has no snapshot at one of the times.
+        """
+        if not isinstance(run, Trajectory):
+            raise InputError(f"run: expected what solver.run returned, got {type(run).__name__}")
+        known = run.times
+        near = np.abs(known[:, None] - self.times).argmin(axis=0)
+        apart = np.abs(known[near] - self.times) > _SAME * max(np.ptp(known), abs(run.dt))
+        if apart.any():
+            raise InputError(
+                f"run: it has no snapshot at t = {self.times[apart][0]:.6g}; run the solver with "
+                "snapshots=sensors.times, to their last"
+            )
+        return tuple(run[int(q)] for q in near)
+
+    def sample(self, run: Trajectory) -> Array:
+        """What the sensors would have read in a run, without noise.
+
+        Parameters
+        ----------
+        run : Trajectory
+            Made with ``snapshots=sensors.times``.
+
+        Returns
+        -------
+        ndarray
+            Shape (k, m), also where no report arrived.
+        """
+        states = self.states(run)
+        self._require(states[0].grid)
+        return np.stack([sample(state, self.points) for state in states])
+
+    def residuals(self, run: Trajectory) -> Array:
+        """Reports minus the values of a run, in units of the deviations.
+
+        Parameters
+        ----------
+        run : Trajectory
+            Made with ``snapshots=sensors.times``.
+
+        Returns
+        -------
+        ndarray
+            Shape (k, m), NaN where no report arrived.
+        """
+        return np.asarray((self.values - self.sample(run)) / self.deviations)
+
+    def with_values(self, values: ArrayLike) -> Sensors:
+        """The same sensors with other reports.
+
+        Parameters
+        ----------
+        values : array_like
+            Shape (k, m).
+
+        Returns
+        -------
+        Sensors
+        """
+        return Sensors(self.points, self.times, values, self.deviations)
+
+    def perturbed(self, seed: int, dropouts: float = 0.0) -> Sensors:
+        """The same sensors with noise of their deviations, and some reports lost at random.
+
+        Parameters
+        ----------
+        seed : int
+        dropouts : float
+            Probability that a report is lost, in [0, 1).
+
+        Returns
+        -------
+        Sensors
+
+        Raises
+        ------
+        InputError
+            A probability outside [0, 1).
+        """
+        share = real_number(dropouts, "dropouts")
+        if not 0.0 <= share < 1.0:
+            raise InputError(f"dropouts: expected a probability in [0, 1), got {dropouts!r}")
+        rng = np.random.default_rng(seed)
+        values = self.values + self.deviations * rng.standard_normal(self.values.shape)
+        values[rng.random(values.shape) < share] = np.nan
+        return self.with_values(values)
+
+    def at(self, chosen: ArrayLike) -> Sensors:
+        """Some of the sensors.
+
+        Parameters
+        ----------
+        chosen : array_like of int or bool
+            Numbers of the points, or a mask.
+
+        Returns
+        -------
+        Sensors
+
+        Raises
+        ------
+        InputError
+            No point is chosen, or one that does not exist.
+        """
+        if not np.size(chosen):
+            raise InputError("chosen: expected at least one point, got none")
+        try:
+            kept = np.atleast_1d(np.arange(self.points.shape[1])[np.asarray(chosen)])
+        except IndexError as error:
+            raise InputError(f"chosen: expected numbers of points or a mask: {error}") from None
+        if kept.ndim != 1 or not kept.size:
+            raise InputError(f"chosen: expected at least one point, got {chosen!r}")
+        return Sensors(
+            self.points[:, kept], self.times, self.values[:, kept], self.deviations[:, kept]
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write a file of JSON, which `load` reads without loss; it appears when it is complete.
+
+        Parameters
+        ----------
+        path : path
+
+        Raises
+        ------
+        OSError
+            No space left, or no permission to write.
+        """
+        write_sensors(path, self.points, self.times, self.values, self.deviations)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Sensors:
+        """The sensors of a file.
+
+        Parameters
+        ----------
+        path : path
+            Written by `save`.
+
+        Returns
+        -------
+        Sensors
+
+        Raises
+        ------
+        InputError
+            A file that `save` did not write.
+        """
+        return cls(*read_sensors(path))
+
+    def to_xarray(self) -> Any:
+        """An xarray.Dataset with ``value`` and ``deviation`` over ``t`` and ``sensor``.
+
+        The coordinates x, y, z of the points lie along ``sensor``.
+
+        Returns
+        -------
+        xarray.Dataset
+
+        Raises
+        ------
+        MissingDependency
+            xarray is not installed.
+        """
+        return sensors_dataset(self.points, self.times, self.values, self.deviations)
+
+    @classmethod
+    def from_xarray(cls, dataset: Any) -> Sensors:
+        """Sensors from a Dataset with variables and coordinates named as by `to_xarray`.
+
+        Parameters
+        ----------
+        dataset : xarray.Dataset
+            Dimensions ``t`` and ``sensor`` in any order; ``deviation`` may lack one or both.
+
+        Returns
+        -------
+        Sensors
+
+        Raises
+        ------
+        InputError
+            A variable or coordinate is missing, or has other dimensions.
+        """
+        return cls(*parts_of_dataset(dataset))
+
+    def _require(self, grid: Grid) -> None:
+        if not isinstance(grid, Grid):
+            raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
+        if grid.dim != self.points.shape[0]:
+            raise InputError(
+                f"grid: it has {grid.dim} dimensions, the sensors' points {self.points.shape[0]}"
+            )

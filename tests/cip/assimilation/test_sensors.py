@@ -1,0 +1,162 @@
+"""Sensors: rows beside the profile itself, transposes, files, dropouts, and what is refused."""
+
+import numpy as np
+import pytest
+
+from cip import Grid, InputError, NotSupported, Sensors, Solver, State
+from cip.output.sample import sample
+from cip.output.sample_rows import sample_rows
+from cip.profiles.catalogue import moments
+
+LINE = np.linspace(0, 1, 14)
+UNEVEN = LINE + 0.02 * np.sin(2 * np.pi * LINE)
+GRIDS = {
+    "line": Grid((0, 1), 12),
+    "uneven ring": Grid.from_coordinates(UNEVEN, periodic=True),
+    "plane": Grid([(0, 1), (-1, 2)], (7, 9), periodic=(True, False)),
+    "space": Grid([(0, 1)] * 3, (5, 6, 4), periodic=(False, True, False)),
+}
+PROFILES = {
+    1: ("linear", "cubic", "quintic", "csl2", "csl4"),
+    2: ("linear", "cubic", "quintic", "csl2", "adini", "bicubic"),
+    3: ("linear", "cubic", "csl2"),
+}
+CASES = [(name, p) for name, grid in GRIDS.items() for p in PROFILES[grid.dim]]
+
+
+def places(grid, count, seed=0):
+    low, high = np.array(grid.bounds).T
+    rng = np.random.default_rng(seed)
+    return low[:, None] + (high - low)[:, None] * rng.random((grid.dim, count))
+
+
+@pytest.mark.parametrize(("name", "profile"), CASES)
+def test_rows_read_what_the_profile_says(name, profile):
+    grid = GRIDS[name]
+    points = np.concatenate([places(grid, 40), np.array(grid.bounds)], axis=1)  # corners too
+    data = np.random.default_rng(3).standard_normal((len(moments(profile, grid.dim)), *grid.nodes))
+    state = State(grid, profile, data)
+    found = sample_rows(grid, profile, points) @ data.ravel()
+    # Rounding of a sum of at most 64 products.
+    np.testing.assert_allclose(found, sample(state, points), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("profile", ["cubic", "quintic"])
+def test_rows_are_exact_for_cubics(profile):
+    """Independent of `sample`: point values and slopes of a cubic determine it."""
+    grid, points = GRIDS["line"], places(GRIDS["line"], 30)
+    state = State.from_function(lambda x: x**3 - 2 * x + 1, grid, profile)
+    x = points[0]
+    found = sample_rows(grid, profile, points) @ state.data.ravel()
+    np.testing.assert_allclose(found, x**3 - 2 * x + 1, rtol=0, atol=1e-13)
+
+
+def test_operator_of_all_times_and_its_transpose():
+    grid = GRIDS["plane"]
+    solver = Solver(grid, ("1.0", "x1 - x1"), profile="adini")
+    times = [0.1, 0.25, 0.4]
+    plan = Sensors(places(grid, 6), times, deviations=0.01)
+    start = solver.state("sin(2*pi*x1)*cos(x2)")
+    run = solver.run(start, 0.4, dt=0.1, snapshots=times)
+    sensors = plan.with_values(plan.sample(run)).perturbed(seed=4, dropouts=0.3)
+    assert 0 < np.isnan(sensors.values).sum() < sensors.values.size
+    operator = sensors.operator(grid, "adini")
+    states = np.concatenate([state.data.ravel() for state in sensors.states(run)])
+    assert operator.shape == (sensors.reported.sum(), states.size)
+    expected = plan.sample(run)[sensors.reported]
+    np.testing.assert_allclose(operator @ states, expected, rtol=0, atol=1e-13)
+    y = np.random.default_rng(5).standard_normal(operator.shape[0])
+    assert abs(y @ (operator @ states) - (operator.T @ y) @ states) < 1e-13
+    reports = sensors.reports(grid, "adini")
+    assert [len(v) for v in reports.values] == [m.shape[0] for m in reports.operators]
+    # Residuals are standard normal numbers; 3.5 deviations among 18 of them are rare.
+    residuals = sensors.residuals(run)
+    assert np.isnan(residuals).sum() == np.isnan(sensors.values).sum()
+    assert 0.3 < np.nanstd(residuals) < 2.0
+    assert np.nanmax(np.abs(residuals)) < 3.5
+
+
+def test_noise_has_the_deviations_and_dropouts_the_probability():
+    plan = Sensors(np.linspace(0, 1, 200), np.arange(1, 51), deviations=np.full((50, 1), 0.3))
+    seen = plan.perturbed(seed=1, dropouts=0.2)
+    # Four deviations of the estimates from 10000 numbers.
+    assert abs(np.isnan(seen.values).mean() - 0.2) < 0.016
+    assert abs(np.nanstd(seen.values) / 0.3 - 1) < 0.032
+    np.testing.assert_array_equal(plan.perturbed(1, 0.2).values, seen.values)
+
+
+def test_files_and_xarray_lose_nothing(tmp_path):
+    grid = GRIDS["plane"]
+    sensors = Sensors(places(grid, 5), [0.1, 1 / 3], deviations=[[0.1], [0.2]]).perturbed(2, 0.4)
+    sensors.save(tmp_path / "sensors.json")
+    assert [path.name for path in tmp_path.iterdir()] == ["sensors.json"]
+    pytest.importorskip("xarray")
+    dataset = sensors.to_xarray()
+    twice = dataset.transpose("sensor", "t")
+    for found in (
+        Sensors.load(tmp_path / "sensors.json"),
+        *map(Sensors.from_xarray, (dataset, twice)),
+    ):
+        for name in ("points", "times", "values", "deviations"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(sensors, name))
+    assert dict(dataset.sizes) == {"t": 2, "sensor": 5}
+    one = dataset.assign(deviation=0.5)
+    assert np.all(Sensors.from_xarray(one).deviations == 0.5)
+
+
+def test_some_of_them():
+    sensors = Sensors([0.1, 0.2, 0.3], [1.0], [[1.0, 2.0, 3.0]], 0.1)
+    np.testing.assert_array_equal(sensors.at([2, 0]).values, [[3.0, 1.0]])
+    np.testing.assert_array_equal(sensors.at([False, True, False]).points, [[0.2]])
+    with pytest.raises(InputError, match="chosen: expected numbers"):
+        sensors.at([3])
+    with pytest.raises(InputError, match="chosen: expected at least one"):
+        sensors.at([])
+
+
+def test_masked_values_are_dropouts():
+    values = np.ma.masked_array([[1.0, 2.0]], mask=[[False, True]])
+    np.testing.assert_array_equal(Sensors([0.1, 0.2], 1.0, values).reported, [[True, False]])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([[[0.1]]], [1.0]), "points: expected shape"),
+        (([np.nan], [1.0]), "points: expected finite"),
+        (([0.1], [1.0, 1.0]), "times: expected increasing"),
+        (([0.1], [np.inf]), "times: expected finite"),
+        (([0.1], [1.0], [1.0]), "values: expected one for each of 1 times and 1 points"),
+        (([0.1], [1.0], [[np.inf]]), "values: infinity"),
+        (([0.1], [1.0], [[1j]]), "values: expected real"),
+        (([0.1], [1.0], None, 0.0), "deviations: expected positive"),
+        (([0.1], [1.0], None, [0.1, 0.2]), "deviations: expected shape"),
+    ],
+)
+def test_malformed_sensors(arguments, message):
+    with pytest.raises(InputError, match=message):
+        Sensors(*arguments)
+
+
+def test_what_does_not_fit_the_run(tmp_path):
+    solver = Solver(GRIDS["line"], lambda x: 0.0 * x)
+    run = solver.run(solver.state("x1"), 0.3, dt=0.1)
+    with pytest.raises(InputError, match=r"run: it has no snapshot at t = 0\.2"):
+        Sensors([0.5], [0.2, 0.3]).sample(run)
+    with pytest.raises(InputError, match=r"points: x = 1\.5 lies outside"):
+        Sensors([1.5], [0.3]).sample(run)
+    with pytest.raises(InputError, match=r"run: expected what solver\.run returned"):
+        Sensors([0.5], [0.3]).states(None)
+    with pytest.raises(InputError, match="grid: it has 2 dimensions"):
+        Sensors([0.5], [0.3]).rows(GRIDS["plane"], "adini")
+    with pytest.raises(NotSupported, match="not linear in its moments"):
+        Sensors([0.5], [0.3]).rows(GRIDS["line"], "piecewise_linear")
+    with pytest.raises(NotSupported, match="csl4"):
+        Sensors([[0.5], [0.5]], [0.3]).rows(GRIDS["plane"], "csl4")
+    (tmp_path / "other.json").write_text("{}")
+    with pytest.raises(InputError, match="no file of sensors"):
+        Sensors.load(tmp_path / "other.json")
+    with pytest.raises(InputError, match="dropouts: expected a probability"):
+        Sensors([0.5], [0.3]).perturbed(0, 1.0)
+    with pytest.raises(InputError, match="dataset: expected"):
+        Sensors.from_xarray({})
