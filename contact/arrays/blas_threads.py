@@ -37,6 +37,7 @@ def one_blas_thread(size: int) -> Iterator[None]:
     with _lock:  # the limit applies to the whole process: the last context to exit removes it
         _inside += 1
         if _inside == 1:
+            _take_control()
             _limits.append(openblas.limit(limits=1))
     try:
         yield
@@ -44,6 +45,7 @@ def one_blas_thread(size: int) -> Iterator[None]:
         with _lock:
             _inside -= 1
             if _inside == 0:
+                _take_control()
                 _limits.pop().restore_original_limits()
 
 
@@ -55,3 +57,12 @@ def _openblas() -> Any:
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController().select(internal_api="openblas")
+
+
+def _take_control() -> None:
+    """Let this thread set the limit: since threadpoolctl 3.8 only the first one may."""
+    import threadpoolctl
+
+    clear = getattr(threadpoolctl.OpenBLASController, "clear_controlling_thread", None)
+    if clear is not None:
+        clear(force=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -53,14 +54,15 @@ class SparseBody(CondensedBody):
         self.B = sparse.csr_array(B[:, self._boundary])
         modes = free_motions(body) / unit[:, None]
         self._refuse(unseen_motion(modes, modes[self._boundary]))
-        if strains_can_be_factored(body, S.shape[0]):
-            self._factor, change, back = factor_of_strains(body, self._P, self._boundary)
-            self._P = sparse.csr_array(self._P @ change)
-            self.B = sparse.csr_array(B @ change[:, self._boundary])
-            modes = back @ modes
-        else:
-            self._factor = schur_factor(S, self._boundary, lambda: elimination_order(body), solver)
         with one_blas_thread(max(self.B.shape)):
+            if strains_can_be_factored(body, S.shape[0]):
+                self._factor, change, back = factor_of_strains(body, self._P, self._boundary)
+                self._P = sparse.csr_array(self._P @ change)
+                self.B = sparse.csr_array(B @ change[:, self._boundary])
+                modes = back @ modes
+            else:
+                order = partial(elimination_order, body)
+                self._factor = schur_factor(S, self._boundary, order, solver)
             self._hold(modes[self._boundary], modes)
 
     def _prescribe(self, body: Any) -> None:

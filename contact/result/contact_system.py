@@ -119,15 +119,18 @@ class ContactSystem:
             surfaces penetration and complementarity are the force that the point of the curve with
             the same ``mu + c (u_n - d)`` has more, or less, than mu. Lengths are relative to
             the largest displacement, or to the one that a contact force alone would cause if that
-            is larger; forces are relative to the largest contact force. If obstacles are driven by
-            forces, also ``obstacle``: their residual force divided by the sum of moduli.
+            is larger; forces are relative to the largest contact force, or to the rounding of those
+            that cancel inside the body if that is larger. If obstacles are driven by forces, also
+            ``obstacle``: their residual force divided by the sum of moduli.
         """
         rows = self.rows
         contact = rows.G.T @ mu + rows.T.T @ t.ravel()
         unbalanced, cancelling = self.body.equilibrium(u, contact, self.load)
         # Where forces cancel and nothing moves, displacements are the rounding of what they cause.
         length = max(self.body.reach(u), self.body.give(contact)) or 1.0
-        size = max(float(np.abs(mu).max(initial=0.0)), float(np.abs(t).max(initial=0.0))) or 1.0
+        size = max(float(np.abs(mu).max(initial=0.0)), float(np.abs(t).max(initial=0.0)))
+        # Forces below the rounding of those that cancel inside have no digits.
+        size = max(size, float(np.finfo(float).eps * cancelling)) or 1.0
         ties = rows.ties
         free = ~ties
         reachable = np.isfinite(rows.gap) & free

@@ -1,5 +1,7 @@
 """The limit on OpenBLAS threads is lifted by the last one out and changes no result."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -55,3 +57,18 @@ def test_without_threadpoolctl_the_result_is_the_same(make, monkeypatch):
     plain = ContactProblem(body, "bottom", make.foundation[2], 0.9).solve()
     # Another split of the sums: round-off.
     assert np.abs(limited.u - plain.u).max() < 1e-13
+
+
+def test_every_thread_can_limit():
+    """One that was not the first to do so, too, and one that ends it for another."""
+    with one_blas_thread(100):
+        pass
+    before = threads()
+
+    def inside():
+        with one_blas_thread(100):
+            return threads()
+
+    with ThreadPoolExecutor(1) as pool:
+        assert set(pool.submit(inside).result()) == {1}
+    assert threads() == before
