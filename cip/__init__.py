@@ -4,6 +4,9 @@
 of a `State` there by a profile; `run` gives a `Trajectory`. Every failure is a `CipError`.
 """
 
+from cip.assimilation.analysis import Analysis
+from cip.assimilation.covariance import Covariance
+from cip.assimilation.four_d_var import four_d_var
 from cip.assimilation.sensors import Sensors
 from cip.errors import (
     CipError,
@@ -22,7 +25,9 @@ from cip.solver.solver import Solver
 from cip.stages.state import State
 
 __all__ = [
+    "Analysis",
     "CipError",
+    "Covariance",
     "Diagnostics",
     "Grid",
     "InputError",
@@ -37,6 +42,7 @@ __all__ = [
     "State",
     "Trajectory",
     "Velocity",
+    "four_d_var",
 ]
 
 __version__ = "1.0.0rc1"

@@ -1,0 +1,261 @@
+r"""Covariances of states as operators, by a square root: :math:`B = S S^T`.
+
+Errors are functions: the values of an error have the covariance that is asked for, and its other
+moments are the derivatives of its spline. So B has the rank of the values, and no increment has
+gradients that contradict its values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import eigh
+from scipy.sparse.linalg import LinearOperator
+
+from cip.assimilation.spline_derivatives import SplineDerivatives, along
+from cip.errors import InputError
+from cip.grid import Grid
+from cip.profiles.catalogue import moments
+from cip.reals import real_array, real_number
+from cip.stages.state import State
+
+Array = NDArray[np.float64]
+
+
+class Covariance:
+    r"""The covariance :math:`S S^T` of the moments of a state, known by its square root.
+
+    Parameters
+    ----------
+    grid : Grid
+    profile : str
+    root : LinearOperator or array_like
+        S, shape (N, r): applied to r independent numbers of variance 1 it gives an error, all
+        moments in the order of ``state.data.ravel()``.
+    deviations : ndarray
+        Standard deviation of the nodal values, shape ``grid.nodes``.
+
+    Attributes
+    ----------
+    grid : Grid
+    profile : str
+    root : LinearOperator
+    deviations : ndarray
+
+    Raises
+    ------
+    InputError
+        A square root or deviations of another shape than the state's.
+
+    References
+    ----------
+    A. Weaver and P. Courtier, Correlation modelling on the sphere using a generalized diffusion
+    equation, Q. J. R. Meteorol. Soc. 127 (2001), 1815-1846; I. Mirouze and A. T. Weaver,
+    Representation of correlation functions in variational assimilation using an implicit diffusion
+    operator, ibid. 136 (2010), 1421-1443.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cip import Covariance, Grid
+    >>> grid = Grid((0, 1), 64, periodic=True)
+    >>> B = Covariance.diffusion(grid, "cubic", deviation=0.3, length=0.1)
+    >>> error = B.draw(seed=1)
+    >>> error.names, bool(np.allclose(B.deviations, 0.3))
+    (('u', 'u_x'), True)
+    """
+
+    def __init__(self, grid: Grid, profile: str, root: Any, deviations: ArrayLike) -> None:
+        if not isinstance(grid, Grid):
+            raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
+        size = len(moments(profile, grid.dim)) * grid.size
+        if isinstance(root, LinearOperator):
+            operator = root
+        else:
+            matrix = real_array(root, "root").astype(float)
+            if matrix.ndim != 2 or not np.isfinite(matrix).all():
+                raise InputError(f"root: expected a finite matrix, got shape {matrix.shape}")
+            operator = LinearOperator(
+                matrix.shape, lambda x: matrix @ x, rmatvec=lambda y: matrix.T @ y, dtype=float
+            )
+        if operator.shape[0] != size:
+            raise InputError(
+                f"root: expected {size} rows, the moments of {profile!r}, got {operator.shape[0]}"
+            )
+        self.grid, self.profile, self.root = grid, profile, operator
+        self.deviations = real_array(deviations, "deviations").astype(float)
+        if self.deviations.shape != grid.nodes:
+            raise InputError(
+                f"deviations: expected shape {grid.nodes}, got {self.deviations.shape}"
+            )
+
+    def __repr__(self) -> str:
+        low, high = self.deviations.min(), self.deviations.max()
+        return (
+            f"Covariance({self.profile!r} on {self.grid}, rank {self.root.shape[1]}, deviations "
+            f"{low:.3g} to {high:.3g})"
+        )
+
+    @classmethod
+    def diffusion(
+        cls,
+        grid: Grid,
+        profile: str,
+        deviation: ArrayLike,
+        length: ArrayLike,
+        order: float = 6.0,
+    ) -> Covariance:
+        r"""Correlations of an implicit diffusion, :math:`(1 - \kappa \Delta)^{-M}`.
+
+        On the line they are those of an autoregressive process of order M, close to a Gaussian for
+        large M. They are periodic where the grid is; at other ends the flux of the diffusion is 0.
+        The variance is exact at every node, walls included. The operator is applied in the
+        eigenvectors of the diffusion along each direction, which are dense matrices.
+
+        Parameters
+        ----------
+        grid : Grid
+        profile : str
+            Of point values.
+        deviation : float or array_like
+            Standard deviation of the values, positive; a number, or an array at the nodes.
+        length : float, or one for each direction
+            Daley's length, at which the parabola of the correlation at 0 is 1/2:
+            sqrt((2 M - dim - 2) kappa).
+        order : float
+            M, above (dim + 2) / 2.
+
+        Returns
+        -------
+        Covariance
+
+        Raises
+        ------
+        InputError
+            Deviations or lengths that are not positive, an order too small for errors with
+            gradients of finite variance.
+        """
+        power = real_number(order, "order")
+        if not isinstance(grid, Grid):
+            raise InputError(f"grid: expected a Grid, got {type(grid).__name__}")
+        if not (np.isfinite(power) and 2.0 * power > grid.dim + 2.0):
+            raise InputError(f"order: expected more than {(grid.dim + 2) / 2}, got {order!r}")
+        lengths = _positive(length, (grid.dim,), "length")
+        kappa = lengths**2 / (2.0 * power - grid.dim - 2.0)
+        modes = [_diffusion_modes(grid, axis) for axis in range(grid.dim)]
+        spectrum = np.ones(())
+        for (values, _), factor in zip(modes, kappa, strict=True):
+            spectrum = spectrum[..., None] + factor * values
+        half = spectrum ** (-0.5 * power)
+        variance = half**2
+        for axis, (_, vectors) in enumerate(modes):
+            variance = along(vectors**2, variance, axis)
+        wanted = _positive(deviation, grid.nodes, "deviation")
+        scale = wanted / np.sqrt(variance)
+        return cls(grid, profile, _root(grid, profile, [v for _, v in modes], half, scale), wanted)
+
+    @classmethod
+    def patterns(cls, states: Sequence[State], deviations: ArrayLike = 1.0) -> Covariance:
+        r"""Errors that are sums of given fields times independent random amplitudes.
+
+        So sources of known shape and unknown strength are a model error, and the differences of the
+        members of an ensemble to their mean, divided by the root of their number less one, a
+        background error.
+
+        Parameters
+        ----------
+        states : sequence of State
+            On one grid, of one profile.
+        deviations : float or array_like
+            Standard deviation of each amplitude, positive.
+
+        Returns
+        -------
+        Covariance
+
+        Raises
+        ------
+        InputError
+            No states, or states that differ in grid or profile.
+        """
+        if not len(states) or not all(isinstance(state, State) for state in states):
+            raise InputError("states: expected at least one State")
+        first = states[0]
+        same = all(s.grid is first.grid and s.profile == first.profile for s in states)
+        if not same:
+            raise InputError("states: expected states of one profile on one Grid object")
+        spread = _positive(deviations, (len(states),), "deviations")
+        columns = np.stack([state.host().data.ravel() for state in states], axis=1) * spread
+        nodal = np.sqrt(np.sum(columns[: first.grid.size] ** 2, axis=1))
+        return cls(first.grid, first.profile, columns, nodal.reshape(first.grid.nodes))
+
+    def draw(self, seed: int, t: float = 0.0) -> State:
+        """A random error with this covariance.
+
+        Parameters
+        ----------
+        seed : int
+        t : float
+            Time of the state.
+
+        Returns
+        -------
+        State
+        """
+        numbers = np.random.default_rng(seed).standard_normal(self.root.shape[1])
+        count = len(moments(self.profile, self.grid.dim))
+        data = np.reshape(self.root @ numbers, (count, *self.grid.nodes))
+        return State(self.grid, self.profile, data, t)
+
+
+def _positive(given: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
+    found = real_array(given, name).astype(float)
+    if found.shape not in ((), shape):
+        raise InputError(f"{name}: expected one number or shape {shape}, got shape {found.shape}")
+    if not (np.isfinite(found).all() and np.all(found > 0.0)):
+        raise InputError(f"{name}: expected positive numbers, got {given!r}")
+    return np.broadcast_to(found, shape).copy()
+
+
+def _diffusion_modes(grid: Grid, axis: int) -> tuple[Array, Array]:
+    """Eigenvalues and vectors of K v = lambda W v, in which V^T W V = 1.
+
+    K is the matrix of -d^2/dx^2 by finite volumes, W holds the widths that belong to the nodes.
+    """
+    n, width, periodic = grid.nodes[axis], grid.widths[axis], grid.periodic[axis]
+    K, W = np.zeros((n, n)), np.zeros(n)
+    for cell, h in enumerate(width):
+        a, b = cell, (cell + 1) % n if periodic else cell + 1
+        K[[a, b], [a, b]] += 1.0 / h
+        K[[a, b], [b, a]] -= 1.0 / h
+        W[[a, b]] += 0.5 * h
+    root = np.sqrt(W)
+    values, vectors = eigh(K / np.outer(root, root))
+    return np.maximum(values, 0.0), vectors / root[:, None]
+
+
+def _root(
+    grid: Grid, profile: str, vectors: list[Array], half: Array, scale: Array
+) -> LinearOperator:
+    """From numbers of variance 1, one for each mode, to the moments."""
+    derivatives = SplineDerivatives(grid, profile)
+
+    def in_modes(values: Array, transposed: bool) -> Array:
+        for axis, matrix in enumerate(vectors):
+            values = along(matrix.T if transposed else matrix, values, axis)
+        return values
+
+    def forward(numbers: Any) -> Array:
+        values = in_modes(np.reshape(numbers, grid.nodes) * half, False) * scale
+        return derivatives.moments(values).ravel()
+
+    def backward(weights: Any) -> Array:
+        nodal = derivatives.transposed(np.reshape(weights, (derivatives.count, *grid.nodes)))
+        return np.asarray(in_modes(nodal * scale, True) * half).ravel()
+
+    shape = (derivatives.count * grid.size, grid.size)
+    products: dict[str, Callable[[Any], Array]] = {"matvec": forward, "rmatvec": backward}
+    return LinearOperator(shape, dtype=np.float64, **products)

@@ -1,0 +1,225 @@
+"""4D-Var beside the Kalman filter and the best linear unbiased estimate in dense matrices."""
+
+import numpy as np
+import pytest
+from scipy.sparse.linalg import aslinearoperator
+
+from cip import (
+    Covariance,
+    Grid,
+    InputError,
+    NotConverged,
+    Sensors,
+    Solver,
+    State,
+    Velocity,
+    four_d_var,
+)
+from cip.assimilation.data_combinations import combined_analysis
+
+LINE = np.linspace(0, 1, 21)
+SCHEMES = {
+    "cubic": (Grid((0, 1), 20, periodic=True), "cubic", ["1 + 0.3*sin(2*pi*x1 + t)"]),
+    "uneven quintic": (
+        Grid.from_coordinates(LINE + 0.01 * np.sin(2 * np.pi * LINE), periodic=True),
+        "quintic",
+        ["1 + 0.3*cos(2*pi*x1)"],
+    ),
+    "open": (Grid((-1, 1), 20), "cubic", ["x1"]),
+    "bicubic": (
+        Grid([(0, 1), (0, 2)], (6, 8), periodic=True),
+        "bicubic",
+        ["1.0 + 0*x1", "0.5*sin(2*pi*x1)"],
+    ),
+    "adini": (
+        Grid([(0, 1), (-1, 1)], (7, 6), periodic=(True, False)),
+        "adini",
+        ["1.0 + 0*x1", "x2"],
+    ),
+}
+TIMES = np.array([0.0, 0.07, 0.2, 0.3])
+
+
+def problem(name, seed=0, dropouts=0.2):
+    grid, profile, text = SCHEMES[name]
+    solver = Solver(grid, Velocity.from_expression(*text), profile=profile)
+    low, high = np.array(grid.bounds).T
+    rng = np.random.default_rng(seed)
+    points = low[:, None] + (high - low)[:, None] * rng.random((grid.dim, 5))
+    values = rng.standard_normal((4, 5))
+    sensors = Sensors(points, TIMES, values, 0.1 + rng.random((4, 5))).perturbed(seed, dropouts)
+    B = Covariance.diffusion(grid, profile, 1.0 + 0.3 * rng.random(grid.nodes), 0.3, order=4)
+    Q = Covariance.diffusion(grid, profile, 0.4, 0.5)
+    return solver, solver.state("sin(2*pi*x1)"), B, sensors, Q
+
+
+def model(solver, state, t0, t1):
+    """The matrix of the model, column by column from runs of unit states: no derivative is used."""
+    columns = []
+    for unit in np.eye(state.data.size):
+        one = State(solver.grid, solver.profile, unit.reshape(state.data.shape), t0)
+        columns.append(solver.run(one, t1, dt=0.05).final.data.ravel())
+    return np.stack(columns, axis=1)
+
+
+def dense(covariance):
+    S = covariance.root @ np.eye(covariance.root.shape[1])
+    return S @ S.T
+
+
+def kalman(solver, background, B, sensors, Q):
+    """Means and covariances of the filter, and the cross covariance with the start (smoother)."""
+    reports = sensors.reports(solver.grid, solver.profile)
+    x, P, t = background.data.ravel(), dense(B), background.t
+    start, C = x.copy(), P.copy()  # C = cov(x_0, x_k)
+    cost = 0.0
+    P0 = P.copy()
+    for k, end in enumerate(sensors.times):
+        if end > t:
+            M = model(solver, background, t, end)
+            x, P, C, t = M @ x, M @ P @ M.T, C @ M.T, end
+            if Q is not None:
+                P = P + dense(Q)
+        H, R = reports.operators[k].toarray(), np.diag(reports.deviations[k] ** 2)
+        S = np.linalg.inv(H @ P @ H.T + R)
+        d = reports.values[k] - H @ x
+        start = start + C @ H.T @ S @ d
+        P0 = P0 - C @ H.T @ S @ H @ C.T
+        C = C - C @ H.T @ S @ H @ P
+        x, P = x + P @ H.T @ S @ d, P - P @ H.T @ S @ H @ P
+        cost += 0.5 * d @ S @ d
+    return x, start, P0, cost
+
+
+@pytest.mark.parametrize("name", SCHEMES)
+@pytest.mark.parametrize("weak", [False, True], ids=["strong", "weak"])
+def test_it_is_the_kalman_filter_and_smoother(name, weak):
+    solver, background, B, sensors, Q = problem(name)
+    Q = Q if weak else None
+    found = four_d_var(
+        solver, background, B, sensors, dt=0.05, model_error=Q, tol=1e-11, vectors=20
+    )
+    end, start, P0, cost = kalman(solver, background, B, sensors, Q)
+    size = background.data[0].size
+    for state, wanted in ((found.states[-1], end), (found.start, start)):
+        wanted = wanted.reshape(state.data.shape)
+        scale = np.abs(wanted).max(axis=tuple(range(1, wanted.ndim)), keepdims=True)
+        assert np.max(np.abs(state.data - wanted) / scale) < 1e-11
+    np.testing.assert_allclose(found.deviations.ravel(), np.sqrt(np.diag(P0)[:size]), rtol=1e-9)
+    # The innovations of the filter have the same sum of squares as the minimum (Bennett 2002).
+    assert found.cost == pytest.approx(cost, rel=1e-10)
+    assert found.complete
+    assert found.reports == np.sum(sensors.reported)
+
+
+@pytest.mark.parametrize("rank", [3, 12, 30])
+def test_fewer_combinations_never_promise_more(rank):
+    """In the order of matrices; with repeated singular values, which one Krylov space misses."""
+    rng = np.random.default_rng(rank)
+    left, _ = np.linalg.qr(rng.standard_normal((12, 12)))
+    right, _ = np.linalg.qr(rng.standard_normal((30, 30)))
+    sizes = np.repeat([5.0, 1.0, 0.3], 4)[: min(rank, 12)]
+    A = (left[:, : sizes.size] * sizes) @ right[: sizes.size]
+    b = A[:, 0] + left[:, 0] + 0.1 * rng.standard_normal(12)
+    exact = np.linalg.inv(np.eye(30) + A.T @ A)
+    before = np.eye(30)
+    for count in range(1, 13):
+        part = combined_analysis(aslinearoperator(A), b, 1e-12, count, count, lambda *_: None)
+        share = part.singular_values**2 / (1 + part.singular_values**2)
+        now = np.eye(30) - part.directions.T @ (share[:, None] * part.directions)
+        for above, below in ((before, now), (now, exact)):
+            assert np.linalg.eigvalsh(above - below).min() > -1e-12
+        before = now
+    np.testing.assert_allclose(now, exact, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(part.solution, exact @ A.T @ b, rtol=0, atol=1e-12)
+    assert part.complete
+
+
+def test_deviations_are_those_of_the_errors():
+    """Calibration: truths drawn from the prior, the same noise as assumed."""
+    solver, background, B, plan, Q = problem("cubic", dropouts=0.0)
+    ratios, chi = [], []
+    for seed in range(40):
+        truth = State(solver.grid, "cubic", background.data + B.draw(seed).data, 0.0)
+        values = [truth]
+        state = truth
+        for k, end in enumerate(TIMES[1:]):
+            state = solver.run(state, end, dt=0.05).final
+            state = State(
+                solver.grid, "cubic", state.data + Q.draw(1000 * (k + 1) + seed).data, end
+            )
+            values.append(state)
+        rows = plan.rows(solver.grid, "cubic")
+        clean = plan.with_values(np.stack([rows @ one.data.ravel() for one in values]))
+        found = four_d_var(
+            solver, background, B, clean.perturbed(seed), dt=0.05, model_error=Q, vectors=20
+        )
+        ratios.append((found.start["u"] - truth["u"]) / found.deviations)
+        chi.append(2 * found.cost)
+        assert found.explained
+    # 40 independent fields with a few independent values each: 5 deviations of their estimates.
+    assert np.std(ratios) == pytest.approx(1.0, abs=0.25)
+    assert np.mean(chi) == pytest.approx(20.0, abs=5 * np.sqrt(2 * 20 / 40))
+
+
+def test_an_unknown_speed_and_start():
+    """The data are of the closed form of a wave, not of the scheme."""
+    grid = Grid((0, 1), 40, periodic=True)
+    velocity = Velocity.from_expression("a + b*sin(2*pi*x1)", parameters={"a": 0.7, "b": 0.0})
+    solver = Solver(grid, velocity)
+    plan = Sensors(np.linspace(0, 0.9, 7), np.linspace(0, 0.8, 17), deviations=0.02)
+    x, t = plan.points, plan.times[:, None]
+    sensors = plan.with_values(np.sin(2 * np.pi * (x - t))).perturbed(seed=3, dropouts=0.1)
+    B = Covariance.diffusion(grid, "cubic", 1.0, 0.15)
+    found = four_d_var(
+        solver, solver.state(0.0), B, sensors, dt=0.05, parameters={"a": 0.4, "b": 0.2}
+    )
+    assert found.outer_iterations > 1
+    assert found.gradient <= 1e-8
+    for name, truth in {"a": 1.0, "b": 0.0}.items():
+        spread = found.parameter_deviations[name]
+        assert spread < 0.02
+        assert abs(found.parameters[name] - truth) < 4 * spread
+    assert found.velocity.parameters == found.parameters
+    error = found.start["u"] - np.sin(2 * np.pi * grid.coordinates[0])
+    assert np.max(np.abs(error) / found.deviations) < 4.0
+    assert found.explained
+    wrong = sensors.with_values(sensors.values + (sensors.points > 0.5))  # a constant bias
+    assert not four_d_var(
+        solver, solver.state(0.0), B, wrong, dt=0.05, parameters={"a": 1e-3, "b": 1e-3}
+    ).explained
+
+
+def test_reports_of_the_start_alone():
+    solver, background, B, sensors, _ = problem("cubic", dropouts=0.0)
+    first = Sensors(sensors.points, [0.0], sensors.values[:1], sensors.deviations[:1])
+    found = four_d_var(solver, background, B, first, dt=0.05, tol=1e-11)
+    _, start, _, _ = kalman(solver, background, B, first, None)
+    np.testing.assert_allclose(found.start.data.ravel(), start, rtol=0, atol=1e-10)
+    assert len(found.states) == 1
+
+
+def test_what_is_refused():
+    solver, background, B, sensors, Q = problem("cubic")
+    good = (solver, background, B, sensors)
+    other = Covariance.diffusion(Grid((0, 1), 30, periodic=True), "cubic", 1.0, 0.2)
+    late = State(solver.grid, "cubic", background.data, 0.1)
+    none = sensors.with_values(np.full(sensors.values.shape, np.nan))
+    for arguments, more, message in [
+        ((None, *good[1:]), {}, "solver: expected a Solver"),
+        ((*good[:2], other, sensors), {}, "covariance: it is of"),
+        ((*good[:2], 1.0, sensors), {}, "covariance: expected a Covariance"),
+        ((*good[:3], None), {}, "sensors: expected Sensors"),
+        ((solver, late, *good[2:]), {}, "sensors: their first time is 0, before"),
+        ((*good[:3], none), {}, "sensors: no report has arrived"),
+        (good, {"parameters": {"a": 1.0}}, "parameters: the velocity has no parameter 'a'"),
+        (good, {"model_error": [Q]}, "model_error: expected a Covariance, or one or None for each"),
+        (good, {"model_error": [None, None, other]}, "model_error: interval 2: it is of"),
+        (good, {"tol": 0.0}, "tol: expected"),
+        (good, {"vectors": -1}, "vectors: expected"),
+        (good, {"max_outer": True}, "max_outer: expected"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            four_d_var(*arguments, dt=0.05, **more)
+    with pytest.raises(NotConverged, match="max_iterations: after 2 combinations"):
+        four_d_var(*good, dt=0.05, max_iterations=2)
