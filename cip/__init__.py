@@ -7,6 +7,7 @@ of a `State` there by a profile; `run` gives a `Trajectory`. Every failure is a 
 from cip.assimilation.analysis import Analysis
 from cip.assimilation.covariance import Covariance
 from cip.assimilation.four_d_var import four_d_var
+from cip.assimilation.place_sensors import Placement, place_sensors
 from cip.assimilation.sensors import Sensors
 from cip.errors import (
     CipError,
@@ -36,6 +37,7 @@ __all__ = [
     "NotConverged",
     "NotFinite",
     "NotSupported",
+    "Placement",
     "Sensors",
     "Solver",
     "SplineVelocity",
@@ -43,6 +45,7 @@ __all__ = [
     "Trajectory",
     "Velocity",
     "four_d_var",
+    "place_sensors",
 ]
 
 __version__ = "1.0.0rc1"

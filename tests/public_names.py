@@ -67,6 +67,7 @@ _REASONS = {
         skfem_adini.RefinedEigenpair contact.ContactResult contact.CrossCheck contact.Iteration
         contact.BodyResult contact.Surface contact.LoadHistory contact.LoadStep contact.Status
         contact.Uniqueness cip.Diagnostics cip.Sensors
+        cip.Placement
         cip.Grid cip.State cip.Trajectory cip.Velocity gpu.KKT gpu.LQRResult gpu.QPFactor
         gpu.QPResult gpu.Status gpu.Step""",
     "geometry of school": """
