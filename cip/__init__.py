@@ -21,6 +21,9 @@ from cip.errors import (
 from cip.formulas.spline_velocity import SplineVelocity
 from cip.formulas.velocity import Velocity
 from cip.grid import Grid
+from cip.inverse.identifiability import Identifiability, IdentifiabilityWarning
+from cip.inverse.identified import IdentifiedVelocity, MisfitWarning
+from cip.inverse.identify import identify_velocity
 from cip.output.trajectory import Diagnostics, Trajectory
 from cip.solver.solver import Solver
 from cip.stages.state import State
@@ -31,8 +34,12 @@ __all__ = [
     "Covariance",
     "Diagnostics",
     "Grid",
+    "Identifiability",
+    "IdentifiabilityWarning",
+    "IdentifiedVelocity",
     "InputError",
     "LeftDomain",
+    "MisfitWarning",
     "MissingDependency",
     "NotConverged",
     "NotFinite",
@@ -45,6 +52,7 @@ __all__ = [
     "Trajectory",
     "Velocity",
     "four_d_var",
+    "identify_velocity",
     "place_sensors",
 ]
 

@@ -55,6 +55,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "cip.Solver": ("tangent", "adjoint"),
     "cip.Trajectory": (),
     "cip.Sensors": (),
+    "cip.IdentifiedVelocity": (),
     "gpu.LQRResult": (),
     "gpu.LowRankValue": (),
 }
@@ -68,7 +69,8 @@ _REASONS = {
         contact.BodyResult contact.Surface contact.LoadHistory contact.LoadStep contact.Status
         contact.Uniqueness cip.Diagnostics cip.Sensors
         cip.Placement
-        cip.Grid cip.State cip.Trajectory cip.Velocity gpu.KKT gpu.LQRResult gpu.QPFactor
+        cip.Grid cip.Identifiability cip.IdentifiedVelocity cip.State cip.Trajectory cip.Velocity
+        gpu.KKT gpu.LQRResult gpu.QPFactor
         gpu.QPResult gpu.Status gpu.Step""",
     "geometry of school": """
         contact.ClosestPoint contact.Cylinder contact.Plane contact.Rigid contact.Sphere""",

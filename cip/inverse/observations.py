@@ -1,0 +1,158 @@
+"""What was observed, when, and which linear map of the state it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from cip.errors import InputError
+from cip.grid import Grid
+from cip.reals import real_array, real_number
+
+Array = NDArray[np.float64]
+
+
+@runtime_checkable
+class Observations(Protocol):
+    """Data that `identify_velocity` takes besides snapshots: linear maps of states at some times.
+
+    Attributes
+    ----------
+    times : sequence of float
+        Increasing.
+    values : sequence of ndarray
+        For each time the data, shape (m,).
+    operators : sequence
+        For each time a matrix or SciPy LinearOperator of shape (m, N), which is applied to all
+        moments, ``state.data.ravel()``.
+    """
+
+    times: Any
+    values: Any
+    operators: Any
+
+
+class Data:
+    """Observations, checked, each divided by its standard deviation.
+
+    Parameters
+    ----------
+    given : mapping or Observations
+        A mapping has arrays of nodal values by times; masked entries are missing.
+    noise : float, sequence of float, or None
+        One standard deviation, or one for each time.
+    grid : Grid
+    moments : int
+    start : float
+        Time of the first state, before all data.
+
+    Attributes
+    ----------
+    times : list of float
+    values : list of ndarray
+    operators : list
+    weights : ndarray
+        One over the standard deviation of each of all values; where the noise is 0 or unknown,
+        over the root mean square of all.
+    known, exact : bool
+        Whether the noise is given and not 0, and whether it is given as 0.
+    """
+
+    def __init__(self, given: Any, noise: Any, grid: Grid, moments: int, start: float) -> None:
+        if isinstance(given, Mapping):
+            self.times, self.values, self.operators = _snapshots(given, grid, moments)
+        elif isinstance(given, Observations):
+            self.times, self.values, self.operators = _observed(given, grid.size * moments)
+        else:
+            raise InputError(
+                "data: expected arrays of nodal values by times, {t: array}, or an object with "
+                f"times, values and operators, got {type(given).__name__}"
+            )
+        if not self.times[0] > start:
+            raise InputError(
+                f"data: the first time is {self.times[0]:.6g}, expected one after that of the "
+                f"start, {start:.6g}"
+            )
+        deviations = _deviations(noise, len(self.times))
+        self.known = noise is not None and bool(np.all(deviations > 0.0))
+        self.exact = noise is not None and not self.known
+        if not self.known:
+            size = float(np.sqrt(np.mean(self.flat() ** 2)))
+            deviations = np.full(len(self.times), size if size > 0.0 else 1.0)
+        sizes = [one.size for one in self.values]
+        self.weights = np.repeat(1.0 / deviations, sizes)
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return self.weights.size
+
+    def flat(self) -> Array:
+        """All values in one row."""
+        return np.concatenate(self.values)
+
+
+def _snapshots(
+    given: Mapping[Any, Any], grid: Grid, moments: int
+) -> tuple[list[float], list[Array], list[Any]]:
+    if not given:
+        raise InputError("data: expected at least one snapshot")
+    keys = sorted((real_number(key, "data: times"), key) for key in given)
+    times, values, operators = [t for t, _ in keys], [], []
+    if not np.isfinite(times).all():
+        raise InputError("data: expected finite times")
+    for t, key in keys:
+        name = f"data: snapshot at t = {t:.6g}"
+        hidden = np.ma.getmaskarray(given[key]) if np.ma.isMaskedArray(given[key]) else None
+        filled = np.ma.filled(given[key], 0.0) if hidden is not None else given[key]
+        array = real_array(filled, name).astype(float)
+        if array.shape != grid.nodes:
+            raise InputError(
+                f"{name}: expected nodal values, shape {grid.nodes}, got {array.shape}"
+            )
+        if not np.isfinite(array).all():
+            raise InputError(f"{name}: NaN or infinity; mask what is missing (numpy.ma)")
+        kept = np.arange(grid.size) if hidden is None else np.flatnonzero(~hidden)
+        ones = (np.ones(kept.size), (np.arange(kept.size), kept))
+        values.append(array.ravel()[kept])
+        operators.append(csr_array(ones, shape=(kept.size, grid.size * moments)))
+    if not sum(one.size for one in values):
+        raise InputError("data: every value is masked")
+    return times, values, operators
+
+
+def _observed(given: Observations, size: int) -> tuple[list[float], list[Array], list[Any]]:
+    times = real_array(given.times, "data: times").astype(float)
+    if times.ndim != 1 or not times.size or np.any(np.diff(times) <= 0.0):
+        raise InputError("data: expected increasing times")
+    if not len(given.values) == len(given.operators) == times.size:
+        raise InputError("data: expected values and an operator for each time")
+    values = [real_array(one, "data: values").astype(float) for one in given.values]
+    for one, operator in zip(values, given.operators, strict=True):
+        if operator.shape != (one.size, size) or one.ndim != 1:
+            raise InputError(
+                f"data: expected values of shape (m,) and operators of shape (m, {size}), got "
+                f"{one.shape} and {operator.shape}"
+            )
+        if not np.isfinite(one).all():
+            raise InputError("data: NaN or infinity among the values; leave missing ones out")
+    return [float(t) for t in times], values, list(given.operators)
+
+
+def _deviations(noise: Any, times: int) -> Array:
+    if noise is None:
+        return np.zeros(times)
+    several = isinstance(noise, Sequence | np.ndarray)
+    found = real_array(noise, "noise: expected standard deviations").astype(float)
+    if several and found.shape != (times,):
+        raise InputError(f"noise: expected one number, or one for each of {times} times")
+    found = np.broadcast_to(found, (times,))
+    if not np.isfinite(found).all() or np.any(found < 0.0):
+        raise InputError(f"noise: expected standard deviations >= 0, got {noise!r}")
+    if np.any(found == 0.0) and np.any(found > 0.0):
+        raise InputError("noise: expected 0 for all times or for none")
+    return found

@@ -1,0 +1,163 @@
+"""The least-squares problem: arguments checked, model, data and seminorm together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cip.characteristics.feet import check_step
+from cip.errors import InputError
+from cip.formulas.spline_velocity import SplineVelocity
+from cip.inverse.observations import Data
+from cip.inverse.prediction import Prediction
+from cip.inverse.roughness import ORDERS, Roughness, field, field_slopes
+from cip.inverse.weight import Linearised, by_discrepancy, by_l_curve
+from cip.reals import real_array, real_number
+from cip.solver.solver import Solver
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Model, data and seminorm.
+
+    Attributes
+    ----------
+    prediction : Prediction
+    roughness : Roughness
+    data : Data
+    solver : Solver
+    t : float
+        Time of the start.
+    kind : str or None
+        The seminorm.
+    """
+
+    prediction: Prediction
+    roughness: Roughness
+    data: Data
+    solver: Solver
+    t: float
+    kind: str | None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters."""
+        return self.prediction.names
+
+    @property
+    def middle(self) -> float:
+        """The time at which an unsteady velocity is judged: it may begin with 0."""
+        return 0.5 * (self.t + self.data.times[-1])
+
+    def velocity(self, p: Array) -> tuple[Array, Array]:
+        """Components at the nodes and their derivatives in the parameters, nodes flat."""
+        velocity, grid = self.prediction.velocity(p), self.solver.grid
+        return (
+            field(velocity, grid, self.middle),
+            field_slopes(velocity, grid, self.middle, self.names),
+        )
+
+    def speed(self, values: Array) -> float:
+        """Root mean square of the components; at least a cell in the time of the data."""
+        grid = self.solver.grid
+        weight = grid.weights.ravel()
+        found = float(np.sqrt(np.sum(weight * values**2) / weight.sum()))
+        return max(found, min(grid.spacing) / (self.data.times[-1] - self.t))
+
+
+def problem_of(
+    solver: Any, start: Any, data: Any, dt: float, noise: Any, regularization: Any
+) -> Problem:
+    """The arguments of `identify_velocity`, checked."""
+    if not isinstance(solver, Solver):
+        raise InputError(f"solver: expected a Solver, got {type(solver).__name__}")
+    names = tuple(solver.velocity.parameters)
+    if not names:
+        raise InputError(
+            "solver: its velocity has no parameters; take Velocity.from_expression with "
+            "parameters, or SplineVelocity"
+        )
+    splines = isinstance(solver.velocity, SplineVelocity)
+    kind = ("H2" if splines else None) if regularization == "auto" else regularization
+    if kind is not None and not (isinstance(kind, str) and kind in ORDERS):
+        raise InputError(
+            f"regularization: expected 'auto', 'H1', 'H2' or None, got {regularization!r}"
+        )
+    solver._accept(start)
+    checked = Data(data, noise, solver.grid, start.data.shape[0], start.t)
+    if checked.size < len(names) and kind is None:
+        raise InputError(
+            f"data: {checked.size} values for {len(names)} parameters; take regularization='H2'"
+        )
+    prediction = Prediction(solver, start, checked, check_step(dt), names)
+    roughness = Roughness(solver.grid, kind, names, start.t)
+    return Problem(prediction, roughness, checked, solver, start.t, kind)
+
+
+def bounds_of(bounds: Any, problem: Problem) -> tuple[Array, Array]:
+    """The argument `bounds` as arrays with an entry for each parameter."""
+    count = len(problem.names)
+    low, high = np.full(count, -np.inf), np.full(count, np.inf)
+    if bounds is None:
+        return low, high
+    pairs = bounds if isinstance(bounds, Mapping) else dict.fromkeys(problem.names, bounds)
+    values = problem.solver.velocity.parameters
+    for name, pair in pairs.items():
+        if name not in problem.names:
+            raise InputError(f"bounds: {name!r} is no parameter; known: {', '.join(problem.names)}")
+        found = real_array(pair, "bounds: expected (low, high)")
+        if found.shape != (2,) or not found[0] < found[1]:
+            raise InputError(f"bounds: expected (low, high) with low < high, got {pair!r}")
+        if not found[0] < values[name] < found[1]:
+            raise InputError(
+                f"bounds: the first guess of {name!r}, {values[name]:.6g}, is not between "
+                f"{found[0]:.6g} and {found[1]:.6g}"
+            )
+        q = problem.names.index(name)
+        low[q], high[q] = found
+    return low, high
+
+
+def rule_of(weight: Any, noise: Any, problem: Problem) -> Any:
+    """The argument `weight` as a number or a function of the linearised problem."""
+    if problem.kind is None:
+        if weight is not None:
+            raise InputError("weight: there is no seminorm to weigh with regularization=None")
+        return 0.0
+    if weight is None:
+        weight = "l-curve" if noise is None else "discrepancy"
+    if isinstance(weight, str):
+        rules = {"discrepancy": by_discrepancy, "l-curve": by_l_curve}
+        if weight not in rules:
+            raise InputError(
+                f"weight: expected 'discrepancy', 'l-curve' or a number, got {weight!r}"
+            )
+        return rules[weight]
+    number = real_number(weight, "weight")
+    if not (np.isfinite(number) and number >= 0.0):
+        raise InputError(f"weight: expected a number >= 0, got {weight!r}")
+    return number
+
+
+def linearised(problem: Problem, p: Array, free: NDArray[np.bool_]) -> Linearised:
+    """The problem around an estimate, in the parameters that are free."""
+    velocity = problem.prediction.velocity(p)
+    speed, slopes = problem.velocity(p)
+    weight = problem.solver.grid.weights.ravel()
+    moved = np.sqrt(np.sum(weight * slopes**2, axis=(1, 2)))
+    size = problem.speed(speed) * np.sqrt(weight.sum()) / np.where(moved > 0.0, moved, 1.0)
+    return Linearised.of(
+        problem.prediction.misfit_slope(p)[:, free],
+        problem.prediction.misfit(p),
+        problem.roughness.slopes(velocity)[:, free],
+        problem.roughness.rows(velocity),
+        size[free],
+        float(np.sqrt(np.mean((problem.data.flat() * problem.data.weights) ** 2))),
+        problem.data.known,
+    )
