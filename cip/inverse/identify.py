@@ -67,10 +67,10 @@ def identify_velocity(
         the first guess.
     start : State
         The known first state.
-    data : mapping or Observations
-        Arrays of nodal values by times, ``{0.1: u1, 0.2: u2}``; masked entries are missing. Or an
-        object with ``times``, ``values`` and ``operators`` (matrices applied to
-        ``state.data.ravel()``), such as point sensors.
+    data : mapping, Sensors or Observations
+        Arrays of nodal values by times, ``{0.1: u1, 0.2: u2}``; masked entries are missing. Or
+        point sensors, which bring their deviations, or any object with ``times``, ``values`` and
+        ``operators`` (matrices applied to ``state.data.ravel()``).
     dt : float
         Length of the steps.
     noise : float or sequence of float, optional
@@ -85,7 +85,7 @@ def identify_velocity(
         for `SplineVelocity` and None for formulas.
     weight : {"discrepancy", "l-curve"} or float, optional
         How the weight of the seminorm is chosen, or its value; the default is the discrepancy
-        principle where `noise` is given, else the L-curve (`cip.inverse.weight`).
+        principle where the noise is known, else the L-curve (`cip.inverse.weight`).
     max_runs : int
         Most runs of the model.
 
@@ -129,7 +129,7 @@ def identify_velocity(
     """
     problem = problem_of(solver, start, data, dt, noise, regularization)
     low, high = bounds_of(bounds, problem)
-    choice = rule_of(weight, noise, problem)
+    choice = rule_of(weight, problem)
     runs = real_number(max_runs, "max_runs")
     if not runs >= 1.0:
         raise InputError(f"max_runs: expected a positive number, got {max_runs!r}")

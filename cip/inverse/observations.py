@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from cip.assimilation.sensors import Sensors
 from cip.errors import InputError
 from cip.grid import Grid
 from cip.reals import real_array, real_number
@@ -41,11 +42,12 @@ class Data:
 
     Parameters
     ----------
-    given : mapping or Observations
+    given : mapping, Sensors or Observations
         A mapping has arrays of nodal values by times; masked entries are missing.
     noise : float, sequence of float, or None
         One standard deviation, or one for each time.
     grid : Grid
+    profile : str
     moments : int
     start : float
         Time of the first state, before all data.
@@ -62,29 +64,36 @@ class Data:
         Whether the noise is given and not 0, and whether it is given as 0.
     """
 
-    def __init__(self, given: Any, noise: Any, grid: Grid, moments: int, start: float) -> None:
+    def __init__(
+        self, given: Any, noise: Any, grid: Grid, profile: str, moments: int, start: float
+    ) -> None:
+        if isinstance(given, Sensors):
+            given = given.reports(grid, profile)
         if isinstance(given, Mapping):
             self.times, self.values, self.operators = _snapshots(given, grid, moments)
         elif isinstance(given, Observations):
             self.times, self.values, self.operators = _observed(given, grid.size * moments)
         else:
             raise InputError(
-                "data: expected arrays of nodal values by times, {t: array}, or an object with "
-                f"times, values and operators, got {type(given).__name__}"
+                "data: expected arrays of nodal values by times, {t: array}, Sensors, or an object "
+                f"with times, values and operators, got {type(given).__name__}"
             )
         if not self.times[0] > start:
             raise InputError(
                 f"data: the first time is {self.times[0]:.6g}, expected one after that of the "
                 f"start, {start:.6g}"
             )
-        deviations = _deviations(noise, len(self.times))
-        self.known = noise is not None and bool(np.all(deviations > 0.0))
+        sizes = [one.size for one in self.values]
+        own = getattr(given, "deviations", None)
+        if own is not None and noise is not None:
+            raise InputError("noise: the data have deviations of their own; leave it out")
+        found = _own(own, sizes) if own is not None else _deviations(noise, sizes)
+        self.known = bool(np.all(found > 0.0))
         self.exact = noise is not None and not self.known
         if not self.known:
             size = float(np.sqrt(np.mean(self.flat() ** 2)))
-            deviations = np.full(len(self.times), size if size > 0.0 else 1.0)
-        sizes = [one.size for one in self.values]
-        self.weights = np.repeat(1.0 / deviations, sizes)
+            found = np.full(sum(sizes), size if size > 0.0 else 1.0)
+        self.weights = 1.0 / found
 
     @property
     def size(self) -> int:
@@ -143,9 +152,22 @@ def _observed(given: Observations, size: int) -> tuple[list[float], list[Array],
     return [float(t) for t in times], values, list(given.operators)
 
 
-def _deviations(noise: Any, times: int) -> Array:
+def _own(given: Any, sizes: list[int]) -> Array:
+    """Deviations that data have themselves, in one row."""
+    found = [real_array(one, "data: deviations").astype(float) for one in given]
+    if [one.shape for one in found] != [(n,) for n in sizes]:
+        raise InputError("data: expected deviations of the shapes of the values")
+    flat = np.concatenate(found)
+    if not (np.isfinite(flat).all() and np.all(flat > 0.0)):
+        raise InputError("data: expected finite, positive deviations")
+    return flat
+
+
+def _deviations(noise: Any, sizes: list[int]) -> Array:
+    """The argument `noise` for each value; 0 where it is unknown."""
+    times = len(sizes)
     if noise is None:
-        return np.zeros(times)
+        return np.zeros(sum(sizes))
     several = isinstance(noise, Sequence | np.ndarray)
     found = real_array(noise, "noise: expected standard deviations").astype(float)
     if several and found.shape != (times,):
@@ -155,4 +177,4 @@ def _deviations(noise: Any, times: int) -> Array:
         raise InputError(f"noise: expected standard deviations >= 0, got {noise!r}")
     if np.any(found == 0.0) and np.any(found > 0.0):
         raise InputError("noise: expected 0 for all times or for none")
-    return found
+    return np.repeat(found, sizes)

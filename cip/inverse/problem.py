@@ -90,7 +90,7 @@ def problem_of(
             f"regularization: expected 'auto', 'H1', 'H2' or None, got {regularization!r}"
         )
     solver._accept(start)
-    checked = Data(data, noise, solver.grid, start.data.shape[0], start.t)
+    checked = Data(data, noise, solver.grid, solver.profile, start.data.shape[0], start.t)
     if checked.size < len(names) and kind is None:
         raise InputError(
             f"data: {checked.size} values for {len(names)} parameters; take regularization='H2'"
@@ -124,14 +124,14 @@ def bounds_of(bounds: Any, problem: Problem) -> tuple[Array, Array]:
     return low, high
 
 
-def rule_of(weight: Any, noise: Any, problem: Problem) -> Any:
+def rule_of(weight: Any, problem: Problem) -> Any:
     """The argument `weight` as a number or a function of the linearised problem."""
     if problem.kind is None:
         if weight is not None:
             raise InputError("weight: there is no seminorm to weigh with regularization=None")
         return 0.0
     if weight is None:
-        weight = "l-curve" if noise is None else "discrepancy"
+        weight = "discrepancy" if problem.data.known or problem.data.exact else "l-curve"
     if isinstance(weight, str):
         rules = {"discrepancy": by_discrepancy, "l-curve": by_l_curve}
         if weight not in rules:

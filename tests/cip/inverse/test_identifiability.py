@@ -62,7 +62,7 @@ def test_gains_of_waves(k, t):
     grid = Grid((0, 1), 160, periodic=True)
     solver = Solver(grid, speed, profile="quintic")
     start, (x,) = solver.state(FIELD), grid.mesh()
-    data = Data({t: np.zeros(160)}, None, grid, 3, 0.0)
+    data = Data({t: np.zeros(160)}, None, grid, "quintic", 3, 0.0)
     change = Prediction(solver, start, data, 0.0123, ["b"]).sensitivity(np.zeros(1))[:, 0]
     e = 1e-6
     slope = (field(x - t + e) - field(x - t - e)) / (2 * e)

@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 from truths import FIELD
 
-from cip import Grid, InputError, NotConverged, NotSupported, Solver, Velocity, identify_velocity
+from cip import (
+    Grid,
+    InputError,
+    NotConverged,
+    NotSupported,
+    Sensors,
+    Solver,
+    Velocity,
+    identify_velocity,
+)
 
 GRID = Grid((0, 1), 40, periodic=True)
 SPEED = Velocity.from_expression("a + b*sin(2*pi*x1)", parameters={"a": 1.0, "b": 0.1})
@@ -13,7 +22,7 @@ START = SOLVER.state(FIELD)
 SEEN = START["u"]
 
 
-class Sensors:
+class Wrong:
     """Observations with a wrong operator."""
 
     times = (0.1,)
@@ -34,7 +43,8 @@ class Sensors:
         ({"data": {0.1: np.where(SEEN > 0, np.nan, 1)}}, "data: snapshot at t = 0.1: NaN"),
         ({"data": {0.1: np.ma.array(SEEN, mask=True)}}, "data: every value is masked"),
         ({"data": {np.nan: SEEN}}, "data: "),
-        ({"data": Sensors()}, "data: expected values of shape"),
+        ({"data": Wrong()}, "data: expected values of shape"),
+        ({"data": Sensors([0.5], [0.1], [[0.1]], 0.1), "noise": 0.1}, "noise: the data have"),
         ({"noise": -1.0}, "noise: "),
         ({"noise": np.nan}, "noise: "),
         ({"noise": [0.1, 0.1]}, "noise: "),

@@ -4,10 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
 from truths import FIELD, feet, field, snapshots, waves
 
-from cip import Grid, IdentifiedVelocity, InputError, Solver, SplineVelocity, Velocity
+from cip import Grid, IdentifiedVelocity, InputError, Sensors, Solver, SplineVelocity, Velocity
 from cip import identify_velocity as identify
 
 TIMES = (0.1, 0.17, 0.26)
@@ -85,32 +84,26 @@ def test_deviations_are_those_of_the_normal_equations():
     assert found.deviations["a"] == pytest.approx(expected, rel=2e-3)  # error of the cubic
 
 
-def sensors(places, times, c, noise, moments):
-    """Point sensors as an object with times, values and matrices: linear between two nodes."""
-    rng = np.random.default_rng(5)
-    cell = np.floor(places * SHORT.size).astype(int)
-    s = places * SHORT.size - cell
-    rows = np.tile(np.arange(places.size), 2)
-    columns = np.concatenate([cell, (cell + 1) % SHORT.size])
-    matrix = csr_array(
-        (np.concatenate([1 - s, s]), (rows, columns)), shape=(places.size, moments * SHORT.size)
-    )
-    values = []
-    for at in feet(c, times, SHORT.coordinates[0])[:, 0]:
-        values.append(matrix[:, : SHORT.size] @ field(at) + noise * rng.standard_normal(s.size))
-    return SimpleNamespace(times=times, values=values, operators=[matrix] * len(times))
-
-
-def test_sensors_at_points():
+@pytest.mark.parametrize("own", [False, True], ids=["Sensors", "matrices"])
+def test_sensors_at_points(own):
     """Four sensors and 25 times tell the three parameters as well as their deviations say."""
-    truth = {"a": 1.1, "b": 0.25, "d": -0.3}
-    solver = Solver(SHORT, SPEED)
+    truth, noise = {"a": 1.1, "b": 0.25, "d": -0.3}, 2e-3
     places, times = np.array([0.11, 0.32, 0.58, 0.86]), np.arange(1, 26) * 0.02
-    data = sensors(places, times, lambda x: 1.1 + 0.25 * np.sin(2 * np.pi * x - 0.3), 2e-3, 2)
-    found = identify(solver, solver.state(FIELD), data, dt=0.02, noise=2e-3)
+    ends = feet(lambda x: 1.1 + 0.25 * np.sin(2 * np.pi * x - 0.3), times, places)[:, 0]
+    values = field(ends) + noise * np.random.default_rng(5).standard_normal(ends.shape)
+    values[3, 1] = np.nan  # a report that did not arrive
+    data = Sensors(places, times, values, noise)
+    if own:  # the same reports as an object of somebody else, without the deviations
+        reports = data.reports(SHORT, "cubic")
+        data = SimpleNamespace(
+            times=reports.times, values=reports.values, operators=reports.operators
+        )
+    solver = Solver(SHORT, SPEED)
+    found = identify(solver, solver.state(FIELD), data, dt=0.02, noise=noise if own else None)
     for name, value in truth.items():
         assert abs(found.parameters[name] - value) <= 4.0 * found.deviations[name] <= 0.05
-    assert found.misfit.shape == (100,)
+    assert found.misfit.shape == (99,)
+    assert 0.6 <= found.reduced_chi_square <= 1.4
 
 
 def test_masked_values_are_missing():
