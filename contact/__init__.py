@@ -35,6 +35,9 @@ from contact.result.body_result import BodyResult
 from contact.result.contact_result import ContactResult
 from contact.result.save_pvtu import save_pvtu
 from contact.rows.pairs import Pair, Tie
+from contact.spectral.grid_contact import GridContact
+from contact.spectral.grid_result import GridResult
+from contact.spectral.half_space import HalfSpace
 
 __all__ = [
     "Anisotropic",
@@ -51,6 +54,9 @@ __all__ = [
     "Cylinder",
     "DistributedBody",
     "ElasticBody",
+    "GridContact",
+    "GridResult",
+    "HalfSpace",
     "Infeasible",
     "InputError",
     "Iteration",

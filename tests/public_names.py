@@ -46,6 +46,9 @@ METHODS: dict[str, tuple[str, ...]] = {
     "contact.LoadStepper": (),
     "contact.SurfaceMesh": (),
     "contact.Rough": (),
+    "contact.GridContact": (),
+    "contact.GridResult": (),
+    "contact.HalfSpace": (),
     "contact.DistributedBody": ("fix", "load", "body_force", "gather"),
     "contact.LayeredBlock": ("fix", "load", "body_force"),
     "contact.LoadHistory": (),
@@ -66,7 +69,8 @@ _REASONS = {
         skfem_adini.BoundaryBasis skfem_adini.CutDomain skfem_adini.CutQuadrature
         skfem_adini.FieldLevelSet skfem_adini.LevelSet skfem_adini.NearNullSpace skfem_adini.Polygon
         skfem_adini.RefinedEigenpair contact.ContactResult contact.CrossCheck contact.Iteration
-        contact.BodyResult contact.Surface contact.LoadHistory contact.LoadStep contact.Status
+        contact.BodyResult contact.GridResult contact.Surface contact.LoadHistory contact.LoadStep
+        contact.Status
         contact.Uniqueness cip.Diagnostics cip.Sensors
         cip.Placement
         cip.Grid cip.Identifiability cip.IdentifiedVelocity cip.State cip.Trajectory cip.Velocity

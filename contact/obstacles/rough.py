@@ -298,13 +298,7 @@ class Rough:
         """
         if not self.periodic:
             raise InputError("periodic: the spectrum of a patch depends on a window; none is taken")
-        lengths, h = self._surface.lengths, self.heights
-        waves = [
-            2 * np.pi * scipy.fft.fftfreq(m, s / m) for m, s in zip(h.shape, lengths, strict=True)
-        ]
-        part = scipy.fft.fftn(h - h.mean()) / h.size
-        C = float(np.prod(lengths)) * np.abs(part) ** 2
-        return np.array(np.meshgrid(*waves, indexing="ij")), C
+        return power_spectrum(self.heights, list(self._surface.lengths))
 
     @property
     def rms_height(self) -> float:
@@ -327,3 +321,12 @@ class Rough:
         origin, _, unit = self._frame
         level = np.sum((x - column(origin, x)) * column(unit, x), axis=0)
         return np.asarray(level - self._surface.height(self._on_plane(x)))
+
+
+def power_spectrum(values: Array, lengths: Sequence[float]) -> tuple[Array, Array]:
+    """Wave vectors and power spectral density of periodic values; see `Rough.spectrum`."""
+    sides = zip(values.shape, lengths, strict=True)
+    waves = [2 * np.pi * scipy.fft.fftfreq(m, s / m) for m, s in sides]
+    part = scipy.fft.fftn(values - values.mean()) / values.size
+    C = float(np.prod(lengths)) * np.abs(part) ** 2
+    return np.array(np.meshgrid(*waves, indexing="ij")), C

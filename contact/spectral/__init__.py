@@ -1,0 +1,6 @@
+"""Contact on a periodic grid of points whose compliance is a product in Fourier space.
+
+In: a compliance (`grid_compliance`) and a gap on its grid, friction, motions or forces.
+Out: a `GridResult` with its certificate, contact area, spectrum and histogram of the pressure.
+Start: `grid_contact`, then `frictionless` and `friction_newton`; `half_space` is a compliance.
+"""

@@ -1,0 +1,40 @@
+"""What contact on a grid asks of an elastic body."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+ArrayLike = Any  # an array of NumPy or of CuPy
+
+
+class GridCompliance(Protocol):
+    """Displacements of a surface grid under forces on its points, by transforms.
+
+    All arrays have the shape (dim, nx) or (dim, nx, ny): component along a coordinate axis, then
+    the point. They live where those of `initial` do, on the host or on a device.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Points along each direction of the surface.
+    spacing : tuple of float
+        Distance of the points along each direction.
+    normal : array, shape (dim,)
+        Outward unit normal of the body, along a coordinate axis, in either sense.
+    constant : array of bool, shape (dim,)
+        Components whose mean displacement nothing holds; `apply` leaves out the mean force there.
+    initial : array, shape (dim, nx[, ny])
+        Displacements without contact forces.
+    """
+
+    shape: tuple[int, ...]
+    spacing: tuple[float, ...]
+    normal: Any
+    constant: Any
+    initial: Any
+
+    def apply(self, forces: ArrayLike) -> ArrayLike:
+        """Displacements that forces on the points of the body cause: symmetric, not negative."""
+
+    def precondition(self, displacements: ArrayLike) -> ArrayLike:
+        """Forces that cause given displacements, or nearly so: symmetric, positive."""

@@ -1,0 +1,263 @@
+"""Contact of a periodic grid with an obstacle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.errors import Infeasible, InputError, NotConverged, evaluated
+from contact.laws.iteration import Iteration
+from contact.obstacles.rigid import Rigid
+from contact.obstacles.shapes import ObstacleLike, evaluate_gap
+from contact.spectral.friction_newton import GridFriction, friction_newton
+from contact.spectral.frictionless import frictionless
+from contact.spectral.grid_compliance import GridCompliance
+from contact.spectral.grid_problem import GridProblem
+from contact.spectral.grid_result import GridResult, certified
+
+Array = NDArray[np.float64]
+
+_INNER = 1e-2  # tolerance of the solvers relative to that of the certificate
+_LOOPS = 6  # Tresca solves that lead to Coulomb's law where Newton's method stalls
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GridContact:
+    """Contact of a surface grid, whose compliance is a product of transforms, with an obstacle.
+
+    The points lie at multiples of the spacing in the plane through the origin, and the obstacle
+    before it, as for the side of a block whose corner is the origin.
+
+    Parameters
+    ----------
+    compliance : GridCompliance
+        `HalfSpace`, or any object with the members that `contact.spectral.grid_compliance` lists.
+    obstacle : obstacle, number, callable, array or Rigid
+        As in `ContactProblem`, an array of the shape of the grid; a `Rigid` moves by a displacement
+        or under a force, component by component, and does not turn.
+    friction : float, callable or array
+        The coefficient of Coulomb's law; the bound, a traction, of Tresca's.
+    law : "coulomb" or "tresca"
+
+    Raises
+    ------
+    InputError
+        Gaps with NaN or of another shape, negative friction, an obstacle that turns; a component of
+        the body that nothing holds.
+
+    References
+    ----------
+    H. M. Stanley and T. Kato, An FFT-based method for rough surface contact, J. Tribology 119
+    (1997) 481. L. Gallego, D. Nelias and S. Deyber, A fast and efficient contact algorithm for
+    fretting problems applied to fretting modes I, II and III, Wear 268 (2010) 208, for friction.
+
+    Examples
+    --------
+    A wavy ground pressed against a half plane, partial contact (Westergaard, 1939): under the mean
+    pressure p the half width a of the contact is given by sin^2(pi a) = p / (pi E* h):
+
+    >>> import numpy as np
+    >>> from contact import HalfSpace, Rigid
+    >>> x, h, p = np.arange(256) / 256, 1e-3, 1e-3
+    >>> ground = Rigid(h * (1 - np.cos(2 * np.pi * x)), force=(0.0, p))
+    >>> result = GridContact(HalfSpace(1.0, 256, E=1.0, nu=0.3), ground).solve()
+    >>> length = 2 * np.arcsin(np.sqrt(p * 0.91 / (np.pi * h))) / np.pi
+    >>> print(round(result.area, 2), length.round(2))
+    0.36 0.36
+    """
+
+    compliance: GridCompliance
+    obstacle: ObstacleLike | Rigid
+    friction: Any = 0.0
+    law: str = "coulomb"
+
+    def __post_init__(self) -> None:
+        if self.law not in ("coulomb", "tresca"):
+            raise InputError(f"law={self.law!r}: expected 'coulomb' or 'tresca'")
+        rigid = self._rigid
+        if rigid.rotation is not None or rigid.moment is not None:
+            raise InputError("obstacle: a periodic one does not turn; leave rotation and moment")
+        motion = self._controls()[0]
+        rubs = bool(np.any(self._friction() > 0))
+        for i in np.flatnonzero(np.asarray(self.compliance.constant)):
+            across = np.asarray(self.compliance.normal)[i] == 0
+            if not np.isnan(motion[i]) and (rubs or not across):
+                raise InputError(
+                    f"obstacle: nothing holds the body along {'xyz'[i]}; drive the obstacle there "
+                    "by a force, Rigid(obstacle, force=...)"
+                )
+        self.gap()
+
+    @property
+    def _rigid(self) -> Rigid:
+        return self.obstacle if isinstance(self.obstacle, Rigid) else Rigid(self.obstacle)
+
+    def _controls(self) -> tuple[Array, Array]:
+        """Prescribed motions and given forces of the obstacle, NaN for what is not given."""
+        dim = len(self.compliance.shape) + 1
+        motion, force = self._rigid.components(dim)
+        return motion[:dim], force[:dim]
+
+    def points(self) -> Array:
+        """Places of the grid points.
+
+        Returns
+        -------
+        ndarray, shape (dim, nx[, ny])
+        """
+        normal = np.asarray(self.compliance.normal)
+        axes = [
+            h * np.arange(m)
+            for h, m in zip(self.compliance.spacing, self.compliance.shape, strict=True)
+        ]
+        axes.insert(int(np.argmax(np.abs(normal))), np.zeros(1))
+        shape = (normal.size, *self.compliance.shape)
+        return np.array(np.meshgrid(*axes, indexing="ij")).reshape(shape)
+
+    def gap(self) -> Array:
+        """Distance of the obstacle before it moves, along the normal of the body.
+
+        Returns
+        -------
+        ndarray, shape (nx[, ny])
+
+        Raises
+        ------
+        InputError
+            NaN, another shape than that of the grid.
+        """
+        x = self.points()
+        normal = np.asarray(self.compliance.normal).reshape((-1,) + (1,) * (x.ndim - 1))
+        return evaluate_gap(self._rigid.obstacle, x, np.broadcast_to(normal, x.shape))
+
+    def _friction(self) -> Array:
+        value = evaluated("friction", self.friction, self.points())
+        shape = self.compliance.shape
+        if value.shape not in ((), shape) or not np.all((value >= 0) & np.isfinite(value)):
+            raise InputError(f"friction: expected numbers >= 0, one or of shape {shape}")
+        return np.broadcast_to(value, shape)
+
+    def solve(
+        self, *, tol: float = 1e-10, after: GridResult | None = None, verbose: bool = False
+    ) -> GridResult:
+        """Forces, displacements and their certificate.
+
+        Parameters
+        ----------
+        tol : float
+            Of every residual of the certificate.
+        after : GridResult, optional
+            The step before: friction acts on the displacement since then, and the iteration starts
+            there.
+        verbose : bool
+            Print a line an iteration.
+
+        Returns
+        -------
+        GridResult
+
+        Raises
+        ------
+        Infeasible
+            The force pulls the obstacle off, or drags it beyond the friction.
+        NotConverged
+            The iteration does not settle, or its result fails the certificate.
+        """
+        problem, history = self._problem(after), []
+
+        def report(iteration: Iteration) -> None:
+            history.append(iteration)
+            if verbose:
+                print(iteration)
+
+        friction = self._friction()
+        self._check_forces(problem, friction)
+        inner = _INNER * tol
+        before = None
+        if after is not None and np.any(after.pressure > 0):
+            before = problem.xp.asarray(after.forces[0])
+        mu, lift = frictionless(problem, before, tol=inner, report=report)
+        xp = problem.xp
+        l, a = xp.zeros_like(problem.v0), np.zeros(len(problem.v0))
+        l[0], a[0] = mu, lift
+        coulomb = self.law == "coulomb"
+        area = 1.0 if coulomb else float(np.prod(self.compliance.spacing))
+        law = GridFriction(xp.asarray(friction * area), coulomb)
+        if np.any(friction > 0) and (bool((mu > 0).any()) or not coulomb):
+            for i in problem.free:
+                if i:
+                    l[i] = mu * (problem.force[i] / max(float(mu.sum()), 1e-300))
+            l, a = _with_friction(problem, law, (l, a), inner, report)
+        return certified(problem, law, (l, a), self._controls()[0], tol, tuple(history))
+
+    def history(
+        self, obstacles: Sequence[Rigid], *, tol: float = 1e-10, verbose: bool = False
+    ) -> list[GridResult]:
+        """Solve for one motion or force of the obstacle after the other, with friction's memory.
+
+        Parameters
+        ----------
+        obstacles : sequence of Rigid
+            The obstacle of each step, with its displacement or force from the beginning.
+        tol, verbose
+            See `solve`.
+
+        Returns
+        -------
+        list of GridResult
+        """
+        results: list[GridResult] = []
+        for obstacle in obstacles:
+            step = replace(self, obstacle=obstacle)
+            last = results[-1] if results else None
+            results.append(step.solve(tol=tol, after=last, verbose=verbose))
+        return results
+
+    def _problem(self, after: GridResult | None) -> GridProblem:
+        initial = self.compliance.initial
+        motion, force = self._controls()
+        if not np.any(self._friction() > 0):  # what is not felt is not balanced either
+            across = np.asarray(self.compliance.normal) == 0
+            motion, force = np.where(across, 0.0, motion), np.where(across, np.nan, force)
+        problem = GridProblem(self.compliance, initial, initial[0], force)
+        xp = problem.xp
+        order, sign = problem.order
+        turn = np.array([sign] + [1.0] * (len(order) - 1))
+        moved = problem.moved(turn * np.nan_to_num(motion)[order])
+        v0 = problem.turned(initial) - moved
+        if after is not None:
+            v0[1:] -= xp.asarray(after.slip)
+        return GridProblem(self.compliance, v0, xp.asarray(self.gap()), -turn * force[order])
+
+    def _check_forces(self, problem: GridProblem, friction: Array) -> None:
+        total = problem.force[0]
+        if total < 0:
+            raise Infeasible("obstacle: the force pulls it off the body; turn it round")
+        drag = np.linalg.norm(np.nan_to_num(problem.force[1:]))
+        area = float(np.prod(self.compliance.spacing))
+        most = friction.max() * total if self.law == "coulomb" else friction.sum() * area
+        if np.any(friction > 0) and drag > 0 and drag >= most * (1 - 1e-12):
+            raise Infeasible(
+                f"obstacle: the force {drag:.6g} along the surface is beyond the friction, which "
+                f"holds {most:.6g}; let it move by a displacement"
+            )
+
+
+def _with_friction(
+    problem: GridProblem, law: GridFriction, start: Any, tol: float, report: Any
+) -> Any:
+    """Newton's method; where it stalls on Coulomb's law, after solves with given friction."""
+    try:
+        return friction_newton(problem, law, start, tol=tol, report=report)
+    except NotConverged:
+        if not law.coulomb:
+            raise
+    now = start
+    for _ in range(_LOOPS):
+        given = GridFriction(law.bound(problem.xp.maximum(now[0][0], 0.0)), False)
+        now = friction_newton(problem, given, now, tol=1e-6, phase="tresca", report=report)
+    return friction_newton(problem, law, now, tol=tol, report=report)

@@ -1,0 +1,135 @@
+"""A contact problem on a grid: normal and tangential rows, scales, residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from contact.spectral.grid_compliance import GridCompliance
+from contact.spectral.transforms import namespace
+
+Grid = Any  # an array of NumPy or CuPy
+
+
+@dataclass(frozen=True)
+class GridProblem:
+    r"""Displacements of grid points as a function of the contact forces.
+
+    Components are along the normal first and then along the tangents; with forces l = (mu, t) the
+    displacements relative to the obstacle are ``v = v0 - W l + a``, as in
+    `contact.condensation.boundary_problem`, where a moves all points of a component alike. It is
+    free where a force is given, and then the forces of that component sum to `force`.
+
+    Attributes
+    ----------
+    compliance : GridCompliance
+    v0 : array, shape (dim, nx[, ny])
+    gap : array, shape (nx[, ny])
+        ``inf`` where contact is impossible.
+    force : ndarray, shape (dim,)
+        NaN where a is zero.
+    """
+
+    compliance: GridCompliance
+    v0: Grid
+    gap: Grid
+    force: Any
+
+    @property
+    def xp(self) -> Any:
+        """NumPy or CuPy."""
+        return namespace(self.v0)
+
+    @cached_property
+    def order(self) -> tuple[list[int], float]:
+        """Coordinate axes of the components, and the sign of the normal."""
+        normal = np.asarray(self.compliance.normal)
+        axis = int(np.argmax(np.abs(normal)))
+        return [axis, *(i for i in range(normal.size) if i != axis)], float(normal[axis])
+
+    @cached_property
+    def free(self) -> list[int]:
+        """Components whose a is free."""
+        return [int(i) for i in np.flatnonzero(~np.isnan(self.force))]
+
+    def turned(self, values: Grid) -> Grid:
+        """Coordinate components as normal and tangential ones."""
+        order, sign = self.order
+        local = values[order]
+        local[0] *= sign
+        return local
+
+    def turned_back(self, local: Grid) -> Grid:
+        """Normal and tangential components as coordinate ones."""
+        order, sign = self.order
+        values = self.xp.empty_like(local)
+        values[order] = local
+        values[order[0]] *= sign
+        return values
+
+    def W(self, forces: Grid) -> Grid:
+        """Compliance times forces, (dim, nx[, ny])."""
+        return self.turned(self.compliance.apply(self.turned_back(forces)))
+
+    def S(self, displacements: Grid) -> Grid:
+        """The preconditioner, nearly the inverse of W."""
+        return self.turned(self.compliance.precondition(self.turned_back(displacements)))
+
+    def W_normal(self, mu: Grid) -> Grid:
+        """Normal displacements of normal forces."""
+        forces = self.xp.zeros_like(self.v0)
+        forces[0] = mu
+        return self.W(forces)[0]
+
+    def S_normal(self, u: Grid) -> Grid:
+        """Nearly the normal forces that cause normal displacements."""
+        forces = self.xp.zeros_like(self.v0)
+        forces[0] = u
+        return self.S(forces)[0]
+
+    @cached_property
+    def scale(self) -> tuple[float, float]:
+        """Forces per displacement of a point alone, normal and tangential: c = 1 / diag(W)."""
+        point = (0,) * self.gap.ndim
+        own = []
+        for i in range(len(self.v0)):
+            forces = self.xp.zeros_like(self.v0)
+            forces[(i, *point)] = 1.0
+            own.append(float(self.W(forces)[(i, *point)]))
+        return 1.0 / own[0], 1.0 / float(np.mean(own[1:]))
+
+    @cached_property
+    def can_touch(self) -> Grid:
+        """Points with an obstacle within reach."""
+        return self.xp.isfinite(self.gap)
+
+    def moved(self, a: Any) -> Grid:
+        """a as an array that adds to displacements, (dim, 1[, 1])."""
+        return self.xp.asarray(a).reshape((-1,) + (1,) * self.gap.ndim)
+
+    def displacements(self, forces: Grid, a: Any) -> Grid:
+        """v of every point, (dim, nx[, ny])."""
+        return self.v0 - self.W(forces) + self.moved(a)
+
+    def size(self, forces: Grid) -> float:
+        """Scale of residuals: the largest force, at least 1e-12 of what the data would cause."""
+        overlap = self.xp.where(self.can_touch, self.v0[0] - self.gap, -np.inf).max()
+        c = self.scale
+        causes = (c[0] * float(overlap), c[1] * float(self.xp.abs(self.v0[1:]).max()))
+        given = np.abs(self.force[self.free]).max(initial=0.0) / self.gap.size
+        largest = float(self.xp.abs(forces).max())
+        return max(largest, 1e-12 * max(*causes, given), float(np.finfo(float).tiny))
+
+    def sums(self, forces: Grid) -> Any:
+        """Sum of the forces of each component, (dim,), on the host."""
+        return np.array([float(part.sum()) for part in forces])
+
+
+def project(q: Grid, g: Grid) -> Grid:
+    """Project vectors q, (dim - 1, ...), onto the balls of radius g."""
+    xp = namespace(q)
+    length = xp.sqrt((q * q).sum(axis=0))
+    return q * xp.where(length > g, g / xp.where(length > 0, length, 1.0), 1.0)

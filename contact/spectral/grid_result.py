@@ -1,0 +1,256 @@
+"""The solution of contact on a grid, which can prove itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.errors import InputError, MissingDependency, NotConverged
+from contact.laws.iteration import Iteration
+from contact.laws.status import Status
+from contact.spectral.contact_area import corrected_area, perimeter
+from contact.spectral.friction_newton import GridFriction
+from contact.spectral.grid_compliance import GridCompliance
+from contact.spectral.grid_problem import Grid, GridProblem, project
+from contact.spectral.transforms import host
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GridResult:
+    """Pressure, shear and displacement of a surface grid, on the host.
+
+    Attributes
+    ----------
+    compliance : GridCompliance
+    pressure : ndarray, shape (nx[, ny])
+        Positive in compression.
+    shear : ndarray, shape (dim - 1, nx[, ny])
+        Traction that acts on the body, along the coordinate axes of the surface in their order.
+    u : ndarray, shape (dim, nx[, ny])
+        Displacement of the points. Where nothing holds the body it is measured from its mean.
+    opening : ndarray, shape (nx[, ny])
+        Gap that is left.
+    slip : ndarray, shape (dim - 1, nx[, ny])
+        Tangential displacement relative to the obstacle, from the beginning of a history.
+    status : ndarray of int, shape (nx[, ny])
+        Values of `Status`.
+    motion : ndarray, shape (dim,)
+        Of the obstacle, relative to the body's mean where nothing holds it; zero where it makes no
+        difference.
+    kkt : dict
+        Residuals, recomputed from the problem with the words of `ContactResult.kkt`;
+        ``obstacle`` is the balance of an obstacle that is driven by a force.
+    history : tuple of Iteration
+    forces : ndarray, shape (dim, nx[, ny])
+        Multipliers (mu, t); forces on the body are their opposites.
+
+    Examples
+    --------
+    >>> from contact import GridContact, HalfSpace, Parabola, Rigid
+    >>> ball = Rigid(Parabola((0.5, 0.5, 0.0), radius=2.0), force=(0.0, 0.0, 1e-3))
+    >>> result = GridContact(HalfSpace((1.0, 1.0), (64, 64), E=1.0, nu=0.3), ball).solve()
+    >>> result
+    GridResult(64 x 64 points, 169 in contact; resultant (0, 0, 0.001))
+    >>> round(float(np.pi * (0.75 * 1e-3 * 2.0 * 0.91) ** (2 / 3)), 4)  # Hertz
+    0.0387
+    >>> print(round(result.area, 4), round(result.corrected_area, 4))
+    0.0413 0.0395
+    """
+
+    compliance: GridCompliance
+    pressure: Array
+    shear: Array
+    u: Array
+    opening: Array
+    slip: Array
+    status: NDArray[np.int64]
+    motion: Array
+    kkt: dict[str, float]
+    history: tuple[Iteration, ...]
+    forces: Array
+
+    def __repr__(self) -> str:
+        size = " x ".join(map(str, self.pressure.shape))
+        touching = int(np.count_nonzero(self.pressure))
+        whole = self.resultant
+        small = 1e-12 * float(np.abs(whole).max())  # rounding of a sum that vanishes
+        total = ", ".join(f"{v if abs(v) > small else 0.0:.6g}" for v in whole)
+        return f"GridResult({size} points, {touching} in contact; resultant ({total}))"
+
+    @property
+    def cell(self) -> float:
+        """Area (2-D: length) of one point."""
+        return float(np.prod(self.compliance.spacing))
+
+    @property
+    def resultant(self) -> Array:
+        """Sum of the contact forces on the body, shape (dim,)."""
+        normal = np.asarray(self.compliance.normal)
+        total = -normal * self.forces[0].sum()
+        total[normal == 0] = -self.forces[1:].reshape(normal.size - 1, -1).sum(axis=1)
+        return np.asarray(total)
+
+    @property
+    def area(self) -> float:
+        """Contact area (2-D: length), by the number of points under pressure."""
+        return float(np.count_nonzero(self.pressure) * self.cell)
+
+    @property
+    def perimeter(self) -> float:
+        """Length of the edges between cells in contact and others (2-D: the number of ends)."""
+        return perimeter(self.pressure > 0, self.compliance.spacing)
+
+    @property
+    def corrected_area(self) -> float:
+        """Contact area without the share that whole cells along its edge add.
+
+        Raises
+        ------
+        InputError
+            A profile: the correction is known for surfaces.
+        """
+        return corrected_area(self.pressure > 0, self.compliance.spacing)
+
+    def spectrum(self) -> tuple[Array, Array]:
+        """Wave vectors and the power spectral density of the pressure, as `Rough.spectrum` has it.
+
+        Returns
+        -------
+        q : ndarray, shape (dim - 1, nx[, ny])
+        C : ndarray, shape (nx[, ny])
+        """
+        from contact.obstacles.rough import power_spectrum
+
+        shape, spacing = self.pressure.shape, self.compliance.spacing
+        lengths = [m * h for m, h in zip(shape, spacing, strict=True)]
+        return power_spectrum(self.pressure, lengths)
+
+    def histogram(self, bins: int = 50) -> tuple[Array, Array]:
+        """Probability density of the pressure on the whole surface, without its open part.
+
+        Parameters
+        ----------
+        bins : int
+
+        Returns
+        -------
+        density : ndarray, shape (bins,)
+            Its integral is the share of the surface in contact.
+        edges : ndarray, shape (bins + 1,)
+        """
+        loaded = self.pressure[self.pressure > 0]
+        top = float(loaded.max(initial=0.0)) or 1.0
+        count, edges = np.histogram(loaded, bins=bins, range=(0.0, top))
+        return count / (np.diff(edges) * self.pressure.size), edges
+
+    def to_pyvista(self) -> Any:
+        """The surface as image data, with pressure, shear, status, displacement and gap.
+
+        Returns
+        -------
+        pyvista.ImageData
+            Its first axes are those of the surface.
+
+        Raises
+        ------
+        MissingDependency
+            pyvista is not installed.
+        """
+        try:
+            import pyvista
+        except ImportError as error:
+            raise MissingDependency(
+                "image data need pyvista: pip install 'pyvista>=0.47'"
+            ) from error
+        grid = self.pressure.ndim
+        shape = (*self.pressure.shape, 1, 1)[:3]
+        spacing = (*self.compliance.spacing, 1.0, 1.0)[:3]
+        image = pyvista.ImageData(dimensions=shape, spacing=spacing)
+        for name in ("pressure", "opening", "status"):
+            image.point_data[name] = getattr(self, name).ravel(order="F")
+        for name in ("shear", "u"):
+            rows = [part.ravel(order="F") for part in getattr(self, name)]
+            blank = [np.zeros_like(rows[0])] * (3 - len(rows))
+            image.point_data[name] = np.column_stack(rows + blank)
+        image.field_data["directions"] = np.array([grid])
+        return image
+
+
+def certified(
+    problem: GridProblem,
+    law: GridFriction,
+    state: tuple[Grid, Any],
+    given: Array,
+    tol: float,
+    history: tuple[Iteration, ...],
+) -> GridResult:
+    """The result of forces and motions, or `NotConverged` where a residual exceeds tol.
+
+    `given` are the prescribed motions of the obstacle, NaN where it is driven by a force.
+    """
+    (l, a), xp = state, problem.xp
+    v, bound = problem.displacements(l, a), law.bound(xp.maximum(l[0], 0.0))
+    kkt = _kkt(problem, l, v, bound)
+    missed = {name: value for name, value in kkt.items() if not value <= tol}
+    if missed:
+        found = ", ".join(f"{name} {value:.1e}" for name, value in missed.items())
+        raise NotConverged(
+            f"the solution fails its certificate at tolerance {tol:.1e}: {found}", history
+        )
+    u = problem.compliance.initial - problem.turned_back(problem.W(l))
+    # What rounding leaves of a displacement is no slip, as in `ContactResult.status`.
+    moves = xp.sqrt((v[1:] ** 2).sum(axis=0)) > 1e-10 * max(float(xp.abs(u).max()), 1e-300)
+    slips = moves & (xp.sqrt((l[1:] ** 2).sum(axis=0)) >= bound * (1 - 1e-9))
+    rubs = xp.where(slips, int(Status.SLIP), int(Status.STICK))
+    touches = (l[0] > 0) | ((bound > 0) & (not law.coulomb))
+    order, sign = problem.order
+    motion = np.empty(len(order))
+    motion[order] = -np.asarray(a) * np.array([sign] + [1.0] * (len(order) - 1))
+    motion = np.where(np.isnan(given), motion, given)
+    across = order[1:]
+    relative = u[across] - xp.asarray(motion[across]).reshape((-1,) + (1,) * (u.ndim - 1))
+    cell = float(np.prod(problem.compliance.spacing))
+    return GridResult(
+        compliance=problem.compliance,
+        pressure=host(l[0] / cell),
+        shear=host(-l[1:] / cell),
+        u=host(u),
+        opening=host(problem.gap - v[0]),
+        slip=host(relative),
+        status=host(xp.where(touches, rubs, int(Status.OPEN))),
+        motion=motion,
+        kkt=kkt,
+        history=history,
+        forces=host(l),
+    )
+
+
+def _kkt(problem: GridProblem, l: Grid, v: Grid, bound: Grid) -> dict[str, float]:
+    xp, c = problem.xp, problem.scale
+    size = problem.size(l)
+    length = max(float(xp.abs(v).max()), size / c[0])
+    through = xp.where(problem.can_touch, v[0] - problem.gap, -np.inf)
+    t = l[1:]
+    returned = t - project(t + size / length * v[1:], bound)
+    excess = xp.sqrt((t * t).sum(axis=0)) - bound
+    least = xp.minimum(xp.abs(l[0]) / size, xp.abs(through) / length)
+    worst = {
+        "penetration": xp.maximum(through, 0.0).max() / length,
+        "sign": xp.maximum(-l[0], 0.0).max() / size,
+        "complementarity": least.max(),
+        "cone": xp.maximum(excess, 0.0).max() / size,
+        "slip": xp.abs(returned).max() / size,
+    }
+    kkt = {name: float(value) for name, value in worst.items()}
+    if problem.free:
+        off = (problem.sums(l) - problem.force)[problem.free]
+        whole = float(xp.abs(l).sum()) + float(np.abs(problem.force[problem.free]).max())
+        kkt["obstacle"] = float(np.abs(off).max()) / (whole or 1.0)
+    if not all(np.isfinite(value) for value in kkt.values()):
+        raise InputError("kkt: forces or displacements are not finite")
+    return kkt

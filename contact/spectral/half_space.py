@@ -1,0 +1,160 @@
+"""The periodic elastic half space, or half plane, in Fourier space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import scipy
+
+from contact.errors import InputError, numbers
+from contact.spectral.transforms import filtered
+
+
+class HalfSpace:
+    r"""An elastic half space (2-D: half plane in plane strain) whose loads repeat periodically.
+
+    Per wave vector k of the surface with outward normal n the displacements are, with
+    :math:`e = k / |k|`, the shear modulus G and the tractions p,
+
+    .. math::
+        u_n &= \frac{1 - \nu}{G |k|} p_n + i \frac{1 - 2 \nu}{2 G |k|} e \cdot p_t, \\
+        u_t &= \frac{1}{G |k|} (I - \nu e e^T) p_t - i \frac{1 - 2 \nu}{2 G |k|} e p_n.
+
+    They are measured from the mean displacement, which is infinite in a half space: the motion of
+    an obstacle is relative to it. Forces on points are tractions times the area of a cell; waves
+    beyond the grid are left out.
+
+    Parameters
+    ----------
+    lengths : float or sequence of float
+        Period, one number a direction: one for the half plane, two for the half space.
+    shape : int or sequence of int
+        Points along each direction.
+    E, nu : float
+        Young's modulus and Poisson's ratio.
+    normal : sequence of float, optional
+        Outward normal, along a coordinate axis; default: downwards, as for the lower side of a
+        block on its foundation.
+    xp : module
+        `numpy`, or `cupy` for arrays on a device.
+
+    Raises
+    ------
+    InputError
+        Lengths, shape or material out of range, an oblique normal.
+
+    References
+    ----------
+    K. L. Johnson, Contact Mechanics, Cambridge University Press 1985, sections 2.2 and 3.2. J. M.
+    Leroux, B. Fulleringer and D. Nelias, Contact analysis in presence of spherical inhomogeneities
+    within a half-space, Int. J. Solids Structures 47 (2010) 3034, for the use of transforms.
+
+    Examples
+    --------
+    A wave of normal traction, and the wave of displacement that it causes (Johnson, section 13.2):
+
+    >>> ground = HalfSpace(1.0, 64, E=1.0, nu=0.3)
+    >>> wave = np.cos(2 * np.pi * np.arange(64) / 64)
+    >>> u = ground.apply(np.array([0 * wave, wave / 64]))  # forces: tractions times spacing
+    >>> print((u[1] @ wave / (wave @ wave)).round(6), round((1 - 0.3**2) / np.pi, 6))
+    0.289662 0.289662
+    """
+
+    def __init__(
+        self,
+        lengths: float | Sequence[float],
+        shape: int | Sequence[int],
+        E: float,
+        nu: float,
+        *,
+        normal: Sequence[float] | None = None,
+        xp: Any = np,
+    ) -> None:
+        sides, points = np.atleast_1d(numbers("lengths", lengths)), np.atleast_1d(shape)
+        if sides.shape not in ((1,), (2,)) or not np.all((sides > 0) & np.isfinite(sides)):
+            raise InputError(f"lengths={lengths!r}: expected one or two positive numbers")
+        if points.dtype.kind not in "iu" or points.shape != sides.shape or np.any(points < 2):
+            raise InputError(f"shape={shape!r}: expected {sides.size} numbers of points")
+        young, ratio = numbers("E", E), numbers("nu", nu)
+        if young.shape != () or not 0 < young < np.inf:
+            raise InputError(f"E={E!r}: expected a positive number")
+        if ratio.shape != () or not -1 < ratio < 0.5:
+            raise InputError(f"nu={nu!r}: expected a number between -1 and .5")
+        dim = sides.size + 1
+        given = numbers("normal", -np.eye(dim)[-1] if normal is None else normal)
+        if given.shape != (dim,) or np.count_nonzero(given) != 1 or not np.all(np.isfinite(given)):
+            raise InputError(f"normal={normal!r}: expected a direction along one of {dim} axes")
+        self.shape: tuple[int, ...] = tuple(int(m) for m in points)
+        self.spacing: tuple[float, ...] = tuple((sides / points).tolist())
+        self.normal = np.sign(given)
+        self.constant = np.zeros(dim, dtype=bool)
+        self.initial = xp.zeros((dim, *self.shape))
+        symbol = _symbol(self.shape, self.spacing, float(young), float(ratio), self.normal)
+        inverse = np.linalg.inv(np.moveaxis(symbol, (0, 1), (-2, -1)))
+        self._inverse = xp.asarray(np.moveaxis(inverse, (-2, -1), (0, 1)))
+        symbol[(slice(None), slice(None)) + (0,) * len(self.shape)] = 0.0
+        self._symbol = xp.asarray(symbol)
+
+    def __repr__(self) -> str:
+        """Say how many points there are."""
+        return f"HalfSpace({' x '.join(map(str, self.shape))} points)"
+
+    def apply(self, forces: Any) -> Any:
+        """Displacements of the points under forces on them, both of shape (dim, nx[, ny]).
+
+        Parameters
+        ----------
+        forces : array, shape (dim, nx[, ny])
+
+        Returns
+        -------
+        array, shape (dim, nx[, ny])
+        """
+        return filtered(self._symbol, forces)
+
+    def precondition(self, displacements: Any) -> Any:
+        """Forces that cause given displacements; their mean is treated as a long wave.
+
+        Parameters
+        ----------
+        displacements : array, shape (dim, nx[, ny])
+
+        Returns
+        -------
+        array, shape (dim, nx[, ny])
+        """
+        return filtered(self._inverse, displacements)
+
+
+def _symbol(
+    shape: tuple[int, ...], spacing: tuple[float, ...], E: float, nu: float, normal: Any
+) -> Any:
+    """Displacements per force of each wave; the mean, which moves freely, as the longest wave."""
+    fft = scipy.fft
+    steps = [fft.fftfreq(m, h) for m, h in zip(shape, spacing, strict=True)]
+    steps[-1] = np.abs(fft.fftfreq(shape[-1], spacing[-1])[: shape[-1] // 2 + 1])
+    k = 2 * np.pi * np.array(np.meshgrid(*steps, indexing="ij"))
+    length = np.sqrt(np.sum(k**2, axis=0))
+    mean = (0,) * len(shape)
+    length[mean] = np.min(length[length > 0])
+    e = k / length
+    # A wave at the limit of the grid has no sign: what is odd in its direction vanishes.
+    odd = e.copy()
+    for axis, m in enumerate(shape):
+        if m % 2 == 0:
+            at = [slice(None)] * len(shape)
+            at[axis] = slice(m // 2, m // 2 + 1)
+            odd[axis][tuple(at)] = 0.0
+    dim, size = len(shape) + 1, E / (2 * (1 + nu)) * length * float(np.prod(spacing))
+    axis = int(np.argmax(np.abs(normal)))
+    across = [i for i in range(dim) if i != axis]
+    symbol = np.zeros((dim, dim, *length.shape), dtype=complex)
+    symbol[axis, axis] = (1 - nu) / size
+    for a, i in enumerate(across):
+        for b, j in enumerate(across):
+            symbol[i, j] = ((i == j) - nu * (e[a] ** 2 if a == b else odd[a] * odd[b])) / size
+        symbol[axis, i] = 1j * normal[axis] * (0.5 - nu) * odd[a] / size
+        symbol[i, axis] = -symbol[axis, i]
+    return symbol

@@ -1,0 +1,53 @@
+"""Transforms of arrays of NumPy or CuPy, and products of symbols."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+import scipy
+
+
+def namespace(array: Any) -> Any:
+    """The module, NumPy or CuPy, that an array belongs to."""
+    return (
+        np if isinstance(array, np.ndarray) else sys.modules[type(array).__module__.split(".")[0]]
+    )
+
+
+def host(array: Any) -> Any:
+    """The array in the memory of the host."""
+    return array.get() if hasattr(array, "get") else np.asarray(array)
+
+
+def fft_of(xp: Any) -> Any:
+    """Transforms by SciPy's names for arrays of this module."""
+    if xp is np:
+        return scipy.fft
+    import cupyx.scipy.fft
+
+    return cupyx.scipy.fft
+
+
+def filtered(symbol: Any, values: Any) -> Any:
+    """The product of a symbol and the real transform of values.
+
+    Parameters
+    ----------
+    symbol : array, shape (dim, dim, nx, ny // 2 + 1) or (dim, dim, nx // 2 + 1)
+    values : array, shape (dim, nx, ny) or (dim, nx)
+
+    Returns
+    -------
+    array, shape (dim, nx, ny) or (dim, nx)
+    """
+    fft = fft_of(namespace(values))
+    axes = tuple(range(1, values.ndim))
+    waves = fft.rfftn(values, axes=axes)
+    products = namespace(values).empty_like(waves)
+    for row, product in zip(symbol, products, strict=True):
+        product[...] = row[0] * waves[0]
+        for entry, wave in zip(row[1:], waves[1:], strict=True):
+            product += entry * wave
+    return fft.irfftn(products, s=values.shape[1:], axes=axes)
