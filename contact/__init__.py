@@ -38,6 +38,7 @@ from contact.rows.pairs import Pair, Tie
 from contact.spectral.grid_contact import GridContact
 from contact.spectral.grid_result import GridResult
 from contact.spectral.half_space import HalfSpace
+from contact.spectral.periodic_layers import PeriodicLayers
 
 __all__ = [
     "Anisotropic",
@@ -69,6 +70,7 @@ __all__ = [
     "Orthotropic",
     "Pair",
     "Parabola",
+    "PeriodicLayers",
     "Plane",
     "PressureOverclosure",
     "Rigid",

@@ -49,6 +49,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "contact.GridContact": (),
     "contact.GridResult": (),
     "contact.HalfSpace": (),
+    "contact.PeriodicLayers": (),
     "contact.DistributedBody": ("fix", "load", "body_force", "gather"),
     "contact.LayeredBlock": ("fix", "load", "body_force"),
     "contact.LoadHistory": (),

@@ -2,5 +2,6 @@
 
 In: a compliance (`grid_compliance`) and a gap on its grid, friction, motions or forces.
 Out: a `GridResult` with its certificate, contact area, spectrum and histogram of the pressure.
-Start: `grid_contact`, then `frictionless` and `friction_newton`; `half_space` is a compliance.
+Start: `grid_contact`, then `frictionless` and `friction_newton`. Compliances: `half_space` and
+`periodic_layers`.
 """

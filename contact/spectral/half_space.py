@@ -40,6 +40,12 @@ class HalfSpace:
     xp : module
         `numpy`, or `cupy` for arrays on a device.
 
+    Attributes
+    ----------
+    stiffness : array, shape (dim, dim, nx // 2 + 1) or (dim, dim, nx, ny // 2 + 1)
+        Forces on points per displacement, for each wave of a real transform; for the mean those of
+        the longest wave.
+
     Raises
     ------
     InputError
@@ -93,7 +99,7 @@ class HalfSpace:
         self.initial = xp.zeros((dim, *self.shape))
         symbol = _symbol(self.shape, self.spacing, float(young), float(ratio), self.normal)
         inverse = np.linalg.inv(np.moveaxis(symbol, (0, 1), (-2, -1)))
-        self._inverse = xp.asarray(np.moveaxis(inverse, (-2, -1), (0, 1)))
+        self.stiffness = xp.asarray(np.moveaxis(inverse, (-2, -1), (0, 1)))
         symbol[(slice(None), slice(None)) + (0,) * len(self.shape)] = 0.0
         self._symbol = xp.asarray(symbol)
 
@@ -125,7 +131,7 @@ class HalfSpace:
         -------
         array, shape (dim, nx[, ny])
         """
-        return filtered(self._inverse, displacements)
+        return filtered(self.stiffness, displacements)
 
 
 def _symbol(

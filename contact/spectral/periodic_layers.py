@@ -1,0 +1,312 @@
+"""A block of layers whose loads and displacements repeat periodically along its surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from skfem import MeshHex, MeshQuad
+
+from contact.body.boundary_names import select_components
+from contact.body.elastic_body import ElasticBody
+from contact.body.layers.layers import read_layers
+from contact.errors import InputError, numbers
+from contact.spectral.half_space import HalfSpace
+from contact.spectral.slab_symbols import Stack, cell_slab
+from contact.spectral.transforms import fft_of, filtered
+
+Array = NDArray[np.float64]
+_AXES = "xyz"
+
+
+class PeriodicLayers:
+    r"""Layers of equal cells under periodic loads, condensed onto their lower side wave by wave.
+
+    The stiffness is that of bilinear cells in the plane and of trilinear bricks in space, exactly:
+    the body is the one that `elastic` builds, with the sides tied to each other. Condensation takes
+    a number of operations in proportion to the points of the surface and to the logarithm of the
+    number of layers, and contact needs transforms only (`contact.spectral.grid_contact`).
+
+    The bottom left corner lies at the origin, and contact occurs on the lower side, as for
+    `LayeredBlock`.
+
+    Parameters
+    ----------
+    lengths : float or (float, float)
+        Periods in the lateral directions: one for a body in the plane, two for one in space.
+    layers : sequence of (height, cells, E, nu)
+        From the bottom up: height, number of layers of cells, Young's modulus, Poisson's ratio.
+    cells : int or (int, int)
+        Cells along each period, which is the number of surface points.
+    top : str, optional
+        Components that are fixed on the top, e.g. "xy", others are free there; default: all.
+    motion : sequence of float, optional
+        Displacement of the top where it is fixed; default: none.
+    base : (E, nu), optional
+        An elastic half space (in the plane: half plane in plane strain) that the top is bonded to,
+        instead of supports. Displacements are then measured from the mean of its surface.
+    plane : {"strain", "stress"}
+        Of a body in the plane.
+    xp : module
+        `numpy`, or `cupy` to condense and solve on a device.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Points of the surface along each direction.
+    spacing : tuple of float
+    normal : ndarray, shape (dim,)
+        Outward normal of the lower side.
+    constant : ndarray of bool, shape (dim,)
+        Components in which nothing holds the body: those that are free on the top.
+    initial : array, shape (dim, nx[, ny])
+        Displacement of the lower side without forces on it.
+
+    Raises
+    ------
+    InputError
+        A malformed argument; the message names it.
+
+    References
+    ----------
+    R. J. Guyan, AIAA Journal 3 (1965), 380, for condensation; the waves are those of the mesh, not
+    of the continuum.
+
+    Examples
+    --------
+    A column that its lower side compresses by one per cent:
+
+    >>> block = PeriodicLayers(1.0, [(0.5, 4, 1.0, 0.0)], cells=8)
+    >>> forces = np.zeros((2, 8))
+    >>> forces[1] = 0.01 / 8  # a pressure of .01 upwards
+    >>> print(block.apply(forces)[1].round(12))
+    [0.005 0.005 0.005 0.005 0.005 0.005 0.005 0.005]
+    """
+
+    def __init__(
+        self,
+        lengths: ArrayLike,
+        layers: Sequence[tuple[float, int, float, float]],
+        cells: int | Sequence[int],
+        *,
+        top: str | None = None,
+        motion: ArrayLike | None = None,
+        base: tuple[float, float] | None = None,
+        plane: str = "strain",
+        xp: Any = np,
+    ) -> None:
+        given = np.atleast_1d(numbers("lengths", lengths))
+        if given.shape not in ((1,), (2,)) or not np.all(np.isfinite(given) & (given > 0)):
+            raise InputError(f"lengths={lengths!r}: expected one or two positive numbers")
+        self.lengths, self.dim = tuple(map(float, given)), given.size + 1
+        self.shape = _cells(cells, given.size)
+        self.spacing = tuple(np.divide(self.lengths, self.shape).tolist())
+        self.layers, self.plane = read_layers(list(layers)), plane
+        if base is not None and (top is not None or motion is not None or plane != "strain"):
+            raise InputError(
+                "base: a top on a half space is not fixed; leave top, motion and plane"
+            )
+        self.base = None if base is None else _modulus_and_ratio(base)
+        self.held = np.zeros(self.dim, dtype=bool)
+        if base is None:
+            self.held[select_components(self.dim, top)] = True
+        self.normal = -np.eye(self.dim)[-1]
+        self.constant = ~self.held if base is None else np.zeros(self.dim, dtype=bool)
+        self._xp = xp
+        self._condense()
+        moved = np.zeros(self.dim) if motion is None else numbers("motion", motion)
+        if moved.shape != (self.dim,) or not np.all(np.isfinite(moved)):
+            raise InputError(f"motion={motion!r}: expected {self.dim} finite numbers")
+        self.motion = np.where(self.held, moved, 0.0)
+        self.initial = xp.zeros((self.dim, *self.shape))
+        self.initial += xp.asarray(self.motion).reshape(-1, *[1] * len(self.shape))
+
+    def __repr__(self) -> str:
+        rows = sum(layer.cells for layer in self.layers)
+        size = " x ".join(map(str, (*self.shape, rows)))
+        return f"PeriodicLayers({self.dim}-D, {size} cells, {self.unknowns} unknowns)"
+
+    @property
+    def unknowns(self) -> int:
+        """Number of displacements of all nodes of the layers that are not fixed."""
+        rows = sum(layer.cells for layer in self.layers)
+        return int(np.prod(self.shape)) * (self.dim * rows + int(np.sum(~self.held)))
+
+    def apply(self, forces: Any) -> Any:
+        """Displacement of the lower side that forces on its points cause, of their shape.
+
+        Parameters
+        ----------
+        forces : array, shape (dim, nx[, ny])
+            The mean is left out in components that nothing holds.
+
+        Returns
+        -------
+        array, shape (dim, nx[, ny])
+        """
+        return filtered(self._compliance, forces)
+
+    def precondition(self, displacements: Any) -> Any:
+        """Forces that cause given displacements; in means that nothing holds, those of a held top.
+
+        Parameters
+        ----------
+        displacements : array, shape (dim, nx[, ny])
+
+        Returns
+        -------
+        array, shape (dim, nx[, ny])
+        """
+        return filtered(self._stiffness, displacements)
+
+    def displacement(self, forces: Any, row: int) -> Any:
+        """Displacement of the nodes on one level inside, under forces on the lower side.
+
+        Parameters
+        ----------
+        forces : array, shape (dim, nx[, ny])
+        row : int
+            Number of the plane of nodes, 0 for the lower side.
+
+        Returns
+        -------
+        array, shape (dim, nx[, ny])
+            The motion of the top included, without translations that nothing holds.
+
+        Raises
+        ------
+        InputError
+            A level that the body does not have.
+        """
+        rows = sum(layer.cells for layer in self.layers)
+        if isinstance(row, bool) or row != int(row) or not 0 <= row <= rows:
+            raise InputError(f"row={row!r}: expected a whole number from 0 to {rows}")
+        xp, fft = self._xp, fft_of(self._xp)
+        axes = tuple(range(1, self.dim))
+        waves = fft.rfftn(self.apply(forces), axes=axes)
+        lower = xp.moveaxis(waves.reshape(self.dim, -1), 0, 1)
+        upper = xp.zeros_like(lower)
+        whole, free = self._stack.whole, self._loose
+        if free:
+            pull = xp.conj(whole.Q.transpose(0, 2, 1)) @ lower[..., None]
+            upper[:, free] = xp.linalg.solve(self._top(), -pull[:, free])[..., 0]
+            if self.base is not None:
+                upper[0] = 0.0
+        found = xp.moveaxis(self._stack.at(int(row), lower, upper), 1, 0).reshape(waves.shape)
+        inside = fft.irfftn(found, s=self.shape, axes=axes)
+        return inside + self.initial
+
+    def elastic(self) -> ElasticBody:
+        """The same body on a mesh, with its sides tied and the boundaries "bottom" and "top".
+
+        Returns
+        -------
+        ElasticBody
+            Of ``prod(shape)`` times the number of layers cells.
+
+        Raises
+        ------
+        InputError
+            The block lies on a half space.
+        """
+        if self.base is not None:
+            raise InputError("base: a half space has no mesh")
+        ticks = [
+            np.linspace(0, length, n + 1)
+            for length, n in zip(self.lengths, self.shape, strict=True)
+        ]
+        levels = np.concatenate(
+            [
+                np.linspace(layer.bottom, layer.bottom + layer.height, layer.cells + 1)[k > 0 :]
+                for k, layer in enumerate(self.layers)
+            ]
+        )
+        mesh = (MeshQuad if self.dim == 2 else MeshHex).init_tensor(*ticks, levels)
+        ends = {"bottom": (self.dim - 1, 0.0), "top": (self.dim - 1, levels[-1])}
+        for axis, length in enumerate(self.lengths):
+            ends |= {f"low {axis}": (axis, 0.0), f"high {axis}": (axis, length)}
+        size = max(*self.lengths, levels[-1])
+        mesh = mesh.with_boundaries(
+            {
+                name: lambda x, axis=axis, at=at: np.abs(x[axis] - at) < 1e-9 * size
+                for name, (axis, at) in ends.items()
+            }
+        )
+        middle = mesh.p[-1][mesh.t].mean(axis=0)
+        tops = [layer.bottom + layer.height for layer in self.layers[:-1]]
+        of = np.searchsorted(tops, middle)
+        body = ElasticBody.from_mesh(
+            mesh, mesh.elem(), E=np.array([layer.E for layer in self.layers])[of],
+            nu=np.array([layer.nu for layer in self.layers])[of], **self._in_plane(),
+        )  # fmt: skip
+        for axis in range(self.dim - 1):
+            body.periodic(f"high {axis}", f"low {axis}")
+        for axis in map(int, np.flatnonzero(self.held)):
+            body.fix("top", _AXES[axis], float(self.motion[axis]))
+        return body
+
+    @property
+    def _loose(self) -> list[int]:
+        """Components of the top that are unknowns."""
+        return [int(c) for c in np.flatnonzero(~self.held)]
+
+    def _top(self) -> Any:
+        """Stiffness of the loose components of the top, with what lies above it."""
+        block = self._stack.whole.R[:, self._loose][:, :, self._loose]
+        if self.base is None:
+            return block
+        above = HalfSpace(self.lengths, self.shape, *self.base, xp=self._xp)
+        waves = above.stiffness.reshape(self.dim, self.dim, -1)
+        return block + self._xp.moveaxis(waves, 2, 0)
+
+    def _in_plane(self) -> dict[str, Any]:
+        return {"plane": self.plane} if self.dim == 2 else {}
+
+    def _condense(self) -> None:
+        xp = self._xp
+        turns = [2 * np.pi * xp.fft.fftfreq(n) for n in self.shape[:-1]]
+        turns.append(2 * np.pi * xp.fft.rfftfreq(self.shape[-1]))
+        phases = [part.ravel() for part in xp.meshgrid(*turns, indexing="ij")]
+        self._stack = Stack.of(
+            [
+                (
+                    cell_slab(
+                        self.spacing, layer.height / layer.cells,
+                        {"E": layer.E, "nu": layer.nu, **self._in_plane()}, phases,
+                    ),
+                    layer.cells,
+                )
+                for layer in self.layers
+            ]
+        )  # fmt: skip
+        whole, free = self._stack.whole, self._loose
+        stiffness = whole.P.copy()
+        if free:
+            coupling = whole.Q[:, :, free]
+            inner = xp.linalg.solve(self._top(), xp.conj(coupling.transpose(0, 2, 1)))
+            stiffness = stiffness - coupling @ inner
+            # In the wave 0 the components are decoupled. Nothing holds those that are free on the
+            # top: they move as a body does whose top is fixed, and a translation more. A half space
+            # is measured from the mean displacement of its surface.
+            stiffness[0] = whole.P[0]
+        compliance = xp.linalg.inv(stiffness)
+        if self.base is None:
+            compliance[0][free, free] = 0.0
+        shape = (self.dim, self.dim, *self.shape[:-1], self.shape[-1] // 2 + 1)
+        self._stiffness = xp.ascontiguousarray(xp.moveaxis(stiffness, 0, 2)).reshape(shape)
+        self._compliance = xp.ascontiguousarray(xp.moveaxis(compliance, 0, 2)).reshape(shape)
+
+
+def _modulus_and_ratio(base: Any) -> tuple[float, float]:
+    if not isinstance(base, tuple | list) or len(base) != 2:
+        raise InputError(f"base={base!r}: expected a pair (E, nu)")
+    return base[0], base[1]
+
+
+def _cells(cells: Any, lateral: int) -> tuple[int, ...]:
+    given = np.atleast_1d(cells)
+    if given.shape != (lateral,) or given.dtype.kind not in "iu" or np.any(given < 2):
+        raise InputError(f"cells={cells!r}: expected {lateral} whole numbers from 2")
+    return tuple(map(int, given))

@@ -1,0 +1,175 @@
+r"""Stiffness of slabs of equal layers of cells, wave by wave.
+
+On the nodes of a plane of a laterally periodic grid the waves :math:`\hat u e^{i k x}` of the
+displacement decouple. The layer of cells between two planes has for the wave vector k, with the
+blocks :math:`K_{ab}` of a cell's stiffness for its corners a and b at the lateral places
+:math:`o_a` and :math:`o_b`, the Hermitian matrix
+
+.. math:: L_{st}(k) = \sum_{a \in s, b \in t} K_{ab} e^{i k (o_b - o_a)}
+
+with s and t the lower or the upper plane: the exact one of the elements. A slab is the triple
+(P, Q, R) of its lower, coupling and upper blocks. Two slabs, one above the other, are joined by
+elimination of the plane between them, with :math:`M = R_1 + P_2`:
+
+.. math::
+    P = P_1 - Q_1 M^{-1} Q_1^H, \quad Q = -Q_1 M^{-1} Q_2, \quad R = R_2 - Q_2^H M^{-1} Q_2 ,
+
+so that n equal layers take the binary logarithm of n steps (cyclic reduction, R. W. Hockney, J.
+ACM 12 (1965), 95-113).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from skfem import MeshHex, MeshQuad
+
+from contact.body.elastic_body import ElasticBody
+from contact.spectral.transforms import namespace
+
+Waves = Any  # arrays of NumPy or CuPy, shape (waves, dim, dim) or (waves, dim)
+
+
+class Slab(NamedTuple):
+    """Lower, coupling (lower with upper) and upper block of every wave."""
+
+    P: Waves
+    Q: Waves
+    R: Waves
+
+
+def cell_slab(
+    widths: Sequence[float], height: float, material: dict[str, Any], phases: Sequence[Any]
+) -> Slab:
+    """One layer of bilinear or trilinear cells.
+
+    Parameters
+    ----------
+    widths : sequence of float
+        Of a cell, in the lateral directions.
+    height : float
+        Of a cell.
+    material : dict
+        E, nu and plane.
+    phases : sequence of arrays, shape (waves,)
+        The number k times the width, for each lateral direction.
+    """
+    xp, dim = namespace(phases[0]), len(widths) + 1
+    kind = MeshQuad if dim == 2 else MeshHex
+    mesh = kind.init_tensor(*([0.0, width] for width in (*widths, height)))
+    body = ElasticBody.from_mesh(mesh, kind.elem(), **material)
+    K = body.stiffness.toarray()
+    upper = mesh.p[-1] > 0.5 * height
+    turned = [
+        xp.exp(1j * sum(float(x > 0) * angle for x, angle in zip(place[:-1], phases, strict=True)))
+        for place in mesh.p.T
+    ]
+    dofs = body.basis.nodal_dofs
+    blocks = {
+        (s, t): xp.zeros((phases[0].size, dim, dim), dtype=complex)
+        for s, t in ((0, 0), (0, 1), (1, 1))
+    }
+    for a in range(mesh.nvertices):
+        for b in range(mesh.nvertices):
+            place = int(upper[a]), int(upper[b])
+            if place in blocks:
+                block = xp.asarray(K[np.ix_(dofs[:, a], dofs[:, b])])
+                blocks[place] += (xp.conj(turned[a]) * turned[b])[:, None, None] * block
+    return Slab(blocks[0, 0], blocks[0, 1], blocks[1, 1])
+
+
+def joined(lower: Slab, upper: Slab) -> Slab:
+    """The slab of two, one above the other."""
+    xp = namespace(lower.P)
+    below, above = _adjoint(lower.Q), upper.Q
+    both = xp.linalg.solve(lower.R + upper.P, xp.concatenate([below, above], axis=2))
+    dim = below.shape[2]
+    down, up = both[:, :, :dim], both[:, :, dim:]
+    return Slab(
+        _hermitian(lower.P - lower.Q @ down),
+        -(lower.Q @ up),
+        _hermitian(upper.R - _adjoint(above) @ up),
+    )
+
+
+@dataclass(frozen=True)
+class Stack:
+    """Slabs of a power of two of equal cells, from the bottom up, and how they came about.
+
+    Attributes
+    ----------
+    pieces : tuple of tuple of Slab
+        For each piece its halves' slabs: entry l has 2^l layers of cells.
+    upto : tuple of Slab
+        Entry q: all pieces up to number q together.
+    """
+
+    pieces: tuple[tuple[Slab, ...], ...]
+    upto: tuple[Slab, ...]
+
+    @classmethod
+    def of(cls, layers: Sequence[tuple[Slab, int]]) -> Stack:
+        """The stack of layers, each a slab of one layer of cells and their number."""
+        pieces = []
+        for cell, count in layers:
+            powers = [cell]
+            for bit in range(count.bit_length()):
+                if bit > 0:
+                    powers.append(joined(powers[-1], powers[-1]))
+                if count >> bit & 1:
+                    pieces.append(tuple(powers))
+        upto = [pieces[0][-1]]
+        for piece in pieces[1:]:
+            upto.append(joined(upto[-1], piece[-1]))
+        return cls(tuple(pieces), tuple(upto))
+
+    @property
+    def whole(self) -> Slab:
+        """All layers together."""
+        return self.upto[-1]
+
+    def at(self, row: int, lower: Waves, upper: Waves) -> Waves:
+        """Displacement on a plane of nodes from those of the lowest and the highest one.
+
+        Parameters
+        ----------
+        row : int
+            Number of the plane, counted from the bottom.
+        lower, upper : array, shape (waves, dim)
+        """
+        first = sum(2 ** (len(piece) - 1) for piece in self.pieces)
+        for q in range(len(self.pieces) - 1, -1, -1):
+            piece = self.pieces[q]
+            first -= 2 ** (len(piece) - 1)
+            bottom = lower if q == 0 else between(self.upto[q - 1], piece[-1], lower, upper)
+            if row >= first:
+                return _within(piece, row - first, bottom, upper)
+            upper = bottom
+        raise AssertionError("row: below the lowest plane")
+
+
+def between(below: Slab, above: Slab, lower: Waves, upper: Waves) -> Waves:
+    """Displacement of the plane between two slabs from those of their outer planes."""
+    load = -(_adjoint(below.Q) @ lower[..., None] + above.Q @ upper[..., None])
+    return namespace(lower).linalg.solve(below.R + above.P, load)[..., 0]
+
+
+def _within(powers: tuple[Slab, ...], row: int, lower: Waves, upper: Waves) -> Waves:
+    for level in range(len(powers) - 2, -1, -1):
+        middle = between(powers[level], powers[level], lower, upper)
+        if row >= 2**level:
+            lower, row = middle, row - 2**level
+        else:
+            upper = middle
+    return lower if row == 0 else upper
+
+
+def _adjoint(blocks: Waves) -> Waves:
+    return namespace(blocks).conj(blocks.transpose(0, 2, 1))
+
+
+def _hermitian(blocks: Waves) -> Waves:
+    return 0.5 * (blocks + _adjoint(blocks))

@@ -1,0 +1,64 @@
+"""Contact of periodic layers beside the sparse path, and Westergaard's closed form."""
+
+import numpy as np
+import pytest
+
+from contact import ContactProblem, Cylinder, Sphere
+from contact.obstacles.rigid import Rigid
+from contact.spectral.grid_contact import GridContact
+from contact.spectral.periodic_layers import PeriodicLayers
+
+COATED = [(0.1, 2, 3.0, 0.2), (0.4, 4, 1.0, 0.3)]
+
+
+def plane(n=16):
+    block = PeriodicLayers(1.0, COATED, n, motion=(0.01, -0.04))
+    return block, Cylinder((0.5, -0.3), 0.3)
+
+
+def space(n=10):
+    block = PeriodicLayers((1.0, 1.25), COATED, (n, n + 2), motion=(0.01, 0.005, -0.08))
+    return block, Sphere((0.5, 0.625, -0.5), 0.5)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3, 0.9])
+@pytest.mark.parametrize("make", [plane, space])
+def test_pressure_and_shear_are_those_of_the_sparse_path(make, friction):
+    block, obstacle = make()
+    grid = GridContact(block, obstacle, friction=friction).solve()
+    body, dim = block.elastic(), block.dim
+    sparse = ContactProblem(body, "bottom", obstacle, friction=friction).solve()
+    places = sparse.x_nominal[: dim - 1]
+    at = tuple(np.rint(x / h).astype(int) for x, h in zip(places, block.spacing, strict=True))
+    inside = np.all([k < n for k, n in zip(at, block.shape, strict=True)], axis=0)
+    at = tuple(k[inside] for k in at)
+    touching = sparse.pressure > 0
+    assert 3 <= touching.sum() < touching.size / 2
+    assert not np.any(touching & ~inside)
+    size = sparse.pressure.max()
+    assert np.abs(grid.pressure[at] - sparse.pressure[inside]).max() < 1e-10 * size
+    assert np.array_equal(grid.status[at] == 0, sparse.status[inside] == 0)
+    assert np.abs(grid.resultant - sparse.resultant).max() < 1e-10 * np.abs(sparse.resultant).max()
+    nodes = body.basis.nodal_dofs[:, body.mesh.p[-1] < 1e-9]
+    low = body.mesh.p[:, body.mesh.p[-1] < 1e-9]
+    here = tuple(
+        np.rint(low[a] / block.spacing[a]).astype(int) % block.shape[a] for a in range(dim - 1)
+    )
+    for c in range(dim):
+        assert np.abs(grid.u[c][here] - sparse.u[nodes[c]]).max() < 1e-9 * np.abs(sparse.u).max()
+
+
+def test_a_wavy_ground_on_layers_of_a_half_space_by_westergaard():
+    """Westergaard 1939: sin^2(pi a) = p / (pi E* h) with the half width a of the contact."""
+    errors = []
+    for n in (64, 128, 256):
+        x, h, p = np.arange(n) / n, 1e-3, 1e-3
+        block = PeriodicLayers(1.0, [(0.25, n // 4, 1.0, 0.3)], n, base=(1.0, 0.3))
+        ground = Rigid(h * (1 - np.cos(2 * np.pi * x)), force=(0.0, p))
+        result = GridContact(block, ground).solve()
+        s = p * 0.91 / (np.pi * h)
+        inside = np.sin(np.pi * np.minimum(x, 1 - x)) ** 2
+        exact = 2 * p * np.cos(np.pi * x) / s * np.sqrt(np.maximum(s - inside, 0.0))
+        errors.append(np.sqrt(np.mean((result.pressure - np.abs(exact)) ** 2)) / exact.max())
+    assert errors[-1] < 5e-3
+    assert errors[-1] < 0.6 * errors[0]

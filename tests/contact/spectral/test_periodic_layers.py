@@ -1,0 +1,177 @@
+"""Layers in Fourier space are the sparse path with tied sides, wave by wave, and tend to solids."""
+
+import numpy as np
+import pytest
+
+from contact import InputError
+from contact.spectral.periodic_layers import PeriodicLayers
+
+ONE = [(0.5, 3, 1.0, 0.3)]
+COATED = [(0.1, 2, 100.0, 0.2), (0.5, 3, 1.0, 0.4)]
+CASES = {
+    "plane": lambda: PeriodicLayers(1.3, COATED, 8, motion=(0.1, -0.2)),
+    "plane stress, odd": lambda: PeriodicLayers(1.3, [(0.5, 5, 2e5, 0.3)], 7, plane="stress"),
+    "plane, free to slide": lambda: PeriodicLayers(1.3, COATED, 8, top="y", motion=(0.3, 0.1)),
+    "plane, one layer of cells": lambda: PeriodicLayers(1e-3, [(1e-3, 1, 1.0, 0.3)], 3),
+    "space": lambda: PeriodicLayers((1.0, 1.5), COATED, (4, 5), motion=(0.1, 0.0, -0.2)),
+    "space, free to slide": lambda: PeriodicLayers((1.0, 1.5), ONE, (4, 6), top="z"),
+    "space, free along y": lambda: PeriodicLayers((1.0, 1.5), ONE, (5, 4), top="xz"),
+}
+
+
+def mean_of(values):
+    return values.mean(axis=tuple(range(1, values.ndim)), keepdims=True)
+
+
+@pytest.mark.parametrize("make", CASES.values(), ids=CASES)
+def test_every_level_is_that_of_the_sparse_body(make):
+    block = make()
+    body, dim = block.elastic(), block.dim
+    loose = block.constant.reshape(-1, *[1] * (dim - 1))
+    forces = np.random.default_rng(0).standard_normal((dim, *block.shape))
+    forces -= loose * mean_of(forces)
+    places, levels = body.mesh.p, np.unique(body.mesh.p[-1].round(12))
+    once = np.all([places[a] < (1 - 1e-9) * block.lengths[a] for a in range(dim - 1)], axis=0)
+    number = [np.rint(places[a] / block.spacing[a]).astype(int) for a in range(dim - 1)]
+
+    def nodes(row):
+        found = np.flatnonzero(once & (abs(places[-1] - levels[row]) < 1e-9))
+        return found, tuple(index[found] for index in number)
+
+    load, (low, at) = np.zeros(body.basis.N), nodes(0)
+    for c in range(dim):
+        load[body.basis.nodal_dofs[c, low]] = forces[(c, *at)]
+    P, u0 = body.constraint
+    S = (P.T @ body.stiffness @ P).toarray()
+    unit = np.sqrt(np.diag(S).max())
+    z = np.linalg.lstsq(S / unit**2, P.T @ (load - body.stiffness @ u0) / unit**2, rcond=1e-12)[0]
+    u = P @ z + u0
+    size = abs(u).max()
+    for row in range(levels.size):
+        exact, (here, at) = np.zeros((dim, *block.shape)), nodes(row)
+        for c in range(dim):
+            exact[(c, *at)] = u[body.basis.nodal_dofs[c, here]]
+        error = block.displacement(forces, row) - exact
+        assert abs(error - loose * mean_of(error)).max() < 1e-10 * size
+    again = block.displacement(forces, 0) - block.initial - block.apply(forces)
+    assert abs(again).max() < 1e-12 * size
+    assert abs(block.precondition(block.apply(forces)) - forces).max() < 1e-11
+
+
+@pytest.mark.parametrize("lengths", [1.0, (1.0, 1.0)])
+def test_a_deep_body_tends_to_the_half_space(lengths):
+    """Johnson, Contact Mechanics 1985, (13.2): a wave of pressure p moves by (1 - nu) p / (G k)."""
+    errors = []
+    for n in (16, 32, 64):
+        cells = n if np.ndim(lengths) == 0 else (n, 4)
+        block = PeriodicLayers(lengths, [(2.0, 2 * n, 1.0, 0.3)], cells)
+        wave = np.cos(2 * np.pi * np.arange(n) / n)
+        wave = wave if block.dim == 2 else np.repeat(wave[:, None], 4, axis=1)
+        forces = np.zeros((block.dim, *block.shape))
+        forces[-1] = wave * np.prod(block.spacing)
+        exact = (1 - 0.3**2) / np.pi
+        errors.append(abs(block.apply(forces)[-1].flat[0] / exact - 1))
+    assert errors[-1] < 1e-3
+    order = np.polyfit(np.log([16, 32, 64]), np.log(errors), 1)[0]
+    assert -2.3 < order < -1.7
+
+
+def test_stiff_and_thin_layers_keep_their_digits():
+    """A contrast of 1e6 and 4096 layers of cells; symmetric and positive as a compliance is."""
+    for layers in ([(1e-3, 1, 1e6, 0.3), (1.0, 8, 1.0, 0.3)], [(1.0, 4096, 1.0, 0.45)]):
+        block = PeriodicLayers((1.0, 1.0), layers, (6, 8))
+        rng = np.random.default_rng(1)
+        f, g = rng.standard_normal((2, 3, 6, 8))
+        one, other = np.sum(g * block.apply(f)), np.sum(f * block.apply(g))
+        assert abs(one - other) < 1e-11 * np.sum(abs(g * block.apply(f)))
+        assert np.sum(f * block.apply(f)) > 0
+        assert abs(block.precondition(block.apply(f)) - f).max() < 1e-8
+
+
+def test_a_uniform_pressure_compresses_each_layer_by_its_own_modulus():
+    block = PeriodicLayers((2.0, 3.0), COATED, (4, 4))
+    forces = np.zeros((3, 4, 4))
+    forces[2] = 0.01 * np.prod(block.spacing)
+    modulus = [E * (1 - nu) / ((1 + nu) * (1 - 2 * nu)) for _, _, E, nu in COATED]
+    exact = 0.01 * sum(layer[0] / M for layer, M in zip(COATED, modulus, strict=True))
+    assert np.abs(block.apply(forces)[2] / exact - 1).max() < 1e-12
+    assert block.unknowns == 3 * 16 * 5
+    assert repr(block) == "PeriodicLayers(3-D, 4 x 4 x 5 cells, 240 unknowns)"
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"lengths": (1.0, 1.0, 1.0)}, "lengths="),
+        ({"lengths": -1.0}, "lengths="),
+        ({"lengths": np.nan}, "lengths"),
+        ({"layers": []}, "layers="),
+        ({"layers": [(0.0, 1, 1.0, 0.3)]}, r"layers\[0\]: the height must be positive"),
+        ({"layers": [(1.0, 2, 1.0, 0.5)]}, "nu"),
+        ({"layers": [(1.0, 2, -1.0, 0.3)]}, "E"),
+        ({"cells": (4, 4)}, "cells="),
+        ({"cells": 4.5}, "cells="),
+        ({"cells": 1}, "cells="),
+        ({"top": "z"}, "components="),
+        ({"motion": (0.0, np.inf)}, "motion"),
+        ({"motion": (0.0, 1.0, 2.0)}, "motion="),
+        ({"plane": "air"}, "plane"),
+    ],
+)
+def test_bad_input_is_named(given, message):
+    with pytest.raises(InputError, match=message):
+        PeriodicLayers(**{"lengths": 1.0, "layers": ONE, "cells": 4} | given)
+
+
+@pytest.mark.parametrize("row", [-1, 4, 0.5, True])
+def test_levels_outside_are_refused(row):
+    block = PeriodicLayers(1.0, ONE, 4)
+    with pytest.raises(InputError, match="row="):
+        block.displacement(np.zeros((2, 4)), row)
+
+
+@pytest.mark.parametrize("lengths", [1.0, (1.0, 1.0)])
+def test_layers_of_the_half_space_on_it_are_a_half_space(lengths):
+    """The wave is the continuum's in the half space and the mesh's in the layers."""
+    errors = []
+    for n in (32, 64, 128):
+        cells = n if np.ndim(lengths) == 0 else (n, 4)
+        block = PeriodicLayers(lengths, [(0.25, n // 4, 2.0, 0.3)], cells, base=(2.0, 0.3))
+        wave = np.cos(2 * np.pi * np.arange(n) / n)
+        forces = np.zeros((block.dim, *block.shape))
+        forces[-1] = wave if block.dim == 2 else wave[:, None]
+        forces[-1] *= np.prod(block.spacing)
+        errors.append(abs(block.apply(forces)[-1].flat[0] / (0.5 * (1 - 0.3**2) / np.pi) - 1))
+        assert not block.constant.any()
+    assert errors[-1] < 1e-5
+    assert np.polyfit(np.log([32, 64, 128]), np.log(errors), 1)[0] < -1.5
+
+
+def test_a_coating_on_a_half_space_is_one_on_a_deep_block():
+    errors = []
+    for n in (32, 64, 128):
+        coating = (0.125, n // 8, 100.0, 0.2)
+        forces = np.zeros((2, n))
+        forces[1] = np.cos(2 * np.pi * np.arange(n) / n) / n
+        one = PeriodicLayers(1.0, [coating], n, base=(1.0, 0.3)).apply(forces)[1, 0]
+        deep = PeriodicLayers(1.0, [coating, (3.0, 3 * n, 1.0, 0.3)], n).apply(forces)[1, 0]
+        errors.append(abs(one / deep - 1))
+    assert errors[-1] < 1e-4
+    assert np.polyfit(np.log([32, 64, 128]), np.log(errors), 1)[0] < -1.8
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"base": 1.0}, "base="),
+        ({"base": (-1.0, 0.3)}, "E"),
+        ({"base": (1.0, 0.5)}, "nu"),
+        ({"base": (1.0, 0.3), "top": "x"}, "base: a top"),
+        ({"base": (1.0, 0.3), "plane": "stress"}, "base: a top"),
+    ],
+)
+def test_bad_half_spaces_are_named(given, message):
+    with pytest.raises(InputError, match=message):
+        PeriodicLayers(**{"lengths": 1.0, "layers": ONE, "cells": 4} | given)
+    with pytest.raises(InputError, match="base: a half space has no mesh"):
+        PeriodicLayers(1.0, ONE, 4, base=(1.0, 0.3)).elastic()
