@@ -8,7 +8,7 @@ from contact.errors import Infeasible, NotConverged
 from contact.laws.iteration import Iteration, Report
 from contact.spectral.grid_problem import Grid, GridProblem
 
-_FIRST = 1e-4  # accuracy of conjugate gradients while the set still changes
+_FIRST = 1e-2  # accuracy of conjugate gradients while the set still changes
 _SETS = 60
 _PRODUCTS = 400  # of one set
 _DRIFTS = 1e-9  # mean compliance over that of a point: zero but for rounding
@@ -92,7 +92,7 @@ def frictionless(
         if settled:
             best = size
         if settled or int((found ^ active).sum()) <= 1e-3 * found.size:
-            accuracy = 0.1 * tol
+            accuracy = 0.5 * tol
         if not bool(found.any()):
             raise NotConverged("frictionless contact: no point is left in contact")
         active = found

@@ -11,7 +11,10 @@ class GridCompliance(Protocol):
     """Displacements of a surface grid under forces on its points, by transforms.
 
     All arrays have the shape (dim, nx) or (dim, nx, ny): component along a coordinate axis, then
-    the point. They live where those of `initial` do, on the host or on a device.
+    the point. They live where those of `initial` do, on the host or on a device. The methods
+    ``apply_normal(forces)`` and ``precondition_normal(displacements)`` may be given, too, for
+    normal components alone, of shape (nx,) or (nx, ny): frictionless contact is then several times
+    faster.
 
     Attributes
     ----------

@@ -79,16 +79,21 @@ class GridProblem:
         return self.turned(self.compliance.precondition(self.turned_back(displacements)))
 
     def W_normal(self, mu: Grid) -> Grid:
-        """Normal displacements of normal forces."""
-        forces = self.xp.zeros_like(self.v0)
-        forces[0] = mu
-        return self.W(forces)[0]
+        """Normal displacements of normal forces, by the body's own product where it has one."""
+        if hasattr(self.compliance, "apply_normal"):
+            return self.compliance.apply_normal(mu)
+        return self.W(self._along_normal(mu))[0]
 
     def S_normal(self, u: Grid) -> Grid:
         """Nearly the normal forces that cause normal displacements."""
-        forces = self.xp.zeros_like(self.v0)
-        forces[0] = u
-        return self.S(forces)[0]
+        if hasattr(self.compliance, "precondition_normal"):
+            return self.compliance.precondition_normal(u)
+        return self.S(self._along_normal(u))[0]
+
+    def _along_normal(self, values: Grid) -> Grid:
+        local = self.xp.zeros_like(self.v0)
+        local[0] = values
+        return local
 
     @cached_property
     def scale(self) -> tuple[float, float]:

@@ -102,6 +102,11 @@ class HalfSpace:
         self.stiffness = xp.asarray(np.moveaxis(inverse, (-2, -1), (0, 1)))
         symbol[(slice(None), slice(None)) + (0,) * len(self.shape)] = 0.0
         self._symbol = xp.asarray(symbol)
+        axis = int(np.argmax(np.abs(given)))
+        own = symbol[axis, axis].real
+        self._normal = xp.asarray(own)[None, None]
+        stiff = 1.0 / np.where(own > 0, own, own[own > 0].max())
+        self._normal_inverse = xp.asarray(stiff)[None, None]
 
     def __repr__(self) -> str:
         """Say how many points there are."""
@@ -132,6 +137,32 @@ class HalfSpace:
         array, shape (dim, nx[, ny])
         """
         return filtered(self.stiffness, displacements)
+
+    def apply_normal(self, forces: Any) -> Any:
+        """Normal displacements under normal forces alone, both of shape (nx[, ny]).
+
+        Parameters
+        ----------
+        forces : array, shape (nx[, ny])
+
+        Returns
+        -------
+        array, shape (nx[, ny])
+        """
+        return filtered(self._normal, forces[None])[0]
+
+    def precondition_normal(self, displacements: Any) -> Any:
+        """Normal forces alone that cause given normal displacements.
+
+        Parameters
+        ----------
+        displacements : array, shape (nx[, ny])
+
+        Returns
+        -------
+        array, shape (nx[, ny])
+        """
+        return filtered(self._normal_inverse, displacements[None])[0]
 
 
 def _symbol(

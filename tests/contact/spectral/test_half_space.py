@@ -65,6 +65,18 @@ def test_symmetric_and_positive(lengths, shape):
     assert pytest.approx(means, abs=1e-12) == W @ S
 
 
+@pytest.mark.parametrize("shape", [(15,), (6, 8)])
+def test_normal_products_alone(shape):
+    """They are parts of the whole ones; the preconditioner inverts them but for the mean."""
+    space = HalfSpace((1.0,) * len(shape), shape, E, NU)
+    forces = np.zeros((len(shape) + 1, *shape))
+    forces[-1] = np.random.default_rng(1).standard_normal(shape)
+    u = space.apply_normal(forces[-1])
+    assert u == pytest.approx(space.apply(forces)[-1], abs=1e-14)
+    wanted = forces[-1] - forces[-1].mean()
+    assert space.precondition_normal(u) == pytest.approx(wanted, abs=1e-12)
+
+
 def test_plane_strain_is_a_space_whose_load_does_not_vary():
     line = HalfSpace(2.0, 16, E, NU)
     space = HalfSpace((2.0, 0.8), (16, 4), E, NU)
