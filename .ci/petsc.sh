@@ -14,6 +14,8 @@ skip() { echo "$1" | tee "$new/skipped"; exit 0; }
 site=$("$new/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
 packages=$("$base/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
 echo "import site; site.addsitedir('$packages')" >"$site/first_environment.pth"
+# MKL is looked for below the environment that runs.
+for library in "$base"/lib/lib*.so*; do [ ! -e "$library" ] || ln -sf "$library" "$new/lib/"; done
 modules='import mpi4py, petsc4py, pymetis, slepc4py'
 if "$new/bin/python" -c "$modules" 2>/dev/null; then exit 0; fi
 
