@@ -62,3 +62,34 @@ def test_deformation(tmp_path, capsys):
     assert "nodes" in capsys.readouterr().out
     assert (tmp_path / "cip_deformation.pvd").exists()
     assert (tmp_path / "cip_deformation.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_sensors(tmp_path, capsys):
+    found = load("cip_sensors").main(
+        ["--cells", "24", "--sensors", "10", "--output", str(tmp_path)]
+    )
+    assert found["placement"].efficiency > 0.9
+    best = found["chosen"]
+    assert best.explained
+    for name, wanted in {"U": 0.6, "V": 0.3, "a": 0.4, "b": -0.3}.items():
+        assert abs(best.parameters[name] - wanted) < 4 * best.parameter_deviations[name] < 0.3
+    # Both choices of places stay within what they promise; before, the error was 0.37.
+    for name, error in found["error"].items():
+        assert error < 1.5 * np.sqrt(np.mean(found[name].deviations ** 2)) < 0.3
+    assert best.deviations.mean() < found["random"].deviations.mean()
+    assert "true 0.6" in capsys.readouterr().out
+    assert (tmp_path / "cip_sensors.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_ash(tmp_path, capsys):
+    found = load("cip_ash").main(["--cells", "48", "24", "--output", str(tmp_path)])
+    # The candidates are .2 apart and puffs come every .05.
+    assert np.max(np.abs(found["where"] - [0.66, 1.06])) < 0.06
+    assert abs(found["when"] - 0.45) < 0.1
+    assert found["total"] == pytest.approx(0.6, rel=0.15)
+    assert found["analysis"].explained
+    assert "how much" in capsys.readouterr().out
+    assert (tmp_path / "cip_ash.png").stat().st_size > 10_000
+    assert (tmp_path / "cip_ash.gif").stat().st_size > 50_000
