@@ -8,13 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from skfem import MeshHex, MeshQuad
+from skfem.element import Element
 
 from contact.body.boundary_names import select_components
 from contact.body.elastic_body import ElasticBody
 from contact.body.layers.layers import read_layers
+from contact.body.rigid_modes import dof_kinds
 from contact.errors import InputError, numbers
 from contact.spectral.half_space import HalfSpace
-from contact.spectral.slab_symbols import Stack, cell_slab
+from contact.spectral.slab_symbols import Stack, cell, cell_slab
 from contact.spectral.transforms import fft_of, filtered
 
 Array = NDArray[np.float64]
@@ -24,7 +26,7 @@ _AXES = "xyz"
 class PeriodicLayers:
     r"""Layers of equal cells under periodic loads, condensed onto their lower side wave by wave.
 
-    The stiffness is that of bilinear cells in the plane and of trilinear bricks in space, exactly:
+    The stiffness is that of the finite elements, bilinear or trilinear ones by default, exactly:
     the body is the one that `elastic` builds, with the sides tied to each other. Condensation takes
     a number of operations in proportion to the points of the surface and to the logarithm of the
     number of layers, and contact needs transforms only (`contact.spectral.grid_contact`).
@@ -49,6 +51,10 @@ class PeriodicLayers:
         instead of supports. Displacements are then measured from the mean of its surface.
     plane : {"strain", "stress"}
         Of a body in the plane.
+    element : skfem element, optional
+        Scalar element whose unknowns belong to vertices: `ElementQuad1` or `ElementHex1` (default),
+        `ElementQuadAdini`, `ElementHexAdini`, `ElementQuadBFS`. Forces of contact act on the values
+        at the vertices.
     xp : module
         `numpy`, or `cupy` to condense and solve on a device.
 
@@ -95,6 +101,7 @@ class PeriodicLayers:
         motion: ArrayLike | None = None,
         base: tuple[float, float] | None = None,
         plane: str = "strain",
+        element: Element | None = None,
         xp: Any = np,
     ) -> None:
         given = np.atleast_1d(numbers("lengths", lengths))
@@ -104,6 +111,10 @@ class PeriodicLayers:
         self.shape = _cells(cells, given.size)
         self.spacing = tuple(np.divide(self.lengths, self.shape).tolist())
         self.layers, self.plane = read_layers(list(layers)), plane
+        self._mesh = MeshQuad if self.dim == 2 else MeshHex
+        self.element = self._mesh.elem() if element is None else element
+        if base is not None and type(self.element) is not self._mesh.elem:
+            raise InputError("base: the half space is joined to linear cells only; leave element")
         if base is not None and (top is not None or motion is not None or plane != "strain"):
             raise InputError(
                 "base: a top on a half space is not fixed; leave top, motion and plane"
@@ -130,9 +141,9 @@ class PeriodicLayers:
 
     @property
     def unknowns(self) -> int:
-        """Number of displacements of all nodes of the layers that are not fixed."""
+        """Number of unknowns of all nodes of the layers that are not fixed."""
         rows = sum(layer.cells for layer in self.layers)
-        return int(np.prod(self.shape)) * (self.dim * rows + int(np.sum(~self.held)))
+        return int(np.prod(self.shape)) * (self._lengths.size * rows + len(self._loose))
 
     def apply(self, forces: Any) -> Any:
         """Displacement of the lower side that forces on its points cause, of their shape.
@@ -185,18 +196,20 @@ class PeriodicLayers:
             raise InputError(f"row={row!r}: expected a whole number from 0 to {rows}")
         xp, fft = self._xp, fft_of(self._xp)
         axes = tuple(range(1, self.dim))
-        waves = fft.rfftn(self.apply(forces), axes=axes)
-        lower = xp.moveaxis(waves.reshape(self.dim, -1), 0, 1)
+        waves = fft.rfftn(forces, axes=axes)
+        load = xp.zeros((waves[0].size, self._lengths.size), dtype=complex)
+        load[:, : self.dim] = xp.moveaxis(waves.reshape(self.dim, -1), 0, 1)
+        load[0, : self.dim][self._adrift] = 0.0
+        lower = xp.linalg.solve(self._face, load[..., None])[..., 0]
         upper = xp.zeros_like(lower)
-        whole, free = self._stack.whole, self._loose
-        if free:
-            pull = xp.conj(whole.Q.transpose(0, 2, 1)) @ lower[..., None]
-            upper[:, free] = xp.linalg.solve(self._top(), -pull[:, free])[..., 0]
-            if self.base is not None:
-                upper[0] = 0.0
-        found = xp.moveaxis(self._stack.at(int(row), lower, upper), 1, 0).reshape(waves.shape)
-        inside = fft.irfftn(found, s=self.shape, axes=axes)
-        return inside + self.initial
+        whole = self._stack.whole
+        for waves_of, free in self._tops():
+            pull = xp.conj(whole.Q[waves_of].transpose(0, 2, 1)) @ lower[waves_of][..., None]
+            stiffness = self._top(waves_of, free)
+            upper[waves_of, free] = xp.linalg.solve(stiffness, -pull[:, free])[..., 0]
+        inside = self._stack.at(int(row), lower, upper)[:, : self.dim]
+        found = xp.moveaxis(inside, 1, 0).reshape(waves.shape)
+        return fft.irfftn(found, s=self.shape, axes=axes) + self.initial
 
     def elastic(self) -> ElasticBody:
         """The same body on a mesh, with its sides tied and the boundaries "bottom" and "top".
@@ -223,7 +236,7 @@ class PeriodicLayers:
                 for k, layer in enumerate(self.layers)
             ]
         )
-        mesh = (MeshQuad if self.dim == 2 else MeshHex).init_tensor(*ticks, levels)
+        mesh = self._mesh.init_tensor(*ticks, levels)
         ends = {"bottom": (self.dim - 1, 0.0), "top": (self.dim - 1, levels[-1])}
         for axis, length in enumerate(self.lengths):
             ends |= {f"low {axis}": (axis, 0.0), f"high {axis}": (axis, length)}
@@ -238,7 +251,7 @@ class PeriodicLayers:
         tops = [layer.bottom + layer.height for layer in self.layers[:-1]]
         of = np.searchsorted(tops, middle)
         body = ElasticBody.from_mesh(
-            mesh, mesh.elem(), E=np.array([layer.E for layer in self.layers])[of],
+            mesh, self.element, E=np.array([layer.E for layer in self.layers])[of],
             nu=np.array([layer.nu for layer in self.layers])[of], **self._in_plane(),
         )  # fmt: skip
         for axis in range(self.dim - 1):
@@ -248,18 +261,39 @@ class PeriodicLayers:
         return body
 
     @property
-    def _loose(self) -> list[int]:
-        """Components of the top that are unknowns."""
-        return [int(c) for c in np.flatnonzero(~self.held)]
+    def _loose(self) -> NDArray[np.intp]:
+        """Unknowns of a node of the top that are not fixed.
 
-    def _top(self) -> Any:
-        """Stiffness of the loose components of the top, with what lies above it."""
-        block = self._stack.whole.R[:, self._loose][:, :, self._loose]
+        Where a value is fixed on the whole top, so are its derivatives along the top.
+        """
+        component = np.arange(self._kinds.size) % self.dim
+        along = (self._kinds >= -1) & (self._kinds < self.dim - 1)
+        return np.flatnonzero(~(self.held[component] & along))
+
+    @property
+    def _adrift(self) -> NDArray[np.intp]:
+        """Components whose mean is measured from the top: nothing holds them, or a half space."""
+        return np.flatnonzero(~self.held)
+
+    def _tops(self) -> list[tuple[slice, NDArray[np.intp]]]:
+        """Waves, and the unknowns of the top that are eliminated in them.
+
+        In the wave 0 nothing determines the values that are free on the top: a body moves there as
+        one whose top is fixed, and by a translation more.
+        """
+        loose = self._loose
+        kinds = self._kinds[loose]
+        found = [(slice(0, 1), loose[kinds != -1]), (slice(1, None), loose)]
+        return [(waves, free) for waves, free in found if free.size]
+
+    def _top(self, waves: slice, free: NDArray[np.intp]) -> Any:
+        """Stiffness of the free unknowns of the top, with what lies above it."""
+        block = self._stack.whole.R[waves][:, free[:, None], free]
         if self.base is None:
             return block
         above = HalfSpace(self.lengths, self.shape, *self.base, xp=self._xp)
-        waves = above.stiffness.reshape(self.dim, self.dim, -1)
-        return block + self._xp.moveaxis(waves, 2, 0)
+        symbol = above.stiffness.reshape(self.dim, self.dim, -1)
+        return block + self._xp.moveaxis(symbol, 2, 0)[waves]
 
     def _in_plane(self) -> dict[str, Any]:
         return {"plane": self.plane} if self.dim == 2 else {}
@@ -269,34 +303,43 @@ class PeriodicLayers:
         turns = [2 * np.pi * xp.fft.fftfreq(n) for n in self.shape[:-1]]
         turns.append(2 * np.pi * xp.fft.rfftfreq(self.shape[-1]))
         phases = [part.ravel() for part in xp.meshgrid(*turns, indexing="ij")]
-        self._stack = Stack.of(
-            [
-                (
-                    cell_slab(
-                        self.spacing, layer.height / layer.cells,
-                        {"E": layer.E, "nu": layer.nu, **self._in_plane()}, phases,
-                    ),
-                    layer.cells,
-                )
-                for layer in self.layers
-            ]
-        )  # fmt: skip
-        whole, free = self._stack.whole, self._loose
-        stiffness = whole.P.copy()
-        if free:
-            coupling = whole.Q[:, :, free]
-            inner = xp.linalg.solve(self._top(), xp.conj(coupling.transpose(0, 2, 1)))
-            stiffness = stiffness - coupling @ inner
-            # In the wave 0 the components are decoupled. Nothing holds those that are free on the
-            # top: they move as a body does whose top is fixed, and a translation more. A half space
-            # is measured from the mean displacement of its surface.
-            stiffness[0] = whole.P[0]
-        compliance = xp.linalg.inv(stiffness)
-        if self.base is None:
-            compliance[0][free, free] = 0.0
+        cells = [
+            cell(
+                (*self.spacing, layer.height / layer.cells), self.element,
+                E=layer.E, nu=layer.nu, **self._in_plane(),
+            )
+            for layer in self.layers
+        ]  # fmt: skip
+        self._kinds = _kinds(cells[0])
+        sizes = np.array([*self.spacing, min(layer.height / layer.cells for layer in self.layers)])
+        mixed = np.prod(sizes[:2])
+        self._lengths = np.array([1.0 if k == -1 else mixed if k < 0 else sizes[k]
+                                  for k in self._kinds])  # fmt: skip
+        slabs = [cell_slab(body, self._lengths, phases) for body in cells]
+        counts = [layer.cells for layer in self.layers]
+        self._stack = Stack.of(list(zip(slabs, counts, strict=True)))
+        whole = self._stack.whole
+        self._face = whole.P.copy()
+        for waves, free in self._tops():
+            coupling = whole.Q[waves][:, :, free]
+            inner = xp.linalg.solve(self._top(waves, free), xp.conj(coupling.transpose(0, 2, 1)))
+            self._face[waves] -= coupling @ inner
+        compliance = xp.linalg.inv(self._face)[:, : self.dim, : self.dim]
+        stiffness = xp.linalg.inv(compliance)
+        compliance[0][self._adrift, self._adrift] = 0.0
         shape = (self.dim, self.dim, *self.shape[:-1], self.shape[-1] // 2 + 1)
         self._stiffness = xp.ascontiguousarray(xp.moveaxis(stiffness, 0, 2)).reshape(shape)
         self._compliance = xp.ascontiguousarray(xp.moveaxis(compliance, 0, 2)).reshape(shape)
+
+
+def _kinds(body: ElasticBody) -> NDArray[np.int64]:
+    """Kinds of the unknowns of a node, by `dof_kinds`."""
+    nodal = body.basis.nodal_dofs
+    if nodal.size != body.basis.N:
+        name = type(body.basis.elem.elem).__name__
+        raise InputError(f"element {name}: has unknowns that belong to no vertex; take an element "
+                         "such as ElementQuad1 or ElementQuadAdini")  # fmt: skip
+    return np.asarray(dof_kinds(body.basis)[nodal[:, 0]])
 
 
 def _modulus_and_ratio(base: Any) -> tuple[float, float]:

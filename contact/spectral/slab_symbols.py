@@ -30,7 +30,7 @@ from skfem import MeshHex, MeshQuad
 from contact.body.elastic_body import ElasticBody
 from contact.spectral.transforms import namespace
 
-Waves = Any  # arrays of NumPy or CuPy, shape (waves, dim, dim) or (waves, dim)
+Waves = Any  # arrays of NumPy or CuPy, shape (waves, r, r) or (waves, r) with r unknowns a node
 
 
 class Slab(NamedTuple):
@@ -41,27 +41,27 @@ class Slab(NamedTuple):
     R: Waves
 
 
-def cell_slab(
-    widths: Sequence[float], height: float, material: dict[str, Any], phases: Sequence[Any]
-) -> Slab:
-    """One layer of bilinear or trilinear cells.
+def cell(sizes: Sequence[float], element: Any, **material: Any) -> ElasticBody:
+    """A body of one rectangle or brick."""
+    kind = MeshQuad if len(sizes) == 2 else MeshHex
+    mesh = kind.init_tensor(*([0.0, size] for size in sizes))
+    return ElasticBody.from_mesh(mesh, element, **material)
+
+
+def cell_slab(body: ElasticBody, lengths: Any, phases: Sequence[Any]) -> Slab:
+    """One layer of equal cells.
 
     Parameters
     ----------
-    widths : sequence of float
-        Of a cell, in the lateral directions.
-    height : float
-        Of a cell.
-    material : dict
-        E, nu and plane.
+    body : ElasticBody
+        One cell.
+    lengths : ndarray, shape (r,)
+        By which each unknown of a node is multiplied to become a displacement.
     phases : sequence of arrays, shape (waves,)
         The number k times the width, for each lateral direction.
     """
-    xp, dim = namespace(phases[0]), len(widths) + 1
-    kind = MeshQuad if dim == 2 else MeshHex
-    mesh = kind.init_tensor(*([0.0, width] for width in (*widths, height)))
-    body = ElasticBody.from_mesh(mesh, kind.elem(), **material)
-    K = body.stiffness.toarray()
+    xp, mesh, unknowns = namespace(phases[0]), body.mesh, lengths.size
+    K, height = body.stiffness.toarray(), mesh.p[-1].max()
     upper = mesh.p[-1] > 0.5 * height
     turned = [
         xp.exp(1j * sum(float(x > 0) * angle for x, angle in zip(place[:-1], phases, strict=True)))
@@ -69,14 +69,14 @@ def cell_slab(
     ]
     dofs = body.basis.nodal_dofs
     blocks = {
-        (s, t): xp.zeros((phases[0].size, dim, dim), dtype=complex)
+        (s, t): xp.zeros((phases[0].size, unknowns, unknowns), dtype=complex)
         for s, t in ((0, 0), (0, 1), (1, 1))
     }
     for a in range(mesh.nvertices):
         for b in range(mesh.nvertices):
             place = int(upper[a]), int(upper[b])
             if place in blocks:
-                block = xp.asarray(K[np.ix_(dofs[:, a], dofs[:, b])])
+                block = xp.asarray(K[np.ix_(dofs[:, a], dofs[:, b])] / np.outer(lengths, lengths))
                 blocks[place] += (xp.conj(turned[a]) * turned[b])[:, None, None] * block
     return Slab(blocks[0, 0], blocks[0, 1], blocks[1, 1])
 
@@ -86,8 +86,8 @@ def joined(lower: Slab, upper: Slab) -> Slab:
     xp = namespace(lower.P)
     below, above = _adjoint(lower.Q), upper.Q
     both = xp.linalg.solve(lower.R + upper.P, xp.concatenate([below, above], axis=2))
-    dim = below.shape[2]
-    down, up = both[:, :, :dim], both[:, :, dim:]
+    half = below.shape[2]
+    down, up = both[:, :, :half], both[:, :, half:]
     return Slab(
         _hermitian(lower.P - lower.Q @ down),
         -(lower.Q @ up),
@@ -138,7 +138,7 @@ class Stack:
         ----------
         row : int
             Number of the plane, counted from the bottom.
-        lower, upper : array, shape (waves, dim)
+        lower, upper : array, shape (waves, r)
         """
         first = sum(2 ** (len(piece) - 1) for piece in self.pieces)
         for q in range(len(self.pieces) - 1, -1, -1):

@@ -7,6 +7,7 @@ from contact import ContactProblem, Cylinder, Sphere
 from contact.obstacles.rigid import Rigid
 from contact.spectral.grid_contact import GridContact
 from contact.spectral.periodic_layers import PeriodicLayers
+from skfem_adini import ElementQuadAdini
 
 COATED = [(0.1, 2, 3.0, 0.2), (0.4, 4, 1.0, 0.3)]
 
@@ -21,13 +22,21 @@ def space(n=10):
     return block, Sphere((0.5, 0.625, -0.5), 0.5)
 
 
+def adini(n=16):
+    return PeriodicLayers(
+        1.0, COATED, n, motion=(0.01, -0.04), element=ElementQuadAdini()
+    ), Cylinder((0.5, -0.3), 0.3)
+
+
 @pytest.mark.parametrize("friction", [0.0, 0.3, 0.9])
-@pytest.mark.parametrize("make", [plane, space])
+@pytest.mark.parametrize("make", [plane, space, adini])
 def test_pressure_and_shear_are_those_of_the_sparse_path(make, friction):
     block, obstacle = make()
     grid = GridContact(block, obstacle, friction=friction).solve()
     body, dim = block.elastic(), block.dim
-    sparse = ContactProblem(body, "bottom", obstacle, friction=friction).solve()
+    functional = "nodal" if make is adini else None
+    problem = ContactProblem(body, "bottom", obstacle, friction=friction, functional=functional)
+    sparse = problem.solve()
     places = sparse.x_nominal[: dim - 1]
     at = tuple(np.rint(x / h).astype(int) for x, h in zip(places, block.spacing, strict=True))
     inside = np.all([k < n for k, n in zip(at, block.shape, strict=True)], axis=0)

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from skfem import ElementHex1, ElementQuad2
 
 from contact import InputError
 from contact.spectral.periodic_layers import PeriodicLayers
+from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
 ONE = [(0.5, 3, 1.0, 0.3)]
 COATED = [(0.1, 2, 100.0, 0.2), (0.5, 3, 1.0, 0.4)]
@@ -16,6 +18,22 @@ CASES = {
     "space": lambda: PeriodicLayers((1.0, 1.5), COATED, (4, 5), motion=(0.1, 0.0, -0.2)),
     "space, free to slide": lambda: PeriodicLayers((1.0, 1.5), ONE, (4, 6), top="z"),
     "space, free along y": lambda: PeriodicLayers((1.0, 1.5), ONE, (5, 4), top="xz"),
+    "Adini": lambda: PeriodicLayers(1.3, COATED, 8, motion=(0.1, -0.2), element=ElementQuadAdini()),
+    "Adini, odd, millimetres": lambda: PeriodicLayers(
+        1.3e-3, [(0.5e-3, 5, 2e11, 0.3)], 7, plane="stress", element=ElementQuadAdini()
+    ),
+    "Adini, free to slide": lambda: PeriodicLayers(
+        1.3, COATED, 8, top="y", motion=(0.3, 0.1), element=ElementQuadAdini()
+    ),
+    "BFS, free to rise": lambda: PeriodicLayers(
+        1.3, COATED, 8, top="x", motion=(0.3, 0.1), element=ElementQuadBFS()
+    ),
+    "Adini's brick": lambda: PeriodicLayers(
+        (1.0, 1.5), COATED, (4, 5), motion=(0.1, 0.0, -0.2), element=ElementHexAdini()
+    ),
+    "Adini's brick, free to slide": lambda: PeriodicLayers(
+        (1.0, 1.5), ONE, (4, 4), top="z", element=ElementHexAdini()
+    ),
 }
 
 
@@ -116,6 +134,10 @@ def test_a_uniform_pressure_compresses_each_layer_by_its_own_modulus():
         ({"motion": (0.0, np.inf)}, "motion"),
         ({"motion": (0.0, 1.0, 2.0)}, "motion="),
         ({"plane": "air"}, "plane"),
+        ({"element": ElementQuad2()}, "element ElementQuad2: has unknowns that belong to no"),
+        ({"element": ElementHex1()}, "element: ElementHex1 does not live on"),
+        ({"element": "Q1"}, "element: expected one of scikit-fem"),
+        ({"element": ElementQuadAdini(), "base": (1.0, 0.3)}, "base: the half space is joined"),
     ],
 )
 def test_bad_input_is_named(given, message):
