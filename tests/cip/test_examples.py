@@ -1,5 +1,7 @@
 """The examples run headless and return the numbers that they print."""
 
+import sys
+
 import numpy as np
 import pytest
 from example_scripts import load
@@ -93,3 +95,20 @@ def test_ash(tmp_path, capsys):
     assert "how much" in capsys.readouterr().out
     assert (tmp_path / "cip_ash.png").stat().st_size > 10_000
     assert (tmp_path / "cip_ash.gif").stat().st_size > 50_000
+
+
+def test_ensemble(tmp_path, capsys):
+    pytest.importorskip("dapper", reason="DAPPER: pip install 'skfem-adini[ensemble]'")
+    found = load("cip_ensemble").main(["--output", str(tmp_path)])
+    # 400 members: the error of their mean is a twentieth of the spread, some three times over.
+    assert found["between"] < 0.15 * found["spread"]
+    assert found["4D-Var"] < 2 * found["spread"]
+    assert (tmp_path / "cip_ensemble.png").exists()
+    assert "rms" in capsys.readouterr().out
+
+
+def test_ensemble_says_what_is_missing(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "dapper.da_methods", None)
+    monkeypatch.setitem(sys.modules, "dapper", None)
+    assert load("cip_ensemble").main(["--output", str(tmp_path)]) == {}
+    assert "skipped: DAPPER is not installed; pip install" in capsys.readouterr().out
