@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -45,49 +45,62 @@ class SplineBasis:
         self.counts = tuple(
             n if periodic else n + degree for n, periodic in zip(pieces, self.periodic, strict=True)
         )
-        # The points of the last call, and the matrices of values there by direction and order.
-        self._last: tuple[tuple[Any, ...], dict[tuple[int, int], Array]] = ((), {})
+        # The points of the last call, and the values there by direction and order.
+        self._last: tuple[tuple[Any, ...], dict[tuple[int, int], Array]] = ((None,) * 3, {})
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_last": ((), {})}
+        kept = {name: value for name, value in self.__dict__.items() if name != "_splines"}
+        return {**kept, "_last": ((None,) * 3, {})}
 
     @property
     def size(self) -> int:
         """Number of functions."""
         return int(np.prod(self.counts))
 
-    def matrix(self, axis: int, order: int, x: Array) -> Array:
-        """Derivatives of the functions of one direction at points, shape (points, functions)."""
+    @cached_property
+    def _splines(self) -> list[Any]:
+        """All functions of each direction as one spline with an array as value."""
         from scipy.interpolate import BSpline
 
+        found, k = [], self.degree
+        for (low, high), n, count in zip(self.bounds, self.pieces, self.counts, strict=True):
+            knots = low + (high - low) / n * (np.arange(n + 2 * k + 1) - k)
+            one = np.eye(count)[np.arange(n + k) % count]  # equal coefficients a period apart
+            found.append(BSpline(knots, one, k))
+        return found
+
+    def matrix(self, axis: int, order: int, x: Array) -> Array:
+        """Derivatives of the functions of one direction at points, shape (points, functions)."""
         low, high = self.bounds[axis]
-        n, k, count = self.pieces[axis], self.degree, self.counts[axis]
-        knots = low + (high - low) / n * (np.arange(n + 2 * k + 1) - k)
         if self.periodic[axis]:
             x = low + (x - low) % (high - low)
-        one = np.eye(count)[np.arange(n + k) % count]  # equal coefficients a period apart
-        return np.asarray(BSpline(knots, one, k)(np.clip(x, low, high), nu=order))
+        return np.asarray(self._splines[axis](np.clip(x, low, high), nu=order))
 
-    def values(self, function: int, orders: Orders, *point: Any) -> Array:
-        """A derivative of one function at points (x1, x2, x3, t).
+    def function(self, number: int, orders: Orders) -> Callable[..., Any]:
+        """A derivative of one of the functions, as a function of (x1, x2, x3, t).
 
-        The matrices of the points of the last call are kept: one evaluation of a velocity calls
-        this for every function with the same arrays.
+        Values at the points of the last call are kept: an evaluation of a velocity calls all
+        functions with the same arrays.
         """
-        known, matrices = self._last
-        if len(known) != len(point) or any(a is not b for a, b in zip(known, point, strict=True)):
-            matrices = {}
-            self._last = (point, matrices)
-        found: Any = 1.0
-        for axis, q in enumerate(np.unravel_index(function, self.counts)):
-            key = (axis, orders[axis])
-            if key not in matrices:
-                flat = np.asarray(point[axis], dtype=float)
-                matrices[key] = np.moveaxis(self.matrix(*key, flat.ravel()), 1, 0).reshape(
-                    -1, *flat.shape
-                )
-            found = found * matrices[key][q]
-        return np.asarray(found)
+        places = np.unravel_index(number, self.counts)
+        wanted = [((axis, orders[axis]), int(q)) for axis, q in enumerate(places)]
+
+        def values(x1: Any, x2: Any, x3: Any, t: Any) -> Any:
+            known, rows = self._last
+            if not (known[0] is x1 and known[1] is x2 and known[2] is x3):
+                known, rows = (x1, x2, x3), {}
+                self._last = known, rows
+            found: Any = None
+            for key, q in wanted:
+                row = rows.get(key)
+                if row is None:
+                    x = np.asarray(known[key[0]], dtype=float)
+                    matrix = np.ascontiguousarray(self.matrix(*key, x.ravel()).T)
+                    row = rows[key] = matrix.reshape(-1, *x.shape)
+                found = row[q] if found is None else found * row[q]
+            return found
+
+        return values
 
     def fit(self, values: Array, grid: Grid) -> Array:
         """Coefficients of the sum that is closest to nodal values on a grid, shape `counts`."""
@@ -144,11 +157,8 @@ class SplineFormula(Formula):
             if node.op == "opaque" and node.value[0].startswith(_NAME):
                 name, orders = node.value
                 label = f"{name}_{''.join(map(str, orders))}"
-                found[label] = self._values(int(name.removeprefix(_NAME)), orders)
+                found[label] = self.basis.function(int(name.removeprefix(_NAME)), orders)
         return found
-
-    def _values(self, function: int, orders: Orders) -> Callable[..., Array]:
-        return partial(self.basis.values, function, orders)
 
 
 def check_pieces(pieces: Any, grid: Grid, degree: int) -> tuple[int, ...]:
