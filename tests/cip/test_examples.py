@@ -112,3 +112,20 @@ def test_ensemble_says_what_is_missing(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "dapper", None)
     assert load("cip_ensemble").main(["--output", str(tmp_path)]) == {}
     assert "skipped: DAPPER is not installed; pip install" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_identification(tmp_path, capsys):
+    found = load("identify_velocity").main(["--problems", "6", "--output", str(tmp_path)])
+    for noise, bound in ((0.0, 1e-4), (1e-3, 2e-3), (1e-2, 1e-2)):
+        assert found["errors"][noise] <= bound
+    # One snapshot fits, and the answer is wrong: the warning says it.
+    assert found["explained"]
+    assert found["lost"] > 0.1
+    assert "do not determine" in found["said"][0]
+    assert np.max(np.abs(found["z"])) < 4.0
+    assert "deviation" in capsys.readouterr().out
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "identify_velocity.png",
+        "identify_velocity_histogram.png",
+    }
