@@ -1,4 +1,4 @@
-"""Tables of bodies that touch each other, and of bodies on many processes."""
+"""Tables of bodies that touch each other or rough planes, and of bodies on many processes."""
 
 from __future__ import annotations
 
@@ -100,3 +100,31 @@ def distributed(record: Record) -> str:
         "the figures above times the growth that nested dissection and multigrid have on paper."
     )
     return "\n\n".join((table, text, model, source("distributed", record)))
+
+
+def rough_layers(record: Record) -> str:
+    """Contact of a rough plane with blocks of layers, by transforms."""
+    lines, ends = [], []
+    for where in (place for place in ("cuda", "cpu") if place in record):
+        found = record[where]
+        lines += [
+            (
+                "device" if where == "cuda" else "NumPy",
+                f"{row['n']}^3",
+                f"{row['unknowns']:,}",
+                f"{row['friction']:g}",
+                f"{row['condense']:.2f} s",
+                f"{row['contact']:.2f} s",
+                f"{row['products']}",
+                f"{row['residual']:.0e}",
+            )
+            for row in found["rows"]
+        ]
+        more = {"device": found["device"]} if where == "cuda" else {}
+        ends.append(source("rough_layers", found, **more))
+    table = rows_of(
+        "where | bricks | unknowns | friction | condensation | contact, certified "
+        "| products | residual",
+        lines,
+    )
+    return "\n\n".join((table, *ends))
