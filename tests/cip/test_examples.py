@@ -97,6 +97,16 @@ def test_ash(tmp_path, capsys):
     assert (tmp_path / "cip_ash.gif").stat().st_size > 50_000
 
 
+def test_gain(tmp_path, capsys):
+    found = load("cip_gain").main(["--cells", "30", "--output", str(tmp_path)])
+    assert found["to SciPy"] < 1e-11
+    assert found["slowest"] < 1
+    # 380 analyses, correlated over some ten: a tenth in the root mean square.
+    assert found["filtered"] == pytest.approx(found["expected"], rel=0.1)
+    assert "stable" in capsys.readouterr().out
+    assert (tmp_path / "cip_gain.png").exists()
+
+
 def test_ensemble(tmp_path, capsys):
     pytest.importorskip("dapper", reason="DAPPER: pip install 'skfem-adini[ensemble]'")
     found = load("cip_ensemble").main(["--output", str(tmp_path)])
