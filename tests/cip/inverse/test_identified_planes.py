@@ -1,0 +1,65 @@
+"""Velocities identified in planes, by formulas and by splines of a stream function."""
+
+import numpy as np
+import pytest
+from truths import snapshots
+
+from cip import Grid, IdentifiabilityWarning, Solver, SplineVelocity, Velocity, identify_velocity
+
+TAU = 2 * np.pi
+
+
+def swirl(strength, drift=0.0):
+    """Vortices of the stream function -strength cos(2 pi y) ... and a drift along x."""
+
+    def c(x, y):
+        return np.stack(
+            [
+                drift + strength * np.sin(TAU * x + 0.3) * np.cos(TAU * y),
+                -strength * np.cos(TAU * x + 0.3) * np.sin(TAU * y),
+            ]
+        )
+
+    return c
+
+
+def tracer(x, y):
+    return np.sin(TAU * x) + np.cos(TAU * (x + y)) + np.sin(2 * TAU * y)
+
+
+@pytest.mark.parametrize("profile", ["adini", "bicubic"])
+def test_parameters_of_a_plane_flow(profile):
+    grid = Grid([(0, 1), (0, 1)], (32, 32), periodic=True)
+    flow = Velocity.from_expression(
+        "d + s*sin(2*pi*x1 + .3)*cos(2*pi*x2)",
+        "-s*cos(2*pi*x1 + .3)*sin(2*pi*x2)",
+        parameters={"s": 0.2, "d": 0.0},
+    )
+    solver = Solver(grid, flow, profile=profile)
+    data = snapshots(swirl(0.5, 0.1), (0.12, 0.2), grid, 0.02, u=tracer)
+    found = identify_velocity(solver, solver.state(tracer), data, dt=0.04, noise=0.02)
+    for name, value in {"s": 0.5, "d": 0.1}.items():
+        assert abs(found.parameters[name] - value) <= 4.0 * found.deviations[name] <= 0.02
+    assert found.explained
+    exact = swirl(0.5, 0.1)(*grid.mesh())
+    # Some nodes lie where the velocity is 0 whatever its parameters are.
+    assert np.all(np.abs(found.values - exact) <= 4.0 * found.value_deviations + 1e-15)
+    assert found.plot().get_aspect() == 1.0
+
+
+@pytest.mark.slow
+def test_a_stream_function():
+    """One direction is never seen: a constant in the stream function moves nothing."""
+    grid = Grid([(0, 1), (0, 1)], (20, 20), periodic=True)
+    data = snapshots(swirl(0.5), (0.15,), grid, 0.02, u=tracer)
+
+    def guess(x, y):
+        return 0.05 * np.sin(TAU * x + 0.3) * np.sin(TAU * y)
+
+    solver = Solver(grid, SplineVelocity(grid, 6, guess, stream=True))
+    with pytest.warns(IdentifiabilityWarning, match="do not determine"):
+        found = identify_velocity(solver, solver.state(tracer), data, dt=0.15, noise=0.02)
+    exact = swirl(0.5)(*grid.mesh())
+    error = found.values - exact
+    assert np.linalg.norm(error) <= 0.1 * np.linalg.norm(exact)
+    assert np.mean(np.abs(error) <= 2.0 * found.value_deviations) >= 0.9
