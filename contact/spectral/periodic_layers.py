@@ -16,8 +16,10 @@ from contact.body.layers.layers import read_layers
 from contact.body.rigid_modes import dof_kinds
 from contact.errors import InputError, numbers
 from contact.spectral.half_space import HalfSpace
+from contact.spectral.inside import fields_at, layer_of, read_forces, read_points
+from contact.spectral.meshed_layers import meshed
 from contact.spectral.slab_symbols import Stack, cell, cell_slab
-from contact.spectral.transforms import fft_of, filtered
+from contact.spectral.transforms import fft_of, filtered, host
 
 Array = NDArray[np.float64]
 _AXES = "xyz"
@@ -194,9 +196,69 @@ class PeriodicLayers:
         rows = sum(layer.cells for layer in self.layers)
         if isinstance(row, bool) or row != int(row) or not 0 <= row <= rows:
             raise InputError(f"row={row!r}: expected a whole number from 0 to {rows}")
+        return self._plane(self._ends(forces), int(row))[: self.dim] + self.initial
+
+    def sample(self, forces: Any, points: ArrayLike) -> Array:
+        """Displacement at points inside, by the element's own interpolation, on the host.
+
+        Parameters
+        ----------
+        forces : array, shape (dim, nx[, ny])
+            On the lower side. For a `GridResult` these are its shear and, as the last component,
+            its pressure, times ``result.cell``.
+        points : array, shape (dim, n)
+            The lower side lies at height zero; lateral coordinates are taken modulo the period.
+
+        Returns
+        -------
+        ndarray, shape (dim, n)
+            The motion of the top included, without translations that nothing holds.
+
+        Raises
+        ------
+        InputError
+            Points below or above the layers, or of another shape.
+        """
+        u, _ = self._fields(forces, read_points(points, self.layers, self.dim))
+        return u + self.motion[:, None]
+
+    def stress(self, forces: Any, points: ArrayLike) -> Array:
+        """Cauchy stress at points inside, on the host; between two layers that of the upper one.
+
+        Parameters
+        ----------
+        forces, points
+            As for `sample`.
+
+        Returns
+        -------
+        ndarray, shape (dim, dim, n)
+
+        Raises
+        ------
+        InputError
+            Points below or above the layers, or of another shape.
+        """
+        x = read_points(points, self.layers, self.dim)
+        _, gradient = self._fields(forces, x)
+        number, sigma = layer_of(self.layers, x), np.zeros_like(gradient)
+        for k, body in enumerate(self._cell_bodies):
+            here = np.flatnonzero(number == k)
+            law = body.law_at(np.zeros((self.dim, here.size)))
+            sigma[:, :, here] = law.stress(gradient[:, :, here])
+        return sigma
+
+    def _fields(self, forces: Any, x: Array) -> tuple[Array, Array]:
+        ends = self._ends(forces)
+        return fields_at(
+            x, self.layers, self._cell_bodies, lambda row: host(self._plane(ends, int(row)))
+        )
+
+    def _ends(self, forces: Any) -> tuple[Any, Any]:
+        """Waves of the unknowns on the lower side and on the top, supports at rest."""
         xp, fft = self._xp, fft_of(self._xp)
-        axes = tuple(range(1, self.dim))
-        waves = fft.rfftn(forces, axes=axes)
+        given = read_forces(xp, forces, (self.dim, *self.shape))
+        waves = fft.rfftn(given, axes=tuple(range(1, self.dim)))
         load = xp.zeros((waves[0].size, self._lengths.size), dtype=complex)
         load[:, : self.dim] = xp.moveaxis(waves.reshape(self.dim, -1), 0, 1)
         load[0, : self.dim][self._adrift] = 0.0
@@ -207,9 +269,14 @@ class PeriodicLayers:
             pull = xp.conj(whole.Q[waves_of].transpose(0, 2, 1)) @ lower[waves_of][..., None]
             stiffness = self._top(waves_of, free)
             upper[waves_of, free] = xp.linalg.solve(stiffness, -pull[:, free])[..., 0]
-        inside = self._stack.at(int(row), lower, upper)[:, : self.dim]
-        found = xp.moveaxis(inside, 1, 0).reshape(waves.shape)
-        return fft.irfftn(found, s=self.shape, axes=axes) + self.initial
+        return lower, upper
+
+    def _plane(self, ends: tuple[Any, Any], row: int) -> Any:
+        """Unknowns on a plane of nodes, shape (r, nx[, ny]), supports at rest."""
+        xp, axes = self._xp, tuple(range(1, self.dim))
+        inside = self._stack.at(row, *ends) / xp.asarray(self._lengths)
+        waves = xp.moveaxis(inside, 1, 0).reshape(-1, *self._compliance.shape[2:])
+        return fft_of(xp).irfftn(waves, s=self.shape, axes=axes)
 
     def elastic(self) -> ElasticBody:
         """The same body on a mesh, with its sides tied and the boundaries "bottom" and "top".
@@ -226,30 +293,7 @@ class PeriodicLayers:
         """
         if self.base is not None:
             raise InputError("base: a half space has no mesh")
-        ticks = [
-            np.linspace(0, length, n + 1)
-            for length, n in zip(self.lengths, self.shape, strict=True)
-        ]
-        levels = np.concatenate(
-            [
-                np.linspace(layer.bottom, layer.bottom + layer.height, layer.cells + 1)[k > 0 :]
-                for k, layer in enumerate(self.layers)
-            ]
-        )
-        mesh = self._mesh.init_tensor(*ticks, levels)
-        ends = {"bottom": (self.dim - 1, 0.0), "top": (self.dim - 1, levels[-1])}
-        for axis, length in enumerate(self.lengths):
-            ends |= {f"low {axis}": (axis, 0.0), f"high {axis}": (axis, length)}
-        size = max(*self.lengths, levels[-1])
-        mesh = mesh.with_boundaries(
-            {
-                name: lambda x, axis=axis, at=at: np.abs(x[axis] - at) < 1e-9 * size
-                for name, (axis, at) in ends.items()
-            }
-        )
-        middle = mesh.p[-1][mesh.t].mean(axis=0)
-        tops = [layer.bottom + layer.height for layer in self.layers[:-1]]
-        of = np.searchsorted(tops, middle)
+        mesh, of = meshed(self._mesh, self.lengths, self.shape, self.layers)
         body = ElasticBody.from_mesh(
             mesh, self.element, E=np.array([layer.E for layer in self.layers])[of],
             nu=np.array([layer.nu for layer in self.layers])[of], **self._in_plane(),
@@ -271,11 +315,11 @@ class PeriodicLayers:
         return np.flatnonzero(~(self.held[component] & along))
 
     @property
-    def _adrift(self) -> NDArray[np.intp]:
+    def _adrift(self) -> Any:
         """Components whose mean is measured from the top: nothing holds them, or a half space."""
-        return np.flatnonzero(~self.held)
+        return self._xp.asarray(np.flatnonzero(~self.held))
 
-    def _tops(self) -> list[tuple[slice, NDArray[np.intp]]]:
+    def _tops(self) -> list[tuple[slice, Any]]:
         """Waves, and the unknowns of the top that are eliminated in them.
 
         In the wave 0 nothing determines the values that are free on the top: a body moves there as
@@ -284,9 +328,9 @@ class PeriodicLayers:
         loose = self._loose
         kinds = self._kinds[loose]
         found = [(slice(0, 1), loose[kinds != -1]), (slice(1, None), loose)]
-        return [(waves, free) for waves, free in found if free.size]
+        return [(waves, self._xp.asarray(free)) for waves, free in found if free.size]
 
-    def _top(self, waves: slice, free: NDArray[np.intp]) -> Any:
+    def _top(self, waves: slice, free: Any) -> Any:
         """Stiffness of the free unknowns of the top, with what lies above it."""
         block = self._stack.whole.R[waves][:, free[:, None], free]
         if self.base is None:
@@ -310,7 +354,7 @@ class PeriodicLayers:
             )
             for layer in self.layers
         ]  # fmt: skip
-        self._kinds = _kinds(cells[0])
+        self._cell_bodies, self._kinds = cells, _kinds(cells[0])
         sizes = np.array([*self.spacing, min(layer.height / layer.cells for layer in self.layers)])
         mixed = np.prod(sizes[:2])
         self._lengths = np.array([1.0 if k == -1 else mixed if k < 0 else sizes[k]
