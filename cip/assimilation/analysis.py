@@ -19,9 +19,9 @@ _UNLIKELY = 5.0
 class Analysis:
     """The most probable states of a window, given reports of sensors.
 
-    `four_d_var` returns it. Deviations are those of the problem linearised at the analysis, from
-    the combinations of reports that were used: never below those from all reports, and equal to
-    them where `complete` is true.
+    `four_d_var` returns it. Deviations are those of the problem linearised in the last outer
+    iteration, from the combinations of reports that were used: never below those from all reports,
+    and equal to them where `complete` is true.
 
     Attributes
     ----------

@@ -15,6 +15,7 @@ from cip import (
     Velocity,
     four_d_var,
 )
+from cip.assimilation.assimilation_window import AssimilationWindow
 from cip.assimilation.data_combinations import combined_analysis
 
 LINE = np.linspace(0, 1, 21)
@@ -188,6 +189,38 @@ def test_an_unknown_speed_and_start():
     assert not four_d_var(
         solver, solver.state(0.0), B, wrong, dt=0.05, parameters={"a": 1e-3, "b": 1e-3}
     ).explained
+
+
+@pytest.mark.parametrize("profile", ["adini", "bicubic"])
+def test_the_linearisation_of_a_window(profile):
+    """Start, parameters and model errors together: the transpose, and Taylor's remainder."""
+    grid = Grid([(0, 1), (0, 1)], (8, 9), periodic=True)
+    wind = Velocity.from_expression(
+        "a + b*sin(2*pi*x2)", "b*cos(2*pi*x1)", parameters={"a": 0.6, "b": 0.3}
+    )
+    solver = Solver(grid, wind, profile=profile)
+    rng = np.random.default_rng(6)
+    sensors = Sensors(rng.random((2, 4)), TIMES, rng.standard_normal((4, 4)), 0.1)
+    B = Covariance.diffusion(grid, profile, 1.0, 0.3)
+    Q = Covariance.patterns([B.draw(3), B.draw(4)], 0.2)
+    window = AssimilationWindow(
+        solver, solver.state("sin(2*pi*x1)"), B, sensors, 0.05, {"b": 0.1, "a": 0.2}, [Q, None, Q]
+    )
+    control = 0.5 * rng.standard_normal(window.layout.size)
+    assert control.size == 72 + 2 + 4
+    path = window.path(control)
+    A = window.linearised(path).operator()
+    x, y = rng.standard_normal(A.shape[1]), rng.standard_normal(A.shape[0])
+    forward, backward = A @ x, A.rmatvec(y)
+    scale = np.abs(y) @ np.abs(forward) + np.abs(x) @ np.abs(backward)
+    assert abs(y @ forward - x @ backward) < 1e-13 * scale
+    steps = 0.5 ** np.arange(4, 9)
+    left = [
+        np.linalg.norm(path.residuals - window.path(control + e * x).residuals - e * forward)
+        for e in steps
+    ]
+    slope = np.polyfit(np.log(steps), np.log(left), 1)[0]
+    assert slope == pytest.approx(2.0, abs=0.05)
 
 
 def test_reports_of_the_start_alone():
