@@ -173,6 +173,24 @@ def test_without_knowledge_of_the_noise(weight):
     assert found.root_mean_square == pytest.approx(5e-3, rel=0.2)
 
 
+def test_a_line_that_the_flow_leaves():
+    """Not periodic: the start at the feet is known everywhere, and so is every later field."""
+    grid = Grid((-1, 1), 80)
+
+    def c(x):
+        return 0.6 * x + 0.2 * np.sin(3 * x)
+
+    def u(x):
+        return np.sin(5 * x) + np.cos(8 * x)
+
+    solver = Solver(grid, SplineVelocity(grid, 8, lambda x: 0.3 * x))
+    data = snapshots(c, (0.2, 0.4), grid, 5e-3, u=u)
+    found = identify(solver, solver.state(u), data, dt=0.05, noise=5e-3)
+    exact = c(grid.coordinates[0])
+    assert relative(found, exact) <= 1e-2
+    assert np.max(np.abs(found.values[0] - exact) / found.value_deviations[0]) < 4.0
+
+
 def test_the_gradient_vanishes_at_the_estimate():
     """The sum of squares and the seminorm, recomputed by runs: no parameter lowers it."""
     solver = Solver(SHORT, SplineVelocity(SHORT, 8, 1.0))
