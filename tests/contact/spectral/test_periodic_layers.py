@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import skfem
 from skfem import ElementHex1, ElementQuad2
 
 from contact import InputError
@@ -106,6 +107,21 @@ def test_stiff_and_thin_layers_keep_their_digits():
         assert abs(block.precondition(block.apply(f)) - f).max() < 1e-8
 
 
+@pytest.mark.parametrize("element", [None, ElementQuadAdini(), ElementQuadBFS()])
+@pytest.mark.parametrize("layer", [(1.0, 4096, 1.0, 0.3), (100.0, 16, 1.0, 0.3)])
+def test_the_order_of_condensation_does_not_matter(element, layer):
+    """One layer, or two of the same cells: other slabs are joined, with other rounding."""
+    height, rows, *material = layer
+    part = rows // 3
+    split = [(height * k / rows, k, *material) for k in (part, rows - part)]
+    forces = np.random.default_rng(2).standard_normal((2, 64))
+    one, other = (
+        PeriodicLayers(1.0, layers, 64, element=element).apply(forces)
+        for layers in ([layer], split)
+    )
+    assert abs(one - other).max() < 1e-10 * abs(one).max()
+
+
 def test_a_uniform_pressure_compresses_each_layer_by_its_own_modulus():
     block = PeriodicLayers((2.0, 3.0), COATED, (4, 4))
     forces = np.zeros((3, 4, 4))
@@ -136,6 +152,7 @@ def test_a_uniform_pressure_compresses_each_layer_by_its_own_modulus():
         ({"plane": "air"}, "plane"),
         ({"element": ElementQuad2()}, "element ElementQuad2: has unknowns that belong to no"),
         ({"element": ElementHex1()}, "element: ElementHex1 does not live on"),
+        ({"element": skfem.ElementQuadBFS()}, "element: skfem.ElementQuadBFS keeps the shape"),
         ({"element": "Q1"}, "element: expected one of scikit-fem"),
         ({"element": ElementQuadAdini(), "base": (1.0, 0.3)}, "base: the half space is joined"),
     ],
