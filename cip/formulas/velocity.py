@@ -170,7 +170,7 @@ class Velocity:
         ----------
         times : array_like, shape (T,)
             Increasing, at least 2. A step that leaves their range is refused.
-        arrays : array_like, shape (T, dim, *grid.nodes)
+        arrays : array_like, shape (T, dim) + grid.nodes
             All components at each time; in one dimension also (T, nodes).
         grid : Grid
             That of the arrays, uniform or not. It covers the grid of the solver or, where it is
