@@ -41,11 +41,11 @@ class SplineDerivatives:
         self._matrices = {key: _derivative(grid, *key) for key in needed}
 
     def moments(self, values: Array) -> Array:
-        """The moments of nodal values, shape (moments, *nodes)."""
+        """The moments of nodal values, shape (moments,) + nodes."""
         return np.stack([self._one(values, orders, False) for orders in self._orders])
 
     def transposed(self, weights: Array) -> Array:
-        """The transpose of `moments`, from shape (moments, *nodes) to nodes."""
+        """The transpose of `moments`, from shape (moments,) + nodes to nodes."""
         parts = [self._one(w, o, True) for w, o in zip(weights, self._orders, strict=True)]
         return np.asarray(sum(parts))
 

@@ -60,7 +60,7 @@ class Identifiability:
     vectors : ndarray, shape (P, P)
         Rows: the directions, as changes of the parameters that change the velocity by one unit,
         root mean square.
-    patterns : ndarray, shape (P, components, *nodes)
+    patterns : ndarray, shape (P, components) + nodes
         These changes of the velocity.
     deviations : ndarray, shape (P,)
         What the data alone leave of each: standard deviation of the velocity along it, over the
@@ -121,7 +121,7 @@ def identifiability(
     Parameters
     ----------
     J : ndarray, shape (data, parameters)
-    slopes : ndarray, shape (parameters, components, *nodes)
+    slopes : ndarray, shape (parameters, components) + nodes
         Derivatives of the velocity in the parameters.
     speed : float
         Root mean square of the velocity.

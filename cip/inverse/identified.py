@@ -135,7 +135,7 @@ class IdentifiedVelocity:
 
     @property
     def values(self) -> Array:
-        """The velocity at the nodes, shape (components, *nodes)."""
+        """The velocity at the nodes, shape (components,) + nodes."""
         found = field(self.velocity, self.grid, self.t)
         return found.reshape(-1, *self.grid.nodes)
 
