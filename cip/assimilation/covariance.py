@@ -7,13 +7,13 @@ gradients that contradict its values.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
-from scipy.sparse.linalg import LinearOperator
+from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
 from cip.assimilation.spline_derivatives import SplineDerivatives, along
 from cip.errors import InputError
@@ -78,9 +78,7 @@ class Covariance:
             matrix = real_array(root, "root").astype(float)
             if matrix.ndim != 2 or not np.isfinite(matrix).all():
                 raise InputError(f"root: expected a finite matrix, got shape {matrix.shape}")
-            operator = LinearOperator(
-                matrix.shape, lambda x: matrix @ x, rmatvec=lambda y: matrix.T @ y, dtype=float
-            )
+            operator = aslinearoperator(matrix)
         if operator.shape[0] != size:
             raise InputError(
                 f"root: expected {size} rows, the moments of {profile!r}, got {operator.shape[0]}"
@@ -155,7 +153,9 @@ class Covariance:
             variance = along(vectors**2, variance, axis)
         wanted = _positive(deviation, grid.nodes, "deviation")
         scale = wanted / np.sqrt(variance)
-        return cls(grid, profile, _root(grid, profile, [v for _, v in modes], half, scale), wanted)
+        return cls(
+            grid, profile, _ModeRoot(grid, profile, [v for _, v in modes], half, scale), wanted
+        )
 
     @classmethod
     def patterns(cls, states: Sequence[State], deviations: ArrayLike = 1.0) -> Covariance:
@@ -237,25 +237,27 @@ def _diffusion_modes(grid: Grid, axis: int) -> tuple[Array, Array]:
     return np.maximum(values, 0.0), vectors / root[:, None]
 
 
-def _root(
-    grid: Grid, profile: str, vectors: list[Array], half: Array, scale: Array
-) -> LinearOperator:
+class _ModeRoot(LinearOperator):
     """From numbers of variance 1, one for each mode, to the moments."""
-    derivatives = SplineDerivatives(grid, profile)
 
-    def in_modes(values: Array, transposed: bool) -> Array:
-        for axis, matrix in enumerate(vectors):
+    def __init__(
+        self, grid: Grid, profile: str, vectors: list[Array], half: Array, scale: Array
+    ) -> None:
+        self._derivatives = SplineDerivatives(grid, profile)
+        self._nodes, self._vectors, self._half, self._scale = grid.nodes, vectors, half, scale
+        shape = (self._derivatives.count * grid.size, grid.size)
+        super().__init__(np.float64, shape)  # type: ignore[call-arg]
+
+    def _in_modes(self, values: Array, transposed: bool) -> Array:
+        for axis, matrix in enumerate(self._vectors):
             values = along(matrix.T if transposed else matrix, values, axis)
         return values
 
-    def forward(numbers: Any) -> Array:
-        values = in_modes(np.reshape(numbers, grid.nodes) * half, False) * scale
-        return derivatives.moments(values).ravel()
+    def _matvec(self, numbers: Any) -> Array:
+        values = self._in_modes(np.reshape(numbers, self._nodes) * self._half, False) * self._scale
+        return self._derivatives.moments(values).ravel()
 
-    def backward(weights: Any) -> Array:
-        nodal = derivatives.transposed(np.reshape(weights, (derivatives.count, *grid.nodes)))
-        return np.asarray(in_modes(nodal * scale, True) * half).ravel()
-
-    shape = (derivatives.count * grid.size, grid.size)
-    products: dict[str, Callable[[Any], Array]] = {"matvec": forward, "rmatvec": backward}
-    return LinearOperator(shape, dtype=np.float64, **products)
+    def _rmatvec(self, weights: Any) -> Array:
+        shape = (self._derivatives.count, *self._nodes)
+        nodal = self._derivatives.transposed(np.reshape(weights, shape))
+        return np.asarray(self._in_modes(nodal * self._scale, True) * self._half).ravel()

@@ -25,8 +25,43 @@ def run():
     return solver.run(solver.state("x1**2"), 0.2, dt=0.1, snapshots=2)
 
 
+def identified():
+    grid = Grid((0, 1), 48, periodic=True)
+    solver = Solver(grid, cip.SplineVelocity(grid, 6, 1.0))
+    start = solver.state("sin(2*pi*x1) + cos(4*pi*x1)")
+    seen = Solver(grid, 1.1).run(start, 0.3, dt=0.03).final["u"]
+    return cip.identify_velocity(solver, start, {0.3: seen}, dt=0.03, noise=0.01)
+
+
+def sensors():
+    return cip.Sensors([0.3, 0.6], [0.1, 0.3], [[0.9, np.nan], [0.2, 0.9]], 0.1)
+
+
+def covariance():
+    grid = Grid((0, 1), 32, periodic=True)
+    return cip.Covariance.diffusion(grid, "cubic", deviation=1.0, length=0.15)
+
+
+def analysis():
+    solver = Solver(Grid((0, 1), 32, periodic=True), 1.0)
+    return cip.four_d_var(solver, solver.state(0.0), covariance(), sensors(), dt=0.05)
+
+
+def placement():
+    solver, places = Solver(Grid((0, 1), 32, periodic=True), 1.0), [0.1, 0.35, 0.6]
+    plan = cip.Sensors(places, [0.1], deviations=0.1)
+    return cip.place_sensors(solver, solver.state(0.0), covariance(), plan, budget=2, dt=0.05)
+
+
 MAKE = {
+    "Analysis": analysis,
+    "Covariance": covariance,
     "Diagnostics": lambda: run().diagnostics,
+    "Identifiability": lambda: identified().identifiability,
+    "IdentifiedVelocity": identified,
+    "Placement": placement,
+    "Sensors": sensors,
+    "SplineVelocity": lambda: cip.SplineVelocity(Grid((0, 1), 16, periodic=True), 6, 1.0),
     "Grid": lambda: Grid([(0, 1), (0, 2)], (4, 5), periodic=(True, False)),
     "Solver": lambda: run().solver,
     "State": lambda: run().final,
