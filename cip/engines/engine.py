@@ -53,6 +53,15 @@ class Engine:
     def _counts(self) -> dict[Any, tuple[float, int]]:
         return self._memory.counts
 
+    @property
+    def substep_counts(self) -> dict[Any, tuple[float, int]]:
+        """The numbers of sub-steps that this thread remembers; set them to repeat a step."""
+        return dict(self._counts)
+
+    @substep_counts.setter
+    def substep_counts(self, counts: dict[Any, tuple[float, int]]) -> None:
+        self._memory.counts = dict(counts)
+
     def begin(self, state: State) -> State:
         """Place the first state of a run and forget sub-step counts, so runs are independent."""
         self._memory.counts, self._memory.left = {}, False

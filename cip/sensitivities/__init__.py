@@ -2,5 +2,5 @@
 
 In: a solver, one of its runs.
 Out: a SciPy LinearOperator from the start and the velocity's parameters to the end.
-Start: `window`; a step is differentiated in `step_derivatives`.
+Start: `window`; then `node_adjoint` for the moments and `path_adjoint` for the feet.
 """

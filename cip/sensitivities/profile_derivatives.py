@@ -23,29 +23,37 @@ from cip.profiles.records import Foot, Line, Update
 # Nodes in each direction of the grid on which a kernel is traced; its cell is the first one. They
 # differ, so that the kernel's calls tell the directions.
 _NODES = (2, 3)
-# Corners of a cell by their offsets in each direction, in the order of `ProfileDerivatives`.
+# Corners of a cell by their offsets in each direction, in the order of `Traced.reads`.
 CORNERS = {1: ((0,), (1,)), 2: ((0, 0), (1, 0), (0, 1), (1, 1))}
 
 
 @dataclass(frozen=True)
-class ProfileDerivatives:
-    """The derivatives of the new moments of a node, as functions of arrays over nodes.
+class Traced:
+    """The update of a node whose foot lies in the first cell of a small grid, as formulas.
 
     Attributes
     ----------
-    moments : int
-    weights : callable
-        ``weights(*place, *width, *feet)``: for each new moment, old moment and corner of the cell
-        the derivative, in one flat tuple. `place` and `width` have an entry for each direction,
-        `feet` are the components of the foot after the displacements.
-    slopes : callable
-        ``slopes(*place, *width, *feet, *m)``: for each new moment the derivatives with respect to
-        the place and these components; `m` are the old moments, each at all corners.
+    outputs : tuple of Expression
+        The new moments.
+    reads : tuple of str
+        Variables of the old moments, each at all corners.
+    places : tuple of str
+        Variables of the place in the cell; `widths` those of its widths.
+    feet : tuple of str
+        Variables of the components of the foot after the displacements.
     """
 
-    moments: int
-    weights: Callable[..., tuple[Any, ...]]
-    slopes: Callable[..., tuple[Any, ...]]
+    dim: int
+    outputs: tuple[Expression, ...]
+    reads: tuple[str, ...]
+    places: tuple[str, ...]
+    widths: tuple[str, ...]
+    feet: tuple[str, ...]
+
+    @property
+    def corners(self) -> tuple[tuple[int, ...], ...]:
+        """Corners of the cell by their offsets in each direction."""
+        return CORNERS[self.dim]
 
 
 class _Symbols:
@@ -71,8 +79,12 @@ class _Widths:
 
 
 @cache
-def profile_derivatives(profile: str, advect: bool) -> ProfileDerivatives:
-    """Those of a profile of point values.
+def slopes_in_foot(profile: str, advect: bool) -> Callable[..., tuple[Any, ...]]:
+    """The derivatives of the new moments with respect to the foot, as a function of arrays.
+
+    ``slopes(*place, *width, *feet, *m)`` gives for each new moment those in the place and in the
+    components after the displacements, in one flat tuple; `m` are the old moments, each at all
+    corners. `place` and `width` have an entry for each direction.
 
     Parameters
     ----------
@@ -80,23 +92,34 @@ def profile_derivatives(profile: str, advect: bool) -> ProfileDerivatives:
         The first two on lines.
     advect : bool
     """
+    update = traced(profile, advect)
+    slopes = [
+        output.derivative(name)
+        for output in update.outputs
+        for name in (*update.places, *update.feet)
+    ]
+    return numpy_function(slopes, [*update.places, *update.widths, *update.feet, *update.reads])
+
+
+@cache
+def traced(profile: str, advect: bool) -> Traced:
+    """The update of a profile of point values; parameters as for `slopes_in_foot`."""
     dim = 2 if profile in PLANE else 1
-    outputs = _traced(profile, advect, dim)
+    outputs = _outputs(profile, advect, dim)
     jets = plane_jets(profile, advect) if dim == 2 else line_jets(profile, 1, 0, advect)
-    feet = [f"f{q}" for q in range(dim, len(jets))]
-    places = [f"s{axis}" for axis in range(dim)]
-    cell = [*places, *(f"h{axis}" for axis in range(dim)), *feet]
     corners = [int(np.ravel_multi_index(corner, _NODES[:dim])) for corner in CORNERS[dim]]
     size = int(np.prod(_NODES[:dim]))
-    reads = [f"m{q * size + corner}" for q in range(len(outputs)) for corner in corners]
-    weights = [output.derivative(read) for output in outputs for read in reads]
-    slopes = [output.derivative(name) for output in outputs for name in (*places, *feet)]
-    return ProfileDerivatives(
-        len(outputs), numpy_function(weights, cell), numpy_function(slopes, [*cell, *reads])
+    return Traced(
+        dim,
+        tuple(outputs),
+        tuple(f"m{q * size + corner}" for q in range(len(outputs)) for corner in corners),
+        tuple(f"s{axis}" for axis in range(dim)),
+        tuple(f"h{axis}" for axis in range(dim)),
+        tuple(f"f{q}" for q in range(dim, len(jets))),
     )
 
 
-def _traced(profile: str, advect: bool, dim: int) -> list[Expression]:
+def _outputs(profile: str, advect: bool, dim: int) -> list[Expression]:
     """The new moments of node 0 whose foot lies in the first cell, as formulas."""
     from cip.profiles import line_kernels, line_profiles, plane_kernels
 
@@ -114,11 +137,3 @@ def _traced(profile: str, advect: bool, dim: int) -> list[Expression]:
     node = (0,) * (1 + dim)  # its index in the arrays and along each line
     names[f"node_{profile}"](_Symbols("m"), out, foot, *lines, update, *node, 0)
     return [out.written[size * q] for q in range(len(moments(profile, dim)))]
-
-
-def rows(values: tuple[Any, ...], shape: tuple[int, ...], nodes: int) -> np.ndarray[Any, Any]:
-    """A flat tuple of arrays or numbers as one array of a shape, nodes last."""
-    found = np.empty((len(values), nodes))
-    for row, value in zip(found, values, strict=True):
-        row[:] = value
-    return found.reshape(*shape, nodes)

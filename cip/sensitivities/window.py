@@ -23,7 +23,7 @@ from cip.errors import InputError, NotSupported
 from cip.profiles.catalogue import PLANE
 from cip.profiles.locate_nodes import cells_of
 from cip.sensitivities.foot_derivatives import foot_derivatives
-from cip.sensitivities.profile_derivatives import CORNERS, profile_derivatives, rows
+from cip.sensitivities.profile_derivatives import CORNERS, slopes_in_foot
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State
 
@@ -31,15 +31,13 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 
 
 @dataclass(frozen=True)
-class Step:
-    """The derivatives of one step at its feet.
+class ParameterPart:
+    """The derivative of one step's new moments with respect to the velocity's parameters.
 
     Attributes
     ----------
     corners : ndarray of int, shape (2^dim, nodes)
         The nodes at the corners of the cell of each foot.
-    weights : ndarray, shape (moments, moments, 2^dim, nodes)
-        Derivative of the new moment in the old one at a corner.
     cell : ndarray, shape (2 dim, nodes)
         The place of each foot in its cell, then the widths of the cell.
     feet : ndarray, shape (components - dim, nodes)
@@ -51,64 +49,40 @@ class Step:
     profile: str
     advect: bool
     corners: np.ndarray[Any, np.dtype[np.int64]]
-    weights: Array
     cell: Array
     feet: Array
     by_parameter: Array
 
-    def forward(self, z: Array) -> Array:
-        """A z, the new moments; shape (moments, nodes)."""
-        return np.asarray(np.einsum("qren,ren->qn", self.weights, z[:, self.corners]))
-
-    def backward(self, weight: Array) -> Array:
-        """A^T applied: every node scatters to the corners of its cell."""
-        parts = np.einsum("qren,qn->ren", self.weights, weight)
-        size = weight.shape[1]
-        return np.array(
-            [np.bincount(self.corners.ravel(), part.ravel(), minlength=size) for part in parts]
-        )
-
-    def parameters(self, z: Array) -> Array:
-        """Derivatives of the new moments in the parameters, shape (parameters, moments, nodes)."""
-        found = profile_derivatives(self.profile, self.advect)
-        moments = z[:, self.corners].reshape(-1, z.shape[1])
-        values = found.slopes(*self.cell, *self.feet, *moments)
-        slopes = rows(values, (len(z), self.by_parameter.shape[1]), z.shape[1])
-        return np.asarray(np.einsum("qcn,pcn->pqn", slopes, self.by_parameter))
-
-
-def step_derivatives(stage: Stage, feet: StageFeet) -> Step:
-    """The derivatives of a step from the feet that the step itself uses.
-
-    Raises
-    ------
-    NotSupported
-        A path begins on a wall.
-    """
-    if feet.bounded:
-        raise NotSupported(
-            "boundary: characteristics enter through a wall; derivatives of their data are not "
-            "implemented. Take a periodic grid, or one that the flow only leaves"
-        )
-    grid, size = stage.grid, stage.grid.size
-    components = np.asarray(feet.data).reshape(-1, size)
-    found = [cells_of(grid, axis, components[axis]) for axis in range(grid.dim)]
-    widths = [grid.widths[axis][cells[0]] for axis, cells in enumerate(found)]
-    cell = np.stack([*(cells[2] for cells in found), *widths])
-    corners = np.stack(
-        [
+    @classmethod
+    def of(cls, stage: Stage, feet: StageFeet) -> ParameterPart:
+        """That of a step, from the feet that the step itself uses."""
+        grid, components = stage.grid, _components(stage, feet)
+        found = [cells_of(grid, axis, components[axis]) for axis in range(grid.dim)]
+        widths = [grid.widths[axis][cells[0]] for axis, cells in enumerate(found)]
+        corners = [
             np.ravel_multi_index([found[axis][side] for axis, side in enumerate(sides)], grid.nodes)
             for sides in CORNERS[grid.dim]
         ]
-    )
-    profile, rest = profile_derivatives(stage.profile, stage.advect), components[grid.dim :]
-    shape = (profile.moments, profile.moments, len(corners))
-    weights = rows(profile.weights(*cell, *rest), shape, size)
-    by_parameter = np.empty((0, len(components), size))
-    if stage.system.parameters:
         by_parameter = foot_derivatives(stage, feet)
         by_parameter[:, : grid.dim] /= np.stack(widths)
-    return Step(stage.profile, stage.advect, corners, weights, cell, rest, by_parameter)
+        cell = np.stack([*(cells[2] for cells in found), *widths])
+        rest = components[grid.dim :]
+        return cls(stage.profile, stage.advect, np.stack(corners), cell, rest, by_parameter)
+
+    def along(self, z: Array, direction: Array) -> Array:
+        """Change of the new moments, shape (moments, nodes), for a change of the parameters."""
+        slopes = slopes_in_foot(self.profile, self.advect)
+        moments = z[:, self.corners].reshape(-1, z.shape[1])
+        values = slopes(*self.cell, *self.feet, *moments)
+        rows = np.empty((len(values), z.shape[1]))
+        for row, value in zip(rows, values, strict=True):
+            row[:] = value
+        change = np.einsum("pcn,p->cn", self.by_parameter, direction)
+        return np.asarray(np.einsum("qcn,cn->qn", rows.reshape(len(z), *change.shape), change))
+
+
+def _components(stage: Stage, feet: StageFeet) -> Array:
+    return np.asarray(feet.data, dtype=float).reshape(-1, stage.grid.size)
 
 
 class Window:
@@ -123,9 +97,9 @@ class Window:
         The steps.
     start : State
     advance : callable
-        The state after a step, ``advance(state, dt)``.
+        The state after step n, ``advance(n, state)``.
     feet : callable
-        ``feet(t, dt)``, those that the step uses.
+        ``feet(n)``, those that step n uses.
     parameters : sequence of str
         In the order of the columns.
     every : int
@@ -139,8 +113,8 @@ class Window:
         stage: Stage,
         plan: list[tuple[float, float]],
         start: State,
-        advance: Callable[[State, float], State],
-        feet: Callable[[float, float], StageFeet],
+        advance: Callable[[int, State], State],
+        feet: Callable[[int], StageFeet],
         parameters: tuple[str, ...],
         every: int,
         steady: bool,
@@ -151,20 +125,40 @@ class Window:
         names = [name.removeprefix("p_") for name in stage.system.parameters]
         # Columns of the parameters that occur: others have no influence.
         self._columns = [parameters.index(name) for name in names]
-        self._kept: dict[float, Step] = {}
+        self._kept: dict[float, ParameterPart] = {}
+        self._marks: dict[int, State] = {}
+
+    def follow(self) -> State:
+        """Take the steps, keep the states at the checkpoints, and return the last state."""
+        state = self._start
+        for n in range(len(self._plan)):
+            if self._columns and n % self.every == 0:
+                self._marks[n] = state
+            state = self._advance(n, state)
+        return state
 
     def operator(self) -> LinearOperator:
         """The derivative as a linear operator; its transpose is the adjoint."""
-        self._step(*self._plan[0])  # raises here, not when the operator is applied
+        self._checked_feet(0)  # raises here, not when the operator is applied
         size = self._start.data.size
         shape = (size, size + len(self.parameters))
         return LinearOperator(shape, self._tangent, rmatvec=self._adjoint, dtype=np.float64)
 
-    def _step(self, t: float, dt: float) -> Step:
+    def _checked_feet(self, n: int) -> StageFeet:
+        feet = self._feet(n)
+        if feet.bounded:
+            raise NotSupported(
+                "boundary: characteristics enter through a wall; derivatives of their data are not "
+                "implemented. Take a periodic grid, or one that the flow only leaves"
+            )
+        return feet
+
+    def _part(self, n: int) -> ParameterPart:
         if not self._steady:
-            return step_derivatives(self._stage, self._feet(t, dt))
+            return ParameterPart.of(self._stage, self._checked_feet(n))
+        dt = self._plan[n][1]
         if dt not in self._kept:
-            self._kept[dt] = step_derivatives(self._stage, self._feet(t, dt))
+            self._kept[dt] = ParameterPart.of(self._stage, self._checked_feet(n))
         return self._kept[dt]
 
     def _flat(self, state: State) -> Array:
@@ -173,52 +167,51 @@ class Window:
     def _tangent(self, x: Any) -> Array:
         x = np.ravel(x)
         state, size = self._start, self._start.data.size
-        change = x[:size].reshape(len(state.data), -1)
-        given = x[size:][self._columns]
-        for t, dt in self._plan:
-            step = self._step(t, dt)
-            new = step.forward(change)
-            if given.any():
-                new += np.einsum("pqn,p->qn", step.parameters(self._flat(state)), given)
-                state = self._after(state, t, dt)
+        change = State(state.grid, state.profile, x[:size].reshape(state.data.shape).copy())
+        direction = x[size:][self._columns]
+        for n in range(len(self._plan)):
+            # The scheme is linear in the moments.
+            new = self._advance(n, change)
+            if direction.any():
+                more = self._part(n).along(self._flat(state), direction)
+                data = new.data + more.reshape(new.data.shape)
+                new = State(state.grid, state.profile, data, new.t)
+                state = self._advance(n, state)
             change = new
-        return change.ravel()
+        return np.asarray(change.data).ravel()
 
     def _adjoint(self, x: Any) -> Array:
+        from cip.sensitivities.adjoint_loops import pull_back
+        from cip.sensitivities.path_adjoint import parameter_gradient
+
         weight = np.ravel(x).reshape(len(self._start.data), -1)
+        stage, grid = self._stage, self._start.grid
         found = np.zeros(len(self.parameters))
-        marks = self._marks() if self._columns else {}
         segment: list[State] = []
+        gathered: dict[float, tuple[StageFeet, Array]] = {}
         for n in range(len(self._plan) - 1, -1, -1):
-            t, dt = self._plan[n]
-            step = self._step(t, dt)
+            feet, z = self._checked_feet(n), weight
             if self._columns:
                 first = n - n % self.every
                 if n == len(self._plan) - 1 or (n + 1) % self.every == 0:
-                    segment = self._states(marks[first], first, n)
-                change = step.parameters(self._flat(segment[n - first]))
-                found[self._columns] += np.einsum("pqn,qn->p", change, weight)
-            weight = step.backward(weight)
+                    segment = self._states(self._marks[first], first, n)
+                z = self._flat(segment[n - first])
+            components = _components(stage, feet)
+            # Steps of one length have the same feet in a steady velocity, whose derivatives are
+            # therefore applied once, to the sum over these steps.
+            _, g = gathered.setdefault(self._plan[n][1], (feet, np.zeros(components.shape)))
+            weight = pull_back(grid, stage.profile, stage.advect, z, weight, components, g)
+            if self._columns and (not self._steady or n == 0):
+                for where, total in gathered.values():
+                    found[self._columns] += parameter_gradient(stage, where, total)
+                gathered.clear()
         return np.concatenate([weight.ravel(), found])
-
-    def _after(self, state: State, t: float, dt: float) -> State:
-        """The state after the step at t; its time is that of the plan."""
-        return self._advance(State(state.grid, state.profile, state.data, t), dt)
-
-    def _marks(self) -> dict[int, State]:
-        """States at the checkpoints, by the number of the step that begins there."""
-        found, state = {}, self._start
-        for n, (t, dt) in enumerate(self._plan):
-            if n % self.every == 0:
-                found[n] = state
-            state = self._after(state, t, dt)
-        return found
 
     def _states(self, state: State, first: int, last: int) -> list[State]:
         """The states at which the steps first..last begin."""
         found = [state]
         for n in range(first, last):
-            found.append(self._after(found[-1], *self._plan[n]))
+            found.append(self._advance(n, found[-1]))
         return found
 
 

@@ -1,0 +1,121 @@
+"""What a gradient costs beside the run it belongs to: the adjoint in the state and the velocity.
+
+A forward run is timed as an optimisation pays for it, with a new solver for new values of the
+parameters, so that feet are computed anew; code is compiled before. A gradient is
+``solver.adjoint(run) @ weight``, all of it: the run taken once more, its checkpoints, the states
+between them, the transposed steps, and the derivatives of the feet. For each case
+
+* the median of forward runs and of gradients, interleaved, and their ratio, with the default
+  number of checkpoints, the square root of the number of steps, and with all states kept;
+* the dot-test, relative to the sum of the magnitudes.
+
+    python benchmarks/adjoint.py --json benchmarks/results/adjoint.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+# The folder of this script holds cip.py: the package must be found first.
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import numpy as np
+from machine import describe
+
+from cip import Grid, Solver, Velocity
+
+
+def velocity(dim: int, parameters: int, steady: bool) -> Velocity:
+    """Modes of a periodic flow, each with an amplitude of its own."""
+    # Steps cross one to two cells; amplitudes fall, so that all flows are about as steep.
+    names = [f"a{k}" for k in range(parameters)]
+    values = {name: 0.3 / (1 + k) ** 2 for k, name in enumerate(names)}
+    clock = "" if steady else " + t"
+    if dim == 1:
+        modes = [f"{a}*cos({2 + 2 * k}*pi*x1{clock})" for k, a in enumerate(names)]
+        return Velocity.from_expression("1 + " + " + ".join(modes), parameters=values)
+    parts: list[list[str]] = [["1.0"], ["0.7"]]
+    for k, a in enumerate(names):
+        m = 1 + k // 4
+        parts[k % 2].append(f"{a}*sin({2 * m}*pi*x1{clock})*cos({2 * m}*pi*x2)")
+    return Velocity.from_expression(*(" + ".join(part) for part in parts), parameters=values)
+
+
+def measure(
+    dim: int, n: int, profile: str, parameters: int, steady: bool, steps: int, repeats: int
+) -> dict[str, Any]:
+    """One row: seconds of a run and of a gradient, and the dot-test."""
+    grid = Grid([(0, 1)] * dim, (n,) * dim, periodic=True)
+    flow = velocity(dim, parameters, steady)
+    field = "sin(2*pi*x1)" if dim == 1 else "sin(2*pi*x1)*cos(2*pi*x2)"
+    dt = 1.5 / n
+    rng = np.random.default_rng(1)
+    forward, backward, keeping, worst = [], [], [], 0.0
+    for repeat in range(repeats + 1):
+        values = {name: a * (1 + 1e-3 * repeat) for name, a in flow.parameters.items()}
+        solver = Solver(grid, flow.with_parameters(**values), profile=profile)
+        state = solver.state(field)
+        begin = time.perf_counter()
+        run = solver.run(state, steps * dt, dt=dt)
+        middle = time.perf_counter()
+        weight = rng.standard_normal(run.final.data.size)
+        adjoint = solver.adjoint(run)
+        gradient = adjoint @ weight
+        end = time.perf_counter()
+        solver.adjoint(run, checkpoints=steps) @ weight
+        last = time.perf_counter()
+        if repeat:  # the first compiles
+            forward.append(middle - begin)
+            backward.append(end - middle)
+            keeping.append(last - end)
+        else:
+            change = rng.standard_normal(gradient.size)
+            found = adjoint.T @ change
+            size = np.abs(weight) @ np.abs(found) + np.abs(change) @ np.abs(gradient)
+            worst = abs(weight @ found - change @ gradient) / size
+    run_s, gradient_s = statistics.median(forward), statistics.median(backward)
+    return {
+        "dim": dim, "nodes": grid.size, "profile": profile, "parameters": parameters,
+        "steady": steady, "steps": steps, "run_s": run_s, "gradient_s": gradient_s,
+        "ratio": gradient_s / run_s, "ratio_all_kept": statistics.median(keeping) / run_s,
+        "dot_test": worst,
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Measure all rows; print them, and write them to a file if asked."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    schemes = [
+        (1, 100_000, "cubic"),
+        (1, 100_000, "quintic"),
+        (2, 316, "adini"),
+        (2, 316, "bicubic"),
+    ]
+    rows = []
+    for scheme in schemes:
+        for parameters, steady, steps in ((12, True, 100), (2, False, 5), (12, False, 5)):
+            row = measure(*scheme, parameters, steady, steps, options.repeats)
+            rows.append(row)
+            print(
+                f"{row['profile']:8} {row['nodes']:7} nodes {parameters:3} parameters "
+                f"{'steady' if steady else 'c(x, t)'}: run {row['run_s']:.3f} s, gradient "
+                f"{row['gradient_s']:.3f} s, ratio {row['ratio']:.2f}, all kept "
+                f"{row['ratio_all_kept']:.2f}, dot {row['dot_test']:.1e}",
+                flush=True,
+            )
+    if options.json:
+        record = {"machine": describe(), "repeats": options.repeats, "rows": rows}
+        options.json.write_text(json.dumps(record, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,85 @@
+"""All derivatives of one formula at once, by the reverse mode of differentiation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from cip.formulas.expression import (
+    COORDINATES,
+    RULES,
+    Expression,
+    constant,
+    opaque,
+    ordered,
+    raised,
+    variable,
+)
+from cip.formulas.expression import apply as function
+
+
+def gradient(output: Expression, names: Sequence[str]) -> list[Expression]:
+    """The derivatives of a formula with respect to variables.
+
+    They share their sub-formulas, so that together they take a few times the operations of the
+    formula, however many variables there are (Griewank and Walther, Evaluating Derivatives, 2008,
+    chapter 3).
+
+    Parameters
+    ----------
+    output : Expression
+    names : sequence of str
+        Of the variables.
+
+    Returns
+    -------
+    list of Expression
+
+    Examples
+    --------
+    >>> from cip.formulas.expression import variable
+    >>> x, y = variable("x"), variable("y")
+    >>> [sorted(part.variables()) for part in gradient(x * y + x, ["x", "y", "z"])]
+    [['y'], ['x'], []]
+    """
+    nodes, wanted = ordered([output]), {variable(name) for name in names}
+    moves = any(name in COORDINATES for name in names)
+    active: set[Expression] = set()
+    for node in nodes:
+        depends = node in wanted or (node.op == "opaque" and moves)
+        if depends or any(argument in active for argument in node.args):
+            active.add(node)
+    slopes = {output: constant(1.0)}
+    for node in reversed(nodes):
+        if node not in active or node not in slopes:
+            continue
+        for argument, partial in _partials(node):
+            if argument in active or argument in wanted:
+                part = slopes[node] * partial
+                slopes[argument] = slopes[argument] + part if argument in slopes else part
+    return [slopes.get(variable(name), constant(0.0)) for name in names]
+
+
+def _partials(node: Expression) -> Iterator[tuple[Expression, Expression]]:
+    """Each argument of a node and the derivative of the node with respect to it."""
+    if node.op == "opaque":
+        name, orders = node.value
+        for place, coordinate in enumerate(COORDINATES):
+            yield variable(coordinate), opaque(name, raised(orders, place))
+    elif node.op in RULES:
+        yield node.args[0], RULES[node.op](node.args[0])
+    elif len(node.args) == 2:
+        a, b = node.args
+        if node.op in ("+", "-"):
+            yield a, constant(1.0)
+            yield b, constant(1.0 if node.op == "+" else -1.0)
+        elif node.op == "*":
+            yield a, b
+            yield b, a
+        elif node.op == "/":
+            yield a, 1.0 / b
+            yield b, -node / b
+        elif b.op == "constant":
+            yield a, b * a ** (b - 1.0)
+        else:
+            yield a, b * node / a
+            yield b, node * function("log", a)

@@ -1,0 +1,96 @@
+"""The transposed update over all nodes: strips of nodes, each with its own sum, added in order."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cip.engines.cpu_loops import address, at_addresses, share
+from cip.engines.path_loops import foot_room
+from cip.grid import Grid
+from cip.jit import Array, Index, Out, loop_over
+from cip.profiles.records import Line
+from cip.sensitivities.node_adjoint import pull_kernel
+
+# Strips do not depend on the number of threads, so that neither does the rounding of sums.
+_STRIPS = 4
+_NODES_A_STRIP = 20_000
+
+# `loop_over` replaces it by a kernel.
+pull: Any = None
+
+
+def run_line(
+    start: Index, stop: Index, m: Array, w: Array, back: Out, g: Out, feet: Array, size: Index,
+    components: Index, x: Line,
+) -> None:  # fmt: skip
+    """Nodes start..stop of a line; the derivatives with respect to feet are added to g."""
+    m, w, back, g, feet = address(m), address(w), address(back), address(g), address(feet)
+    x, here = at_addresses(x), foot_room(np.empty(1))
+    for i in range(start, stop):
+        pull(m, w, back, here, feet, size, i, x, size, i, i)
+        for c in range(components):
+            g[c * size + i] += here[c]
+
+
+def run_plane(
+    start: Index, stop: Index, m: Array, w: Array, back: Out, g: Out, feet: Array, size: Index,
+    components: Index, x: Line, y: Line,
+) -> None:  # fmt: skip
+    """Rows start..stop of a plane; the derivatives with respect to feet are added to g."""
+    m, w, back, g, feet = address(m), address(w), address(back), address(g), address(feet)
+    x, y, here = at_addresses(x), at_addresses(y), foot_room(np.empty(1))
+    for i in range(start, stop):
+        for j in range(y.n):
+            o = i * y.n + j
+            pull(m, w, back, here, feet, size, o, x, y, size, o, i, j)
+            for c in range(components):
+                g[c * size + o] += here[c]
+
+
+def pull_back(
+    grid: Grid, profile: str, advect: bool, z: Array, weight: Array, feet: Array, g: Array
+) -> Array:
+    """The transposed update of all nodes.
+
+    Parameters
+    ----------
+    grid : Grid
+    profile, advect
+        As for `pull_kernel`.
+    z : ndarray, shape (moments, nodes)
+        The old moments; they matter for `g` alone.
+    weight : ndarray, shape (moments, nodes)
+        Of the new moments.
+    feet : ndarray, shape (components, nodes)
+    g : ndarray, shape (components, nodes)
+        To this the derivatives with respect to the components are added, displacements as lengths.
+
+    Returns
+    -------
+    ndarray, shape (moments, nodes)
+    """
+    size, rows = grid.size, grid.nodes[0]
+    run = loop_over(run_plane if grid.dim == 2 else run_line, pull=pull_kernel(profile, advect))
+    strides = [size // int(np.prod(grid.nodes[: axis + 1])) for axis in range(grid.dim)]
+    lines = [
+        tuple(Line(np.asarray(h, dtype=float), 0, stride, n, int(periodic)))
+        for h, stride, n, periodic in zip(
+            grid.widths, strides, grid.nodes, grid.periodic, strict=True
+        )
+    ]
+    strips = max(1, min(_STRIPS, rows, size // _NODES_A_STRIP))
+    cuts = [rows * strip // strips for strip in range(strips + 1)]
+    sums = np.zeros((strips, *weight.shape))
+    flat = [np.ascontiguousarray(array).reshape(-1) for array in (z, weight, feet)]
+
+    def work(first: int, last: int) -> None:
+        for strip in range(first, last):
+            run(
+                cuts[strip], cuts[strip + 1], flat[0], flat[1], sums[strip].reshape(-1),
+                g.reshape(-1), flat[2], size, len(feet), *lines,
+            )  # fmt: skip
+
+    share(work, strips, size)
+    return np.asarray(sums[0] if strips == 1 else sums.sum(axis=0))

@@ -1,0 +1,322 @@
+r"""Gradients in the velocity's parameters from derivatives with respect to feet, in reverse.
+
+A foot is what the classical Runge-Kutta method makes of :math:`y' = f(y, p)`. With
+:math:`\lambda = \partial L / \partial y` after a sub-step of length h, its stages
+:math:`k_s = f(w_s, p)`, :math:`w_s = y + a_s h k_{s-1}`, are differentiated backward:
+
+.. math::
+    b_s = \tfrac{h}{6} c_s \lambda + a_{s+1} h v_{s+1}, \qquad v_s = f_y^T b_s, \qquad
+    \lambda \leftarrow \lambda + \sum_s v_s, \qquad
+    \frac{dL}{dp} \leftarrow \frac{dL}{dp} + \sum_s f_p^T b_s,
+
+with a = (0, 1/2, 1/2, 1) and c = (1, 2, 2, 1). The cost does not grow with the number of parameters
+(W. W. Hager, Runge-Kutta methods in optimal control and the transformed adjoint system, Numer.
+Math. 87 (2000), 247-282). The sub-steps are those that led to the feet.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
+from cip.engines.cpu_loops import address, share
+from cip.engines.snapshot_kernel import with_names
+from cip.formulas.expression import (
+    COORDINATES,
+    RULES,
+    Expression,
+    apply,
+    constant,
+    ordered,
+    variable,
+)
+from cip.formulas.reverse_mode import gradient
+from cip.formulas.snapshots import snapshots_of
+from cip.formulas.straight_line_code import numpy_function, statements
+from cip.jit import Array, Index, Out, Real, generated, loop_over
+from cip.stages.stage import Stage, StageFeet
+
+# Strips do not depend on the number of threads, so that neither does the rounding of sums.
+_STRIPS = 4
+_NODES_A_STRIP = 2_000
+# Nodes that NumPy takes at a time.
+_CHUNK = 4096
+_SHIFT = (0.0, 0.5, 0.5, 1.0)
+_WEIGHT = (1.0, 2.0, 2.0, 1.0)
+
+# `loop_over` replaces it by a kernel.
+unwind: Any = None
+
+
+def parameter_gradient(stage: Stage, feet: StageFeet, g: Any) -> Any:
+    """The derivatives with respect to the parameters of the system, shape (parameters,).
+
+    Parameters
+    ----------
+    stage : Stage
+    feet : StageFeet
+        With the number of sub-steps that led to them.
+    g : ndarray, shape (components, nodes)
+        Derivatives with respect to the components of the feet, displacements as lengths.
+    """
+    compiled = all(c.exact for c in stage.velocity) and snapshots_of(stage.velocity) is None
+    return (_by_numba if compiled else _by_numpy)(stage, feet, g)
+
+
+def _pulled(system: System) -> list[Expression]:
+    """``f_y^T b`` for all unknowns, then ``f_p^T b``, with b in variables b0, b1, ..."""
+    total = constant(0.0)
+    for q, rate in enumerate(system.rates):
+        total = total + variable(f"b{q}") * rate
+    # The first unknowns are displacements, which move the point x1, x2, x3.
+    names = [COORDINATES[axis] for axis in system.moving]
+    names += [jet.name for jet in system.jets[len(system.moving) :]]
+    return gradient(total, [*names, *system.parameters])
+
+
+def _seeds(system: System, wanted: tuple[Jet, ...]) -> list[Expression]:
+    """Derivatives with respect to the unknowns of the sum of g0, g1, ... times the components."""
+    total = constant(0.0)
+    for q, jet in enumerate(wanted):
+        total = total + variable(f"g{q}") * _component(jet)
+    return gradient(total, [jet.name for jet in system.jets])
+
+
+def _component(jet: Jet) -> Expression:
+    """A component of the foot in the unknowns: det(dX/dx) = exp(l) and its derivatives."""
+    if jet.component < 3:
+        return variable(jet.name)
+    E = apply("exp", variable(LOG_DETERMINANT.name))
+    axes = [axis for axis in range(3) for _ in range(jet.orders[axis])]
+    first = [variable(LOG_DETERMINANT.along(axis).name) for axis in axes]
+    if not axes:
+        return E
+    return E * first[0] if len(axes) == 1 else E * (variable(jet.name) + first[0] * first[1])
+
+
+def _by_numpy(stage: Stage, feet: StageFeet, g: Any) -> Any:
+    """For velocities known by their values."""
+    system, length = stage.system, feet.t_end - feet.t_start
+    jets = [jet.name for jet in system.jets]
+    pulled = _pulled(system)
+    steps = (*stage.grid.spacing, *([1.0] * (3 - stage.grid.dim)), 1.0)
+    functions: dict[str, Any] = {}
+    for formula in stage.velocity:
+        functions.update(formula.functions([*system.rates, *pulled], steps))
+    arguments = [*COORDINATES, *jets]
+    backward = [*arguments, *(f"b{q}" for q in range(len(jets)))]
+    rates = numpy_function(system.rates, arguments, functions)
+    pull = numpy_function(pulled, backward, functions)
+    seeds = [f"g{q}" for q in range(len(stage.jets))]
+    seed = numpy_function(_seeds(system, tuple(stage.jets)), [*jets, *seeds])
+    start = np.array([system.start(jet) for jet in system.jets])
+    points, found = [x.ravel() for x in stage.points(0)], np.zeros(len(system.parameters))
+    for first in range(0, stage.grid.size, _CHUNK):
+        part = slice(first, first + _CHUNK)
+        base = [x[part] for x in points]
+        y = np.repeat(start[:, None], base[0].size, axis=1)
+        run = _Chunk(system, rates, pull, base, feet.t_end, length / feet.substeps)
+        trail = []
+        for n in range(feet.substeps):
+            y, stages = run.forward(y, n)
+            trail.append(stages)
+        slopes = _rows(seed(*y, *g[:, part]), y.shape)
+        for n in range(feet.substeps - 1, -1, -1):
+            slopes, more = run.backward(slopes, trail[n], n)
+            found += more
+    return found
+
+
+class _Chunk:
+    def __init__(
+        self, system: System, rates: Any, pull: Any, base: list[Any], t_end: float, step: float
+    ) -> None:
+        self.system, self.rates, self.pull = system, rates, pull
+        self.base, self.t_end, self.step = base, t_end, step
+
+    def forward(self, y: Any, n: int) -> tuple[Any, list[Any]]:
+        """The unknowns after a sub-step, and the places of its stages."""
+        k, total, stages = np.zeros_like(y), np.zeros_like(y), []
+        for s in range(4):
+            stages.append(y + _SHIFT[s] * self.step * k)
+            k = _rows(self.rates(*self._point(stages[s], n, s), *stages[s]), y.shape)
+            total += _WEIGHT[s] * k
+        return y + self.step / 6.0 * total, stages
+
+    def backward(self, slopes: Any, stages: list[Any], n: int) -> tuple[Any, Any]:
+        """Derivatives with respect to the unknowns before a sub-step, and to the parameters."""
+        found, total, v = np.zeros(len(self.system.parameters)), 0.0, np.zeros_like(slopes)
+        for s in (3, 2, 1, 0):
+            later = _SHIFT[s + 1] * self.step * v if s < 3 else 0.0
+            b = self.step / 6.0 * _WEIGHT[s] * slopes + later
+            values = self.pull(*self._point(stages[s], n, s), *stages[s], *b)
+            v = _rows(values[: len(b)], slopes.shape)
+            more = values[len(b) :]
+            found += [np.sum(np.broadcast_to(part, b.shape[1:])) for part in more]
+            total = total + v
+        return slopes + total, found
+
+    def _point(self, y: Any, n: int, s: int) -> list[Any]:
+        place = {axis: q for q, axis in enumerate(self.system.moving)}
+        point = [x + y[place[axis]] if axis in place else x for axis, x in enumerate(self.base)]
+        point += [np.zeros(())] * (3 - len(point))
+        return [*point, self.t_end - n * self.step - _SHIFT[s] * self.step]
+
+
+def _rows(values: Any, shape: tuple[int, ...]) -> Any:
+    found = np.empty(shape)
+    for row, value in zip(found, values, strict=True):
+        row[:] = value
+    return found
+
+
+def unwind_source(system: System, wanted: tuple[Jet, ...]) -> str:
+    """Source of the kernels `rates`, `pull` and ``unwind`` of one node.
+
+    ``unwind(g, size, o, x1, x2, x3, t, step, count, values, trail, grad)`` adds the derivatives
+    with respect to the parameters to `grad`; `values` are their values, `trail` is memory for as
+    many numbers as `trail_length` says. It keeps the unknowns of all stages, and the sines,
+    exponentials and so on that the rates and their derivatives share, which take most of the time.
+    """
+    m, jets = len(system.jets), [jet.name for jet in system.jets]
+    kept = _functions(_pulled(system), m)
+    width = m + len(kept)
+    seeds = {f"l{q}": part for q, part in enumerate(_seeds(system, wanted))}
+    place = {axis: q for q, axis in enumerate(system.moving)}
+
+    def at(row: int, q: int) -> str:
+        return f"trail[free + {row * m + q}]"
+
+    point = [f"{x} + u{place[a]}" if a in place else x for a, x in enumerate(COORDINATES[:3])]
+    call = ", ".join([*point, "s", *(f"u{q}" for q in range(m)), *system.parameters])
+    shift = ["c = 0.5", "if stage == 0:", "    c = 0.0", "if stage == 3:", "    c = 1.0"]
+    weight = ["e = 2.0", "if stage == 0 or stage == 3:", "    e = 1.0"]
+    every, names = range(m), [f"e{q}" for q in range(len(kept))]
+    results = ", ".join([*(f"r{q}" for q in every), *names])
+    forward = [
+        *shift, *weight, "s = t - n * step - c * step",
+        *(f"u{q} = {at(0, q)} + c * step * {at(1, q)}" for q in every),
+        *(f"trail[(4 * n + stage) * {width} + {q}] = u{q}" for q in every),
+        f"{results} = rates({call})",
+        *(f"trail[(4 * n + stage) * {width} + {m + q}] = e{q}" for q in range(len(kept))),
+        *(f"{at(1, q)} = r{q}" for q in every),
+        *(f"{at(2, q)} += e * r{q}" for q in every),
+    ]  # fmt: skip
+    backward = [
+        "stage = 3 - turn", *shift, *weight, "s = t - n * step - c * step",
+        *(f"u{q} = trail[(4 * n + stage) * {width} + {q}]" for q in every),
+        *(f"e{q} = trail[(4 * n + stage) * {width} + {m + q}]" for q in range(len(kept))),
+        *(f"b{q} = step * (1.0 / 6.0) * e * {at(0, q)} + later * step * {at(1, q)}" for q in every),
+        f"{', '.join(f'v{q}' for q in every)} = "
+        f"pull({call}, {', '.join([f'b{q}' for q in every] + names)}, grad)",
+        *(f"{at(1, q)} = v{q}" for q in every),
+        *(f"{at(2, q)} += v{q}" for q in every),
+        "later = c",
+    ]  # fmt: skip
+    lines = [
+        *_rates_and_pull(system, kept),
+        "def unwind(g, size, o, x1, x2, x3, t, step, count, values, trail, grad):",
+        *(f"    {name} = values[{q}]" for q, name in enumerate(system.parameters)),
+        f"    free = 4 * count * {width}",
+        *(f"    {at(0, q)} = {system.start(jet)!r}" for q, jet in enumerate(system.jets)),
+        "    for n in range(count):",
+        *(f"        {at(row, q)} = 0.0" for row in (1, 2) for q in every),
+        "        for stage in range(4):",
+        *(f"            {line}" for line in forward),
+        *(f"        {at(0, q)} += step * (1.0 / 6.0) * {at(2, q)}" for q in every),
+        *(f"    {name} = {at(0, q)}" for q, name in enumerate(jets)),
+        *(f"    g{q} = g[{q} * size + o]" for q in range(len(wanted))),
+        *statements(seeds),
+        *(f"    {at(0, q)} = l{q}" for q in every),
+        "    for back in range(count):",
+        "        n = count - 1 - back",
+        "        later = 0.0",
+        *(f"        {at(row, q)} = 0.0" for row in (1, 2) for q in every),
+        "        for turn in range(4):",
+        *(f"            {line}" for line in backward),
+        *(f"        {at(0, q)} += {at(2, q)}" for q in every),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _rates_and_pull(system: System, kept: list[Expression]) -> list[str]:
+    """Code of `rates`, which also gives the functions to keep, and of `pull`, which takes them."""
+    m, jets = len(system.jets), [jet.name for jet in system.jets]
+    results = {f"r{q}": rate for q, rate in enumerate(system.rates)}
+    results.update({f"e{q}": node for q, node in enumerate(kept)})
+    known = {node: variable(f"e{q}") for q, node in enumerate(kept)}
+    slopes = {f"d{q}": part for q, part in enumerate(with_names(_pulled(system), known))}
+    given = [*COORDINATES, *jets, *system.parameters]
+    more = [*(f"b{q}" for q in range(m)), *(f"e{q}" for q in range(len(kept)))]
+    return [
+        f"def rates({', '.join(given)}):",
+        *statements(results),
+        f"    return {', '.join(results)}",
+        "",
+        f"def pull({', '.join([*given, *more])}, grad):",
+        *statements(slopes),
+        *(f"    grad[{q}] += d{m + q}" for q in range(len(system.parameters))),
+        f"    return {', '.join(f'd{q}' for q in range(m))}",
+        "",
+    ]
+
+
+def trail_length(system: System, count: int) -> int:
+    """Numbers that `unwind` needs for `count` sub-steps."""
+    m = len(system.jets)
+    return 4 * count * (m + len(_functions(_pulled(system), m))) + 3 * m
+
+
+def _functions(pulled: list[Expression], unknowns: int) -> list[Expression]:
+    """Functions in the reverse formulas that do not depend on the variables b."""
+    later = {f"b{q}" for q in range(unknowns)}
+    return [node for node in ordered(pulled) if node.op in RULES and not later & node.variables()]
+
+
+def run_nodes(
+    start: Index, stop: Index, g: Array, size: Index, x: Array, y: Array, z: Array, t: Real,
+    step: Real, count: Index, values: Array, trail: Out, grad: Out,
+) -> None:  # fmt: skip
+    """Nodes start..stop; their gradients are added to `grad`."""
+    g, values, trail, grad = address(g), address(values), address(trail), address(grad)
+    x, y, z = address(x), address(y), address(z)
+    for o in range(start, stop):
+        unwind(g, size, o, x[o], y[o], z[o], t, step, count, values, trail, grad)
+
+
+@cache
+def _kernel(source: str) -> Any:
+    namespace: dict[str, Any] = {name: getattr(np, name) for name in RULES}
+    namespace.update(nan=math.nan, inf=math.inf, abs=abs)
+    names = re.findall(r"^def (\w+)", source, re.MULTILINE)
+    return generated(source, names, namespace, __file__)
+
+
+def _by_numba(stage: Stage, feet: StageFeet, g: Any) -> Any:
+    """For formulas."""
+    system, size, count = stage.system, stage.grid.size, feet.substeps
+    run = loop_over(run_nodes, unwind=_kernel(unwind_source(system, tuple(stage.jets))))
+    points = [np.ascontiguousarray(x.ravel()) for x in stage.points(0)]
+    points += [np.zeros(size)] * (3 - stage.grid.dim)
+    values, length = np.array(stage.parameters), feet.t_end - feet.t_start
+    length_of_trail = trail_length(system, count)
+    strips = max(1, min(_STRIPS, size // _NODES_A_STRIP))
+    cuts = [size * strip // strips for strip in range(strips + 1)]
+    found = np.zeros((strips, len(values)))
+    flat = np.ascontiguousarray(g).reshape(-1)
+
+    def work(first: int, last: int) -> None:
+        trail = np.empty(length_of_trail)
+        for strip in range(first, last):
+            run(
+                cuts[strip], cuts[strip + 1], flat, size, *points, feet.t_end, length / count,
+                count, values, trail, found[strip],
+            )  # fmt: skip
+
+    share(work, strips, size)
+    return found.sum(axis=0)
