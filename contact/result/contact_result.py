@@ -71,10 +71,23 @@ class ContactResult(BodyFields, ContactForces):
         -------
         str
         """
-        return as_text(facts(self), type(self).__name__)
+        return as_text(self._facts, type(self).__name__)
 
     def _repr_html_(self) -> str:
-        return as_html(facts(self), type(self).__name__)
+        return as_html(self._facts, type(self).__name__)
+
+    def keep_facts(self) -> None:
+        """Keep the residuals and the summary.
+
+        Of a body on many processes all of them compute these together, once; then one process may
+        print them without the others.
+        """
+        self.__dict__["_kept"] = (self.kkt, facts(self))
+
+    @property
+    def _facts(self) -> dict[str, str]:
+        kept = self.__dict__.get("_kept")
+        return facts(self) if kept is None else kept[1]
 
     @property
     def solid(self) -> Any:
@@ -124,6 +137,9 @@ class ContactResult(BodyFields, ContactForces):
     @property
     def kkt(self) -> dict[str, float]:
         """Relative residuals, recomputed from the problem; see `ContactSystem.kkt`."""
+        kept = self.__dict__.get("_kept")
+        if kept is not None:
+            return dict(kept[0])
         return self.system.kkt(self.u, self.mu, self.t, self.motion)
 
     def certificate(self) -> str:

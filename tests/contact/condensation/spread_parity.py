@@ -26,6 +26,8 @@ def compared(case: Any, backend: str) -> dict[str, Any]:
     agreed = all(np.array_equal(mu, result.mu) for mu in COMM.allgather(result.mu))
     if COMM.rank:
         return {}
+    assert result.kkt == kkt  # without the other processes
+    assert "no residual above" in result.summary()
     serial = case.hold(ElasticBody.from_mesh(case.mesh, case.element, **case.material))
     exact = ContactProblem(serial, case.boundary, case.obstacle, friction=case.friction).solve()
     size = np.abs(exact.mu).max()
