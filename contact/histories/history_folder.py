@@ -175,7 +175,9 @@ class HistoryFolder:
                     logger.warning("%s; the history ends before it", error)
                 return
             self._before, system = str(found), state.system
-            yield ContactResult(**vars(state))
+            result = ContactResult(**vars(state))
+            result.keep_facts_of_many()
+            yield result
 
     def _arrays_of(self, result: ContactResult) -> dict[str, Any]:
         """What the file of a step holds, but for its place in the run."""

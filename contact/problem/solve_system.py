@@ -12,7 +12,6 @@ from scipy.linalg import LinAlgError
 
 from contact.arrays.blas_threads import one_blas_thread
 from contact.body.basis_solid import BasisSolid
-from contact.body.distributed_body import DistributedBody
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condensed_contact import CondensedContact
 from contact.errors import InputError, NotConverged
@@ -128,8 +127,7 @@ def _solved(
                 return solved_stiffly(system, condensed, options, result, report, history)
         raise
     warn_of_large_displacements(result)
-    if any(isinstance(body, DistributedBody) for body in system.body.bodies):
-        result.keep_facts()
+    result.keep_facts_of_many()
     return result
 
 

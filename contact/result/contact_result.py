@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from contact.body.distributed_body import DistributedBody
 from contact.errors import InputError
 from contact.output.outlines import draw_outlines, have_outlines
 from contact.output.vtk import block_sets, boundary_grid
@@ -76,13 +77,13 @@ class ContactResult(BodyFields, ContactForces):
     def _repr_html_(self) -> str:
         return as_html(self._facts, type(self).__name__)
 
-    def keep_facts(self) -> None:
-        """Keep the residuals and the summary.
+    def keep_facts_of_many(self) -> None:
+        """Keep the residuals and the summary if a body is on many processes.
 
-        Of a body on many processes all of them compute these together, once; then one process may
-        print them without the others.
+        All of them compute these together, once; then one may print them without the others.
         """
-        self.__dict__["_kept"] = (self.kkt, facts(self))
+        if any(isinstance(body, DistributedBody) for body in self.solid.bodies):
+            self.__dict__["_kept"] = (self.kkt, facts(self))
 
     @property
     def _facts(self) -> dict[str, str]:
