@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,12 +10,14 @@ from scipy import sparse
 
 from skfem_adini.arguments.real_numbers import real_array, real_matrix
 from skfem_adini.errors import InputError, MissingDependency
+from skfem_adini.solvers.cudss import Cudss
+from skfem_adini.solvers.cudss_library import CudssError
 from skfem_adini.solvers.multigrid import Multigrid, NearNullSpace
 from skfem_adini.solvers.pardiso import DEFINITE, INDEFINITE, Pardiso, PardisoError, has_pardiso
 from skfem_adini.solvers.superlu import SuperLUFactor
 
 Array = NDArray[np.float64]
-Solver = Literal["auto", "pardiso", "superlu", "amg"]
+Solver = Literal["auto", "pardiso", "superlu", "amg", "cudss"]
 
 # Asymmetry allowed, relative to the diagonal: assembled matrices stay below, at some thousand
 # roundings.
@@ -67,7 +69,7 @@ def factorize(
         minimum degree ordering of A + A^T and diagonal pivots. ``"amg"`` is the method of conjugate
         gradients preconditioned by smoothed aggregation (pyamg), for definite matrices in 3-D,
         where the factors of a direct solver outgrow the memory; it needs `near_null` and stops at
-        `tol`.
+        `tol`. ``"cudss"`` factors on a CUDA device, and equal calls give equal bits there.
     near_null
         For ``"amg"``: what `near_null_space` returns for the unknowns of A.
     tol
@@ -85,11 +87,11 @@ def factorize(
     Raises
     ------
     InputError
-        A is not real, square, finite and symmetric, or singular, or (PARDISO) not definite; a load
-        that is not finite; ``"amg"`` without a fitting `near_null`, with `definite` false, or a
-        `tol` that is not in (0, 1).
+        A is not real, square, finite and symmetric, or singular, or (PARDISO, cuDSS) not definite;
+        a load that is not finite; ``"amg"`` without a fitting `near_null`, with `definite` false,
+        or a `tol` that is not in (0, 1).
     MissingDependency
-        PARDISO or pyamg was asked for and is not installed.
+        PARDISO, pyamg or cuDSS was asked for and is not installed, or there is no device for cuDSS.
 
     The method ``solve`` of ``"amg"`` raises `NotConverged` when the residual stays above `tol`.
 
@@ -113,8 +115,8 @@ def factorize(
     >>> factorize(A).solve(np.array([2.0, 2.0])).tolist()
     [1.0, 0.5]
     """
-    if solver not in ("auto", "pardiso", "superlu", "amg"):
-        raise InputError(f"solver: expected 'auto', 'pardiso', 'superlu' or 'amg', got {solver!r}")
+    if solver not in get_args(Solver):
+        raise InputError(f"solver: expected one of {get_args(Solver)}, got {solver!r}")
     if solver == "pardiso" and not has_pardiso():
         raise MissingDependency("PARDISO needs pypardiso: pip install 'skfem-adini[mkl]'")
     A = real_matrix("A", A)
@@ -134,12 +136,18 @@ def factorize(
                 f"and {max_iterations!r}"
             )
         return _Scaled(Multigrid(scaled, modes, tol, max_iterations), scale.diagonal())
-    use_pardiso = solver != "superlu" and has_pardiso()
-    factors = (_Pardiso if use_pardiso else _SuperLU)(scaled, definite)
+    factors = _direct(solver)(scaled, definite)
     probe = np.random.default_rng(0).uniform(-1, 1, A.shape[0])
     if not np.abs(factors.solve(scaled @ probe) - probe).max() <= _PROBE_ERROR:
         raise _singular(definite)
     return _Scaled(factors, scale.diagonal())
+
+
+def _direct(solver: Solver) -> Any:
+    """Return the class that factors a scaled matrix."""
+    if solver == "cudss":
+        return _Cudss
+    return _Pardiso if solver != "superlu" and has_pardiso() else _SuperLU
 
 
 def _scale(A: Any, definite: bool) -> Array:
@@ -235,3 +243,16 @@ class _Pardiso:
             self._pardiso(phase, b, x)
         except PardisoError as error:
             raise (_singular(self._definite) if error.pivot else error) from error
+
+
+class _Cudss:
+    iterations = 0
+
+    def __init__(self, A: Any, definite: bool) -> None:
+        try:
+            self._cudss = Cudss(A, definite)
+        except CudssError as error:
+            raise (_singular(definite) if error.pivot else error) from error
+
+    def solve(self, b: Array) -> Array:
+        return self._cudss.solve(b)

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import sparse
 
 from skfem_adini.errors import AdiniError
+from skfem_adini.solvers.upper_triangle import upper_triangle
 
 Array = NDArray[np.float64]
 
@@ -89,7 +89,7 @@ class Pardiso:
         chosen: ArrayLike | None = None,
     ) -> None:
         n = A.shape[0]
-        upper = _upper_triangle(A)
+        upper = upper_triangle(A)
         if upper.nnz >= 2**31:
             raise AdiniError(f"PARDISO: {upper.nnz} entries are too many for 32-bit indices")
         self._kind, self._factored = kind, False
@@ -296,20 +296,6 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(
         before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork_in_child
     )
-
-
-def _upper_triangle(A: Any) -> Any:
-    """Return the upper triangle, columns ascending, with every diagonal entry stored."""
-    n = A.shape[0]
-    upper = sparse.csr_array(sparse.triu(A, format="csr"))
-    if np.count_nonzero(upper.diagonal()) < n:
-        # Sums of sparse matrices drop zeros; conversion from triplets keeps them.
-        entries, k = upper.tocoo(), np.arange(n)
-        row, column = (np.concatenate([part, k]) for part in entries.coords)
-        data = np.concatenate([entries.data, np.zeros(n)])
-        upper = sparse.csr_array(sparse.coo_array((data, (row, column)), shape=A.shape))
-    upper.sort_indices()
-    return upper
 
 
 @functools.cache

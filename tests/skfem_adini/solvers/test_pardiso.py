@@ -9,6 +9,7 @@ from scipy import sparse
 
 from skfem_adini import AdiniError, factorize
 from skfem_adini.solvers import pardiso
+from skfem_adini.solvers.upper_triangle import upper_triangle
 
 pytestmark = PARDISO
 
@@ -62,7 +63,7 @@ def test_schur_complement_and_partial_solutions(n, seed, share):
 def test_zeros_on_the_diagonal_are_stored():
     """Matrices of constrained problems have none there, PARDISO wants them all the same."""
     A = sparse.csr_array([[0.0, 1, 2], [1, 0, 0], [2, 0, 1]])
-    upper = pardiso._upper_triangle(A)
+    upper = upper_triangle(A)
     assert upper.nnz == 5
     x = factorize(A, definite=False, solver="pardiso").solve(A @ [1.0, 2, 3])
     np.testing.assert_allclose(x, [1, 2, 3], atol=1e-12)

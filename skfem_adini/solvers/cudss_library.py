@@ -1,0 +1,93 @@
+"""The shared library of NVIDIA's cuDSS: where it lies, its version, its errors."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import importlib
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+from skfem_adini.errors import AdiniError, MissingDependency
+
+# The numbers of the other file are those of this major version; those of 0.x differ.
+_VERSION = 1
+_STATUSES = (
+    *("success", "not initialized", "allocation failed", "invalid value", "not supported"),
+    *("execution failed", "internal error", "refinement failed"),
+)
+_ALLOCATION_FAILED = 2
+_MISSING = "cuDSS needs CuPy and nvidia-cudss-cu13: pip install 'skfem-adini[cudss]'"
+
+
+class CudssError(AdiniError):
+    """cuDSS returned an error.
+
+    Attributes
+    ----------
+    call, status
+        The function that was called, and cuDSS's number of the status.
+    pivot
+        Whether a pivot was zero, or not positive in a matrix said to be definite.
+    """
+
+    def __init__(self, call: str, status: int, pivot: bool = False) -> None:
+        known = 0 <= status < len(_STATUSES)
+        text = (
+            "a pivot is zero or not positive"
+            if pivot
+            else _STATUSES[status]
+            if known
+            else "unknown"
+        )
+        if status == _ALLOCATION_FAILED and not pivot:
+            text += "; the factors do not fit into the memory of the device, take solver='pardiso'"
+        super().__init__(f"{call} of cuDSS returned status {status}: {text}")
+        self.call, self.status, self.pivot = call, status, pivot
+
+
+def device_arrays() -> Any:
+    """Return CuPy, if there is a device."""
+    try:
+        cupy = importlib.import_module("cupy")
+    except ImportError as error:
+        raise MissingDependency(_MISSING) from error
+    try:
+        cupy.cuda.runtime.getDeviceCount()
+    except cupy.cuda.runtime.CUDARuntimeError as error:
+        raise MissingDependency(f"cuDSS needs a CUDA device, none answers ({error})") from error
+    return cupy
+
+
+def _folders() -> list[Path]:
+    """Return the folders into which NVIDIA's wheels put their libraries."""
+    if importlib.util.find_spec("nvidia") is None:
+        return []
+    roots = importlib.import_module("nvidia").__path__
+    return [folder for root in roots for folder in sorted(Path(root).glob("cu1[23]/lib"))]
+
+
+def threading_layer() -> Path | None:
+    """Return the library by which the reordering runs on several threads of the host."""
+    found = (p for folder in _folders() for p in folder.glob("libcudss_mtlayer_gomp.so*"))
+    return next(found, None)
+
+
+@functools.cache
+def load_cudss() -> Any:
+    """Load cuDSS, after the libraries that it needs and that may lie beside it."""
+    folders = _folders()
+    for name in ("libcublasLt.so.*", "libcublas.so.*", "libnvrtc.so.*"):
+        for path in (p for folder in folders for p in sorted(folder.glob(name))):
+            ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
+    found = [p for folder in folders for p in sorted(folder.glob("libcudss.so.*"))]
+    try:
+        library = ctypes.CDLL(str(found[0]) if found else "libcudss.so.1")
+    except OSError as error:
+        raise MissingDependency(f"{_MISSING} ({error})") from error
+    major = ctypes.c_int()
+    library.cudssGetProperty(0, ctypes.byref(major))
+    if major.value != _VERSION:
+        raise MissingDependency(f"cuDSS has version {major.value}, not {_VERSION}: {_MISSING}")
+    return library

@@ -1,0 +1,219 @@
+"""cuDSS: results against dense algebra, errors, released handles; on a device or a fake library.
+
+The fake reads the memory that the binding points at, as the library does, and factors with NumPy.
+"""
+
+import ctypes
+import gc
+import os
+import pickle
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from skfem_adini import InputError, MissingDependency, factorize
+from skfem_adini.solvers import cudss, cudss_library
+
+
+def _device():
+    try:
+        cudss_library.device_arrays()
+        cudss_library.load_cudss()
+    except MissingDependency:
+        return False
+    return True
+
+
+class FakeCudss:
+    """Functions of cuDSS 1.0 on the memory of the host."""
+
+    def __init__(self):
+        self.alive, self.calls, self.fail, self.keys = {}, [], {}, {}
+
+    def __getattr__(self, name):
+        if not name.startswith("cudss"):
+            raise AttributeError(name)
+
+        def call(*arguments):
+            self.calls.append(name)
+            if name in self.fail:
+                return self.fail[name]
+            if name.endswith("Destroy"):
+                del self.alive[arguments[-1].value]
+                return 0
+            return getattr(self, "_" + name)(*arguments) or 0
+
+        return call
+
+    def _open(self, out, content=None):
+        number = 1 + len(self.calls)
+        self.alive[number] = content
+        out._obj.value = number
+
+    def _cudssCreate(self, out):
+        self._open(out)
+
+    def _cudssConfigCreate(self, out):
+        self._open(out)
+
+    def _cudssDataCreate(self, handle, out):
+        assert handle.value in self.alive
+        self._open(out)
+
+    def _cudssConfigSet(self, config, key, value, size):
+        assert size.value == 4
+        self.keys[key] = value._obj.value
+
+    def _cudssMatrixCreateCsr(self, out, rows, columns, nnz, start, end, index, data, *types):
+        assert end is None
+        assert types[:3] == (10, 10, 1)
+        n, m = rows.value, nnz.value
+        parts = (
+            _memory(data, ctypes.c_double, m),
+            _memory(index, ctypes.c_int32, m),
+            _memory(start, ctypes.c_int32, n + 1),
+        )
+        upper = sparse.csr_array(parts, shape=(n, n)).toarray()
+        self._open(out, (upper + np.triu(upper, 1).T, types[3]))
+
+    def _cudssMatrixCreateDn(self, out, rows, columns, stride, data, *types):
+        assert types == (1, 0)
+        assert stride.value == rows.value
+        flat = _memory(data, ctypes.c_double, rows.value * columns.value)
+        self._open(out, flat.reshape(columns.value, rows.value).T)
+
+    def _cudssExecute(self, handle, phase, config, data, matrix, x, b):
+        A, kind = self.alive[matrix.value]
+        if phase == 4:
+            lowest = np.linalg.eigvalsh(A).min()
+            self.info = int(kind == 3 and lowest <= 0)
+        elif phase == 1008:
+            self.alive[x.value][...] = np.linalg.solve(A, self.alive[b.value])
+        else:
+            assert phase == 3
+
+    def _cudssDataGet(self, handle, data, key, out, size, written):
+        assert key == 0
+        out._obj.value = self.info
+
+
+def _memory(pointer, kind, count):
+    return np.ctypeslib.as_array(ctypes.cast(pointer, ctypes.POINTER(kind)), (count,))
+
+
+@pytest.fixture
+def fake(monkeypatch):
+    library = FakeCudss()
+    monkeypatch.setattr(cudss, "load_cudss", lambda: library)
+    monkeypatch.setattr(cudss, "device_arrays", lambda: np)
+    monkeypatch.setattr(cudss, "threading_layer", lambda: None)
+    return library
+
+
+@pytest.fixture(params=["fake", "device"])
+def engine(request):
+    if request.param == "fake":
+        return request.getfixturevalue("fake")
+    if not _device():
+        pytest.skip("cuDSS, CuPy or a CUDA device is not there")
+    return None
+
+
+def matrix(n, definite):
+    rng = np.random.default_rng(n)
+    A = sparse.random_array((n, n), density=0.3, rng=rng)
+    shift = 2 * n * np.where(np.arange(n) % 3 == 0, 1 if definite else -1, 1)
+    return sparse.csr_array(A + A.T + sparse.diags_array(shift.astype(float)))
+
+
+@pytest.mark.parametrize("definite", [True, False])
+@pytest.mark.parametrize("loads", [None, 0, 1, 5])
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e11])
+def test_solutions(engine, definite, loads, unit):
+    n = 40
+    A = unit * matrix(n, definite)
+    shape = (n,) if loads is None else (n, loads)
+    exact = np.random.default_rng(0).uniform(-1, 1, shape)
+    factors = factorize(A, definite=definite, solver="cudss")
+    for load in (A @ exact, np.asfortranarray(A @ exact)):
+        x = factors.solve(load)
+        assert x.shape == shape
+        np.testing.assert_allclose(x, exact, atol=1e-12)
+
+
+def test_saddle_point_with_zeros_on_the_diagonal(engine):
+    A = sparse.csr_array([[0.0, 1, 2], [1, 0, 0], [2, 0, 1]])
+    x = factorize(A, definite=False, solver="cudss").solve(A @ [1.0, 2, 3])
+    np.testing.assert_allclose(x, [1, 2, 3], atol=1e-12)
+
+
+def test_repetitions_and_copies_are_equal_bit_by_bit(engine):
+    A, b = matrix(60, True), np.random.default_rng(1).uniform(-1, 1, 60)
+    factors = factorize(A, solver="cudss")
+    expected = factors.solve(b)
+    for other in (factors, factorize(A, solver="cudss"), pickle.loads(pickle.dumps(factors))):
+        np.testing.assert_array_equal(other.solve(b), expected)
+
+
+def test_not_definite_and_singular(engine):
+    A = sparse.csr_array([[1.0, 2], [2, 1]])
+    with pytest.raises(InputError, match="singular or not positive definite"):
+        factorize(A, solver="cudss")
+    np.testing.assert_allclose(
+        factorize(A, definite=False, solver="cudss").solve(np.array([5.0, 4])), [1, 2]
+    )
+
+
+def test_deterministic_mode_and_refinement_are_set(fake):
+    factorize(matrix(5, True), solver="cudss")
+    assert fake.keys == {24: 1, 5: 2}
+    cudss.Cudss(matrix(5, True), True, deterministic=False)
+    assert fake.keys[24] == 0
+
+
+@pytest.mark.parametrize(
+    "call", ["cudssConfigCreate", "cudssDataCreate", "cudssMatrixCreateCsr", "cudssExecute"]
+)
+def test_failed_construction_frees_every_handle(fake, call):
+    fake.fail[call] = 4
+    with pytest.raises(cudss_library.CudssError, match=f"{call} .* 4: not supported") as caught:
+        cudss.Cudss(matrix(5, True), True)
+    assert (caught.value.status, caught.value.pivot) == (4, False)
+    assert fake.alive == {}
+
+
+def test_handles_live_as_long_as_the_object(fake):
+    factors = cudss.Cudss(matrix(5, True), True)
+    assert len(fake.alive) == 4
+    fake.fail["cudssExecute"] = 5
+    with pytest.raises(cudss_library.CudssError, match="execution failed"):
+        factors.solve(np.ones(5))
+    assert len(fake.alive) == 4  # those of the columns are gone
+    del factors
+    gc.collect()
+    assert fake.alive == {}
+
+
+def test_memory_names_a_way_out(fake):
+    fake.fail["cudssExecute"] = 2
+    with pytest.raises(cudss_library.CudssError, match="solver='pardiso'"):
+        factorize(matrix(5, True), solver="cudss")
+
+
+def test_a_forked_process_is_refused(fake, monkeypatch):
+    factors = cudss.Cudss(matrix(5, True), True)
+    parent = os.getpid()
+    monkeypatch.setattr(cudss.os, "getpid", lambda: parent + 1)
+    with pytest.raises(cudss_library.AdiniError, match="forked"):
+        factors.solve(np.ones(5))
+    del factors
+    gc.collect()
+    assert len(fake.alive) == 4
+
+
+def test_missing_package_names_the_extra(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "cupy", None)
+    monkeypatch.setattr(cudss, "load_cudss", lambda: FakeCudss())
+    with pytest.raises(MissingDependency, match=r"skfem-adini\[cudss\]"):
+        factorize(matrix(5, True), solver="cudss")
