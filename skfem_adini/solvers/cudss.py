@@ -30,7 +30,8 @@ _UPPER, _ZERO_BASED, _COLUMN_MAJOR = 2, 0, 0
 _REFINEMENTS, _DETERMINISTIC = 5, 24
 _INFO = 0
 ANALYSIS, FACTORISATION, SOLUTION = 0b11, 0b100, 0b11_1111_0000
-# Corrections of a solution by its residual, as many as PARDISO makes.
+# Corrections of a solution by its residual, as many as PARDISO makes. cuDSS makes none in its
+# deterministic mode, and solves for one load at a time there.
 _CORRECTIONS = 2
 
 
@@ -40,6 +41,9 @@ class Cudss:
     The memory is released with the object, also when its construction fails. Threads that share an
     object take turns. A copy or pickle factors again; a forked process cannot use the device.
 
+    The binding is by ctypes because nvmath-python, which has one, needs a version of cuDSS before
+    1.0, whose numbers differ.
+
     Parameters
     ----------
     A
@@ -47,7 +51,8 @@ class Cudss:
     definite
         Whether A is positive definite; else pivots of both signs are expected.
     deterministic
-        Whether equal calls give equal bits on the same device.
+        Whether equal calls give equal bits on the same device. Loads are then solved for one by
+        one, else together.
 
     Raises
     ------
@@ -63,6 +68,7 @@ class Cudss:
 
     def __init__(self, A: Any, definite: bool, deterministic: bool = True) -> None:
         self._given = A, definite, deterministic
+        self._A, self._deterministic = A, deterministic
         upper = upper_triangle(A)
         if upper.nnz >= 2**31:
             raise AdiniError(f"cuDSS: {upper.nnz} entries are too many for 32-bit indices")
@@ -75,7 +81,7 @@ class Cudss:
             put(upper.data.astype(np.float64)),
         )
         with ExitStack() as opened:
-            self._open(opened, definite, deterministic)
+            self._open(opened, definite)
             with ExitStack() as columns:
                 b, x = self._columns(columns, 1)[1::2]
                 for phase in (ANALYSIS, FACTORISATION):
@@ -90,25 +96,43 @@ class Cudss:
         loads = b.reshape(self._n, -1)
         if loads.shape[1] == 0:
             return np.zeros(b.shape)
+        x = self._direct(loads)
+        residual = loads - self._A @ x
+        for _ in range(_CORRECTIONS):
+            corrected = x + self._direct(residual)
+            left = loads - self._A @ corrected
+            falls = np.abs(left).max(axis=0) < np.abs(residual).max(axis=0)
+            if not falls.any():
+                break
+            x, residual = np.where(falls, corrected, x), np.where(falls, left, residual)
+        return np.ascontiguousarray(x).reshape(b.shape)
+
+    def _direct(self, loads: Array) -> Array:
+        """Solve for loads (n, loads) by the factors alone."""
+        count = loads.shape[1]
+        together = 1 if self._deterministic else count
+        x = np.empty((count, self._n))
         with self._lock, ExitStack() as columns:
-            right, b_handle, left, x_handle = self._columns(columns, loads.shape[1])
-            right[...] = self._xp.asarray(np.ascontiguousarray(loads.T))
-            self._execute(SOLUTION, x_handle, b_handle)
-            x = left.get() if hasattr(left, "get") else left
-        return np.ascontiguousarray(x.T).reshape(b.shape)
+            right, b_handle, left, x_handle = self._columns(columns, together)
+            for i in range(0, count, together):
+                part = slice(i, i + together)
+                right[...] = self._xp.asarray(np.ascontiguousarray(loads[:, part].T))
+                self._execute(SOLUTION, x_handle, b_handle)
+                x[part] = left.get() if hasattr(left, "get") else left
+        return x.T
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return the matrix: a copy factors it again."""
         return type(self), self._given
 
-    def _open(self, opened: ExitStack, definite: bool, deterministic: bool) -> None:
+    def _open(self, opened: ExitStack, definite: bool) -> None:
         """Create the handles; `opened` destroys them in the reverse order."""
         self._handle = self._create(opened, "cudssCreate", "cudssDestroy")
         layer = threading_layer()
         if layer is not None:
             self._call("cudssSetThreadingLayer", self._handle, os.fsencode(layer))
         self._config = self._create(opened, "cudssConfigCreate", "cudssConfigDestroy")
-        for key, value in ((_REFINEMENTS, _CORRECTIONS), (_DETERMINISTIC, int(deterministic))):
+        for key, value in ((_REFINEMENTS, 0), (_DETERMINISTIC, int(self._deterministic))):
             number = ctypes.c_int(value)
             size = ctypes.c_size_t(ctypes.sizeof(number))
             self._call("cudssConfigSet", self._config, key, ctypes.byref(number), size)

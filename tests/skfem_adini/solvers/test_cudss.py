@@ -30,6 +30,7 @@ class FakeCudss:
 
     def __init__(self):
         self.alive, self.calls, self.fail, self.keys = {}, [], {}, {}
+        self.solved, self.error = [], 0.0  # columns of each solution, error of each solution
 
     def __getattr__(self, name):
         if not name.startswith("cudss"):
@@ -85,13 +86,19 @@ class FakeCudss:
 
     def _cudssExecute(self, handle, phase, config, data, matrix, x, b):
         A, kind = self.alive[matrix.value]
+        columns = self.alive[b.value].shape[1]
+        if self.keys[24] and (self.keys[5] > 0 or columns > 1):
+            return 4  # not supported in the deterministic mode
         if phase == 4:
             lowest = np.linalg.eigvalsh(A).min()
             self.info = int(kind == 3 and lowest <= 0)
         elif phase == 1008:
-            self.alive[x.value][...] = np.linalg.solve(A, self.alive[b.value])
+            self.solved.append(columns)
+            noise = 1 + self.error * np.sin(np.arange(len(A)))[:, None]
+            self.alive[x.value][...] = noise * np.linalg.solve(A, self.alive[b.value])
         else:
             assert phase == 3
+        return 0
 
     def _cudssDataGet(self, handle, data, key, out, size, written):
         assert key == 0
@@ -165,11 +172,36 @@ def test_not_definite_and_singular(engine):
     )
 
 
-def test_deterministic_mode_and_refinement_are_set(fake):
-    factorize(matrix(5, True), solver="cudss")
-    assert fake.keys == {24: 1, 5: 2}
-    cudss.Cudss(matrix(5, True), True, deterministic=False)
-    assert fake.keys[24] == 0
+@pytest.mark.parametrize("deterministic", [True, False])
+def test_loads_one_by_one_or_together(engine, deterministic):
+    A, exact = matrix(50, True), np.random.default_rng(4).uniform(-1, 1, (50, 3))
+    factors = cudss.Cudss(A, True, deterministic)
+    np.testing.assert_allclose(factors.solve(A @ exact), exact, atol=1e-12)
+    if engine is not None:
+        assert set(engine.solved) == {1 if deterministic else 3}
+        assert engine.keys == {24: int(deterministic), 5: 0}
+
+
+def test_the_columns_of_several_loads_are_those_of_each_alone(engine):
+    A, b = matrix(60, True), np.random.default_rng(5).uniform(-1, 1, (60, 3))
+    factors = cudss.Cudss(A, True)
+    alone = np.column_stack([factors.solve(column) for column in b.T])
+    np.testing.assert_array_equal(factors.solve(b), alone)
+
+
+@pytest.mark.parametrize("error", [0.0, 1e-6, 0.5, 3.0])
+def test_corrections_lower_the_residual_or_stop(fake, error):
+    A, exact = matrix(40, True), np.random.default_rng(6).uniform(-1, 1, (40, 2))
+    b = A @ exact
+    factors = cudss.Cudss(A, True)
+    fake.error = error
+    noise = 1 + error * np.sin(np.arange(40))[:, None]
+    first = np.abs(b - A @ (noise * exact)).max(axis=0)
+    left = np.abs(b - A @ factors.solve(b)).max(axis=0)
+    # Two corrections leave the cube of the error; one that diverges leaves the first solution.
+    bound = min(1.0, 20 * error**2) * first
+    assert (left <= bound + 1e-13 * np.abs(b).max()).all()
+    assert len(fake.solved) <= 2 * 3
 
 
 @pytest.mark.parametrize(
