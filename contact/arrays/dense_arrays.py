@@ -21,7 +21,7 @@ class HostArrays:
     xp: Any = np
 
     def put(self, x: Any) -> Any:
-        """A column-major copy on the device; x lives on the host."""
+        """A column-major copy on the device; x lives on the host or the device."""
         return np.array(x, dtype=np.float64, order="F")
 
     def get(self, x: Any) -> Any:
@@ -106,8 +106,8 @@ class DeviceArrays(HostArrays):
         self.xp, self._solve = cupy, solve_triangular
 
     def put(self, x: Any) -> Any:
-        """A copy on the device; x lives on the host."""
-        return self.xp.asarray(x, dtype=np.float64)
+        """A copy on the device; x lives on the host or the device."""
+        return self.xp.array(x, dtype=np.float64)
 
     def get(self, x: Any) -> Any:
         """The array on the host."""

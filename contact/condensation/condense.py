@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import singledispatch
 
+from contact.arrays.dense_arrays import arrays_on
 from contact.body.basis_solid import BasisSolid
 from contact.body.distributed_body import DistributedBody
 from contact.body.layers.layered_block import LayeredBlock
@@ -40,12 +41,13 @@ def condense(body: Solid, rows: BodyRows, solver: str, device: str) -> Condensed
 
 @condense.register(BasisSolid)
 def _by_factorisation(body: BasisSolid, rows: BodyRows, solver: str, device: str) -> CondensedBody:
-    if device != "cpu":
+    if device == "cpu":
+        return SparseBody(body, rows, solver)
+    if solver != "auto":
         raise InputError(
-            f"device={device!r}: sparse factorisation runs on the 'cpu'; a `LayeredBlock` can "
-            "be condensed on 'cuda'"
+            f"solver={solver!r}: with device={device!r} a body is factored by cuDSS; leave 'auto'"
         )
-    return SparseBody(body, rows, solver)
+    return SparseBody(body, rows, arrays=arrays_on(device))
 
 
 @condense.register(LayeredBlock)

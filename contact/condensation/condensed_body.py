@@ -55,7 +55,7 @@ class CondensedBody:
         Cells, or the body, are so thin that digits are lost.
     """
 
-    arrays = HostArrays()
+    arrays: HostArrays = HostArrays()
     body: Any
     B: sparse.csr_array
     N: Array
@@ -127,7 +127,7 @@ class CondensedBody:
 
     def scaled_schur(self) -> Any:
         """S_b on the device, a copy."""
-        return 1.0 * self._factor.schur
+        return self.arrays.put(self._factor.schur)
 
     @property
     def stiffness(self) -> Array:

@@ -74,7 +74,8 @@ def schur_factor(
     return PardisoSchur(stiffness, boundary, shift)
 
 
-def _singular() -> InputError:
+def not_definite() -> InputError:
+    """The error of a stiffness whose inner block has a pivot that is not positive."""
     return InputError(
         "stiffness: the part inside the contact boundary is not positive definite; cells are too "
         "slender for the digits of the matrix, parts of the mesh hang together by a hinge alone, "
@@ -85,7 +86,7 @@ def _singular() -> InputError:
 KEPT = 6  # loads whose forward elimination is cached
 
 
-class _Forward:
+class ForwardCache:
     """Cache of the forward elimination of the last loads, which `reduce` and `expand` both need.
 
     Only an identical load is looked up, so that no result depends on earlier solves or on other
@@ -108,7 +109,7 @@ class _Forward:
         return found
 
 
-class SuperLUSchur(_Forward):
+class SuperLUSchur(ForwardCache):
     """SuperLU in a given order, boundary last: the trailing block of L U is the complement."""
 
     def __init__(
@@ -130,7 +131,7 @@ class SuperLUSchur(_Forward):
         try:
             self._lu = SuperLUFactor(permuted, "NATURAL", 0.0)
         except RuntimeError as error:  # SuperLU: exactly singular
-            raise _singular() from error
+            raise not_definite() from error
         tail = np.arange(n - nb, n)
         if not (
             np.array_equal(self._lu.factors.perm_c[tail], tail)
@@ -141,7 +142,7 @@ class SuperLUSchur(_Forward):
         block = upper[:, n - nb :][n - nb :].toarray()
         pivots = upper.diagonal()  # smaller ones than 1e-14 of the largest are rounding
         if not np.all(pivots > 1e-14 * np.abs(pivots).max(initial=0.0)):
-            raise _singular()
+            raise not_definite()
         # L = U^T D^-1 for a symmetric matrix factored without row exchanges.
         self._shifted = block.T @ (block / np.diag(block)[:, None])
         self._shifted = 0.5 * (self._shifted + self._shifted.T)
@@ -169,7 +170,7 @@ class SuperLUSchur(_Forward):
         return z
 
 
-class PardisoSchur(_Forward):
+class PardisoSchur(ForwardCache):
     """MKL PARDISO's own partial factorisation (Schur complement control).
 
     Reference: Intel oneMKL developer reference, ``pardiso`` parameter iparm[35].
@@ -193,7 +194,7 @@ class PardisoSchur(_Forward):
             self._pardiso(22, x=block)
         except PardisoError as error:
             if error.pivot:
-                raise _singular() from error
+                raise not_definite() from error
             raise ContactError(str(error)) from error
         self.schur = 0.5 * (block + block.T) - np.diag(shift)
 

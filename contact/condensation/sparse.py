@@ -9,8 +9,10 @@ import numpy as np
 from scipy import sparse
 
 from contact.arrays.blas_threads import one_blas_thread
+from contact.arrays.dense_arrays import HostArrays
 from contact.body.free_motions import free_motions, unseen_motion
 from contact.condensation.condensed_body import BodyRows, CondensedBody
+from contact.condensation.device_schur import DeviceSchur
 from contact.condensation.elimination_order import elimination_order
 from contact.condensation.schur import schur_factor
 from contact.condensation.strain_factor import factor_of_strains, strains_can_be_factored
@@ -25,6 +27,8 @@ class SparseBody(CondensedBody):
     rows : BodyRows
     solver : {"auto", "pardiso", "superlu"}
         See `contact.condensation.schur`.
+    arrays : HostArrays
+        Where the complement is computed and the dense matrices lie.
 
     Raises
     ------
@@ -32,7 +36,10 @@ class SparseBody(CondensedBody):
         A piece of the body is neither fixed nor connected to the contact boundary.
     """
 
-    def __init__(self, body: Any, rows: BodyRows, solver: str = "auto") -> None:
+    def __init__(
+        self, body: Any, rows: BodyRows, solver: str = "auto", arrays: HostArrays | None = None
+    ) -> None:
+        self.arrays = arrays or HostArrays()
         self.slender = body.slender
         P, _ = body.constraint
         if P.nnz == P.shape[1] and np.all(P.data == 1.0):
@@ -62,7 +69,12 @@ class SparseBody(CondensedBody):
                 modes = back @ modes
             else:
                 order = partial(elimination_order, body)
-                self._factor = schur_factor(S, self._boundary, order, solver)
+                inner = self._boundary.size < S.shape[0]
+                self._factor = (
+                    DeviceSchur(S, self._boundary)
+                    if arrays is not None and inner
+                    else schur_factor(S, self._boundary, order, solver)
+                )
             self._hold(modes[self._boundary], modes)
 
     def _prescribe(self, body: Any) -> None:

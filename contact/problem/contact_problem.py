@@ -255,8 +255,8 @@ class ContactProblem(Portable):
         Parameters
         ----------
         device : {"cpu", "cuda"}, optional
-            Where to condense and to solve; default: where it was done before, else "cpu".
-            "cuda" needs a `LayeredBlock`, CuPy and a CUDA device.
+            Where to condense, and in the plane to solve; default: where it was done before, else
+            "cpu". "cuda" needs CuPy and a CUDA device, and cuDSS but for a `LayeredBlock`.
 
         Returns
         -------
@@ -270,7 +270,7 @@ class ContactProblem(Portable):
         Unbounded
             A piece of the body is neither fixed nor connected to the contact boundary.
         MissingDependency
-            The package of the solver, or CuPy, is not installed.
+            The package of the solver, CuPy or cuDSS is not installed.
         """
         self._follow_body()
         if device is not None and not (isinstance(device, str) and device in ("cpu", "cuda")):

@@ -35,7 +35,7 @@ ANALYSIS, FACTORISATION, SOLUTION = 0b11, 0b100, 0b11_1111_0000
 _CORRECTIONS = 2
 
 
-class Cudss:
+class CudssMatrix:
     """One symmetric matrix and its factors in the memory of a CUDA device.
 
     The memory is released with the object, also when its construction fails. Threads that share an
@@ -89,37 +89,24 @@ class Cudss:
             self._check_pivots()
             weakref.finalize(self, _release, opened.pop_all(), self._process)
 
-    def solve(self, b: Array) -> Array:
-        """Return the solution for one load (n,) or several (n, loads)."""
+    def _run(self, phase: int, loads: Array, together: int) -> Array:
+        """Return what a phase makes of loads (n, loads), so many at a time."""
         if os.getpid() != self._process:
             raise AdiniError("cuDSS: a forked process cannot use the device; factor in the child")
-        loads = b.reshape(self._n, -1)
-        if loads.shape[1] == 0:
-            return np.zeros(b.shape)
-        x = self._direct(loads)
-        residual = loads - self._A @ x
-        for _ in range(_CORRECTIONS):
-            corrected = x + self._direct(residual)
-            left = loads - self._A @ corrected
-            falls = np.abs(left).max(axis=0) < np.abs(residual).max(axis=0)
-            if not falls.any():
-                break
-            x, residual = np.where(falls, corrected, x), np.where(falls, left, residual)
-        return np.ascontiguousarray(x).reshape(b.shape)
-
-    def _direct(self, loads: Array) -> Array:
-        """Solve for loads (n, loads) by the factors alone."""
         count = loads.shape[1]
-        together = 1 if self._deterministic else count
         x = np.empty((count, self._n))
         with self._lock, ExitStack() as columns:
             right, b_handle, left, x_handle = self._columns(columns, together)
             for i in range(0, count, together):
                 part = slice(i, i + together)
                 right[...] = self._xp.asarray(np.ascontiguousarray(loads[:, part].T))
-                self._execute(SOLUTION, x_handle, b_handle)
-                x[part] = left.get() if hasattr(left, "get") else left
+                self._execute(phase, x_handle, b_handle)
+                x[part] = self._on_host(left)
         return x.T
+
+    @staticmethod
+    def _on_host(array: Any) -> Any:
+        return array.get() if hasattr(array, "get") else array
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return the matrix: a copy factors it again."""
@@ -132,16 +119,14 @@ class Cudss:
         if layer is not None:
             self._call("cudssSetThreadingLayer", self._handle, os.fsencode(layer))
         self._config = self._create(opened, "cudssConfigCreate", "cudssConfigDestroy")
-        for key, value in ((_REFINEMENTS, 0), (_DETERMINISTIC, int(self._deterministic))):
-            number = ctypes.c_int(value)
-            size = ctypes.c_size_t(ctypes.sizeof(number))
-            self._call("cudssConfigSet", self._config, key, ctypes.byref(number), size)
+        self._set(_REFINEMENTS, 0)
+        self._set(_DETERMINISTIC, int(self._deterministic))
         self._data = ctypes.c_void_p()
         self._call("cudssDataCreate", self._handle, ctypes.byref(self._data))
         opened.callback(self._library.cudssDataDestroy, self._handle, self._data)
         indptr, indices, data = self._arrays
         n, nnz = ctypes.c_int64(self._n), ctypes.c_int64(len(data))
-        pointers = (_pointer(indptr), None, _pointer(indices), _pointer(data))
+        pointers = (pointer(indptr), None, pointer(indices), pointer(data))
         types = (_INT32, _INT32, _FLOAT64, _SPD if definite else _SYMMETRIC, _UPPER, _ZERO_BASED)
         self._matrix = self._create(
             opened, "cudssMatrixCreateCsr", "cudssMatrixDestroy", n, n, nnz, *pointers, *types
@@ -153,7 +138,7 @@ class Cudss:
         result: list[Any] = []
         for _ in range(2):
             array = self._xp.zeros((count, self._n))
-            layout = (n, loads, n, _pointer(array), _FLOAT64, _COLUMN_MAJOR)
+            layout = (n, loads, n, pointer(array), _FLOAT64, _COLUMN_MAJOR)
             handle = self._create(opened, "cudssMatrixCreateDn", "cudssMatrixDestroy", *layout)
             result += [array, handle]
         return result[0], result[1], result[2], result[3]
@@ -163,6 +148,11 @@ class Cudss:
         self._call(create, ctypes.byref(handle), *data)
         opened.callback(getattr(self._library, destroy), handle)
         return handle
+
+    def _set(self, key: int, value: int) -> None:
+        number = ctypes.c_int(value)
+        size = ctypes.c_size_t(ctypes.sizeof(number))
+        self._call("cudssConfigSet", self._config, key, ctypes.byref(number), size)
 
     def _execute(self, phase: int, x: Any, b: Any) -> None:
         handles = self._config, self._data, self._matrix, x, b
@@ -181,12 +171,38 @@ class Cudss:
             raise CudssError(name, status)
 
 
+class Cudss(CudssMatrix):
+    """Factors of a symmetric matrix on a CUDA device, for solutions; see `CudssMatrix`."""
+
+    def solve(self, b: Array) -> Array:
+        """Return the solution for one load (n,) or several (n, loads)."""
+        loads = b.reshape(self._n, -1)
+        if loads.shape[1] == 0:
+            return np.zeros(b.shape)
+        x = self._direct(loads)
+        residual = loads - self._A @ x
+        for _ in range(_CORRECTIONS):
+            corrected = x + self._direct(residual)
+            left = loads - self._A @ corrected
+            falls = np.abs(left).max(axis=0) < np.abs(residual).max(axis=0)
+            if not falls.any():
+                break
+            x, residual = np.where(falls, corrected, x), np.where(falls, left, residual)
+        return np.ascontiguousarray(x).reshape(b.shape)
+
+    def _direct(self, loads: Array) -> Array:
+        """Solve for loads (n, loads) by the factors alone."""
+        together = 1 if self._deterministic else loads.shape[1]
+        return self._run(SOLUTION, loads, together)
+
+
 def _release(opened: ExitStack, process: int) -> None:
     """Destroy the handles, unless a forked process, which has no device, collects the object."""
     if os.getpid() == process:
         opened.close()
 
 
-def _pointer(array: Any) -> Any:
+def pointer(array: Any) -> Any:
+    """Return the address of an array on the device."""
     interface = getattr(array, "__cuda_array_interface__", None) or array.__array_interface__
     return ctypes.c_void_p(interface["data"][0])

@@ -3,13 +3,13 @@
 The fake reads the memory that the binding points at, as the library does, and factors with NumPy.
 """
 
-import ctypes
 import gc
 import os
 import pickle
 
 import numpy as np
 import pytest
+from fake_cudss import FakeCudss
 from scipy import sparse
 
 from skfem_adini import InputError, MissingDependency, factorize
@@ -23,90 +23,6 @@ def _device():
     except MissingDependency:
         return False
     return True
-
-
-class FakeCudss:
-    """Functions of cuDSS 1.0 on the memory of the host."""
-
-    def __init__(self):
-        self.alive, self.calls, self.fail, self.keys = {}, [], {}, {}
-        self.solved, self.error = [], 0.0  # columns of each solution, error of each solution
-
-    def __getattr__(self, name):
-        if not name.startswith("cudss"):
-            raise AttributeError(name)
-
-        def call(*arguments):
-            self.calls.append(name)
-            if name in self.fail:
-                return self.fail[name]
-            if name.endswith("Destroy"):
-                del self.alive[arguments[-1].value]
-                return 0
-            return getattr(self, "_" + name)(*arguments) or 0
-
-        return call
-
-    def _open(self, out, content=None):
-        number = 1 + len(self.calls)
-        self.alive[number] = content
-        out._obj.value = number
-
-    def _cudssCreate(self, out):
-        self._open(out)
-
-    def _cudssConfigCreate(self, out):
-        self._open(out)
-
-    def _cudssDataCreate(self, handle, out):
-        assert handle.value in self.alive
-        self._open(out)
-
-    def _cudssConfigSet(self, config, key, value, size):
-        assert size.value == 4
-        self.keys[key] = value._obj.value
-
-    def _cudssMatrixCreateCsr(self, out, rows, columns, nnz, start, end, index, data, *types):
-        assert end is None
-        assert types[:3] == (10, 10, 1)
-        n, m = rows.value, nnz.value
-        parts = (
-            _memory(data, ctypes.c_double, m),
-            _memory(index, ctypes.c_int32, m),
-            _memory(start, ctypes.c_int32, n + 1),
-        )
-        upper = sparse.csr_array(parts, shape=(n, n)).toarray()
-        self._open(out, (upper + np.triu(upper, 1).T, types[3]))
-
-    def _cudssMatrixCreateDn(self, out, rows, columns, stride, data, *types):
-        assert types == (1, 0)
-        assert stride.value == rows.value
-        flat = _memory(data, ctypes.c_double, rows.value * columns.value)
-        self._open(out, flat.reshape(columns.value, rows.value).T)
-
-    def _cudssExecute(self, handle, phase, config, data, matrix, x, b):
-        A, kind = self.alive[matrix.value]
-        columns = self.alive[b.value].shape[1]
-        if self.keys[24] and (self.keys[5] > 0 or columns > 1):
-            return 4  # not supported in the deterministic mode
-        if phase == 4:
-            lowest = np.linalg.eigvalsh(A).min()
-            self.info = int(kind == 3 and lowest <= 0)
-        elif phase == 1008:
-            self.solved.append(columns)
-            noise = 1 + self.error * np.sin(np.arange(len(A)))[:, None]
-            self.alive[x.value][...] = noise * np.linalg.solve(A, self.alive[b.value])
-        else:
-            assert phase == 3
-        return 0
-
-    def _cudssDataGet(self, handle, data, key, out, size, written):
-        assert key == 0
-        out._obj.value = self.info
-
-
-def _memory(pointer, kind, count):
-    return np.ctypeslib.as_array(ctypes.cast(pointer, ctypes.POINTER(kind)), (count,))
 
 
 @pytest.fixture

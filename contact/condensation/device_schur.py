@@ -1,0 +1,69 @@
+"""The dense Schur complement of the contact boundary on a CUDA device, by cuDSS."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.condensation.schur import ForwardCache, Vector, not_definite
+from contact.errors import ContactError, MissingDependency
+from skfem_adini import MissingDependency as NoCudss
+from skfem_adini.solvers.cudss_library import CudssError
+from skfem_adini.solvers.cudss_schur import CudssSchur
+
+
+class DeviceSchur(ForwardCache):
+    """A `contact.condensation.schur.SchurFactor` whose complement lies on the device.
+
+    Parameters
+    ----------
+    stiffness : csr_array, shape (n, n)
+        Symmetric; its block without the boundary must be positive definite.
+    boundary : ndarray, shape (nb,)
+        Ascending indices of the unknowns to keep, fewer than n.
+
+    Raises
+    ------
+    InputError
+        The inner block is not positive definite.
+    MissingDependency
+        cuDSS, CuPy or a device is not there.
+    ContactError
+        cuDSS fails, for lack of memory say.
+    """
+
+    def __init__(self, stiffness: sparse.csr_array, boundary: NDArray[np.int64]) -> None:
+        self._boundary = boundary
+        try:
+            self._cudss = CudssSchur(stiffness, boundary)
+        except NoCudss as error:
+            raise MissingDependency(f"device='cuda': {error}") from error
+        except CudssError as error:
+            raise (not_definite() if error.pivot else ContactError(str(error))) from error
+
+    @property
+    def schur(self) -> Any:
+        """S_bb - S_bI S_II^-1 S_Ib, on the device."""
+        return self._cudss.complement
+
+    def _eliminate(self, load: Vector) -> Vector:
+        return self._cudss.forward(load)
+
+    def reduce(self, load: Vector) -> Vector:
+        """Carry a load to the boundary: f_b - S_bI S_II^-1 f_I."""
+        return self._forward(load)[load.size - self._boundary.size :].copy()
+
+    def expand(self, load: Vector, z_b: Vector) -> Vector:
+        """Return all unknowns from the boundary's."""
+        halfway = self._forward(load).copy()
+        halfway[load.size - z_b.size :] = z_b
+        z = self._cudss.backward(halfway)
+        z[self._boundary] = z_b
+        return z
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the eliminated loads, which are in the order of these factors."""
+        return {name: value for name, value in vars(self).items() if name != "_known"}

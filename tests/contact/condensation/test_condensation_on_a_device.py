@@ -1,0 +1,193 @@
+"""What the host condenses, a device condenses too; on a device or a library that imitates cuDSS."""
+
+import copy
+
+import numpy as np
+import pytest
+from fake_cudss import FakeCudss
+from skfem import (
+    ElementHex1,
+    ElementQuad1,
+    ElementTetP2,
+    ElementTriP2,
+    MeshQuad,
+)
+
+from contact import ContactProblem, CutBody, ElasticBody, InputError, LoadStepper, Plane
+from contact.arrays.dense_arrays import DeviceMatrix, HostArrays
+from contact.condensation import condense as condense_module
+from contact.condensation.device_schur import DeviceSchur
+from contact.condensation.schur import SuperLUSchur
+from contact.errors import ContactError, MissingDependency
+from skfem_adini import ElementHexAdini, ElementQuadAdini
+from skfem_adini.solvers import cudss, cudss_library
+
+
+class Elsewhere(HostArrays):
+    """The host's arrays in the place of a device's."""
+
+    def matrix(self, W):
+        return DeviceMatrix(self, W)
+
+    def values(self, W):
+        return W.values
+
+
+@pytest.fixture(params=["fake", "device"])
+def engine(request, monkeypatch):
+    if request.param == "device":
+        try:
+            cudss_library.device_arrays()
+            cudss_library.load_cudss()
+        except ImportError:
+            pytest.skip("cuDSS, CuPy or a CUDA device is not there")
+        return None
+    library = FakeCudss()
+    monkeypatch.setattr(cudss, "load_cudss", lambda: library)
+    monkeypatch.setattr(cudss, "device_arrays", lambda: np)
+    monkeypatch.setattr(cudss, "threading_layer", lambda: None)
+    monkeypatch.setattr(condense_module, "arrays_on", lambda device: Elsewhere())
+    return library
+
+
+def on_host(array):
+    return array.get() if hasattr(array, "get") else array
+
+
+def box_body(make, element, **material):
+    dim = element().dim
+    ticks = [np.linspace(0.0, 1.0, 4 if dim == 3 else 9)] * dim
+    return ElasticBody.from_mesh(make.box(element, *ticks), element(), **material)
+
+
+def held(make, element, unit=1.0):
+    body = box_body(make, element, E=2.0 * unit, nu=0.3)
+    last = "xyz"[body.dim - 1]
+    body.fix("top", last, -0.05).fix("top", "x", lambda x: 0.02 + 0.01 * x[0])
+    return ContactProblem(body, "bottom", bowl, 0.3)
+
+
+def bowl(x):
+    return 0.04 * np.sum((x[:-1] - 0.45) ** 2, axis=0)
+
+
+def floating(make, element):
+    """Pressed down on rigid ground by its load; contact and friction alone hold it."""
+    body = box_body(make, element, E=2.0, nu=0.3)
+    down = np.zeros(body.dim)
+    down[-1], down[0] = -0.1, 0.01
+    return ContactProblem(body.load("top", tuple(down)), "bottom", 0.0, 0.5)
+
+
+def nearly_incompressible(make, element):
+    body = box_body(make, element, E=2.0, nu=0.4999, dilatation="mean")
+    return ContactProblem(body.fix("top", "y", -0.05).fix("top", "x"), "bottom", bowl, 0.3)
+
+
+def cut(make, element):
+    """A disk, cut out of a grid that ends inside it."""
+    mesh = MeshQuad.init_tensor(np.linspace(-1.2, 1.2, 13), np.linspace(-1.2, 0.0, 7))
+    disk = CutBody(mesh.with_defaults(), lambda x: x[0] ** 2 + x[1] ** 2 - 1, E=1.0, nu=0.3)
+    disk.fix("top", "x").fix("top", "y", -0.05)
+    return ContactProblem(disk, disk.arc(), Plane((0.0, -1.02), (0.0, 1.0)), 0.3)
+
+
+CASES = {
+    "Adini": (held, ElementQuadAdini),
+    "P2": (held, ElementTriP2),
+    "Hex1": (held, ElementHex1),
+    "TetP2": (held, ElementTetP2),
+    "floating Adini": (floating, ElementQuadAdini),
+    "floating Quad1": (floating, ElementQuad1),
+    "floating Hex1": (floating, ElementHex1),
+    "cut": (cut, ElementQuadAdini),
+    "mean dilatation": (nearly_incompressible, ElementQuad1),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_results_of_the_device_are_those_of_the_host(engine, make, case):
+    pose, element = CASES[case]
+    host = pose(make, element).solve()
+    problem = pose(make, element)
+    condensed = problem.condense(device="cuda")
+    assert isinstance(condensed.parts[0]._factor, DeviceSchur)
+    result = problem.solve()
+    assert make.law_error(result) < 1e-8
+    assert np.abs(result.mu - host.mu).max() <= 1e-10 * host.mu.max()
+    assert np.abs(result.t - host.t).max() <= 1e-10 * host.mu.max()
+    assert np.abs(result.u - host.u).max() <= 1e-9 * np.abs(host.u).max()
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e11])
+def test_units(engine, make, unit):
+    host = held(make, ElementQuadAdini, unit).solve()
+    problem = held(make, ElementQuadAdini, unit)
+    problem.condense(device="cuda")
+    assert np.abs(problem.solve().mu - host.mu).max() <= 1e-10 * host.mu.max()
+
+
+def test_one_condensation_serves_a_history(engine, make):
+    results = []
+    for device in ("cpu", "cuda"):
+        problem = held(make, ElementQuad1)
+        condensed = problem.condense(device)
+        stepper = LoadStepper(problem).move("top", "y")
+        results.append(stepper.run([0.5, 1.0])[-1])
+        assert problem.condense() is condensed
+    host, there = results
+    assert np.abs(there.mu - host.mu).max() <= 1e-10 * host.mu.max()
+
+
+def test_factor_against_superlu(engine, make):
+    problem = held(make, ElementHexAdini)
+    part = problem.condense().parts[0]
+    P, b = part._P, part._boundary
+    S = (P.T @ problem.body.stiffness @ P).tocsr()
+    reference = SuperLUSchur(S, b, np.arange(S.shape[0]), np.abs(S.diagonal()[b]))
+    factor = DeviceSchur(S, b)
+    assert np.abs(on_host(factor.schur) - reference.schur).max() <= 1e-12
+    rng = np.random.default_rng(0)
+    f, z = rng.uniform(-1, 1, S.shape[0]), rng.uniform(-1, 1, b.size)
+    for one in (factor, copy.deepcopy(factor)):
+        np.testing.assert_allclose(one.reduce(f), reference.reduce(f), atol=1e-10)
+        np.testing.assert_allclose(one.expand(f, z), reference.expand(f, z), atol=1e-10)
+
+
+def test_a_boundary_without_inner_unknowns(engine):
+    body = ElasticBody.from_mesh(MeshQuad().with_defaults(), ElementQuad1(), E=1.0, nu=0.3)
+    body.fix("top", "xy", -0.05)
+    host = ContactProblem(body, "bottom", 0.0, 0.3).solve()
+    problem = ContactProblem(body, "bottom", 0.0, 0.3)
+    problem.condense("cuda")
+    assert np.abs(problem.solve().mu - host.mu).max() <= 1e-12 * host.mu.max()
+
+
+def test_an_indefinite_inner_block_and_lack_of_memory_are_typed(engine, make):
+    part = held(make, ElementQuad1).condense().parts[0]
+    P, b = part._P, part._boundary
+    S = (P.T @ part.body.stiffness @ P).tocsr()
+    inner = np.setdiff1d(np.arange(S.shape[0]), b)[3]
+    S[inner, inner] = -1.0
+    with pytest.raises(InputError, match="not positive definite"):
+        DeviceSchur(S, b)
+    if engine is not None:
+        engine.fail["cudssExecute"] = 2
+        with pytest.raises(ContactError, match="memory of the device"):
+            DeviceSchur(S, b)
+        assert engine.alive == {}
+
+
+def test_a_sparse_solver_of_the_host_is_refused(make):
+    problem = ContactProblem(held(make, ElementQuad1).body, "bottom", 0.0, solver="superlu")
+    with pytest.raises(InputError, match="solver='superlu': with device='cuda'"):
+        problem.condense("cuda")
+
+
+def test_a_missing_package_names_its_extra(make, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "cupy", None)
+    with pytest.raises(MissingDependency, match=r"skfem-adini\[cu"):
+        held(make, ElementQuad1).condense("cuda")
+    monkeypatch.setattr(condense_module, "arrays_on", lambda device: HostArrays())
+    with pytest.raises(MissingDependency, match=r"skfem-adini\[cudss\]"):
+        held(make, ElementQuad1).condense("cuda")

@@ -1,0 +1,126 @@
+"""A library with the functions of cuDSS that the bindings call, on the memory of the host."""
+
+import ctypes
+
+import numpy as np
+from scipy import sparse
+
+
+class FakeCudss:
+    """Functions of cuDSS 1.0 on the memory of the host."""
+
+    def __init__(self):
+        self.alive, self.calls, self.fail, self.keys = {}, [], {}, {}
+        self.solved, self.error = [], 0.0  # columns of each solution, error of each solution
+
+    def __getattr__(self, name):
+        if not name.startswith("cudss"):
+            raise AttributeError(name)
+
+        def call(*arguments):
+            self.calls.append(name)
+            if name in self.fail:
+                return self.fail[name]
+            if name.endswith("Destroy"):
+                del self.alive[arguments[-1].value]
+                return 0
+            return getattr(self, "_" + name)(*arguments) or 0
+
+        return call
+
+    def _open(self, out, content=None):
+        number = 1 + len(self.calls)
+        self.alive[number] = content
+        out._obj.value = number
+
+    def _cudssCreate(self, out):
+        self._open(out)
+
+    def _cudssConfigCreate(self, out):
+        self._open(out)
+
+    def _cudssDataCreate(self, handle, out):
+        assert handle.value in self.alive
+        self._open(out)
+
+    def _cudssConfigSet(self, config, key, value, size):
+        assert size.value == 4
+        self.keys[key] = value._obj.value
+
+    def _cudssDataSet(self, handle, data, key, values, size):
+        assert key == 18
+        self.marks = _memory(values, ctypes.c_int32, size.value // 4).astype(bool)
+
+    def _cudssMatrixCreateCsr(self, out, rows, columns, nnz, start, end, index, data, *types):
+        assert end is None
+        assert types[:3] == (10, 10, 1)
+        n, m = rows.value, nnz.value
+        parts = (
+            _memory(data, ctypes.c_double, m),
+            _memory(index, ctypes.c_int32, m),
+            _memory(start, ctypes.c_int32, n + 1),
+        )
+        upper = sparse.csr_array(parts, shape=(n, n)).toarray()
+        self._open(out, (upper + np.triu(upper, 1).T, types[3]))
+
+    def _cudssMatrixCreateDn(self, out, rows, columns, stride, data, *types):
+        assert types == (1, 0)
+        assert stride.value == rows.value
+        flat = _memory(data, ctypes.c_double, rows.value * columns.value)
+        self._open(out, flat.reshape(columns.value, rows.value).T)
+
+    def _cudssExecute(self, handle, phase, config, data, matrix, x, b):
+        A, kind = self.alive[matrix.value]
+        columns = self.alive[b.value].shape[1]
+        if self.keys[24] and (self.keys[5] > 0 or columns > 1):
+            return 4  # not supported in the deterministic mode
+        if self.keys.get(23):
+            return self._partial(phase, A, self.alive[b.value], self.alive[x.value])
+        if phase == 4:
+            lowest = np.linalg.eigvalsh(A).min()
+            self.info = int(kind == 3 and lowest <= 0)
+        elif phase == 1008:
+            self.solved.append(columns)
+            noise = 1 + self.error * np.sin(np.arange(len(A)))[:, None]
+            self.alive[x.value][...] = noise * np.linalg.solve(A, self.alive[b.value])
+        else:
+            assert phase == 3
+        return 0
+
+    def _partial(self, phase, A, b, x):
+        """The Schur mode; the library's deterministic mode is wrong in it."""
+        assert not self.keys[24]
+        inner, k = np.flatnonzero(~self.marks)[::-1], int(self.marks.sum())
+        order, m = np.concatenate([inner, np.flatnonzero(self.marks)]), len(A) - k
+        P = A[np.ix_(order, order)]
+        if phase == 4:
+            self.info = int(np.linalg.eigvalsh(P[:m, :m]).min() <= 0)
+            if not self.info:
+                L = np.linalg.cholesky(P[:m, :m])
+                self.factor = L, np.linalg.solve(L, P[:m, m:])
+                self.complement = P[m:, m:] - self.factor[1].T @ self.factor[1]
+        elif phase == 48:
+            L, Y = self.factor
+            x[:m] = np.linalg.solve(L, b[order[:m]])
+            x[m:] = b[order[m:]] - Y.T @ x[:m]
+        elif phase == 384:
+            L, Y = self.factor
+            x[order[:m]] = np.linalg.solve(L.T, b[:m] - Y @ b[m:])
+            x[order[m:]] = b[m:]
+        else:
+            assert phase == 3
+        return 0
+
+    def _cudssDataGet(self, handle, data, key, out, size, written):
+        if key == 19:
+            out._obj[:] = [*self.complement.shape, self.complement.size]
+            return
+        if key == 20:
+            self.alive[out._obj.value][...] = self.complement
+            return
+        assert key == 0
+        out._obj.value = self.info
+
+
+def _memory(pointer, kind, count):
+    return np.ctypeslib.as_array(ctypes.cast(pointer, ctypes.POINTER(kind)), (count,))
