@@ -67,7 +67,7 @@ class CudssMatrix:
     """
 
     def __init__(self, A: Any, definite: bool, deterministic: bool = True) -> None:
-        self._given = A, definite, deterministic
+        self._given: tuple[Any, ...] = A, definite, deterministic
         self._A, self._deterministic = A, deterministic
         upper = upper_triangle(A)
         if upper.nnz >= 2**31:

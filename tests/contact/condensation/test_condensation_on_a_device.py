@@ -33,7 +33,7 @@ class Elsewhere(HostArrays):
         return W.values
 
 
-@pytest.fixture(params=["fake", "device"])
+@pytest.fixture(params=["fake", pytest.param("device", marks=pytest.mark.gpu)])
 def engine(request, monkeypatch):
     if request.param == "device":
         try:

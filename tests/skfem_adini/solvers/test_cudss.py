@@ -34,7 +34,7 @@ def fake(monkeypatch):
     return library
 
 
-@pytest.fixture(params=["fake", "device"])
+@pytest.fixture(params=["fake", pytest.param("device", marks=pytest.mark.gpu)])
 def engine(request):
     if request.param == "fake":
         return request.getfixturevalue("fake")
