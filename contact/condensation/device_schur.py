@@ -11,7 +11,7 @@ from scipy import sparse
 from contact.condensation.schur import ForwardCache, Vector, not_definite
 from contact.errors import ContactError, MissingDependency
 from skfem_adini import MissingDependency as NoCudss
-from skfem_adini.solvers.cudss_library import CudssError
+from skfem_adini.solvers.cudss_library import CudssError, device_arrays, load_cudss
 from skfem_adini.solvers.cudss_schur import CudssSchur
 
 
@@ -67,3 +67,13 @@ class DeviceSchur(ForwardCache):
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the eliminated loads, which are in the order of these factors."""
         return {name: value for name, value in vars(self).items() if name != "_known"}
+
+
+def missing_for_cudss() -> str | None:
+    """What cuDSS lacks to run here, with the line that installs it; None if nothing."""
+    try:
+        device_arrays()
+        load_cudss()
+    except NoCudss as error:
+        return str(error)
+    return None

@@ -15,6 +15,7 @@ from contact.body.solid import Solid
 from contact.body.surface import Surface
 from contact.condensation.condensed_by_type import condensed_contact
 from contact.condensation.condensed_contact import CondensedContact
+from contact.condensation.device_choice import chosen_device
 from contact.errors import InputError
 from contact.laws.iteration import Iteration
 from contact.laws.options import Options
@@ -254,9 +255,10 @@ class ContactProblem(Portable):
 
         Parameters
         ----------
-        device : {"cpu", "cuda"}, optional
-            Where to condense, and in the plane to solve; default: where it was done before, else
-            "cpu". "cuda" needs CuPy and a CUDA device, and cuDSS but for a `LayeredBlock`.
+        device : {"cpu", "cuda", "auto"}, optional
+            Where to condense, and in the plane to solve; default: where it was done before, or
+            "cpu". "cuda" needs CuPy and, but for a `LayeredBlock`, cuDSS; "auto" takes it where it
+            is there and pays. The choice and its reason are logged.
 
         Returns
         -------
@@ -265,16 +267,14 @@ class ContactProblem(Portable):
         Raises
         ------
         InputError
-            An unknown device, a body that cannot be condensed there, or a contact boundary that is
-            fixed entirely.
+            An unknown device, a body that it does not take, or a contact boundary fixed entirely.
         Unbounded
             A piece of the body is neither fixed nor connected to the contact boundary.
         MissingDependency
             The package of the solver, CuPy or cuDSS is not installed.
         """
         self._follow_body()
-        if device is not None and not (isinstance(device, str) and device in ("cpu", "cuda")):
-            raise InputError(f"device={device!r}: expected 'cpu' or 'cuda'")
+        device = chosen_device(device, self.body, self.solver)
         kept, material = self._condensed, self.body.materials
         if kept is None or not _same(kept[1], material) or device not in (None, kept[0]):
             where = device or ("cpu" if kept is None else kept[0])

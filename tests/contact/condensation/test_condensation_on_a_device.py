@@ -16,6 +16,7 @@ from skfem import (
 from contact import ContactProblem, CutBody, ElasticBody, InputError, LoadStepper, Plane
 from contact.arrays.dense_arrays import DeviceMatrix, HostArrays
 from contact.condensation import condense as condense_module
+from contact.condensation import device_choice
 from contact.condensation.device_schur import DeviceSchur
 from contact.condensation.schur import SuperLUSchur
 from contact.errors import ContactError, MissingDependency
@@ -191,3 +192,34 @@ def test_a_missing_package_names_its_extra(make, monkeypatch):
     monkeypatch.setattr(condense_module, "arrays_on", lambda device: HostArrays())
     with pytest.raises(MissingDependency, match=r"skfem-adini\[cudss\]"):
         held(make, ElementQuad1).condense("cuda")
+
+
+def test_auto_takes_a_device_for_large_bodies_and_says_why(engine, make, monkeypatch, caplog):
+    monkeypatch.setattr(device_choice, "missing_for_cudss", lambda: None)
+    monkeypatch.setattr(device_choice, "arrays_on", lambda device: None)
+    caplog.set_level("INFO", logger=device_choice.__name__)
+    problem = held(make, ElementQuad1)
+    assert type(problem.condense("auto").parts[0].arrays) is HostArrays
+    assert f"cpu: {problem.body.f.size} unknowns are fewer than" in caplog.text
+    monkeypatch.setattr(device_choice, "LARGE", 100)
+    condensed = problem.condense("auto")
+    assert isinstance(condensed.parts[0]._factor, DeviceSchur)
+    assert f"cuda: {problem.body.f.size} unknowns" in caplog.text
+    assert problem.condense("auto") is condensed
+
+
+def test_auto_names_what_is_missing(make, monkeypatch):
+    body = held(make, ElementQuad1).body
+    monkeypatch.setattr(device_choice, "LARGE", 100)
+    assert device_choice.choose_device(body, "superlu") == (
+        "cpu",
+        "solver='superlu' runs on the host",
+    )
+    monkeypatch.setitem(__import__("sys").modules, "cupy", None)
+    where, why = device_choice.choose_device(body, "auto")
+    assert where == "cpu"
+    assert "skfem-adini[cuda13]" in why
+    monkeypatch.setattr(device_choice, "arrays_on", lambda device: None)
+    where, why = device_choice.choose_device(body, "auto")
+    assert where == "cpu"
+    assert "skfem-adini[cudss]" in why

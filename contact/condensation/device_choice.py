@@ -1,0 +1,67 @@
+"""Whether bodies are condensed on the host or on a CUDA device."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+from contact.arrays.dense_arrays import arrays_on
+from contact.body.basis_solid import BasisSolid
+from contact.body.distributed_body import DistributedBody
+from contact.condensation.device_schur import missing_for_cudss
+from contact.errors import InputError, MissingDependency
+
+_log = logging.getLogger(__name__)
+# Unknowns from which a device is quicker in a fresh process: there its libraries take three seconds
+# to start, and SuperLU about as long for so many unknowns in the plane.
+LARGE = 100_000
+
+
+def chosen_device(device: Any, body: Any, solver: str) -> str | None:
+    """Check the word for a device, and choose one for "auto", which is logged with its reason.
+
+    Parameters
+    ----------
+    device : {"cpu", "cuda", "auto", None}
+    body : Solid or Bodies
+    solver : str
+
+    Raises
+    ------
+    InputError
+        Another word.
+    """
+    if device is None:
+        return None
+    if not (isinstance(device, str) and device in ("cpu", "cuda", "auto")):
+        raise InputError(f"device={device!r}: expected 'cpu', 'cuda' or 'auto'")
+    if device != "auto":
+        return device
+    found, why = choose_device(body, solver)
+    _log.info("%s: %s", found, why)
+    return found
+
+
+def choose_device(body: Any, solver: str) -> tuple[str, str]:
+    """The device, and why.
+
+    Parameters
+    ----------
+    body : Solid or Bodies
+    solver : str
+    """
+    if isinstance(body, DistributedBody):
+        return "cpu", "a DistributedBody is condensed on the processes of the host"
+    if solver != "auto":
+        return "cpu", f"solver={solver!r} runs on the host"
+    unknowns = body.f.size
+    if unknowns < LARGE:
+        return "cpu", f"{unknowns} unknowns are fewer than {LARGE}, from which a device pays"
+    try:
+        arrays_on("cuda")
+    except (MissingDependency, InputError) as error:
+        return "cpu", str(error)
+    missing = missing_for_cudss() if any(isinstance(b, BasisSolid) for b in body.bodies) else None
+    if missing:
+        return "cpu", missing
+    return "cuda", f"{unknowns} unknowns, and a CUDA device answers"
