@@ -41,7 +41,7 @@ class FakeCudss:
 
     def _cudssDataCreate(self, handle, out):
         assert handle.value in self.alive
-        self._open(out)
+        self._open(out, {})
 
     def _cudssConfigSet(self, config, key, value, size):
         assert size.value == 4
@@ -49,7 +49,9 @@ class FakeCudss:
 
     def _cudssDataSet(self, handle, data, key, values, size):
         assert key == 18
-        self.marks = _memory(values, ctypes.c_int32, size.value // 4).astype(bool)
+        self.alive[data.value]["marks"] = _memory(values, ctypes.c_int32, size.value // 4).astype(
+            bool
+        )
 
     def _cudssMatrixCreateCsr(self, out, rows, columns, nnz, start, end, index, data, *types):
         assert end is None
@@ -75,7 +77,8 @@ class FakeCudss:
         if self.keys[24] and (self.keys[5] > 0 or columns > 1):
             return 4  # not supported in the deterministic mode
         if self.keys.get(23):
-            return self._partial(phase, A, self.alive[b.value], self.alive[x.value])
+            kept = self.alive[data.value]
+            return self._partial(phase, A, kept, self.alive[b.value], self.alive[x.value])
         if phase == 4:
             lowest = np.linalg.eigvalsh(A).min()
             self.info = int(kind == 3 and lowest <= 0)
@@ -87,24 +90,25 @@ class FakeCudss:
             assert phase == 3
         return 0
 
-    def _partial(self, phase, A, b, x):
+    def _partial(self, phase, A, kept, b, x):
         """The Schur mode; the library's deterministic mode is wrong in it."""
         assert not self.keys[24]
-        inner, k = np.flatnonzero(~self.marks)[::-1], int(self.marks.sum())
-        order, m = np.concatenate([inner, np.flatnonzero(self.marks)]), len(A) - k
+        marks = kept["marks"]
+        inner, k = np.flatnonzero(~marks)[::-1], int(marks.sum())
+        order, m = np.concatenate([inner, np.flatnonzero(marks)]), len(A) - k
         P = A[np.ix_(order, order)]
         if phase == 4:
             self.info = int(np.linalg.eigvalsh(P[:m, :m]).min() <= 0)
             if not self.info:
                 L = np.linalg.cholesky(P[:m, :m])
-                self.factor = L, np.linalg.solve(L, P[:m, m:])
-                self.complement = P[m:, m:] - self.factor[1].T @ self.factor[1]
+                kept["factor"] = L, np.linalg.solve(L, P[:m, m:])
+                kept["complement"] = P[m:, m:] - kept["factor"][1].T @ kept["factor"][1]
         elif phase == 48:
-            L, Y = self.factor
+            L, Y = kept["factor"]
             x[:m] = np.linalg.solve(L, b[order[:m]])
             x[m:] = b[order[m:]] - Y.T @ x[:m]
         elif phase == 384:
-            L, Y = self.factor
+            L, Y = kept["factor"]
             x[order[:m]] = np.linalg.solve(L.T, b[:m] - Y @ b[m:])
             x[order[m:]] = b[m:]
         else:
@@ -113,10 +117,11 @@ class FakeCudss:
 
     def _cudssDataGet(self, handle, data, key, out, size, written):
         if key == 19:
-            out._obj[:] = [*self.complement.shape, self.complement.size]
+            marked = int(self.alive[data.value]["marks"].sum())
+            out._obj[:] = [marked, marked, marked**2]
             return
         if key == 20:
-            self.alive[out._obj.value][...] = self.complement
+            self.alive[out._obj.value][...] = self.alive[data.value]["complement"]
             return
         assert key == 0
         out._obj.value = self.info

@@ -93,7 +93,25 @@ def cut(make, element):
     return ContactProblem(disk, disk.arc(), Plane((0.0, -1.02), (0.0, 1.0)), 0.3)
 
 
+def pair(make, element):
+    """A block pressed and dragged on another, each with a stiffness of its own."""
+    dim = element().dim
+    ticks = [np.linspace(0.0, 1.0, 4 if dim == 3 else 6)] * (dim - 1)
+    low, high = (
+        ElasticBody.from_mesh(
+            make.box(element, *ticks, np.linspace(z, z + 1.0, 4)), element(), E=E, nu=0.3
+        )
+        for z, E in ((0.0, 1.0), (1.0, 3.0))
+    )
+    high.fix("top", "xyz"[dim - 1], -0.05).fix("top", "x", 0.01)
+    if dim == 3:
+        high.fix("top", "y")
+    return ContactProblem(high, "bottom", low.fix("bottom").surface("top"), 0.3)
+
+
 CASES = {
+    "pair of Quad1": (pair, ElementQuad1),
+    "pair of Hex1": (pair, ElementHex1),
     "Adini": (held, ElementQuadAdini),
     "P2": (held, ElementTriP2),
     "Hex1": (held, ElementHex1),
@@ -112,7 +130,7 @@ def test_results_of_the_device_are_those_of_the_host(engine, make, case):
     host = pose(make, element).solve()
     problem = pose(make, element)
     condensed = problem.condense(device="cuda")
-    assert isinstance(condensed.parts[0]._factor, DeviceSchur)
+    assert all(isinstance(part._factor, DeviceSchur) for part in condensed.parts)
     result = problem.solve()
     assert make.law_error(result) < 1e-8
     assert np.abs(result.mu - host.mu).max() <= 1e-10 * host.mu.max()
