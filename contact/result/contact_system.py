@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 # machine precisions are 1e-10 of them.
 _TRAVEL = 1e-3
 _DIGITS = 1e-12  # rounding of sums, below which the motion need not be looked at
+# Part of the forces that cancel inside a body below which a contact force is their rounding: that
+# at which the Newton method ends, see `contact.laws.residual.rounding`.
+_NOISE = 10 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, repr=False)
@@ -119,18 +122,20 @@ class ContactSystem:
             surfaces penetration and complementarity are the force that the point of the curve with
             the same ``mu + c (u_n - d)`` has more, or less, than mu. Lengths are relative to
             the largest displacement, or to the one that a contact force alone would cause if that
-            is larger; forces are relative to the largest contact force, or to the rounding of those
-            that cancel inside the body if that is larger. If obstacles are driven by forces, also
-            ``obstacle``: their residual force divided by the sum of moduli.
+            is larger. Forces are what exceeds the rounding of those that cancel inside the body,
+            relative to the largest contact force, or to that rounding if it is larger. If
+            obstacles are driven by forces, also ``obstacle``: their residual force divided by the
+            sum of moduli.
         """
         rows = self.rows
         contact = rows.G.T @ mu + rows.T.T @ t.ravel()
         unbalanced, cancelling = self.body.equilibrium(u, contact, self.load)
         # Where forces cancel and nothing moves, displacements are the rounding of what they cause.
         length = max(self.body.reach(u), self.body.give(contact)) or 1.0
-        size = max(float(np.abs(mu).max(initial=0.0)), float(np.abs(t).max(initial=0.0)))
-        # Forces below the rounding of those that cancel inside have no digits.
-        size = max(size, float(np.finfo(float).eps * cancelling)) or 1.0
+        # Forces below the rounding of those that cancel inside have no digits: a body moved by its
+        # supports until it just touches has no others.
+        noise = _NOISE * cancelling
+        size = max(_largest(mu), _largest(t), noise) or 1.0
         ties = rows.ties
         free = ~ties
         reachable = np.isfinite(rows.gap) & free
@@ -145,12 +150,14 @@ class ContactSystem:
             "balance": self._unbalanced(u, contact),
             "support": self.body.support_error(u) / length,
             "penetration": _largest(np.maximum(through, 0.0)) / length,
-            "sign": _largest(np.maximum(-mu[free], 0.0)) / size,
+            "sign": _beyond(-mu[free], noise) / size,
             "complementarity": _largest(
-                np.minimum(np.abs(mu) / size, np.abs(through) / length)[free]
+                np.minimum(np.maximum(np.abs(mu) - noise, 0.0) / size, np.abs(through) / length)[
+                    free
+                ]
             ),
-            "cone": _largest(np.maximum(np.linalg.norm(t, axis=1) - g, 0.0)[free]) / size,
-            "slip": _largest(returned[live]) / size,
+            "cone": _beyond((np.linalg.norm(t, axis=1) - g)[free], noise) / size,
+            "slip": _beyond(np.abs(returned[live]), noise) / size,
         }
         if self.overclosure:
             result |= self._off_the_curve(mu, through, size, length)
@@ -220,6 +227,10 @@ def _unbalanced_body(body: Any, u: Array, contact: Array, load: Array) -> float:
     if left > _DIGITS and not np.any(loads):  # supports alone cause the forces
         left /= max(1.0, _TRAVEL * body.reach(u) / (body.deformation(u) or 1e-300))
     return left
+
+
+def _beyond(x: Array, bound: float) -> float:
+    return float((x - bound).max(initial=0.0))
 
 
 def _largest(x: Any) -> float:
