@@ -12,6 +12,7 @@ from scipy import sparse
 from contact.checks.cone_program import solve_cones
 from contact.checks.split_program import solve_split
 from contact.checks.surface_slacks import SurfaceSlacks
+from contact.checks.tie_elimination import TieElimination
 from contact.checks.unit_program import UnitProgram
 
 if TYPE_CHECKING:
@@ -178,6 +179,8 @@ class FrozenProblem:
         MissingDependency
             The solver is not installed.
         """
+        if self.bonded.size and not sparse.issparse(self.S):
+            return self._without_ties(solver)
         k = self.bound.size
         slips = self.R.shape[0] // k if k else 1  # of one point
         unit = UnitProgram.of(self.S, self.f, self.G, self.R, slips, self.E)
@@ -198,6 +201,45 @@ class FrozenProblem:
         z = None if w is None else (unit.back @ w)[: self.unknowns]
         return Answer(z, forces[:m], forces[m:].reshape(self.shape), seconds)
 
+    def _without_ties(self, solver: str) -> Answer:
+        """The answer in unknowns that satisfy the equations of bonded points exactly."""
+        unit = 1.0 / np.sqrt(self.S.diagonal())
+        ties = TieElimination.of(self.E, self.closed, unit)
+        start, free = ties.start, ties.free
+        G, R = self.G @ free, self.R @ free
+        touches = _kept(G, self.G * unit)  # the others are decided by the equations
+        touches[self.pressing.size :] = True  # limits of slacks
+        slides = np.ones(R.shape[0], dtype=bool) if self.cones else _kept(R, self.R * unit)
+        reduced = replace(
+            self,
+            S=free.T @ self.S @ free,
+            f=free.T @ (self.f - self.S @ start),
+            G=G[touches],
+            gap=(self.gap - self.G @ start)[touches],
+            R=R[slides],
+            offset=(self.offset + self.R @ start)[slides],
+            E=np.zeros((0, free.shape[1])),
+            closed=np.zeros(0),
+            bound=self.bound if self.cones else self.bound[slides],
+            pressing=self.pressing[touches[: self.pressing.size]],
+            rubbing=self.rubbing[slides],
+            bonded=self.bonded[:0],
+            unknowns=free.shape[1],
+        )
+        m = self.shape[0]
+        answer = Answer(np.zeros(0), np.zeros(m), np.zeros(self.shape), 0.0)
+        if free.shape[1]:  # else the equations alone decide
+            answer = reduced.solved_by(solver)
+        if answer.z is None:
+            return answer
+        z = start + free @ answer.z
+        forces = np.concatenate((answer.mu, answer.t.ravel()))
+        pressed = self.G[: self.pressing.size].T @ forces[self.pressing]
+        left = self.f - self.S @ z - pressed - self.R.T @ forces[self.rubbing]
+        forces[self.bonded] = ties.forces(left, self.bonded.size)
+        mu, t = forces[:m], forces[m:].reshape(self.shape)
+        return Answer(z[: self.unknowns], mu, t, answer.seconds)
+
 
 def _targets(result: ContactResult) -> tuple[Array, Array]:
     """Gap of each point, and the tangential displacement that is no slip, obstacles included."""
@@ -215,6 +257,12 @@ def _blocks(parts: list[list[Any]], dense: bool) -> Any:
     """A matrix of blocks; None is zero."""
     found = sparse.block_array(parts, format="csr")
     return found.toarray() if dense else found
+
+
+def _kept(rows: Array, before: Array) -> NDArray[np.bool_]:
+    """Which rows an elimination has not reduced to the rounding of what they were before."""
+    left, size = (np.linalg.norm(part, axis=1) for part in (rows, before))
+    return np.asarray(left > 1e-10 * size)
 
 
 def _nonzero_rows(rows: Any) -> Index:

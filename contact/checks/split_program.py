@@ -34,7 +34,7 @@ def solve_split(
     else:
         one, none = np.eye(k), np.zeros((n, k))
         P = np.block([[unit.P, none], [none.T, 0.0 * one]])
-        A = np.hstack((unit.E, np.zeros((closed.size, k))))
+        A = np.zeros((0, n + k))  # equations are eliminated
         H = np.block([[unit.G, np.zeros((gap.size, k))], [unit.R, -one], [-unit.R, -one]])
     h = np.concatenate((gap, -offset, offset))
     equal = (A, closed) if closed.size else (None, None)

@@ -79,6 +79,8 @@ def solve_with(
         return sparse.csc_matrix(matrix)
 
     options = dict(_OPTIONS.get(solver, {}))
+    if solver == "osqp" and all(rows is None or rows.shape[0] == 0 for rows in (G, A, lb, ub)):
+        options["polishing"] = False  # it prints that there is nothing to polish
     if solver == "proxqp" and not as_sparse:
         options["backend"] = "dense"
     scale = float(abs(P).max()) or 1.0

@@ -17,6 +17,7 @@ from skfem_adini.plot import plot_matrix, plot_shape_function
 
 @pytest.fixture(autouse=True)
 def _no_open_figures():
+    plt.close("all")  # other tests of this process may have left some
     yield
     plt.close("all")
 

@@ -50,9 +50,10 @@ def test_the_displacement_is_right_where_forces_may_not_be_unique(element, kinds
     result = problem.solve()
     assert max(result.kkt.values()) <= 1e-10
     check = cross_check(problem, result)
-    # Nearly dependent rows slow the other solver down; it ends at 1e-8 of its own residual then.
-    assert check.displacement <= 1e-5, check
-    assert check.effect <= 1e-5, check
+    # The other solver is given unknowns that satisfy the ties, which nearly determine other rows.
+    assert check.verdict != "disagrees", check
+    assert check.displacement <= 1e-7, check
+    assert check.effect <= 1e-7, check
     assert check.objective <= 1e-8, check
     # The forces at the corners are not unique, but what all pairs transmit to a body is.
     for body, load in (("left", [0.03, -0.05]), ("right", [-0.03, -0.08])):
