@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import skfem
 from numpy.typing import NDArray
-from skfem import MappingIsoparametric, Mesh
+from skfem import Basis, MappingIsoparametric, Mesh
 
 from contact.errors import InputError
 from contact.facet_basis import places_on_facets
+from skfem_adini.arguments.kept_functions import functions_of_another_mesh
 
 FLAT = 1e-12  # thickness over size: less is rounding of the vertices' places
 
@@ -80,11 +81,20 @@ def _check_beside(mesh: Mesh, mapping: Any) -> None:
         )
 
 
-def check_rectangles(mesh: Mesh, element: Any) -> None:
-    """Raise where scikit-fem's own Bogner-Fox-Schmit element meets other cells than rectangles.
+def check_functions(basis: Basis) -> None:
+    """Raise where an element of scikit-fem has other shape functions than its cells need.
 
-    It takes any cells, but along sides that are not parallel to an axis its functions jump.
+    Those that a global functional defines keep the functions of the first mesh they were used on.
+    The Bogner-Fox-Schmit element takes any cells, but along sides that are not parallel to an axis
+    its functions jump.
     """
+    mesh, element = basis.mesh, basis.elem.elem
+    if functions_of_another_mesh(element, basis.mapping):
+        name = type(element).__name__
+        raise InputError(
+            f"basis: this skfem.{name} has kept the shape functions of another mesh that it was "
+            f"used on before; build the basis with a new skfem.{name}()"
+        )
     if not isinstance(element, skfem.ElementQuadBFS):
         return
     corner = mesh.p[:, mesh.t]

@@ -20,7 +20,7 @@ from skfem import (
 from contact.body.anisotropic import Anisotropic
 from contact.body.axisymmetry import AXISYMMETRIC, axis_facets, refuse_axis
 from contact.body.boundary_names import select_components, select_facets
-from contact.body.cell_check import check_cells, check_rectangles
+from contact.body.cell_check import check_cells, check_functions
 from contact.body.coupled_body import CoupledBody
 from contact.body.mesh_file import read_mesh
 from contact.body.multipoint import column_lengths, coupled
@@ -105,7 +105,7 @@ class ElasticBody(CoupledBody, HeatedBody):
                 f"{basis.mesh.dim()}; both must be 2 or both 3"
             )
         check_cells(basis.mesh)
-        check_rectangles(basis.mesh, basis.elem.elem)
+        check_functions(basis)
         self.basis, self.dim, self.element = basis, basis.elem.dim, basis.elem.elem
         self._portable = PortableBasis(basis)
         if material is None and (E is None or nu is None):

@@ -123,7 +123,11 @@ def dof_lengths(body: Discretised) -> Array:
 
 
 def describe_motion(body: Discretised, u: Array) -> str:
-    """Name a rigid motion, e.g. "a translation along x" or "a rotation about (0, 1)"."""
+    """Name a rigid motion, e.g. "a translation along x" or "a rotation about (0, 1)".
+
+    The motion may come from a linear program that friction within 1e-6 of its limit satisfies: its
+    rotation is then determined to that order and its direction to the root of it.
+    """
     if body.is_ring:
         return "a translation along the axis y"
     modes = rigid_modes(body)
@@ -135,9 +139,9 @@ def describe_motion(body: Discretised, u: Array) -> str:
     entity, points, _ = dof_entities(body.basis)
     where = points[:, np.unique(entity[np.abs(modes[:, k * per_piece]) > 0])]
     reach = float(np.ptp(where, axis=1).max())
-    if np.abs(turn).max() * reach < 1e-8 * np.abs(shift).max():
+    if np.abs(turn).max() * reach < 1e-5 * np.abs(shift).max():
         axis = int(np.argmax(np.abs(shift)))
-        pure = np.abs(np.delete(shift, axis)).max() < 1e-8 * abs(shift[axis])
+        pure = np.abs(np.delete(shift, axis)).max() < 2e-3 * abs(shift[axis])
         direction = "xyz"[axis] if pure else str(np.round(shift / np.linalg.norm(shift), 4))
         return f"a translation along {direction}"
     if dim == 2:

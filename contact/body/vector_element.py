@@ -10,6 +10,7 @@ from skfem.element import Element, ElementVector
 
 from contact.errors import InputError
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
+from skfem_adini.arguments.kept_functions import without_functions
 
 _OURS = (ElementQuadAdini, ElementHexAdini, ElementQuadBFS)
 # Elements with u and its gradient at the vertices; scikit-fem has a class ElementQuadBFS as well.
@@ -31,7 +32,8 @@ def vector_element(element: Any, mesh: Mesh) -> ElementVector:
     """Return an `ElementVector` of a scalar element, or the vector element itself.
 
     Scalar elements of `skfem_adini` are constructed anew without Hessian: strains need none, and
-    `ElementVector` would copy it into every function, at twice the time and memory.
+    `ElementVector` would copy it into every function, at twice the time and memory. Those of
+    scikit-fem that keep the shape functions of the first mesh they met are copied without them.
 
     Raises
     ------
@@ -50,4 +52,4 @@ def vector_element(element: Any, mesh: Mesh) -> ElementVector:
         raise InputError(
             f"element: {type(element.elem).__name__} does not live on {type(mesh).__name__}"
         )
-    return element
+    return without_functions(element)

@@ -26,10 +26,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from skfem import MeshHex, MeshQuad
-from skfem.element import ElementGlobal
 
 from contact.body.elastic_body import ElasticBody
-from contact.errors import InputError
 from contact.spectral.transforms import namespace
 
 Waves = Any  # arrays of NumPy or CuPy, shape (waves, r, r) or (waves, r) with r unknowns a node
@@ -44,19 +42,7 @@ class Slab(NamedTuple):
 
 
 def cell(sizes: Sequence[float], element: Any, **material: Any) -> ElasticBody:
-    """A body of one rectangle or brick.
-
-    Raises
-    ------
-    InputError
-        An element of scikit-fem that belongs to the first mesh it is used on.
-    """
-    if isinstance(getattr(element, "elem", element), ElementGlobal):
-        name = type(getattr(element, "elem", element)).__name__
-        raise InputError(
-            f"element: skfem.{name} keeps the shape functions of its first mesh and cannot serve "
-            "layers of several heights; take one of skfem_adini"
-        )
+    """A body of one rectangle or brick."""
     kind = MeshQuad if len(sizes) == 2 else MeshHex
     mesh = kind.init_tensor(*([0.0, size] for size in sizes))
     return ElasticBody.from_mesh(mesh, element, **material)

@@ -13,6 +13,7 @@ from skfem import Basis, Mesh
 from skfem.assembly import Dofs
 from skfem.element import Element
 
+from skfem_adini.arguments.kept_functions import without_functions
 from skfem_adini.assembly.assemble import assemble
 from skfem_adini.distributed.communicator import Communicator, total, world
 from skfem_adini.distributed.distributed_matrix import DistributedMatrix
@@ -90,7 +91,8 @@ class DistributedBasis:
         self.piece: Piece = own_piece(mesh, self.comm)
         self._mesh = mesh
         # Elements may keep what they computed on one mesh.
-        on_cells = deepcopy(element) if isinstance(element, Element) else element(self.piece.mesh)
+        own = isinstance(element, Element)
+        on_cells = without_functions(deepcopy(element)) if own else element(self.piece.mesh)
         self.basis = Basis(self.piece.mesh, on_cells, **options)
         self._refuse_orientation()
         self._number()

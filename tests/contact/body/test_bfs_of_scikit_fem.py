@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 import skfem
 from skfem import Basis, ElementVector, MeshQuad
+from skfem.models.poisson import laplace
 
 import skfem_adini
-from contact import ContactProblem, ElasticBody, Plane
+from contact import ContactProblem, ElasticBody, InputError, Plane
 from skfem_adini import essential_dofs, nodal_gradient, to_pyvista
+from skfem_adini.distributed import DistributedBasis
 
 BOTH = (skfem.ElementQuadBFS, skfem_adini.ElementQuadBFS)
 MESH = MeshQuad().refined(2).with_defaults()
@@ -49,3 +51,37 @@ def test_messages_say_whose_element_it_is():
         essential_dofs(basis)
     with pytest.raises(skfem_adini.InputError, match=r"got skfem\.ElementQuadBFS"):
         skfem_adini.hanging_constraints(Basis(MESH, skfem.ElementQuadBFS()))
+
+
+LONG = MeshQuad.init_tensor(3 * np.linspace(0, 1, 5), np.linspace(0, 1, 5))
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_an_element_used_on_another_mesh_before(wrapped):
+    """It keeps the functions of its first mesh; bodies take a copy without them."""
+    used = skfem.ElementQuadBFS()
+    Basis(MESH, used)
+    used = ElementVector(used) if wrapped else used
+    theirs = ElasticBody.from_mesh(LONG, used, E=2.0, nu=0.3).stiffness
+    ours = ElasticBody.from_mesh(LONG, skfem_adini.ElementQuadBFS(), E=2.0, nu=0.3).stiffness
+    assert abs(theirs - ours).max() < 1e-10 * abs(ours).max()
+    again = ElasticBody.from_mesh(MESH, used, E=2.0, nu=0.3).stiffness
+    fresh = ElasticBody.from_mesh(MESH, skfem.ElementQuadBFS(), E=2.0, nu=0.3).stiffness
+    assert abs(again - fresh).max() == 0.0
+
+
+def test_a_basis_with_functions_of_another_mesh_is_refused():
+    used = ElementVector(skfem.ElementQuadBFS())
+    ElasticBody(Basis(MESH, used), E=2.0, nu=0.3)
+    ElasticBody(Basis(MESH, used), E=2.0, nu=0.3)  # the same mesh again
+    basis = Basis(LONG, used)
+    with pytest.raises(InputError, match=r"skfem\.ElementQuadBFS has kept the shape functions of"):
+        ElasticBody(basis, E=2.0, nu=0.3)
+
+
+def test_a_distributed_space_of_one_process():
+    used = skfem.ElementQuadBFS()
+    Basis(MESH, used)
+    found = DistributedBasis(LONG, used).assemble(laplace).gather()
+    expected = laplace.assemble(Basis(LONG, skfem.ElementQuadBFS()))
+    assert abs(found - expected).max() < 1e-10 * abs(expected).max()

