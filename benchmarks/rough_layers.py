@@ -33,13 +33,16 @@ def surface(n: int) -> Rough:
 
 def counted(block: Any) -> dict[str, int]:
     """Count the products of a block."""
-    count, product = {"products": 0}, block.apply
+    count = {"products": 0}
 
-    def apply(forces: Any) -> Any:
-        count["products"] += 1
-        return product(forces)
+    def counting(product: Any) -> Any:
+        def apply(forces: Any) -> Any:
+            count["products"] += 1
+            return product(forces)
 
-    block.apply = apply
+        return apply
+
+    block.apply, block.apply_normal = counting(block.apply), counting(block.apply_normal)
     return count
 
 

@@ -72,5 +72,30 @@ class HeightSpline:
 
     def _value(self, places: Array, order: NDArray[np.int64]) -> Array:
         size = self.lengths.reshape((-1,) + (1,) * (places.ndim - 1))
+        axes = _axes(places)
+        if axes is not None:
+            return self._on_grid(axes, order)
         inside = places % size if self.periodic else places
         return np.asarray(self._spline(np.moveaxis(np.clip(inside, 0.0, size), 0, -1), nu=order))
+
+    def _on_grid(self, axes: list[Array], order: NDArray[np.int64]) -> Array:
+        """Values on a tensor grid, direction by direction: many times faster than by places."""
+        values = self._spline.c
+        for axis, (x, length, nu) in enumerate(zip(axes, self.lengths, order, strict=True)):
+            inside = np.clip(x % length if self.periodic else x, 0.0, length)
+            t, degree = self._spline.t[axis], self._spline.k[axis]
+            values = scipy.interpolate.BSpline(t, values, degree, axis=axis)(inside, nu=nu)
+        return np.asarray(values)
+
+
+def _axes(places: Array) -> list[Array] | None:
+    """Coordinates along each axis of places (dim - 1, ...) that are a tensor grid, else None."""
+    if places.ndim != len(places) + 1 or not places.size:
+        return None
+    axes = []
+    for i, x in enumerate(places):
+        lines = np.moveaxis(x, i, 0).reshape(x.shape[i], -1)
+        if not np.all(lines == lines[:, :1]):
+            return None
+        axes.append(lines[:, 0])
+    return axes

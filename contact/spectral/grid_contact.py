@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -90,7 +91,7 @@ class GridContact:
                     f"obstacle: nothing holds the body along {'xyz'[i]}; drive the obstacle there "
                     "by a force, Rigid(obstacle, force=...)"
                 )
-        self.gap()
+        _ = self._gap  # its errors belong here
 
     @property
     def _rigid(self) -> Rigid:
@@ -130,6 +131,10 @@ class GridContact:
         InputError
             NaN, another shape than that of the grid.
         """
+        return self._gap.copy()
+
+    @cached_property
+    def _gap(self) -> Array:
         x = self.points()
         normal = np.asarray(self.compliance.normal).reshape((-1,) + (1,) * (x.ndim - 1))
         return evaluate_gap(self._rigid.obstacle, x, np.broadcast_to(normal, x.shape))
@@ -231,7 +236,7 @@ class GridContact:
         v0 = problem.turned(initial) - moved
         if after is not None:
             v0[1:] -= xp.asarray(after.slip)
-        return GridProblem(self.compliance, v0, xp.asarray(self.gap()), -turn * force[order])
+        return GridProblem(self.compliance, v0, xp.asarray(self._gap), -turn * force[order])
 
     def _check_forces(self, problem: GridProblem, friction: Array) -> None:
         total = problem.force[0]

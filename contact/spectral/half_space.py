@@ -9,10 +9,10 @@ import numpy as np
 import scipy
 
 from contact.errors import InputError, numbers
-from contact.spectral.transforms import filtered
+from contact.spectral.filtered_compliance import FilteredCompliance
 
 
-class HalfSpace:
+class HalfSpace(FilteredCompliance):
     r"""An elastic half space (2-D: half plane in plane strain) whose loads repeat periodically.
 
     Per wave vector k of the surface with outward normal n the displacements are, with
@@ -101,68 +101,12 @@ class HalfSpace:
         inverse = np.linalg.inv(np.moveaxis(symbol, (0, 1), (-2, -1)))
         self.stiffness = xp.asarray(np.moveaxis(inverse, (-2, -1), (0, 1)))
         symbol[(slice(None), slice(None)) + (0,) * len(self.shape)] = 0.0
-        self._symbol = xp.asarray(symbol)
         axis = int(np.argmax(np.abs(given)))
-        own = symbol[axis, axis].real
-        self._normal = xp.asarray(own)[None, None]
-        stiff = 1.0 / np.where(own > 0, own, own[own > 0].max())
-        self._normal_inverse = xp.asarray(stiff)[None, None]
+        self._take_symbols(xp.asarray(symbol), self.stiffness, axis)
 
     def __repr__(self) -> str:
         """Say how many points there are."""
         return f"HalfSpace({' x '.join(map(str, self.shape))} points)"
-
-    def apply(self, forces: Any) -> Any:
-        """Displacements of the points under forces on them, both of shape (dim, nx[, ny]).
-
-        Parameters
-        ----------
-        forces : array, shape (dim, nx[, ny])
-
-        Returns
-        -------
-        array, shape (dim, nx[, ny])
-        """
-        return filtered(self._symbol, forces)
-
-    def precondition(self, displacements: Any) -> Any:
-        """Forces that cause given displacements; their mean is treated as a long wave.
-
-        Parameters
-        ----------
-        displacements : array, shape (dim, nx[, ny])
-
-        Returns
-        -------
-        array, shape (dim, nx[, ny])
-        """
-        return filtered(self.stiffness, displacements)
-
-    def apply_normal(self, forces: Any) -> Any:
-        """Normal displacements under normal forces alone, both of shape (nx[, ny]).
-
-        Parameters
-        ----------
-        forces : array, shape (nx[, ny])
-
-        Returns
-        -------
-        array, shape (nx[, ny])
-        """
-        return filtered(self._normal, forces[None])[0]
-
-    def precondition_normal(self, displacements: Any) -> Any:
-        """Normal forces alone that cause given normal displacements.
-
-        Parameters
-        ----------
-        displacements : array, shape (nx[, ny])
-
-        Returns
-        -------
-        array, shape (nx[, ny])
-        """
-        return filtered(self._normal_inverse, displacements[None])[0]
 
 
 def _symbol(

@@ -15,17 +15,18 @@ from contact.body.elastic_body import ElasticBody
 from contact.body.layers.layers import read_layers
 from contact.body.rigid_modes import dof_kinds
 from contact.errors import InputError, numbers
+from contact.spectral.filtered_compliance import FilteredCompliance
 from contact.spectral.half_space import HalfSpace
 from contact.spectral.inside import fields_at, layer_of, read_forces, read_points
 from contact.spectral.meshed_layers import meshed
 from contact.spectral.slab_symbols import Stack, cell, cell_slab
-from contact.spectral.transforms import fft_of, filtered, host
+from contact.spectral.transforms import fft_of, host
 
 Array = NDArray[np.float64]
 _AXES = "xyz"
 
 
-class PeriodicLayers:
+class PeriodicLayers(FilteredCompliance):
     r"""Layers of equal cells under periodic loads, condensed onto their lower side wave by wave.
 
     The stiffness is that of the finite elements, bilinear or trilinear ones by default, exactly:
@@ -146,33 +147,6 @@ class PeriodicLayers:
         """Number of unknowns of all nodes of the layers that are not fixed."""
         rows = sum(layer.cells for layer in self.layers)
         return int(np.prod(self.shape)) * (self._lengths.size * rows + len(self._loose))
-
-    def apply(self, forces: Any) -> Any:
-        """Displacement of the lower side that forces on its points cause, of their shape.
-
-        Parameters
-        ----------
-        forces : array, shape (dim, nx[, ny])
-            The mean is left out in components that nothing holds.
-
-        Returns
-        -------
-        array, shape (dim, nx[, ny])
-        """
-        return filtered(self._compliance, forces)
-
-    def precondition(self, displacements: Any) -> Any:
-        """Forces that cause given displacements; in means that nothing holds, those of a held top.
-
-        Parameters
-        ----------
-        displacements : array, shape (dim, nx[, ny])
-
-        Returns
-        -------
-        array, shape (dim, nx[, ny])
-        """
-        return filtered(self._stiffness, displacements)
 
     def displacement(self, forces: Any, row: int) -> Any:
         """Displacement of the nodes on one level inside, under forces on the lower side.
@@ -372,8 +346,11 @@ class PeriodicLayers:
         stiffness = xp.linalg.inv(compliance)
         compliance[0][self._adrift, self._adrift] = 0.0
         shape = (self.dim, self.dim, *self.shape[:-1], self.shape[-1] // 2 + 1)
-        self._stiffness = xp.ascontiguousarray(xp.moveaxis(stiffness, 0, 2)).reshape(shape)
-        self._compliance = xp.ascontiguousarray(xp.moveaxis(compliance, 0, 2)).reshape(shape)
+        compliance, stiffness = (
+            xp.ascontiguousarray(xp.moveaxis(part, 0, 2)).reshape(shape)
+            for part in (compliance, stiffness)
+        )
+        self._take_symbols(compliance, stiffness, self.dim - 1)
 
 
 def _kinds(body: ElasticBody) -> NDArray[np.int64]:

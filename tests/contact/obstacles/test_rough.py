@@ -52,6 +52,27 @@ def test_heights_at_grid_points_are_exact(kind, periodic):
         assert np.all(np.isinf(rough(shifted + 1e-3, down)))
 
 
+@pytest.mark.parametrize("kind", ["cubic", "linear"])
+@pytest.mark.parametrize("periodic", [True, False])
+def test_a_tensor_grid_of_places_and_the_same_places_in_a_row(kind, periodic):
+    """Grids are evaluated direction by direction, other places one by one."""
+    rng = np.random.default_rng(5)
+    rough = Rough(rng.standard_normal((7, 11)), L, periodic=periodic, interpolation=kind)
+    axes = [rng.uniform(-0.3, 1.3, m) * s for m, s in ((12, L[0]), (9, L[1]))]
+    x = np.array(np.meshgrid(*axes, [0.1], indexing="ij"))[..., 0]
+    down = np.stack((0 * x[0], 0 * x[0], 0 * x[0] - 1))
+    row = rough(x.reshape(3, -1), down.reshape(3, -1)).reshape(x.shape[1:])
+    assert np.isfinite(row).any()
+    assert rough(x, down) == pytest.approx(row, abs=1e-12)
+    for one, other in zip(rough.distance(x), rough.distance(x.reshape(3, -1)), strict=True):
+        assert one == pytest.approx(other.reshape(one.shape), abs=1e-11)
+    # No grid, though of the same shape: rows of it are rolled.
+    rolled = x.copy()
+    rolled[1, 0] = np.roll(x[1, 0], 1)
+    expected = np.vstack((np.roll(row[0], 1), row[1:]))
+    assert rough(rolled, down) == pytest.approx(expected, abs=1e-12)
+
+
 def test_gradient_of_the_distance():
     t = np.random.default_rng(2).uniform(0, 1, (2, 50)) * np.array(L)[:, None]
     x = np.vstack((t, wave(t)[None]))

@@ -133,6 +133,21 @@ def test_a_uniform_pressure_compresses_each_layer_by_its_own_modulus():
     assert repr(block) == "PeriodicLayers(3-D, 4 x 4 x 5 cells, 240 unknowns)"
 
 
+@pytest.mark.parametrize("more", [{}, {"top": "x"}, {"base": (2.0, 0.2)}])
+@pytest.mark.parametrize("lengths", [2.0, (2.0, 3.0)])
+def test_normal_products_alone(lengths, more):
+    """They are parts of the whole ones; the preconditioner inverts them but for a free mean."""
+    cells = 6 if isinstance(lengths, float) else (6, 5)
+    block = PeriodicLayers(lengths, COATED, cells, **more)
+    forces = np.zeros((block.dim, *block.shape))
+    forces[-1] = np.random.default_rng(1).standard_normal(block.shape)
+    u = block.apply_normal(forces[-1])
+    np.testing.assert_allclose(u, block.apply(forces)[-1], atol=1e-13 * np.abs(u).max())
+    again = block.precondition_normal(u)
+    wanted = forces[-1] - (forces[-1].mean() if more else 0.0)
+    np.testing.assert_allclose(again, wanted, atol=1e-11)
+
+
 def test_an_element_that_keeps_shape_functions_serves_layers_of_several_heights():
     forces = np.random.default_rng(0).standard_normal((2, 4)) / 50
     theirs, ours = (

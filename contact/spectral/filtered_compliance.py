@@ -1,0 +1,77 @@
+"""Compliance of a surface grid whose waves do not know each other: products by transforms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from contact.spectral.transforms import filtered, namespace
+
+
+class FilteredCompliance:
+    """Displacements under forces on a grid, by a symbol of each wave of a real transform."""
+
+    _compliance: Any
+    _stiffness: Any
+    _normal_compliance: Any
+    _normal_stiffness: Any
+
+    def _take_symbols(self, compliance: Any, stiffness: Any, normal: int) -> None:
+        """Keep the symbols (dim, dim, ...), and those of the component `normal` alone."""
+        xp, own = namespace(compliance), compliance[normal, normal].real
+        # A mean that nothing holds is treated as the softest wave.
+        held = xp.where(own > 0, own, own.max())
+        self._compliance, self._stiffness = compliance, stiffness
+        self._normal_compliance, self._normal_stiffness = own[None, None], 1.0 / held[None, None]
+
+    def apply(self, forces: Any) -> Any:
+        """Displacements of the points that forces on them cause.
+
+        Parameters
+        ----------
+        forces : array, shape (dim, nx[, ny])
+            The mean is left out in components that nothing holds.
+
+        Returns
+        -------
+        array, shape (dim, nx[, ny])
+        """
+        return filtered(self._compliance, forces)
+
+    def precondition(self, displacements: Any) -> Any:
+        """Forces that cause given displacements, or nearly so in means that nothing holds.
+
+        Parameters
+        ----------
+        displacements : array, shape (dim, nx[, ny])
+
+        Returns
+        -------
+        array, shape (dim, nx[, ny])
+        """
+        return filtered(self._stiffness, displacements)
+
+    def apply_normal(self, forces: Any) -> Any:
+        """Normal displacements under normal forces alone.
+
+        Parameters
+        ----------
+        forces : array, shape (nx[, ny])
+
+        Returns
+        -------
+        array, shape (nx[, ny])
+        """
+        return filtered(self._normal_compliance, forces[None])[0]
+
+    def precondition_normal(self, displacements: Any) -> Any:
+        """Normal forces alone that cause given normal displacements.
+
+        Parameters
+        ----------
+        displacements : array, shape (nx[, ny])
+
+        Returns
+        -------
+        array, shape (nx[, ny])
+        """
+        return filtered(self._normal_stiffness, displacements[None])[0]
