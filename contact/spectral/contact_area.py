@@ -1,4 +1,4 @@
-"""Area and perimeter of the contact on a periodic grid."""
+"""Area and perimeter of the contact on a grid."""
 
 from __future__ import annotations
 
@@ -8,17 +8,40 @@ from numpy.typing import NDArray
 from contact.errors import InputError
 
 
-def perimeter(touching: NDArray[np.bool_], spacing: tuple[float, ...]) -> float:
-    """Length of the edges between cells in contact and others; of a profile the number of ends."""
-    cell = float(np.prod(spacing))
-    edges = (
-        np.count_nonzero(touching != np.roll(touching, 1, axis)) * cell / h
-        for axis, h in enumerate(spacing)
-    )
-    return float(sum(edges))
+def perimeter(
+    touching: NDArray[np.bool_],
+    spacing: tuple[float, ...],
+    mirrored: tuple[bool, ...] = (False, False),
+) -> float:
+    """Length of the edges between cells in contact and others; of a profile the number of ends.
+
+    Cells on a side that is not periodic, but mirrored, are halves.
+    """
+    cell, length = float(np.prod(spacing)), 0.0
+    for axis, h in enumerate(spacing):
+        share = shares(touching.shape, mirrored)
+        if mirrored[axis]:
+            edges = np.diff(touching, axis=axis)
+            share = np.take(share, [1], axis=axis)
+        else:
+            edges = touching != np.roll(touching, 1, axis)
+        length += float(np.sum(edges * share)) * cell / h
+    return length
 
 
-def corrected_area(touching: NDArray[np.bool_], spacing: tuple[float, ...]) -> float:
+def shares(shape: tuple[int, ...], mirrored: tuple[bool, ...]) -> NDArray[np.float64]:
+    """Area of each point in units of a cell."""
+    whole = np.ones(shape)
+    for axis in np.flatnonzero(mirrored[: len(shape)]):
+        np.moveaxis(whole, axis, 0)[[0, -1]] *= 0.5
+    return whole
+
+
+def corrected_area(
+    touching: NDArray[np.bool_],
+    spacing: tuple[float, ...],
+    mirrored: tuple[bool, ...] = (False, False),
+) -> float:
     r"""Contact area from the cells in contact, corrected by their perimeter.
 
     The area counted is too large by about :math:`(\pi - 1 + \ln 2) / 24` times perimeter times
@@ -32,6 +55,6 @@ def corrected_area(touching: NDArray[np.bool_], spacing: tuple[float, ...]) -> f
     """
     if touching.ndim != 2:
         raise InputError("corrected_area: the correction is known for surfaces, not for profiles")
-    counted = float(np.count_nonzero(touching) * np.prod(spacing))
-    excess = (np.pi - 1 + np.log(2)) / 24 * perimeter(touching, spacing)
+    counted = float((touching * shares(touching.shape, mirrored)).sum() * np.prod(spacing))
+    excess = (np.pi - 1 + np.log(2)) / 24 * perimeter(touching, spacing, mirrored)
     return counted - excess * float(np.sqrt(np.prod(spacing)))

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from typing import Any
 
+from contact.spectral.lateral_waves import LateralWaves
 from contact.spectral.transforms import filtered, namespace
 
 
 class FilteredCompliance:
-    """Displacements under forces on a grid, by a symbol of each wave of a real transform."""
+    """Displacements under forces on a grid, by a symbol of each wave of a real transform.
+
+    `_lateral` are the waves where a direction is not periodic.
+    """
 
     _compliance: Any
     _stiffness: Any
     _normal_compliance: Any
     _normal_stiffness: Any
+    _lateral: LateralWaves | None = None
 
     def _take_symbols(self, compliance: Any, stiffness: Any, normal: int) -> None:
         """Keep the symbols (dim, dim, ...), and those of the component `normal` alone."""
@@ -35,7 +40,7 @@ class FilteredCompliance:
         -------
         array, shape (dim, nx[, ny])
         """
-        return filtered(self._compliance, forces)
+        return self._moved(self._compliance, forces, 0)
 
     def precondition(self, displacements: Any) -> Any:
         """Forces that cause given displacements, or nearly so in means that nothing holds.
@@ -48,7 +53,7 @@ class FilteredCompliance:
         -------
         array, shape (dim, nx[, ny])
         """
-        return filtered(self._stiffness, displacements)
+        return self._loaded(self._stiffness, displacements, 0)
 
     def apply_normal(self, forces: Any) -> Any:
         """Normal displacements under normal forces alone.
@@ -61,7 +66,7 @@ class FilteredCompliance:
         -------
         array, shape (nx[, ny])
         """
-        return filtered(self._normal_compliance, forces[None])[0]
+        return self._moved(self._normal_compliance, forces[None], forces.ndim)[0]
 
     def precondition_normal(self, displacements: Any) -> Any:
         """Normal forces alone that cause given normal displacements.
@@ -74,4 +79,15 @@ class FilteredCompliance:
         -------
         array, shape (nx[, ny])
         """
-        return filtered(self._normal_stiffness, displacements[None])[0]
+        return self._loaded(self._normal_stiffness, displacements[None], displacements.ndim)[0]
+
+    def _moved(self, symbol: Any, forces: Any, first: int) -> Any:
+        """Displacements of the components from `first` on under forces on them."""
+        if self._lateral is None:
+            return filtered(symbol, forces)
+        return self._lateral.filtered(symbol, self._lateral.doubled(forces), first)
+
+    def _loaded(self, symbol: Any, displacements: Any, first: int) -> Any:
+        if self._lateral is None:
+            return filtered(symbol, displacements)
+        return self._lateral.halved(self._lateral.filtered(symbol, displacements, first))

@@ -19,6 +19,7 @@ from contact.spectral.frictionless import frictionless
 from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import GridProblem
 from contact.spectral.grid_result import GridResult, certified
+from contact.spectral.transforms import host
 
 Array = NDArray[np.float64]
 
@@ -139,6 +140,11 @@ class GridContact:
         normal = np.asarray(self.compliance.normal).reshape((-1,) + (1,) * (x.ndim - 1))
         return evaluate_gap(self._rigid.obstacle, x, np.broadcast_to(normal, x.shape))
 
+    @property
+    def _areas(self) -> Any:
+        """Area of each point, a number or of the shape of the grid."""
+        return float(np.prod(self.compliance.spacing)) * getattr(self.compliance, "weights", 1.0)
+
     def _friction(self) -> Array:
         value = evaluated("friction", self.friction, self.points())
         shape = self.compliance.shape
@@ -189,8 +195,9 @@ class GridContact:
         xp = problem.xp
         l, a = xp.zeros_like(problem.v0), np.zeros(len(problem.v0))
         l[0], a[0] = mu, lift
+        _check_fixed(problem, l, a)
         coulomb = self.law == "coulomb"
-        area = 1.0 if coulomb else float(np.prod(self.compliance.spacing))
+        area = 1.0 if coulomb else host(self._areas)
         law = GridFriction(xp.asarray(friction * area), coulomb)
         if np.any(friction > 0) and (bool((mu > 0).any()) or not coulomb):
             for i in problem.free:
@@ -243,13 +250,30 @@ class GridContact:
         if total < 0:
             raise Infeasible("obstacle: the force pulls it off the body; turn it round")
         drag = np.linalg.norm(np.nan_to_num(problem.force[1:]))
-        area = float(np.prod(self.compliance.spacing))
-        most = friction.max() * total if self.law == "coulomb" else friction.sum() * area
+        most = (
+            friction.max() * total
+            if self.law == "coulomb"
+            else float((friction * host(self._areas)).sum())
+        )
         if np.any(friction > 0) and drag > 0 and drag >= most * (1 - 1e-12):
             raise Infeasible(
                 f"obstacle: the force {drag:.6g} along the surface is beyond the friction, which "
                 f"holds {most:.6g}; let it move by a displacement"
             )
+
+
+def _check_fixed(problem: GridProblem, l: Any, a: Any) -> None:
+    """Raise an `Infeasible` where the obstacle enters a point that a side holds."""
+    if problem.fixed is None:
+        return
+    through = problem.xp.where(problem.fixed, problem.displacements(l, a)[0] - problem.gap, -np.inf)
+    deepest, place = float(through.max()), int(through.argmax())
+    if deepest > 1e-10 * float(problem.xp.abs(problem.v0[0]).max() + abs(a[0])):
+        point = tuple(map(int, np.unravel_index(place, problem.gap.shape)))
+        raise Infeasible(
+            f"obstacle: it enters grid point {point} by {deepest:.6g}, where a side holds the "
+            "normal displacement"
+        )
 
 
 def _with_friction(

@@ -98,7 +98,7 @@ class GridProblem:
     @cached_property
     def scale(self) -> tuple[float, float]:
         """Forces per displacement of a point alone, normal and tangential: c = 1 / diag(W)."""
-        point = (0,) * self.gap.ndim
+        point = tuple(m // 2 for m in self.gap.shape)  # inside, where points are alike
         own = []
         for i in range(len(self.v0)):
             forces = self.xp.zeros_like(self.v0)
@@ -108,8 +108,15 @@ class GridProblem:
 
     @cached_property
     def can_touch(self) -> Grid:
-        """Points with an obstacle within reach."""
-        return self.xp.isfinite(self.gap)
+        """Points with an obstacle within reach whose normal displacement no side fixes."""
+        near = self.xp.isfinite(self.gap)
+        return near if self.fixed is None else near & ~self.fixed
+
+    @cached_property
+    def fixed(self) -> Grid | None:
+        """Points whose normal displacement a side fixes, None where there are no such sides."""
+        fixed = getattr(self.compliance, "fixed", None)
+        return None if fixed is None else self.xp.asarray(fixed[self.order[0][0]])
 
     def moved(self, a: Any) -> Grid:
         """a as an array that adds to displacements, (dim, 1[, 1])."""

@@ -84,8 +84,16 @@ class GridResult:
 
     @property
     def cell(self) -> float:
-        """Area (2-D: length) of one point."""
+        """Area (2-D: length) of one point, of those on a side that is not periodic twice that."""
         return float(np.prod(self.compliance.spacing))
+
+    @property
+    def _weights(self) -> Array:
+        return host(getattr(self.compliance, "weights", np.ones(self.pressure.shape)))
+
+    @property
+    def _mirrored(self) -> tuple[bool, ...]:
+        return tuple(getattr(self.compliance, "mirrored", [False] * self.pressure.ndim))
 
     @property
     def resultant(self) -> Array:
@@ -98,12 +106,12 @@ class GridResult:
     @property
     def area(self) -> float:
         """Contact area (2-D: length), by the number of points under pressure."""
-        return float(np.count_nonzero(self.pressure) * self.cell)
+        return float((self._weights * (self.pressure > 0)).sum() * self.cell)
 
     @property
     def perimeter(self) -> float:
         """Length of the edges between cells in contact and others (2-D: the number of ends)."""
-        return perimeter(self.pressure > 0, self.compliance.spacing)
+        return perimeter(self.pressure > 0, self.compliance.spacing, self._mirrored)
 
     @property
     def corrected_area(self) -> float:
@@ -114,7 +122,7 @@ class GridResult:
         InputError
             A profile: the correction is known for surfaces.
         """
-        return corrected_area(self.pressure > 0, self.compliance.spacing)
+        return corrected_area(self.pressure > 0, self.compliance.spacing, self._mirrored)
 
     def spectrum(self) -> tuple[Array, Array]:
         """Wave vectors and the power spectral density of the pressure, as `Rough.spectrum` has it.
@@ -123,9 +131,16 @@ class GridResult:
         -------
         q : ndarray, shape (dim - 1, nx[, ny])
         C : ndarray, shape (nx[, ny])
+
+        Raises
+        ------
+        InputError
+            The surface is not periodic.
         """
         from contact.obstacles.rough import power_spectrum
 
+        if any(self._mirrored):
+            raise InputError("spectrum: the surface is not periodic; take one with such sides")
         shape, spacing = self.pressure.shape, self.compliance.spacing
         lengths = [m * h for m, h in zip(shape, spacing, strict=True)]
         return power_spectrum(self.pressure, lengths)
@@ -214,11 +229,13 @@ def certified(
     motion = np.where(np.isnan(given), motion, given)
     across = order[1:]
     relative = u[across] - xp.asarray(motion[across]).reshape((-1,) + (1,) * (u.ndim - 1))
-    cell = float(np.prod(problem.compliance.spacing))
+    area = float(np.prod(problem.compliance.spacing))
+    if hasattr(problem.compliance, "weights"):
+        area = area * problem.compliance.weights
     return GridResult(
         compliance=problem.compliance,
-        pressure=host(l[0] / cell),
-        shear=host(-l[1:] / cell),
+        pressure=host(l[0] / area),
+        shear=host(-l[1:] / area),
         u=host(u),
         opening=host(problem.gap - v[0]),
         slip=host(relative),

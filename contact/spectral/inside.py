@@ -15,8 +15,12 @@ from contact.errors import InputError, numbers
 Array = NDArray[np.float64]
 
 
-def read_points(points: Any, layers: Sequence[Layer], dim: int) -> Array:
-    """Points, shape (dim, n), that lie between the lower side and the top.
+def read_points(
+    points: Any, layers: Sequence[Layer], dim: int, sides: Sequence[float | None]
+) -> Array:
+    """Points, shape (dim, n), between the lower side and the top, and within sides.
+
+    `sides` are the widths of directions that are not periodic, None for others.
 
     Raises
     ------
@@ -29,6 +33,11 @@ def read_points(points: Any, layers: Sequence[Layer], dim: int) -> Array:
     outside = (x[-1] < -1e-12 * height) | (x[-1] > (1 + 1e-12) * height)
     if np.any(outside):
         raise InputError(f"points: {x[:, np.argmax(outside)]} lies below or above the layers")
+    for axis, width in enumerate(sides):
+        if width is not None:
+            outside = np.abs(x[axis] - 0.5 * width) > (0.5 + 1e-12) * width
+            if np.any(outside):
+                raise InputError(f"points: {x[:, np.argmax(outside)]} lies beyond a side")
     return x
 
 
@@ -56,6 +65,7 @@ def fields_at(
     layers: Sequence[Layer],
     cells: Sequence[ElasticBody],
     plane: Callable[[int], Array],
+    last: Sequence[int | None],
 ) -> tuple[Array, Array]:
     """Displacement, shape (dim, n), and gradient d u_i / d x_j, shape (dim, dim, n), at points.
 
@@ -69,6 +79,8 @@ def fields_at(
         One cell of each layer.
     plane : callable
         Number of a plane of nodes -> its unknowns, shape (r, nx[, ny]).
+    last : sequence of int or None
+        Number of the last cell of each lateral direction that is not periodic.
     """
     dim, n = x.shape
     u, gradient = np.zeros((dim, n)), np.zeros((dim, dim, n))
@@ -79,6 +91,9 @@ def fields_at(
     local[-1] -= np.array([layer.bottom for layer in layers])[number]
     index = np.floor(local / sizes).astype(np.int64)
     index[-1] = np.clip(index[-1], 0, high - 1)
+    for axis, end in enumerate(last):
+        if end is not None:
+            index[axis] = np.clip(index[axis], 0, end)
     local -= index * sizes
     rows = low + index[-1]
     found: dict[int, Array] = {}

@@ -1,4 +1,4 @@
-"""The mesh of periodic layers, for the same body on the sparse path."""
+"""The mesh of layers with the conditions at their sides, for the same body on the sparse path."""
 
 from __future__ import annotations
 
@@ -7,8 +7,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
+from contact.body.elastic_body import ElasticBody
 from contact.body.layers.layers import Layer
+from contact.body.rigid_modes import dof_kinds
+from contact.spectral.lateral_sides import Sides, odd_unknowns
 
 
 def meshed(
@@ -47,3 +51,27 @@ def meshed(
     middle = mesh.p[-1][mesh.t].mean(axis=0)
     tops = [layer.bottom + layer.height for layer in layers[:-1]]
     return mesh, np.searchsorted(tops, middle)
+
+
+def supported(body: ElasticBody, sides: Sides) -> None:
+    """Tie the sides of a body on such a mesh, or hold on them what is odd about them.
+
+    Other supports come before.
+    """
+    nodal = body.basis.nodal_dofs
+    odd = odd_unknowns(sides, np.asarray(dof_kinds(body.basis)[nodal[:, 0]]))
+    vanishing = np.zeros(body.basis.N, dtype=bool)
+    for axis, (fixed, parity) in enumerate(zip(sides, odd, strict=True)):
+        if parity is not None:
+            for component in fixed or ():
+                for name in (f"low {axis}", f"high {axis}"):
+                    body.fix(name, "xyz"[component])
+            place = body.mesh.p[axis]
+            ends = np.abs(place - np.mean(place)) > (0.5 - 1e-9) * np.ptp(place)
+            vanishing[nodal[np.ix_(parity, ends)]] = True
+    left = np.flatnonzero(vanishing & (np.diff(body.constraint[0].indptr) > 0))
+    for axis, fixed in enumerate(sides):
+        if fixed is None:
+            body.periodic(f"high {axis}", f"low {axis}")
+    if left.size:
+        body.constrain(sparse.eye_array(body.basis.N, format="csr")[left])

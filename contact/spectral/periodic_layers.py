@@ -13,24 +13,27 @@ from skfem.element import Element
 from contact.body.boundary_names import select_components
 from contact.body.elastic_body import ElasticBody
 from contact.body.layers.layers import read_layers
-from contact.body.rigid_modes import dof_kinds
 from contact.errors import InputError, numbers
 from contact.spectral.filtered_compliance import FilteredCompliance
 from contact.spectral.half_space import HalfSpace
 from contact.spectral.inside import fields_at, layer_of, read_forces, read_points
-from contact.spectral.meshed_layers import meshed
-from contact.spectral.slab_symbols import Stack, cell, cell_slab
-from contact.spectral.transforms import fft_of, host
+from contact.spectral.lateral_sides import adrift, odd_unknowns, read_sides
+from contact.spectral.lateral_waves import LateralWaves
+from contact.spectral.layer_arguments import named, node_kinds, read_base, read_cells
+from contact.spectral.meshed_layers import meshed, supported
+from contact.spectral.slab_symbols import Slab, Stack, cell, cell_slab
+from contact.spectral.transforms import host
 
 Array = NDArray[np.float64]
 _AXES = "xyz"
 
 
 class PeriodicLayers(FilteredCompliance):
-    r"""Layers of equal cells under periodic loads, condensed onto their lower side wave by wave.
+    r"""Layers of equal cells, periodic or mirrored at their sides, condensed wave by wave.
 
     The stiffness is that of the finite elements, bilinear or trilinear ones by default, exactly:
-    the body is the one that `elastic` builds, with the sides tied to each other. Condensation takes
+    the body is the one that `elastic` builds, with its sides tied to each other, on rollers or held
+    tangentially. The layers are condensed onto their lower side. Condensation takes
     a number of operations in proportion to the points of the surface and to the logarithm of the
     number of layers, and contact needs transforms only (`contact.spectral.grid_contact`).
 
@@ -40,15 +43,22 @@ class PeriodicLayers(FilteredCompliance):
     Parameters
     ----------
     lengths : float or (float, float)
-        Periods in the lateral directions: one for a body in the plane, two for one in space.
+        Widths in the lateral directions: one for a body in the plane, two for one in space.
     layers : sequence of (height, cells, E, nu)
         From the bottom up: height, number of layers of cells, Young's modulus, Poisson's ratio.
     cells : int or (int, int)
-        Cells along each period, which is the number of surface points.
+        Cells in each direction: the number of surface points, one less where it is not periodic.
     top : str, optional
         Components that are fixed on the top, e.g. "xy", others are free there; default: all.
     motion : sequence of float, optional
         Displacement of the top where it is fixed; default: none.
+    sides : str or pair of str
+        "periodic" (default), or the components that are fixed on both sides of a direction, as
+        `LayeredBlock` spells them: the normal one alone, rollers free of shear ("x" across x), or
+        the others alone, held tangentially without normal traction ("y" in the plane, "yz" in
+        space). In space an entry a direction, such as ``("periodic", "y")``. The body is half of a
+        mirrored one: derivatives of an element's unknowns that its mirror image makes vanish there
+        are held as well, which the absence of a traction implies only as the mesh is refined.
     base : (E, nu), optional
         An elastic half space (in the plane: half plane in plane strain) that the top is bonded to,
         instead of supports. Displacements are then measured from the mean of its surface.
@@ -69,7 +79,13 @@ class PeriodicLayers(FilteredCompliance):
     normal : ndarray, shape (dim,)
         Outward normal of the lower side.
     constant : ndarray of bool, shape (dim,)
-        Components in which nothing holds the body: those that are free on the top.
+        Components in which nothing holds the body, neither the top nor a side.
+    weights : array, shape (nx[, ny])
+        Area of each point in units of a cell: half on a side that is not periodic.
+    mirrored : tuple of bool
+        Directions that are not periodic.
+    fixed : ndarray of bool, shape (dim, nx[, ny])
+        Components of points that a side fixes.
     initial : array, shape (dim, nx[, ny])
         Displacement of the lower side without forces on it.
 
@@ -102,6 +118,7 @@ class PeriodicLayers(FilteredCompliance):
         *,
         top: str | None = None,
         motion: ArrayLike | None = None,
+        sides: str | Sequence[str] = "periodic",
         base: tuple[float, float] | None = None,
         plane: str = "strain",
         element: Element | None = None,
@@ -111,8 +128,9 @@ class PeriodicLayers(FilteredCompliance):
         if given.shape not in ((1,), (2,)) or not np.all(np.isfinite(given) & (given > 0)):
             raise InputError(f"lengths={lengths!r}: expected one or two positive numbers")
         self.lengths, self.dim = tuple(map(float, given)), given.size + 1
-        self.shape = _cells(cells, given.size)
-        self.spacing = tuple(np.divide(self.lengths, self.shape).tolist())
+        self.cells, self.sides = read_cells(cells, given.size), sides
+        self._sides = read_sides(sides, self.dim)
+        self.spacing = tuple(np.divide(self.lengths, self.cells).tolist())
         self.layers, self.plane = read_layers(list(layers)), plane
         self._mesh = MeshQuad if self.dim == 2 else MeshHex
         self.element = self._mesh.elem() if element is None else element
@@ -122,31 +140,36 @@ class PeriodicLayers(FilteredCompliance):
             raise InputError(
                 "base: a top on a half space is not fixed; leave top, motion and plane"
             )
-        self.base = None if base is None else _modulus_and_ratio(base)
+        self.base = None if base is None else read_base(base)
         self.held = np.zeros(self.dim, dtype=bool)
         if base is None:
             self.held[select_components(self.dim, top)] = True
         self.normal = -np.eye(self.dim)[-1]
-        self.constant = ~self.held if base is None else np.zeros(self.dim, dtype=bool)
+        self.constant = adrift(self._sides, self.held | (base is not None))
         self._xp = xp
         self._condense()
         moved = np.zeros(self.dim) if motion is None else numbers("motion", motion)
         if moved.shape != (self.dim,) or not np.all(np.isfinite(moved)):
             raise InputError(f"motion={motion!r}: expected {self.dim} finite numbers")
         self.motion = np.where(self.held, moved, 0.0)
+        by_sides = sorted({c for fixed in self._sides for c in fixed or ()})
+        if np.any(self.motion[by_sides]):
+            raise InputError(f"motion={motion!r}: the sides hold {named(by_sides)} at zero")
         self.initial = xp.zeros((self.dim, *self.shape))
         self.initial += xp.asarray(self.motion).reshape(-1, *[1] * len(self.shape))
 
     def __repr__(self) -> str:
         rows = sum(layer.cells for layer in self.layers)
-        size = " x ".join(map(str, (*self.shape, rows)))
-        return f"PeriodicLayers({self.dim}-D, {size} cells, {self.unknowns} unknowns)"
+        size = " x ".join(map(str, (*self.cells, rows)))
+        sides = "" if self.sides == "periodic" else f", sides={self.sides!r}"
+        return f"PeriodicLayers({self.dim}-D, {size} cells, {self.unknowns} unknowns{sides})"
 
     @property
     def unknowns(self) -> int:
         """Number of unknowns of all nodes of the layers that are not fixed."""
         rows = sum(layer.cells for layer in self.layers)
-        return int(np.prod(self.shape)) * (self._lengths.size * rows + len(self._loose))
+        free = [np.count_nonzero(~self._waves.held(k)) for k in range(self._kinds.size)]
+        return int(sum(free)) * rows + int(sum(free[k] for k in self._loose))
 
     def displacement(self, forces: Any, row: int) -> Any:
         """Displacement of the nodes on one level inside, under forces on the lower side.
@@ -179,9 +202,9 @@ class PeriodicLayers(FilteredCompliance):
         ----------
         forces : array, shape (dim, nx[, ny])
             On the lower side. For a `GridResult` these are its shear and, as the last component,
-            its pressure, times ``result.cell``.
+            its pressure, times ``result.cell`` and `weights`.
         points : array, shape (dim, n)
-            The lower side lies at height zero; lateral coordinates are taken modulo the period.
+            The lower side lies at height zero; coordinates are taken modulo a period.
 
         Returns
         -------
@@ -191,9 +214,9 @@ class PeriodicLayers(FilteredCompliance):
         Raises
         ------
         InputError
-            Points below or above the layers, or of another shape.
+            Points outside the layers, or of another shape.
         """
-        u, _ = self._fields(forces, read_points(points, self.layers, self.dim))
+        u, _ = self._fields(forces, self._read_points(points))
         return u + self.motion[:, None]
 
     def stress(self, forces: Any, points: ArrayLike) -> Array:
@@ -211,9 +234,9 @@ class PeriodicLayers(FilteredCompliance):
         Raises
         ------
         InputError
-            Points below or above the layers, or of another shape.
+            Points outside the layers, or of another shape.
         """
-        x = read_points(points, self.layers, self.dim)
+        x = self._read_points(points)
         _, gradient = self._fields(forces, x)
         number, sigma = layer_of(self.layers, x), np.zeros_like(gradient)
         for k, body in enumerate(self._cell_bodies):
@@ -222,18 +245,27 @@ class PeriodicLayers(FilteredCompliance):
             sigma[:, :, here] = law.stress(gradient[:, :, here])
         return sigma
 
+    def _read_points(self, points: ArrayLike) -> Array:
+        sides = [length if twice else None
+                 for length, twice in zip(self.lengths, self.mirrored, strict=True)]  # fmt: skip
+        return read_points(points, self.layers, self.dim, sides)
+
     def _fields(self, forces: Any, x: Array) -> tuple[Array, Array]:
         ends = self._ends(forces)
         return fields_at(
-            x, self.layers, self._cell_bodies, lambda row: host(self._plane(ends, int(row)))
+            x,
+            self.layers,
+            self._cell_bodies,
+            lambda row: host(self._plane(ends, int(row))),
+            [n - 1 if twice else None for n, twice in zip(self.cells, self.mirrored, strict=True)],
         )
 
     def _ends(self, forces: Any) -> tuple[Any, Any]:
         """Waves of the unknowns on the lower side and on the top, supports at rest."""
-        xp, fft = self._xp, fft_of(self._xp)
+        xp = self._xp
         given = read_forces(xp, forces, (self.dim, *self.shape))
-        waves = fft.rfftn(given, axes=tuple(range(1, self.dim)))
-        load = xp.zeros((waves[0].size, self._lengths.size), dtype=complex)
+        waves = self._waves.forward(self._waves.doubled(given))
+        load = xp.zeros((waves[0].size, self._lengths.size), dtype=self._face.dtype)
         load[:, : self.dim] = xp.moveaxis(waves.reshape(self.dim, -1), 0, 1)
         load[0, : self.dim][self._adrift] = 0.0
         lower = xp.linalg.solve(self._face, load[..., None])[..., 0]
@@ -247,18 +279,17 @@ class PeriodicLayers(FilteredCompliance):
 
     def _plane(self, ends: tuple[Any, Any], row: int) -> Any:
         """Unknowns on a plane of nodes, shape (r, nx[, ny]), supports at rest."""
-        xp, axes = self._xp, tuple(range(1, self.dim))
+        xp = self._xp
         inside = self._stack.at(row, *ends) / xp.asarray(self._lengths)
-        waves = xp.moveaxis(inside, 1, 0).reshape(-1, *self._compliance.shape[2:])
-        return fft_of(xp).irfftn(waves, s=self.shape, axes=axes)
+        return self._waves.inverse(xp.moveaxis(inside, 1, 0).reshape(-1, *self._waves.shape))
 
     def elastic(self) -> ElasticBody:
-        """The same body on a mesh, with its sides tied and the boundaries "bottom" and "top".
+        """The same body on a mesh, with its sides' conditions, and boundaries "bottom" and "top".
 
         Returns
         -------
         ElasticBody
-            Of ``prod(shape)`` times the number of layers cells.
+            Of ``prod(cells)`` times the number of layers cells.
 
         Raises
         ------
@@ -267,15 +298,14 @@ class PeriodicLayers(FilteredCompliance):
         """
         if self.base is not None:
             raise InputError("base: a half space has no mesh")
-        mesh, of = meshed(self._mesh, self.lengths, self.shape, self.layers)
+        mesh, of = meshed(self._mesh, self.lengths, self.cells, self.layers)
         body = ElasticBody.from_mesh(
             mesh, self.element, E=np.array([layer.E for layer in self.layers])[of],
             nu=np.array([layer.nu for layer in self.layers])[of], **self._in_plane(),
         )  # fmt: skip
-        for axis in range(self.dim - 1):
-            body.periodic(f"high {axis}", f"low {axis}")
         for axis in map(int, np.flatnonzero(self.held)):
             body.fix("top", _AXES[axis], float(self.motion[axis]))
+        supported(body, self._sides)
         return body
 
     @property
@@ -309,18 +339,19 @@ class PeriodicLayers(FilteredCompliance):
         block = self._stack.whole.R[waves][:, free[:, None], free]
         if self.base is None:
             return block
-        above = HalfSpace(self.lengths, self.shape, *self.base, xp=self._xp)
-        symbol = above.stiffness.reshape(self.dim, self.dim, -1)
-        return block + self._xp.moveaxis(symbol, 2, 0)[waves]
+        twice = 1 + np.array(self._waves.mirrored)
+        above = HalfSpace(
+            (twice * self.lengths).tolist(), (twice * self.cells).tolist(), *self.base, xp=self._xp
+        )
+        at = tuple(slice(n) for n in self._waves.shape)
+        symbol = above.stiffness[(..., *at)].reshape(self.dim, self.dim, -1)
+        return block + self._waves.real(self._xp.moveaxis(symbol, 2, 0))[waves]
 
     def _in_plane(self) -> dict[str, Any]:
         return {"plane": self.plane} if self.dim == 2 else {}
 
     def _condense(self) -> None:
         xp = self._xp
-        turns = [2 * np.pi * xp.fft.fftfreq(n) for n in self.shape[:-1]]
-        turns.append(2 * np.pi * xp.fft.rfftfreq(self.shape[-1]))
-        phases = [part.ravel() for part in xp.meshgrid(*turns, indexing="ij")]
         cells = [
             cell(
                 (*self.spacing, layer.height / layer.cells), self.element,
@@ -328,12 +359,18 @@ class PeriodicLayers(FilteredCompliance):
             )
             for layer in self.layers
         ]  # fmt: skip
-        self._cell_bodies, self._kinds = cells, _kinds(cells[0])
+        self._cell_bodies, self._kinds = cells, node_kinds(cells[0])
         sizes = np.array([*self.spacing, min(layer.height / layer.cells for layer in self.layers)])
         mixed = np.prod(sizes[:2])
         self._lengths = np.array([1.0 if k == -1 else mixed if k < 0 else sizes[k]
                                   for k in self._kinds])  # fmt: skip
-        slabs = [cell_slab(body, self._lengths, phases) for body in cells]
+        self._waves = LateralWaves(self.cells, odd_unknowns(self._sides, self._kinds), xp)
+        self.shape = self._waves.points
+        self.weights, self.mirrored = self._waves.weights, self._waves.mirrored
+        self.fixed = np.array([self._waves.held(c) for c in range(self.dim)])
+        phases = self._waves.phases
+        slabs = [Slab(*map(self._waves.real, cell_slab(body, self._lengths, phases)))
+                 for body in cells]  # fmt: skip
         counts = [layer.cells for layer in self.layers]
         self._stack = Stack.of(list(zip(slabs, counts, strict=True)))
         whole = self._stack.whole
@@ -345,32 +382,10 @@ class PeriodicLayers(FilteredCompliance):
         compliance = xp.linalg.inv(self._face)[:, : self.dim, : self.dim]
         stiffness = xp.linalg.inv(compliance)
         compliance[0][self._adrift, self._adrift] = 0.0
-        shape = (self.dim, self.dim, *self.shape[:-1], self.shape[-1] // 2 + 1)
+        shape = (self.dim, self.dim, *self._waves.shape)
         compliance, stiffness = (
             xp.ascontiguousarray(xp.moveaxis(part, 0, 2)).reshape(shape)
             for part in (compliance, stiffness)
         )
         self._take_symbols(compliance, stiffness, self.dim - 1)
-
-
-def _kinds(body: ElasticBody) -> NDArray[np.int64]:
-    """Kinds of the unknowns of a node, by `dof_kinds`."""
-    nodal = body.basis.nodal_dofs
-    if nodal.size != body.basis.N:
-        name = type(body.basis.elem.elem).__name__
-        raise InputError(f"element {name}: has unknowns that belong to no vertex; take an element "
-                         "such as ElementQuad1 or ElementQuadAdini")  # fmt: skip
-    return np.asarray(dof_kinds(body.basis)[nodal[:, 0]])
-
-
-def _modulus_and_ratio(base: Any) -> tuple[float, float]:
-    if not isinstance(base, tuple | list) or len(base) != 2:
-        raise InputError(f"base={base!r}: expected a pair (E, nu)")
-    return base[0], base[1]
-
-
-def _cells(cells: Any, lateral: int) -> tuple[int, ...]:
-    given = np.atleast_1d(cells)
-    if given.shape != (lateral,) or given.dtype.kind not in "iu" or np.any(given < 2):
-        raise InputError(f"cells={cells!r}: expected {lateral} whole numbers from 2")
-    return tuple(map(int, given))
+        self._lateral = self._waves if any(self._waves.mirrored) else None

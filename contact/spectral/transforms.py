@@ -44,10 +44,15 @@ def filtered(symbol: Any, values: Any) -> Any:
     """
     fft = fft_of(namespace(values))
     axes = tuple(range(1, values.ndim))
-    waves = fft.rfftn(values, axes=axes)
-    products = namespace(values).empty_like(waves)
+    products = multiplied(symbol, fft.rfftn(values, axes=axes))
+    return fft.irfftn(products, s=values.shape[1:], axes=axes)
+
+
+def multiplied(symbol: Any, waves: Any) -> Any:
+    """The product of a symbol, shape (m, m, ...), and waves, shape (m, ...)."""
+    products = namespace(waves).empty_like(waves)
     for row, product in zip(symbol, products, strict=True):
         product[...] = row[0] * waves[0]
         for entry, wave in zip(row[1:], waves[1:], strict=True):
             product += entry * wave
-    return fft.irfftn(products, s=values.shape[1:], axes=axes)
+    return products

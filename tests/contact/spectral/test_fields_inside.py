@@ -13,6 +13,8 @@ CASES = {
     "Q1, stress": lambda: PeriodicLayers(1.3, [(0.5, 5, 2e5, 0.3)], 7, plane="stress"),
     "Adini": lambda: PeriodicLayers(1.3, COATED, 8, element=ElementQuadAdini()),
     "hexahedra": lambda: PeriodicLayers((1.0, 1.5), COATED, (4, 5), motion=(0.1, 0.0, -0.2)),
+    "rollers": lambda: PeriodicLayers(1.3, COATED, 6, sides="x", element=ElementQuadAdini()),
+    "held": lambda: PeriodicLayers((1.0, 1.5), COATED, (4, 5), sides=("periodic", "xz")),
     "Adini's brick": lambda: PeriodicLayers((1.0, 1.5), COATED, (4, 3), element=ElementHexAdini()),
 }
 
@@ -23,11 +25,13 @@ def test_fields_are_those_of_the_sparse_body(make):
     body, dim = block.elastic(), block.dim
     rng = np.random.default_rng(0)
     forces = rng.standard_normal((dim, *block.shape))
+    forces[block.fixed] = 0.0
     load = np.zeros(body.basis.N)
     low = np.flatnonzero(
         (body.mesh.p[-1] < 1e-9)
-        & np.all([body.mesh.p[a] < (1 - 1e-9) * block.lengths[a] for a in range(dim - 1)], axis=0)
-    )
+        & np.all([body.mesh.p[a] < (1 - 1e-9) * block.lengths[a] for a in range(dim - 1)
+                  if not block.mirrored[a]], axis=0)
+    )  # fmt: skip
     at = tuple(np.rint(body.mesh.p[a, low] / block.spacing[a]).astype(int) for a in range(dim - 1))
     for c in range(dim):
         load[body.basis.nodal_dofs[c, low]] = forces[(c, *at)]
@@ -37,7 +41,8 @@ def test_fields_are_those_of_the_sparse_body(make):
     height = sum(layer[0] for layer in COATED) if len(block.layers) > 1 else 0.5
     x = rng.uniform(0.0, 1.0, (dim, 60)) * np.array([*block.lengths, height])[:, None]
     exact, sigma = body.displacement(u, x), body.stress_at(u, x)
-    turns = rng.integers(-2, 3, (dim, 60)) * np.array([*block.lengths, 0.0])[:, None]
+    periods = np.where(block.mirrored, 0.0, block.lengths)
+    turns = rng.integers(-2, 3, (dim, 60)) * np.array([*periods, 0.0])[:, None]
     assert abs(block.sample(forces, x + turns) - exact).max() < 1e-10 * abs(exact).max()
     assert abs(block.stress(forces, x + turns) - sigma).max() < 1e-10 * abs(sigma).max()
 
@@ -82,3 +87,10 @@ def test_forces_that_do_not_fit_are_refused(forces):
     block = PeriodicLayers(1.0, [(0.6, 2, 1.0, 0.3)], 4)
     with pytest.raises(InputError, match="forces: expected finite numbers of shape"):
         block.stress(forces, [[0.5], [0.3]])
+
+
+def test_points_beyond_a_side_are_refused():
+    block = PeriodicLayers(1.0, [(0.6, 2, 1.0, 0.3)], 4, sides="x")
+    assert np.all(block.sample(np.zeros((2, 5)), [[0.0, 1.0], [0.1, 0.6]]) == 0)
+    with pytest.raises(InputError, match="beyond a side"):
+        block.sample(np.zeros((2, 5)), [[1.1], [0.1]])

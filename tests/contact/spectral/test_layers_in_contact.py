@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from contact import ContactProblem, Cylinder, Sphere
+from contact import ContactProblem, Cylinder, Infeasible, InputError, Sphere
 from contact.obstacles.rigid import Rigid
 from contact.spectral.grid_contact import GridContact
 from contact.spectral.periodic_layers import PeriodicLayers
@@ -22,6 +22,35 @@ def space(n=10):
     return block, Sphere((0.5, 0.625, -0.5), 0.5)
 
 
+def rollers(n=16):
+    block = PeriodicLayers(1.0, COATED, n, motion=(0.0, -0.04), sides="x")
+    return block, Cylinder((0.1, -0.3), 0.3)
+
+
+def held(n=16):
+    layers = [(0.1, 2, 3.0, 0.2), (0.4, 4, 1.0, 0.3)]
+    block = PeriodicLayers(1.0, layers, n, sides="y", top="xy", motion=(0.01, 0.0))
+    return block, Rigid(Cylinder((0.45, -0.3), 0.3), displacement=(0.0, 0.04))
+
+
+def mixed(n=8):
+    block = PeriodicLayers((1.0, 1.25), COATED, (n, n + 1), motion=(0.01, 0.0, -0.08),
+                           sides=("periodic", "y"))  # fmt: skip
+    return block, Sphere((0.5, 0.1, -0.5), 0.5)
+
+
+def box(n=8):
+    block = PeriodicLayers((1.0, 1.25), COATED, (n, n + 1), motion=(0.0, 0.0, -0.08),
+                           sides=("x", "y"))  # fmt: skip
+    return block, Sphere((0.1, 1.0, -0.5), 0.5)
+
+
+def adini_on_rollers(n=16):
+    block = PeriodicLayers(1.0, COATED, n, motion=(0.0, -0.04), sides="x",
+                           element=ElementQuadAdini())  # fmt: skip
+    return block, Rigid(Cylinder((0.9, -0.3), 0.3), displacement=(0.02, 0.0))
+
+
 def adini(n=16):
     return PeriodicLayers(
         1.0, COATED, n, motion=(0.01, -0.04), element=ElementQuadAdini()
@@ -29,12 +58,12 @@ def adini(n=16):
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3, 0.9])
-@pytest.mark.parametrize("make", [plane, space, adini])
+@pytest.mark.parametrize("make", [plane, space, adini, rollers, held, mixed, box, adini_on_rollers])
 def test_pressure_and_shear_are_those_of_the_sparse_path(make, friction):
     block, obstacle = make()
     grid = GridContact(block, obstacle, friction=friction).solve()
     body, dim = block.elastic(), block.dim
-    functional = "nodal" if make is adini else None
+    functional = "nodal" if make in (adini, adini_on_rollers) else None
     problem = ContactProblem(body, "bottom", obstacle, friction=friction, functional=functional)
     sparse = problem.solve()
     places = sparse.x_nominal[: dim - 1]
@@ -71,3 +100,39 @@ def test_a_wavy_ground_on_layers_of_a_half_space_by_westergaard():
         errors.append(np.sqrt(np.mean((result.pressure - np.abs(exact)) ** 2)) / exact.max())
     assert errors[-1] < 5e-3
     assert errors[-1] < 0.6 * errors[0]
+
+
+def test_a_box_on_rollers_is_a_quarter_of_the_mirrored_periodic_body():
+    """Pressure, area and perimeter count cells on the sides as halves."""
+    heights = 0.02 * np.random.default_rng(2).uniform(0, 1, (9, 7))
+    twice = np.concatenate((heights, heights[-2:0:-1]))
+    twice = np.concatenate((twice, twice[:, -2:0:-1]), axis=1)
+    ground = {"displacement": (0.0, 0.0, 0.012)}
+    quarter = PeriodicLayers((1.0, 0.75), COATED, (8, 6), sides=("x", "y"))
+    whole = PeriodicLayers((2.0, 1.5), COATED, (16, 12))
+    ours = GridContact(quarter, Rigid(heights, **ground), 0.3).solve()
+    full = GridContact(whole, Rigid(twice, **ground), 0.3).solve()
+    assert 0.1 < ours.area / 0.75 < 0.9
+    assert np.abs(ours.pressure - full.pressure[:9, :7]).max() < 1e-9 * ours.pressure.max()
+    assert np.abs(ours.shear - full.shear[:, :9, :7]).max() < 1e-9 * ours.pressure.max()
+    assert ours.area == pytest.approx(full.area / 4)
+    assert ours.perimeter == pytest.approx(full.perimeter / 4)
+    assert ours.corrected_area == pytest.approx(full.corrected_area / 4)
+    assert ours.resultant[2] == pytest.approx(full.resultant[2] / 4)
+    with pytest.raises(InputError, match="spectrum: the surface is not periodic"):
+        ours.spectrum()
+
+
+def test_tresca_by_areas_that_are_halves_on_the_sides():
+    block = PeriodicLayers(1.0, COATED, 8, motion=(0.0, -0.01), sides="x")
+    bound = 1e-3
+    result = GridContact(
+        block, Rigid(np.zeros(9), displacement=(0.1, 0.0)), bound, "tresca"
+    ).solve()
+    assert np.abs(result.shear[0] - bound).max() < 1e-9 * bound
+
+
+def test_an_obstacle_that_enters_a_held_side_is_named():
+    block = PeriodicLayers(1.0, COATED, 8, sides="y")
+    with pytest.raises(Infeasible, match=r"enters grid point \(0,\) by 0.01, where a side holds"):
+        GridContact(block, Rigid(np.zeros(9), displacement=(0.0, 0.01))).solve()

@@ -1,5 +1,8 @@
 """Layers in Fourier space are the sparse path with tied sides, wave by wave, and tend to solids."""
 
+from functools import partial
+from itertools import product
+
 import numpy as np
 import pytest
 import skfem
@@ -11,35 +14,62 @@ from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
 ONE = [(0.5, 3, 1.0, 0.3)]
 COATED = [(0.1, 2, 100.0, 0.2), (0.5, 3, 1.0, 0.4)]
-CASES = {
-    "plane": lambda: PeriodicLayers(1.3, COATED, 8, motion=(0.1, -0.2)),
-    "plane stress, odd": lambda: PeriodicLayers(1.3, [(0.5, 5, 2e5, 0.3)], 7, plane="stress"),
-    "plane, free to slide": lambda: PeriodicLayers(1.3, COATED, 8, top="y", motion=(0.3, 0.1)),
-    "plane, one layer of cells": lambda: PeriodicLayers(1e-3, [(1e-3, 1, 1.0, 0.3)], 3),
-    "space": lambda: PeriodicLayers((1.0, 1.5), COATED, (4, 5), motion=(0.1, 0.0, -0.2)),
-    "space, free to slide": lambda: PeriodicLayers((1.0, 1.5), ONE, (4, 6), top="z"),
-    "space, free along y": lambda: PeriodicLayers((1.0, 1.5), ONE, (5, 4), top="xz"),
-    "Adini": lambda: PeriodicLayers(1.3, COATED, 8, motion=(0.1, -0.2), element=ElementQuadAdini()),
-    "Adini, odd, millimetres": lambda: PeriodicLayers(
-        1.3e-3, [(0.5e-3, 5, 2e11, 0.3)], 7, plane="stress", element=ElementQuadAdini()
-    ),
-    "Adini, free to slide": lambda: PeriodicLayers(
-        1.3, COATED, 8, top="y", motion=(0.3, 0.1), element=ElementQuadAdini()
-    ),
-    "BFS, free to rise": lambda: PeriodicLayers(
-        1.3, COATED, 8, top="x", motion=(0.3, 0.1), element=ElementQuadBFS()
-    ),
-    "Adini's brick": lambda: PeriodicLayers(
-        (1.0, 1.5), COATED, (4, 5), motion=(0.1, 0.0, -0.2), element=ElementHexAdini()
-    ),
-    "Adini's brick, free to slide": lambda: PeriodicLayers(
-        (1.0, 1.5), ONE, (4, 4), top="z", element=ElementHexAdini()
-    ),
-}
+CASES = (
+    {
+        "plane": lambda: PeriodicLayers(1.3, COATED, 8, motion=(0.1, -0.2)),
+        "plane stress, odd": lambda: PeriodicLayers(1.3, [(0.5, 5, 2e5, 0.3)], 7, plane="stress"),
+        "plane, free to slide": lambda: PeriodicLayers(1.3, COATED, 8, top="y", motion=(0.3, 0.1)),
+        "plane, one layer of cells": lambda: PeriodicLayers(1e-3, [(1e-3, 1, 1.0, 0.3)], 3),
+        "space": lambda: PeriodicLayers((1.0, 1.5), COATED, (4, 5), motion=(0.1, 0.0, -0.2)),
+        "space, free to slide": lambda: PeriodicLayers((1.0, 1.5), ONE, (4, 6), top="z"),
+        "space, free along y": lambda: PeriodicLayers((1.0, 1.5), ONE, (5, 4), top="xz"),
+        "Adini": lambda: PeriodicLayers(
+            1.3, COATED, 8, motion=(0.1, -0.2), element=ElementQuadAdini()
+        ),
+        "Adini, odd, millimetres": lambda: PeriodicLayers(
+            1.3e-3, [(0.5e-3, 5, 2e11, 0.3)], 7, plane="stress", element=ElementQuadAdini()
+        ),
+        "Adini, free to slide": lambda: PeriodicLayers(
+            1.3, COATED, 8, top="y", motion=(0.3, 0.1), element=ElementQuadAdini()
+        ),
+        "BFS, free to rise": lambda: PeriodicLayers(
+            1.3, COATED, 8, top="x", motion=(0.3, 0.1), element=ElementQuadBFS()
+        ),
+        "Adini's brick": lambda: PeriodicLayers(
+            (1.0, 1.5), COATED, (4, 5), motion=(0.1, 0.0, -0.2), element=ElementHexAdini()
+        ),
+        "Adini's brick, free to slide": lambda: PeriodicLayers(
+            (1.0, 1.5), ONE, (4, 4), top="z", element=ElementHexAdini()
+        ),
+    }
+    | {
+        f"sides {sides}, {type(element).__name__}, top {top}": partial(
+            PeriodicLayers, 1.3, COATED, 7, sides=sides, element=element, top=top
+        )
+        for sides in ("x", "y")
+        for element in (None, ElementQuadAdini(), ElementQuadBFS())
+        for top in (None, "x", "y")
+    }
+    | {
+        f"sides {sides}, top {top}": partial(
+            PeriodicLayers, (1.0, 1.5), COATED, (4, 3), sides=sides, top=top
+        )
+        for sides in product(("periodic", "x", "yz"), ("periodic", "y", "xz"))
+        for top in (None, "z", "x")
+        if sides != ("periodic", "periodic")
+    }
+    | {
+        f"sides {sides}, Adini's brick": partial(
+            PeriodicLayers, (1.0, 1.5), ONE, (3, 2), sides=sides, element=ElementHexAdini()
+        )
+        for sides in (("x", "periodic"), ("periodic", "xz"), ("x", "y"), ("yz", "xz"), ("yz", "y"))
+    }
+)
 
 
-def mean_of(values):
-    return values.mean(axis=tuple(range(1, values.ndim)), keepdims=True)
+def mean_of(values, weights):
+    across = tuple(range(1, values.ndim))
+    return np.sum(values * weights, axis=across, keepdims=True) / weights.sum()
 
 
 @pytest.mark.parametrize("make", CASES.values(), ids=CASES)
@@ -47,11 +77,13 @@ def test_every_level_is_that_of_the_sparse_body(make):
     block = make()
     body, dim = block.elastic(), block.dim
     loose = block.constant.reshape(-1, *[1] * (dim - 1))
-    forces = np.random.default_rng(0).standard_normal((dim, *block.shape))
-    forces -= loose * mean_of(forces)
+    forces = np.random.default_rng(0).standard_normal((dim, *block.shape)) * block.weights
+    shares = block.weights / block.weights.sum()
+    forces -= loose * shares * forces.sum(axis=tuple(range(1, dim)), keepdims=True)
+    forces[block.fixed] = 0.0
     places, levels = body.mesh.p, np.unique(body.mesh.p[-1].round(12))
-    once = np.all([places[a] < (1 - 1e-9) * block.lengths[a] for a in range(dim - 1)], axis=0)
     number = [np.rint(places[a] / block.spacing[a]).astype(int) for a in range(dim - 1)]
+    once = np.all([k < n for k, n in zip(number, block.shape, strict=True)], axis=0)
 
     def nodes(row):
         found = np.flatnonzero(once & (abs(places[-1] - levels[row]) < 1e-9))
@@ -71,7 +103,7 @@ def test_every_level_is_that_of_the_sparse_body(make):
         for c in range(dim):
             exact[(c, *at)] = u[body.basis.nodal_dofs[c, here]]
         error = block.displacement(forces, row) - exact
-        assert abs(error - loose * mean_of(error)).max() < 1e-10 * size
+        assert abs(error - loose * mean_of(error, block.weights)).max() < 1e-10 * size
     again = block.displacement(forces, 0) - block.initial - block.apply(forces)
     assert abs(again).max() < 1e-12 * size
     assert abs(block.precondition(block.apply(forces)) - forces).max() < 1e-11
@@ -155,6 +187,74 @@ def test_an_element_that_keeps_shape_functions_serves_layers_of_several_heights(
         for one in (skfem.ElementQuadBFS(), ElementQuadBFS())
     )
     np.testing.assert_allclose(theirs, ours, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("sides", ["x", "y"])
+def test_what_mirroring_holds_besides_is_natural_as_the_mesh_is_refined(sides):
+    """Without the derivatives that a mirror image makes vanish the body is softer, ever less.
+
+    The bilinear element has none: there the two are the same body.
+    """
+
+    def given(element, n):
+        block = PeriodicLayers(1.0, [(0.5, n // 2, 1.0, 0.3)], n, sides=sides, element=element)
+        mirrored, other = block.elastic(), block.elastic()
+        other._couplings = ()
+        other.__dict__.pop("constraint", None)
+        nodes = mirrored.basis.nodal_dofs[1, mirrored.mesh.p[1] < 1e-9]
+        works = []
+        for body in (mirrored, other):
+            load = np.zeros(body.basis.N)
+            x = body.mesh.p[0, body.mesh.p[1] < 1e-9]
+            load[nodes] = (1 + x) * np.where(np.abs(x - 0.5) < 0.5 - 1e-9, 1.0, 0.5) / n
+            P = body.constraint[0]
+            u = P @ np.linalg.solve((P.T @ body.stiffness @ P).toarray(), P.T @ load)
+            works.append(load @ u)
+        return works[1] / works[0] - 1
+
+    assert abs(given(None, 8)) < 1e-12
+    errors = [given(ElementQuadAdini(), n) for n in (4, 8, 16)]
+    assert errors[0] > 1e-6
+    assert errors[1] < 0.5 * errors[0]
+    assert errors[2] < 0.5 * errors[1]
+
+
+def test_layers_between_sides_on_a_half_space_are_a_half_of_the_periodic_ones():
+    """Both on the same half space: the mirrored forces of twice the width, half of it."""
+    n, layers, base = 8, [(0.25, 2, 2.0, 0.3)], (1.0, 0.2)
+    forces = np.random.default_rng(4).standard_normal((2, n + 1))
+    forces[0, [0, n]] = 0.0
+    half = PeriodicLayers(1.0, layers, n, sides="x", base=base).apply(forces)
+    twice = np.concatenate((forces, ([[-1.0], [1.0]] * forces)[:, -2:0:-1]), axis=1)
+    twice[:, [0, n]] *= 2.0
+    whole = PeriodicLayers(2.0, layers, 2 * n, base=base).apply(twice)
+    assert abs(half - whole[:, : n + 1]).max() < 1e-12 * abs(half).max()
+
+
+@pytest.mark.parametrize(
+    ("sides", "message"),
+    [
+        ("xy", "sides='xy': transforms diagonalise sides across x that are"),
+        (None, "sides=None: transforms"),
+        ("z", "sides='z'"),
+        (3, "sides=3"),
+        (("x", "y"), "expected 'periodic' or 1 entries"),
+    ],
+)
+def test_sides_that_transforms_do_not_diagonalise_are_named(sides, message):
+    with pytest.raises(InputError, match=message):
+        PeriodicLayers(1.0, ONE, 4, sides=sides)
+
+
+@pytest.mark.parametrize("sides", ["x", ("x",), ("x", "x"), ("periodic", "yz"), ("y", "y")])
+def test_sides_in_space_are_named(sides):
+    with pytest.raises(InputError, match="sides="):
+        PeriodicLayers((1.0, 1.0), ONE, (4, 4), sides=sides)
+
+
+def test_a_motion_against_the_sides_is_named():
+    with pytest.raises(InputError, match=r"motion=.*the sides hold x at zero"):
+        PeriodicLayers(1.0, ONE, 4, sides="x", motion=(0.1, 0.0))
 
 
 @pytest.mark.parametrize(

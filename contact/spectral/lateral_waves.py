@@ -1,0 +1,167 @@
+r"""Waves along the sides of layers: Fourier series, or cosines and sines of a mirrored body.
+
+A body between two sides on which the normal displacement is zero and no shear acts is half of a
+periodic one of twice the width that equals its mirror image: displacements along the side are even
+functions of the distance from it, the normal one is odd. Where the displacements along the side are
+zero and no normal traction acts, it is the reverse. A derivative in the direction of the reflection
+is odd where the function is even. With n cells the waves have the phases :math:`\theta_k = \pi k /
+n` a cell, and
+
+.. math::
+    u_j = \frac{1}{2n} \sum_k \hat u_k e^{i \theta_k j}, \qquad
+    \hat u_k = \hat w_k \text{ (even)}, \quad -i \hat w_k \text{ (odd)}
+
+has real w: a cosine transform of the even unknowns and a sine transform of the odd ones (both of
+the first type, on the nodes), here by real transforms of the mirrored values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.spectral.transforms import fft_of, multiplied, namespace
+
+Grid = Any  # an array of NumPy or CuPy, shape (m, nx[, ny]) or (nx[, ny])
+
+
+class LateralWaves:
+    """Transforms of values on the nodes of a plane, one parity for each unknown and direction.
+
+    Parameters
+    ----------
+    cells : sequence of int
+        In each lateral direction.
+    odd : sequence of (ndarray of bool, shape (r,)) or None
+        For each direction which unknowns of a node are odd; None: the direction is periodic.
+    xp : module
+        `numpy` or `cupy`.
+
+    Attributes
+    ----------
+    points : tuple of int
+        Nodes in each direction.
+    shape : tuple of int
+        Waves in each direction.
+    mirrored : tuple of bool
+    """
+
+    def __init__(
+        self, cells: Sequence[int], odd: Sequence[NDArray[np.bool_] | None], xp: Any
+    ) -> None:
+        self.cells, self.odd, self._xp = tuple(cells), tuple(odd), xp
+        self.mirrored = tuple(parity is not None for parity in odd)
+        self._turning = [axis for axis, twice in enumerate(self.mirrored) if not twice]
+        self.points = tuple(n + twice for n, twice in zip(cells, self.mirrored, strict=True))
+        halved = self._turning[-1:]
+        self.shape = tuple(
+            n // 2 + 1 if axis in halved else n for axis, n in enumerate(self.points)
+        )
+
+    @property
+    def phases(self) -> list[Any]:
+        """Change of phase over a cell in each direction, for every wave, each of shape (waves,)."""
+        xp, steps = self._xp, []
+        for axis, n in enumerate(self.cells):
+            if self.mirrored[axis]:
+                steps.append(xp.pi / n * xp.arange(n + 1))
+            else:
+                steps.append(2 * xp.pi * xp.fft.fftfreq(n)[: self.shape[axis]])
+        return [abs(part.ravel()) if axis in self._turning[-1:] else part.ravel()
+                for axis, part in enumerate(xp.meshgrid(*steps, indexing="ij"))]  # fmt: skip
+
+    def real(self, blocks: Any) -> Any:
+        """Blocks of the complex waves, shape (waves, r, r), as those of the transforms.
+
+        They are real where no direction is periodic.
+        """
+        if not any(self.mirrored):
+            return blocks
+        count = sum(np.asarray(p, dtype=int) for p in self.odd if p is not None)
+        turn = self._xp.asarray(np.array([1.0, -1j, -1.0, 1j])[count])
+        turned = self._xp.conj(turn)[:, None] * blocks * turn
+        return turned if self._turning else self._xp.ascontiguousarray(turned.real)
+
+    def doubled(self, forces: Grid) -> Grid:
+        """Forces on the nodes as those of the mirrored body, which on a side are twice as large."""
+        return forces * self._ends if any(self.mirrored) else forces
+
+    def halved(self, forces: Grid) -> Grid:
+        """Forces on the nodes from those of the mirrored body."""
+        return forces / self._ends if any(self.mirrored) else forces
+
+    @property
+    def weights(self) -> Grid:
+        """Area that belongs to each node in units of a cell, shape (nx[, ny]): halves at sides."""
+        return 1.0 / self._ends
+
+    @property
+    def _ends(self) -> Grid:
+        ends = self._xp.ones(self.points)
+        for axis, twice in enumerate(self.mirrored):
+            if twice:
+                at: Any = [slice(None)] * len(self.points)
+                at[axis] = [0, -1]
+                ends[tuple(at)] *= 2.0
+        return ends
+
+    def forward(self, values: Grid, first: int = 0) -> Any:
+        """Waves, shape (m, *shape), of m unknowns on the nodes, the unknowns from `first` on."""
+        for axis, parity in enumerate(self.odd):
+            if parity is not None:
+                values = self._mirrored(_series, values, parity[first:], axis)
+        if not self._turning:
+            return values
+        return fft_of(self._xp).rfftn(values, axes=[axis + 1 for axis in self._turning])
+
+    def inverse(self, waves: Any, first: int = 0) -> Grid:
+        """Values on the nodes, shape (m, *points), the inverse of `forward`."""
+        values = waves
+        if self._turning:
+            size = [self.cells[axis] for axis in self._turning]
+            axes = [axis + 1 for axis in self._turning]
+            values = fft_of(self._xp).irfftn(waves, s=size, axes=axes)
+        for axis, parity in enumerate(self.odd):
+            if parity is not None:
+                values = self._mirrored(_sum, values, parity[first:], axis)
+        return values
+
+    def filtered(self, symbol: Any, values: Grid, first: int = 0) -> Grid:
+        """The product of a symbol, shape (m, m, *shape), and values, shape (m, *points)."""
+        return self.inverse(multiplied(symbol, self.forward(values, first)), first)
+
+    def held(self, unknown: int) -> NDArray[np.bool_]:
+        """Nodes on which an unknown is zero because it is odd, shape (nx[, ny]), on the host."""
+        zero = np.zeros(self.points, dtype=bool)
+        for axis, parity in enumerate(self.odd):
+            if parity is not None and parity[unknown]:
+                np.moveaxis(zero, axis, 0)[[0, -1]] = True
+        return zero
+
+    def _mirrored(self, transform: Any, values: Grid, parity: Any, axis: int) -> Grid:
+        xp = self._xp
+        parts = [transform(xp.moveaxis(part, axis, -1), bool(odd), self.cells[axis])
+                 for part, odd in zip(values, parity, strict=False)]  # fmt: skip
+        return xp.moveaxis(xp.stack(parts), -1, axis + 1)
+
+
+def _series(values: Grid, odd: bool, cells: int) -> Grid:
+    """Cosine or sine transform of the first type along the last axis, n + 1 coefficients."""
+    xp, inner = namespace(values), values[..., -2:0:-1]
+    whole = xp.concatenate((values, -inner if odd else inner), axis=-1)
+    if odd:
+        whole[..., 0] = whole[..., cells] = 0.0
+    waves = fft_of(xp).rfft(whole, axis=-1)
+    return -waves.imag if odd else waves.real
+
+
+def _sum(waves: Grid, odd: bool, cells: int) -> Grid:
+    """The values, n + 1 along the last axis, of such coefficients."""
+    fft = fft_of(namespace(waves))
+    values = fft.irfft(-1j * waves if odd else waves, n=2 * cells, axis=-1)[..., : cells + 1]
+    if odd:
+        values[..., 0] = values[..., cells] = 0.0
+    return values

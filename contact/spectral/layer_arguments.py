@@ -1,0 +1,53 @@
+"""Arguments of layers in Fourier space, read and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.body.elastic_body import ElasticBody
+from contact.body.rigid_modes import dof_kinds
+from contact.errors import InputError
+
+
+def node_kinds(body: ElasticBody) -> NDArray[np.int64]:
+    """Kinds of the unknowns of a node, by `dof_kinds`."""
+    nodal = body.basis.nodal_dofs
+    if nodal.size != body.basis.N:
+        name = type(body.basis.elem.elem).__name__
+        raise InputError(f"element {name}: has unknowns that belong to no vertex; take an element "
+                         "such as ElementQuad1 or ElementQuadAdini")  # fmt: skip
+    return np.asarray(dof_kinds(body.basis)[nodal[:, 0]])
+
+
+def named(components: Sequence[int]) -> str:
+    """Components in the words of a message."""
+    return " and ".join("xyz"[c] for c in components)
+
+
+def read_base(base: Any) -> tuple[float, float]:
+    """Young's modulus and Poisson's ratio of the half space, which checks their ranges itself.
+
+    Raises
+    ------
+    InputError
+    """
+    if not isinstance(base, tuple | list) or len(base) != 2:
+        raise InputError(f"base={base!r}: expected a pair (E, nu)")
+    return base[0], base[1]
+
+
+def read_cells(cells: Any, lateral: int) -> tuple[int, ...]:
+    """Numbers of cells in the lateral directions.
+
+    Raises
+    ------
+    InputError
+    """
+    given = np.atleast_1d(cells)
+    if given.shape != (lateral,) or given.dtype.kind not in "iu" or np.any(given < 2):
+        raise InputError(f"cells={cells!r}: expected {lateral} whole numbers from 2")
+    return tuple(map(int, given))
