@@ -28,6 +28,9 @@ from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
+# Bytes that the states of a window may take without being asked for: states between checkpoints
+# cost another run, which is a quarter of a gradient.
+KEPT = 2**30
 
 
 @dataclass(frozen=True)
@@ -238,8 +241,11 @@ def check_differentiable(profile: str, limiter: str | None, dim: int, backend: s
         raise NotSupported("backend: derivatives are implemented for backend='cpu'")
 
 
-def checkpoint_distance(steps: int, checkpoints: int | None) -> int:
-    """Steps between checkpoints, by default about the square root of their number.
+def checkpoint_distance(steps: int, checkpoints: int | None, state: int) -> int:
+    """Steps between checkpoints.
+
+    By default every state is kept where all of them, of `state` bytes each, take no more than
+    `KEPT` bytes; otherwise about the square root of the number of steps are.
 
     Raises
     ------
@@ -247,7 +253,7 @@ def checkpoint_distance(steps: int, checkpoints: int | None) -> int:
         A number of checkpoints that is not a positive integer.
     """
     if checkpoints is None:
-        return max(1, int(np.ceil(np.sqrt(steps))))
+        return 1 if steps * state <= KEPT else max(1, int(np.ceil(np.sqrt(steps))))
     if isinstance(checkpoints, bool) or not isinstance(checkpoints, int | np.integer):
         raise InputError(f"checkpoints: expected a positive number, got {checkpoints!r}")
     if checkpoints < 1:

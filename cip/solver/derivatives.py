@@ -34,7 +34,7 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None) -> LinearO
         raise InputError("run: it has no steps")
     (stage,) = solver._stages
     replay = Replay(solver, steps_to(start, times, run.dt))
-    every = checkpoint_distance(len(replay.plan), checkpoints)
+    every = checkpoint_distance(len(replay.plan), checkpoints, start.data.nbytes)
     window = Window(
         stage, replay.plan, solver._kernels.begin(start), replay.advance, replay.feet,
         tuple(solver.velocity.parameters), every, solver.steady,

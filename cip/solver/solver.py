@@ -292,8 +292,8 @@ class Solver:
         run : Trajectory
             Of this solver; it is computed once more.
         checkpoints : int, optional
-            How many states the adjoint keeps, beside all those between two of them, which it
-            computes again; default about the square root of the number of steps.
+            How many states the adjoint keeps, beside those between two of them, which it computes
+            again; default all if that is at most 1 GiB, else the square root of the steps.
 
         Returns
         -------

@@ -145,7 +145,8 @@ def test_checkpoints_change_nothing(checkpoints):
 
 
 def test_the_adjoint_keeps_few_states(monkeypatch):
-    """With k checkpoints at most k states and the steps between two of them."""
+    """With k checkpoints at most k states and the steps between two of them; all, if they fit."""
+    from cip.sensitivities import window
     from cip.sensitivities.window import Window
 
     kept, original = [], Window._states
@@ -157,6 +158,10 @@ def test_the_adjoint_keeps_few_states(monkeypatch):
 
     monkeypatch.setattr(Window, "_states", counted)
     solver, run = solved(PERIODIC, CASES[0][1])  # 14 steps
+    solver.adjoint(run) @ run.final.data.ravel()
+    assert kept == [1] * 14
+    kept.clear()
+    monkeypatch.setattr(window, "KEPT", 14 * run.final.data.nbytes - 1)
     solver.adjoint(run) @ run.final.data.ravel()
     assert kept == [2, 4, 4, 4]
     kept.clear()
