@@ -1,0 +1,168 @@
+r"""Layers condensed onto their lower side, wave by wave, without keeping what lies between.
+
+A slab of layers is the real symmetric matrix of its lower and upper unknowns (`wave_cells`). Two of
+them are joined by elimination of the plane between, and whatever is condensed is a Schur complement
+by symmetric Gaussian elimination without pivots: what is eliminated is the stiffness of a body that
+is held elsewhere, hence positive definite, and its elimination is stable without them. Waves are
+taken in blocks that the cache holds; on a device by a kernel with a thread a wave
+(`contact.spectral.wave_kernel`), whose matrices stay in registers.
+
+References
+----------
+N. J. Higham, Accuracy and Stability of Numerical Algorithms, SIAM 2002, theorem 10.3, for the
+elimination; R. W. Hockney, J. ACM 12 (1965), 95-113, for the doubling.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.spectral import wave_kernel
+from contact.spectral.transforms import namespace
+from contact.spectral.wave_cells import functions
+
+Array = NDArray[np.float64]
+Waves = Any  # array of NumPy or CuPy, shape (n, n, waves), of which the upper triangle counts
+_NUMBERS = 1 << 20  # in the largest matrices of a block of waves, by CuPy 64 times as many
+
+
+@dataclass(frozen=True)
+class Column:
+    """The layers above a point of the surface grid, the same for all waves.
+
+    Attributes
+    ----------
+    tables : ndarray, shape (layers, 2 r, 2 r, m)
+        Of a layer of cells of each kind, from the bottom up, by `wave_cells.cell_table`.
+    counts : sequence of int
+        Layers of cells of each kind.
+    free : ndarray of int
+        Unknowns of a node of the top that nothing fixes.
+    dim : int
+        Unknowns of a node that forces act on: the first ones.
+    """
+
+    tables: Array
+    counts: Sequence[int]
+    free: NDArray[np.intp]
+    dim: int
+
+    @property
+    def eliminated(self) -> list[int]:
+        """Unknowns of the whole body that carry no force, free ones of the top first."""
+        r = self.tables.shape[1] // 2
+        return [r + int(k) for k in self.free] + list(range(self.dim, r))
+
+
+def condensed(column: Column, phases: Sequence[Any], base: Any = None) -> tuple[Any, Any]:
+    """Stiffness and compliance of the lower side for every combination of phases.
+
+    Parameters
+    ----------
+    column : Column
+    phases : sequence of arrays of NumPy or CuPy, one-dimensional
+        Change of phase over a cell in each direction; the waves are their outer product.
+    base : array, shape (dim (dim + 1) / 2, waves), optional
+        Upper triangle of what the top rests on, where all values on it are free.
+
+    Returns
+    -------
+    stiffness, compliance : arrays, shape (dim (dim + 1) / 2, waves)
+        Upper triangles, row by row, of the real matrices of `wave_cells`.
+    """
+    xp, r = namespace(phases[0]), column.tables.shape[1] // 2
+    if xp is not np and r <= wave_kernel.MOST:
+        return wave_kernel.condensed(column, phases, base)
+    waves, d = int(np.prod([p.size for p in phases])), column.dim
+    stiffness, compliance = (xp.empty((d * (d + 1) // 2, waves)) for _ in range(2))
+    size = max(1, _NUMBERS * (1 if xp is np else 64) // (9 * r * r))
+    tables = xp.asarray(column.tables)
+
+    def take(first: int) -> None:
+        at = slice(first, min(first + size, waves))
+        here = _phases(phases, at)
+        face = _face(column, _slab(tables, column.counts, here), base, at)
+        upper = np.triu_indices(d)
+        stiffness[:, at], compliance[:, at] = face[upper], inverse(face)[upper]
+
+    starts = range(0, waves, size)
+    if xp is not np or len(starts) == 1:
+        for first in starts:
+            take(first)
+    else:
+        with ThreadPoolExecutor(_cores()) as pool:
+            list(pool.map(take, starts))
+    return stiffness, compliance
+
+
+def joined(lower: Waves, upper: Waves) -> Waves:
+    """The slab of two, one above the other, each of shape (2 r, 2 r, waves)."""
+    r, xp = lower.shape[0] // 2, namespace(lower)
+    Z = xp.zeros((3 * r, 3 * r, lower.shape[2]))
+    Z[:r, :r] = lower[r:, r:] + upper[:r, :r]
+    Z[:r, r : 2 * r] = lower[:r, r:].transpose(1, 0, 2)
+    Z[:r, 2 * r :] = upper[:r, r:]
+    Z[r : 2 * r, r : 2 * r] = lower[:r, :r]
+    Z[2 * r :, 2 * r :] = upper[r:, r:]
+    return eliminated(Z, r)
+
+
+def eliminated(Z: Waves, count: int) -> Waves:
+    """The Schur complement of the first unknowns; Z, of which the upper triangle counts, is lost."""
+    n = Z.shape[0]
+    for k in range(count):
+        scaled = Z[k, k + 1 :] / Z[k, k]
+        for i in range(k + 1, n):
+            Z[i, i:] -= scaled[i - k - 1] * Z[k, i:]
+    return Z[count:, count:]
+
+
+def inverse(matrices: Waves) -> Waves:
+    """Upper triangles of the inverses."""
+    n, xp = matrices.shape[0], namespace(matrices)
+    Z = xp.zeros((2 * n, 2 * n, matrices.shape[2]))
+    Z[:n, :n] = matrices
+    Z[range(n), range(n, 2 * n)] = 1.0
+    return -eliminated(Z, n)
+
+
+def _slab(tables: Any, counts: Sequence[int], phases: Sequence[Any]) -> Waves:
+    """All layers together."""
+    xp, values, whole = namespace(phases[0]), functions(phases), None
+    for table, count in zip(tables, counts, strict=True):
+        power = xp.tensordot(table, values, axes=1)
+        for bit in range(count.bit_length()):
+            power = joined(power, power) if bit else power
+            if count >> bit & 1:
+                whole = power if whole is None else joined(whole, power)
+    return whole
+
+
+def _face(column: Column, whole: Waves, base: Any, at: slice) -> Waves:
+    """Stiffness of the unknowns that forces act on, shape (dim, dim, waves)."""
+    d, inner = column.dim, column.eliminated
+    order = np.array([*inner, *range(d)])
+    low, high = np.minimum.outer(order, order), np.maximum.outer(order, order)
+    Z = whole[low, high]
+    if base is not None:
+        Z[np.triu_indices(d)] += base[:, at]
+    return eliminated(Z, len(inner))
+
+
+def _phases(phases: Sequence[Any], at: slice) -> list[Any]:
+    """Phases of a range of waves, numbered with the last direction running fastest."""
+    xp, sizes = namespace(phases[0]), [p.size for p in phases]
+    index = xp.arange(at.start, at.stop)
+    return [p[i] for p, i in zip(phases, xp.unravel_index(index, sizes), strict=True)]
+
+
+def _cores() -> int:
+    known = getattr(os, "sched_getaffinity", None)
+    return len(known(0)) if known else os.cpu_count() or 1
