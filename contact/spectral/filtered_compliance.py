@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from contact.spectral.lateral_waves import LateralWaves
+from contact.spectral.real_symbol import RealSymbol
 from contact.spectral.transforms import filtered, namespace
 
 
@@ -14,19 +15,20 @@ class FilteredCompliance:
     `_lateral` are the waves where a direction is not periodic.
     """
 
-    _compliance: Any
-    _stiffness: Any
-    _normal_compliance: Any
-    _normal_stiffness: Any
+    _compliance: RealSymbol
+    _stiffness: RealSymbol
+    _normal_compliance: RealSymbol
+    _normal_stiffness: RealSymbol
     _lateral: LateralWaves | None = None
 
-    def _take_symbols(self, compliance: Any, stiffness: Any, normal: int) -> None:
-        """Keep the symbols (dim, dim, ...), and those of the component `normal` alone."""
-        xp, own = namespace(compliance), compliance[normal, normal].real
+    def _take_symbols(self, compliance: RealSymbol, stiffness: RealSymbol, normal: int) -> None:
+        """Keep the symbols of all components, and those of the component `normal` alone."""
+        own = compliance[normal, normal]
         # A mean that nothing holds is treated as the softest wave.
-        held = xp.where(own > 0, own, own.max())
+        held = namespace(own).where(own > 0, own, own.max())
         self._compliance, self._stiffness = compliance, stiffness
-        self._normal_compliance, self._normal_stiffness = own[None, None], 1.0 / held[None, None]
+        self._normal_compliance = RealSymbol(own[None], (0,))
+        self._normal_stiffness = RealSymbol(1.0 / held[None], (0,))
 
     def apply(self, forces: Any) -> Any:
         """Displacements of the points that forces on them cause.
@@ -81,13 +83,13 @@ class FilteredCompliance:
         """
         return self._loaded(self._normal_stiffness, displacements[None], displacements.ndim)[0]
 
-    def _moved(self, symbol: Any, forces: Any, first: int) -> Any:
+    def _moved(self, symbol: RealSymbol, forces: Any, first: int) -> Any:
         """Displacements of the components from `first` on under forces on them."""
         if self._lateral is None:
             return filtered(symbol, forces)
         return self._lateral.filtered(symbol, self._lateral.doubled(forces), first)
 
-    def _loaded(self, symbol: Any, displacements: Any, first: int) -> Any:
+    def _loaded(self, symbol: RealSymbol, displacements: Any, first: int) -> Any:
         if self._lateral is None:
             return filtered(symbol, displacements)
         return self._lateral.halved(self._lateral.filtered(symbol, displacements, first))

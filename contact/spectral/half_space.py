@@ -10,6 +10,7 @@ import scipy
 
 from contact.errors import InputError, numbers
 from contact.spectral.filtered_compliance import FilteredCompliance
+from contact.spectral.real_symbol import RealSymbol
 
 
 class HalfSpace(FilteredCompliance):
@@ -102,7 +103,9 @@ class HalfSpace(FilteredCompliance):
         self.stiffness = xp.asarray(np.moveaxis(inverse, (-2, -1), (0, 1)))
         symbol[(slice(None), slice(None)) + (0,) * len(self.shape)] = 0.0
         axis = int(np.argmax(np.abs(given)))
-        self._take_symbols(xp.asarray(symbol), self.stiffness, axis)
+        turns = (self.normal == 0).astype(int).tolist()
+        kept = (RealSymbol.of(part, turns) for part in (xp.asarray(symbol), self.stiffness))
+        self._take_symbols(*kept, axis)
 
     def __repr__(self) -> str:
         """Say how many points there are."""

@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.spectral.transforms import fft_of, multiplied, namespace
+from contact.spectral.real_symbol import RealSymbol
+from contact.spectral.transforms import fft_of, namespace
 
 Grid = Any  # an array of NumPy or CuPy, shape (m, nx[, ny]) or (nx[, ny])
 
@@ -62,28 +63,25 @@ class LateralWaves:
         )
 
     @property
-    def phases(self) -> list[Any]:
-        """Change of phase over a cell in each direction, for every wave, each of shape (waves,)."""
+    def steps(self) -> list[Any]:
+        """Change of phase over a cell of the waves of each direction, one-dimensional arrays."""
         xp, steps = self._xp, []
         for axis, n in enumerate(self.cells):
             if self.mirrored[axis]:
                 steps.append(xp.pi / n * xp.arange(n + 1))
             else:
                 steps.append(2 * xp.pi * xp.fft.fftfreq(n)[: self.shape[axis]])
-        return [abs(part.ravel()) if axis in self._turning[-1:] else part.ravel()
-                for axis, part in enumerate(xp.meshgrid(*steps, indexing="ij"))]  # fmt: skip
+        return [abs(step) if axis in self._turning[-1:] else step
+                for axis, step in enumerate(steps)]  # fmt: skip
 
-    def real(self, blocks: Any) -> Any:
-        """Blocks of the complex waves, shape (waves, r, r), as those of the transforms.
+    @property
+    def turns(self) -> NDArray[np.int64]:
+        """Power of the imaginary unit by which waves of each unknown are turned from complex ones.
 
-        They are real where no direction is periodic.
+        With it the symbols of mirrored directions are real.
         """
-        if not any(self.mirrored):
-            return blocks
-        count = sum(np.asarray(p, dtype=int) for p in self.odd if p is not None)
-        turn = self._xp.asarray(np.array([1.0, -1j, -1.0, 1j])[count])
-        turned = self._xp.conj(turn)[:, None] * blocks * turn
-        return turned if self._turning else self._xp.ascontiguousarray(turned.real)
+        odd = [np.asarray(p, dtype=int) for p in self.odd if p is not None]
+        return np.sum(odd, axis=0) if odd else np.zeros(1, dtype=int)
 
     def doubled(self, forces: Grid) -> Grid:
         """Forces on the nodes as those of the mirrored body, which on a side are twice as large."""
@@ -129,9 +127,9 @@ class LateralWaves:
                 values = self._mirrored(_sum, values, parity[first:], axis)
         return values
 
-    def filtered(self, symbol: Any, values: Grid, first: int = 0) -> Grid:
-        """The product of a symbol, shape (m, m, *shape), and values, shape (m, *points)."""
-        return self.inverse(multiplied(symbol, self.forward(values, first)), first)
+    def filtered(self, symbol: RealSymbol, values: Grid, first: int = 0) -> Grid:
+        """The product of a symbol of m components and values, shape (m, *points)."""
+        return self.inverse(symbol.times(self.forward(values, first)), first)
 
     def held(self, unknown: int) -> NDArray[np.bool_]:
         """Nodes on which an unknown is zero because it is odd, shape (nx[, ny]), on the host."""

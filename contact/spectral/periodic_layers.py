@@ -14,6 +14,7 @@ from contact.body.boundary_names import select_components
 from contact.body.elastic_body import ElasticBody
 from contact.body.layers.layers import read_layers
 from contact.errors import InputError, numbers
+from contact.spectral.condensed_layers import CondensedLayers
 from contact.spectral.filtered_compliance import FilteredCompliance
 from contact.spectral.half_space import HalfSpace
 from contact.spectral.inside import fields_at, layer_of, read_forces, read_points
@@ -21,8 +22,10 @@ from contact.spectral.lateral_sides import adrift, odd_unknowns, read_sides
 from contact.spectral.lateral_waves import LateralWaves
 from contact.spectral.layer_arguments import named, node_kinds, read_base, read_cells
 from contact.spectral.meshed_layers import meshed, supported
-from contact.spectral.slab_symbols import Slab, Stack, cell, cell_slab
+from contact.spectral.real_symbol import RealSymbol
+from contact.spectral.slab_symbols import cell
 from contact.spectral.transforms import host
+from contact.spectral.wave_cells import parities
 
 Array = NDArray[np.float64]
 _AXES = "xyz"
@@ -169,7 +172,7 @@ class PeriodicLayers(FilteredCompliance):
         """Number of unknowns of all nodes of the layers that are not fixed."""
         rows = sum(layer.cells for layer in self.layers)
         free = [np.count_nonzero(~self._waves.held(k)) for k in range(self._kinds.size)]
-        return int(sum(free)) * rows + int(sum(free[k] for k in self._loose))
+        return int(sum(free)) * rows + int(sum(free[k] for k in self._body.loose))
 
     def displacement(self, forces: Any, row: int) -> Any:
         """Displacement of the nodes on one level inside, under forces on the lower side.
@@ -193,7 +196,7 @@ class PeriodicLayers(FilteredCompliance):
         rows = sum(layer.cells for layer in self.layers)
         if isinstance(row, bool) or row != int(row) or not 0 <= row <= rows:
             raise InputError(f"row={row!r}: expected a whole number from 0 to {rows}")
-        return self._plane(self._ends(forces), int(row))[: self.dim] + self.initial
+        return self._plane(self._load(forces), int(row))[: self.dim] + self.initial
 
     def sample(self, forces: Any, points: ArrayLike) -> Array:
         """Displacement at points inside, by the element's own interpolation, on the host.
@@ -251,37 +254,23 @@ class PeriodicLayers(FilteredCompliance):
         return read_points(points, self.layers, self.dim, sides)
 
     def _fields(self, forces: Any, x: Array) -> tuple[Array, Array]:
-        ends = self._ends(forces)
+        load = self._load(forces)
         return fields_at(
             x,
             self.layers,
             self._cell_bodies,
-            lambda row: host(self._plane(ends, int(row))),
+            lambda row: host(self._plane(load, int(row))),
             [n - 1 if twice else None for n, twice in zip(self.cells, self.mirrored, strict=True)],
         )
 
-    def _ends(self, forces: Any) -> tuple[Any, Any]:
-        """Waves of the unknowns on the lower side and on the top, supports at rest."""
-        xp = self._xp
-        given = read_forces(xp, forces, (self.dim, *self.shape))
-        waves = self._waves.forward(self._waves.doubled(given))
-        load = xp.zeros((waves[0].size, self._lengths.size), dtype=self._face.dtype)
-        load[:, : self.dim] = xp.moveaxis(waves.reshape(self.dim, -1), 0, 1)
-        load[0, : self.dim][self._adrift] = 0.0
-        lower = xp.linalg.solve(self._face, load[..., None])[..., 0]
-        upper = xp.zeros_like(lower)
-        whole = self._stack.whole
-        for waves_of, free in self._tops():
-            pull = xp.conj(whole.Q[waves_of].transpose(0, 2, 1)) @ lower[waves_of][..., None]
-            stiffness = self._top(waves_of, free)
-            upper[waves_of, free] = xp.linalg.solve(stiffness, -pull[:, free])[..., 0]
-        return lower, upper
+    def _load(self, forces: Any) -> Any:
+        """Waves of forces on the lower side."""
+        given = read_forces(self._xp, forces, (self.dim, *self.shape))
+        return self._waves.forward(self._waves.doubled(given))
 
-    def _plane(self, ends: tuple[Any, Any], row: int) -> Any:
+    def _plane(self, load: Any, row: int) -> Any:
         """Unknowns on a plane of nodes, shape (r, nx[, ny]), supports at rest."""
-        xp = self._xp
-        inside = self._stack.at(row, *ends) / xp.asarray(self._lengths)
-        return self._waves.inverse(xp.moveaxis(inside, 1, 0).reshape(-1, *self._waves.shape))
+        return self._waves.inverse(self._body.plane(load, row))
 
     def elastic(self) -> ElasticBody:
         """The same body on a mesh, with its sides' conditions, and boundaries "bottom" and "top".
@@ -308,50 +297,10 @@ class PeriodicLayers(FilteredCompliance):
         supported(body, self._sides)
         return body
 
-    @property
-    def _loose(self) -> NDArray[np.intp]:
-        """Unknowns of a node of the top that are not fixed.
-
-        Where a value is fixed on the whole top, so are its derivatives along the top.
-        """
-        component = np.arange(self._kinds.size) % self.dim
-        along = (self._kinds >= -1) & (self._kinds < self.dim - 1)
-        return np.flatnonzero(~(self.held[component] & along))
-
-    @property
-    def _adrift(self) -> Any:
-        """Components whose mean is measured from the top: nothing holds them, or a half space."""
-        return self._xp.asarray(np.flatnonzero(~self.held))
-
-    def _tops(self) -> list[tuple[slice, Any]]:
-        """Waves, and the unknowns of the top that are eliminated in them.
-
-        In the wave 0 nothing determines the values that are free on the top: a body moves there as
-        one whose top is fixed, and by a translation more.
-        """
-        loose = self._loose
-        kinds = self._kinds[loose]
-        found = [(slice(0, 1), loose[kinds != -1]), (slice(1, None), loose)]
-        return [(waves, self._xp.asarray(free)) for waves, free in found if free.size]
-
-    def _top(self, waves: slice, free: Any) -> Any:
-        """Stiffness of the free unknowns of the top, with what lies above it."""
-        block = self._stack.whole.R[waves][:, free[:, None], free]
-        if self.base is None:
-            return block
-        twice = 1 + np.array(self._waves.mirrored)
-        above = HalfSpace(
-            (twice * self.lengths).tolist(), (twice * self.cells).tolist(), *self.base, xp=self._xp
-        )
-        at = tuple(slice(n) for n in self._waves.shape)
-        symbol = above.stiffness[(..., *at)].reshape(self.dim, self.dim, -1)
-        return block + self._waves.real(self._xp.moveaxis(symbol, 2, 0))[waves]
-
     def _in_plane(self) -> dict[str, Any]:
         return {"plane": self.plane} if self.dim == 2 else {}
 
     def _condense(self) -> None:
-        xp = self._xp
         cells = [
             cell(
                 (*self.spacing, layer.height / layer.cells), self.element,
@@ -362,30 +311,26 @@ class PeriodicLayers(FilteredCompliance):
         self._cell_bodies, self._kinds = cells, node_kinds(cells[0])
         sizes = np.array([*self.spacing, min(layer.height / layer.cells for layer in self.layers)])
         mixed = np.prod(sizes[:2])
-        self._lengths = np.array([1.0 if k == -1 else mixed if k < 0 else sizes[k]
-                                  for k in self._kinds])  # fmt: skip
-        self._waves = LateralWaves(self.cells, odd_unknowns(self._sides, self._kinds), xp)
+        lengths = np.array([1.0 if k == -1 else mixed if k < 0 else sizes[k]
+                            for k in self._kinds])  # fmt: skip
+        self._waves = LateralWaves(self.cells, odd_unknowns(self._sides, self._kinds), self._xp)
         self.shape = self._waves.points
         self.weights, self.mirrored = self._waves.weights, self._waves.mirrored
         self.fixed = np.array([self._waves.held(c) for c in range(self.dim)])
-        phases = self._waves.phases
-        slabs = [Slab(*map(self._waves.real, cell_slab(body, self._lengths, phases)))
-                 for body in cells]  # fmt: skip
         counts = [layer.cells for layer in self.layers]
-        self._stack = Stack.of(list(zip(slabs, counts, strict=True)))
-        whole = self._stack.whole
-        self._face = whole.P.copy()
-        for waves, free in self._tops():
-            coupling = whole.Q[waves][:, :, free]
-            inner = xp.linalg.solve(self._top(waves, free), xp.conj(coupling.transpose(0, 2, 1)))
-            self._face[waves] -= coupling @ inner
-        compliance = xp.linalg.inv(self._face)[:, : self.dim, : self.dim]
-        stiffness = xp.linalg.inv(compliance)
-        compliance[0][self._adrift, self._adrift] = 0.0
-        shape = (self.dim, self.dim, *self._waves.shape)
-        compliance, stiffness = (
-            xp.ascontiguousarray(xp.moveaxis(part, 0, 2)).reshape(shape)
-            for part in (compliance, stiffness)
+        self._body = CondensedLayers(
+            cells, counts, self._kinds, lengths, self.held, self._waves, self._below()
         )
-        self._take_symbols(compliance, stiffness, self.dim - 1)
+        self._take_symbols(*self._body.symbols(), self.dim - 1)
         self._lateral = self._waves if any(self._waves.mirrored) else None
+
+    def _below(self) -> RealSymbol | None:
+        """Stiffness of the half space that the top is bonded to."""
+        if self.base is None:
+            return None
+        twice = 1 + np.array(self._waves.mirrored)
+        above = HalfSpace(
+            (twice * self.lengths).tolist(), (twice * self.cells).tolist(), *self.base, xp=self._xp
+        )
+        at = tuple(slice(n) for n in self._waves.shape)
+        return RealSymbol.of(above.stiffness[(..., *at)], parities(self._kinds, self.dim).tolist())

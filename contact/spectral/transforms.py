@@ -35,24 +35,14 @@ def filtered(symbol: Any, values: Any) -> Any:
 
     Parameters
     ----------
-    symbol : array, shape (dim, dim, nx, ny // 2 + 1) or (dim, dim, nx // 2 + 1)
+    symbol : RealSymbol
+        Of dim components.
     values : array, shape (dim, nx, ny) or (dim, nx)
 
     Returns
     -------
     array, shape (dim, nx, ny) or (dim, nx)
     """
-    fft = fft_of(namespace(values))
-    axes = tuple(range(1, values.ndim))
-    products = multiplied(symbol, fft.rfftn(values, axes=axes))
-    return fft.irfftn(products, s=values.shape[1:], axes=axes)
-
-
-def multiplied(symbol: Any, waves: Any) -> Any:
-    """The product of a symbol, shape (m, m, ...), and waves, shape (m, ...)."""
-    products = namespace(waves).empty_like(waves)
-    for row, product in zip(symbol, products, strict=True):
-        product[...] = row[0] * waves[0]
-        for entry, wave in zip(row[1:], waves[1:], strict=True):
-            product += entry * wave
-    return products
+    fft, axes = fft_of(namespace(values)), tuple(range(1, values.ndim))
+    products = symbol.times(fft.rfftn(values, axes=axes))
+    return fft.irfftn(products, s=values.shape[1:], axes=axes, overwrite_x=True)

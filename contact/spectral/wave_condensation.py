@@ -87,7 +87,7 @@ def condensed(column: Column, phases: Sequence[Any], base: Any = None) -> tuple[
 
     def take(first: int) -> None:
         at = slice(first, min(first + size, waves))
-        here = _phases(phases, at)
+        here = phases_of(phases, at)
         face = _face(column, _slab(tables, column.counts, here), base, at)
         upper = np.triu_indices(d)
         stiffness[:, at], compliance[:, at] = face[upper], inverse(face)[upper]
@@ -156,7 +156,7 @@ def _face(column: Column, whole: Waves, base: Any, at: slice) -> Waves:
     return eliminated(Z, len(inner))
 
 
-def _phases(phases: Sequence[Any], at: slice) -> list[Any]:
+def phases_of(phases: Sequence[Any], at: slice) -> list[Any]:
     """Phases of a range of waves, numbered with the last direction running fastest."""
     xp, sizes = namespace(phases[0]), [p.size for p in phases]
     index = xp.arange(at.start, at.stop)

@@ -105,7 +105,7 @@ def test_every_level_is_that_of_the_sparse_body(make):
         error = block.displacement(forces, row) - exact
         assert abs(error - loose * mean_of(error, block.weights)).max() < 1e-10 * size
     again = block.displacement(forces, 0) - block.initial - block.apply(forces)
-    assert abs(again).max() < 1e-12 * size
+    assert abs(again).max() < 1e-11 * size  # planes inside eliminate in another order
     assert abs(block.precondition(block.apply(forces)) - forces).max() < 1e-11
 
 

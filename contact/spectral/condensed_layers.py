@@ -1,0 +1,185 @@
+"""The layers above a surface grid: symbols of their lower side, and the planes of nodes inside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.body.elastic_body import ElasticBody
+from contact.spectral.lateral_waves import LateralWaves
+from contact.spectral.real_symbol import RealSymbol
+from contact.spectral.slab_symbols import Slab, Stack
+from contact.spectral.transforms import namespace
+from contact.spectral.wave_cells import cell_table, functions, parities
+from contact.spectral.wave_condensation import Column, condensed, phases_of
+
+Array = NDArray[np.float64]
+_HELD = 1e9  # bytes of slabs inside that are kept, or made for one block of waves at a time
+
+
+class CondensedLayers:
+    """Layers of equal cells on their supports, or on what their top is bonded to.
+
+    Parameters
+    ----------
+    bodies : sequence of ElasticBody
+        A cell of each layer, from the bottom up.
+    counts : sequence of int
+        Layers of cells of each.
+    kinds : ndarray of int, shape (r,)
+        Of the unknowns of a node, by `contact.body.rigid_modes.dof_kinds`.
+    lengths : ndarray, shape (r,)
+        By which each unknown is multiplied to become a displacement.
+    held : ndarray of bool, shape (dim,)
+        Components that are fixed on the top.
+    waves : LateralWaves
+    base : RealSymbol, optional
+        What the top is bonded to, in the turns of `contact.spectral.wave_cells`.
+    """
+
+    def __init__(
+        self,
+        bodies: Sequence[ElasticBody],
+        counts: Sequence[int],
+        kinds: NDArray[np.int64],
+        lengths: Array,
+        held: NDArray[np.bool_],
+        waves: LateralWaves,
+        base: RealSymbol | None = None,
+    ) -> None:
+        dim, parity = held.size, parities(kinds, held.size)
+        self.kinds, self.lengths, self.held = kinds, lengths, held
+        self._waves, self._base = waves, None if base is None else base.entries
+        powers = waves.turns + parity
+        self.turns = tuple(((powers - powers[0]) % 4).tolist())
+        tables = np.array([cell_table(body, lengths, parity) for body in bodies])
+        self._column, self._first = (
+            Column(tables, tuple(counts), free, dim) for free in (self.loose, self._of_mean)
+        )
+        self._kept: Stack | None = None
+
+    @property
+    def loose(self) -> NDArray[np.intp]:
+        """Unknowns of a node of the top that are not fixed.
+
+        Where a value is fixed on the whole top, so are its derivatives along the top.
+        """
+        dim = self.held.size
+        component = np.arange(self.kinds.size) % dim
+        along = (self.kinds >= -1) & (self.kinds < dim - 1)
+        return np.flatnonzero(~(self.held[component] & along))
+
+    @property
+    def _of_mean(self) -> NDArray[np.intp]:
+        """Those that are eliminated in the wave 0.
+
+        Nothing determines the values that are free on the top there: a body moves as one whose top
+        is fixed, and by a translation more.
+        """
+        return self.loose[self.kinds[self.loose] != -1]
+
+    def symbols(self) -> tuple[RealSymbol, RealSymbol]:
+        """Compliance and stiffness of the lower side; the compliance without a mean that is free.
+
+        Components whose mean is measured from the top, because nothing holds them or the top lies
+        on a half space, have none.
+        """
+        steps, d = self._waves.steps, self.held.size
+        stiffness, compliance = condensed(self._column, steps, self._flat_base())
+        mean = condensed(self._first, [np.zeros(1)] * (d - 1))
+        for symbol, first in zip((stiffness, compliance), mean, strict=True):
+            symbol[:, 0] = namespace(symbol).asarray(first[:, 0])
+        low, high = np.triu_indices(d)
+        for e in np.flatnonzero((low == high) & ~self.held[low]):
+            compliance[e, 0] = 0.0
+        shape, turns = self._waves.shape, self.turns[:d]
+        return (
+            RealSymbol(compliance.reshape(-1, *shape), turns),
+            RealSymbol(stiffness.reshape(-1, *shape), turns),
+        )
+
+    def plane(self, load: Any, row: int) -> Any:
+        """Waves of the unknowns on a plane of nodes, supports at rest.
+
+        Parameters
+        ----------
+        load : array, shape (dim, *waves)
+            Waves of the forces on the lower side.
+        row : int
+            Number of the plane, counted from the bottom.
+
+        Returns
+        -------
+        array, shape (r, *waves)
+        """
+        xp, d, r = namespace(load), self.held.size, self.kinds.size
+        turn = xp.asarray(np.array([1, 1j, -1, -1j])[list(self.turns)])
+        turn = turn if load.dtype.kind == "c" else turn.real
+        given = xp.moveaxis(load.reshape(d, -1), 0, 1) * xp.conj(turn[:d])
+        given[0][xp.asarray(~self.held)] = 0.0
+        found = xp.empty((given.shape[0], r), dtype=given.dtype)
+        for at, stack in self._stacks():
+            lower, upper = self._ends(stack, given[at], at)
+            found[at] = stack.at(row, lower, upper)
+        return xp.moveaxis(found * turn / xp.asarray(self.lengths), 1, 0).reshape(r, *load.shape[1:])
+
+    def _ends(self, stack: Stack, load: Any, at: slice) -> tuple[Any, Any]:
+        """Unknowns of the lower side and of the top, both of shape (waves, r)."""
+        whole, r, xp = stack.whole, self.kinds.size, namespace(load)
+        lower, upper = (xp.zeros((load.shape[0], r), dtype=load.dtype) for _ in range(2))
+        base, d = self._flat_base(), self.held.size
+        for waves, free in self._tops(at):
+            n = r + free.size
+            matrix = xp.empty((whole.P[waves].shape[0], n, n))
+            matrix[:, :r, :r] = whole.P[waves]
+            coupling = whole.Q[waves][:, :, xp.asarray(free)]
+            matrix[:, :r, r:], matrix[:, r:, :r] = coupling, coupling.transpose(0, 2, 1)
+            matrix[:, r:, r:] = whole.R[waves][:, free[:, None], free]
+            if base is not None and free.size:
+                for e, (i, j) in enumerate(zip(*np.triu_indices(d), strict=True)):
+                    part = base[e, at][waves]
+                    matrix[:, r + i, r + j] += part
+                    if i != j:
+                        matrix[:, r + j, r + i] += part
+            given = xp.zeros((matrix.shape[0], n, 1), dtype=load.dtype)
+            given[:, :d, 0] = load[waves]
+            solved = xp.linalg.solve(matrix, given)[..., 0]
+            lower[waves] = solved[:, :r]
+            upper[waves, xp.asarray(free)] = solved[:, r:]
+        return lower, upper
+
+    def _tops(self, at: slice) -> list[tuple[slice, NDArray[np.intp]]]:
+        """Waves of a block, and the unknowns of the top that are free in them."""
+        if at.start:
+            return [(slice(None), self.loose)]
+        return [(slice(0, 1), self._of_mean), (slice(1, None), self.loose)]
+
+    def _stacks(self) -> Iterator[tuple[slice, Stack]]:
+        """Slabs inside, a block of waves at a time; kept where they are few."""
+        steps, r = self._waves.steps, self.kinds.size
+        waves = int(np.prod(self._waves.shape))
+        levels = sum(2 * count.bit_length() for count in self._column.counts)
+        size = max(1, int(_HELD / (24 * r * r * levels)))
+        if self._kept is not None:
+            yield slice(0, waves), self._kept
+            return
+        for first in range(0, waves, size):
+            at = slice(first, min(first + size, waves))
+            stack = self._stack(phases_of(steps, at))
+            if size >= waves:
+                self._kept = stack
+            yield at, stack
+
+    def _stack(self, phases: Sequence[Any]) -> Stack:
+        xp, r, values = namespace(phases[0]), self.kinds.size, functions(phases)
+        slabs = []
+        for table in self._column.tables:
+            T = xp.ascontiguousarray(xp.tensordot(xp.asarray(table), values, axes=1).T)
+            slabs.append(Slab(T[:, :r, :r], T[:, r:, :r].transpose(0, 2, 1), T[:, r:, r:]))
+        return Stack.of(list(zip(slabs, self._column.counts, strict=True)))
+
+    def _flat_base(self) -> Any:
+        return None if self._base is None else self._base.reshape(self._base.shape[0], -1)
