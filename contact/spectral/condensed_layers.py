@@ -13,8 +13,8 @@ from contact.spectral.lateral_waves import LateralWaves
 from contact.spectral.real_symbol import RealSymbol
 from contact.spectral.slab_symbols import Slab, Stack
 from contact.spectral.transforms import namespace
-from contact.spectral.wave_cells import cell_table, functions, parities
-from contact.spectral.wave_condensation import Column, condensed, phases_of
+from contact.spectral.wave_cells import Column, cell_table, functions, parities
+from contact.spectral.wave_condensation import condensed, phases_of
 
 Array = NDArray[np.float64]
 _HELD = 1e9  # bytes of slabs inside that are kept, or made for one block of waves at a time
@@ -124,7 +124,8 @@ class CondensedLayers:
         for at, stack in self._stacks():
             lower, upper = self._ends(stack, given[at], at)
             found[at] = stack.at(row, lower, upper)
-        return xp.moveaxis(found * turn / xp.asarray(self.lengths), 1, 0).reshape(r, *load.shape[1:])
+        found *= turn / xp.asarray(self.lengths)
+        return xp.moveaxis(found, 1, 0).reshape(r, *load.shape[1:])
 
     def _ends(self, stack: Stack, load: Any, at: slice) -> tuple[Any, Any]:
         """Unknowns of the lower side and of the top, both of shape (waves, r)."""

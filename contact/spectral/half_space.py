@@ -104,8 +104,8 @@ class HalfSpace(FilteredCompliance):
         symbol[(slice(None), slice(None)) + (0,) * len(self.shape)] = 0.0
         axis = int(np.argmax(np.abs(given)))
         turns = (self.normal == 0).astype(int).tolist()
-        kept = (RealSymbol.of(part, turns) for part in (xp.asarray(symbol), self.stiffness))
-        self._take_symbols(*kept, axis)
+        compliance = RealSymbol.of(xp.asarray(symbol), turns)
+        self._take_symbols(compliance, RealSymbol.of(self.stiffness, turns), axis)
 
     def __repr__(self) -> str:
         """Say how many points there are."""

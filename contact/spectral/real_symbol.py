@@ -38,8 +38,9 @@ class RealSymbol:
     @classmethod
     def of(cls, symbol: Any, turns: Sequence[int]) -> RealSymbol:
         """From the full complex symbol, shape (n, n, *waves)."""
-        upper = zip(*np.triu_indices(len(symbol)), strict=True)
-        parts = [(_TURNS[(turns[j] - turns[i]) % 4] * symbol[i, j]).real for i, j in upper]
+        n = len(symbol)
+        upper = [(i, j) for i in range(n) for j in range(i, n)]
+        parts = [(complex(_TURNS[(turns[j] - turns[i]) % 4]) * symbol[i, j]).real for i, j in upper]
         return cls(namespace(symbol).stack(parts), tuple(turns))
 
     def __getitem__(self, pair: tuple[int, int]) -> Any:

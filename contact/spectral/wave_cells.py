@@ -16,6 +16,7 @@ and their sines otherwise. Half the memory and a quarter of the operations of co
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,35 @@ from contact.body.elastic_body import ElasticBody
 from contact.spectral.transforms import namespace
 
 Array = NDArray[np.float64]
-_STEPS = {1: [(1,)], 2: [(1, 0), (0, 1), (1, 1), (1, -1)]}
+_STEPS: dict[int, list[tuple[int, ...]]] = {1: [(1,)], 2: [(1, 0), (0, 1), (1, 1), (1, -1)]}
+
+
+@dataclass(frozen=True)
+class Column:
+    """The layers above a point of the surface grid, the same for all waves.
+
+    Attributes
+    ----------
+    tables : ndarray, shape (layers, 2 r, 2 r, m)
+        Of a layer of cells of each kind, from the bottom up, by `cell_table`.
+    counts : sequence of int
+        Layers of cells of each kind.
+    free : ndarray of int
+        Unknowns of a node of the top that nothing fixes.
+    dim : int
+        Unknowns of a node that forces act on: the first ones.
+    """
+
+    tables: Array
+    counts: Sequence[int]
+    free: NDArray[np.intp]
+    dim: int
+
+    @property
+    def eliminated(self) -> list[int]:
+        """Unknowns of the whole body that carry no force, free ones of the top first."""
+        r = self.tables.shape[1] // 2
+        return [r + int(k) for k in self.free] + list(range(self.dim, r))
 
 
 def parities(kinds: NDArray[np.int64], dim: int) -> NDArray[np.int64]:
@@ -59,7 +88,8 @@ def functions(phases: Sequence[Any]) -> Any:
     """
     xp = namespace(phases[0])
     angles = [
-        sum(s * phase for s, phase in zip(step, phases, strict=True)) for step in _steps(phases)
+        sum(s * phase for s, phase in zip(step, phases, strict=True))
+        for step in _STEPS[len(phases)]
     ]
     one = [xp.ones_like(phases[0])]
     return xp.stack(one + [xp.cos(a) for a in angles] + [xp.sin(a) for a in angles])
@@ -101,7 +131,3 @@ def cell_table(body: ElasticBody, lengths: Array, parity: NDArray[np.int64]) -> 
             into[..., k] += np.where(quarter == 0, block, 0.0)
             into[..., k + len(steps)] -= quarter * (1 if forward else -1) * block
     return 0.5 * (table + table.transpose(1, 0, 2))
-
-
-def _steps(phases: Sequence[Any]) -> list[tuple[int, ...]]:
-    return _STEPS[len(phases)]  # type: ignore[return-value]

@@ -18,47 +18,16 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact.spectral import wave_kernel
 from contact.spectral.transforms import namespace
-from contact.spectral.wave_cells import functions
+from contact.spectral.wave_cells import Column, functions
 
-Array = NDArray[np.float64]
 Waves = Any  # array of NumPy or CuPy, shape (n, n, waves), of which the upper triangle counts
 _NUMBERS = 1 << 20  # in the largest matrices of a block of waves, by CuPy 64 times as many
-
-
-@dataclass(frozen=True)
-class Column:
-    """The layers above a point of the surface grid, the same for all waves.
-
-    Attributes
-    ----------
-    tables : ndarray, shape (layers, 2 r, 2 r, m)
-        Of a layer of cells of each kind, from the bottom up, by `wave_cells.cell_table`.
-    counts : sequence of int
-        Layers of cells of each kind.
-    free : ndarray of int
-        Unknowns of a node of the top that nothing fixes.
-    dim : int
-        Unknowns of a node that forces act on: the first ones.
-    """
-
-    tables: Array
-    counts: Sequence[int]
-    free: NDArray[np.intp]
-    dim: int
-
-    @property
-    def eliminated(self) -> list[int]:
-        """Unknowns of the whole body that carry no force, free ones of the top first."""
-        r = self.tables.shape[1] // 2
-        return [r + int(k) for k in self.free] + list(range(self.dim, r))
 
 
 def condensed(column: Column, phases: Sequence[Any], base: Any = None) -> tuple[Any, Any]:
@@ -105,7 +74,7 @@ def condensed(column: Column, phases: Sequence[Any], base: Any = None) -> tuple[
 def joined(lower: Waves, upper: Waves) -> Waves:
     """The slab of two, one above the other, each of shape (2 r, 2 r, waves)."""
     r, xp = lower.shape[0] // 2, namespace(lower)
-    Z = xp.zeros((3 * r, 3 * r, lower.shape[2]))
+    Z = xp.zeros((3 * r, 3 * r, lower.shape[2]), dtype=lower.dtype)
     Z[:r, :r] = lower[r:, r:] + upper[:r, :r]
     Z[:r, r : 2 * r] = lower[:r, r:].transpose(1, 0, 2)
     Z[:r, 2 * r :] = upper[:r, r:]
@@ -115,7 +84,7 @@ def joined(lower: Waves, upper: Waves) -> Waves:
 
 
 def eliminated(Z: Waves, count: int) -> Waves:
-    """The Schur complement of the first unknowns; Z, of which the upper triangle counts, is lost."""
+    """The Schur complement of the first unknowns; overwrites Z, whose upper triangle counts."""
     n = Z.shape[0]
     for k in range(count):
         scaled = Z[k, k + 1 :] / Z[k, k]
@@ -127,7 +96,7 @@ def eliminated(Z: Waves, count: int) -> Waves:
 def inverse(matrices: Waves) -> Waves:
     """Upper triangles of the inverses."""
     n, xp = matrices.shape[0], namespace(matrices)
-    Z = xp.zeros((2 * n, 2 * n, matrices.shape[2]))
+    Z = xp.zeros((2 * n, 2 * n, matrices.shape[2]), dtype=matrices.dtype)
     Z[:n, :n] = matrices
     Z[range(n), range(n, 2 * n)] = 1.0
     return -eliminated(Z, n)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import functools
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from contact.spectral.wave_condensation import Column
+from contact.spectral.wave_cells import Column
 
 MOST = 6  # unknowns of a node: the matrices of more leave no room for a thread
 _THREADS = 64
