@@ -19,6 +19,7 @@ from contact.spectral.frictionless import frictionless
 from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import GridProblem
 from contact.spectral.grid_result import GridResult, certified
+from contact.spectral.proximal_point import proximal_point
 from contact.spectral.transforms import host
 
 Array = NDArray[np.float64]
@@ -279,12 +280,12 @@ def _check_fixed(problem: GridProblem, l: Any, a: Any) -> None:
 def _with_friction(
     problem: GridProblem, law: GridFriction, start: Any, tol: float, report: Any
 ) -> Any:
-    """Newton's method; where it stalls on Coulomb's law, after solves with given friction."""
+    """Newton's method; where it stalls, proximal points (Tresca) or solves with given friction."""
     try:
         return friction_newton(problem, law, start, tol=tol, report=report)
     except NotConverged:
         if not law.coulomb:
-            raise
+            return proximal_point(problem, law, start, tol=tol, report=report)
     now = start
     for _ in range(_LOOPS):
         given = GridFriction(law.bound(problem.xp.maximum(now[0][0], 0.0)), False)

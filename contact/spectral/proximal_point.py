@@ -1,0 +1,108 @@
+"""Proximal points on a grid, where Newton's method with given friction goes round in circles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from contact.errors import NotConverged
+from contact.laws.iteration import Report
+from contact.spectral.friction_newton import GridFriction, friction_newton, residual
+from contact.spectral.grid_problem import Grid, GridProblem
+
+_FIRST, _SOFTEST, _STIFFEST = 0.1, 1e3, 1e-9  # compliance of the springs; that of a point is one
+_ATTEMPTS = 60
+_STEPS = 30  # of Newton's method each
+
+
+@dataclass(frozen=True)
+class Softened(GridProblem):
+    """A problem with springs at its points.
+
+    Attributes
+    ----------
+    springs : tuple of float
+        Compliance of each, along the normal and along the surface.
+    """
+
+    springs: tuple[float, float]
+
+    @classmethod
+    def near(cls, problem: GridProblem, forces: Grid, delta: float) -> Softened:
+        """The problem whose springs are at rest under given forces."""
+        normal, along = (delta / c for c in problem.scale)
+        v0 = problem.v0.copy()
+        v0[0] += normal * forces[0]
+        v0[1:] += along * forces[1:]
+        return cls(problem.compliance, v0, problem.gap, problem.force, (normal, along))
+
+    def W(self, forces: Grid) -> Grid:
+        """Compliance of the body and of the springs times forces."""
+        u = super().W(forces)
+        u[0] += self.springs[0] * forces[0]
+        u[1:] += self.springs[1] * forces[1:]
+        return u
+
+
+def proximal_point(
+    problem: GridProblem,
+    friction: GridFriction,
+    start: tuple[Grid, Any],
+    *,
+    tol: float,
+    report: Report = lambda iteration: None,
+) -> tuple[Grid, Any]:
+    r"""Solve a sequence of problems with springs, which Newton's method finds easier.
+
+    As in `contact.laws.proximal_point`: the step
+    :math:`W_k = W + \delta_k I, v_{0,k} = v_0 + \delta_k l_k` has the solution as its fixed point.
+    With Tresca's law the forces minimise a convex energy, and the iteration converges for any
+    delta, which is divided by 4 after a success and multiplied by 4 after a failure.
+
+    Parameters
+    ----------
+    problem : GridProblem
+    friction : GridFriction
+    start : tuple
+        Forces (dim, nx[, ny]) and motions (dim,).
+    tol : float
+        On the residual of the problem itself.
+    report : callable
+        Receives each `Iteration`.
+
+    Returns
+    -------
+    l : array, shape (dim, nx[, ny])
+    a : ndarray, shape (dim,)
+
+    Raises
+    ------
+    NotConverged
+        The least residual is larger than a hundred times the tolerance.
+
+    References
+    ----------
+    R. T. Rockafellar, Monotone operators and the proximal point algorithm, SIAM J. Control Optim.
+    14 (1976), Theorem 1.
+    """
+    best, least, delta = start, float("inf"), _FIRST
+    for _ in range(_ATTEMPTS):
+        step = Softened.near(problem, best[0], delta)
+        try:
+            now = friction_newton(
+                step, friction, best, tol=tol, max_iterations=_STEPS,
+                phase=f"proximal {delta:.0e}", report=report,
+            )  # fmt: skip
+        except NotConverged:
+            delta *= 4
+            if delta > _SOFTEST:
+                break
+            continue
+        size = residual(problem, friction, *now, problem.displacements(*now))
+        best, least = now, size
+        if size <= tol:
+            break
+        delta = max(0.25 * delta, _STIFFEST)
+    if least <= 1e2 * tol:
+        return best
+    raise NotConverged(f"proximal point: residual {least:.1e}, tolerance {tol:.1e}")

@@ -1,0 +1,61 @@
+"""Random layered problems: contact by transforms beside the sparse body and dense laws.
+
+Planes and space, bilinear elements and Adini's, contrasts up to 1e4, units of length and
+modulus over many decades, tops held or loose, obstacles moved or pressed and dragged by forces,
+without friction, with Tresca's and Coulomb's, numbers and fields.
+"""
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from dense_laws import forces_of
+from layer_problems import SparseCompliance, random_problem
+
+from contact import NotConverged
+
+
+def difference(seed):
+    """What a problem is, and how far the forces are from the sparse path's, over the largest."""
+    contact, kind = random_problem(seed)
+    result = contact.solve()
+    sparse = replace(contact, compliance=SparseCompliance.of(contact.compliance))
+    friction = None if kind["law"] == "none" else contact._friction()
+    if kind["law"] == "tresca":
+        friction = friction * result.cell
+    wanted = forces_of(sparse._problem(None), friction, contact.law)
+    assert max(result.kkt.values()) < 1e-10
+    assert result.pressure.any()
+    return kind, np.abs(result.forces - wanted).max() / np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("seed", [1000, 1003, 1006, 1012, 1019, 1013, 1020, 1023])
+def test_forces_are_those_of_the_sparse_path(seed):
+    assert difference(seed)[1] < 1e-9
+
+
+def test_given_friction_is_solved_where_newton_cycles():
+    seed = 185
+    contact, _ = random_problem(seed)
+    result = contact.solve()
+    assert result.history[-1].phase.startswith("proximal")
+    assert difference(seed)[1] < 1e-9
+
+
+@pytest.mark.slow
+def test_three_hundred_problems_and_none_wrong():
+    found = Counter()
+    for seed in range(300):
+        try:
+            kind, error = difference(seed)
+        except NotConverged as refusal:
+            found["refused"] += 1
+            print(seed, refusal)
+            continue
+        assert error < 1e-8, (seed, kind)
+        found.update(["solved", *(f"{name} {value}" for name, value in kind.items())])
+    print(found)
+    assert found["solved"] >= 299
+    for feature in ("dim 3", "adini True", "loose True", "law tresca", "law coulomb", "law none"):
+        assert found[feature] >= 30
