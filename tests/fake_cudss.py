@@ -12,6 +12,9 @@ class FakeCudss:
     def __init__(self):
         self.alive, self.calls, self.fail, self.keys = {}, [], {}, {}
         self.solved, self.error = [], 0.0  # columns of each solution, error of each solution
+        self.estimates = [0] * 16
+        self.phases, self.orders = [], []  # what was executed, orders that were handed over
+        self.during = {}  # what happens while a phase runs, by its number
 
     def __getattr__(self, name):
         if not name.startswith("cudss"):
@@ -44,14 +47,18 @@ class FakeCudss:
         self._open(out, {})
 
     def _cudssConfigSet(self, config, key, value, size):
-        assert size.value == 4
+        assert size.value == (8 if key == 12 else 4)
         self.keys[key] = value._obj.value
 
     def _cudssDataSet(self, handle, data, key, values, size):
-        assert key == 18
-        self.alive[data.value]["marks"] = _memory(values, ctypes.c_int32, size.value // 4).astype(
-            bool
-        )
+        numbers = _memory(values, ctypes.c_int32, size.value // 4)
+        if key == 18:
+            self.alive[data.value]["marks"] = numbers.astype(bool)
+        elif key == 9:
+            self.orders.append(numbers.copy())
+        else:
+            assert (key, size.value) == (23, 4)
+            self.alive[data.value]["interrupt"] = numbers  # the place, which is read later
 
     def _cudssMatrixCreateCsr(self, out, rows, columns, nnz, start, end, index, data, *types):
         assert end is None
@@ -62,8 +69,12 @@ class FakeCudss:
             _memory(index, ctypes.c_int32, m),
             _memory(start, ctypes.c_int32, n + 1),
         )
-        upper = sparse.csr_array(parts, shape=(n, n)).toarray()
-        self._open(out, (upper + np.triu(upper, 1).T, types[3]))
+        self._open(out, [parts, types[3]])
+
+    def _cudssMatrixSetValues(self, matrix, data):
+        (before, index, start), kind = self.alive[matrix.value]
+        parts = _memory(data, ctypes.c_double, len(before)), index, start
+        self.alive[matrix.value] = [parts, kind]
 
     def _cudssMatrixCreateDn(self, out, rows, columns, stride, data, *types):
         assert types == (1, 0)
@@ -72,14 +83,24 @@ class FakeCudss:
         self._open(out, flat.reshape(columns.value, rows.value).T)
 
     def _cudssExecute(self, handle, phase, config, data, matrix, x, b):
-        A, kind = self.alive[matrix.value]
+        parts, kind = self.alive[matrix.value]
+        n = len(parts[2]) - 1
+        upper = sparse.csr_array(parts, shape=(n, n)).toarray()
+        A = upper + np.triu(upper, 1).T
         columns = self.alive[b.value].shape[1]
+        self.phases.append(phase)
+        if phase in self.during:
+            self.during[phase]()
+        if self.alive[data.value]["interrupt"][0]:
+            return 5  # execution failed
+        if self.keys[24] and self.keys.get(11):
+            return 4  # no hybrid memory in the deterministic mode
         if self.keys[24] and (self.keys[5] > 0 or columns > 1):
             return 4  # not supported in the deterministic mode
         if self.keys.get(23):
             kept = self.alive[data.value]
             return self._partial(phase, A, kept, self.alive[b.value], self.alive[x.value])
-        if phase == 4:
+        if phase in (4, 8):
             lowest = np.linalg.eigvalsh(A).min()
             self.info = int(kind == 3 and lowest <= 0)
         elif phase == 1008:
@@ -97,7 +118,7 @@ class FakeCudss:
         inner, k = np.flatnonzero(~marks)[::-1], int(marks.sum())
         order, m = np.concatenate([inner, np.flatnonzero(marks)]), len(A) - k
         P = A[np.ix_(order, order)]
-        if phase == 4:
+        if phase in (4, 8):
             self.info = int(np.linalg.eigvalsh(P[:m, :m]).min() <= 0)
             if not self.info:
                 L = np.linalg.cholesky(P[:m, :m])
@@ -122,6 +143,9 @@ class FakeCudss:
             return
         if key == 20:
             self.alive[out._obj.value][...] = self.alive[data.value]["complement"]
+            return
+        if key == 13:
+            out._obj[:] = self.estimates
             return
         assert key == 0
         out._obj.value = self.info

@@ -18,6 +18,7 @@ _STATUSES = (
     *("execution failed", "internal error", "refinement failed"),
 )
 _ALLOCATION_FAILED = 2
+_LESS = "take fewer unknowns to keep, hybrid_memory=True, or solver='pardiso' on the host"
 _MISSING = "cuDSS needs CuPy and nvidia-cudss-cu13: pip install 'skfem-adini[cudss]'"
 
 
@@ -42,9 +43,43 @@ class CudssError(AdiniError):
             else "unknown"
         )
         if status == _ALLOCATION_FAILED and not pivot:
-            text += "; the factors do not fit into the memory of the device, take solver='pardiso'"
+            text += f"; the factors do not fit into the memory of the device; {_LESS}"
         super().__init__(f"{call} of cuDSS returned status {status}: {text}")
         self.call, self.status, self.pivot = call, status, pivot
+
+
+class DeviceMemory(CudssError):
+    """The analysis tells that the factors will not fit into the memory of the device.
+
+    Attributes
+    ----------
+    estimate, free
+        Bytes that the factorisation needs at its peak, and that are free.
+    hybrid
+        Bytes of the device with which `hybrid_memory` would do; None if not even that.
+    kept
+        Bytes among the estimate that the dense complement of kept unknowns takes.
+    """
+
+    def __init__(self, estimate: int, free: int, hybrid: int | None, kept: int) -> None:
+        super().__init__("cudssDataGet", _ALLOCATION_FAILED)
+        remedies = [f"fewer kept unknowns, whose complement takes {_gib(kept)}"] if kept else []
+        if hybrid is not None:
+            remedies.append(f"hybrid_memory=True, which needs {_gib(hybrid)} of the device")
+        remedies.append("solver='pardiso' on the host")
+        self.args = (
+            f"cuDSS: the factorisation needs {_gib(estimate)} of the memory of the device, "
+            f"{_gib(free)} are free; take {', or '.join(remedies)}",
+        )
+        self.estimate, self.free, self.hybrid, self.kept = estimate, free, hybrid, kept
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return the numbers: the text follows from them."""
+        return type(self), (self.estimate, self.free, self.hybrid, self.kept)
+
+
+def _gib(size: int) -> str:
+    return f"{size / 2**30:.3g} GiB"
 
 
 def device_arrays() -> Any:

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skfem_adini.solvers.cudss import CudssMatrix, pointer
+from skfem_adini.solvers.cudss import CudssMatrix
 
 Array = NDArray[np.float64]
 
 # cuDSS's numbers (cudss_data_types.h of version 1.0).
-_FLOAT64, _COLUMN_MAJOR = 1, 0
 _SCHUR_MODE = 23
 _MARKS, _SHAPE, _COMPLEMENT = 18, 19, 20
 FORWARD, BACKWARD = 0b11_0000, 0b1_1000_0000
@@ -33,6 +32,10 @@ class CudssSchur(CudssMatrix):
         positive definite.
     chosen
         Ascending indices of the unknowns to keep, shape (k,), fewer than n.
+    order
+        Order of elimination, shape (n,), the chosen unknowns last; None as for `CudssMatrix`.
+    hybrid_memory
+        As for `CudssMatrix`.
 
     Attributes
     ----------
@@ -41,7 +44,7 @@ class CudssSchur(CudssMatrix):
 
     Raises
     ------
-    MissingDependency, CudssError
+    MissingDependency, DeviceMemory, CudssError
         As for `CudssMatrix`.
 
     References
@@ -49,11 +52,20 @@ class CudssSchur(CudssMatrix):
     NVIDIA cuDSS 1.0 documentation, Schur complement mode.
     """
 
-    def __init__(self, A: Any, chosen: ArrayLike) -> None:
+    def __init__(
+        self, A: Any, chosen: ArrayLike, order: ArrayLike | None = None,
+        hybrid_memory: bool | int = False,
+    ) -> None:  # fmt: skip
         self._marks = np.zeros(A.shape[0], dtype=np.int32)
         self._marks[np.asarray(chosen)] = 1
-        super().__init__(A, definite=True, deterministic=False)
-        self._given = A, chosen
+        self._count = int(self._marks.sum())
+        super().__init__(A, True, False, order, hybrid_memory)
+        self._given = A, chosen, order, hybrid_memory
+        self.complement = self._complement()
+
+    def refactor(self, A: Any) -> None:
+        """Factor a matrix with the same pattern, and replace the complement."""
+        super().refactor(A)
         self.complement = self._complement()
 
     def forward(self, load: Array) -> Array:
@@ -64,25 +76,22 @@ class CudssSchur(CudssMatrix):
         """Solve for all unknowns (n,) after `forward`, values of the chosen ones in the last k."""
         return self._run(BACKWARD, halfway[:, None], 1)[:, 0]
 
-    def _open(self, opened: ExitStack, definite: bool) -> None:
-        super()._open(opened, definite)
-        self._set(_SCHUR_MODE, 1)
-        marks, size = ctypes.c_void_p(self._marks.ctypes.data), ctypes.c_size_t(self._marks.nbytes)
-        self._call("cudssDataSet", self._handle, self._data, _MARKS, marks, size)
+    def _settings(self) -> dict[int, Any]:
+        return {**super()._settings(), _SCHUR_MODE: ctypes.c_int(1)}
+
+    def _prepare(self) -> None:
+        self._cudss.put(_MARKS, self._marks)
+
+    def _more_bytes(self) -> int:
+        return 8 * self._count**2
 
     def _complement(self) -> Any:
-        count = int(self._marks.sum())
-        shape, written = (ctypes.c_int64 * 3)(), ctypes.c_size_t()
-        room = ctypes.c_size_t(ctypes.sizeof(shape)), ctypes.byref(written)
-        self._call("cudssDataGet", self._handle, self._data, _SHAPE, ctypes.byref(shape), *room)
-        if tuple(shape)[:2] != (count, count):
-            raise AssertionError(f"cuDSS: a Schur complement of {tuple(shape)[:2]}, not {count}")
-        S = self._xp.zeros((count, count))
-        layout = (*(ctypes.c_int64(count),) * 3, pointer(S), _FLOAT64, _COLUMN_MAJOR)
-        with ExitStack() as opened:
-            out = self._create(opened, "cudssMatrixCreateDn", "cudssMatrixDestroy", *layout)
-            room = ctypes.c_size_t(ctypes.sizeof(out)), ctypes.byref(written)
-            self._call(
-                "cudssDataGet", self._handle, self._data, _COMPLEMENT, ctypes.byref(out), *room
+        shape = self._cudss.get(_SHAPE, (ctypes.c_int64 * 3)())
+        if tuple(shape)[:2] != (self._count, self._count):
+            raise AssertionError(
+                f"cuDSS: a Schur complement of {tuple(shape)[:2]}, not {self._count}"
             )
+        S = self._cudss.xp.zeros((self._count, self._count))
+        with ExitStack() as opened:
+            self._cudss.get(_COMPLEMENT, self._cudss.dense(opened, S))
         return S

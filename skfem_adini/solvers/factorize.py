@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
@@ -42,6 +44,10 @@ class Factorization(Protocol):
         """Return the solution for one load (n,) or several (n, loads)."""
         ...
 
+    def refactor(self, A: Any) -> None:
+        """Factor other values in the places of the same pattern, zeros included."""
+        ...
+
 
 def factorize(
     A: Any,
@@ -50,6 +56,8 @@ def factorize(
     near_null: NearNullSpace | None = None,
     tol: float = 1e-10,
     max_iterations: int = 500,
+    order: ArrayLike | None = None,
+    hybrid_memory: bool | int = False,
 ) -> Factorization:
     r"""Factor a symmetric sparse matrix once, for any number of solves.
 
@@ -77,21 +85,33 @@ def factorize(
         recomputed from A after the iteration; the rounding error of A x is allowed in addition.
     max_iterations
         For ``"amg"``: largest number of iterations of conjugate gradients.
+    order
+        For ``"cudss"``: order of elimination, shape (n,), the unknown of each step, as that of a
+        nested dissection of the mesh. None: cuDSS computes one.
+    hybrid_memory
+        For ``"cudss"``: keep the factors in the memory of the host, and a part of them on the
+        device: of as many bytes as the number says, or as cuDSS decides if True. Slower, for
+        factors that do not fit; equal calls may then differ in the last bits.
 
     Returns
     -------
     Factorization
         Its method ``solve(b)`` takes loads of shape (n,) or (n, loads), real or complex. Threads
         may share it, and it can be copied and pickled; a copy repeats the factorisation if needed.
+        Its method ``refactor(A)`` factors other values with the same pattern; cuDSS keeps its
+        analysis, which takes longer than the factorisation, the others begin anew.
 
     Raises
     ------
     InputError
         A is not real, square, finite and symmetric, or singular, or (PARDISO, cuDSS) not definite;
-        a load that is not finite; ``"amg"`` without a fitting `near_null`, with `definite` false,
-        or a `tol` that is not in (0, 1).
+        a load that is not finite; a pattern in ``refactor`` that is not that of A; `order` that is
+        no permutation; `order` or `hybrid_memory` for another solver than cuDSS; ``"amg"`` without
+        a fitting `near_null`, with `definite` false, or a `tol` that is not in (0, 1).
     MissingDependency
         PARDISO, pyamg or cuDSS was asked for and is not installed, or there is no device for cuDSS.
+    AdiniError
+        The factors will not fit into the memory of the device; the text says what would.
 
     The method ``solve`` of ``"amg"`` raises `NotConverged` when the residual stays above `tol`.
 
@@ -119,28 +139,52 @@ def factorize(
         raise InputError(f"solver: expected one of {get_args(Solver)}, got {solver!r}")
     if solver == "pardiso" and not has_pardiso():
         raise MissingDependency("PARDISO needs pypardiso: pip install 'skfem-adini[mkl]'")
-    A = real_matrix("A", A)
-    if A.shape[0] != A.shape[1] or A.shape[0] == 0:
-        raise InputError(f"A: expected a square matrix, got shape {A.shape}")
-    if not np.isfinite(A.data).all():
-        raise InputError("A: the matrix holds NaN or infinity")
-    scale = sparse.diags_array(_scale(A, definite))
-    scaled = sparse.csr_array(scale @ A @ scale)
-    if not np.abs(scaled - scaled.T).max() <= _SYMMETRIC:
-        raise InputError("A: the matrix is not symmetric")
+    if solver != "cudss" and (order is not None or hybrid_memory):
+        raise InputError(f"order, hybrid_memory: for solver='cudss', not {solver!r}")
+    A = _checked(A)
+    scale = _scale(A, definite)
+    scaled = _scaled(A, scale)
     if solver == "amg":
-        modes = _scaled_modes(near_null, scale.diagonal(), definite)
+        modes = _scaled_modes(near_null, scale, definite)
         if not 0 < tol < 1 or not max_iterations >= 1:
             raise InputError(
                 f"tol, max_iterations: expected a number in (0, 1) and a positive one, got {tol!r} "
                 f"and {max_iterations!r}"
             )
-        return _Scaled(Multigrid(scaled, modes, tol, max_iterations), scale.diagonal())
-    factors = _direct(solver)(scaled, definite)
-    probe = np.random.default_rng(0).uniform(-1, 1, A.shape[0])
+        return _Scaled(Multigrid(scaled, modes, tol, max_iterations), scale, A, definite)
+    options = {"order": order, "hybrid_memory": hybrid_memory} if solver == "cudss" else {}
+    factors = _direct(solver)(scaled, definite, **options)
+    _probe(factors, scaled, definite)
+    return _Scaled(factors, scale, A, definite)
+
+
+def _checked(A: Any) -> Any:
+    """Return a matrix that is real, square and finite, by rows with ascending columns."""
+    A = real_matrix("A", A)
+    if not A.has_canonical_format:
+        A = A.copy()
+        A.sum_duplicates()
+    if A.shape[0] != A.shape[1] or A.shape[0] == 0:
+        raise InputError(f"A: expected a square matrix, got shape {A.shape}")
+    if not np.isfinite(A.data).all():
+        raise InputError("A: the matrix holds NaN or infinity")
+    return A
+
+
+def _scaled(A: Any, scale: Array) -> Any:
+    """Return D A D, where D is the diagonal matrix `scale`, if it is symmetric."""
+    data = np.repeat(scale, np.diff(A.indptr)) * A.data * scale[A.indices]
+    scaled = sparse.csr_array((data, A.indices, A.indptr), shape=A.shape)
+    if not np.abs(scaled - scaled.T).max() <= _SYMMETRIC:
+        raise InputError("A: the matrix is not symmetric")
+    return scaled
+
+
+def _probe(factors: Any, scaled: Any, definite: bool) -> None:
+    """Raise unless the factors recover a random vector."""
+    probe = np.random.default_rng(0).uniform(-1, 1, scaled.shape[0])
     if not np.abs(factors.solve(scaled @ probe) - probe).max() <= _PROBE_ERROR:
         raise _singular(definite)
-    return _Scaled(factors, scale.diagonal())
 
 
 def _direct(solver: Solver) -> Any:
@@ -190,8 +234,28 @@ def _singular(definite: bool) -> InputError:
 class _Scaled:
     """Solver for A by the factors of D A D, where D is the diagonal matrix `scale`."""
 
-    def __init__(self, factors: Factorization, scale: Array) -> None:
-        self._factors, self._scale = factors, scale
+    def __init__(self, factors: Any, scale: Array, A: Any, definite: bool) -> None:
+        self._factors, self._scale, self._definite = factors, scale, definite
+        self._pattern = A.shape, A.indptr, A.indices
+
+    def refactor(self, A: Any) -> None:
+        A = _checked(A)
+        pattern = A.shape, A.indptr, A.indices
+        if not all(map(np.array_equal, pattern, self._pattern)):
+            raise InputError(
+                f"A: its {A.nnz} entries are not in the places of the {self._pattern[2].size} that "
+                "were factored; call factorize for another pattern"
+            )
+        if isinstance(self._factors, Multigrid):
+            raise InputError("refactor: solver='amg' has no analysis to keep; call factorize")
+        scale = _scale(A, self._definite)
+        scaled = _scaled(A, scale)
+        if isinstance(self._factors, _Cudss):
+            self._factors.refactor(scaled)
+        else:
+            self._factors = type(self._factors)(scaled, self._definite)
+        _probe(self._factors, scaled, self._definite)
+        self._scale = scale
 
     @property
     def iterations(self) -> int:
@@ -248,11 +312,24 @@ class _Pardiso:
 class _Cudss:
     iterations = 0
 
-    def __init__(self, A: Any, definite: bool) -> None:
+    def __init__(
+        self, A: Any, definite: bool, order: ArrayLike | None, hybrid_memory: bool | int
+    ) -> None:
+        self._definite = definite
+        with self._typed():
+            self._cudss = Cudss(A, definite, not hybrid_memory, order, hybrid_memory)
+
+    def refactor(self, A: Any) -> None:
+        with self._typed():
+            self._cudss.refactor(A)
+
+    @contextmanager
+    def _typed(self) -> Iterator[None]:
+        """Raise the error of a pivot as one of the argument."""
         try:
-            self._cudss = Cudss(A, definite)
+            yield
         except CudssError as error:
-            raise (_singular(definite) if error.pivot else error) from error
+            raise (_singular(self._definite) if error.pivot else error) from error
 
     def solve(self, b: Array) -> Array:
         return self._cudss.solve(b)

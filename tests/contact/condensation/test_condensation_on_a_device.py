@@ -21,7 +21,7 @@ from contact.condensation.device_schur import DeviceSchur
 from contact.condensation.schur import SuperLUSchur
 from contact.errors import ContactError, MissingDependency
 from skfem_adini import ElementHexAdini, ElementQuadAdini
-from skfem_adini.solvers import cudss, cudss_library
+from skfem_adini.solvers import cudss, cudss_handles, cudss_library
 
 
 class Elsewhere(HostArrays):
@@ -44,9 +44,10 @@ def engine(request, monkeypatch):
             pytest.skip("cuDSS, CuPy or a CUDA device is not there")
         return None
     library = FakeCudss()
-    monkeypatch.setattr(cudss, "load_cudss", lambda: library)
+    monkeypatch.setattr(cudss_handles, "load_cudss", lambda: library)
+    monkeypatch.setattr(cudss_handles, "device_arrays", lambda: np)
     monkeypatch.setattr(cudss, "device_arrays", lambda: np)
-    monkeypatch.setattr(cudss, "threading_layer", lambda: None)
+    monkeypatch.setattr(cudss_handles, "threading_layer", lambda: None)
     monkeypatch.setattr(condense_module, "arrays_on", lambda device: Elsewhere())
     return library
 

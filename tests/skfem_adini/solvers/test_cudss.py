@@ -6,6 +6,9 @@ The fake reads the memory that the binding points at, as the library does, and f
 import gc
 import os
 import pickle
+import signal
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -13,7 +16,9 @@ from fake_cudss import FakeCudss
 from scipy import sparse
 
 from skfem_adini import InputError, MissingDependency, factorize
-from skfem_adini.solvers import cudss, cudss_library
+from skfem_adini.solvers import cudss, cudss_handles, cudss_library, cudss_memory
+from skfem_adini.solvers.device_triangle import DeviceTriangle
+from skfem_adini.solvers.upper_triangle import upper_triangle
 
 
 def _device():
@@ -28,9 +33,10 @@ def _device():
 @pytest.fixture
 def fake(monkeypatch):
     library = FakeCudss()
-    monkeypatch.setattr(cudss, "load_cudss", lambda: library)
+    monkeypatch.setattr(cudss_handles, "load_cudss", lambda: library)
+    monkeypatch.setattr(cudss_handles, "device_arrays", lambda: np)
     monkeypatch.setattr(cudss, "device_arrays", lambda: np)
-    monkeypatch.setattr(cudss, "threading_layer", lambda: None)
+    monkeypatch.setattr(cudss_handles, "threading_layer", lambda: None)
     return library
 
 
@@ -98,6 +104,158 @@ def test_loads_one_by_one_or_together(engine, deterministic):
         assert engine.keys == {24: int(deterministic), 5: 0}
 
 
+def test_other_values_keep_the_analysis(engine):
+    A, exact = matrix(40, True), np.random.default_rng(7).uniform(-1, 1, 40)
+    factors = factorize(A, solver="cudss")
+    other = A.copy()
+    other.data *= 3.0
+    other[0, 0] += 5.0
+    factors.refactor(other)
+    np.testing.assert_allclose(factors.solve(other @ exact), exact, atol=1e-12)
+    if engine is not None:
+        assert engine.phases.count(3) == 1
+        assert engine.phases.count(8) == 1
+    copied = pickle.loads(pickle.dumps(factors))
+    np.testing.assert_allclose(copied.solve(other @ exact), exact, atol=1e-12)
+
+
+def test_zeros_of_the_pattern_keep_their_places(engine):
+    A = sparse.csr_array([[4.0, 1, 1], [1, 4, 1], [1, 1, 4]])
+    factors = factorize(A, solver="cudss")
+    other = A.copy()
+    other.data[[2, 6]] = 0.0
+    factors.refactor(other)
+    np.testing.assert_allclose(factors.solve(other @ np.arange(3.0)), np.arange(3), atol=1e-14)
+
+
+@pytest.mark.parametrize("solver", ["cudss", "superlu"])
+def test_another_pattern_is_refused(engine, solver):
+    A = matrix(40, True)
+    factors = factorize(A, solver=solver)
+    for other in (A + sparse.eye_array(40, k=39) + sparse.eye_array(40, k=-39), A[:20][:, :20]):
+        with pytest.raises(InputError, match="not in the places"):
+            factors.refactor(other)
+    np.testing.assert_allclose(factors.solve(A @ np.ones(40)), 1.0, atol=1e-12)
+    with pytest.raises(InputError, match="not definite"):
+        factors.refactor(-A)
+
+
+def test_solvers_of_the_host_refactor_too():
+    A = matrix(40, True)
+    factors = factorize(A, solver="superlu")
+    factors.refactor(2 * A)
+    np.testing.assert_allclose(factors.solve(A @ np.ones(40)), 0.5, atol=1e-12)
+
+
+def test_an_order_is_handed_over(engine):
+    A, order = matrix(40, True), np.random.default_rng(8).permutation(40)
+    x = factorize(A, solver="cudss", order=order).solve(A @ np.ones(40))
+    np.testing.assert_allclose(x, 1.0, atol=1e-12)
+    if engine is not None:
+        np.testing.assert_array_equal(engine.orders, [order])
+
+
+@pytest.mark.parametrize("order", [np.zeros(5, dtype=int), np.arange(4), np.arange(5) + 0.5])
+def test_an_order_that_is_no_permutation(fake, order):
+    with pytest.raises(InputError, match="order: expected the numbers 0 to 4"):
+        factorize(matrix(5, True), solver="cudss", order=order)
+
+
+@pytest.mark.parametrize("hybrid", [True, 2**30])
+def test_factors_on_the_host(engine, hybrid):
+    A = matrix(40, True)
+    x = factorize(A, solver="cudss", hybrid_memory=hybrid).solve(A @ np.ones((40, 2)))
+    np.testing.assert_allclose(x, 1.0, atol=1e-12)
+    if engine is not None:
+        assert engine.keys[24] == 0
+        assert (engine.keys[11], engine.keys.get(12)) == (1, None if hybrid is True else hybrid)
+
+
+def test_options_of_cudss_are_refused_elsewhere():
+    for option in ({"order": [0, 1, 2]}, {"hybrid_memory": True}):
+        with pytest.raises(InputError, match="for solver='cudss', not 'superlu'"):
+            factorize(matrix(3, True), solver="superlu", **option)
+    with pytest.raises(InputError, match="deterministic"):
+        cudss.Cudss(matrix(3, True), True, hybrid_memory=True)
+
+
+@pytest.mark.parametrize(
+    ("free", "hybrid", "remedy"),
+    [
+        (5, False, r"5 GiB are free; take hybrid_memory=True, which needs 2 GiB .* or solver"),
+        (1, False, r"1 GiB are free; take solver='pardiso' on the host"),
+        (1, True, r"needs 2 GiB .* take solver='pardiso' on the host"),
+    ],
+)
+def test_factors_that_do_not_fit_are_foreseen(fake, monkeypatch, free, hybrid, remedy):
+    fake.estimates[1], fake.estimates[4] = 6 * 2**30, 2 * 2**30
+    monkeypatch.setattr(cudss_memory, "free_memory", lambda xp: free * 2**30)
+    with pytest.raises(cudss_library.DeviceMemory, match=remedy) as caught:
+        factorize(matrix(5, True), solver="cudss", hybrid_memory=hybrid)
+    assert caught.value.free == free * 2**30
+    assert 4 not in fake.phases
+    assert fake.alive == {}
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+    monkeypatch.setattr(cudss_memory, "free_memory", lambda xp: 6 * 2**30)
+    factorize(matrix(5, True), solver="cudss", hybrid_memory=hybrid)
+
+
+@pytest.mark.parametrize("phase", [3, 4])
+def test_an_interrupt_ends_the_factorisation(fake, phase):
+    fake.during[phase] = lambda: interrupted(fake)
+    with pytest.raises(KeyboardInterrupt):
+        factorize(matrix(5, True), solver="cudss")
+    assert fake.phases[-1] == phase
+    assert fake.seen
+    assert fake.alive == {}
+
+
+def test_factors_are_gone_after_an_interrupt_and_come_again(fake):
+    A = matrix(5, True)
+    factors = cudss.Cudss(A, True)
+    fake.during[8] = lambda: interrupted(fake)
+    with pytest.raises(KeyboardInterrupt):
+        factors.refactor(A)
+    with pytest.raises(cudss_library.AdiniError, match="did not end; call refactor"):
+        factors.solve(np.ones(5))
+    fake.during.clear()
+    factors.refactor(A)
+    np.testing.assert_allclose(factors.solve(A @ np.ones(5)), 1.0, atol=1e-12)
+
+
+def interrupted(fake):
+    """What Ctrl-C does while the library works: it sees the flag, and then only stops."""
+    flag = next(content["interrupt"] for content in fake.alive.values() if has_flag(content))
+    signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+    end = time.monotonic() + 30
+    while not flag[0] and time.monotonic() < end:
+        time.sleep(1e-3)
+    fake.seen = bool(flag[0])
+
+
+def has_flag(content):
+    return isinstance(content, dict) and "interrupt" in content
+
+
+@pytest.mark.parametrize("kind", ["sorted", "unsorted", "zeros", "lower only"])
+def test_the_triangle_is_that_of_the_host(kind):
+    A = matrix(30, True)
+    if kind == "unsorted":
+        A = sparse.csr_array((A.data[::-1], A.indices[::-1], len(A.data) - A.indptr[::-1]))
+        A.has_sorted_indices = False
+    if kind == "zeros":
+        A.data[(A.indices == 3) | (np.repeat(np.arange(30), np.diff(A.indptr)) == 3)] = 0.0
+        A.eliminate_zeros()
+    if kind == "lower only":
+        A = sparse.csr_array(sparse.tril(A))
+    expected = upper_triangle(A)
+    starts, columns, values = DeviceTriangle(np, A).arrays(A)
+    np.testing.assert_array_equal(starts, expected.indptr)
+    np.testing.assert_array_equal(columns, expected.indices)
+    np.testing.assert_array_equal(values, expected.data)
+    assert (starts.dtype, columns.dtype) == (np.int32, np.int32)
+
+
 def test_the_columns_of_several_loads_are_those_of_each_alone(engine):
     A, b = matrix(60, True), np.random.default_rng(5).uniform(-1, 1, (60, 3))
     factors = cudss.Cudss(A, True)
@@ -152,7 +310,7 @@ def test_memory_names_a_way_out(fake):
 def test_a_forked_process_is_refused(fake, monkeypatch):
     factors = cudss.Cudss(matrix(5, True), True)
     parent = os.getpid()
-    monkeypatch.setattr(cudss.os, "getpid", lambda: parent + 1)
+    monkeypatch.setattr(cudss_handles.os, "getpid", lambda: parent + 1)
     with pytest.raises(cudss_library.AdiniError, match="forked"):
         factors.solve(np.ones(5))
     del factors
@@ -162,6 +320,6 @@ def test_a_forked_process_is_refused(fake, monkeypatch):
 
 def test_missing_package_names_the_extra(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "cupy", None)
-    monkeypatch.setattr(cudss, "load_cudss", lambda: FakeCudss())
+    monkeypatch.setattr(cudss_handles, "load_cudss", lambda: FakeCudss())
     with pytest.raises(MissingDependency, match=r"skfem-adini\[cudss\]"):
         factorize(matrix(5, True), solver="cudss")

@@ -1,0 +1,176 @@
+"""The handles of one matrix in cuDSS, and the calls that go through them."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, wait
+from contextlib import ExitStack, nullcontext, suppress
+from typing import Any
+
+import numpy as np
+
+from skfem_adini.errors import AdiniError
+from skfem_adini.solvers.cudss_library import (
+    CudssError,
+    device_arrays,
+    load_cudss,
+    threading_layer,
+)
+
+# cuDSS's numbers (cudss_data_types.h of version 1.0; those of 0.x differ) and CUDA's data types.
+_INT32, _FLOAT64 = 10, 1
+_SYMMETRIC, _SPD = 1, 3
+_UPPER, _ZERO_BASED, _COLUMN_MAJOR = 2, 0, 0
+_INTERRUPT = 23
+
+
+class CudssHandles:
+    """Handles of cuDSS for a matrix on the device; `opened` destroys them in the reverse order.
+
+    Parameters
+    ----------
+    arrays
+        The upper triangle on the device: row starts, columns (int32), values (float64).
+    definite
+        Whether the matrix is positive definite.
+    settings
+        Number of each setting of cuDSS, and its value as a ctypes number.
+    """
+
+    def __init__(self, opened: ExitStack, arrays: Any, definite: bool, settings: Any) -> None:
+        self.library, self.xp = load_cudss(), device_arrays()
+        self._process, self._flag = os.getpid(), np.zeros(1, dtype=np.int32)
+        self._device = self.xp.cuda.Device() if hasattr(self.xp, "cuda") else nullcontext()
+        self._kept: list[Any] = [arrays]  # what cuDSS holds by its address
+        indptr, indices, data = arrays
+        self.n = len(indptr) - 1
+        self._handle = self.create(opened, "cudssCreate", "cudssDestroy")
+        layer = threading_layer()
+        if layer is not None:
+            self._call("cudssSetThreadingLayer", self._handle, os.fsencode(layer))
+        self._config = self.create(opened, "cudssConfigCreate", "cudssConfigDestroy")
+        for key, value in settings.items():
+            size = ctypes.c_size_t(ctypes.sizeof(value))
+            self._call("cudssConfigSet", self._config, key, ctypes.byref(value), size)
+        self._data = ctypes.c_void_p()
+        self._call("cudssDataCreate", self._handle, ctypes.byref(self._data))
+        opened.callback(self.library.cudssDataDestroy, self._handle, self._data)
+        n, nnz = ctypes.c_int64(self.n), ctypes.c_int64(len(data))
+        pointers = (pointer(indptr), None, pointer(indices), pointer(data))
+        types = (_INT32, _INT32, _FLOAT64, _SPD if definite else _SYMMETRIC, _UPPER, _ZERO_BASED)
+        self._matrix = self.create(
+            opened, "cudssMatrixCreateCsr", "cudssMatrixDestroy", n, n, nnz, *pointers, *types
+        )
+        self.put(_INTERRUPT, self._flag)
+
+    def here(self) -> None:
+        """Raise in a forked process, which has no device."""
+        if os.getpid() != self._process:
+            raise AdiniError("cuDSS: a forked process cannot use the device; factor in the child")
+
+    def release(self, opened: ExitStack) -> None:
+        """Destroy the handles, unless in a forked process."""
+        if os.getpid() == self._process:
+            opened.close()
+
+    def columns(self, opened: ExitStack, count: int) -> tuple[Any, Any, Any, Any]:
+        """Return two arrays of shape (count, n), each followed by its handle as (n, count)."""
+        result: list[Any] = []
+        for _ in range(2):
+            array = self.xp.zeros((count, self.n))
+            result += [array, self.dense(opened, array)]
+        return result[0], result[1], result[2], result[3]
+
+    def dense(self, opened: ExitStack, array: Any) -> Any:
+        """Return a handle of a row-major array as its transpose."""
+        columns, rows = (ctypes.c_int64(size) for size in array.shape)
+        layout = (rows, columns, rows, pointer(array), _FLOAT64, _COLUMN_MAJOR)
+        return self.create(opened, "cudssMatrixCreateDn", "cudssMatrixDestroy", *layout)
+
+    def create(self, opened: ExitStack, create: str, destroy: str, *data: Any) -> Any:
+        """Return a new handle, which `opened` destroys."""
+        handle = ctypes.c_void_p()
+        self._call(create, ctypes.byref(handle), *data)
+        opened.callback(getattr(self.library, destroy), handle)
+        return handle
+
+    def put(self, key: int, array: Any) -> None:
+        """Hand over an array of the host, which is kept."""
+        self._kept.append(array)
+        size = ctypes.c_size_t(array.nbytes)
+        self._call("cudssDataSet", self._handle, self._data, key, pointer(array), size)
+
+    def get(self, key: int, out: Any) -> Any:
+        """Return ctypes data after cuDSS has written into it."""
+        room = ctypes.c_size_t(ctypes.sizeof(out)), ctypes.byref(ctypes.c_size_t())
+        self._call("cudssDataGet", self._handle, self._data, key, ctypes.byref(out), *room)
+        return out
+
+    def set_values(self, data: Any) -> None:
+        """Take other values for the same pattern."""
+        self._call("cudssMatrixSetValues", self._matrix, pointer(data))
+        self._kept[0] = (*self._kept[0][:2], data)
+
+    def execute(self, phase: int, x: Any, b: Any, long: bool = False) -> None:
+        """Run a phase; Ctrl-C ends a long one."""
+        handles = self._config, self._data, self._matrix, x, b
+
+        def work() -> None:
+            with self._device:
+                self._call("cudssExecute", self._handle, phase, *handles)
+
+        if long and threading.current_thread() is threading.main_thread():
+            in_a_thread(work, self._interrupt)
+        else:
+            work()
+
+    def _interrupt(self, on: bool) -> None:
+        """Tell cuDSS, which looks at this number while it works."""
+        self._flag[0] = on
+
+    def _call(self, name: str, *arguments: Any) -> None:
+        status = int(getattr(self.library, name)(*arguments))
+        if status:
+            raise CudssError(name, status)
+
+
+def in_a_thread(work: Callable[[], None], interrupt: Callable[[bool], None]) -> None:
+    """Run long work of a library so that Python handles signals meanwhile.
+
+    At Ctrl-C the work is told to end, and has ended when KeyboardInterrupt leaves this function.
+    """
+    result: Future[None] = Future()
+    begin = threading.Event()
+    dropped = False
+
+    def whole() -> None:
+        begin.wait()
+        try:
+            if not dropped:
+                work()
+            result.set_result(None)
+        except BaseException as error:
+            result.set_exception(error)
+
+    try:
+        threading.Thread(target=whole, daemon=True).start()
+        begin.set()
+        result.result()
+    except KeyboardInterrupt:
+        interrupt(True)
+        dropped = not begin.is_set()
+        begin.set()
+        while not (dropped or result.done()):
+            with suppress(KeyboardInterrupt):
+                wait([result])
+        interrupt(False)
+        raise
+
+
+def pointer(array: Any) -> Any:
+    """Return the address of an array."""
+    interface = getattr(array, "__cuda_array_interface__", None) or array.__array_interface__
+    return ctypes.c_void_p(interface["data"][0])

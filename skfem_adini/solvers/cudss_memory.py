@@ -1,0 +1,47 @@
+"""Whether the factors will fit into the memory of the device, from the estimate of cuDSS."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+from skfem_adini.solvers.cudss_library import DeviceMemory
+
+# cuDSS's number of the estimates, how many they are, and which of them are the largest use of the
+# device, and its least use in hybrid mode.
+_ESTIMATES, _COUNT = 13, 16
+_PEAK, _HYBRID = 1, 4
+
+
+def check_memory(cudss: Any, hybrid: bool, more: int) -> None:
+    """Raise if the factorisation needs more memory than is free; call it after the analysis.
+
+    Parameters
+    ----------
+    cudss
+        The handles, after the analysis.
+    hybrid
+        Whether the factors may lie on the host.
+    more
+        Bytes on the device that are needed beside the factors.
+
+    Raises
+    ------
+    DeviceMemory
+    """
+    free = free_memory(cudss.xp)
+    if free is None:
+        return
+    estimates = cudss.get(_ESTIMATES, (ctypes.c_int64 * _COUNT)())
+    least = int(estimates[_HYBRID]) + more
+    needed = least if hybrid else int(estimates[_PEAK]) + more
+    if needed > free:
+        raise DeviceMemory(needed, free, None if hybrid or least > free else least, more)
+
+
+def free_memory(xp: Any) -> int | None:
+    """Bytes of the device that are free, those that CuPy keeps for later among them."""
+    if not hasattr(xp, "cuda"):
+        return None
+    xp.get_default_memory_pool().free_all_blocks()
+    return int(xp.cuda.runtime.memGetInfo()[0])
