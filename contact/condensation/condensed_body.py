@@ -62,6 +62,7 @@ class CondensedBody:
     modes: Array
     slender: bool = False
     thin: bool
+    path = "sparse"  # how the complement is computed: "sparse", "slabs" or "fourier"
     serial = True  # a second thread of BLAS gains nothing, see `CondensedContact.blas_threads`
     _P: sparse.csr_array
     _factor: Any

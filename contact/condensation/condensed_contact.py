@@ -332,6 +332,11 @@ class CondensedContact(CondensedBodies):
         found[motion.free] = self.driven(motion, self._scale)[1] * forces.a[self.N.shape[1] :]
         return found
 
+    @property
+    def path(self) -> str:
+        """How the bodies were condensed: "sparse", "slabs" or "fourier", of several one each."""
+        return ", ".join(part.path for part in self.parts)
+
     def blas_threads(self) -> AbstractContextManager[None]:
         """Threads of BLAS while a problem is solved, recovered and certified.
 

@@ -34,6 +34,7 @@ class CondensedLayers(CondensedBody):
         Where to compute.
     """
 
+    path = "slabs"
     serial = False  # recovery has large products
 
     def __init__(self, body: LayeredBlock, rows: BodyRows, arrays: HostArrays) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from contact.body.elastic_body import ElasticBody
 from contact.spectral.lateral_waves import LateralWaves
 from contact.spectral.real_symbol import RealSymbol
-from contact.spectral.slab_symbols import Slab, Stack
+from contact.spectral.slab_symbols import Stack, real_slab
 from contact.spectral.transforms import namespace
 from contact.spectral.wave_cells import Column, cell_table, functions, parities
 from contact.spectral.wave_condensation import condensed, phases_of
@@ -175,11 +175,8 @@ class CondensedLayers:
             yield at, stack
 
     def _stack(self, phases: Sequence[Any]) -> Stack:
-        xp, r, values = namespace(phases[0]), self.kinds.size, functions(phases)
-        slabs = []
-        for table in self._column.tables:
-            T = xp.ascontiguousarray(xp.tensordot(xp.asarray(table), values, axes=1).T)
-            slabs.append(Slab(T[:, :r, :r], T[:, r:, :r].transpose(0, 2, 1), T[:, r:, r:]))
+        values = functions(phases)
+        slabs = [real_slab(table, values) for table in self._column.tables]
         return Stack.of(list(zip(slabs, self._column.counts, strict=True)))
 
     def _flat_base(self) -> Any:

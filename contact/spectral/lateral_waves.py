@@ -106,25 +106,29 @@ class LateralWaves:
                 ends[tuple(at)] *= 2.0
         return ends
 
-    def forward(self, values: Grid, first: int = 0) -> Any:
-        """Waves, shape (m, *shape), of m unknowns on the nodes, the unknowns from `first` on."""
+    def forward(self, values: Grid, first: int = 0, kinds: Any = None) -> Any:
+        """Waves, shape (m, *shape, ...), of values on the nodes, shape (m, *points, ...).
+
+        The unknowns are those from `first` on, or those with the numbers `kinds`.
+        """
+        chosen = slice(first, None) if kinds is None else kinds
         for axis, parity in enumerate(self.odd):
             if parity is not None:
-                values = self._mirrored(_series, values, parity[first:], axis)
+                values = self._mirrored(_series, values, parity[chosen], axis)
         if not self._turning:
             return values
         return fft_of(self._xp).rfftn(values, axes=[axis + 1 for axis in self._turning])
 
-    def inverse(self, waves: Any, first: int = 0) -> Grid:
-        """Values on the nodes, shape (m, *points), the inverse of `forward`."""
-        values = waves
+    def inverse(self, waves: Any, first: int = 0, kinds: Any = None) -> Grid:
+        """Values on the nodes, shape (m, *points, ...), the inverse of `forward`."""
+        values, chosen = waves, slice(first, None) if kinds is None else kinds
         if self._turning:
             size = [self.cells[axis] for axis in self._turning]
             axes = [axis + 1 for axis in self._turning]
             values = fft_of(self._xp).irfftn(waves, s=size, axes=axes)
         for axis, parity in enumerate(self.odd):
             if parity is not None:
-                values = self._mirrored(_sum, values, parity[first:], axis)
+                values = self._mirrored(_sum, values, parity[chosen], axis)
         return values
 
     def filtered(self, symbol: RealSymbol, values: Grid, first: int = 0) -> Grid:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.body.elastic_body import ElasticBody
+from contact.body.layers.layers import Layer
 from contact.body.rigid_modes import dof_kinds
 from contact.errors import InputError
 
@@ -21,6 +22,15 @@ def node_kinds(body: ElasticBody) -> NDArray[np.int64]:
         raise InputError(f"element {name}: has unknowns that belong to no vertex; take an element "
                          "such as ElementQuad1 or ElementQuadAdini")  # fmt: skip
     return np.asarray(dof_kinds(body.basis)[nodal[:, 0]])
+
+
+def node_lengths(
+    kinds: NDArray[np.int64], spacing: Sequence[float], layers: Sequence[Layer]
+) -> NDArray[np.float64]:
+    """Length by which each unknown of a node is multiplied to become a displacement, shape (r,)."""
+    sizes = np.array([*spacing, min(layer.height / layer.cells for layer in layers)])
+    mixed = np.prod(sizes[:2])
+    return np.array([1.0 if k == -1 else mixed if k < 0 else sizes[k] for k in kinds])
 
 
 def named(components: Sequence[int]) -> str:

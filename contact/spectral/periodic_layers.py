@@ -12,16 +12,22 @@ from skfem.element import Element
 
 from contact.body.boundary_names import select_components
 from contact.body.elastic_body import ElasticBody
+from contact.body.layers.lateral_sides import adrift, odd_unknowns, read_sides
 from contact.body.layers.layers import read_layers
+from contact.body.layers.meshed_layers import meshed, supported
 from contact.errors import InputError, numbers
 from contact.spectral.condensed_layers import CondensedLayers
 from contact.spectral.filtered_compliance import FilteredCompliance
 from contact.spectral.half_space import HalfSpace
 from contact.spectral.inside import fields_at, layer_of, read_forces, read_points
-from contact.spectral.lateral_sides import adrift, odd_unknowns, read_sides
 from contact.spectral.lateral_waves import LateralWaves
-from contact.spectral.layer_arguments import named, node_kinds, read_base, read_cells
-from contact.spectral.meshed_layers import meshed, supported
+from contact.spectral.layer_arguments import (
+    named,
+    node_kinds,
+    node_lengths,
+    read_base,
+    read_cells,
+)
 from contact.spectral.real_symbol import RealSymbol
 from contact.spectral.slab_symbols import cell
 from contact.spectral.transforms import host
@@ -309,10 +315,7 @@ class PeriodicLayers(FilteredCompliance):
             for layer in self.layers
         ]  # fmt: skip
         self._cell_bodies, self._kinds = cells, node_kinds(cells[0])
-        sizes = np.array([*self.spacing, min(layer.height / layer.cells for layer in self.layers)])
-        mixed = np.prod(sizes[:2])
-        lengths = np.array([1.0 if k == -1 else mixed if k < 0 else sizes[k]
-                            for k in self._kinds])  # fmt: skip
+        lengths = node_lengths(self._kinds, self.spacing, self.layers)
         self._waves = LateralWaves(self.cells, odd_unknowns(self._sides, self._kinds), self._xp)
         self.shape = self._waves.points
         self.weights, self.mirrored = self._waves.weights, self._waves.mirrored

@@ -81,6 +81,13 @@ def cell_slab(body: ElasticBody, lengths: Any, phases: Sequence[Any]) -> Slab:
     return Slab(blocks[0, 0], blocks[0, 1], blocks[1, 1])
 
 
+def real_slab(table: Any, values: Any) -> Slab:
+    """One layer of cells from its table and the functions of the waves."""
+    xp, r = namespace(values), table.shape[0] // 2
+    T = xp.ascontiguousarray(xp.tensordot(xp.asarray(table), values, axes=1).T)
+    return Slab(T[:, :r, :r], T[:, r:, :r].transpose(0, 2, 1), T[:, r:, r:])
+
+
 def joined(lower: Slab, upper: Slab) -> Slab:
     """The slab of two, one above the other."""
     xp = namespace(lower.P)

@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from skfem import Basis, ElementVector, MeshQuad
+from skfem.element import Element
 
 from contact.arrays.dense_arrays import HostArrays, arrays_on
 from contact.body.boundary_names import select_components
@@ -19,6 +19,7 @@ from contact.body.constitutive import IsotropicLaw
 from contact.body.elastic_body import ElasticBody, Field
 from contact.body.layers.bottom_row import LowestRow
 from contact.body.layers.cell_stencil import CellStencil
+from contact.body.layers.edges import SIDES, built_edge, prescribed_on_edges, strip
 from contact.body.layers.evaluation import located, shape_functions
 from contact.body.layers.layers import (
     PER_NODE,
@@ -29,6 +30,7 @@ from contact.body.layers.layers import (
     read_lengths,
     read_sides,
 )
+from contact.body.layers.meshed_block import meshed_block
 from contact.body.material import checked_plane
 from contact.body.solid import Solid
 from contact.body.supports import live_rows
@@ -38,7 +40,6 @@ from skfem_adini import ElementQuadAdini
 
 Array = NDArray[np.float64]
 
-_SIDES = ("left", "right", "top")
 _GIVEN = ("plane", "layers", "lengths", "sides", "top", "width", "height", "columns")
 
 
@@ -51,29 +52,41 @@ class LayeredBlock(Solid):
     `contact.condensation.slab_doubling`, on the CPU or with ``problem.condense(device="cuda")`` on
     a GPU. Contact may occur on its "bottom".
 
+    In space, with another element, periodic sides or ``path="fourier"`` it is an `ElasticBody`
+    whose contact is condensed by transforms wherever they diagonalise its sides, else by a sparse
+    factorisation; ``problem.condense().path`` says how.
+
     Node (i, j), counted from the bottom left, carries dofs ``6 ((columns + 1) j + i) + k``, k
     running over ``u, v, u_x, v_x, u_y, v_y``.
 
     Parameters
     ----------
     lengths : float or (float, float)
-        Width, or width and height; the height must be the sum of the layers'. The bottom left
-        corner lies at the origin.
+        Width, or width and height; the height must be the sum of the layers'. In space the widths
+        along x and y. The bottom left corner lies at the origin.
     layers : sequence of (height, cells, E, nu)
         From the bottom up: height, number of cell rows, Young's modulus, Poisson's ratio.
     sides : str, pair of str or None
         Displacement components fixed on both sides, e.g. "y"; or on the left and the right one,
-        e.g. ("xy", None).
+        e.g. ("xy", None); in space across x and across y. "periodic" ties the sides instead.
     top : str or None
         Components fixed on the top.
     columns : int, optional
         Number of cells in a row. Default: cells of the first layer as square as can be.
     plane : {"strain", "stress"}
+    cells : int or (int, int), optional
+        Two numbers, along x and y, make a block in space; one stands for `columns`.
+    element : skfem element, optional
+        Scalar. Default: `ElementQuadAdini`, in space `ElementHex1`.
+    path : {"fourier"}, optional
+        Require transforms: sides are periodic, on rollers or held tangentially, and derivatives
+        that their mirror images make vanish are held as well, see `PeriodicLayers`. Without it
+        transforms serve periodic sides, and elements without derivatives.
 
     Raises
     ------
     InputError
-        A malformed argument; the message names it.
+        A malformed argument, which the message names; sides without the `path` asked for.
 
     Examples
     --------
@@ -90,6 +103,27 @@ class LayeredBlock(Solid):
     _IDENTITY = "cell_bodies"
     arrays = HostArrays()
 
+    def __new__(
+        cls, lengths: Any = None, layers: Any = None, sides: Any = None, top: str | None = None, *,
+        columns: Any = None, plane: str | None = "strain", cells: Any = None, element: Any = None,
+        path: str | None = None,
+    ) -> Any:  # fmt: skip
+        """A `MeshedBlock` where the arguments ask for one."""
+        tied = sides == "periodic" or (isinstance(sides, tuple | list) and "periodic" in sides)
+        if not tied and cells is None and element is None and path is None:
+            return super().__new__(cls)
+        return meshed_block(
+            lengths,
+            layers,
+            sides,
+            top,
+            columns,
+            plane=plane,
+            cells=cells,
+            element=element,
+            path=path,
+        )
+
     def __init__(
         self,
         lengths: float | Sequence[float],
@@ -99,6 +133,9 @@ class LayeredBlock(Solid):
         *,
         columns: int | None = None,
         plane: str | None = "strain",
+        cells: int | Sequence[int] | None = None,
+        element: Element | None = None,
+        path: str | None = None,
     ) -> None:
         self.dim, self.plane = 2, checked_plane(plane, 2)
         if self.is_ring:
@@ -123,7 +160,7 @@ class LayeredBlock(Solid):
         ]
         self.f: Array = np.zeros(self.node_rows * self.row_size)
         self._supports: list[tuple[str, int, Field]] = []
-        for boundary, components in zip(_SIDES, (*read_sides(sides), top), strict=True):
+        for boundary, components in zip(SIDES, (*read_sides(sides), top), strict=True):
             if components is not None:
                 self.fix(boundary, components)
 
@@ -162,7 +199,7 @@ class LayeredBlock(Solid):
             Force per area, which comes on top of earlier loads.
         """
         f = self.f.copy()
-        for name in self._names(boundary, (*_SIDES, "bottom")):
+        for name in self._names(boundary, (*SIDES, "bottom")):
             edge, dofs = self._edge(name)
             f[dofs] += edge.load(edge.facets(name), traction).f
         self.f = f
@@ -186,7 +223,7 @@ class LayeredBlock(Solid):
         self.f = f
         return self
 
-    def _names(self, boundary: Any, known: tuple[str, ...] = _SIDES) -> list[str]:
+    def _names(self, boundary: Any, known: tuple[str, ...] = SIDES) -> list[str]:
         names = [boundary] if isinstance(boundary, str) else boundary
         if not isinstance(names, list | tuple) or not names or any(n not in known for n in names):
             raise InputError(
@@ -197,31 +234,14 @@ class LayeredBlock(Solid):
     def _edge(self, name: str) -> tuple[ElasticBody, NDArray[np.int64]]:
         """One line of cells along an edge, as a body without supports, and its dofs in this one."""
         edges = self.__dict__.setdefault("_edges", {})
-        body, dofs = edges.get(name) or edges.setdefault(name, self._build_edge(name))
+        body, dofs = edges.get(name) or edges.setdefault(name, built_edge(self, name))
         fresh = copy(body)
         fresh._supports = []
         return fresh, dofs
 
-    def _build_edge(self, name: str) -> tuple[ElasticBody, NDArray[np.int64]]:
-        y = self.y
-        if name in ("top", "bottom"):
-            at = slice(-2, None) if name == "top" else slice(0, 2)
-            strip = self._strip(y[at], self.cell_bodies[-1 if name == "top" else 0], intorder=1)
-            start = self.f.size - strip.f.size if name == "top" else 0
-            return strip, start + np.arange(strip.f.size)
-        i = np.array([0, 1] if name == "left" else [self.columns - 1, self.columns])
-        nodes = (self.columns + 1) * np.arange(y.size)[:, None] + i
-        dofs = PER_NODE * nodes.ravel()[:, None] + np.arange(PER_NODE)
-        # Its material is not looked at: edges serve supports and tractions.
-        return self._body(grid(self.x[i], y), self.cell_bodies[0], intorder=1), dofs.ravel()
-
     def _strip(self, y: Array, cell: ElasticBody, intorder: int | None = None) -> ElasticBody:
         """One row of cells between two heights."""
-        return self._body(grid(self.x, y), cell, intorder)
-
-    def _body(self, mesh: MeshQuad, cell: ElasticBody, intorder: int | None) -> ElasticBody:
-        basis = Basis(mesh, ElementVector(ElementQuadAdini(1)), intorder=intorder)
-        return ElasticBody(basis, E=cell.E, nu=cell.nu, plane=self.plane)
+        return strip(self, grid(self.x, y), cell, intorder)
 
     @property
     def x(self) -> Array:
@@ -243,25 +263,7 @@ class LayeredBlock(Solid):
         InputError
             Two prescriptions contradict each other.
         """
-        dofs, values = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
-        for name in _SIDES:
-            own = [(c, value) for b, c, value in self._supports if b == name]
-            if own:
-                edge, place = self._edge(name)
-                for c, value in own:
-                    edge.fix(edge.facets(name), c, value)
-                P, u0 = edge.constraint
-                held = np.diff(P.indptr) == 0
-                dofs.append(place[held])
-                values.append(u0[held])
-        where, value = np.concatenate(dofs), np.concatenate(values)
-        found, first, inverse = np.unique(where, return_index=True, return_inverse=True)
-        # A derivative is compared as the displacement it makes along a cell.
-        cell = np.tile([1.0, 1.0, *[self.cell_size] * 4], 1)[found % PER_NODE]
-        size = float(np.abs(value * cell[inverse]).max(initial=0.0))
-        if np.any(np.abs(value - value[first][inverse]) * cell[inverse] > 1e-10 * size):
-            raise InputError("value: two prescribed displacements differ where they meet")
-        return found, value[first]
+        return prescribed_on_edges(self)
 
     @property
     def cell_size(self) -> float:

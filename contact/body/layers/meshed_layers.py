@@ -10,15 +10,17 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.body.elastic_body import ElasticBody
+from contact.body.layers.lateral_sides import Sides, odd_unknowns
 from contact.body.layers.layers import Layer
 from contact.body.rigid_modes import dof_kinds
-from contact.spectral.lateral_sides import Sides, odd_unknowns
+
+SIDES = (("left", "right"), ("front", "back"))  # across x and across y
 
 
 def meshed(
     kind: Any, lengths: Sequence[float], shape: Sequence[int], layers: Sequence[Layer]
 ) -> tuple[Any, NDArray[np.int64]]:
-    """Tensor mesh with the boundaries "bottom", "top", "low 0", "high 0", ..., and cells' layers.
+    """Tensor mesh with the boundaries "bottom", "top" and those of `SIDES`, and cells' layers.
 
     Parameters
     ----------
@@ -40,7 +42,7 @@ def meshed(
     mesh = kind.init_tensor(*ticks, levels)
     ends = {"bottom": (dim - 1, 0.0), "top": (dim - 1, levels[-1])}
     for axis, length in enumerate(lengths):
-        ends |= {f"low {axis}": (axis, 0.0), f"high {axis}": (axis, length)}
+        ends |= {SIDES[axis][0]: (axis, 0.0), SIDES[axis][1]: (axis, length)}
     size = max(*lengths, levels[-1])
     mesh = mesh.with_boundaries(
         {
@@ -54,24 +56,20 @@ def meshed(
 
 
 def supported(body: ElasticBody, sides: Sides) -> None:
-    """Tie the sides of a body on such a mesh, or hold on them what is odd about them.
-
-    Other supports come before.
-    """
+    """Tie the sides of a body on such a mesh, or hold on them what is odd about them."""
     nodal = body.basis.nodal_dofs
     odd = odd_unknowns(sides, np.asarray(dof_kinds(body.basis)[nodal[:, 0]]))
     vanishing = np.zeros(body.basis.N, dtype=bool)
     for axis, (fixed, parity) in enumerate(zip(sides, odd, strict=True)):
         if parity is not None:
             for component in fixed or ():
-                for name in (f"low {axis}", f"high {axis}"):
-                    body.fix(name, "xyz"[component])
+                body.fix(list(SIDES[axis]), "xyz"[component])
             place = body.mesh.p[axis]
             ends = np.abs(place - np.mean(place)) > (0.5 - 1e-9) * np.ptp(place)
             vanishing[nodal[np.ix_(parity, ends)]] = True
     left = np.flatnonzero(vanishing & (np.diff(body.constraint[0].indptr) > 0))
     for axis, fixed in enumerate(sides):
         if fixed is None:
-            body.periodic(f"high {axis}", f"low {axis}")
+            body.periodic(SIDES[axis][1], SIDES[axis][0])
     if left.size:
         body.constrain(sparse.eye_array(body.basis.N, format="csr")[left])

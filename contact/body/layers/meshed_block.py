@@ -1,0 +1,171 @@
+"""A layered block with a mesh: in space, between periodic sides, or of another element."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from skfem import MeshHex, MeshQuad
+
+from contact.body.axisymmetry import AXISYMMETRIC
+from contact.body.elastic_body import ElasticBody
+from contact.body.layers.lateral_sides import Sides, read_sides
+from contact.body.layers.layers import Layer, read_columns, read_layers, read_lengths
+from contact.body.layers.meshed_layers import SIDES, meshed, supported
+from contact.body.material import checked_plane
+from contact.errors import InputError, numbers
+from skfem_adini import ElementQuadAdini
+
+
+class MeshedBlock(ElasticBody):
+    """What `LayeredBlock` makes where it takes a mesh: an `ElasticBody` that knows its waves.
+
+    Contact on its "bottom" is condensed by transforms where its sides allow it, else by a sparse
+    factorisation; everything else is as for any `ElasticBody`. Its boundaries are "bottom", "top",
+    "left", "right" and in space "front" (y = 0) and "back".
+
+    Attributes
+    ----------
+    widths : tuple of float
+        In the lateral directions.
+    cells : tuple of int
+        Cells in the lateral directions.
+    layers : list of Layer
+    sides, path
+        As given to `LayeredBlock`.
+    lateral : Sides or None
+        What transforms may diagonalise; None where the sides are of another kind.
+    """
+
+    widths: tuple[float, ...]
+    cells: tuple[int, ...]
+    layers: list[Layer]
+    sides: Any
+    path: str | None
+    lateral: Sides | None
+    _made_of: Any  # the material that the layers were given
+
+    def __repr__(self) -> str:
+        size = " x ".join(map(str, (*self.cells, sum(layer.cells for layer in self.layers))))
+        name = type(self.element).__name__
+        return f"LayeredBlock({self.dim}-D, {size} cells, {self.f.size} unknowns of {name})"
+
+    def elastic(self) -> ElasticBody:
+        """The same body without its waves: contact condenses it by a sparse factorisation.
+
+        Returns
+        -------
+        ElasticBody
+        """
+        plain = ElasticBody.__new__(ElasticBody)
+        own = set(MeshedBlock.__annotations__)
+        plain.__dict__.update({k: v for k, v in vars(self).items() if k not in own})
+        plain.f = self.f.copy()
+        return plain
+
+
+def meshed_block(
+    lengths: Any,
+    layers: Any,
+    sides: Any,
+    top: str | None,
+    columns: Any = None,
+    *,
+    plane: str | None = "strain",
+    cells: Any,
+    element: Any,
+    path: str | None,
+) -> MeshedBlock:
+    """The block; arguments as for `LayeredBlock`.
+
+    Examples
+    --------
+    In space, between periodic sides:
+
+    >>> from contact import ContactProblem, LayeredBlock
+    >>> layers = [(0.5, 2, 1.0, 0.3)]
+    >>> block = LayeredBlock((1.0, 1.0), layers, "periodic", "xy", cells=(4, 4))
+    >>> problem = ContactProblem(block.fix("top", "z", -0.01), "bottom", 0.0, 0.3)
+    >>> problem.condense().path
+    'fourier'
+    """
+    if columns is not None and cells is not None:
+        raise InputError(f"columns={columns!r}: cells={cells!r} says the same; leave it out")
+    found = read_layers(layers)
+    widths, count = _read_grid(lengths, columns if cells is None else cells, found)
+    dim = len(widths) + 1
+    if dim == 2 and checked_plane(plane, 2) == AXISYMMETRIC:
+        raise InputError(f"plane={plane!r}: layers have no radii; take an ElasticBody")
+    lateral = _read_lateral(sides, dim, path)
+    kind = MeshQuad if dim == 2 else MeshHex
+    mesh, of = meshed(kind, widths, count, found)
+    if element is None:
+        element = ElementQuadAdini() if dim == 2 else kind.elem()
+    E, nu = (np.array([getattr(layer, key) for layer in found])[of] for key in ("E", "nu"))
+    body = MeshedBlock.from_mesh(mesh, element, E=E, nu=nu, plane=plane if dim == 2 else "strain")
+    body.widths, body.cells, body.layers = widths, count, found
+    body.sides, body.path, body.lateral = sides, path, lateral
+    body._made_of = body._material
+    if top is not None:
+        body.fix("top", top)
+    if lateral is not None and path == "fourier":
+        supported(body, lateral)
+    else:
+        _support(body, sides)
+    return body
+
+
+def _support(body: MeshedBlock, sides: Any) -> None:
+    """Fix or tie the sides, and hold nothing besides."""
+    for entry, count in zip(
+        (sides,) if isinstance(sides, str) else sides or (), body.cells, strict=False
+    ):
+        if entry == "periodic" and count < 2:
+            raise InputError(f"cells={count}: expected two or more along periodic sides")
+    if body.dim == 2 and sides not in ("periodic", ["periodic"], ("periodic",)):
+        pair = sides if isinstance(sides, tuple | list) else (sides, sides)
+        if len(pair) != 2:
+            raise InputError(f"sides={sides!r}: expected components, None, or a pair of these")
+        if "periodic" in pair:
+            raise InputError(f"sides={sides!r}: 'periodic' is said of both sides at once")
+        for name, components in zip(SIDES[0], pair, strict=True):
+            if components is not None:
+                body.fix(name, components)
+        return
+    entries = (sides,) * (body.dim - 1) if sides is None or sides == "periodic" else sides
+    if not isinstance(entries, tuple | list) or len(entries) != body.dim - 1:
+        raise InputError(f"sides={sides!r}: expected 'periodic', None, or an entry for each of the "
+                         "directions x and y, such as ('periodic', 'y')")  # fmt: skip
+    for names, components in zip(SIDES, entries, strict=False):
+        if components is not None and components != "periodic":
+            body.fix(list(names), components)
+    for names, components in zip(SIDES, entries, strict=False):
+        if components == "periodic":
+            body.periodic(names[1], names[0])
+
+
+def _read_lateral(sides: Any, dim: int, path: str | None) -> Sides | None:
+    if path not in (None, "fourier"):
+        raise InputError(f"path={path!r}: expected None or 'fourier'")
+    if dim == 2 and isinstance(sides, tuple | list) and len(sides) == 2 and sides[0] == sides[1]:
+        sides = sides[0]
+    try:
+        return read_sides(sides, dim)
+    except InputError:
+        if path == "fourier":
+            raise
+        return None
+
+
+def _read_grid(lengths: Any, cells: Any, layers: list[Layer]) -> tuple[Any, tuple[int, ...]]:
+    given = numbers("lengths", lengths)
+    count = np.atleast_1d(1 if cells is None else cells)
+    if count.shape not in ((1,), (2,)) or count.dtype.kind not in "iu" or np.any(count < 1):
+        raise InputError(f"cells={cells!r}: expected a whole number, or two in space")
+    if count.size == 1:
+        width, _ = read_lengths(lengths, layers)
+        return (width,), (read_columns(cells, width, layers[0]),)
+    if given.shape != (2,) or not np.all(np.isfinite(given) & (given > 0)):
+        raise InputError(f"lengths={lengths!r}: expected two positive numbers, the widths along x "
+                         "and y")  # fmt: skip
+    return tuple(given.tolist()), tuple(map(int, count))
