@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -31,6 +32,7 @@ class HeightSpline:
     periodic: bool
     steepest: float
     _spline: Any
+    _heights: Array
 
     @classmethod
     def through(cls, heights: Array, lengths: Array, degree: int, periodic: bool) -> HeightSpline:
@@ -52,7 +54,7 @@ class HeightSpline:
             shape[axis] = run.size
             slopes.append(float(np.abs(rise / run.reshape(shape)).max()))
         spline = scipy.interpolate.NdBSpline(tuple(knots), c, degree, extrapolate=False)
-        return cls(lengths, periodic, float(np.hypot.reduce(slopes)), spline)
+        return cls(lengths, periodic, float(np.hypot.reduce(slopes)), spline, heights)
 
     def within(self, places: Array) -> NDArray[np.bool_]:
         """Whether places (dim - 1, ...) lie on the surface: all of them do if it is periodic."""
@@ -65,6 +67,22 @@ class HeightSpline:
     def height(self, places: Array) -> Array:
         """Heights at places (dim - 1, ...), beyond the edge of a patch those of its edge."""
         return self._value(places, np.zeros(len(places), dtype=int))
+
+    def over(self, axes: Sequence[Array]) -> Array:
+        """Heights of a periodic surface on a tensor grid; on its own points those that were given.
+
+        Parameters
+        ----------
+        axes : sequence of ndarray
+            Coordinates along each direction.
+        """
+        numbers = []
+        for x, length, n in zip(axes, self.lengths, self._heights.shape, strict=True):
+            number = np.rint(x * (n / length))
+            if np.abs(x * (n / length) - number).max(initial=0.0) > 1e-12 * n:
+                return self._on_grid(list(axes), np.zeros(len(axes), dtype=int))
+            numbers.append(number.astype(np.int64) % n)
+        return self._heights[np.ix_(*numbers)]
 
     def slope(self, places: Array) -> Array:
         """Derivatives along each direction at places (dim - 1, ...), of the same shape."""

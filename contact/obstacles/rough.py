@@ -243,6 +243,33 @@ class Rough:
         gap[~self._surface.within(self._on_plane(met))] = np.inf
         return gap
 
+    def gap_over(self, axes: Sequence[Array], n: Array) -> Array | None:
+        """Gap along n from the points of a grid on the coordinate plane through the origin.
+
+        Parameters
+        ----------
+        axes : sequence of ndarray
+            Coordinates along each axis of the grid.
+        n : ndarray, shape (dim,)
+            Along a coordinate axis.
+
+        Returns
+        -------
+        ndarray, shape (n,) or (nx, ny)
+            None where the surface ends, is oblique or looks away: then ask point by point.
+
+        Examples
+        --------
+        >>> wavy = Rough([0.0, 0.2, 0.4, 0.2], 1.0, point=(0.0, -1.0), interpolation="linear")
+        >>> print(wavy.gap_over([np.array([0.0, 0.25, 0.375])], np.array([0.0, -1.0])))
+        [1.  0.8 0.7]
+        """
+        origin, frame, unit = self._frame
+        if not self.periodic or np.any(frame @ n) or unit @ n >= 0:
+            return None
+        places = [x - frame[i] @ origin for i, x in enumerate(axes)]
+        return np.asarray(-(origin @ unit) - self._surface.over(places))
+
     def distance(self, x: Array) -> tuple[Array, Array]:
         """Distance from the surface to first order, positive above, and its gradient.
 

@@ -7,6 +7,7 @@ import numpy as np
 from contact.errors import Infeasible, NotConverged
 from contact.laws.iteration import Iteration, Report
 from contact.spectral.grid_problem import Grid, GridProblem
+from contact.spectral.transforms import host
 
 _FIRST = 1e-2  # accuracy of conjugate gradients while the set still changes
 _SETS = 60
@@ -104,44 +105,52 @@ def frictionless(
 def _on_set(
     problem: GridProblem, active: Grid, driving: Grid, start: Grid, total: float, accuracy: float
 ) -> tuple[Grid, float]:
-    """Solve on the active set, from forces that are cut off outside it."""
-    xp, c = problem.xp, problem.scale[0]
-    given, count = not np.isnan(total), float(active.sum())
-    mu = xp.where(active, start, 0.0)
-    ones = xp.where(active, problem.S_normal(active.astype(float)), 0.0) if given else mu
-    weight = float(ones.sum()) if given else 0.0
-    if given and not weight > 0:
-        ones, weight = active / count, 1.0
+    """Solve on the active set, from forces that are cut off outside it.
+
+    Numbers that steps need stay where the arrays are; the host asks for them once a product.
+    """
+    xp, given = problem.xp, not np.isnan(total)
+    inside, count = active.astype(float), active.sum()
+    mu = inside * start
+    ones = inside * problem.S_normal(inside) if given else mu
+    weight = ones.sum()
+    if given and not float(weight) > 0:
+        ones, weight = inside / count, 1.0
     if given:
-        mu = mu + (total - float(mu.sum())) / weight * ones
+        mu = mu + (total - mu.sum()) / weight * ones
 
     def centred(z: Grid) -> Grid:
-        return z - float(z.sum()) / weight * ones if given else z
+        return z - z.sum() / weight * ones if given else z
 
-    def levelled(r: Grid) -> tuple[Grid, float]:
+    def levelled(r: Grid) -> tuple[Grid, Grid]:
         """Without its mean on the set, which the free motion takes up: no digits are lost to it."""
-        mean = float(r.sum()) / count if given else 0.0
-        return (xp.where(active, r - mean, 0.0), mean) if given else (r, 0.0)
+        mean = r.sum() / count if given else 0.0
+        return (r - mean) * inside if given else r, mean
 
-    r, mean = levelled(xp.where(active, driving - problem.W_normal(mu), 0.0))
-    z = centred(xp.where(active, problem.S_normal(r), 0.0))
-    p, rz, a = z, float((r * z).sum()), -mean
+    r, mean = levelled(inside * (driving - problem.W_normal(mu)))
+    z = centred(inside * problem.S_normal(r))
+    p, rz, a, curvature = z, xp.vdot(r, z), -mean, xp.ones(())
     best, since = (np.inf, mu, a), 0
     for _ in range(_PRODUCTS):
-        left = c * float(xp.abs(r).max())
+        known = xp.stack((xp.abs(r).max(), xp.abs(mu).max(), rz, curvature))
+        left, largest, slope, curved = map(float, host(known))
+        if not curved > 0:
+            break
+        left *= problem.scale[0]
         since = 0 if left < 0.5 * best[0] else since + 1
         if left < best[0]:
             best = (left, mu, a)
-        if left <= accuracy * float(xp.abs(mu).max()) or rz <= 0 or since > _STALLED:
+        if left <= accuracy * largest or slope <= 0 or since > _STALLED:
             break
-        w = xp.where(active, problem.W_normal(p), 0.0)
-        curvature = float((p * w).sum())
-        if curvature <= 0:
-            break
-        mu = mu + rz / curvature * p
-        r, mean = levelled(r - rz / curvature * w)
-        a -= mean
-        z = centred(xp.where(active, problem.S_normal(r), 0.0))
-        rz, before = float((r * z).sum()), rz
-        p = z + rz / before * p
-    return best[1], best[2]
+        w = inside * problem.W_normal(p)
+        curvature = xp.vdot(p, w)
+        with np.errstate(divide="ignore", invalid="ignore"):  # seen, and dropped, by `curved`
+            step = rz / curvature
+            mu = mu + step * p
+            r, mean = levelled(r - step * w)
+        a = a - mean
+        z = centred(inside * problem.S_normal(r))
+        rz, before = xp.vdot(r, z), rz
+        with np.errstate(divide="ignore", invalid="ignore"):
+            p = z + rz / before * p
+    return best[1], float(best[2])

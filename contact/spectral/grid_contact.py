@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from contact.errors import Infeasible, InputError, NotConverged, evaluated
 from contact.laws.iteration import Iteration
 from contact.obstacles.rigid import Rigid
+from contact.obstacles.rough import Rough
 from contact.obstacles.shapes import ObstacleLike, evaluate_gap
 from contact.spectral.friction_newton import GridFriction, friction_newton
 from contact.spectral.frictionless import frictionless
@@ -85,7 +86,7 @@ class GridContact:
         if rigid.rotation is not None or rigid.moment is not None:
             raise InputError("obstacle: a periodic one does not turn; leave rotation and moment")
         motion = self._controls()[0]
-        rubs = bool(np.any(self._friction() > 0))
+        rubs = bool(np.any(self._friction > 0))
         for i in np.flatnonzero(np.asarray(self.compliance.constant)):
             across = np.asarray(self.compliance.normal)[i] == 0
             if not np.isnan(motion[i]) and (rubs or not across):
@@ -112,14 +113,17 @@ class GridContact:
         -------
         ndarray, shape (dim, nx[, ny])
         """
-        normal = np.asarray(self.compliance.normal)
-        axes = [
-            h * np.arange(m)
-            for h, m in zip(self.compliance.spacing, self.compliance.shape, strict=True)
-        ]
+        normal, axes = np.asarray(self.compliance.normal), self._axes()
         axes.insert(int(np.argmax(np.abs(normal))), np.zeros(1))
         shape = (normal.size, *self.compliance.shape)
         return np.array(np.meshgrid(*axes, indexing="ij")).reshape(shape)
+
+    def _axes(self) -> list[Array]:
+        """Coordinates along each direction of the surface."""
+        return [
+            h * np.arange(m)
+            for h, m in zip(self.compliance.spacing, self.compliance.shape, strict=True)
+        ]
 
     def gap(self) -> Array:
         """Distance of the obstacle before it moves, along the normal of the body.
@@ -137,8 +141,13 @@ class GridContact:
 
     @cached_property
     def _gap(self) -> Array:
+        obstacle, normal = self._rigid.obstacle, np.asarray(self.compliance.normal, dtype=float)
+        if isinstance(obstacle, Rough):
+            known = obstacle.gap_over(self._axes(), normal)
+            if known is not None:
+                return known
         x = self.points()
-        normal = np.asarray(self.compliance.normal).reshape((-1,) + (1,) * (x.ndim - 1))
+        normal = normal.reshape((-1,) + (1,) * (x.ndim - 1))
         return evaluate_gap(self._rigid.obstacle, x, np.broadcast_to(normal, x.shape))
 
     @property
@@ -146,8 +155,10 @@ class GridContact:
         """Area of each point, a number or of the shape of the grid."""
         return float(np.prod(self.compliance.spacing)) * getattr(self.compliance, "weights", 1.0)
 
+    @cached_property
     def _friction(self) -> Array:
-        value = evaluated("friction", self.friction, self.points())
+        places = self.points() if callable(self.friction) else np.zeros((0,))
+        value = evaluated("friction", self.friction, places)
         shape = self.compliance.shape
         if value.shape not in ((), shape) or not np.all((value >= 0) & np.isfinite(value)):
             raise InputError(f"friction: expected numbers >= 0, one or of shape {shape}")
@@ -186,7 +197,7 @@ class GridContact:
             if verbose:
                 print(iteration)
 
-        friction = self._friction()
+        friction = self._friction
         self._check_forces(problem, friction)
         inner = _INNER * tol
         before = None
@@ -233,7 +244,7 @@ class GridContact:
     def _problem(self, after: GridResult | None) -> GridProblem:
         initial = self.compliance.initial
         motion, force = self._controls()
-        if not np.any(self._friction() > 0):  # what is not felt is not balanced either
+        if not np.any(self._friction > 0):  # what is not felt is not balanced either
             across = np.asarray(self.compliance.normal) == 0
             motion, force = np.where(across, 0.0, motion), np.where(across, np.nan, force)
         problem = GridProblem(self.compliance, initial, initial[0], force)
