@@ -121,7 +121,7 @@ class GridContact:
     def _axes(self) -> list[Array]:
         """Coordinates along each direction of the surface."""
         return [
-            h * np.arange(m)
+            h * np.arange(float(m))
             for h, m in zip(self.compliance.spacing, self.compliance.shape, strict=True)
         ]
 
@@ -238,6 +238,8 @@ class GridContact:
         for obstacle in obstacles:
             step = replace(self, obstacle=obstacle)
             last = results[-1] if results else None
+            if last is not None:
+                last.to_host()  # a history may be longer than the memory of a device
             results.append(step.solve(tol=tol, after=last, verbose=verbose))
         return results
 

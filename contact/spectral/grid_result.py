@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 class GridResult:
     """Pressure, shear and displacement of a surface grid, on the host.
 
+    From a device each field comes when it is first asked for.
+
     Attributes
     ----------
     compliance : GridCompliance
@@ -63,16 +65,23 @@ class GridResult:
     """
 
     compliance: GridCompliance
-    pressure: Array
-    shear: Array
-    u: Array
-    opening: Array
-    slip: Array
-    status: NDArray[np.int64]
     motion: Array
     kkt: dict[str, float]
     history: tuple[Iteration, ...]
-    forces: Array
+    _fields: dict[str, Grid]  # where they were computed, until they are asked for
+
+    def __getattr__(self, name: str) -> Any:
+        """A field, brought to the host when it is first asked for."""
+        fields = self.__dict__.get("_fields", {})
+        if name not in fields:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        self.__dict__[name] = host(fields.pop(name))
+        return self.__dict__[name]
+
+    def to_host(self) -> None:
+        """Bring all fields to the host, which frees the memory of a device."""
+        for name in list(self._fields):
+            getattr(self, name)
 
     def __repr__(self) -> str:
         size = " x ".join(map(str, self.pressure.shape))
@@ -234,16 +243,18 @@ def certified(
         area = area * problem.compliance.weights
     return GridResult(
         compliance=problem.compliance,
-        pressure=host(l[0] / area),
-        shear=host(-l[1:] / area),
-        u=host(u),
-        opening=host(problem.gap - v[0]),
-        slip=host(relative),
-        status=host(xp.where(touches, rubs, int(Status.OPEN))),
         motion=motion,
         kkt=kkt,
         history=history,
-        forces=host(l),
+        _fields={
+            "pressure": l[0] / area,
+            "shear": -l[1:] / area,
+            "u": u,
+            "opening": problem.gap - v[0],
+            "slip": relative,
+            "status": xp.where(touches, rubs, int(Status.OPEN)),
+            "forces": l,
+        },
     )
 
 

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.spectral.transforms import namespace
+from contact.spectral.transforms import host, namespace
 
 Operator = Callable[[Any], Any]
+_ROWS = 8  # vectors of the basis that are multiplied at once
 
 
 def gmres(
@@ -45,18 +46,12 @@ def gmres(
         size = float(xp.linalg.norm(residual))
         if size <= goal or size == 0.0:
             break
-        basis = [residual / size]
+        basis = _Basis(residual / size)
         H = np.zeros((restart + 1, restart))
         least: NDArray[np.float64] = np.zeros(0)
         for j in range(min(restart, most - used)):
-            w = product(precondition(basis[j]))
+            w, H[: j + 2, j] = basis.orthogonal(product(precondition(basis[j])))
             used += 1
-            for _ in range(2):  # twice is enough (Kahan)
-                for i, v in enumerate(basis):
-                    part = float(xp.vdot(v, w))
-                    H[i, j] += part
-                    w = w - part * v
-            H[j + 1, j] = float(xp.linalg.norm(w))
             e = np.zeros(j + 2)
             e[0] = size
             least = np.asarray(np.linalg.lstsq(H[: j + 2, : j + 1], e, rcond=None)[0], dtype=float)
@@ -64,8 +59,43 @@ def gmres(
             if left <= goal or H[j + 1, j] <= 1e-14 * size:
                 break
             basis.append(w / H[j + 1, j])
-        step = sum(float(c) * v for c, v in zip(least, basis, strict=False))
+        step = basis.combined(least)
         x = x + precondition(step)
         residual = right - product(x)
         used += 1
     return x, used
+
+
+class _Basis:
+    """Orthonormal vectors, in blocks that are made as they are needed."""
+
+    def __init__(self, first: Any) -> None:
+        self._xp, self._size = namespace(first), 0
+        self._blocks: list[Any] = []
+        self.append(first)
+
+    def __getitem__(self, k: int) -> Any:
+        return self._blocks[k // _ROWS][k % _ROWS]
+
+    def append(self, vector: Any) -> None:
+        if self._size % _ROWS == 0:
+            self._blocks.append(self._xp.zeros((_ROWS, vector.size)))
+        self._blocks[-1][self._size % _ROWS] = vector
+        self._size += 1
+
+    def orthogonal(self, w: Any) -> tuple[Any, Any]:
+        """What is left of w, with its parts along the vectors and its norm, on the host."""
+        parts = 0.0
+        for _ in range(2):  # twice is enough (Giraud, Langou and Rozloznik 2005)
+            along = [block @ w for block in self._blocks]
+            for block, part in zip(self._blocks, along, strict=True):
+                w = w - part @ block
+            parts = parts + self._xp.concatenate(along)[: self._size]
+        return w, host(self._xp.append(parts, self._xp.linalg.norm(w)))
+
+    def combined(self, weights: NDArray[np.float64]) -> Any:
+        """The sum of weights times the first vectors."""
+        padded = np.zeros(_ROWS * len(self._blocks))
+        padded[: weights.size] = weights
+        parts = self._xp.asarray(padded).reshape(-1, _ROWS)
+        return sum(part @ block for part, block in zip(parts, self._blocks, strict=True))

@@ -204,3 +204,15 @@ def test_a_body_that_nothing_holds():
         GridContact(Free(), Rigid(0.0, force=(None, None, 0.1)), 0.3)
     held = GridContact(Free(), Rigid(0.0, force=(0.0, None, 0.1)), 0.3).solve()
     assert held.pressure == pytest.approx(0.1)
+
+
+def test_fields_come_when_they_are_asked_for():
+    result = GridContact(HalfSpace((1.0, 1.0), (32, 32), E=1.0, nu=0.3), PRESSED).solve()
+    assert "u" in result._fields
+    assert result.u is result.u
+    assert "u" not in result._fields
+    result.to_host()
+    assert not result._fields
+    assert result.pressure.sum() * result.cell == pytest.approx(0.01)
+    with pytest.raises(AttributeError, match="'GridResult' object has no attribute 'heat'"):
+        _ = result.heat
