@@ -103,28 +103,35 @@ def distributed(record: Record) -> str:
 
 
 def rough_layers(record: Record) -> str:
-    """Contact of a rough plane with blocks of layers, by transforms."""
+    """Contact of a rough plane with blocks of layers, by transforms: cubes of bricks, 2-D Adini."""
     lines, ends = [], []
     for where in (place for place in ("cuda", "cpu") if place in record):
         found = record[where]
         lines += [
             (
                 "device" if where == "cuda" else "NumPy",
-                f"{row['n']}^3",
+                f"{row['n']}^{row.get('dim', 3)}" + (" Adini" if row.get("dim") == 2 else ""),
                 f"{row['unknowns']:,}",
                 f"{row['friction']:g}",
                 f"{row['condense']:.2f} s",
                 f"{row['contact']:.2f} s",
                 f"{row['products']}",
                 f"{row['residual']:.0e}",
+                f"{row['memory']:.1f} GB" if "memory" in row else "",
             )
             for row in found["rows"]
         ]
+        grown = found.get("growth", {})
+        if {"product", "doubling"} <= set(grown):
+            ends.append(
+                f"Fitted to these cubes, a product takes (n^2 log n)^{grown['product']:.2f}; twice "
+                f"as many layers add {1e3 * grown['doubling']:.2g} ms to condensation."
+            )
         more = {"device": found["device"]} if where == "cuda" else {}
         ends.append(source("rough_layers", found, **more))
     table = rows_of(
-        "where | bricks | unknowns | friction | condensation | contact, certified "
-        "| products | residual",
+        "where | cells | unknowns | friction | condensation | contact, certified "
+        "| products | residual | memory",
         lines,
     )
     return "\n\n".join((table, *ends))
