@@ -142,10 +142,14 @@ def main(argv: list[str] | None = None) -> dict[str, Any]:
     path = options.output / "rough_layers.json"
 
     def write() -> None:
+        record["growth"] = growth(record["rows"], record["depths"])
         known = json.loads(path.read_text()) if path.exists() else {"benchmark": "rough_layers"}
         path.write_text(json.dumps(known | {options.device: record}, indent=1) + "\n")
 
-    for n, directions in [(n, 2) for n in options.sizes] + [(n, 1) for n in options.profiles]:
+    depth(64, 64, xp)
+    for rows in options.depths:
+        record["depths"].append(depth(1024 if xp is not np else 128, rows, xp))
+    for n, directions in [(n, 1) for n in options.profiles] + [(n, 2) for n in options.sizes]:
         rough = surface(n, directions)
         for dragged in (False, True):
             if xp is not np:
@@ -160,11 +164,7 @@ def main(argv: list[str] | None = None) -> dict[str, Any]:
                 flush=True,
             )
             write()
-    for rows in options.depths:
-        record["depths"].append(depth(max(options.sizes, default=256), rows, xp))
-    record["growth"] = growth(record["rows"], record["depths"])
     print("growth:", ", ".join(f"{name} {value:.3g}" for name, value in record["growth"].items()))
-    write()
     return record
 
 
