@@ -86,7 +86,7 @@ class GridContact:
         if rigid.rotation is not None or rigid.moment is not None:
             raise InputError("obstacle: a periodic one does not turn; leave rotation and moment")
         motion = self._controls()[0]
-        rubs = bool(np.any(self._friction > 0))
+        rubs = bool(np.any(self._friction() > 0))
         for i in np.flatnonzero(np.asarray(self.compliance.constant)):
             across = np.asarray(self.compliance.normal)[i] == 0
             if not np.isnan(motion[i]) and (rubs or not across):
@@ -155,8 +155,11 @@ class GridContact:
         """Area of each point, a number or of the shape of the grid."""
         return float(np.prod(self.compliance.spacing)) * getattr(self.compliance, "weights", 1.0)
 
-    @cached_property
     def _friction(self) -> Array:
+        return self._given_friction
+
+    @cached_property
+    def _given_friction(self) -> Array:
         places = self.points() if callable(self.friction) else np.zeros((0,))
         value = evaluated("friction", self.friction, places)
         shape = self.compliance.shape
@@ -197,7 +200,7 @@ class GridContact:
             if verbose:
                 print(iteration)
 
-        friction = self._friction
+        friction = self._friction()
         self._check_forces(problem, friction)
         inner = _INNER * tol
         before = None
@@ -246,7 +249,7 @@ class GridContact:
     def _problem(self, after: GridResult | None) -> GridProblem:
         initial = self.compliance.initial
         motion, force = self._controls()
-        if not np.any(self._friction > 0):  # what is not felt is not balanced either
+        if not np.any(self._friction() > 0):  # what is not felt is not balanced either
             across = np.asarray(self.compliance.normal) == 0
             motion, force = np.where(across, 0.0, motion), np.where(across, np.nan, force)
         problem = GridProblem(self.compliance, initial, initial[0], force)

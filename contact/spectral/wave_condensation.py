@@ -15,7 +15,6 @@ elimination; R. W. Hockney, J. ACM 12 (1965), 95-113, for the doubling.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -23,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from contact.spectral import wave_kernel
-from contact.spectral.transforms import namespace
+from contact.spectral.transforms import cores, namespace
 from contact.spectral.wave_cells import Column, functions
 
 Waves = Any  # array of NumPy or CuPy, shape (n, n, waves), of which the upper triangle counts
@@ -66,7 +65,7 @@ def condensed(column: Column, phases: Sequence[Any], base: Any = None) -> tuple[
         for first in starts:
             take(first)
     else:
-        with ThreadPoolExecutor(_cores()) as pool:
+        with ThreadPoolExecutor(cores()) as pool:
             list(pool.map(take, starts))
     return stiffness, compliance
 
@@ -130,8 +129,3 @@ def phases_of(phases: Sequence[Any], at: slice) -> list[Any]:
     xp, sizes = namespace(phases[0]), [p.size for p in phases]
     index = xp.arange(at.start, at.stop)
     return [p[i] for p, i in zip(phases, xp.unravel_index(index, sizes), strict=True)]
-
-
-def _cores() -> int:
-    known = getattr(os, "sched_getaffinity", None)
-    return len(known(0)) if known else os.cpu_count() or 1
