@@ -43,7 +43,8 @@ def condensed(column: Column, phases: Sequence[Any], base: Any = None) -> tuple[
     Returns
     -------
     stiffness, compliance : arrays, shape (dim (dim + 1) / 2, waves)
-        Upper triangles, row by row, of the real matrices of `wave_cells`.
+        Upper triangles, row by row, of the real matrices of `wave_cells`. Where nothing holds the
+        top, those of the wave 0 mean nothing.
     """
     xp, r = namespace(phases[0]), column.tables.shape[1] // 2
     if xp is not np and r <= wave_kernel.MOST:
@@ -56,9 +57,11 @@ def condensed(column: Column, phases: Sequence[Any], base: Any = None) -> tuple[
     def take(first: int) -> None:
         at = slice(first, min(first + size, waves))
         here = phases_of(phases, at)
-        face = _face(column, _slab(tables, column.counts, here), base, at)
-        upper = np.triu_indices(d)
-        stiffness[:, at], compliance[:, at] = face[upper], inverse(face)[upper]
+        whole, upper = _slab(tables, column.counts, here), np.triu_indices(d)
+        # The wave 0 of a top that nothing holds is singular; who asks for it says what it means.
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            face = _face(column, whole, base, at)
+            stiffness[:, at], compliance[:, at] = face[upper], inverse(face)[upper]
 
     starts = range(0, waves, size)
     if xp is not np or len(starts) == 1:

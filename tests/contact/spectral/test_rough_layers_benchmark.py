@@ -19,11 +19,11 @@ def benchmark():
 
 
 def test_growth_is_recovered(benchmark):
+    sizes = {n: n**2 * np.log2(n) for n in (256, 512, 1024)}
     rows = [
-        {"n": n, "dim": 3, "friction": 0.0, "products": n, "contact": n * (n**2 * np.log2(n)) ** 0.9,
-         "condense": n**2 * np.log2(n)}
-        for n in (256, 512, 1024)
-    ]  # fmt: skip
+        {"n": n, "dim": 3, "friction": 0.0, "products": n, "contact": n * m**0.9, "condense": m}
+        for n, m in sizes.items()
+    ]
     depths = [{"rows": 2**k, "condense": 0.5 + 0.01 * k} for k in (4, 8, 12)]
     found = benchmark.growth([*rows, rows[0] | {"dim": 2, "contact": 1e9}], depths)
     wanted = {"product": 0.9, "condense": 1.0, "doubling": 0.01, "no_doubling": 0.5}
