@@ -117,15 +117,16 @@ def rough_layers(record: Record) -> str:
                 f"{row['contact']:.2f} s",
                 f"{row['products']}",
                 f"{row['residual']:.0e}",
-                f"{row['memory']:.1f} GB" if "memory" in row else "",
+                f"{row['memory']:.2g} GB" if "memory" in row else "",
             )
             for row in found["rows"]
         ]
         grown = found.get("growth", {})
         if {"product", "doubling"} <= set(grown):
             ends.append(
-                f"Fitted to these cubes, a product takes (n^2 log n)^{grown['product']:.2f}; twice "
-                f"as many layers add {1e3 * grown['doubling']:.2g} ms to condensation."
+                "Between the two largest cubes a product grows as "
+                f"(n^2 log n)^{grown['product']:.2f}; twice as many layers add "
+                f"{1e3 * grown['doubling']:.2g} ms to condensation."
             )
         more = {"device": found["device"]} if where == "cuda" else {}
         ends.append(source("rough_layers", found, **more))

@@ -102,10 +102,10 @@ def depth(n: int, rows: int, xp: Any) -> dict[str, Any]:
 def growth(rows: list[dict[str, Any]], depths: list[dict[str, Any]]) -> dict[str, float]:
     """Exponents of the time in n^2 log n, and seconds that twice the depth costs.
 
-    Only what needs at least two sizes is fitted: seconds of a product of contact, of condensation,
-    and of condensation against the binary logarithm of the number of layers.
+    Of a product of contact and of condensation, between the two largest cubes: small ones take the
+    time of their calls. Condensation is fitted against the binary logarithm of the depth.
     """
-    cubes = [row for row in rows if row["dim"] == 3 and not row["friction"]]
+    cubes = [row for row in rows if row["dim"] == 3 and not row["friction"]][-2:]
     found = {}
     if len(cubes) > 1:
         points = np.log([row["n"] ** 2 * np.log2(row["n"]) for row in cubes])
