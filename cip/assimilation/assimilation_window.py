@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.linalg import LinearOperator
 
 from cip.assimilation.covariance import Covariance
 from cip.assimilation.linearised import Layout, Linearised
@@ -123,9 +122,6 @@ class AssimilationWindow:
     def linearised(self, path: Path) -> Linearised:
         """The derivative of the reports in the control at a path."""
         tangents = [path.solver.tangent(run) for run in path.runs]
-        if self.linear:
-            pairs = zip(path.runs, tangents, strict=True)
-            tangents = [_as_run(path.solver, run, tangent) for run, tangent in pairs]
         return Linearised(
             self.layout, self.covariance, self.errors, self.reports, tangents, self._columns,
             self.spreads, self.first,
@@ -134,21 +130,6 @@ class AssimilationWindow:
     def _moved(self, state: State, change: Any) -> State:
         data = state.data + np.reshape(change, state.data.shape)
         return State(state.grid, state.profile, data, state.t)
-
-
-def _as_run(solver: Solver, run: Trajectory, tangent: LinearOperator) -> LinearOperator:
-    """The same operator for changes of the state alone, in which the scheme is linear.
-
-    So a change is carried by the compiled steps themselves.
-    """
-    start, end = run[0], float(run.times[-1])
-
-    def forward(x: Any) -> Array:
-        data = np.ravel(x)[: start.data.size].reshape(start.data.shape)
-        change = State(start.grid, start.profile, np.ascontiguousarray(data), start.t)
-        return np.asarray(solver.run(change, end, dt=run.dt).final.data).ravel()
-
-    return LinearOperator(tangent.shape, forward, rmatvec=tangent.rmatvec, dtype=np.float64)
 
 
 def _fitting(covariance: Any, solver: Solver, name: str) -> Covariance:

@@ -62,6 +62,15 @@ class Engine:
     def substep_counts(self, counts: dict[Any, tuple[float, int]]) -> None:
         self._memory.counts = dict(counts)
 
+    @property
+    def paths_left(self) -> bool:
+        """Whether this thread has found paths that begin on walls; set it to repeat a step."""
+        return self._memory.left
+
+    @paths_left.setter
+    def paths_left(self, left: bool) -> None:
+        self._memory.left = left
+
     def begin(self, state: State) -> State:
         """Place the first state of a run and forget sub-step counts, so runs are independent."""
         self._memory.counts, self._memory.left = {}, False
@@ -96,8 +105,11 @@ class Engine:
         """Write values to (or add them at) indices into the flat moments."""
         raise NotImplementedError
 
-    def apply(self, stage: Stage, data: Any, t: float, dt: float) -> Any:
-        """The moments after a stage of the step [t, t + dt]."""
+    def apply(self, stage: Stage, data: Any, t: float, dt: float, homogeneous: bool = False) -> Any:
+        """The moments after a stage of the step [t, t + dt].
+
+        With `homogeneous` data on walls are taken as zero: the stage then is linear in `data`.
+        """
         out = self.empty(data)
         m, new = data.reshape(-1), out.reshape(-1)
         if self._computes(stage):
@@ -111,7 +123,10 @@ class Engine:
         feet = self.feet(stage, t, dt)
         self.launch(stage, m, new, feet.data)
         for correction in stage.corrections(feet):
-            self.correct(new, correction.places, correction.values, correction.add)
+            if not homogeneous:
+                self.correct(new, correction.places, correction.values, correction.add)
+            elif not correction.add:
+                self.correct(new, correction.places, 0.0 * correction.values, False)
         return out
 
     def feet(self, stage: Stage, t: float, dt: float) -> StageFeet:

@@ -62,10 +62,15 @@ def parameter_gradient(stage: Stage, feet: StageFeet, g: Any) -> Any:
     feet : StageFeet
         With the number of sub-steps that led to them.
     g : ndarray, shape (components, nodes)
-        Derivatives with respect to the components of the feet, displacements as lengths.
+        Derivatives with respect to the components of the feet, displacements as lengths. Those of
+        paths that begin on a wall are left out.
     """
     compiled = all(c.exact for c in stage.velocity) and snapshots_of(stage.velocity) is None
-    return (_by_numba if compiled else _by_numpy)(stage, feet, g)
+    points = [x.ravel() for x in stage.points(0)]
+    if feet.bounded:  # beyond the wall the velocity need not be defined
+        inside = feet.interior(stage.grid.size)
+        points, g = [x[inside] for x in points], g[:, inside]
+    return (_by_numba if compiled else _by_numpy)(stage, feet, points, g)
 
 
 def _pulled(system: System) -> list[Expression]:
@@ -99,7 +104,7 @@ def _component(jet: Jet) -> Expression:
     return E * first[0] if len(axes) == 1 else E * (variable(jet.name) + first[0] * first[1])
 
 
-def _by_numpy(stage: Stage, feet: StageFeet, g: Any) -> Any:
+def _by_numpy(stage: Stage, feet: StageFeet, points: list[Any], g: Any) -> Any:
     """For velocities known by their values."""
     system, length = stage.system, feet.t_end - feet.t_start
     jets = [jet.name for jet in system.jets]
@@ -115,8 +120,8 @@ def _by_numpy(stage: Stage, feet: StageFeet, g: Any) -> Any:
     seeds = [f"g{q}" for q in range(len(stage.jets))]
     seed = numpy_function(_seeds(system, tuple(stage.jets)), [*jets, *seeds])
     start = np.array([system.start(jet) for jet in system.jets])
-    points, found = [x.ravel() for x in stage.points(0)], np.zeros(len(system.parameters))
-    for first in range(0, stage.grid.size, _CHUNK):
+    found = np.zeros(len(system.parameters))
+    for first in range(0, points[0].size, _CHUNK):
         part = slice(first, first + _CHUNK)
         base = [x[part] for x in points]
         y = np.repeat(start[:, None], base[0].size, axis=1)
@@ -297,11 +302,11 @@ def _kernel(source: str) -> Any:
     return generated(source, names, namespace, __file__)
 
 
-def _by_numba(stage: Stage, feet: StageFeet, g: Any) -> Any:
+def _by_numba(stage: Stage, feet: StageFeet, points: list[Any], g: Any) -> Any:
     """For formulas."""
-    system, size, count = stage.system, stage.grid.size, feet.substeps
+    system, size, count = stage.system, points[0].size, feet.substeps
     run = loop_over(run_nodes, unwind=_kernel(unwind_source(system, tuple(stage.jets))))
-    points = [np.ascontiguousarray(x.ravel()) for x in stage.points(0)]
+    points = [np.ascontiguousarray(x) for x in points]
     points += [np.zeros(size)] * (3 - stage.grid.dim)
     values, length = np.array(stage.parameters), feet.t_end - feet.t_start
     length_of_trail = trail_length(system, count)

@@ -8,6 +8,8 @@ on the velocity's parameters p. So
 
 and the adjoint runs through the steps backward with :math:`A^T`, a scatter of the same weights
 (Griewank and Walther, Evaluating Derivatives, 2008, chapters 3 and 12, also for the checkpoints).
+Where a path begins on a wall, the new moments come from the data there: rows of A are zero, and the
+derivatives with respect to p are those of `cip.sensitivities.wall_derivatives`.
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ from cip.profiles.catalogue import PLANE
 from cip.profiles.locate_nodes import cells_of
 from cip.sensitivities.foot_derivatives import foot_derivatives
 from cip.sensitivities.profile_derivatives import CORNERS, slopes_in_foot
-from cip.stages.stage import Stage, StageFeet
+from cip.sensitivities.wall_derivatives import wall_derivatives
+from cip.stages.stage import Correction, Stage, StageFeet
 from cip.stages.state import State
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
@@ -68,6 +71,7 @@ class ParameterPart:
         ]
         by_parameter = foot_derivatives(stage, feet)
         by_parameter[:, : grid.dim] /= np.stack(widths)
+        by_parameter[..., ~feet.interior(grid.size)] = 0.0
         cell = np.stack([*(cells[2] for cells in found), *widths])
         rest = components[grid.dim :]
         return cls(stage.profile, stage.advect, np.stack(corners), cell, rest, by_parameter)
@@ -88,6 +92,20 @@ def _components(stage: Stage, feet: StageFeet) -> Array:
     return np.asarray(feet.data, dtype=float).reshape(-1, stage.grid.size)
 
 
+@dataclass(frozen=True)
+class Move:
+    """A stage of the step [t, t + dt]."""
+
+    stage: Stage
+    t: float
+    dt: float
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the parameters that occur in its stage."""
+        return [name.removeprefix("p_") for name in self.stage.system.parameters]
+
+
 class Window:
     """The derivative of the last state of a run in the first one and in the velocity's parameters.
 
@@ -95,74 +113,79 @@ class Window:
 
     Parameters
     ----------
-    stage : Stage
-    plan : sequence of (t, dt)
-        The steps.
+    moves : sequence of Move
+        The stages of all steps, in order.
     start : State
     advance : callable
-        The state after step n, ``advance(n, state)``.
+        The state after move n, ``advance(n, state)``; ``advance(n, change, True)`` for a change of
+        the state, on which data on walls have no influence.
     feet : callable
-        ``feet(n)``, those that step n uses.
+        ``feet(n)``, those that move n uses.
     parameters : sequence of str
         In the order of the columns.
     every : int
-        Steps from one checkpoint to the next.
+        Moves from one checkpoint to the next.
     steady : bool
         Whether steps of one length have the same feet.
     """
 
     def __init__(
         self,
-        stage: Stage,
-        plan: list[tuple[float, float]],
+        moves: list[Move],
         start: State,
-        advance: Callable[[int, State], State],
+        advance: Callable[..., State],
         feet: Callable[[int], StageFeet],
         parameters: tuple[str, ...],
         every: int,
         steady: bool,
     ) -> None:
         self.parameters, self.every, self._steady = parameters, every, steady
-        self._stage, self._plan, self._start = stage, plan, start
+        self._moves, self._start = moves, start
         self._advance, self._feet = advance, feet
-        names = [name.removeprefix("p_") for name in stage.system.parameters]
         # Columns of the parameters that occur: others have no influence.
-        self._columns = [parameters.index(name) for name in names]
-        self._kept: dict[float, ParameterPart] = {}
+        self._columns = [[parameters.index(name) for name in move.columns] for move in moves]
+        self._varies = any(self._columns)
+        self._kept: dict[Any, Any] = {}
         self._marks: dict[int, State] = {}
 
     def follow(self) -> State:
         """Take the steps, keep the states at the checkpoints, and return the last state."""
         state = self._start
-        for n in range(len(self._plan)):
-            if self._columns and n % self.every == 0:
+        for n in range(len(self._moves)):
+            if self._varies and n % self.every == 0:
                 self._marks[n] = state
             state = self._advance(n, state)
         return state
 
     def operator(self) -> LinearOperator:
         """The derivative as a linear operator; its transpose is the adjoint."""
-        self._checked_feet(0)  # raises here, not when the operator is applied
         size = self._start.data.size
         shape = (size, size + len(self.parameters))
         return LinearOperator(shape, self._tangent, rmatvec=self._adjoint, dtype=np.float64)
 
-    def _checked_feet(self, n: int) -> StageFeet:
-        feet = self._feet(n)
-        if feet.bounded:
-            raise NotSupported(
-                "boundary: characteristics enter through a wall; derivatives of their data are not "
-                "implemented. Take a periodic grid, or one that the flow only leaves"
-            )
-        return feet
+    def _key(self, n: int) -> Any:
+        """Moves with the same key have the same feet where the velocity is steady."""
+        move = self._moves[n]
+        return move.stage.axis, (move.stage.end - move.stage.begin) * move.dt
+
+    def _once(self, n: int, steady: bool, make: Callable[[Stage, StageFeet], Any]) -> Any:
+        """What `make` finds for the feet of move n, kept where it is the same for others."""
+        if not steady:
+            return make(self._moves[n].stage, self._feet(n))
+        key = make, self._key(n)
+        if key not in self._kept:
+            self._kept[key] = make(self._moves[n].stage, self._feet(n))
+        return self._kept[key]
 
     def _part(self, n: int) -> ParameterPart:
-        if not self._steady:
-            return ParameterPart.of(self._stage, self._checked_feet(n))
-        dt = self._plan[n][1]
-        if dt not in self._kept:
-            self._kept[dt] = ParameterPart.of(self._stage, self._checked_feet(n))
-        return self._kept[dt]
+        found: ParameterPart = self._once(n, self._steady, ParameterPart.of)
+        return found
+
+    def _walls(self, n: int) -> list[Correction]:
+        data = self._moves[n].stage.walls.values()
+        steady = self._steady and all(formula.exact and formula.steady for formula in data)
+        found: list[Correction] = self._once(n, steady, wall_derivatives) if data else []
+        return found
 
     def _flat(self, state: State) -> Array:
         return np.asarray(state.data, dtype=float).reshape(len(state.data), -1)
@@ -171,14 +194,18 @@ class Window:
         x = np.ravel(x)
         state, size = self._start, self._start.data.size
         change = State(state.grid, state.profile, x[:size].reshape(state.data.shape).copy())
-        direction = x[size:][self._columns]
-        for n in range(len(self._plan)):
+        varies = x[size:].any()
+        for n, columns in enumerate(self._columns):
             # The scheme is linear in the moments.
-            new = self._advance(n, change)
+            new = self._advance(n, change, True)
+            direction = x[size:][columns]
             if direction.any():
-                more = self._part(n).along(self._flat(state), direction)
+                more = self._part(n).along(self._flat(state), direction).ravel()
+                for wall in self._walls(n):
+                    np.add.at(more, wall.places, direction @ wall.values)
                 data = new.data + more.reshape(new.data.shape)
                 new = State(state.grid, state.profile, data, new.t)
+            if varies:
                 state = self._advance(n, state)
             change = new
         return np.asarray(change.data).ravel()
@@ -187,31 +214,39 @@ class Window:
         from cip.sensitivities.adjoint_loops import pull_back
         from cip.sensitivities.path_adjoint import parameter_gradient
 
-        weight = np.ravel(x).reshape(len(self._start.data), -1)
-        stage, grid = self._stage, self._start.grid
-        found = np.zeros(len(self.parameters))
+        weight = np.ravel(x).reshape(len(self._start.data), -1).copy()
+        grid, found = self._start.grid, np.zeros(len(self.parameters))
         segment: list[State] = []
-        gathered: dict[float, tuple[StageFeet, Array]] = {}
-        for n in range(len(self._plan) - 1, -1, -1):
-            feet, z = self._checked_feet(n), weight
-            if self._columns:
+        gathered: dict[Any, tuple[int, StageFeet, Array]] = {}
+        for n in range(len(self._moves) - 1, -1, -1):
+            stage, feet, columns = self._moves[n].stage, self._feet(n), self._columns[n]
+            z = weight
+            if self._varies:
                 first = n - n % self.every
-                if n == len(self._plan) - 1 or (n + 1) % self.every == 0:
+                if n == len(self._moves) - 1 or (n + 1) % self.every == 0:
                     segment = self._states(self._marks[first], first, n)
                 z = self._flat(segment[n - first])
+            if columns and feet.bounded:
+                for wall in self._walls(n):
+                    found[columns] += wall.values @ weight.ravel()[wall.places]
+            for correction in stage.corrections(feet):
+                if not correction.add:
+                    weight.reshape(-1)[correction.places] = 0.0
             components = _components(stage, feet)
-            # Steps of one length have the same feet in a steady velocity, whose derivatives are
-            # therefore applied once, to the sum over these steps.
-            _, g = gathered.setdefault(self._plan[n][1], (feet, np.zeros(components.shape)))
+            # Moves with the same feet in a steady velocity, whose derivatives are therefore applied
+            # once, to the sum over these moves.
+            _, _, g = gathered.setdefault(self._key(n), (n, feet, np.zeros(components.shape)))
             weight = pull_back(grid, stage.profile, stage.advect, z, weight, components, g)
-            if self._columns and (not self._steady or n == 0):
-                for where, total in gathered.values():
-                    found[self._columns] += parameter_gradient(stage, where, total)
+            if not self._steady or n == 0:
+                for m, where, total in gathered.values():
+                    if self._columns[m]:
+                        more = parameter_gradient(self._moves[m].stage, where, total)
+                        found[self._columns[m]] += more
                 gathered.clear()
         return np.concatenate([weight.ravel(), found])
 
     def _states(self, state: State, first: int, last: int) -> list[State]:
-        """The states at which the steps first..last begin."""
+        """The states at which the moves first..last begin."""
         found = [state]
         for n in range(first, last):
             found.append(self._advance(n, found[-1]))

@@ -9,7 +9,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from cip.errors import InputError
 from cip.output.trajectory import Trajectory
-from cip.sensitivities.window import Window, check_differentiable, checkpoint_distance
+from cip.sensitivities.window import Move, Window, check_differentiable, checkpoint_distance
 from cip.solver.time_loop import run as repeat
 from cip.stages.stage import StageFeet
 from cip.stages.state import State
@@ -32,11 +32,10 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None) -> LinearO
     solver._accept(start)
     if not times:
         raise InputError("run: it has no steps")
-    (stage,) = solver._stages
     replay = Replay(solver, steps_to(start, times, run.dt))
-    every = checkpoint_distance(len(replay.plan), checkpoints, start.data.nbytes)
+    every = checkpoint_distance(len(replay.moves), checkpoints, start.data.nbytes)
     window = Window(
-        stage, replay.plan, solver._kernels.begin(start), replay.advance, replay.feet,
+        replay.moves, solver._kernels.begin(start), replay.advance, replay.feet,
         tuple(solver.velocity.parameters), every, solver.steady,
     )  # fmt: skip
     if not np.array_equal(window.follow().data, run.final.data):
@@ -60,30 +59,43 @@ def steps_to(start: State, times: list[float], dt: float) -> list[tuple[float, f
 
 
 class Replay:
-    """The steps of a run, repeated with the numbers of sub-steps that were taken at first.
+    """The stages of a run's steps, repeated with the sub-steps that were taken at first.
 
     Parameters
     ----------
     solver : Solver
     plan : list of (t, dt)
+
+    Attributes
+    ----------
+    moves : list of Move
+        The stages of all steps in order.
     """
 
     def __init__(self, solver: Any, plan: list[tuple[float, float]]) -> None:
-        self.solver, self.plan = solver, plan
-        self._counts: list[dict[Any, tuple[float, int]]] = []
+        self.solver = solver
+        self.moves = [Move(stage, t, dt) for t, dt in plan for stage in solver._stages]
+        # For each move whether paths had left the grid before, and the sub-steps known after it.
+        self._memory: list[tuple[bool, dict[Any, tuple[float, int]]]] = []
 
-    def advance(self, n: int, state: State) -> State:
-        """The state after step n."""
-        kernels, (t, dt) = self.solver._kernels, self.plan[n]
-        if n < len(self._counts):
-            kernels.substep_counts = self._counts[n]
-        new: State = self.solver._advance(State(state.grid, state.profile, state.data, t), dt)
-        if n == len(self._counts):
-            self._counts.append(kernels.substep_counts)
-        return new
+    def advance(self, n: int, state: State, homogeneous: bool = False) -> State:
+        """The state after move n; `homogeneous` as for the engine's `apply`."""
+        kernels, move = self.solver._kernels, self.moves[n]
+        left, new = kernels.paths_left, n == len(self._memory)
+        if not new:
+            self._recall(n)
+        data = kernels.apply(move.stage, state.data, move.t, move.dt, homogeneous)
+        if new:
+            self._memory.append((left, kernels.substep_counts))
+        return State(state.grid, state.profile, data, move.t + move.stage.end * move.dt)
 
     def feet(self, n: int) -> StageFeet:
-        """The feet of step n, which was taken before."""
-        self.solver._kernels.substep_counts = self._counts[n]
-        found: StageFeet = self.solver.feet(self.solver._stages[0], *self.plan[n])
+        """The feet of move n, which was taken before."""
+        self._recall(n)
+        move = self.moves[n]
+        found: StageFeet = self.solver.feet(move.stage, move.t, move.dt)
         return found
+
+    def _recall(self, n: int) -> None:
+        kernels = self.solver._kernels
+        kernels.paths_left, kernels.substep_counts = self._memory[n]

@@ -285,7 +285,8 @@ class Solver:
         It is that of the discrete steps with the sub-steps that the characteristics took, exact to
         rounding (`cip.sensitivities.window`); for cubic and quintic in one dimension, adini and
         bicubic. If a foot lies on the edge of a cell, where derivatives of the profile may jump,
-        one side is taken.
+        one side is taken. Where paths enter through a wall, changes of place and time there count;
+        the data themselves are given, so a change of the state does not change them.
 
         Parameters
         ----------
@@ -304,7 +305,7 @@ class Solver:
         Raises
         ------
         NotSupported
-            A profile or limiter without derivatives, paths that enter through a wall.
+            A profile or limiter without derivatives.
         InputError
             A run of another solver.
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cip.characteristics.feet import TOLERANCE, Exits, check_inside, integrate, time_scale
-from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, Orders, System
+from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
 from cip.formulas.expression import COORDINATES, ordered
 from cip.formulas.formula import Formula
 from cip.grid import Grid
@@ -64,6 +64,14 @@ class StageFeet:
     def bounded(self) -> bool:
         """Whether any path begins on a wall."""
         return any(exits is not None for exits in self.exits)
+
+    def interior(self, size: int, block: int = 0) -> NDArray[np.bool_]:
+        """For each of the `size` nodes whether its path of a block begins inside the grid."""
+        inside = np.ones(size, bool)
+        exits = self.exits[block]
+        if exits is not None:
+            inside[exits.nodes] = False
+        return inside
 
 
 @dataclass(frozen=True)
@@ -187,24 +195,39 @@ class Stage:
         """The new moments at nodes whose path begins on a wall: from data and, for means, flux."""
         if not feet.bounded:
             return []
-        size = self.grid.size
-        wanted = [moment.orders for moment in moments(self.profile, self.grid.dim)]
-        if self.conservative:
-            wanted = [(0, 0, 0, 0), (1, 0, 0, 0)][: 1 + self.carries_slopes]
-        wall = self._data(wanted, feet.t_end)
-        found = []
+        wall, found = self.wall_moments(feet.t_end), []
         for block, exits in zip(self.blocks, feet.exits, strict=True):
             if exits is None:
                 continue
             values = wall.values(exits, feet.t_end)
-            for q, row in enumerate(values):
-                found.append(Correction((block + q) * size + exits.nodes, row, False))
-            if self.conservative:
-                found += self._mass_from_walls(block, exits, wall, feet)
+            flux = wall.flux(exits, feet.t_start, feet.t_end) if self.conservative else None
+            found += self.placed(block, exits.nodes, values, flux)
         return found
 
+    def placed(
+        self, block: int, nodes: NDArray[np.int64], values: Array, flux: Array | None
+    ) -> list[Correction]:
+        """The corrections of a block of feet.
+
+        Parameters
+        ----------
+        block : int
+        nodes : ndarray of int
+            Those whose path begins on a wall.
+        values : ndarray, shape (.., moments, nodes)
+            New moments there.
+        flux : ndarray, shape (.., nodes), optional
+            What entered before each path began.
+        """
+        first = block * self.grid.size
+        found = [
+            Correction(first + q * self.grid.size + nodes, values[..., q, :], False)
+            for q in range(values.shape[-2])
+        ]
+        return found if flux is None else found + self._mass_from_walls(block, nodes, flux)
+
     def _mass_from_walls(
-        self, block: int, exits: Exits, wall: WallMoments, feet: StageFeet
+        self, block: int, nodes: NDArray[np.int64], missing: Array
     ) -> list[Correction]:
         """Corrections of the means for what entered before each path began.
 
@@ -216,15 +239,14 @@ class Stage:
         grid, axis, size = self.grid, self.axis, self.grid.size
         mean = (2 if self.carries_slopes else block + (1 << axis)) * size
         stride = int(np.prod(grid.nodes[axis + 1 :]))
-        missing = wall.flux(exits, feet.t_start, feet.t_end)
-        place = (exits.nodes // stride) % grid.nodes[axis]
+        place = (nodes // stride) % grid.nodes[axis]
         after, before = place < grid.cells[axis], place > 0
         widths = grid.widths[axis]
         return [
-            Correction(mean + exits.nodes[after], missing[after] / widths[place[after]], True),
+            Correction(mean + nodes[after], missing[..., after] / widths[place[after]], True),
             Correction(
-                mean + exits.nodes[before] - stride,
-                -missing[before] / widths[place[before] - 1],
+                mean + nodes[before] - stride,
+                -missing[..., before] / widths[place[before] - 1],
                 True,
             ),
         ]
@@ -287,13 +309,17 @@ class Stage:
             return False
         return len(ordered(self.system.rates)) <= _LONGEST
 
-    def _data(self, orders: list[Orders], t: float) -> WallMoments:
+    def wall_moments(self, t: float) -> WallMoments:
+        """The formulas of new moments from data on walls; `t` is a time of the velocity."""
         if self._wall_moments is None:
             grid = self.grid
+            wanted = [moment.orders for moment in moments(self.profile, grid.dim)]
+            if self.conservative:
+                wanted = [(0, 0, 0, 0), (1, 0, 0, 0)][: 1 + self.carries_slopes]
             scale = time_scale(grid, self.velocity, t)
             steps = (*grid.spacing, *([1.0] * (3 - grid.dim)), scale)
             self._wall_moments = WallMoments(
-                grid, self.velocity, self.moving, self.advect, self.walls, orders, steps
+                grid, self.velocity, self.moving, self.advect, self.walls, wanted, steps
             )
         return self._wall_moments
 

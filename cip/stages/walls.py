@@ -25,7 +25,7 @@ from cip.characteristics.feet import Exits
 from cip.characteristics.flow_derivatives import ZERO, Composite, Jet, Orders
 from cip.errors import InputError, NotSupported
 from cip.formulas.clock import timed
-from cip.formulas.expression import COORDINATES, Expression, opaque, ordered, rebuilt
+from cip.formulas.expression import COORDINATES, Expression, opaque, ordered, rebuilt, variable
 from cip.formulas.formula import Formula
 from cip.formulas.straight_line_code import numpy_function
 from cip.formulas.traced_function import portable
@@ -163,17 +163,35 @@ class WallMoments:
                 result[on] += 0.5 * weight * length * c(*point, t) * g(*point, t)
         return result
 
+    def formulas(self, axis: int, side: int) -> list[Expression]:
+        """The moments from the data of a wall, in place and time on it, jets and parameters."""
+        fields = self._fields_on(axis, side)
+        table = {variable(name): node for name, node in zip(self._fields, fields, strict=True)}
+        return [_substitute(output, table) for output in self._outputs]
+
+    def influx(self, axis: int, side: int) -> Expression:
+        """The rate at which the field enters through a wall per area, signed by the direction."""
+        return self._velocity[axis].expression * self._data[axis, side].expression
+
+    def functions(self, axis: int, side: int, nodes: Sequence[Expression]) -> dict[str, Any]:
+        """What these formulas need besides variables: callables, and numbers of parameters."""
+        functions = self._data[axis, side].functions(nodes, self._steps)
+        for c in self._velocity:
+            functions.update(c.functions(nodes, self._steps))
+        return functions
+
     @lru_cache  # noqa: B019
     def _wall(self, axis: int, side: int) -> Any:
-        formula = self._data[axis, side]
+        nodes = self._fields_on(axis, side)
+        return numpy_function(nodes, COORDINATES, self.functions(axis, side, nodes))
+
+    def _fields_on(self, axis: int, side: int) -> list[Expression]:
+        """The field and its derivatives on a wall, in the order of `_fields`."""
         nodes = []
         for name in self._fields:
             i, j, k = (int(digit) for digit in name[2:])
-            nodes.append(self._on_wall(opaque(_FIELD, (i, j, k, 0)), axis, formula))
-        functions = formula.functions(nodes, self._steps)
-        for c in self._velocity:
-            functions.update(c.functions(nodes, self._steps))
-        return numpy_function(nodes, COORDINATES, functions)
+            nodes.append(self._on_wall(opaque(_FIELD, (i, j, k, 0)), axis, self._data[axis, side]))
+        return nodes
 
     def _on_wall(self, node: Expression, axis: int, formula: Formula) -> Expression:
         """Replace derivatives of the field by those of the data on the wall."""

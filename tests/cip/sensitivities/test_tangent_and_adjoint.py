@@ -222,12 +222,6 @@ def test_schemes_without_derivatives_are_refused(options, message):
         solver.adjoint(run)
 
 
-def test_walls_are_refused():
-    solver = Solver(Grid((0, 1), 16), 1.0, boundary=0.0)
-    with pytest.raises(NotSupported, match="boundary: characteristics enter"):
-        solver.tangent(solver.run(solver.state("x1**2"), 0.1, dt=0.1))
-
-
 def test_bad_runs_are_refused():
     solver, run = solved(PERIODIC, CASES[0][1])
     with pytest.raises(InputError, match=r"run: expected what solver\.run returned"):
