@@ -10,7 +10,9 @@ from cip.engines.cpu_loops import address, at_addresses, share
 from cip.engines.path_loops import foot_room
 from cip.grid import Grid
 from cip.jit import Array, Index, Out, loop_over
+from cip.profiles.catalogue import CONSERVATIVE
 from cip.profiles.records import Line
+from cip.sensitivities.mass_derivatives import add_whole_cells, integral_weights
 from cip.sensitivities.node_adjoint import pull_kernel
 
 # Strips do not depend on the number of threads, so that neither does the rounding of sums.
@@ -71,7 +73,9 @@ def pull_back(
     -------
     ndarray, shape (moments, nodes)
     """
-    size, rows = grid.size, grid.nodes[0]
+    size, rows, means = grid.size, grid.nodes[0], weight[-1]
+    if profile in CONSERVATIVE:
+        weight = np.concatenate([weight[:-1], integral_weights(grid, means)[None]])
     run = loop_over(run_plane if grid.dim == 2 else run_line, pull=pull_kernel(profile, advect))
     strides = [size // int(np.prod(grid.nodes[: axis + 1])) for axis in range(grid.dim)]
     lines = [
@@ -93,4 +97,7 @@ def pull_back(
             )  # fmt: skip
 
     share(work, strips, size)
-    return np.asarray(sums[0] if strips == 1 else sums.sum(axis=0))
+    back = np.asarray(sums[0] if strips == 1 else sums.sum(axis=0))
+    if profile in CONSERVATIVE:
+        add_whole_cells(grid, feet[0], means, back[-1])
+    return back

@@ -17,8 +17,8 @@ import numpy as np
 
 from cip.formulas.expression import Expression, variable
 from cip.formulas.straight_line_code import numpy_function
-from cip.profiles.catalogue import PLANE, line_jets, moments, plane_jets
-from cip.profiles.records import Foot, Line, Update
+from cip.profiles.catalogue import CONSERVATIVE, PLANE, line_jets, moments, plane_jets
+from cip.profiles.records import Foot, Limits, Line, Means, Update
 
 # Nodes in each direction of the grid on which a kernel is traced; its cell is the first one. They
 # differ, so that the kernel's calls tell the directions.
@@ -88,8 +88,8 @@ def slopes_in_foot(profile: str, advect: bool) -> Callable[..., tuple[Any, ...]]
 
     Parameters
     ----------
-    profile : {"cubic", "quintic", "adini", "bicubic"}
-        The first two on lines.
+    profile : {"cubic", "quintic", "csl2", "csl4", "adini", "bicubic"}
+        The last two in planes, the others on lines.
     advect : bool
     """
     update = traced(profile, advect)
@@ -103,7 +103,11 @@ def slopes_in_foot(profile: str, advect: bool) -> Callable[..., tuple[Any, ...]]
 
 @cache
 def traced(profile: str, advect: bool) -> Traced:
-    """The update of a profile of point values; parameters as for `slopes_in_foot`."""
+    """The update of a profile; parameters as for `slopes_in_foot`.
+
+    In place of the mean of a conservative profile the last output is the integral of the old
+    profile from the left end of the cell to the foot.
+    """
     dim = 2 if profile in PLANE else 1
     outputs = _outputs(profile, advect, dim)
     jets = plane_jets(profile, advect) if dim == 2 else line_jets(profile, 1, 0, advect)
@@ -121,10 +125,17 @@ def traced(profile: str, advect: bool) -> Traced:
 
 def _outputs(profile: str, advect: bool, dim: int) -> list[Expression]:
     """The new moments of node 0 whose foot lies in the first cell, as formulas."""
-    from cip.profiles import line_kernels, line_profiles, plane_kernels
+    from cip.profiles import (
+        conservative_kernels,
+        conservative_profiles,
+        line_kernels,
+        line_profiles,
+        plane_kernels,
+    )
 
     names: dict[str, Any] = {}
-    for module in (line_profiles, line_kernels, plane_kernels):
+    modules = (line_profiles, line_kernels, plane_kernels, conservative_profiles)
+    for module in (*modules, conservative_kernels):
         for name, value in vars(module).items():
             plain = getattr(value, "py_func", None)
             names[name] = value if plain is None else FunctionType(plain.__code__, names, name)
@@ -133,7 +144,27 @@ def _outputs(profile: str, advect: bool, dim: int) -> list[Expression]:
     foot = Foot(_Symbols("f"), 1, 0)
     size = int(np.prod(_NODES[:dim]))
     lines = [Line(_Widths(axis), 0, 1, _NODES[axis], 0) for axis in range(dim)]
+    if profile in CONSERVATIVE:
+        return _conservative(names["profile"], profile, foot, lines[0])
     update = Update(size, dim, 0, int(advect))
     node = (0,) * (1 + dim)  # its index in the arrays and along each line
     names[f"node_{profile}"](_Symbols("m"), out, foot, *lines, update, *node, 0)
     return [out.written[size * q] for q in range(len(moments(profile, dim)))]
+
+
+def _conservative(profile: Any, name: str, foot: Foot, line: Line) -> list[Expression]:
+    """The new value (and slope) and, in place of the mean, the integral up to the foot.
+
+    `cip.sensitivities.mass_derivatives` leads from these integrals to the means.
+    """
+    carried = len(moments(name, 1)) == 3
+    size = line.n
+    means = Means(0, size, (1 + carried) * size, int(carried))
+    limits = Limits(0, 0.0, 0.0, 0.0)
+    value, slope, mass = profile(
+        _Symbols("m"), line, means, 0, variable("s0"), 4 if carried else 2, limits
+    )
+    J = foot.feet[1]
+    if not carried:
+        return [J * value, mass]
+    return [J * value, J * J * slope + foot.feet[2] * value, mass]

@@ -22,9 +22,11 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
 from cip.errors import InputError, NotSupported
-from cip.profiles.catalogue import PLANE
+from cip.grid import Grid
+from cip.profiles.catalogue import CONSERVATIVE, PLANE
 from cip.profiles.locate_nodes import cells_of
 from cip.sensitivities.foot_derivatives import foot_derivatives
+from cip.sensitivities.mass_derivatives import mean_changes
 from cip.sensitivities.profile_derivatives import CORNERS, slopes_in_foot
 from cip.sensitivities.wall_derivatives import wall_derivatives
 from cip.stages.stage import Correction, Stage, StageFeet
@@ -52,6 +54,7 @@ class ParameterPart:
         Derivatives of the components; of displacements in the unit of the place in the cell.
     """
 
+    grid: Grid
     profile: str
     advect: bool
     corners: np.ndarray[Any, np.dtype[np.int64]]
@@ -74,7 +77,7 @@ class ParameterPart:
         by_parameter[..., ~feet.interior(grid.size)] = 0.0
         cell = np.stack([*(cells[2] for cells in found), *widths])
         rest = components[grid.dim :]
-        return cls(stage.profile, stage.advect, np.stack(corners), cell, rest, by_parameter)
+        return cls(grid, stage.profile, stage.advect, np.stack(corners), cell, rest, by_parameter)
 
     def along(self, z: Array, direction: Array) -> Array:
         """Change of the new moments, shape (moments, nodes), for a change of the parameters."""
@@ -85,7 +88,10 @@ class ParameterPart:
         for row, value in zip(rows, values, strict=True):
             row[:] = value
         change = np.einsum("pcn,p->cn", self.by_parameter, direction)
-        return np.asarray(np.einsum("qcn,cn->qn", rows.reshape(len(z), *change.shape), change))
+        found = np.einsum("qcn,cn->qn", rows.reshape(len(z), *change.shape), change)
+        if self.profile in CONSERVATIVE:
+            found[-1] = mean_changes(self.grid, found[-1])
+        return np.asarray(found)
 
 
 def _components(stage: Stage, feet: StageFeet) -> Array:
@@ -267,10 +273,11 @@ def check_differentiable(profile: str, limiter: str | None, dim: int, backend: s
         raise NotSupported(
             f"profile: {profile!r} is not differentiable in the feet; take 'cubic' or 'quintic'"
         )
-    if profile not in (("cubic", "quintic") if dim == 1 else PLANE):
+    if profile not in (("cubic", "quintic", *CONSERVATIVE) if dim == 1 else PLANE):
         raise NotSupported(
             f"profile: derivatives of {profile!r} in {dim} dimensions are not implemented; they "
-            "are for 'cubic' and 'quintic' on lines, 'adini' and 'bicubic' in planes"
+            "are for 'cubic', 'quintic', 'csl2' and 'csl4' on lines, 'adini' and 'bicubic' in "
+            "planes"
         )
     if backend != "cpu":
         raise NotSupported("backend: derivatives are implemented for backend='cpu'")
