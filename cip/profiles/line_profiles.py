@@ -183,15 +183,12 @@ def rough(
 
 
 @kernel
-def lagrange(m: Array, line: Line, moment: Index, k: Index, s: Real) -> tuple[Real, Real]:
-    """Value and slope (per length) of the cubic through a moment at four nodes around a cell.
-
-    `k` is the left node of the cell, `s` in [0, 1] the local coordinate.
-    """
+def around(
+    line: Line, k: Index
+) -> tuple[Index, Index, Index, Index, Real, Real, Real, Real]:  # fmt: skip
+    """Four nodes around a cell with left node k, and their places from this node."""
     h = line.h
     n = line.n
-    base = moment + line.first
-    stride = line.stride
     first = k - 1
     cells = n
     if line.periodic == 0:
@@ -200,17 +197,29 @@ def lagrange(m: Array, line: Line, moment: Index, k: Index, s: Real) -> tuple[Re
             first = 0
         if first > n - 4:
             first = n - 4
-    x = s * h[k]
     x0 = 0.0
     for q in range(first, k):
         x0 = x0 - h[q % cells]
     x1 = x0 + h[first % cells]
     x2 = x1 + h[(first + 1) % cells]
     x3 = x2 + h[(first + 2) % cells]
-    f0 = m[base + (first % n) * stride]
-    f1 = m[base + ((first + 1) % n) * stride]
-    f2 = m[base + ((first + 2) % n) * stride]
-    f3 = m[base + ((first + 3) % n) * stride]
+    return first % n, (first + 1) % n, (first + 2) % n, (first + 3) % n, x0, x1, x2, x3
+
+
+@kernel
+def lagrange(m: Array, line: Line, moment: Index, k: Index, s: Real) -> tuple[Real, Real]:
+    """Value and slope (per length) of the cubic through a moment at four nodes around a cell.
+
+    `k` is the left node of the cell, `s` in [0, 1] the local coordinate.
+    """
+    base = moment + line.first
+    stride = line.stride
+    n0, n1, n2, n3, x0, x1, x2, x3 = around(line, k)
+    x = s * line.h[k]
+    f0 = m[base + n0 * stride]
+    f1 = m[base + n1 * stride]
+    f2 = m[base + n2 * stride]
+    f3 = m[base + n3 * stride]
     # Newton's divided differences.
     f01 = (f1 - f0) / (x1 - x0)
     f12 = (f2 - f1) / (x2 - x1)

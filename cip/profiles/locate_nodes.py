@@ -1,4 +1,4 @@
-"""The cells of the feet of all nodes, by the kernel `locate` of the steps."""
+"""Cells of the feet of all nodes and nodes around these, by the kernels of the steps."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from cip.grid import Grid
+from cip.profiles.records import Line
 
 Array = np.ndarray[Any, Any]
 
@@ -32,8 +33,42 @@ def cells_of(grid: Grid, axis: int, displacement: Array) -> tuple[Array, Array, 
     return left, right, place
 
 
-# `loop_over` replaces it by the kernel.
+def nodes_around(grid: Grid, axis: int, left: Array) -> tuple[Array, Array]:
+    """Four nodes along a direction around each cell, and their places from its left node.
+
+    Parameters
+    ----------
+    grid : Grid
+    axis : int
+    left : ndarray of int
+        Left nodes of the cells.
+
+    Returns
+    -------
+    tuple of ndarray
+        Both of shape (4, cells).
+    """
+    from cip.jit import loop_over
+    from cip.profiles import line_profiles
+
+    nodes, places = np.empty((4, left.size), np.int64), np.empty((4, left.size))
+    run = loop_over(_around_all, around=line_profiles.around)
+    line = Line(grid.widths[axis], 0, 1, grid.nodes[axis], int(grid.periodic[axis]))
+    run(tuple(line), left, nodes, places)
+    return nodes, places
+
+
+# `loop_over` replaces them by the kernels.
 locate: Any = None
+around: Any = None
+
+
+def _around_all(line: Any, left: Array, nodes: Array, places: Array) -> None:
+    line = Line(*line)
+    for o in range(left.size):
+        n0, n1, n2, n3, x0, x1, x2, x3 = around(line, left[o])
+        nodes[0, o], nodes[1, o], nodes[2, o], nodes[3, o] = n0, n1, n2, n3
+        places[0, o], places[1, o], places[2, o], places[3, o] = x0, x1, x2, x3
 
 
 def _locate_all(

@@ -51,15 +51,35 @@ def run_plane(
                 g[c * size + o] += here[c]
 
 
+def run_sweep(
+    start: Index, stop: Index, m: Array, w: Array, back: Out, g: Out, feet: Array, size: Index,
+    components: Index, x: Line,
+) -> None:  # fmt: skip
+    """Rows start..stop of a sweep, as in `cip.engines.cpu_loops.run_lines`."""
+    m, w, back, g, feet = address(m), address(w), address(back), address(g), address(feet)
+    x, here = at_addresses(x), foot_room(np.empty(1))
+    for row in range(start, stop):
+        block = row // x.n
+        i = row - block * x.n
+        for q in range(x.stride):
+            first = block * x.n * x.stride + q
+            o = first + i * x.stride
+            own = Line(x.h, first, x.stride, x.n, x.periodic)
+            pull(m, w, back, here, feet, size, o, own, size, o, i)
+            for c in range(components):
+                g[c * size + o] += here[c]
+
+
 def pull_back(
-    grid: Grid, profile: str, advect: bool, z: Array, weight: Array, feet: Array, g: Array
-) -> Array:
+    grid: Grid, profile: str, advect: bool, z: Array, weight: Array, feet: Array, g: Array,
+    axis: int | None,
+) -> Array:  # fmt: skip
     """The transposed update of all nodes.
 
     Parameters
     ----------
     grid : Grid
-    profile, advect
+    profile, advect, axis
         As for `pull_kernel`.
     z : ndarray, shape (moments, nodes)
         The old moments; they matter for `g` alone.
@@ -76,7 +96,8 @@ def pull_back(
     size, rows, means = grid.size, grid.nodes[0], weight[-1]
     if profile in CONSERVATIVE:
         weight = np.concatenate([weight[:-1], integral_weights(grid, means)[None]])
-    run = loop_over(run_plane if grid.dim == 2 else run_line, pull=pull_kernel(profile, advect))
+    pull_one = pull_kernel(profile, advect, grid.dim, axis)
+    run = loop_over(run_plane if grid.dim == 2 else run_line, pull=pull_one)
     strides = [size // int(np.prod(grid.nodes[: axis + 1])) for axis in range(grid.dim)]
     lines = [
         tuple(Line(np.asarray(h, dtype=float), 0, stride, n, int(periodic)))
@@ -84,6 +105,9 @@ def pull_back(
             grid.widths, strides, grid.nodes, grid.periodic, strict=True
         )
     ]
+    if axis is not None and grid.dim > 1:
+        run, lines = loop_over(run_sweep, pull=pull_one), [lines[axis]]
+        rows = size // strides[axis]
     strips = max(1, min(_STRIPS, rows, size // _NODES_A_STRIP))
     cuts = [rows * strip // strips for strip in range(strips + 1)]
     sums = np.zeros((strips, *weight.shape))

@@ -37,10 +37,9 @@ def pull_source(update: Traced) -> str:
     found = {f"d{q}": part for q, part in enumerate(gradient(total, names))}
     used = set().union(*(part.variables() for part in found.values()))
     lines = list(_AXES[:dim])
-    corner = [_corner(*sides) for sides in update.corners]
-    places = [
-        f"{r} * size + {at}" if r else at for r in range(len(update.outputs)) for at in corner
-    ]
+    nodes = [_corner(*sides) for sides in update.corners]
+    nodes += [f"n{q}" for q in range(len(update.around))]
+    places = [f"{q} * size + {nodes[role]}" if q else nodes[role] for q, role in update.sources]
     code = [
         f"def pull(m, w, back, g, feet, stride, first, {', '.join(lines)}, size, o, "
         f"{', '.join('ij'[:dim])}):"
@@ -52,8 +51,13 @@ def pull_source(update: Traced) -> str:
             f"locate({'ij'[axis]}, {displacement}, {line}.n, {line}.periodic)"
         )
         code.append(f"    h{axis} = {line}.h[k{axis}]")
+    ends = [f"{end}0" for end in "kr"]
+    if update.around:
+        ends += [f"n{q}" for q in range(4)]
+        code.append(f"    {', '.join([*ends[2:], *update.around])} = around(x, k0)")
+        code += [f"    {end} = x.first + {end} * x.stride" for end in ends]
     if dim == 2:
-        code += [f"    {end}0 = {end}0 * y.n" for end in "kr"]
+        code += [f"    {end} = {end} * y.n" for end in ends]
     for q, name in enumerate(update.feet):
         code.append(f"    {name} = feet[{dim + q} * stride + first]")
     code += [f"    {name} = m[{at}]" for name, at in zip(update.reads, places, strict=True)
@@ -73,11 +77,12 @@ def _corner(*sides: int) -> str:
 
 
 @cache
-def pull_kernel(profile: str, advect: bool) -> Any:
-    """The compiled kernel `pull` of a profile of point values."""
+def pull_kernel(profile: str, advect: bool, dim: int, axis: int | None) -> Any:
+    """The compiled kernel `pull` of a profile; parameters as for `slopes_in_foot`."""
     from cip.profiles import line_profiles
 
-    source = pull_source(traced(profile, advect))
+    source = pull_source(traced(profile, advect, dim, axis))
     namespace: dict[str, Any] = {name: getattr(np, name) for name in RULES}
-    namespace.update(Real=Real, Index=Index, Array=Array, Out=Out, locate=line_profiles.locate)
+    namespace.update(Real=Real, Index=Index, Array=Array, Out=Out)
+    namespace.update(locate=line_profiles.locate, around=line_profiles.around)
     return generated(source, re.findall(r"^def (\w+)", source, re.MULTILINE), namespace, __file__)

@@ -17,13 +17,14 @@ import numpy as np
 
 from cip.formulas.expression import Expression, variable
 from cip.formulas.straight_line_code import numpy_function
-from cip.profiles.catalogue import CONSERVATIVE, PLANE, line_jets, moments, plane_jets
+from cip.profiles.catalogue import CONSERVATIVE, line_jets, moments, plane_jets
 from cip.profiles.records import Foot, Limits, Line, Means, Update
 
 # Nodes in each direction of the grid on which a kernel is traced; its cell is the first one. They
 # differ, so that the kernel's calls tell the directions.
 _NODES = (2, 3)
 # Corners of a cell by their offsets in each direction, in the order of `Traced.reads`.
+AROUND = 2
 CORNERS = {1: ((0,), (1,)), 2: ((0, 0), (1, 0), (0, 1), (1, 1))}
 
 
@@ -41,6 +42,11 @@ class Traced:
         Variables of the place in the cell; `widths` those of its widths.
     feet : tuple of str
         Variables of the components of the foot after the displacements.
+    sources : tuple of (moment, role)
+        For each of `reads` the number of the moment and the role of its node: a corner of the cell
+        or, from `AROUND` on in a sweep, a node around it.
+    around : tuple of str
+        Variables of the places of the nodes around the cell, in a sweep of a splitting.
     """
 
     dim: int
@@ -49,6 +55,8 @@ class Traced:
     places: tuple[str, ...]
     widths: tuple[str, ...]
     feet: tuple[str, ...]
+    sources: tuple[tuple[int, int], ...]
+    around: tuple[str, ...] = ()
 
     @property
     def corners(self) -> tuple[tuple[int, ...], ...]:
@@ -79,36 +87,44 @@ class _Widths:
 
 
 @cache
-def slopes_in_foot(profile: str, advect: bool) -> Callable[..., tuple[Any, ...]]:
+def slopes_in_foot(
+    profile: str, advect: bool, dim: int, axis: int | None
+) -> Callable[..., tuple[Any, ...]]:
     """The derivatives of the new moments with respect to the foot, as a function of arrays.
 
-    ``slopes(*place, *width, *feet, *m)`` gives for each new moment those in the place and in the
-    components after the displacements, in one flat tuple; `m` are the old moments, each at all
-    corners. `place` and `width` have an entry for each direction.
+    ``slopes(*place, *width, *around, *feet, *m)`` gives for each new moment those in the place and
+    in the components after the displacements, in one flat tuple; `m` are the old moments in the
+    order of `Traced.sources`. `place` and `width` have an entry for each direction of motion.
 
     Parameters
     ----------
     profile : {"cubic", "quintic", "csl2", "csl4", "adini", "bicubic"}
-        The last two in planes, the others on lines.
+        Conservative ones on lines.
     advect : bool
+    dim : int
+        Of the grid.
+    axis : int or None
+        Direction of a sweep.
     """
-    update = traced(profile, advect)
+    update = traced(profile, advect, dim, axis)
     slopes = [
         output.derivative(name)
         for output in update.outputs
         for name in (*update.places, *update.feet)
     ]
-    return numpy_function(slopes, [*update.places, *update.widths, *update.feet, *update.reads])
+    names = [*update.places, *update.widths, *update.around, *update.feet, *update.reads]
+    return numpy_function(slopes, names)
 
 
 @cache
-def traced(profile: str, advect: bool) -> Traced:
+def traced(profile: str, advect: bool, dim: int, axis: int | None) -> Traced:
     """The update of a profile; parameters as for `slopes_in_foot`.
 
     In place of the mean of a conservative profile the last output is the integral of the old
     profile from the left end of the cell to the foot.
     """
-    dim = 2 if profile in PLANE else 1
+    if axis is not None and dim > 1:
+        return _sweep(profile, advect, dim, axis)
     outputs = _outputs(profile, advect, dim)
     jets = plane_jets(profile, advect) if dim == 2 else line_jets(profile, 1, 0, advect)
     corners = [int(np.ravel_multi_index(corner, _NODES[:dim])) for corner in CORNERS[dim]]
@@ -120,25 +136,40 @@ def traced(profile: str, advect: bool) -> Traced:
         tuple(f"s{axis}" for axis in range(dim)),
         tuple(f"h{axis}" for axis in range(dim)),
         tuple(f"f{q}" for q in range(dim, len(jets))),
+        tuple((q, role) for q in range(len(outputs)) for role in range(len(corners))),
+    )
+
+
+def _sweep(profile: str, advect: bool, dim: int, axis: int) -> Traced:
+    """The update of a node in a sweep: the ends of the cell are nodes 0 and 1, 2 to 5 around it."""
+    names, size = _plain_kernels(), AROUND + 4
+    names["locate"] = lambda i, d, n, periodic: (0, 1, variable("s0"))
+    places = tuple(f"a{q}" for q in range(4))
+    nodes = range(AROUND, AROUND + 4)
+    names["around"] = lambda line, k: (*nodes, *(variable(name) for name in places))
+    count = len(moments(profile, dim))
+    out, line = _Symbols("o"), Line(_Widths(0), 0, 1, size, 0)
+    update = Update(size, dim, axis, int(advect))
+    names[f"node_{profile}"](_Symbols("m"), out, Foot(_Symbols("f"), 1, 0), line, update, 0, 0, 0)
+    outputs = [out.written[size * q] for q in range(count)]
+    used = set().union(*(output.variables() for output in outputs))
+    every = ((q, role) for q in range(count) for role in range(size))
+    sources = tuple((q, role) for q, role in every if f"m{q * size + role}" in used)
+    return Traced(
+        1,
+        tuple(outputs),
+        tuple(f"m{q * size + role}" for q, role in sources),
+        ("s0",),
+        ("h0",),
+        tuple(f"f{q}" for q in range(1, len(line_jets(profile, dim, axis, advect)))),
+        sources,
+        places,
     )
 
 
 def _outputs(profile: str, advect: bool, dim: int) -> list[Expression]:
     """The new moments of node 0 whose foot lies in the first cell, as formulas."""
-    from cip.profiles import (
-        conservative_kernels,
-        conservative_profiles,
-        line_kernels,
-        line_profiles,
-        plane_kernels,
-    )
-
-    names: dict[str, Any] = {}
-    modules = (line_profiles, line_kernels, plane_kernels, conservative_profiles)
-    for module in (*modules, conservative_kernels):
-        for name, value in vars(module).items():
-            plain = getattr(value, "py_func", None)
-            names[name] = value if plain is None else FunctionType(plain.__code__, names, name)
+    names = _plain_kernels()
     names["locate"] = lambda i, d, n, periodic: (0, 1, variable(f"s{_NODES.index(n)}"))
     out = _Symbols("o")
     foot = Foot(_Symbols("f"), 1, 0)
@@ -168,3 +199,22 @@ def _conservative(profile: Any, name: str, foot: Foot, line: Line) -> list[Expre
     if not carried:
         return [J * value, mass]
     return [J * value, J * J * slope + foot.feet[2] * value, mass]
+
+
+def _plain_kernels() -> dict[str, Any]:
+    """The kernels by their names, as plain Python that calls one another."""
+    from cip.profiles import (
+        conservative_kernels,
+        conservative_profiles,
+        line_kernels,
+        line_profiles,
+        plane_kernels,
+    )
+
+    names: dict[str, Any] = {}
+    modules = (line_profiles, line_kernels, plane_kernels, conservative_profiles)
+    for module in (*modules, conservative_kernels):
+        for name, value in vars(module).items():
+            plain = getattr(value, "py_func", None)
+            names[name] = value if plain is None else FunctionType(plain.__code__, names, name)
+    return names

@@ -22,12 +22,11 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
 from cip.errors import InputError, NotSupported
-from cip.grid import Grid
-from cip.profiles.catalogue import CONSERVATIVE, PLANE
-from cip.profiles.locate_nodes import cells_of
+from cip.profiles.catalogue import CONSERVATIVE
+from cip.profiles.locate_nodes import cells_of, nodes_around
 from cip.sensitivities.foot_derivatives import foot_derivatives
 from cip.sensitivities.mass_derivatives import mean_changes
-from cip.sensitivities.profile_derivatives import CORNERS, slopes_in_foot
+from cip.sensitivities.profile_derivatives import CORNERS, slopes_in_foot, traced
 from cip.sensitivities.wall_derivatives import wall_derivatives
 from cip.stages.stage import Correction, Stage, StageFeet
 from cip.stages.state import State
@@ -40,57 +39,64 @@ KEPT = 2**30
 
 @dataclass(frozen=True)
 class ParameterPart:
-    """The derivative of one step's new moments with respect to the velocity's parameters.
+    """The derivative of one stage's new moments with respect to the velocity's parameters.
 
     Attributes
     ----------
-    corners : ndarray of int, shape (2^dim, nodes)
-        The nodes at the corners of the cell of each foot.
-    cell : ndarray, shape (2 dim, nodes)
-        The place of each foot in its cell, then the widths of the cell.
-    feet : ndarray, shape (components - dim, nodes)
+    stage : Stage
+    nodes : ndarray of int, shape (roles, nodes)
+        The nodes at the corners of the cell of each foot and, in a sweep, around it.
+    cell : ndarray, shape (rows, nodes)
+        The place of each foot in its cell, the widths of the cell, places of nodes around it.
+    feet : ndarray, shape (components - directions, nodes)
         Components of the feet after the displacements.
     by_parameter : ndarray, shape (parameters, components, nodes)
         Derivatives of the components; of displacements in the unit of the place in the cell.
     """
 
-    grid: Grid
-    profile: str
-    advect: bool
-    corners: np.ndarray[Any, np.dtype[np.int64]]
+    stage: Stage
+    nodes: np.ndarray[Any, np.dtype[np.int64]]
     cell: Array
     feet: Array
     by_parameter: Array
 
     @classmethod
     def of(cls, stage: Stage, feet: StageFeet) -> ParameterPart:
-        """That of a step, from the feet that the step itself uses."""
-        grid, components = stage.grid, _components(stage, feet)
-        found = [cells_of(grid, axis, components[axis]) for axis in range(grid.dim)]
-        widths = [grid.widths[axis][cells[0]] for axis, cells in enumerate(found)]
-        corners = [
-            np.ravel_multi_index([found[axis][side] for axis, side in enumerate(sides)], grid.nodes)
-            for sides in CORNERS[grid.dim]
-        ]
+        """That of a stage, from the feet that the stage itself uses."""
+        grid, components, moving = stage.grid, _components(stage, feet), stage.moving
+        found = [cells_of(grid, axis, components[q]) for q, axis in enumerate(moving)]
+        widths = [grid.widths[axis][cells[0]] for axis, cells in zip(moving, found, strict=True)]
+        cell = [*(cells[2] for cells in found), *widths]
+        if stage.axis is None or grid.dim == 1:
+            nodes = [
+                np.ravel_multi_index([found[q][side] for q, side in enumerate(sides)], grid.nodes)
+                for sides in CORNERS[grid.dim]
+            ]
+        else:
+            more, places = nodes_around(grid, stage.axis, found[0][0])
+            stride = int(np.prod(grid.nodes[stage.axis + 1 :]))
+            first = np.arange(grid.size) - np.indices(grid.nodes)[stage.axis].ravel() * stride
+            nodes = [first + one * stride for one in (*found[0][:2], *more)]
+            cell += list(places)
         by_parameter = foot_derivatives(stage, feet)
-        by_parameter[:, : grid.dim] /= np.stack(widths)
+        by_parameter[:, : len(moving)] /= np.stack(widths)
         by_parameter[..., ~feet.interior(grid.size)] = 0.0
-        cell = np.stack([*(cells[2] for cells in found), *widths])
-        rest = components[grid.dim :]
-        return cls(grid, stage.profile, stage.advect, np.stack(corners), cell, rest, by_parameter)
+        rest = components[len(moving) :]
+        return cls(stage, np.stack(nodes), np.stack(cell), rest, by_parameter)
 
     def along(self, z: Array, direction: Array) -> Array:
         """Change of the new moments, shape (moments, nodes), for a change of the parameters."""
-        slopes = slopes_in_foot(self.profile, self.advect)
-        moments = z[:, self.corners].reshape(-1, z.shape[1])
-        values = slopes(*self.cell, *self.feet, *moments)
+        stage = self.stage
+        scheme = stage.profile, stage.advect, stage.grid.dim, stage.axis
+        old = [z[q][self.nodes[role]] for q, role in traced(*scheme).sources]
+        values = slopes_in_foot(*scheme)(*self.cell, *self.feet, *old)
         rows = np.empty((len(values), z.shape[1]))
         for row, value in zip(rows, values, strict=True):
             row[:] = value
         change = np.einsum("pcn,p->cn", self.by_parameter, direction)
         found = np.einsum("qcn,cn->qn", rows.reshape(len(z), *change.shape), change)
-        if self.profile in CONSERVATIVE:
-            found[-1] = mean_changes(self.grid, found[-1])
+        if stage.conservative:
+            found[-1] = mean_changes(stage.grid, found[-1])
         return np.asarray(found)
 
 
@@ -242,7 +248,8 @@ class Window:
             # Moves with the same feet in a steady velocity, whose derivatives are therefore applied
             # once, to the sum over these moves.
             _, _, g = gathered.setdefault(self._key(n), (n, feet, np.zeros(components.shape)))
-            weight = pull_back(grid, stage.profile, stage.advect, z, weight, components, g)
+            weight = pull_back(grid, stage.profile, stage.advect, z, weight, components, g,
+                               stage.axis)  # fmt: skip
             if not self._steady or n == 0:
                 for m, where, total in gathered.values():
                     if self._columns[m]:
@@ -265,7 +272,7 @@ def check_differentiable(profile: str, limiter: str | None, dim: int, backend: s
     Raises
     ------
     NotSupported
-        A profile or limiter with kinks, a splitting, or a device.
+        A profile or limiter with kinks, conservative sweeps of a splitting, or a device.
     """
     if limiter is not None:
         raise NotSupported(f"limiter: {limiter!r} is not differentiable; take limiter=None")
@@ -273,11 +280,10 @@ def check_differentiable(profile: str, limiter: str | None, dim: int, backend: s
         raise NotSupported(
             f"profile: {profile!r} is not differentiable in the feet; take 'cubic' or 'quintic'"
         )
-    if profile not in (("cubic", "quintic", *CONSERVATIVE) if dim == 1 else PLANE):
+    if profile in CONSERVATIVE and dim > 1:
         raise NotSupported(
-            f"profile: derivatives of {profile!r} in {dim} dimensions are not implemented; they "
-            "are for 'cubic', 'quintic', 'csl2' and 'csl4' on lines, 'adini' and 'bicubic' in "
-            "planes"
+            f"profile: derivatives of {profile!r} in {dim} dimensions are not implemented; take "
+            "'cubic' or 'quintic', or 'csl2' and 'csl4' on lines"
         )
     if backend != "cpu":
         raise NotSupported("backend: derivatives are implemented for backend='cpu'")

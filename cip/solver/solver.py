@@ -283,9 +283,9 @@ class Solver:
         """The derivative of a run's last state in its first one and in the velocity's parameters.
 
         It is that of the discrete steps with the sub-steps that the characteristics took, exact to
-        rounding (`cip.sensitivities.window`); for cubic, quintic, csl2 and csl4 in one dimension,
-        adini and bicubic, through walls too, whose data are given. If a foot lies on the edge of a
-        cell, where derivatives of the profile may jump, one side is taken.
+        rounding (`cip.sensitivities.window`); for cubic, quintic, adini and bicubic, csl2 and csl4
+        on lines, through walls too, whose data are given. If a foot lies on the edge of a cell,
+        where derivatives of the profile may jump, one side is taken.
 
         Parameters
         ----------

@@ -102,11 +102,8 @@ def test_the_closed_form_of_a_spiral(profile, form):
         np.testing.assert_allclose(found, expected, rtol=0, atol=2e-3 * np.abs(expected).max())
 
 
-def test_splittings_and_limiters_are_refused():
+def test_limiters_are_refused():
     grid = Grid([(0, 1)] * 2, (8, 8), periodic=True)
-    solver = Solver(grid, (1.0, 0.0), profile="cubic", splitting="strang")
-    with pytest.raises(NotSupported, match="profile: derivatives of 'cubic' in 2 dimensions"):
-        solver.tangent(solver.run(solver.state(0.0), 0.1, dt=0.1))
     solver = Solver(grid, (1.0, 0.0), profile="adini", limiter="eno")
     with pytest.raises(NotSupported, match="limiter: 'eno' is not differentiable"):
         solver.adjoint(solver.run(solver.state(0.0), 0.1, dt=0.1))
