@@ -136,3 +136,37 @@ def rough_layers(record: Record) -> str:
         lines,
     )
     return "\n\n".join((table, *ends))
+
+
+def rough_peers(record: Record) -> str:
+    """A rough surface on a half space beside tamaas, at equal accuracy, and on a thick block."""
+    names = [name for name in record["rows"][0] if name not in ("n", "area")]
+    goals = list(record["rows"][0]["ours"])
+    lines = [
+        (
+            f"{row['n']} x {row['n']}",
+            f"{100 * row['area']:.1f} %",
+            goal,
+            *(f"{row[name][goal]['seconds']:.2f} s" for name in names),
+            f"**{row['tamaas'][goal]['seconds'] / row['ours'][goal]['seconds']:.2f}**",
+        )
+        for row in record["rows"]
+        for goal in goals
+    ]
+    head = " | ".join(names)
+    table = rows_of(f"points | contact | error of the pressure | {head} | tamaas over ours", lines)
+    block = rows_of(
+        "thick block of bricks beside tamaas' half space | contact area "
+        "| forces of 16 x 16 squares | pressure, rms",
+        (
+            (
+                f"{row['n']}^3",
+                f"{100 * row['area_off']:+.1f} %",
+                f"{100 * row['force_off']:.2f} %",
+                f"{100 * row['pressure_off']:.1f} %",
+            )
+            for row in record["block"]
+        ),
+    )
+    end = f"tamaas {record['peers']['tamaas']}. " + source("rough_peers", record)
+    return "\n\n".join((table, block, end))

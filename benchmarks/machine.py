@@ -11,7 +11,7 @@ from typing import Any
 
 _PACKAGES = (
     "numpy", "scipy", "scikit-fem", "pypardiso", "mkl", "qpsolvers", "osqp", "piqp", "clarabel",
-    "proxsuite", "pyamg", "numba", "ngsolve", "xfem", "pymor",
+    "proxsuite", "pyamg", "numba", "ngsolve", "xfem", "pymor", "tamaas",
 )  # fmt: skip
 
 _MEASURED = ("skfem_adini", "contact", "cip", "gpu", "benchmarks/*.py")

@@ -288,6 +288,7 @@ TABLES: dict[str, Callable[[Record], str]] = {
         *(assembly, elements, sparse_solving, curved),
         *(contact_block, mkl, contact_scaling, contact_layers, contact_peers),
         *(body_tables.contact_pair, body_tables.distributed, body_tables.rough_layers),
+        body_tables.rough_peers,
         *(kernel_tables.cip, kernel_tables.cip_device),
         *(kernel_tables.qp, kernel_tables.qp_peers, kernel_tables.qp_device_peers),
         *(kernel_tables.maros_meszaros, validation_table.validation),

@@ -144,13 +144,28 @@ def cut(folder: str) -> Found:
     }
 
 
+def periodic(folder: str) -> Found:
+    """Waves on half planes, blocks and layers, a ball, and a coating, by transforms."""
+    cases = example("validation_periodic").main(["--output", folder]).cases
+    return {
+        "periodic": {
+            name: {
+                "points": list(case.sizes),
+                "errors": case.errors.tolist(),
+                "orders": case.orders.tolist(),
+            }
+            for name, case in cases.items()
+        }
+    }
+
+
 def main() -> None:
     """Run all, and write after each."""
     matplotlib.use("Agg")
     record: Found = {"machine": describe()}
     with tempfile.TemporaryDirectory() as folder:
         for case in (
-            *(line, punch, far_field, membrane, cut, cylinders, shrink, ties),
+            *(line, punch, far_field, membrane, cut, cylinders, shrink, ties, periodic),
             *(sphere, cattaneo, order),
         ):
             record |= case(folder)

@@ -90,5 +90,49 @@ def validation(record: Record) -> str:
             "1.9, .95; 2.9, 1.9; 3.85, 2.9",
         ),
     ]
+    rows += _periodic(record["periodic"])
     table = rows_of("case | ours | the tests allow", rows)
     return f"{table}\n\n{source('validation', record, 'scikit-fem')}"
+
+
+def _periodic(cases: Record) -> list[tuple[str, str, str]]:
+    """Contact by transforms at 64 points a period, and the orders over the meshes."""
+    partial = {name: case for name, case in cases.items() if "s = 0" in name}
+    row = cases["coating"]["points"].index(64)
+    worst = [max(case["errors"][row][k] for case in partial.values()) for k in range(3)]
+    orders = [case["orders"][1] for case in partial.values()]
+    full = [
+        case for name, case in cases.items() if name.endswith(("block, s = 1.2", "full contact"))
+    ]
+    fine = cases["coating"]["points"][-1]
+    return [
+        (
+            "Westergaard's sinusoid in partial contact: half plane, thick block, layers on a half "
+            "plane; 64 points a wave",
+            f"highest pressure {worst[0]:.1e}, longest wave {worst[1]:.1e}, mean gap "
+            f"{worst[2]:.1e} of the height; order of the wave {min(orders):.1f} to "
+            f"{max(orders):.1f}",
+            "1e-3, 1.4 to 2.7",
+        ),
+        (
+            "full contact of a sinusoid, and of Johnson's two waves on a thick block",
+            "; ".join(
+                f"{case['errors'][-1][0]:.1e}, order {case['orders'][0]:.2f}" for case in full
+            ),
+            "1e-3, 1.9 to 2.1",
+        ),
+        (
+            "Hertz' ball in a period of 30 radii, a/h = 16",
+            f"rms pressure error {cases['ball']['errors'][-1][0]:.1e} of p0, corrected area "
+            f"{cases['ball']['errors'][-1][1]:.1e}",
+            "5e-3, 1e-3",
+        ),
+        (
+            "coating of an eighth of the wave, E 100 : 1, beside its closed form; "
+            f"64 and {fine} points a wave",
+            f"{max(cases['coating']['errors'][row]):.1e}, "
+            f"{max(cases['coating']['errors'][-1]):.1e}, "
+            f"order {min(cases['coating']['orders']):.2f}",
+            "2e-3 at 128, 1.85 to 2.1",
+        ),
+    ]

@@ -22,7 +22,7 @@ GROUPS = {
     "tied_meshes",
     "Contact beside closed forms": "validation_axisymmetric validation_cattaneo "
     "validation_far_field validation_flat_punch validation_hertz_line validation_hertz_sphere "
-    "validation_membrane validation_order half_space",
+    "validation_membrane validation_order validation_periodic half_space",
     "Elements": "poisson_adini eigenvalues plate bending hanging_nodes shape_functions open_vtk",
     "Curved domains": "curved_2012",
     "Transport": "cip_zalesak cip_jiang_shu cip_deformation cip_dissertation cip_two_dimensions",

@@ -14,23 +14,35 @@ from dense_laws import forces_of
 from layer_problems import SparseCompliance, random_problem
 
 from contact import NotConverged
+from contact.spectral.friction_newton import GridFriction
+from contact.spectral.grid_result import certified
 
 
 def difference(seed):
-    """What a problem is, and how far the forces are from the sparse path's, over the largest."""
+    """What a problem is, and how far the forces are from the sparse path's, over the largest.
+
+    None where the dense solvers of the laws give up: then the certificate with the displacements of
+    the sparse body, which every problem passes, is the only judge.
+    """
     contact, kind = random_problem(seed)
     result = contact.solve()
     sparse = replace(contact, compliance=SparseCompliance.of(contact.compliance))
-    friction = None if kind["law"] == "none" else contact._friction()
-    if kind["law"] == "tresca":
-        friction = friction * result.cell
-    wanted = forces_of(sparse._problem(None), friction, contact.law)
+    problem, coulomb = sparse._problem(None), contact.law == "coulomb"
+    friction = contact._friction() * (1.0 if coulomb else result.cell)
+    a = -problem.turned(result.motion.reshape(-1, *[1] * (kind["dim"] - 1))).ravel()
+    a[np.isnan(problem.force)] = 0.0
+    given = contact._controls()[0]
+    certified(problem, GridFriction(friction, coulomb), (result.forces, a), given, 1e-8, ())
     assert max(result.kkt.values()) < 1e-10
-    assert result.pressure.any()
+    assert result.forces.any()
+    try:
+        wanted = forces_of(problem, None if kind["law"] == "none" else friction, contact.law)
+    except NotConverged:
+        return kind, None
     return kind, np.abs(result.forces - wanted).max() / np.abs(wanted).max()
 
 
-@pytest.mark.parametrize("seed", [1000, 1003, 1006, 1012, 1019, 1013, 1020, 1023])
+@pytest.mark.parametrize("seed", [65, 1000, 1003, 1006, 1012, 1019, 1013, 1020, 1023])
 def test_forces_are_those_of_the_sparse_path(seed):
     assert difference(seed)[1] < 1e-9
 
@@ -47,15 +59,12 @@ def test_given_friction_is_solved_where_newton_cycles():
 def test_three_hundred_problems_and_none_wrong():
     found = Counter()
     for seed in range(300):
-        try:
-            kind, error = difference(seed)
-        except NotConverged as refusal:
-            found["refused"] += 1
-            print(seed, refusal)
+        kind, error = difference(seed)
+        if error is None:
+            found["certificate alone"] += 1
             continue
         assert error < 1e-8, (seed, kind)
-        found.update(["solved", *(f"{name} {value}" for name, value in kind.items())])
-    print(found)
-    assert found["solved"] >= 299
+        found.update(["compared", *(f"{name} {value}" for name, value in kind.items())])
+    assert found["compared"] >= 295
     for feature in ("dim 3", "adini True", "loose True", "law tresca", "law coulomb", "law none"):
         assert found[feature] >= 30

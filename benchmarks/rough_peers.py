@@ -1,0 +1,172 @@
+"""A rough surface on a half space and on a thick block beside tamaas and Polonsky-Keer's iteration.
+
+The same self-affine heights under the same mean pressure: accuracy is the largest difference of
+the pressure to a reference (ours at a certificate of 1e-12), over the largest pressure; seconds are
+from heights to pressure at the loosest of the tolerances 1e-2, 1e-3, ... that reaches an accuracy.
+tamaas (https://gitlab.com/tamaas/tamaas) solves by Polonsky and Keer's conjugate gradients in C++;
+the same iteration in NumPy, with SciPy's transforms as ours, tells the method from the language.
+The block is one of trilinear bricks, as deep as its period.
+
+    python benchmarks/rough_peers.py --sizes 128 256 512 1024      # pip install tamaas
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.fft
+from machine import describe
+
+from contact import GridContact, HalfSpace, PeriodicLayers, Rigid, self_affine
+
+E, NU, PRESSURE, DEPTH = 1.0, 0.3, 5e-3, 1.0
+TOLERANCES = [10.0**-k for k in range(2, 13)]
+GOALS = (1e-4, 1e-8)
+Array = np.ndarray
+
+
+def surface(n: int, points_a_wave: int) -> Array:
+    """Heights of rms 5e-3 periods, from two waves a period to a wave of so many points."""
+    return self_affine(n, hurst=0.8, rms=5e-3, cutoffs=(2, n // points_a_wave), seed=1)
+
+
+def ours(heights: Array, tol: float, block: Any = None) -> Array:
+    """Pressure by active sets on the half space, or on a block."""
+    space = HalfSpace((1.0, 1.0), heights.shape, E, NU) if block is None else block
+    ground = Rigid(heights.max() - heights, force=(None, None, PRESSURE))
+    return GridContact(space, ground).solve(tol=tol).pressure
+
+
+def tamaas_pressure(heights: Array, tol: float) -> Array:
+    """Pressure by tamaas."""
+    import tamaas
+
+    tamaas.set_log_level(tamaas.LogLevel.error)
+    model = tamaas.ModelFactory.createModel(
+        tamaas.model_type.basic_2d, [1.0, 1.0], list(heights.shape)
+    )
+    model.E, model.nu = E, NU
+    solver = tamaas.PolonskyKeerRey(model, heights, tol)
+    solver.max_iter = 100_000
+    solver.solve(PRESSURE)
+    return np.array(model.traction)
+
+
+def polonsky_keer(heights: Array, tol: float) -> Array:
+    """Polonsky and Keer, Wear 231 (1999) 206, section 3, in NumPy."""
+    n = heights.shape[0]
+    k = np.hypot(*np.meshgrid(scipy.fft.fftfreq(n, 1 / n), scipy.fft.rfftfreq(n, 1 / n),
+                              indexing="ij"))  # fmt: skip
+    symbol = np.where(k > 0, (1 - NU**2) / (np.pi * E * np.maximum(k, 1)), 0.0)
+
+    def displacement(p: Array) -> Array:
+        return scipy.fft.irfft2(symbol * scipy.fft.rfft2(p), s=p.shape)
+
+    p, t = np.full_like(heights, PRESSURE), np.zeros_like(heights)
+    before, delta, spread = 1.0, 0.0, float(np.ptp(heights))
+    for _ in range(100_000):
+        g = displacement(p) - heights
+        inside = p > 0
+        g -= g[inside].mean()
+        if np.sum(p * np.abs(g)) <= tol * spread * p.sum() and g.min() > -tol * spread:
+            break
+        size = np.sum(g[inside] ** 2)
+        t = np.where(inside, g + delta * size / before * t, 0.0)
+        before = size
+        r = displacement(t)
+        r -= r[inside].mean()
+        p = np.maximum(p - np.sum(g[inside] * t[inside]) / np.sum(r[inside] * t[inside]) * t, 0.0)
+        joins = (p == 0) & (g < 0)
+        delta = 0.0 if joins.any() else 1.0
+        p[joins] -= np.sum(g[inside] * t[inside]) / np.sum(r[inside] * t[inside]) * g[joins]
+        p *= PRESSURE / p.mean()
+    return p
+
+
+def seconds_to(solve: Callable[[Array, float], Array], heights: Array, wanted: Array) -> Any:
+    """Seconds and tolerance that each goal takes, least of two runs."""
+    found: dict[str, Any] = {}
+    goals = list(GOALS)
+    for tol in TOLERANCES:
+        times = []
+        for _ in range(2):
+            begin = time.perf_counter()
+            pressure = solve(heights, tol)
+            times.append(time.perf_counter() - begin)
+        error = float(np.abs(pressure - wanted).max() / wanted.max())
+        while goals and error <= goals[0]:
+            found[f"{goals.pop(0):.0e}"] = {
+                "seconds": min(times), "tolerance": tol, "error": error,
+                "area": float((pressure > 0).mean()), "force": float(pressure.mean() / PRESSURE),
+            }  # fmt: skip
+        if not goals:
+            break
+    return found
+
+
+def beside(n: int, solvers: dict[str, Any]) -> dict[str, Any]:
+    """Times on the half space: a surface whose shortest wave has eight points."""
+    heights = surface(n, 8)
+    wanted = ours(heights, 1e-12)
+    row: dict[str, Any] = {"n": n, "area": float((wanted > 0).mean())}
+    for name, solve in solvers.items():
+        row[name] = seconds_to(solve, heights, wanted)
+        print(n, name, row[name], flush=True)
+    return row
+
+
+def in_squares(pressure: Array, squares: int = 16) -> Array:
+    """Forces of 16 x 16 equal parts of the surface."""
+    m = pressure.shape[0] // squares
+    return pressure.reshape(squares, m, squares, m).sum(axis=(1, 3))
+
+
+def rms(values: Array) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def thick_block(n: int, peer: Any) -> dict[str, Any]:
+    """Differences of a block of bricks to the half space: 64 points in the shortest wave."""
+    heights = surface(n, 64)
+    begin = time.perf_counter()
+    block = PeriodicLayers((1.0, 1.0), [(DEPTH, round(DEPTH * n), E, NU)], (n, n))
+    mine = ours(heights, 1e-10, block)
+    seconds = time.perf_counter() - begin
+    wanted = peer(heights, 1e-10)
+    row = {
+        "n": n, "seconds": seconds, "area": float((wanted > 0).mean()),
+        "area_off": float((mine > 0).sum() / (wanted > 0).sum() - 1),
+        "force_off": rms(in_squares(mine) - in_squares(wanted)) / rms(in_squares(wanted)),
+        "pressure_off": rms(mine - wanted) / rms(wanted),
+    }  # fmt: skip
+    print("block", row, flush=True)
+    return row
+
+
+def main(argv: list[str] | None = None) -> dict[str, Any]:
+    """Run, print, write results/rough_peers.json."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sizes", type=int, nargs="*", default=[128, 256, 512])
+    parser.add_argument("--block", type=int, nargs="*", default=[128, 256])
+    parser.add_argument("--output", type=Path, default=Path(__file__).parent / "results")
+    options = parser.parse_args(argv)
+    solvers = {"ours": ours, "tamaas": tamaas_pressure, "Polonsky-Keer, NumPy": polonsky_keer}
+    record: dict[str, Any] = {"benchmark": "rough_peers", "machine": describe()}
+    record["peers"] = {"tamaas": importlib.metadata.version("tamaas")}
+    record["rows"] = [beside(n, solvers) for n in options.sizes]
+    record["block"] = [thick_block(n, tamaas_pressure) for n in options.block]
+    options.output.mkdir(parents=True, exist_ok=True)
+    (options.output / "rough_peers.json").write_text(json.dumps(record, indent=1) + "\n")
+    return record
+
+
+if __name__ == "__main__":
+    main()
