@@ -122,7 +122,7 @@ def _periodic(cases: Record) -> list[tuple[str, str, str]]:
             "1e-3, 1.9 to 2.1",
         ),
         (
-            "Hertz' ball in a period of 30 radii, a/h = 16",
+            "Hertz' ball in a period of 15 radii, a/h = 16",
             f"rms pressure error {cases['ball']['errors'][-1][0]:.1e} of p0, corrected area "
             f"{cases['ball']['errors'][-1][1]:.1e}",
             "5e-3, 1e-3",
