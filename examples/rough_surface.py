@@ -111,7 +111,7 @@ def by_wave_number(spectrum: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray,
 def main(argv: list[str] | None = None) -> SimpleNamespace:
     """Press, drag, print, draw."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--points", type=int, default=192, help="along a side")
+    parser.add_argument("--points", type=int, default=128, help="along a side")
     parser.add_argument("--steps", type=int, default=8, help="of dragging")
     parser.add_argument("--output", type=Path, default=Path("out"), help="folder for the pictures")
     options = parser.parse_args(argv)

@@ -1,4 +1,4 @@
-"""Heights from files: arrays of NumPy, tables of numbers, and images."""
+"""Heights from files: arrays of NumPy, tables of numbers, points of a grid, and images."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from contact.errors import InputError
 Array = NDArray[np.float64]
 
 TABLES = (".txt", ".csv", ".dat", ".asc")
-FORMATS = (".npy", *TABLES, ".png")
+FORMATS = (".npy", *TABLES, ".xyz", ".png")
 
 
 def read_heights(path: str | PathLike[str]) -> Array:
@@ -36,6 +36,8 @@ def read_heights(path: str | PathLike[str]) -> Array:
     try:
         if kind == ".npy":
             return np.asarray(np.load(place, allow_pickle=False), dtype=float)
+        if kind == ".xyz":
+            return _points(place)
         return _table(place) if kind in TABLES else _image(place)
     except (OSError, TypeError, ValueError) as error:
         raise InputError(f"path={path!r}: not readable as {kind} ({error})") from error
@@ -49,6 +51,30 @@ def _table(place: Path) -> Array:
         raise ValueError("it holds no numbers")
     rows = np.loadtxt(lines, ndmin=2)
     return np.asarray(rows[:, 0] if rows.shape[1] == 1 else rows)
+
+
+def _points(place: Path) -> Array:
+    """Lines x y height of all points of a rectangular grid, in any order."""
+    found = _table(place)
+    if found.ndim != 2 or found.shape[1] != 3:
+        raise ValueError("expected three numbers a line: x, y and the height")
+    size = np.ptp(found[:, :2], axis=0)
+    index = []
+    for t, length in zip(found[:, :2].T, size, strict=True):
+        order = np.argsort(t)
+        step = np.diff(t[order], prepend=t[order[0]]) > 1e-4 * length
+        place_of = np.empty(t.size, dtype=int)
+        place_of[order] = np.cumsum(step)
+        index.append(place_of)
+    shape = tuple(int(i.max()) + 1 for i in index)
+    heights = np.full(shape, np.nan)
+    heights[tuple(index)] = found[:, 2]
+    if (
+        found.shape[0] != heights.size
+        or np.unique(np.ravel_multi_index(index, shape)).size < heights.size
+    ):
+        raise ValueError(f"{found.shape[0]} points do not fill a grid of {shape[0]} x {shape[1]}")
+    return heights
 
 
 def _image(place: Path) -> Array:

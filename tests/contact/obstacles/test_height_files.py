@@ -1,0 +1,36 @@
+"""Heights as profilometers write them: a line x y height for each point of a grid."""
+
+import numpy as np
+import pytest
+
+from contact import InputError, Rough
+
+
+def lines(heights, spacing=(0.25, 0.5), seed=0):
+    """Points in random order, with the rounding of decimal numbers."""
+    i, j = np.indices(heights.shape)
+    points = np.stack([i * spacing[0] - 3.0, j * spacing[1], heights], axis=-1).reshape(-1, 3)
+    return np.random.default_rng(seed).permutation(points)
+
+
+def test_points_in_any_order(tmp_path):
+    heights = np.random.default_rng(1).standard_normal((5, 7))
+    np.savetxt(tmp_path / "map.xyz", lines(heights), fmt="%.9g", header="x/um y/um z/nm")
+    rough = Rough.from_file(tmp_path / "map.xyz", (1.0, 3.0), scale=1e-9, periodic=False)
+    assert rough.heights == pytest.approx(1e-9 * heights, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda p: p[:-1], "do not fill a grid"),
+        (lambda p: np.vstack([p[:-1], p[:1]]), "do not fill a grid"),
+        (lambda p: p[:, :2], "three numbers a line"),
+        (lambda p: np.where(p == p[3, 2], np.nan, p), "NaN or infinite"),
+    ],
+)
+def test_what_is_no_grid_is_refused(tmp_path, spoil, words):
+    points = lines(np.random.default_rng(1).standard_normal((5, 7)))
+    np.savetxt(tmp_path / "map.xyz", spoil(points))
+    with pytest.raises(InputError, match=words):
+        Rough.from_file(tmp_path / "map.xyz", (1.0, 3.0), periodic=False)
