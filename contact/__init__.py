@@ -36,6 +36,7 @@ from contact.result.contact_result import ContactResult
 from contact.result.save_pvtu import save_pvtu
 from contact.rows.pairs import Pair, Tie
 from contact.spectral import condensed_waves as _condensed_waves  # noqa: F401 -- registers its bodies
+from contact.spectral import mirrored_factor as _mirrored_factor  # noqa: F401 -- likewise
 from contact.spectral.grid_contact import GridContact
 from contact.spectral.grid_result import GridResult
 from contact.spectral.half_space import HalfSpace

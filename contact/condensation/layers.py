@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,6 @@ class CondensedLayers(CondensedBody):
         Where to compute.
     """
 
-    path = "slabs"
     serial = False  # recovery has large products
 
     def __init__(self, body: LayeredBlock, rows: BodyRows, arrays: HostArrays) -> None:
@@ -49,11 +49,13 @@ class CondensedLayers(CondensedBody):
         self._P = sparse.csr_array((per_length, (own, np.arange(own.size))), shape=(size, own.size))
         self._prescribe(body)
         B = self._touch(rows)
+        if body.path is not None:  # unknowns of one kind are kept at all nodes
+            kinds = np.unique(own[self._boundary] % PER_NODE)
+            self._boundary = np.flatnonzero(np.isin(own % PER_NODE, kinds))
+        self.path = "slabs" if body.path is None else body.path
         self.B = sparse.csr_array(B[:, self._boundary])
         self._per_length = per_length[self._boundary]
-        self._factor: Any = SlabDoubling(
-            body.columns, body.cell_rows, free[0], free[1], own[self._boundary], arrays
-        )
+        self._factor: Any = FACTORS[self.path](body, free, own[self._boundary], arrays)
         bottom, everywhere = self._free_motions()
         self._refuse(unseen_motion(everywhere, bottom[self._boundary]))
         with one_blas_thread(max(self.B.shape)):
@@ -142,6 +144,17 @@ class CondensedLayers(CondensedBody):
         """S_b on the device, a copy."""
         per_length = self.arrays.put(self._per_length)
         return per_length[:, None] * self._factor.schur * per_length
+
+
+def _doubled(
+    body: LayeredBlock, free: NDArray[np.bool_], boundary: NDArray[np.int64], arrays: HostArrays
+) -> Any:
+    return SlabDoubling(body.columns, body.cell_rows, free[0], free[1], boundary, arrays)
+
+
+# By the path of a block; free unknowns of all node rows but the top, and of the top. Others
+# register themselves.
+FACTORS: dict[str, Callable[..., Any]] = {"slabs": _doubled}
 
 
 def _motions(

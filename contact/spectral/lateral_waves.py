@@ -18,6 +18,7 @@ the first type, on the nodes), here by real transforms of the mirrored values.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -96,7 +97,7 @@ class LateralWaves:
         """Area that belongs to each node in units of a cell, shape (nx[, ny]): halves at sides."""
         return 1.0 / self._ends
 
-    @property
+    @cached_property
     def _ends(self) -> Grid:
         ends = self._xp.ones(self.points)
         for axis, twice in enumerate(self.mirrored):

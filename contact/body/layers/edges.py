@@ -10,6 +10,7 @@ from skfem import Basis, ElementVector, MeshQuad
 
 from contact.body.elastic_body import ElasticBody
 from contact.body.layers.layers import PER_NODE, grid
+from contact.body.layers.mirrored import vanishing
 from contact.errors import InputError
 from skfem_adini import ElementQuadAdini
 
@@ -58,6 +59,10 @@ def prescribed_on_edges(block: Any) -> tuple[NDArray[np.int64], Array]:
             held = np.diff(P.indptr) == 0
             dofs.append(place[held])
             values.append(u0[held])
+    besides = vanishing(block, block.node_rows)
+    besides = np.setdiff1d(besides, np.concatenate(dofs))
+    dofs.append(besides)
+    values.append(np.zeros(besides.size))
     where, value = np.concatenate(dofs), np.concatenate(values)
     found, first, inverse = np.unique(where, return_index=True, return_inverse=True)
     # A derivative is compared as the displacement it makes along a cell.

@@ -31,6 +31,7 @@ from contact.body.layers.layers import (
     read_sides,
 )
 from contact.body.layers.meshed_block import meshed_block
+from contact.body.layers.mirrored import elastic_of, hold, vanishing
 from contact.body.material import checked_plane
 from contact.body.solid import Solid
 from contact.body.supports import live_rows
@@ -40,7 +41,7 @@ from skfem_adini import ElementQuadAdini
 
 Array = NDArray[np.float64]
 
-_GIVEN = ("plane", "layers", "lengths", "sides", "top", "width", "height", "columns")
+_GIVEN = ("plane", "layers", "lengths", "sides", "top", "width", "height", "columns", "path")
 
 
 @settled("make a new LayeredBlock", *_GIVEN)
@@ -52,9 +53,9 @@ class LayeredBlock(Solid):
     `contact.condensation.slab_doubling`, on the CPU or with ``problem.condense(device="cuda")`` on
     a GPU. Contact may occur on its "bottom".
 
-    In space, with another element, periodic sides or ``path="fourier"`` it is an `ElasticBody`
-    whose contact is condensed by transforms wherever they diagonalise its sides, else by a sparse
-    factorisation; ``problem.condense().path`` says how.
+    In space, with another element or periodic sides it is an `ElasticBody` whose contact is
+    condensed by transforms wherever they diagonalise its sides, else by a sparse factorisation;
+    ``problem.condense().path`` says how.
 
     Node (i, j), counted from the bottom left, carries dofs ``6 ((columns + 1) j + i) + k``, k
     running over ``u, v, u_x, v_x, u_y, v_y``.
@@ -110,7 +111,7 @@ class LayeredBlock(Solid):
     ) -> Any:  # fmt: skip
         """A `MeshedBlock` where the arguments ask for one."""
         tied = sides == "periodic" or (isinstance(sides, tuple | list) and "periodic" in sides)
-        if not tied and cells is None and element is None and path is None:
+        if not tied and cells is None and element is None and path in (None, "fourier"):
             return super().__new__(cls)
         return meshed_block(
             lengths,
@@ -140,7 +141,7 @@ class LayeredBlock(Solid):
         self.dim, self.plane = 2, checked_plane(plane, 2)
         if self.is_ring:
             raise InputError("plane='axisymmetric': layers have no radii; take an ElasticBody")
-        self.lengths, self.sides, self.top = lengths, sides, top
+        self.lengths, self.sides, self.top, self.path = lengths, sides, top, path
         self.layers = read_layers(layers)
         self.width, self.height = read_lengths(lengths, self.layers)
         self.columns = read_columns(columns, self.width, self.layers[0])
@@ -158,6 +159,7 @@ class LayeredBlock(Solid):
             )
             for l in self.layers
         ]
+        vanishing(self, 1)  # refuses sides that the path does not serve
         self.f: Array = np.zeros(self.node_rows * self.row_size)
         self._supports: list[tuple[str, int, Field]] = []
         for boundary, components in zip(SIDES, (*read_sides(sides), top), strict=True):
@@ -280,6 +282,7 @@ class LayeredBlock(Solid):
         for name, c, value in self._supports:
             if name != "top" or self.node_rows == 2:
                 strip.fix(edge.facets(name), c, value)
+        hold(strip, vanishing(self, 2))
         return strip
 
     def embed(self, matrix: sparse.csr_array) -> sparse.csr_array:
@@ -380,14 +383,7 @@ class LayeredBlock(Solid):
 
     def elastic(self) -> ElasticBody:
         """The same body as an `ElasticBody`, with loads and supports; dofs are numbered as here."""
-        mesh = grid(self.x, self.y)
-        cells = [self.columns * layer.cells for layer in self.layers]
-        E, nu = (np.repeat([getattr(l, key) for l in self.layers], cells) for key in ("E", "nu"))
-        body = ElasticBody.from_mesh(mesh, ElementQuadAdini(), E=E, nu=nu, plane=self.plane)
-        for name, c, value in self._supports:
-            body.fix(name, c, value)
-        body.f = self.f.copy()
-        return body
+        return elastic_of(self)
 
     @property
     def basis(self) -> Any:

@@ -106,6 +106,41 @@ def test_plane_stress_many_layers_and_a_stiff_coating():
     compare(pressed(block, "moved"), lambda x: 0.005 + 0.02 * (x[0] - 0.3) ** 2)
 
 
+@pytest.mark.parametrize("functional", [None, "nodal"])
+@pytest.mark.parametrize(
+    ("sides", "fixed", "top"),
+    [
+        ("x", "x", "moved"),
+        ("x", None, "loaded"),
+        ("y", "x", "loaded"),
+        (("y", "y"), None, "loaded"),
+    ],
+)
+def test_without_a_mesh(sides, fixed, top, functional):
+    """Adini's cells between mirrored sides: neither a mesh nor a matrix of the body."""
+    layers = [(0.1, 2, 5.0, 0.2), (0.5, 13, 1.0, 0.4)]
+    block = LayeredBlock(1.3, layers, sides, fixed, columns=14, path="fourier")
+    assert isinstance(block, LayeredBlock)
+    pressed(block, top)
+    result = compare(block, functional=functional)
+    assert np.abs(result.u.reshape(16, 15, 6)[:, [0, -1], 3 if "x" in sides else 2]).max() < 1e-13
+    body = block.elastic()
+    meshed = pressed(LayeredBlock(1.3, layers, sides, fixed, cells=14, path="fourier"), top)
+    P, Q = body.constraint[0], meshed.constraint[0]
+    assert P.shape[1] == Q.shape[1] == block.constraint[0].shape[1]
+
+
+def test_sides_that_move_and_supports_besides_without_a_mesh():
+    block = LayeredBlock(1.3, COATED, "x", "x", columns=9, path="fourier")
+    block.fix("top", "y", -0.03)
+    compare(block)
+    other = LayeredBlock(1.3, COATED, "x", "x", columns=9, path="fourier").fix("left", "y")
+    with pytest.raises(InputError, match="path: supports besides"):
+        ContactProblem(other, "bottom", hill, 0.3).condense()
+    deep = deepcopy(LayeredBlock(1.3, COATED, "y", None, columns=9, path="fourier"))
+    assert ContactProblem(deep, "bottom", hill, 0.3).condense().path == "fourier"
+
+
 def random_block(seed):
     rng = np.random.default_rng(seed)
     dim = int(rng.integers(2, 4))
