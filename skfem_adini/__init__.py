@@ -1,6 +1,7 @@
 """Adini finite elements for scikit-fem."""
 
 from skfem_adini.assembly.assemble import assemble
+from skfem_adini.assembly.congruent_cells import CongruentCells
 from skfem_adini.conditions.essential_constraints import essential_constraints
 from skfem_adini.conditions.essential_dofs import essential_dofs
 from skfem_adini.conditions.hanging_constraints import hanging_constraints
@@ -40,6 +41,7 @@ __all__ = [
     "AdiniError",
     "AdiniExtension",
     "BoundaryBasis",
+    "CongruentCells",
     "CutDomain",
     "CutQuadrature",
     "ElementHexAdini",

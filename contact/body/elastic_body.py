@@ -22,6 +22,7 @@ from contact.body.axisymmetry import AXISYMMETRIC, axis_facets, refuse_axis
 from contact.body.boundary_names import select_components, select_facets
 from contact.body.cell_check import check_cells, check_functions
 from contact.body.coupled_body import CoupledBody
+from contact.body.deferred_basis import DeferredBasis
 from contact.body.mesh_file import read_mesh
 from contact.body.multipoint import column_lengths, coupled
 from contact.body.rigid_modes import dof_lengths
@@ -104,7 +105,8 @@ class ElasticBody(CoupledBody, HeatedBody):
                 f"basis: {basis.elem.dim} displacement components on a mesh of dimension "
                 f"{basis.mesh.dim()}; both must be 2 or both 3"
             )
-        check_cells(basis.mesh)
+        if not isinstance(basis, DeferredBasis):  # `from_mesh` has checked its cells
+            check_cells(basis.mesh)
         check_functions(basis)
         self.basis, self.dim, self.element = basis, basis.elem.dim, basis.elem.elem
         self._portable = PortableBasis(basis)
@@ -162,7 +164,7 @@ class ElasticBody(CoupledBody, HeatedBody):
         check_cells(mesh)
         try:
             more = _OF_RADII if isinstance(plane, str) and plane == AXISYMMETRIC else 0
-            basis = Basis(mesh, element, intorder=2 * element.maxdeg + more)
+            basis = DeferredBasis(mesh, element, 2 * element.maxdeg + more)
         except AdiniInputError as error:
             raise InputError(str(error)) from error
         return cls(basis, E, nu, plane, dilatation, material)

@@ -51,6 +51,7 @@ from skfem import (
 )
 
 from contact.errors import InputError, numbers, warn
+from skfem_adini import CongruentCells
 
 if TYPE_CHECKING:
     from skfem import Basis
@@ -154,7 +155,8 @@ def stiffness_matrix(
     r"""Stiffness of sigma(u) : eps(v) for a vector basis made by ElementVector.
 
     The same matrix as ``skfem.models.elasticity.linear_elasticity`` gives, from one batched
-    product K_ab = int d_a phi_i d_b phi_j per pair of directions.
+    product K_ab = int d_a phi_i d_b phi_j per pair of directions, of one cell of each class of
+    congruent ones where these are few.
 
     With `mean_dilatation` the volumetric part of each cell K is
     :math:`\lambda\, |K|^{-1} \int_K \operatorname{div} u \int_K \operatorname{div} v`, as in the
@@ -176,10 +178,28 @@ def stiffness_matrix(
     T. J. R. Hughes, The Finite Element Method, Prentice-Hall 1987, sections 4.4 and 4.5 (selective
     reduced integration, equivalence with mixed methods).
     """
+    classes = CongruentCells.of(basis, lame_lambda, lame_mu)
+    if classes is not None and 2 * len(classes.cells) <= basis.nelems:
+        lam, mu = (v[classes.cells] if v.ndim else v for v in (lame_lambda, lame_mu))
+        parts = [local for _, local in _local_matrices(classes.part, lam, mu, mean_dilatation)]
+        return sparse.csr_array(classes.matrix(np.concatenate(parts)))
+    total = sparse.csr_array((basis.N, basis.N))
+    for cells, local in _local_matrices(basis, lame_lambda, lame_mu, mean_dilatation):
+        total = total + _scattered(basis, cells, local)
+    total.sort_indices()
+    return total
+
+
+def _local_matrices(
+    basis: Basis,
+    lame_lambda: NDArray[np.float64],
+    lame_mu: NDArray[np.float64],
+    mean_dilatation: bool,
+) -> Iterator[tuple[slice, NDArray[np.float64]]]:
+    """Cells, and their stiffness matrices (cells, dofs of a cell, dofs of a cell)."""
     dim, n_cells = basis.mesh.dim(), len(basis.dx)
     lame_lambda = np.broadcast_to(lame_lambda, (n_cells,))[:, None, None]
     lame_mu = np.broadcast_to(lame_mu, (n_cells,))[:, None, None]
-    total = sparse.csr_array((basis.N, basis.N))
     for cells, weighted, K in _products(basis):
         laplacian = sum(K[a, a] for a in range(dim))
         if mean_dilatation:
@@ -193,9 +213,7 @@ def stiffness_matrix(
                     volume = total_of[c][:, :, None] * total_of[d][:, None, :] / size
                 block = lame_lambda[cells] * volume + lame_mu[cells] * K[d, c]
                 local[:, :, c, :, d] = block + lame_mu[cells] * laplacian if c == d else block
-        total = total + _scattered(basis, cells, local)
-    total.sort_indices()
-    return total
+        yield cells, local.reshape(len(local), basis.Nbfun, basis.Nbfun)
 
 
 def tensor_stiffness(basis: Basis, tensor: NDArray[np.float64]) -> sparse.csr_array:

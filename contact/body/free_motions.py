@@ -62,7 +62,8 @@ def unseen_motion(modes: Array, on_boundary: Array) -> Array | None:
     size = np.linalg.norm(modes, axis=0)
     if not size.size:
         return None
-    _, singular, V = np.linalg.svd(on_boundary / size)
+    wide = len(on_boundary) < size.size  # the last row of V is then beyond the singular values
+    _, singular, V = np.linalg.svd(on_boundary / size, full_matrices=wide)
     seen = singular.size == size.size and singular[-1] > RIGID * singular[0]
     return None if seen else modes @ (V[-1] / size)
 

@@ -8,6 +8,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from skfem import Basis
 
+from contact.body.deferred_basis import DeferredBasis
 from contact.body.discretised import Discretised
 from contact.body.dof_entities import dof_entities
 from contact.errors import InputError
@@ -117,7 +118,8 @@ def dof_lengths(body: Discretised) -> Array:
     Shape (ndofs,); 1 for values. Residuals and norms over dofs of several kinds use these units.
     """
     basis = body.basis
-    cell = float(basis.dx.sum() / basis.mesh.nelements) ** (1 / basis.elem.dim)
+    volume = basis.volume if isinstance(basis, DeferredBasis) else float(basis.dx.sum())
+    cell = (volume / basis.mesh.nelements) ** (1 / basis.elem.dim)
     kind = dof_kinds(basis)
     return np.where(kind == _VALUE, 1.0, np.where(kind == _MIXED, cell**2, cell))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,15 @@ from scipy import sparse
 from contact.condensation.schur import ForwardCache, Vector, not_definite
 from contact.errors import ContactError, MissingDependency
 from skfem_adini import MissingDependency as NoCudss
-from skfem_adini.solvers.cudss_library import CudssError, device_arrays, load_cudss
+from skfem_adini.solvers.cudss_library import (
+    CudssError,
+    DeviceMemory,
+    device_arrays,
+    load_cudss,
+)
 from skfem_adini.solvers.cudss_schur import CudssSchur
+
+_log = logging.getLogger(__name__)
 
 
 class DeviceSchur(ForwardCache):
@@ -33,12 +41,16 @@ class DeviceSchur(ForwardCache):
         cuDSS, CuPy or a device is not there.
     ContactError
         cuDSS fails, for lack of memory say.
+
+    Notes
+    -----
+    Factors that will not fit into the device lie on the host, which is logged.
     """
 
     def __init__(self, stiffness: sparse.csr_array, boundary: NDArray[np.int64]) -> None:
         self._boundary = boundary
         try:
-            self._cudss = CudssSchur(stiffness, boundary)
+            self._cudss = _factored(stiffness, boundary)
         except NoCudss as error:
             raise MissingDependency(f"device='cuda': {error}") from error
         except CudssError as error:
@@ -67,6 +79,17 @@ class DeviceSchur(ForwardCache):
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the eliminated loads, which are in the order of these factors."""
         return {name: value for name, value in vars(self).items() if name != "_known"}
+
+
+def _factored(stiffness: sparse.csr_array, boundary: NDArray[np.int64]) -> CudssSchur:
+    """Factors on the device, or on the host where they do not fit and cuDSS can do with less."""
+    try:
+        return CudssSchur(stiffness, boundary)
+    except DeviceMemory as error:
+        if error.hybrid is None:
+            raise
+        _log.info("hybrid memory: %s", error)
+    return CudssSchur(stiffness, boundary, hybrid_memory=True)
 
 
 def missing_for_cudss() -> str | None:

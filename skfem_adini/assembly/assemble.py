@@ -227,7 +227,7 @@ class _Problem:
         _check_form(form, len(bases))
         first = bases[0]
         for basis in bases:
-            if type(basis) is not CellBasis:
+            if not isinstance(basis, CellBasis):
                 raise _SlowPath(f"the basis is a {type(basis).__name__}")
             _check_invariance(basis.elem, basis.mapping, basis.mesh)
             same = (basis.X, first.X), (basis.W, first.W)

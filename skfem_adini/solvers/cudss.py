@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skfem_adini.errors import AdiniError, InputError
-from skfem_adini.solvers.cudss_handles import CudssHandles
+from skfem_adini.solvers.cudss_handles import CudssHandles, permutation
 from skfem_adini.solvers.cudss_library import CudssError, device_arrays
-from skfem_adini.solvers.cudss_memory import check_memory
+from skfem_adini.solvers.cudss_memory import check_memory, free_memory, memory
 from skfem_adini.solvers.device_triangle import DeviceTriangle
 
 Array = NDArray[np.float64]
 
 # cuDSS's numbers (cudss_data_types.h of version 1.0; those of 0.x differ).
 _REFINEMENTS, _HYBRID_MEMORY, _MEMORY_LIMIT, _DETERMINISTIC = 5, 11, 12, 24
-_INFO, _ORDER = 0, 9
+_INFO, _FILL, _ORDER = 0, 1, 9
 ANALYSIS, FACTORISATION, REFACTORISATION, SOLUTION = 0b11, 0b100, 0b1000, 0b11_1111_0000
 # Corrections of a solution by its residual, as many as PARDISO makes. cuDSS makes none in its
 # deterministic mode, and solves for one load at a time there.
@@ -79,7 +79,7 @@ class CudssMatrix:
         self._given: tuple[Any, ...] = A, definite, deterministic, order, hybrid_memory
         self._A, self._deterministic, self._hybrid = A, deterministic, hybrid_memory
         self._n, self._lock, self._factored = A.shape[0], threading.Lock(), False
-        order = None if order is None else _permutation(order, self._n)
+        order = None if order is None else permutation(order, self._n)
         self._triangle = DeviceTriangle(device_arrays(), A)
         with ExitStack() as opened:
             arrays = self._triangle.arrays(A)
@@ -111,6 +111,10 @@ class CudssMatrix:
             self._given, self._A = (A, *self._given[1:]), A
             self._factor(REFACTORISATION)
 
+    def statistics(self) -> dict[str, int]:
+        """Entries of the factors, and the most bytes of the device and of the host."""
+        return {"entries": self._cudss.get(_FILL, ctypes.c_int64()).value, **memory(self._cudss)}
+
     def _settings(self) -> dict[int, Any]:
         """Return the settings of cuDSS by their numbers."""
         settings: dict[int, Any] = {
@@ -119,8 +123,11 @@ class CudssMatrix:
         }
         if self._hybrid:
             settings[_HYBRID_MEMORY] = ctypes.c_int(1)
-            if self._hybrid is not True:
-                settings[_MEMORY_LIMIT] = ctypes.c_int64(self._hybrid)
+            # cuDSS takes the whole device for free unless it is told a limit.
+            free = free_memory(device_arrays())
+            limit = self._hybrid if self._hybrid is not True else free and free - self._more_bytes()
+            if limit is not None:
+                settings[_MEMORY_LIMIT] = ctypes.c_int64(max(limit, 1))
         return settings
 
     def _prepare(self) -> None:
@@ -190,11 +197,3 @@ class Cudss(CudssMatrix):
         """Solve for loads (n, loads) by the factors alone."""
         together = 1 if self._deterministic else loads.shape[1]
         return self._run(SOLUTION, loads, together)
-
-
-def _permutation(order: ArrayLike, n: int) -> NDArray[np.int32]:
-    """Return an order as cuDSS takes it."""
-    given = np.asarray(order)
-    if given.shape != (n,) or not np.array_equal(np.sort(given), np.arange(n)):
-        raise InputError(f"order: expected the numbers 0 to {n - 1}, each once")
-    return np.ascontiguousarray(given, dtype=np.int32)

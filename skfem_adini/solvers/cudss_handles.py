@@ -11,8 +11,9 @@ from contextlib import ExitStack, nullcontext, suppress
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from skfem_adini.errors import AdiniError
+from skfem_adini.errors import AdiniError, InputError
 from skfem_adini.solvers.cudss_library import (
     CudssError,
     device_arrays,
@@ -174,3 +175,11 @@ def pointer(array: Any) -> Any:
     """Return the address of an array."""
     interface = getattr(array, "__cuda_array_interface__", None) or array.__array_interface__
     return ctypes.c_void_p(interface["data"][0])
+
+
+def permutation(order: ArrayLike, n: int) -> NDArray[np.int32]:
+    """Return an order as cuDSS takes it."""
+    given = np.asarray(order)
+    if given.shape != (n,) or not np.array_equal(np.sort(given), np.arange(n)):
+        raise InputError(f"order: expected the numbers 0 to {n - 1}, each once")
+    return np.ascontiguousarray(given, dtype=np.int32)

@@ -8,9 +8,9 @@ from typing import Any
 from skfem_adini.solvers.cudss_library import DeviceMemory
 
 # cuDSS's number of the estimates, how many they are, and which of them are the largest use of the
-# device, and its least use in hybrid mode.
+# device, that of the host, and the least use of the device in hybrid mode.
 _ESTIMATES, _COUNT = 13, 16
-_PEAK, _HYBRID = 1, 4
+_PEAK, _HOST, _HYBRID = 1, 3, 4
 
 
 def check_memory(cudss: Any, hybrid: bool, more: int) -> None:
@@ -32,11 +32,21 @@ def check_memory(cudss: Any, hybrid: bool, more: int) -> None:
     free = free_memory(cudss.xp)
     if free is None:
         return
-    estimates = cudss.get(_ESTIMATES, (ctypes.c_int64 * _COUNT)())
+    estimates = _estimates(cudss)
     least = int(estimates[_HYBRID]) + more
     needed = least if hybrid else int(estimates[_PEAK]) + more
     if needed > free:
         raise DeviceMemory(needed, free, None if hybrid or least > free else least, more)
+
+
+def memory(cudss: Any) -> dict[str, int]:
+    """The most bytes of the device and of the host, after the analysis."""
+    estimates = _estimates(cudss)
+    return {"device": int(estimates[_PEAK]), "host": int(estimates[_HOST])}
+
+
+def _estimates(cudss: Any) -> Any:
+    return cudss.get(_ESTIMATES, (ctypes.c_int64 * _COUNT)())
 
 
 def free_memory(xp: Any) -> int | None:

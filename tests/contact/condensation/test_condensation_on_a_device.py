@@ -16,12 +16,12 @@ from skfem import (
 from contact import ContactProblem, CutBody, ElasticBody, InputError, LoadStepper, Plane
 from contact.arrays.dense_arrays import DeviceMatrix, HostArrays
 from contact.condensation import condense as condense_module
-from contact.condensation import device_choice
+from contact.condensation import device_choice, device_schur
 from contact.condensation.device_schur import DeviceSchur
 from contact.condensation.schur import SuperLUSchur
 from contact.errors import ContactError, MissingDependency
 from skfem_adini import ElementHexAdini, ElementQuadAdini
-from skfem_adini.solvers import cudss, cudss_handles, cudss_library
+from skfem_adini.solvers import cudss, cudss_handles, cudss_library, cudss_memory
 
 
 class Elsewhere(HostArrays):
@@ -196,6 +196,26 @@ def test_an_indefinite_inner_block_and_lack_of_memory_are_typed(engine, make):
         with pytest.raises(ContactError, match="memory of the device"):
             DeviceSchur(S, b)
         assert engine.alive == {}
+
+
+def test_factors_that_do_not_fit_lie_on_the_host(engine, make, monkeypatch, caplog):
+    if engine is None:
+        pytest.skip("a device has room for this body")
+    host = held(make, ElementQuad1).solve()
+    engine.estimates[1], engine.estimates[4] = 2**30, 2**20
+    free = [2**28]
+    monkeypatch.setattr(cudss_memory, "free_memory", lambda xp: free[0])
+    caplog.set_level("INFO", logger=device_schur.__name__)
+    problem = held(make, ElementQuad1)
+    condensed = problem.condense("cuda")
+    assert "hybrid memory: cuDSS: the factorisation needs 1" in caplog.text
+    assert engine.keys[11] == 1
+    assert condensed.parts[0]._factor._cudss._given[3] is True
+    result = problem.solve()
+    assert np.abs(result.mu - host.mu).max() <= 1e-10 * host.mu.max()
+    free[0] = 2**19
+    with pytest.raises(ContactError, match=r"fewer kept unknowns, .* or solver='pardiso'"):
+        held(make, ElementQuad1).condense("cuda")
 
 
 def test_a_sparse_solver_of_the_host_is_refused(make):

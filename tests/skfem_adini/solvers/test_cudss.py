@@ -200,6 +200,12 @@ def test_factors_that_do_not_fit_are_foreseen(fake, monkeypatch, free, hybrid, r
     factorize(matrix(5, True), solver="cudss", hybrid_memory=hybrid)
 
 
+def test_statistics(fake):
+    fake.estimates[1], fake.estimates[3] = 7, 8
+    factors = cudss.Cudss(matrix(5, True), True)
+    assert factors.statistics() == {"entries": 15, "device": 7, "host": 8}
+
+
 @pytest.mark.parametrize("phase", [3, 4])
 def test_an_interrupt_ends_the_factorisation(fake, phase):
     fake.during[phase] = lambda: interrupted(fake)
