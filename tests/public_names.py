@@ -83,6 +83,7 @@ _REASONS = {
         skfem_adini.essential_constraints skfem_adini.essential_dofs skfem_adini.hanging_constraints
         skfem_adini.nodal_gradient skfem_adini.nodal_stress skfem_adini.project_trace""",
     "a way of computing: classes of cells, refinement, bodies, one factor for many": """
+        skfem_adini.CongruentCells
         skfem_adini.assemble skfem_adini.refined_at_boundary contact.CutBody contact.ElasticBody
         contact.DistributedBody
         contact.LayeredBlock gpu.batch_solve_qp""",

@@ -9,6 +9,7 @@ import skfem
 from numpy.typing import NDArray
 from skfem import Basis, MappingIsoparametric, Mesh
 
+from contact.body.deferred_basis import DeferredBasis
 from contact.errors import InputError
 from contact.facet_basis import places_on_facets
 from skfem_adini.arguments.kept_functions import functions_of_another_mesh
@@ -79,6 +80,13 @@ def _check_beside(mesh: Mesh, mapping: Any) -> None:
             f"mesh: at {folded.size} facets both cells lie on the same side, one upon the other "
             f"(first: cells {one} and {two}): the mesh folds over itself; untangle its vertices"
         )
+
+
+def check_basis(basis: Basis) -> None:
+    """Check cells and shape functions; those who defer a Basis have checked the cells before."""
+    if not isinstance(basis, DeferredBasis):
+        check_cells(basis.mesh)
+    check_functions(basis)
 
 
 def check_functions(basis: Basis) -> None:

@@ -28,16 +28,17 @@ def dof_entities(basis: Basis) -> tuple[Index, Array, Index]:
     """
     dofs, mesh, dim = basis.dofs, basis.mesh, basis.elem.dim
     tables = (
-        (dofs.nodal_dofs, mesh.p),
-        (dofs.edge_dofs, None if dim == 2 else mesh.p[:, mesh.edges].mean(axis=1)),
-        (dofs.facet_dofs, mesh.p[:, mesh.facets].mean(axis=1)),
-        (dofs.interior_dofs, mesh.p[:, mesh.t].mean(axis=1)),
+        (dofs.nodal_dofs, None),
+        (dofs.edge_dofs, "edges"),  # which a mesh numbers when they are asked for
+        (dofs.facet_dofs, "facets"),
+        (dofs.interior_dofs, "t"),
     )
     entity = np.full(basis.N, -1, dtype=np.int64)
     start, points = 0, []
-    for table, where in tables:
-        if table is None or table.shape[0] == 0 or where is None:
+    for table, of in tables:
+        if table is None or table.shape[0] == 0 or (of == "edges" and dim == 2):
             continue
+        where = mesh.p if of is None else mesh.p[:, getattr(mesh, of)].mean(axis=1)
         entity[table] = start + np.arange(table.shape[1])
         points.append(where[:, : table.shape[1]])
         start += table.shape[1]

@@ -20,7 +20,7 @@ from skfem import (
 from contact.body.anisotropic import Anisotropic
 from contact.body.axisymmetry import AXISYMMETRIC, axis_facets, refuse_axis
 from contact.body.boundary_names import select_components, select_facets
-from contact.body.cell_check import check_cells, check_functions
+from contact.body.cell_check import check_basis, check_cells
 from contact.body.coupled_body import CoupledBody
 from contact.body.deferred_basis import DeferredBasis
 from contact.body.mesh_file import read_mesh
@@ -105,9 +105,7 @@ class ElasticBody(CoupledBody, HeatedBody):
                 f"basis: {basis.elem.dim} displacement components on a mesh of dimension "
                 f"{basis.mesh.dim()}; both must be 2 or both 3"
             )
-        if not isinstance(basis, DeferredBasis):  # `from_mesh` has checked its cells
-            check_cells(basis.mesh)
-        check_functions(basis)
+        check_basis(basis)
         self.basis, self.dim, self.element = basis, basis.elem.dim, basis.elem.elem
         self._portable = PortableBasis(basis)
         if material is None and (E is None or nu is None):

@@ -19,6 +19,7 @@ from skfem_adini.solvers.cudss_library import (
     load_cudss,
 )
 from skfem_adini.solvers.cudss_schur import CudssSchur
+from skfem_adini.solvers.device_triangle import Restricted
 
 _log = logging.getLogger(__name__)
 
@@ -47,7 +48,9 @@ class DeviceSchur(ForwardCache):
     Factors that will not fit into the device lie on the host, which is logged.
     """
 
-    def __init__(self, stiffness: sparse.csr_array, boundary: NDArray[np.int64]) -> None:
+    def __init__(
+        self, stiffness: sparse.csr_array | Restricted, boundary: NDArray[np.int64]
+    ) -> None:
         self._boundary = boundary
         try:
             self._cudss = _factored(stiffness, boundary)
@@ -55,6 +58,28 @@ class DeviceSchur(ForwardCache):
             raise MissingDependency(f"device='cuda': {error}") from error
         except CudssError as error:
             raise (not_definite() if error.pivot else ContactError(str(error))) from error
+
+    @classmethod
+    def of_selection(
+        cls,
+        stiffness: sparse.csr_array,
+        free: NDArray[np.int64],
+        unit: Vector,
+        boundary: NDArray[np.int64],
+    ) -> DeviceSchur:
+        """The factor of ``D K[free][:, free] D``, which is formed on the device alone.
+
+        Parameters
+        ----------
+        stiffness : csr_array, shape (ndofs, ndofs)
+        free : ndarray, shape (n,)
+            Ascending.
+        unit : ndarray, shape (n,)
+            Diagonal of D.
+        boundary : ndarray, shape (nb,)
+            As for the class.
+        """
+        return cls(Restricted(stiffness, free, unit), boundary)
 
     @property
     def schur(self) -> Any:
@@ -81,7 +106,7 @@ class DeviceSchur(ForwardCache):
         return {name: value for name, value in vars(self).items() if name != "_known"}
 
 
-def _factored(stiffness: sparse.csr_array, boundary: NDArray[np.int64]) -> CudssSchur:
+def _factored(stiffness: Any, boundary: NDArray[np.int64]) -> CudssSchur:
     """Factors on the device, or on the host where they do not fit and cuDSS can do with less."""
     try:
         return CudssSchur(stiffness, boundary)

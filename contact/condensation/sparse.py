@@ -42,39 +42,28 @@ class SparseBody(CondensedBody):
         self.arrays = arrays or HostArrays()
         self.slender = body.slender
         P, _ = body.constraint
-        if P.nnz == P.shape[1] and np.all(P.data == 1.0):
-            free = P.tocsc().indices
-            S = body.stiffness[free][:, free]
-        else:
-            S = sparse.csr_array(P.T @ body.stiffness @ P)
+        free = _selected(P)
+        S = body.stiffness if free is not None else sparse.csr_array(P.T @ body.stiffness @ P)
         # Scale the unknowns to unit stiffness: the magnitudes of values and derivatives, and of
         # directions, then depend neither on the unit of length nor on the aspect ratio of cells.
         # Powers of two cause no rounding.
-        diagonal = S.diagonal()
+        diagonal = S.diagonal() if free is None else S.diagonal()[free]
         exponent = np.round(-0.5 * np.log2(np.where(diagonal > 0, diagonal, 1.0)))
         unit = np.ldexp(1.0, exponent.astype(np.int64))
         self._P = sparse.csr_array(P @ sparse.diags_array(unit))
-        S = sparse.csr_array(S)
-        S.data *= np.repeat(unit, np.diff(S.indptr)) * unit[S.indices]
         self._prescribe(body)
         B = self._touch(rows)
         self.B = sparse.csr_array(B[:, self._boundary])
         modes = free_motions(body) / unit[:, None]
         self._refuse(unseen_motion(modes, modes[self._boundary]))
         with one_blas_thread(max(self.B.shape)):
-            if strains_can_be_factored(body, S.shape[0]):
+            if strains_can_be_factored(body, unit.size):
                 self._factor, change, back = factor_of_strains(body, self._P, self._boundary)
                 self._P = sparse.csr_array(self._P @ change)
                 self.B = sparse.csr_array(B @ change[:, self._boundary])
                 modes = back @ modes
             else:
-                order = partial(elimination_order, body)
-                inner = self._boundary.size < S.shape[0]
-                self._factor = (
-                    DeviceSchur(S, self._boundary)
-                    if arrays is not None and inner
-                    else schur_factor(S, self._boundary, order, solver)
-                )
+                self._factor = self._factored(S, free, unit, solver, arrays is not None)
             self._hold(modes[self._boundary], modes)
 
     def _prescribe(self, body: Any) -> None:
@@ -82,3 +71,23 @@ class SparseBody(CondensedBody):
         self.body = body
         self._u0 = u0
         self._lifted = body.internal(u0) if u0.any() else None
+
+    def _factored(
+        self, S: sparse.csr_array, free: Any, unit: Any, solver: str, on_device: bool
+    ) -> Any:
+        """Factor ``D S D``, or the same of the free rows and columns of S."""
+        b, inner = self._boundary, self._boundary.size < unit.size
+        if on_device and inner and free is not None and (np.diff(free) > 0).all():
+            return DeviceSchur.of_selection(S, free, unit, b)
+        S = sparse.csr_array(S if free is None else S[free][:, free])
+        S.data *= np.repeat(unit, np.diff(S.indptr))
+        S.data *= unit[S.indices]
+        if on_device and inner:
+            return DeviceSchur(S, b)
+        return schur_factor(S, b, partial(elimination_order, self.body), solver)
+
+
+def _selected(P: sparse.csr_array) -> Any:
+    """The dof of each unknown where unknowns are dofs, else None."""
+    plain = P.nnz == P.shape[1] and np.all(P.data == 1.0)
+    return P.tocsc().indices if plain else None

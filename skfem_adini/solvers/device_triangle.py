@@ -2,13 +2,44 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from skfem_adini.errors import AdiniError, InputError
 from skfem_adini.solvers.upper_triangle import upper_triangle
+
+
+@dataclass(frozen=True)
+class Restricted:
+    """The matrix ``D A[free][:, free] D``, formed on the device alone.
+
+    Attributes
+    ----------
+    matrix
+        Sparse matrix A by rows.
+    free
+        Ascending numbers of the rows and columns that remain, shape (n,).
+    scale
+        Diagonal of D, shape (n,).
+    """
+
+    matrix: Any
+    free: NDArray[np.integer]
+    scale: NDArray[np.float64]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns that remain."""
+        return self.free.size, self.free.size
+
+    def on_host(self) -> Any:
+        """The same matrix of SciPy."""
+        D = sparse.diags_array(self.scale)
+        return sparse.csr_array(D @ self.matrix[self.free][:, self.free] @ D)
 
 
 class DeviceTriangle:
@@ -19,7 +50,7 @@ class DeviceTriangle:
     xp
         NumPy or CuPy.
     A
-        Sparse matrix, shape (n, n).
+        Sparse matrix, or `Restricted`, shape (n, n).
 
     Raises
     ------
@@ -28,29 +59,32 @@ class DeviceTriangle:
     """
 
     def __init__(self, xp: Any, A: Any) -> None:
-        self._xp = xp
-        A = sparse.csr_array(A)
-        self._indptr, self._indices = A.indptr, A.indices  # of the host, to know them again
-        n = A.shape[0]
+        self._xp, (whole, self._free, _) = xp, _parts(A)
+        self._indptr, self._indices = whole.indptr, whole.indices  # to know the pattern again
         self._taken: Any = None
-        if A.has_canonical_format:
-            starts, columns = xp.asarray(A.indptr), xp.asarray(A.indices)
-            rows = xp.searchsorted(starts[1:], xp.arange(A.nnz, dtype=starts.dtype), side="right")
-            taken = columns >= rows
-            before = xp.zeros(A.nnz + 1, dtype=np.int64)
-            xp.cumsum(taken, dtype=np.int64, out=before[1:])
-            first = before[starts]
-            if int((columns == rows).sum()) == n:
-                _countable(int(first[-1]))
-                self._taken = taken
-                self._starts, self._columns = first.astype(np.int32), columns[taken]
+        if not whole.has_canonical_format:
+            return
+        n = A.shape[0]
+        starts, columns = xp.asarray(whole.indptr), xp.asarray(whole.indices)
+        rows = xp.searchsorted(starts[1:], xp.arange(whole.nnz, dtype=starts.dtype), side="right")
+        if self._free is not None:
+            number = xp.full(whole.shape[0], -1, dtype=np.int32)
+            number[xp.asarray(self._free)] = xp.arange(n, dtype=np.int32)
+            rows, columns = number[rows], number[columns]
+        taken = (columns >= rows) & (rows >= 0)
+        before = xp.zeros(whole.nnz + 1, dtype=np.int64)
+        xp.cumsum(taken, dtype=np.int64, out=before[1:])
+        firsts = starts[:-1] if self._free is None else starts[xp.asarray(self._free)]
+        if int(((columns == rows) & taken).sum()) == n:
+            _countable(int(before[-1]))
+            self._taken, self._columns = taken, columns[taken].astype(np.int32, copy=False)
+            self._starts = xp.concatenate([before[firsts], before[-1:]]).astype(np.int32)
 
     def arrays(self, A: Any) -> tuple[Any, Any, Any]:
         """Return row starts and columns (int32) and values of the matrix, on the device."""
         if self._taken is not None:
-            columns = self._columns.astype(np.int32, copy=False)
-            return self._starts, columns, self.values(A)
-        upper, put = upper_triangle(A), self._xp.asarray
+            return self._starts, self._columns, self.values(A)
+        upper, put = upper_triangle(_on_host(A)), self._xp.asarray
         _countable(upper.nnz)
         return (
             put(upper.indptr.astype(np.int32)),
@@ -66,18 +100,36 @@ class DeviceTriangle:
         InputError
             The pattern is another one.
         """
-        A = sparse.csr_array(A)
-        same = A.indices is self._indices or np.array_equal(A.indices, self._indices)
-        if A.shape[0] != len(self._indptr) - 1 or not (
-            same and np.array_equal(A.indptr, self._indptr)
-        ):
+        whole, free, scale = _parts(A)
+        before, now = (self._indptr, self._indices), (whole.indptr, whole.indices)
+        same = all(a is b or np.array_equal(a, b) for a, b in zip(before, now, strict=True))
+        if not (same and np.array_equal(free, self._free)):
             raise InputError(
-                f"A: its {A.nnz} entries are not in the places of the {len(self._indices)} entries "
-                "that were analysed; call factorize for another pattern"
+                f"A: its {whole.nnz} entries are not in the places of the {self._indices.size} "
+                "entries that were analysed; call factorize for another pattern"
             )
+        xp = self._xp
         if self._taken is None:
-            return self._xp.asarray(upper_triangle(A).data.astype(np.float64))
-        return self._xp.asarray(A.data)[self._taken].astype(np.float64, copy=False)
+            return xp.asarray(upper_triangle(_on_host(A)).data.astype(np.float64))
+        values = xp.asarray(whole.data)[self._taken].astype(np.float64, copy=False)
+        if scale is not None:
+            places = xp.arange(values.size, dtype=np.int32)
+            rows = xp.searchsorted(self._starts[1:], places, side="right")
+            scale = xp.asarray(scale)
+            values *= scale[rows]
+            values *= scale[self._columns]
+        return values
+
+
+def _parts(A: Any) -> tuple[Any, Any, Any]:
+    """Return the whole matrix by rows, what remains of it, and the scale; None for all and 1."""
+    if isinstance(A, Restricted):
+        return sparse.csr_array(A.matrix), A.free, A.scale
+    return sparse.csr_array(A), None, None
+
+
+def _on_host(A: Any) -> Any:
+    return A.on_host() if isinstance(A, Restricted) else A
 
 
 def _countable(entries: int) -> None:

@@ -17,7 +17,8 @@ from scipy import sparse
 
 from skfem_adini import InputError, MissingDependency, factorize
 from skfem_adini.solvers import cudss, cudss_handles, cudss_library, cudss_memory
-from skfem_adini.solvers.device_triangle import DeviceTriangle
+from skfem_adini.solvers.cudss_schur import CudssSchur
+from skfem_adini.solvers.device_triangle import DeviceTriangle, Restricted
 from skfem_adini.solvers.upper_triangle import upper_triangle
 
 
@@ -329,3 +330,19 @@ def test_missing_package_names_the_extra(monkeypatch):
     monkeypatch.setattr(cudss_handles, "load_cudss", lambda: FakeCudss())
     with pytest.raises(MissingDependency, match=r"skfem-adini\[cudss\]"):
         factorize(matrix(5, True), solver="cudss")
+
+
+def test_a_restricted_matrix_is_that_of_the_host(fake):
+    A, rng = matrix(30, True), np.random.default_rng(9)
+    free, scale = np.sort(rng.choice(30, 20, replace=False)), np.ldexp(1.0, rng.integers(-3, 3, 20))
+    restricted = Restricted(A, free, scale)
+    expected = upper_triangle(restricted.on_host())
+    triangle = DeviceTriangle(np, restricted)
+    for ours, theirs in zip(
+        triangle.arrays(restricted), (expected.indptr, expected.indices, expected.data), strict=True
+    ):
+        np.testing.assert_array_equal(ours, theirs)
+    with pytest.raises(InputError, match="not in the places"):
+        triangle.values(Restricted(A, free[1:], scale[1:]))
+    S = CudssSchur(restricted, [3, 5]).complement
+    np.testing.assert_allclose(S, CudssSchur(restricted.on_host(), [3, 5]).complement, atol=1e-12)
