@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from scipy.linalg.blas import dgemm, dsyrk, dtrsm
-from scipy.linalg.lapack import dpotrf
+from scipy.linalg.lapack import dgesv, dpotrf
 
 from contact.errors import InputError, MissingDependency
 
@@ -73,6 +74,49 @@ class HostArrays:
             return A.T @ A
         lower = dsyrk(1.0, A, trans=1, lower=1)
         return mirrored(lower)
+
+    def bordered(self, W: Any, rows: Any, added: Any, border: Any) -> Any:
+        """``[[W[rows, rows] + diag(added), border], [0, 0]]``, a new square matrix.
+
+        Parameters
+        ----------
+        W : what `matrix` returned
+        rows : ndarray of int, shape (n,)
+        added : ndarray, shape (n,)
+        border : ndarray, shape (n, k)
+        """
+        xp, n, k = self.xp, *border.shape
+        A = xp.zeros((n + k, n + k), order="F")  # as LAPACK takes it
+        at, i = xp.asarray(rows), xp.arange(n)
+        A[:n, :n] = self.values(W).take(at, axis=0).take(at, axis=1)
+        A[i, i] += xp.asarray(added)
+        A[:n, n:] = xp.asarray(border)
+        return A
+
+    def shifted(self, W: Any, shift: float) -> Any:
+        """``W + shift I`` for what `matrix` returned, in the same form."""
+        W = self.values(W).copy()
+        i = self.xp.arange(W.shape[0])
+        W[i, i] += shift
+        return self.matrix(W)
+
+    def solve_square(self, A: Any, b: Any, definite: bool = False) -> Any:
+        """Solve ``A x = b`` for a square A, which may be overwritten; b and x are on the host.
+
+        Parameters
+        ----------
+        A : array, shape (n, n)
+        b : ndarray, shape (n,)
+        definite : bool
+            A is symmetric and, but for rounding, positive definite.
+
+        Raises
+        ------
+        LinAlgError
+            A is singular.
+        """
+        _, _, x, info = dgesv(A, b, overwrite_a=True, overwrite_b=True)
+        return regular(x, info)
 
     def synchronize(self) -> None:
         """Wait until all operations have finished."""
@@ -160,6 +204,26 @@ class DeviceArrays(HostArrays):
         """``A^T A``, both triangles."""
         return A.T @ A
 
+    def bordered(self, W: Any, rows: Any, added: Any, border: Any) -> Any:
+        """``[[W[rows, rows] + diag(added), border], [0, 0]]``, a new square matrix."""
+        xp, n, k = self.xp, *border.shape
+        A = xp.zeros((n + k, n + k))
+        at, i = xp.asarray(rows), xp.arange(n)
+        A[:n, :n] = self.values(W)[at[:, None], at]
+        A[i, i] += xp.asarray(added)
+        A[:n, n:] = xp.asarray(border)
+        return A
+
+    def solve_square(self, A: Any, b: Any, definite: bool = False) -> Any:
+        """Solve ``A x = b`` for a square A; b and x are on the host."""
+        right = self.put(b)
+        if definite:
+            with suppress(np.linalg.LinAlgError):
+                L = self.cholesky(A)
+                half = self.solve(L, right[:, None])
+                return regular(self.get(self.solve(L, half, transposed=True))[:, 0])
+        return regular(self.get(self.xp.linalg.solve(A, right)))
+
     def synchronize(self) -> None:
         """Wait until all operations have finished."""
         self.xp.cuda.runtime.deviceSynchronize()
@@ -210,6 +274,24 @@ def mirrored(lower: Any) -> Any:
         corner[...] = np.tril(corner) + np.tril(corner, -1).T
         lower[block, i + width :] = lower[i + width :, block].T
     return lower
+
+
+def regular(x: Any, info: int = 0) -> Any:
+    """The solution of a linear system, if it is one.
+
+    Raises
+    ------
+    LinAlgError
+        The solver reports a zero pivot, or entries are not finite.
+    """
+    if info != 0 or not np.all(np.isfinite(x)):
+        raise np.linalg.LinAlgError("singular linear system")
+    return x
+
+
+def arrays_of(W: Any) -> HostArrays:
+    """The arrays among which a matrix lies that `HostArrays.matrix` returned."""
+    return W.arrays if isinstance(W, DeviceMatrix) else HostArrays()
 
 
 def arrays_on(device: str) -> HostArrays:

@@ -44,7 +44,7 @@ class CondensedContact(CondensedBodies):
     solver : {"auto", "pardiso", "superlu"}
         Sparse factorisation; see `contact.condensation.schur`.
     device : {"cpu", "cuda"}
-        Where S_b and W are computed; in the plane the boundary problem is solved there too.
+        Where S_b and W are computed and the boundary problem is solved.
     keep : csr_array, shape (1, ndofs), optional
         Has entries at dofs that are kept for other rows, see `touched_by`.
 
@@ -194,8 +194,7 @@ class CondensedContact(CondensedBodies):
         self._scale = scale = self.points.lengths(diagonal)
         W /= arrays.put(scale)
         W /= arrays.put(scale)[:, None]
-        # Newton's method of space runs on the host.
-        self._W = arrays.matrix(W) if self.body.dim == 2 else arrays.get(W)
+        self._W = arrays.matrix(W)
         # With this factor the balance of loads is in the units of scaled forces.
         self._unit = float(np.mean(scale))
         self.N = block_diag(*[part.N for part in self.parts]) * self._unit

@@ -15,7 +15,7 @@ from contact.condensation.primal import PrimalProblem
 from contact.errors import ContactError, InputError, NotConverged
 from contact.laws.active_set import signorini
 from contact.laws.coarse_start import CoarseProblem
-from contact.laws.device_newton import plane_newton
+from contact.laws.device_newton import device_newton
 from contact.laws.fixed_point import fixed_point
 from contact.laws.friction import Coulomb, Friction, Tresca
 from contact.laws.given_friction import GivenFriction
@@ -52,8 +52,8 @@ def solve_boundary(
 ) -> tuple[Forces, float]:
     """Solve the condensed problem by the method named in the options.
 
-    If its matrix lies on a device, Newton's method for plane contact runs there. If that stalls,
-    and for all other methods, the parts of the matrix that are needed are copied to the host.
+    If its matrix lies on a device, Newton's steps are made there. Where Newton's method stalls, and
+    for box quadratic programs, the parts of the matrix that are needed are copied to the host.
 
     Parameters
     ----------
@@ -90,13 +90,12 @@ def solve_boundary(
     _refuse(problem, options)
     check_held(problem, friction)
     tol, newton = options.tol * INNER, options.method == "newton"
-    if newton and isinstance(problem.W, DeviceMatrix) and _in_plane(problem):
-        limit, arrays = options.max_iterations, problem.W.arrays
+    if newton and isinstance(problem.W, DeviceMatrix) and problem.compliance is None:
+        limit = options.max_iterations
         with suppress(NotConverged, LinAlgError):
-            forces = plane_newton(
-                problem, arrays, friction, start, tol=tol, max_iterations=limit, report=report
-            )
-            return forces, 0.0
+            return device_newton(
+                problem, friction, start, tol=tol, max_iterations=limit, report=report
+            ), 0.0
     if newton and start is None:
         start = _from_coarse(problem, friction, options, report)
         if start is not None and isinstance(friction, Coulomb):
@@ -127,12 +126,6 @@ def solve_boundary(
         report=report,
     )
     return forces, 0.0
-
-
-def _in_plane(problem: BoundaryProblem) -> bool:
-    """Whether Newton's method on the device takes the problem: plane, hard, without ties."""
-    plane = problem.tangent.shape[1] == 1
-    return plane and not problem.ties.any() and problem.compliance is None
 
 
 def _refuse(problem: BoundaryProblem, options: Options) -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import LinAlgError
 
+from contact.arrays.dense_arrays import arrays_of
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.errors import NotConverged
 from contact.laws.friction import Friction
@@ -63,7 +64,7 @@ def proximal_point(
     for _ in range(ATTEMPTS):
         shifted = replace(
             problem,
-            W=problem.W + delta * np.eye(problem.v0.size),
+            W=arrays_of(problem.W).shifted(problem.W, delta),
             v0=problem.v0 + delta * problem.forces(now.mu, now.t),
         )
         try:

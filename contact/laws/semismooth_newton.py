@@ -23,6 +23,9 @@ For Coulomb's law g = F mu+ on active points is an unknown of the same linear sy
 In two dimensions radial return is an active-set method on the sign of the slip: where it
 converges, it ends after finitely many steps.
 
+The linear system of a step is gathered, changed and solved where W lies, on the host or a device;
+active sets and residuals are computed on the host from products with W.
+
 References
 ----------
 S. Hueeber, G. Stadler and B. Wohlmuth, A primal-dual active set algorithm for three-dimensional
@@ -33,10 +36,12 @@ State University, 2012.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, lapack
 
+from contact.arrays.dense_arrays import HostArrays, arrays_of
 from contact.condensation.boundary_problem import Array, BoundaryProblem, Forces
 from contact.laws.friction import Coulomb, Friction
 from contact.laws.iteration import Iteration, Report
@@ -97,7 +102,7 @@ def semismooth_newton(
     for step in range(1, max_iterations + 1):
         zones = Zones.of(problem, now, friction)
         kind = ("radial" if size < NEAR else "damped") if form == "switched" else form
-        now = _step(problem, now, zones, friction, kind)
+        now = newton_step(problem, now, zones, friction, kind)
         size = residual(problem, now.mu, now.t, now.a, friction.bound(now.mu))
         report(
             Iteration(
@@ -114,58 +119,87 @@ def semismooth_newton(
     return progress.best_of(problem, phase)
 
 
-def _step(
-    problem: BoundaryProblem, now: Forces, zones: Zones, friction: Friction, form: str
+def newton_step(
+    problem: BoundaryProblem,
+    now: Forces,
+    zones: Zones,
+    friction: Friction,
+    form: str,
+    weak: float = WEAK,
+    anchored: bool = True,
 ) -> Forces:
-    """Solve the linearised laws for new forces and rigid motion."""
-    tangent, k = problem.tangent, problem.s.size
+    """Solve the linearised laws for new forces and rigid motion.
+
+    Parameters
+    ----------
+    problem : BoundaryProblem
+    now : Forces
+    zones : Zones
+        Contact, stick and slip at these forces.
+    friction : Friction
+    form : {"radial", "damped"}
+    weak : float
+        Stiffness of the springs on free motions, relative to the square of the largest entry of C.
+    anchored : bool
+        The springs act on the change of the motions, else on the motions.
+
+    Raises
+    ------
+    LinAlgError
+        The system is singular.
+    """
+    tangent, k, arrays = problem.tangent, problem.s.size, arrays_of(problem.W)
     rubbing = (zones.stick | zones.slip)[:, None] & (tangent >= 0)
     rows_n = problem.normal[zones.active]
     rows_t = tangent[rubbing]
     rows = np.concatenate((rows_n, rows_t))
     n_n, n = rows_n.size, rows.size
 
-    # Displacement rows: W l - C a = v0 - d (contact) and = v0 (stick). LAPACK takes column-major
-    # arrays.
-    A = np.zeros((n + k, n + k), order="F")
-    A[:n, :n] = problem.W.take(rows, axis=0).take(rows, axis=1)
-    A[np.arange(n), np.arange(n)] += PROXIMAL
-    A[:n, n:] = -problem.C[rows]
+    # Displacement rows: W l - C a = v0 - d (contact) and = v0 (stick).
+    C, added = problem.C[rows], np.full(n, PROXIMAL)
     rhs = np.concatenate((problem.v0[rows], np.zeros(k)))
     rhs[:n_n] -= problem.gap[zones.active]
     if problem.compliance is not None:
-        A[np.arange(n_n), np.arange(n_n)] += zones.slope[zones.active]
+        added[:n_n] += zones.slope[zones.active]
         rhs[:n_n] -= zones.opening[zones.active]
     rhs[:n] += PROXIMAL * problem.forces(now.mu, now.t)[rows]
+    A = arrays.bordered(problem.W, rows, added, -C)
 
     # At slipping points the linearised law replaces the equation for u_t.
     place = np.full(tangent.shape, -1)
     place[rubbing] = n_n + np.arange(rows_t.size)
     normal_place = np.full(zones.active.size, -1)
     normal_place[zones.active] = np.arange(n_n)
-    _impose_slip(A, rhs, now, zones, place, normal_place, friction, form)
+    _impose_slip(arrays, A, rhs, now, zones, place, normal_place, friction, form)
 
     if k:
         # The balance of loads.
-        weak = np.full(k, WEAK * float(np.abs(problem.C).max()) ** 2)
-        A[n:, :n] = problem.C[rows].T
+        springs = np.full(k, weak * float(np.abs(problem.C).max()) ** 2)
+        balance = np.zeros((k, n + k))
+        balance[:, :n] = C.T
         if problem.K is not None:
-            weak[np.diag(problem.K) > 0] = 0.0  # elastic motions have their own stiffness
-            A[n:, n:] = problem.K
-        A[np.arange(n, n + k), np.arange(n, n + k)] += weak
-        rhs[n:] = problem.s + weak * now.a
+            springs[np.diag(problem.K) > 0] = 0.0  # elastic motions have their own stiffness
+            balance[:, n:] = problem.K
+        balance[:, n:] += np.diag(springs)
+        A[n:] = arrays.xp.asarray(balance)
+        rhs[n:] = problem.s + springs * now.a if anchored else problem.s
+    mu, t = problem.zeros()
+    if n + k == 0:
+        return Forces(mu, t, np.zeros(0))
     last = np.concatenate((problem.forces(now.mu, now.t)[rows], now.a))
     # Solve for the change: its rounding error is relative to its own size, and the next step
     # corrects it.
-    solution = last + _solve(A, rhs - A @ last)
-    mu, t = problem.zeros()
+    left = rhs - arrays.get(A @ arrays.xp.asarray(last))
+    definite = k == 0 and not zones.slip.any()
+    solution = last + arrays.solve_square(A, left, definite)
     mu[zones.active] = solution[:n_n]
     t[rubbing] = solution[n_n:n]
     return Forces(mu, t, solution[n:])
 
 
 def _impose_slip(
-    A: Array,
+    arrays: HostArrays,
+    A: Any,
     rhs: Array,
     now: Forces,
     zones: Zones,
@@ -198,32 +232,24 @@ def _impose_slip(
     at = place[points]  # (p, dim_t), -1 for a prescribed tangent
     live = at >= 0
     safe = np.where(live, at, 0)
-    v_rows = np.where(live[:, :, None], A[safe], 0.0)  # -v = A x - rhs
     v_rhs = np.where(live, rhs[safe], 0.0)
-    if A.size and (dim_t > 1 or form != "radial"):
-        new_rows = np.einsum("pij,pjn->pin", of_v, v_rows)
-        new_rhs = np.einsum("pij,pj->pi", of_v, v_rhs)
+    new_rhs = np.einsum("pij,pj->pi", of_v, v_rhs)
+    if not isinstance(friction, Coulomb):
+        new_rhs += g[:, None] * direction
+    rhs[at[live]] = new_rhs[live]
+
+    put, every = arrays.xp.asarray, np.arange(points.size)
+    if dim_t > 1 or form != "radial":
+        v_rows = put(live[:, :, None]) * A[put(safe)]  # -v = A x - rhs
+        new_rows = arrays.xp.einsum("pij,pjn->pin", put(of_v), v_rows)
     else:
-        new_rows, new_rhs = np.zeros_like(v_rows), np.zeros_like(v_rhs)
+        new_rows = arrays.xp.zeros((points.size, dim_t, A.shape[1]))
     for i in range(dim_t):
         for j in range(dim_t):
             both = live[:, i] & live[:, j]
-            new_rows[np.flatnonzero(both), i, at[both, j]] += own[both, i, j]
+            new_rows[put(every[both]), i, put(at[both, j])] += put(own[both, i, j])
         if isinstance(friction, Coulomb):
-            column = normal_place[points]
-            new_rows[np.arange(points.size), i, column] -= (
+            new_rows[put(every), i, put(normal_place[points])] -= put(
                 friction.coefficient[points] * direction[:, i]
             )
-        else:
-            new_rhs[:, i] += g * direction[:, i]
-    A[at[live]] = new_rows[live]
-    rhs[at[live]] = new_rhs[live]
-
-
-def _solve(A: Array, rhs: Array) -> Array:
-    if rhs.size == 0:
-        return rhs
-    _, _, x, info = lapack.dgesv(A, rhs, overwrite_a=True, overwrite_b=True)
-    if info != 0 or not np.all(np.isfinite(x)):
-        raise LinAlgError("singular Newton system")
-    return x
+    A[put(at[live])] = new_rows[put(live)]

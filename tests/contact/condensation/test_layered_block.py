@@ -17,7 +17,7 @@ from contact import (
     Unbounded,
 )
 from contact.arrays.dense_arrays import arrays_on
-from contact.laws.device_newton import plane_newton
+from contact.laws.device_newton import device_newton
 from contact.result.certify import certify
 
 
@@ -248,7 +248,7 @@ def test_newton_for_devices_finds_what_the_host_finds(case, law):
     expected, condensed, system = problem.solve(), problem.condense(), problem.system
     boundary = condensed.boundary_problem(system.load, system.rows.gap)
     scaled = system.scaled_friction(condensed.point_scale)
-    forces = plane_newton(boundary, arrays_on("cpu"), scaled, None, tol=1e-12, max_iterations=40)
+    forces = device_newton(boundary, scaled, None, tol=1e-12, max_iterations=40)
     _, mu, t = condensed.recover(system.load, boundary, forces)
     assert np.abs(mu - expected.mu).max() <= 1e-9 * expected.mu.max()
     assert np.abs(t - expected.t).max() <= 1e-9 * expected.mu.max()

@@ -7,7 +7,7 @@ import pytest
 
 from contact import ContactProblem, LayeredBlock
 from contact.arrays.dense_arrays import DeviceMatrix, HostArrays
-from contact.laws.device_newton import plane_newton
+from contact.laws.device_newton import device_newton
 from contact.laws.methods import INNER, solve_boundary
 from contact.laws.options import Options
 
@@ -43,9 +43,7 @@ def test_newton_runs_where_the_matrix_lies(pressed):
     here, moved, law = pressed
     chosen, lines = options(), []
     tol = INNER * chosen.tol
-    expected = plane_newton(
-        moved, Elsewhere(), law, None, tol=tol, max_iterations=100, report=lines.append
-    )
+    expected = device_newton(moved, law, None, tol=tol, max_iterations=100, report=lines.append)
     forces, history = solved(moved, law, chosen)
     np.testing.assert_array_equal(forces.mu, expected.mu)
     np.testing.assert_array_equal(forces.t, expected.t)
