@@ -75,6 +75,8 @@ def posed(body: str, n: int, folder: Path) -> ContactProblem:
     element = ELEMENTS[body]()
     solid = ElasticBody.from_mesh(mesh_of(body, n, folder), element, E=2.0, nu=0.3)
     solid.fix("top", "xyz"[element.dim - 1], -0.05).fix("top", "x", lambda x: 0.02 + 0.01 * x[0])
+    if element.dim == 3:
+        solid.fix("top", "y")
     return ContactProblem(solid, "bottom", bowl, FRICTION[body])
 
 
@@ -147,7 +149,7 @@ def history(n: int, steps: int, folder: Path) -> dict[str, Any]:
         "body": "hex1", "n": n, "device": "cuda", "history": steps, "total": seconds,
         "cold": cold["total"], "cold solves": seconds / cold["total"],
         "residual": max(max(result.kkt.values()) for result in results),
-        "steps": sum(len(result.history) for result in results),
+        "newton steps": sum(len(result.history) for result in results),
     }  # fmt: skip
 
 

@@ -256,8 +256,9 @@ class ContactProblem(Portable):
         Parameters
         ----------
         device : {"cpu", "cuda", "auto"}, optional
-            Where to condense and to solve; default: where it was done before, or "cpu". "cuda" needs CuPy and, but for a `LayeredBlock`, cuDSS; "auto" takes it where it
-            is there and pays. The choice and its reason are logged.
+            Where to condense and to solve; default: where it was done before, or "cpu". "cuda"
+            needs CuPy and, but for a `LayeredBlock`, cuDSS; "auto" takes it where it is there and
+            pays. The choice and its reason are logged.
 
         Returns
         -------
