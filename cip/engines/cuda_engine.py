@@ -69,7 +69,7 @@ def device_source(
         parameters += [f"const real {name}" for name in stage.system.parameters]
     else:
         parameters.append("const real* __restrict__ feet")
-    constants, place, lines = _plane(grid) if stage.axis is None else _line(stage)
+    constants, place, lines = node_place(stage)
     body = [place]
     if uniform:
         widths = enumerate(float(width[0]) for width in grid.widths)
@@ -94,7 +94,7 @@ def device_source(
     head = f'extern "C" __global__ void run({", ".join(parameters)}) {{'
     return "\n".join(
         [
-            _HEAD + prelude(real, index, uniform),
+            kernel_head(real, index, uniform),
             *constants,
             translate(modules, *entries),
             head,
@@ -105,10 +105,46 @@ def device_source(
     )
 
 
+def feet_source(stage: Stage, real: str, index: str) -> str:
+    """CUDA C of the kernel ``run`` that computes the feet of all nodes and stores them.
+
+    Parameters
+    ----------
+    stage : Stage
+        With a formula that is not from snapshots.
+    real, index : str
+        C types.
+    """
+    grid, count = stage.grid, len(stage.jets)
+    rounding = float(np.finfo(np.float64 if real == "double" else np.float32).eps)
+    box = box_of(grid, stage.system, stage.limit, rounding)
+    parameters = ["real* __restrict__ feet"]
+    parameters += [f"const real* __restrict__ line{axis}" for axis in range(grid.dim)]
+    parameters += ["const real t", "const real step", "const index count", "int* said"]
+    parameters += [f"const real {name}" for name in stage.system.parameters]
+    body = [
+        "    const index o = blockIdx.x * blockDim.x + threadIdx.x;",
+        "    if (o >= size_) return;",
+        *_path_call(stage, False),
+        f"    for (int f = 0; f < {count}; f++) feet[(index)f * size_ + o] = room[f];",
+    ]
+    return "\n".join(
+        [
+            kernel_head(real, index, all(grid.uniform)),
+            *_constants(size=grid.size),
+            translate([path_source(stage.system, stage.jets, box)], "path"),
+            f'extern "C" __global__ void run({", ".join(parameters)}) {{',
+            *body,
+            "}",
+            "",
+        ]
+    )
+
+
 def _path_call(stage: Stage, splines: bool) -> list[str]:
     """Code that computes the foot of node o in the array `room` and notes the code of `path`."""
     x = ["(real)0"] * 3
-    for axis, index_of in enumerate(_indices(stage.grid)):
+    for axis, index_of in enumerate(indices_of(stage.grid)):
         x[axis] = f"line{axis}[{index_of}]"
     lines = [f"    real room[{SPLINE_ROOM if splines else FOOT_ROOM}];"]
     more = ", box" if splines else ""
@@ -118,6 +154,16 @@ def _path_call(stage: Stage, splines: bool) -> list[str]:
     lines.append(f"    const index found = path(room, {', '.join(x)}, t, step, count{more});")
     # A byte for each code of `path`: threads only ever write the same 1, so need no atomics.
     return [*lines, "    if (found != 0) ((unsigned char*)said)[found - 1] = 1;"]
+
+
+def kernel_head(real: str, index: str, uniform: bool) -> str:
+    """What stands before all functions of a kernel; arguments as for `prelude`."""
+    return _HEAD + prelude(real, index, uniform)
+
+
+def node_place(stage: Stage) -> tuple[list[str], str, str]:
+    """Code by which a thread finds its node: constants, the indices of the node, and its lines."""
+    return _plane(stage.grid) if stage.axis is None else _line(stage)
 
 
 def _modules(stage: Stage) -> list[Any]:
@@ -160,7 +206,7 @@ def _constants(size: int, **others: int) -> list[str]:
     return [f"#define {name} ((index){value})" for name, value in named.items()]
 
 
-def _indices(grid: Any) -> list[str]:
+def indices_of(grid: Any) -> list[str]:
     """Index of node o in each direction."""
     found = []
     for axis in range(grid.dim):
@@ -213,7 +259,7 @@ class CudaEngine(Engine):
 
     def place_feet(self, feet: StageFeet) -> StageFeet:
         """Feet on the device, in the setting's precision."""
-        return replace(feet, data=self._cupy.asarray(feet.data.astype(self.dtype)))
+        return replace(feet, data=self._cupy.asarray(feet.data.astype(self.dtype, copy=False)))
 
     def empty(self, data: Any) -> Any:
         """Uninitialized memory for the new moments."""
@@ -254,6 +300,28 @@ class CudaEngine(Engine):
             # Every later step has the same feet, so the host need not wait for their codes.
             self._certain.add(part)
         return found
+
+    def _compiled_feet(self, stage: Stage, t: float, dt: float) -> StageFeet | None:
+        """As the base class, on the device but for means and for velocities from snapshots."""
+        if stage.conservative or snapshots_of(stage.velocity) is not None:
+            return super()._compiled_feet(stage, t, dt)
+        cupy, real, size = self._cupy, self.dtype.type, self.grid.size
+        t_end, length = t + stage.end * dt, (stage.end - stage.begin) * dt
+        feet = cupy.empty(len(stage.jets) * size, self.dtype)
+        kernel = _compiled(feet_source(stage, self._real, self._index))
+        values = [real(value) for value in stage.parameters]
+
+        def attempt(count: int) -> int:
+            said = cupy.zeros(1, np.int32)
+            clock = [real(t_end), real(length / count), self._whole(count), said]
+            kernel((-(-size // 128),), (128,), (feet, *self._lines, *clock, *values))
+            left, coarse = (int(byte != 0) for byte in said.get().view(np.uint8)[:2])
+            return LEFT * left | COARSE * coarse
+
+        if not self._refine(stage, t, dt, attempt):
+            return None
+        count = self._counts[stage.part(dt)][1]
+        return StageFeet(feet, [None], t + stage.begin * dt, t_end, count)
 
     def _table(self, stage: Stage) -> list[Any]:
         """The numbers of a velocity from snapshots on the device, if it is one."""

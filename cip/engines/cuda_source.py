@@ -153,6 +153,9 @@ class _Function:
                 lines.append(f"{pad}{self.expression(node.value)};")
             elif isinstance(node, ast.Assign):
                 lines.extend(pad + line for line in self.assign(node.targets[0], node.value))
+            elif isinstance(node, ast.AugAssign):
+                total = ast.BinOp(node.target, node.op, node.value)
+                lines += [pad + line for line in self.assign(node.target, total)]
             elif isinstance(node, ast.If):
                 lines.append(f"{pad}if ({self.expression(node.test)}) {{")
                 lines += self.block(node.body, depth + 1)

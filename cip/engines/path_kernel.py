@@ -159,7 +159,7 @@ def _rate_function(
     outputs = {f"r{q}": rate for q, rate in enumerate(rates)}
     return [
         *lines,
-        f"def {name}({', '.join(arguments)}) -> {_kinds(len(outputs))}:",
+        f"def {name}({', '.join(arguments)}) -> {kinds(len(outputs))}:",
         *first,
         *statements(outputs),
         f"    return {', '.join(outputs)}",
@@ -215,7 +215,8 @@ def _results(system: System, wanted: Sequence[Jet], cells: Sequence[str]) -> lis
     return lines + [f"feet[{f}] = {_component(jet, place, cells)}" for f, jet in enumerate(wanted)]
 
 
-def _kinds(count: int) -> str:
+def kinds(count: int) -> str:
+    """Annotation of what a kernel of so many numbers returns."""
     return f"tuple[{', '.join(['Real'] * count)}]" if count > 1 else "Real"
 
 

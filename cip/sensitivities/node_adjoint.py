@@ -17,17 +17,19 @@ from cip.formulas.expression import RULES, constant, variable
 from cip.formulas.reverse_mode import gradient
 from cip.formulas.straight_line_code import statements
 from cip.jit import Array, Index, Out, Real, generated
+from cip.profiles.records import Line
 from cip.sensitivities.profile_derivatives import Traced, traced
 
 _AXES = "xy"
 
 
-def pull_source(update: Traced) -> str:
+def pull_source(update: Traced, apart: bool = False) -> str:
     """Source of the kernel ``pull``.
 
     ``pull(m, w, back, g, feet, stride, first, x, [y,] size, o, i[, j])`` adds to `back`, laid out
     as the moments m and the weights w, and writes the derivatives with respect to the components to
-    `g`; those of displacements have the unit of 1 / length.
+    `g`; those of displacements have the unit of 1 / length. Where the contributions are wanted
+    `apart`, the one to ``update.reads[q]`` is written to ``back[q size + o]`` instead.
     """
     dim = update.dim
     total = constant(0.0)
@@ -41,8 +43,9 @@ def pull_source(update: Traced) -> str:
     nodes += [f"n{q}" for q in range(len(update.around))]
     places = [f"{q} * size + {nodes[role]}" if q else nodes[role] for q, role in update.sources]
     code = [
-        f"def pull(m, w, back, g, feet, stride, first, {', '.join(lines)}, size, o, "
-        f"{', '.join('ij'[:dim])}):"
+        "def pull(m: Array, w: Array, back: Out, g: Out, feet: Array, stride: Index, first: Index, "
+        f"{', '.join(f'{line}: Line' for line in lines)}, size: Index, o: Index, "
+        f"{', '.join(f'{place}: Index' for place in 'ij'[:dim])}) -> None:"
     ]
     for axis, line in enumerate(lines):
         displacement = f"feet[{axis} * stride + first]"
@@ -65,7 +68,10 @@ def pull_source(update: Traced) -> str:
     code += [f"    w{q} = w[{q} * size + o]" for q in range(len(update.outputs))]
     code += statements(found)
     count = len(update.reads)
-    code += [f"    back[{at}] += d{q}" for q, at in enumerate(places)]
+    if apart:
+        code += [f"    back[{q} * size + o] = d{q}" for q in range(count)]
+    else:
+        code += [f"    back[{at}] += d{q}" for q, at in enumerate(places)]
     code += [f"    g[{axis}] = d{count + axis} / h{axis}" for axis in range(dim)]
     code += [f"    g[{dim + q}] = d{count + dim + q}" for q in range(len(update.feet))]
     return "\n".join(code) + "\n"
@@ -83,6 +89,6 @@ def pull_kernel(profile: str, advect: bool, dim: int, axis: int | None) -> Any:
 
     source = pull_source(traced(profile, advect, dim, axis))
     namespace: dict[str, Any] = {name: getattr(np, name) for name in RULES}
-    namespace.update(Real=Real, Index=Index, Array=Array, Out=Out)
+    namespace.update(Real=Real, Index=Index, Array=Array, Out=Out, Line=Line)
     namespace.update(locate=line_profiles.locate, around=line_profiles.around)
     return generated(source, re.findall(r"^def (\w+)", source, re.MULTILINE), namespace, __file__)

@@ -25,6 +25,7 @@ import numpy as np
 
 from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
 from cip.engines.cpu_loops import address, share
+from cip.engines.path_kernel import kinds
 from cip.engines.snapshot_kernel import with_names
 from cip.formulas.expression import (
     COORDINATES,
@@ -225,7 +226,8 @@ def unwind_source(system: System, wanted: tuple[Jet, ...]) -> str:
     ]  # fmt: skip
     lines = [
         *_rates_and_pull(system, kept),
-        "def unwind(g, size, o, x1, x2, x3, t, step, count, values, trail, grad):",
+        "def unwind(g: Array, size: Index, o: Index, x1: Real, x2: Real, x3: Real, t: Real, "
+        "step: Real, count: Index, values: Array, trail: Out, grad: Out) -> None:",
         *(f"    {name} = values[{q}]" for q, name in enumerate(system.parameters)),
         f"    free = 4 * count * {width}",
         *(f"    {at(0, q)} = {system.start(jet)!r}" for q, jet in enumerate(system.jets)),
@@ -258,12 +260,13 @@ def _rates_and_pull(system: System, kept: list[Expression]) -> list[str]:
     slopes = {f"d{q}": part for q, part in enumerate(with_names(_pulled(system), known))}
     given = [*COORDINATES, *jets, *system.parameters]
     more = [*(f"b{q}" for q in range(m)), *(f"e{q}" for q in range(len(kept)))]
+    head, rest = (", ".join(f"{name}: Real" for name in names) for names in (given, more))
     return [
-        f"def rates({', '.join(given)}):",
+        f"def rates({head}) -> {kinds(len(results))}:",
         *statements(results),
         f"    return {', '.join(results)}",
         "",
-        f"def pull({', '.join([*given, *more])}, grad):",
+        f"def pull({head}, {rest}, grad: Out) -> {kinds(m)}:",
         *statements(slopes),
         *(f"    grad[{q}] += d{m + q}" for q in range(len(system.parameters))),
         f"    return {', '.join(f'd{q}' for q in range(m))}",
@@ -297,6 +300,7 @@ def run_nodes(
 @cache
 def _kernel(source: str) -> Any:
     namespace: dict[str, Any] = {name: getattr(np, name) for name in RULES}
+    namespace.update(Real=Real, Index=Index, Array=Array, Out=Out)
     namespace.update(nan=math.nan, inf=math.inf, abs=abs)
     names = re.findall(r"^def (\w+)", source, re.MULTILINE)
     return generated(source, names, namespace, __file__)

@@ -266,13 +266,13 @@ class Window:
         return found
 
 
-def check_differentiable(profile: str, limiter: str | None, dim: int, backend: str) -> None:
+def check_differentiable(profile: str, limiter: str | None, dim: int) -> None:
     """Raise unless the scheme has derivatives that this package knows.
 
     Raises
     ------
     NotSupported
-        A profile or limiter with kinks, conservative sweeps of a splitting, or a device.
+        A profile or limiter with kinks, or conservative sweeps of a splitting.
     """
     if limiter is not None:
         raise NotSupported(f"limiter: {limiter!r} is not differentiable; take limiter=None")
@@ -285,8 +285,6 @@ def check_differentiable(profile: str, limiter: str | None, dim: int, backend: s
             f"profile: derivatives of {profile!r} in {dim} dimensions are not implemented; take "
             "'cubic' or 'quintic', or 'csl2' and 'csl4' on lines"
         )
-    if backend != "cpu":
-        raise NotSupported("backend: derivatives are implemented for backend='cpu'")
 
 
 def checkpoint_distance(steps: int, checkpoints: int | None, state: int) -> int:

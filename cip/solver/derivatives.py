@@ -9,6 +9,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from cip.errors import InputError
 from cip.output.trajectory import Trajectory
+from cip.sensitivities.device_window import DeviceWindow
 from cip.sensitivities.window import Move, Window, check_differentiable, checkpoint_distance
 from cip.solver.time_loop import run as repeat
 from cip.stages.stage import StageFeet
@@ -25,7 +26,7 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None) -> LinearO
     """
     if not isinstance(run, Trajectory):
         raise InputError(f"run: expected what solver.run returned, got {type(run).__name__}")
-    check_differentiable(solver.profile, solver.limiter, solver.grid.dim, solver.backend)
+    check_differentiable(solver.profile, solver.limiter, solver.grid.dim)
     if solver.dtype != np.float64:
         raise InputError("dtype: derivatives need a solver with dtype=float64")
     start, times = run[0], [float(t) for t in run.times[1:]]
@@ -34,11 +35,14 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None) -> LinearO
         raise InputError("run: it has no steps")
     replay = Replay(solver, steps_to(start, times, run.dt))
     every = checkpoint_distance(len(replay.moves), checkpoints, start.data.nbytes)
-    window = Window(
-        replay.moves, solver._kernels.begin(start), replay.advance, replay.feet,
+    kernels = solver._kernels
+    arguments = (
+        replay.moves, kernels.begin(start), replay.advance, replay.feet,
         tuple(solver.velocity.parameters), every, solver.steady,
     )  # fmt: skip
-    if not np.array_equal(window.follow().data, run.final.data):
+    on_device = solver.backend == "cupy"
+    window = DeviceWindow(kernels, *arguments) if on_device else Window(*arguments)
+    if not bool((window.follow().data == kernels.place(run.final).data).all()):
         raise InputError("run: it is not a run of this solver, whose steps end elsewhere")
     return window.operator()
 

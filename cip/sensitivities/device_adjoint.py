@@ -1,0 +1,232 @@
+r"""The transposed update on a CUDA device, whose sums have a fixed order.
+
+Each node first writes what it contributes to the moments at the corners of its foot's cell; then
+each node adds up what the feet in the cells around it left there, in the order of their nodes. For
+this the nodes are sorted by the cells of their feet. Nothing is added by two threads at a time, so
+the bits do not depend on how threads are scheduled. The kernels are translated from those of the
+CPU (`cip.sensitivities.node_adjoint`, `cip.sensitivities.path_adjoint`).
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from cip.engines.cuda_engine import OPTIONS, indices_of, kernel_head, node_place
+from cip.engines.cuda_source import translate
+from cip.engines.path_kernel import FOOT_ROOM
+from cip.formulas.snapshots import snapshots_of
+from cip.grid import Grid
+from cip.profiles import line_profiles, records
+from cip.sensitivities.node_adjoint import pull_source
+from cip.sensitivities.path_adjoint import parameter_gradient, trail_length, unwind_source
+from cip.sensitivities.profile_derivatives import CORNERS, Traced, traced
+from cip.stages.stage import Stage, StageFeet
+
+Array = Any  # arrays of CuPy
+# Threads that differentiate characteristics, each with gradients of its own, and the numbers that
+# all these gradients may take.
+_THREADS, _NUMBERS = 2**17, 2**28
+
+
+def pull_all(stage: Stage, index: str) -> str:
+    """CUDA C of the kernel ``run`` that writes the contributions of all nodes.
+
+    ``run(m, w, parts, g, feet, cells, widths...)`` adds the derivatives with respect to the
+    components of the feet to `g` and writes the cell of each foot, by its lower corner.
+    """
+    grid, update = stage.grid, _update(stage)
+    constants, place, lines = node_place(stage)
+    code = translate([records, line_profiles, pull_source(update, apart=True)], "pull")
+    widths, uneven = _widths(grid)
+    axes = "xy"[: grid.dim]
+    nodes = "ij"[: grid.dim]
+    locate = [
+        f"    index k{a}, r{a}; real s{a}; locate({i}, feet[{a} * size + o], {x}.n, {x}.periodic, "
+        f"&k{a}, &r{a}, &s{a});"
+        for a, (x, i) in enumerate(zip(axes, nodes, strict=True))
+    ]
+    count = grid.dim + len(update.feet)
+    body = [
+        place, *widths, lines, *locate,
+        f"    cells[o] = {'k0 * y.n + k1' if grid.dim == 2 else 'k0'};",
+        f"    real here[{FOOT_ROOM}];",
+        f"    pull(m, w, parts, here, feet, size, o, {', '.join(axes)}, size, o, "
+        f"{', '.join(nodes)});",
+        *(f"    g[{c} * size + o] += here[{c}];" for c in range(count)),
+    ]  # fmt: skip
+    arguments = [
+        "const real* __restrict__ m", "const real* __restrict__ w", "real* __restrict__ parts",
+        "real* __restrict__ g", "const real* __restrict__ feet", "index* cells", *uneven,
+    ]  # fmt: skip
+    return _kernel(constants, code, arguments, body, index, all(grid.uniform))
+
+
+def gather_all(stage: Stage, index: str) -> str:
+    """CUDA C of the kernel ``run(parts, order, starts, out)`` that adds up the contributions."""
+    grid = stage.grid
+    update = _update(stage)
+    moments = len(update.outputs)
+    constants, place, _ = node_place(stage)
+    corners = CORNERS[grid.dim]
+    body = [place, *(f"    real sum{q} = 0;" for q in range(moments))]
+    for corner, sides in enumerate(corners):
+        inside, names = [], []
+        for axis, side in enumerate(sides):
+            node, length = "ij"[axis], f"(index){grid.nodes[axis]}"
+            lower = f"c{corner}_{axis}"
+            names.append(lower)
+            body.append(f"    index {lower} = {node} - {side};")
+            if side and grid.periodic[axis]:
+                body.append(f"    if ({lower} < 0) {lower} += {length};")
+            elif side:
+                inside.append(f"{lower} >= 0")
+        cell = f"{names[0]} * (index){grid.nodes[1]} + {names[1]}" if grid.dim == 2 else names[0]
+        body += [
+            f"    if ({' && '.join(inside) or '1'}) {{",
+            f"        const index cell = {cell}, stop = starts[cell + 1];",
+            "        for (index p = starts[cell]; p < stop; p++) {",
+            "            const index n = order[p];",
+            *(f"            sum{q} += parts[(index){part} * size + n];"
+              for part, (q, role) in enumerate(update.sources) if role == corner),
+            "        }",
+            "    }",
+        ]  # fmt: skip
+    body += [f"    out[(index){q} * size + o] = sum{q};" for q in range(moments)]
+    arguments = [
+        "const real* __restrict__ parts", "const index* __restrict__ order",
+        "const index* __restrict__ starts", "real* __restrict__ out",
+    ]  # fmt: skip
+    return _kernel(constants, "", arguments, body, index, all(grid.uniform))
+
+
+def unwind_all(stage: Stage, count: int, index: str) -> str:
+    """CUDA C of the kernel ``run`` that differentiates all characteristics in reverse.
+
+    ``run(g, lines..., t, step, count, values, gradients, threads)`` writes the gradient of the
+    nodes of each thread, at most `count` sub-steps each.
+    """
+    grid, system = stage.grid, stage.system
+    code = translate([unwind_source(system, tuple(stage.jets))], "unwind")
+    x = ["(real)0"] * 3
+    for axis, node in enumerate(indices_of(grid)):
+        x[axis] = f"line{axis}[{node}]"
+    parameters = len(system.parameters)
+    body = [
+        "    const index thread = blockIdx.x * blockDim.x + threadIdx.x;",
+        "    if (thread >= threads) return;",
+        f"    real trail[{trail_length(system, count)}], grad[{parameters}];",
+        f"    for (int q = 0; q < {parameters}; q++) grad[q] = 0;",
+        f"    for (index o = thread; o < (index){grid.size}; o += threads)",
+        f"        unwind(g, (index){grid.size}, o, {', '.join(x)}, t, step, count, values, trail, "
+        "grad);",
+        f"    for (int q = 0; q < {parameters}; q++) gradients[q * threads + thread] = grad[q];",
+    ]
+    arguments = [
+        "const real* __restrict__ g",
+        *(f"const real* __restrict__ line{axis}" for axis in range(grid.dim)),
+        "const real t", "const real step", "const index count",
+        "const real* __restrict__ values", "real* __restrict__ gradients", "const index threads",
+    ]  # fmt: skip
+    return _kernel([], code, arguments, body, index, all(grid.uniform))
+
+
+def _update(stage: Stage) -> Traced:
+    return traced(stage.profile, stage.advect, stage.grid.dim, stage.axis)
+
+
+def _kernel(
+    constants: list[str], code: str, arguments: list[str], body: list[str], index: str, even: bool
+) -> str:
+    head = f'extern "C" __global__ void run({", ".join(arguments)}) {{'
+    return "\n".join([kernel_head("double", index, even), *constants, code, head, *body, "}", ""])
+
+
+def _widths(grid: Grid) -> tuple[list[str], list[str]]:
+    """Code of the widths of equal cells, or the arguments that hold those of others."""
+    if all(grid.uniform):
+        widths = enumerate(float(width[0]) for width in grid.widths)
+        return [f"    const real h{axis} = (real){width!r};" for axis, width in widths], []
+    return [], [f"const real* __restrict__ h{axis}" for axis in range(grid.dim)]
+
+
+@cache
+def _compiled(source: str) -> Any:
+    import cupy
+
+    return cupy.RawModule(code=source, options=OPTIONS).get_function("run")
+
+
+class DeviceAdjoint:
+    """The transposed steps of a stage on the device of an engine.
+
+    Parameters
+    ----------
+    engine : CudaEngine
+    stage : Stage
+    """
+
+    def __init__(self, engine: Any, stage: Stage) -> None:
+        import cupy
+
+        self._xp, self._engine, self._stage = cupy, engine, stage
+        grid, index = stage.grid, engine._index
+        self._size, self._whole = grid.size, engine._whole
+        self._parts = len(_update(stage).reads)
+        self._pull = _compiled(pull_all(stage, index))
+        self._gather = _compiled(gather_all(stage, index))
+
+    def pull_back(
+        self, z: Array, weight: Array, feet: Array, g: Array, order: Any = None
+    ) -> tuple[Array, Any]:
+        """As `cip.sensitivities.adjoint_loops.pull_back`, of arrays on the device.
+
+        Parameters
+        ----------
+        z, weight, feet, g
+            As there.
+        order : optional
+            What an earlier call with these feet returned besides.
+
+        Returns
+        -------
+        ndarray, shape (moments, nodes)
+        order
+            The nodes sorted by the cells of their feet.
+        """
+        xp, size = self._xp, self._size
+        parts = xp.empty(self._parts * size)
+        cells = xp.empty(size, self._whole)
+        out = xp.empty_like(weight)
+        self._start(self._pull, z, weight, parts, g, feet, cells, *self._engine._widths)
+        if order is None:
+            keys = xp.sort(cells.astype(np.int64) * size + xp.arange(size))
+            starts = xp.searchsorted(keys, xp.arange(size + 1, dtype=np.int64) * size)
+            order = (keys % size).astype(self._whole), starts.astype(self._whole)
+        self._start(self._gather, parts, *order, out)
+        return out, order
+
+    def parameter_gradient(self, feet: StageFeet, g: Array) -> Any:
+        """As `cip.sensitivities.path_adjoint.parameter_gradient`, of `g` on the device."""
+        stage, xp, engine = self._stage, self._xp, self._engine
+        if not all(c.exact for c in stage.velocity) or snapshots_of(stage.velocity) is not None:
+            return parameter_gradient(stage, feet, g.get())
+        most = 1 << (feet.substeps - 1).bit_length()  # one kernel serves all numbers up to this
+        kernel = _compiled(unwind_all(stage, most, engine._index))
+        values = xp.asarray(np.array(stage.parameters, dtype=float))
+        threads = max(1, min(self._size, _THREADS, _NUMBERS // len(values)))
+        gradients = xp.empty((len(values), threads))
+        step = (feet.t_end - feet.t_start) / feet.substeps
+        arguments = [g, *engine._lines, feet.t_end, step, self._whole(feet.substeps)]
+        arguments += [values, gradients, self._whole(threads)]
+        kernel((-(-threads // 128),), (128,), tuple(arguments))
+        return gradients.sum(axis=1).get()
+
+    def _start(self, kernel: Any, *arguments: Any) -> None:
+        if self._stage.grid.dim == 2:
+            nx, ny = self._stage.grid.nodes
+            kernel((-(-ny // 64), -(-nx // 4)), (64, 4), arguments)
+        else:
+            kernel((-(-self._size // 256),), (256,), arguments)

@@ -1,0 +1,38 @@
+"""The kernels of the adjoint on a device compile without one, for the oldest and newest card."""
+
+import pytest
+
+from cip import Grid, Solver, Velocity
+from cip.engines.cuda_engine import OPTIONS, feet_source
+from cip.sensitivities.device_adjoint import gather_all, pull_all, unwind_all
+from gpu.cuda.catalogue import ARCHITECTURES
+
+FLOW = ["0.5 + a*sin(2*pi*x1)*cos(t)", "b*cos(2*pi*x1)"]
+
+
+def stage_of(profile, dim, periodic=True, parameters=True):
+    grid = Grid([(0, 1)] * dim, (8, 9)[:dim], periodic=periodic)
+    values = {"a": 0.1, "b": 0.2} if dim == 2 else {"a": 0.1}
+    flow = FLOW[:dim] if parameters else ["0.5"] * dim
+    velocity = Velocity.from_expression(*flow, parameters=values if parameters else None)
+    (stage,) = Solver(grid, velocity, profile=profile, boundary=None if periodic else 0.0)._stages
+    return stage
+
+
+@pytest.mark.parametrize("periodic", [True, False])
+@pytest.mark.parametrize(
+    ("profile", "dim"), [("cubic", 1), ("quintic", 1), ("adini", 2), ("bicubic", 2)]
+)
+def test_kernels_compile(compile_cuda, profile, dim, periodic):
+    stage = stage_of(profile, dim, periodic)
+    sources = [
+        pull_all(stage, "int"), gather_all(stage, "long long"), unwind_all(stage, 4, "int"),
+        feet_source(stage, "double", "int"), feet_source(stage, "float", "long long"),
+    ]  # fmt: skip
+    for q, source in enumerate(sources):
+        assert b".text.run" in compile_cuda(source, ARCHITECTURES[-(q % 2)], OPTIONS)
+
+
+def test_feet_without_parameters_compile(compile_cuda):
+    source = feet_source(stage_of("cubic", 1, parameters=False), "double", "int")
+    assert b".text.run" in compile_cuda(source, ARCHITECTURES[0], OPTIONS)
