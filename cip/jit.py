@@ -71,6 +71,9 @@ def loop_over(function: Callable[..., Any], **kernels: Any) -> Any:
     return loop(copy)
 
 
+_BEYOND = 10_000
+
+
 def generated(source: str, names: Sequence[str], namespace: dict[str, Any], home: str) -> Any:
     """Compile kernels from generated source and cache them on disk under the hash of the source.
 
@@ -90,7 +93,9 @@ def generated(source: str, names: Sequence[str], namespace: dict[str, Any], home
         The last of `names`.
     """
     label = sha256(source.encode()).hexdigest()[:20]
-    exec(compile(source, home, "exec"), namespace)
+    # Numbers of lines that `home` does not have: numba would take its lines for the source, and
+    # Python 3.12 refuses to read lines that begin in the middle of a string.
+    exec(compile("\n" * _BEYOND + source, home, "exec"), namespace)
     for name in names:
         function = namespace[name]
         function.__name__ = function.__qualname__ = f"{name}{_GENERATED}{label}"

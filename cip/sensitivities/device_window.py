@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from cip.errors import NotSupported
 from cip.sensitivities.device_adjoint import DeviceAdjoint
-from cip.sensitivities.window import Window
-from cip.stages.stage import StageFeet
+from cip.sensitivities.window import ParameterPart, Window
+from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State
 
 
@@ -50,6 +51,10 @@ class DeviceWindow(Window):
         if id(stage) not in self._stages:
             self._stages[id(stage)] = DeviceAdjoint(self._engine, stage)
         return self._stages[id(stage)]
+
+    def _part(self, n: int) -> ParameterPart:
+        found: ParameterPart = self._once(n, self._steady, _part_on_host)
+        return found
 
     def _feet_of(self, n: int) -> StageFeet:
         feet = self._feet(n)
@@ -108,3 +113,7 @@ class DeviceWindow(Window):
                         found[self._columns[m]] += more
                 gathered.clear()
         return xp.concatenate([weight.ravel(), xp.asarray(found)])
+
+
+def _part_on_host(stage: Stage, feet: StageFeet) -> ParameterPart:
+    return ParameterPart.of(stage, replace(feet, data=feet.data.get()))
