@@ -297,14 +297,14 @@ class Solver:
 
         Returns
         -------
-        scipy.sparse.linalg.LinearOperator
+        scipy.sparse.linalg.LinearOperator (on a device that of cupyx.scipy, for arrays of CuPy)
             Shape (N, N + P): columns are the N moments of the first state, ``state.data.ravel()``,
             then the P parameters, in the order of ``velocity.parameters``.
 
         Raises
         ------
         NotSupported
-            A profile or limiter without derivatives.
+            A profile or limiter without derivatives; on a device also paths through walls.
         InputError
             A run of another solver.
 
