@@ -26,6 +26,7 @@ from cip.inverse.identified import IdentifiedVelocity, MisfitWarning
 from cip.inverse.identify import identify_velocity
 from cip.output.trajectory import Diagnostics, Trajectory
 from cip.solver.solver import Solver
+from cip.sources.source import Source
 from cip.stages.state import State
 
 __all__ = [
@@ -47,6 +48,7 @@ __all__ = [
     "Placement",
     "Sensors",
     "Solver",
+    "Source",
     "SplineVelocity",
     "State",
     "Trajectory",

@@ -240,7 +240,7 @@ class CudaEngine(Engine):
             raise InputError(
                 f"backend='cupy': no CUDA device answers ({error}); take backend='cpu' here"
             ) from error
-        self._cupy = cupy
+        self.xp = self._cupy = cupy
         self._compiled: dict[Any, Any] = {}
         self._certain: set[Any] = set()
         self._splines: Any = None

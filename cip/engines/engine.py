@@ -41,6 +41,8 @@ class Engine:
     The number of sub-steps found in earlier steps and the feet of steady velocities are cached.
     """
 
+    xp: Any = np  # the module of the arrays
+
     def __init__(self, setting: Setting) -> None:
         self.setting, self.grid, self.dtype = setting, setting.grid, setting.dtype
         self.limiter = LIMITER_CODES[setting.limiter]

@@ -37,6 +37,8 @@ class Snapshots:
     ----------
     times, arrays, grid, degree
         As for `Velocity.from_snapshots`.
+    components : int, optional
+        Default one for each direction, a velocity.
 
     Attributes
     ----------
@@ -49,7 +51,9 @@ class Snapshots:
         Shape (components, times, coefficients in each direction).
     """
 
-    def __init__(self, times: Any, arrays: Any, grid: Any, degree: Any) -> None:
+    def __init__(
+        self, times: Any, arrays: Any, grid: Any, degree: Any, components: int | None = None
+    ) -> None:
         if not isinstance(grid, Grid):
             raise InputError(f"grid: expected the Grid of the arrays, got {type(grid).__name__}")
         if degree not in _DEGREES:
@@ -60,7 +64,7 @@ class Snapshots:
                 f"the grid of the arrays has {grid.cells}"
             )
         self.grid, self.times = grid, _times(times)
-        values = _values(arrays, self.times, grid)
+        values = _values(arrays, self.times, grid, components or grid.dim)
         self.degrees = (min(3, self.times.size - 1), *([int(degree)] * grid.dim))
         self.knots: list[Array] = []
         values = np.moveaxis(values, 1, 0)  # component, time, place
@@ -120,39 +124,43 @@ class Snapshots:
 
     def on(self, grid: Grid) -> tuple[Formula, ...]:
         """One formula for each component; raises unless the data cover the grid."""
+        self.check_cover(grid, "velocity")
+        return tuple(SnapshotFormula(self, q) for q in range(grid.dim))
+
+    def check_cover(self, grid: Grid, name: str) -> None:
+        """Raise `InputError` unless the data cover the grid; messages begin with `name`."""
         if grid.dim != self.grid.dim:
             raise InputError(
-                f"velocity: {self.grid.dim} components on a grid of {grid.dim} directions"
+                f"{name}: snapshots in {self.grid.dim} directions on a grid of {grid.dim}"
             )
         for axis, (mine, theirs) in enumerate(zip(self.grid.bounds, grid.bounds, strict=True)):
-            name, length = "xyz"[axis], mine[1] - mine[0]
+            letter, length = "xyz"[axis], mine[1] - mine[0]
             slack = _SAME * length
             if not self.grid.periodic[axis]:
                 if grid.periodic[axis]:
                     raise InputError(
-                        f"velocity: the grid is periodic in {name}, the snapshots are not"
+                        f"{name}: the grid is periodic in {letter}, the snapshots are not"
                     )
                 if theirs[0] < mine[0] - slack or theirs[1] > mine[1] + slack:
                     raise InputError(
-                        f"velocity: the snapshots cover {name} from {mine[0]:.6g} to "
+                        f"{name}: the snapshots cover {letter} from {mine[0]:.6g} to "
                         f"{mine[1]:.6g}, the grid lies from {theirs[0]:.6g} to {theirs[1]:.6g}"
                     )
             elif grid.periodic[axis]:
                 turns = (theirs[1] - theirs[0]) / length
                 if abs(turns - round(turns)) > _SAME * turns or round(turns) < 1:
                     raise InputError(
-                        f"velocity: the period of the grid in {name} is {turns:.6g} periods of the "
+                        f"{name}: the period of the grid in {letter} is {turns:.6g} periods of the "
                         "snapshots; it must be a whole number of them"
                     )
-        return tuple(SnapshotFormula(self, q) for q in range(grid.dim))
 
-    def check_times(self, start: float, end: float) -> None:
+    def check_times(self, start: float, end: float, name: str = "velocity") -> None:
         """Raise `InputError` if the snapshots do not cover the time from `start` to `end`."""
         first, last = float(self.times[0]), float(self.times[-1])
         slack = _ROUNDING * max(last - first, abs(first), abs(last))
         if start < first - slack or end > last + slack:
             raise InputError(
-                f"t: the snapshots of the velocity cover {first:.6g} to {last:.6g}, not "
+                f"t: the snapshots of the {name} cover {first:.6g} to {last:.6g}, not "
                 f"{start:.6g} to {end:.6g}; stop earlier or give later snapshots"
             )
 
@@ -164,11 +172,13 @@ class SnapshotFormula(Formula):
     ----------
     field : Snapshots
     component : int
+    name : str
+        In code, before the number of the component.
     """
 
-    def __init__(self, field: Snapshots, component: int) -> None:
+    def __init__(self, field: Snapshots, component: int, name: str = "snapshots") -> None:
         # The name does not tell whose splines these are: one kernel serves all data.
-        super().__init__(opaque(f"snapshots{component}", (0, 0, 0, 0)), field.grid.dim)
+        super().__init__(opaque(f"{name}{component}", (0, 0, 0, 0)), field.grid.dim)
         self.field, self.component = field, component
 
     @property
@@ -195,11 +205,11 @@ def _times(times: Any) -> Array:
     return found
 
 
-def _values(arrays: Any, times: Array, grid: Grid) -> Array:
+def _values(arrays: Any, times: Array, grid: Grid, components: int) -> Array:
     """The arrays, checked, of shape (times, components, nodes)."""
     found = real_array(arrays, "arrays").astype(float)
-    shape = (times.size, grid.dim, *grid.nodes)
-    if grid.dim == 1 and found.shape == (times.size, *grid.nodes):
+    shape = (times.size, components, *grid.nodes)
+    if components == 1 and found.shape == (times.size, *grid.nodes):
         found = found[:, None]
     if found.shape != shape:
         raise InputError(

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
+import numpy as np
+
 from cip.errors import InputError
 from cip.grid import Grid
 from cip.profiles.catalogue import LIMITER_CODES, LIMITERS, LINE, PLANE, moments
 from cip.reals import real_array
+from cip.stages.state import State
 
 Form = Literal["transport", "advection"]
 _FORMS: dict[Any, Form] = {
@@ -69,3 +72,21 @@ def bounds_of(bounds: Any) -> tuple[float, float]:
     if not low < high:
         raise InputError(f"bounds: low must be below high, got {bounds!r}")
     return low, high
+
+
+def check_state(state: Any, grid: Grid, profile: str) -> None:
+    """Raise `InputError` unless it is a state on this grid with the moments of this profile."""
+    if not isinstance(state, State):
+        raise InputError(f"state: expected a State, got {type(state).__name__}")
+    if state.profile != profile:
+        raise InputError(
+            f"state: it carries the moments of {state.profile!r}, the solver those of "
+            f"{profile!r}; make it with solver.state(f)"
+        )
+    state.check()
+    if state.grid is not grid and (
+        state.grid.nodes != grid.nodes
+        or state.grid.periodic != grid.periodic
+        or any(not np.array_equal(a, b) for a, b in zip(state.grid.edges, grid.edges, strict=True))
+    ):
+        raise InputError(f"state: it lives on {state.grid}, the solver on {grid}")

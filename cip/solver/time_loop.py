@@ -9,7 +9,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from cip.characteristics.feet import check_step, time_scale
 from cip.errors import CipError, InputError
+from cip.formulas.formula import Formula
+from cip.grid import Grid
 from cip.reals import real_array, real_number
 from cip.stages.state import State
 
@@ -113,3 +116,14 @@ def output_times(t: float, t_end: float, snapshots: int | Sequence[float] | None
         raise InputError(f"snapshots: expected times from {t:.6g} to {end:.6g}, got {snapshots!r}")
     inner = [float(time) for time in times if t < time < end]
     return [*inner, end]
+
+
+def step_length(
+    dt: float | None, cfl: float | None, grid: Grid, velocity: Sequence[Formula], t: float
+) -> float:
+    """The length of the steps, given itself or by the cells that a node moves; see `Solver.run`."""
+    if (dt is None) == (cfl is None):
+        raise InputError("dt: pass either dt or cfl")
+    if dt is not None:
+        return check_step(dt)
+    return check_step(cfl, "cfl") * time_scale(grid, velocity, t)  # type: ignore[arg-type]

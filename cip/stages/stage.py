@@ -199,7 +199,7 @@ class Stage:
         for block, exits in zip(self.blocks, feet.exits, strict=True):
             if exits is None:
                 continue
-            values = wall.values(exits, feet.t_end)
+            values = wall.values(exits, feet.t_start, feet.t_end)
             flux = wall.flux(exits, feet.t_start, feet.t_end) if self.conservative else None
             found += self.placed(block, exits.nodes, values, flux)
         return found

@@ -111,7 +111,7 @@ class State:
             else:
                 values = formula.derivative(moment.orders, steps)
             with np.errstate(over="ignore"):  # `check` reports overflow in single precision
-                row[...] = _averaged(values, grid, moment, t)
+                row[...] = averaged(values, grid, moment, t)
         state = cls(grid, profile, data, t)
         state.check("f")
         return state
@@ -250,9 +250,34 @@ def _sum(values: Any, weights: Array) -> float:
     return float(np.sum(host * weights, dtype=np.float64))
 
 
-def _averaged(values: Callable[..., Array], grid: Grid, moment: Moment, t: float) -> Array:
-    """A function at the nodes, averaged over cells in the directions ``moment.averaged``."""
-    places, weights = np.polynomial.legendre.leggauss(_GAUSS)
+def averaged(
+    values: Callable[..., Any],
+    grid: Grid,
+    moment: Moment,
+    t: float,
+    xp: Any = np,
+    points: int = _GAUSS,
+) -> Any:
+    """A function at the nodes, averaged over cells in the directions ``moment.averaged``.
+
+    Parameters
+    ----------
+    values : callable
+        Of x1, x2, x3 as arrays of `xp` that broadcast, and t.
+    grid : Grid
+    moment : Moment
+    t : float
+    xp : module
+        NumPy or CuPy.
+    points : int
+        Of Gauss's rule in each cell and direction; one takes the value at the midpoint.
+
+    Returns
+    -------
+    array
+        Shape ``grid.nodes``; 0 where no cell begins.
+    """
+    places, weights = np.polynomial.legendre.leggauss(points)
     rules = []
     for axis in range(grid.dim):
         line = grid.coordinates[axis]
@@ -266,13 +291,14 @@ def _averaged(values: Callable[..., Array], grid: Grid, moment: Moment, t: float
                 for place, weight in zip(places, weights, strict=True)
             ]
         )
-    total: Array = np.zeros(grid.nodes)
+    total = xp.zeros(grid.nodes)
     for rule in product(*rules):
-        point = list(np.meshgrid(*(line for line, _ in rule), indexing="ij", sparse=True))
+        lines = np.meshgrid(*(line for line, _ in rule), indexing="ij", sparse=True)
+        point = [xp.asarray(line) for line in lines]
         weight = float(np.prod([weight for _, weight in rule]))
         point += [np.zeros(())] * (len(COORDINATES) - 1 - grid.dim)
         total += weight * values(*point, t)
     for axis in moment.averaged:
         if not grid.periodic[axis]:
-            np.moveaxis(total, axis, 0)[-1] = 0.0
+            xp.moveaxis(total, axis, 0)[-1] = 0.0
     return total

@@ -34,6 +34,8 @@ from cip.grid import Grid
 Array = NDArray[np.float64]
 Wall = tuple[int, int]
 _FIELD = "w"
+# In data that sources and decay have changed: the time in the middle of the step.
+MIDDLE = "middle"
 
 
 def walls(boundary: Any, grid: Grid) -> dict[Wall, Formula]:
@@ -131,8 +133,9 @@ class WallMoments:
         self._jets = sorted(name for name in names if name.startswith("j"))
         self._combine = numpy_function(self._outputs, [*self._fields, *self._jets])
 
-    def values(self, exits: Exits, t_end: float) -> Array:
+    def values(self, exits: Exits, t_start: float, t_end: float) -> Array:
         """One row for each moment, one column for each path that begins on a wall."""
+        middle = 0.5 * (t_start + t_end)
         result = np.zeros((len(self._outputs), exits.nodes.size))
         for axis, side in self._data:
             on = (exits.axis == axis) & (exits.side == side)
@@ -142,7 +145,7 @@ class WallMoments:
             point += [np.zeros(())] * (3 - len(point))
             jets = [exits.jets[Jet.named(name)][on] for name in self._jets]
             with np.errstate(all="ignore"):  # `State.require_finite` reports what is not finite
-                fields = self._wall(axis, side)(*point, t_end - exits.ages[on])
+                fields = self._wall(axis, side)(*point, t_end - exits.ages[on], middle)
                 for row, value in zip(result, self._combine(*fields, *jets), strict=True):
                     row[on] = value
         return result
@@ -157,10 +160,12 @@ class WallMoments:
             point = [x[on] for x in exits.points]
             point += [np.zeros(())] * (3 - len(point))
             c = self._velocity[axis].derivative(ZERO, self._steps)
-            g = self._data[axis, side].derivative(ZERO, self._steps)
+            node = self._data[axis, side].expression
+            g = self._on(axis, side, [node])
+            middle = 0.5 * (t_start + t_end)
             for place, weight in zip(places, weights, strict=True):
                 t = t_start + 0.5 * (1.0 + place) * length
-                result[on] += 0.5 * weight * length * c(*point, t) * g(*point, t)
+                result[on] += 0.5 * weight * length * c(*point, t) * g(*point, t, middle)[0]
         return result
 
     def formulas(self, axis: int, side: int) -> list[Expression]:
@@ -183,7 +188,12 @@ class WallMoments:
     @lru_cache  # noqa: B019
     def _wall(self, axis: int, side: int) -> Any:
         nodes = self._fields_on(axis, side)
-        return numpy_function(nodes, COORDINATES, self.functions(axis, side, nodes))
+        return self._on(axis, side, nodes)
+
+    def _on(self, axis: int, side: int, nodes: list[Expression]) -> Any:
+        """Formulas on a wall as a function of x1, x2, x3, t and the middle of the step."""
+        functions = self.functions(axis, side, nodes)
+        return numpy_function(nodes, (*COORDINATES, MIDDLE), functions)
 
     def _fields_on(self, axis: int, side: int) -> list[Expression]:
         """The field and its derivatives on a wall, in the order of `_fields`."""

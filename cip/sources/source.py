@@ -1,0 +1,269 @@
+"""A scalar function of space and time, given as a formula, a callable, or arrays."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from cip.errors import InputError
+from cip.formulas.clock import clock_of, timed
+from cip.formulas.expression import COORDINATES, ordered
+from cip.formulas.formula import Formula, spline
+from cip.formulas.parameters import checked, parameter
+from cip.formulas.parsing import parse
+from cip.formulas.pointwise_check import Box
+from cip.formulas.snapshots import SnapshotFormula, Snapshots
+from cip.formulas.traced_function import portable
+from cip.grid import Grid
+from cip.reals import real_number
+
+
+class Source:
+    """What is added to a field at each place in each unit of time: s in u_t + .. = s - k u.
+
+    Parameters
+    ----------
+    s : float, str, callable or array
+        A number; a formula in x1, x2, x3 (or x, y, z) and t; a callable of the coordinates as
+        arrays, and of the time if it has an argument ``t`` (or ``time``), the last; or values at
+        the nodes of the grid, shape ``grid.nodes``, between which it is a quintic spline. In the
+        unit of the field over that of time.
+
+    Raises
+    ------
+    InputError
+        An argument is malformed, or not finite; with a solver, arrays that do not fit its grid.
+
+    Examples
+    --------
+    >>> from cip import Grid, Solver, Source
+    >>> puff = Source.from_expression("q*exp(-50*(x1 - 0.5)**2)", parameters={"q": 2.0})
+    >>> solver = Solver(Grid((0, 1), 40, periodic=True), 0.3, source=puff, decay=0.5)
+    >>> end = solver.run(solver.state(0.0), 1.0, dt=0.05).final
+    >>> bool(end["u"].max() > 0.5)
+    True
+    """
+
+    def __init__(self, s: Any) -> None:
+        self._value, self._name = s, "source"
+        self._parameters: dict[str, float] = {}
+        self._snapshots: Snapshots | None = None
+        self._text: str | None = None
+        self._time = isinstance(s, str) or _takes_time(s)
+        if isinstance(s, str):
+            self._text = s
+            parse(s, self._name)
+        elif not callable(s) and not np.ndim(s):
+            number = real_number(s, "source: expected a number, a text, a callable or an array")
+            if not np.isfinite(number):
+                raise InputError(f"source: expected a finite number, got {s!r}")
+
+    @classmethod
+    def from_expression(cls, text: str, parameters: Mapping[str, float] | None = None) -> Source:
+        """The source with this formula, whose further names are parameters.
+
+        Parameters
+        ----------
+        text : str
+            As for `Velocity.from_expression`.
+        parameters : mapping, optional
+            Values of further names in the formula. `Solver.tangent` and `Solver.adjoint` have
+            derivatives in them.
+
+        Returns
+        -------
+        Source
+
+        Raises
+        ------
+        InputError
+            A text that is no formula; a parameter that it does not hold or that is not finite.
+
+        Examples
+        --------
+        >>> from cip import Source
+        >>> Source.from_expression("q*sin(x1)", parameters={"q": 2}).with_parameters(q=3).parameters
+        {'q': 3.0}
+        """
+        values = checked(parameters)
+        held = set(ordered([parse(text, "source", values)]))
+        unused = [name for name in values if parameter(name) not in held]
+        if unused:
+            raise InputError(f"parameters: no formula holds {unused[0]!r}; leave it out")
+        self = cls(0.0)
+        self._text, self._time, self._parameters = text, True, values
+        return self
+
+    @classmethod
+    def from_snapshots(cls, times: Any, arrays: Any, grid: Grid, degree: int = 5) -> Source:
+        """The source with given values at the nodes of a grid at several times.
+
+        Parameters
+        ----------
+        times, grid, degree
+            As for `Velocity.from_snapshots`, whose splines are those of this source.
+        arrays : array_like, shape (T,) + grid.nodes
+
+        Returns
+        -------
+        Source
+
+        Raises
+        ------
+        InputError
+            As for `Velocity.from_snapshots`.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from cip import Grid, Source
+        >>> grid, times = Grid((0, 1), 20, periodic=True), [0.0, 0.5, 1.0, 1.5]
+        >>> Source.from_snapshots(times, np.ones((4, 20)), grid).steady
+        False
+        """
+        self = cls(0.0)
+        self._snapshots = Snapshots(times, arrays, grid, degree, 1)
+        self._time = True
+        return self
+
+    @classmethod
+    def of(cls, value: Any, name: str) -> Source | None:
+        """An argument of the solver as a source, which messages call `name`; None if it is None.
+
+        Parameters
+        ----------
+        value : object
+            A source, what makes one, or None.
+        name : str
+
+        Returns
+        -------
+        Source or None
+
+        Raises
+        ------
+        InputError
+            A value that makes no source.
+        """
+        if value is None:
+            return None
+        try:
+            found = value if isinstance(value, Source) else cls(value)
+        except InputError as error:
+            raise InputError(str(error).replace("source", name, 1)) from error
+        new = object.__new__(cls)
+        new.__dict__.update(found.__dict__)
+        new._name = name
+        return new
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Values of the named parameters, those of `from_expression`; a copy."""
+        return dict(self._parameters)
+
+    def with_parameters(self, **values: float) -> Source:
+        """The same formula with other values of some parameters.
+
+        Parameters
+        ----------
+        **values : float
+            New values by name; the other parameters keep theirs.
+
+        Returns
+        -------
+        Source
+
+        Raises
+        ------
+        InputError
+            A name that is none of the parameters, or a value that is not a finite number.
+        """
+        unknown = sorted(set(values) - set(self._parameters))
+        if unknown:
+            known = ", ".join(self._parameters) or "it has none"
+            raise InputError(f"{unknown[0]}: no parameter of this source; known: {known}")
+        new = object.__new__(type(self))
+        new.__dict__.update(self.__dict__)
+        new._parameters = {**self._parameters, **checked(values)}
+        return new
+
+    @property
+    def steady(self) -> bool:
+        """Whether it does not depend on t."""
+        if self._text is not None:
+            return "t" not in parse(self._text, self._name, self._parameters).variables()
+        return not self._time
+
+    def check_times(self, start: float, end: float) -> None:
+        """Raise `InputError` if snapshots do not cover the time from `start` to `end`.
+
+        Parameters
+        ----------
+        start, end : float
+        """
+        if self._snapshots is not None:
+            self._snapshots.check_times(start, end, self._name)
+
+    def on(self, grid: Grid) -> Formula:
+        """The source as a formula on a grid.
+
+        Parameters
+        ----------
+        grid : Grid
+
+        Returns
+        -------
+        Formula
+
+        Raises
+        ------
+        InputError
+            Arrays or a formula that do not fit the grid.
+        """
+        if self._snapshots is not None:
+            self._snapshots.check_cover(grid, self._name)
+            return SnapshotFormula(self._snapshots, 0, f"{self._name}_snapshots")
+        if self._text is not None:
+            expression = parse(self._text, self._name, self._parameters)
+            beyond = expression.variables() & {*COORDINATES} - {*COORDINATES[: grid.dim], "t"}
+            if beyond:
+                raise InputError(
+                    f"{self._name}: {sorted(beyond)} occur, but the grid has {grid.dim} directions"
+                )
+            return Formula(expression, grid.dim, parameters=self._parameters)
+        if not callable(self._value) and np.ndim(self._value):
+            return spline(self._value, grid, self._name)
+        return self._formula(grid.bounds)
+
+    def _formula(self, box: Box) -> Formula:
+        return Formula.of(timed(self._value), box, self._name, time=self._time, sparse=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        def trace() -> dict[tuple[str, ...], Any]:
+            found = {}
+            for dim in (1, 2, 3):
+                try:
+                    formula = self._formula([(0.0, 1.0)] * dim)
+                except InputError:  # it has another number of coordinates
+                    continue
+                if formula.exact:
+                    names = (*COORDINATES[:dim], *(("t",) if self._time else ()))
+                    found[names] = [formula.expression]
+            return found
+
+        return {**self.__dict__, "_value": portable(self._value, self._name, trace)}
+
+
+def _takes_time(function: Any) -> bool:
+    """Whether a callable has an argument for the time."""
+    if not callable(function):
+        return False
+    if clock_of(function) is not None:
+        return True
+    try:
+        return bool({"t", "time"} & set(inspect.signature(function).parameters))
+    except (TypeError, ValueError):  # one of C without a signature
+        return False
