@@ -139,7 +139,9 @@ class Reaction:
         return found
 
     def _check_finite(self, found: Any) -> None:
-        if not np.isfinite(float(found.sum())):
+        with np.errstate(all="ignore"):
+            total = float(found.sum())
+        if not np.isfinite(total):
             raise InputError(
                 "source: it, or a derivative that the profile needs, is NaN or infinite at a node"
             )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -240,6 +241,11 @@ class Source:
 
     def _formula(self, box: Box) -> Formula:
         return Formula.of(timed(self._value), box, self._name, time=self._time, sparse=False)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Source:
+        new = object.__new__(type(self))
+        new.__dict__.update({name: deepcopy(value, memo) for name, value in self.__dict__.items()})
+        return new
 
     def __getstate__(self) -> dict[str, Any]:
         def trace() -> dict[tuple[str, ...], Any]:

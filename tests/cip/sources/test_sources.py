@@ -1,0 +1,228 @@
+"""Sources and decay: closed forms, order in time, balance of mass, walls, and bad input."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+from cip import Grid, InputError, NotSupported, Solver, Source, Velocity
+
+PERIODIC = Grid((0, 1), 48, periodic=True)
+SCHEMES = ["linear", "piecewise_linear", "cubic", "quintic", "csl2", "csl4"]
+SPEED = 0.5
+# u = 1 + cos(2 pi x) sin t solves u_t + c u_x = s - k u with
+RATE = "0.6 + 0.3*sin(2*pi*x1 + t)"
+SOURCE = f"cos(2*pi*x1)*cos(t) - 0.5*2*pi*sin(2*pi*x1)*sin(t) + ({RATE})*(1 + cos(2*pi*x1)*sin(t))"
+
+
+def exact(x, t):
+    return 1 + np.cos(2 * np.pi * x) * np.sin(t)
+
+
+def form_of(profile):
+    return "advection" if profile.startswith("csl") else "transport"
+
+
+def slope(sizes, errors):
+    return np.polyfit(np.log(sizes), np.log(errors), 1)[0]
+
+
+@pytest.mark.parametrize("profile", SCHEMES)
+def test_the_order_in_time_is_two(profile):
+    """Feet lie on nodes, where the transport of a constant speed is exact."""
+    solver = Solver(PERIODIC, SPEED, form_of(profile), profile, source=SOURCE, decay=RATE)
+    (x,), sizes, errors = PERIODIC.coordinates, [1 / 6, 1 / 12, 1 / 24], []
+    for dt in sizes:
+        end = solver.run(solver.state(1.0), 1.0, dt=dt).final
+        errors.append(np.abs(end["u"] - exact(x, 1.0)).max())
+    assert 1.9 < slope(sizes, errors) < 2.1
+    assert errors[-1] < 2e-3
+
+
+@pytest.mark.parametrize("profile", ["cubic", "quintic", "csl4"])
+def test_derivatives_and_means_follow(profile):
+    """All moments of the closed form, to the error of the splitting."""
+    solver = Solver(PERIODIC, SPEED, form_of(profile), profile, source=SOURCE, decay=RATE)
+    end = solver.run(solver.state(1.0), 1.0, dt=1 / 96).final
+    expected = solver.state(lambda x: exact(x, 1.0))
+    for found, one in zip(end.data, expected.data, strict=True):
+        np.testing.assert_allclose(found, one, rtol=0, atol=2e-4 * np.abs(one).max())
+
+
+@pytest.mark.parametrize("profile", SCHEMES)
+def test_the_same_rate_everywhere_multiplies_every_moment(profile):
+    form = form_of(profile)
+    start = Solver(PERIODIC, SPEED, form, profile).state(lambda x: np.exp(np.sin(2 * np.pi * x)))
+    plain = Solver(PERIODIC, SPEED, form, profile).run(start, 0.3, dt=0.043).final
+    for rate in (0.8, lambda x: 0.8 + 0 * x):
+        end = Solver(PERIODIC, SPEED, form, profile, decay=rate).run(start, 0.3, dt=0.043).final
+        np.testing.assert_allclose(end.data, np.exp(-0.24) * plain.data, rtol=1e-12, atol=1e-10)
+
+
+@pytest.mark.parametrize(("profile", "dim"), [("csl2", 1), ("csl4", 1), ("csl2", 2), ("csl2", 3)])
+def test_the_mass_changes_by_sources_less_decay(profile, dim):
+    grid = Grid([(0, 1)] * dim, (12,) * dim, periodic=True)
+    flow = Velocity.from_expression(*["0.4 + 0.2*sin(2*pi*x1)", "0.3*cos(2*pi*x1)", "0.2"][:dim])
+    split = "strang" if dim > 1 else None
+    source = "(1 + t + t**3)*(2 + sin(2*pi*x1))"  # its integral from 0 to t: 2 t + t^2 + t^4 / 2
+
+    def run(**more):
+        solver = Solver(grid, flow, "advection", profile, splitting=split, **more)
+        return solver.run(solver.state(lambda *x: 1 + 0.5 * np.cos(2 * np.pi * x[0])), 0.6, dt=0.1)
+
+    found = run(source=source).diagnostics.mass
+    assert found[-1] - found[0] == pytest.approx(1.2 + 0.36 + 0.0648, abs=1e-13)
+    found = run(decay=0.9).diagnostics.mass
+    assert found[-1] / found[0] == pytest.approx(np.exp(-0.54), abs=1e-13)
+    # M' = 2 - k M
+    both = [run(source="2 + sin(2*pi*x1)", decay=0.9).diagnostics.mass[-1]]
+    assert both[0] == pytest.approx(2 / 0.9 + (1 - 2 / 0.9) * np.exp(-0.54), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("profile", "dim"),
+    [("adini", 2), ("bicubic", 2), ("cubic", 2), ("csl2", 2), ("csl4", 2), ("quintic", 3)],
+)
+def test_planes_and_space(profile, dim):
+    """u = e^{-k t} (f(x - c t) + t s(x - c t)): source and decay move with the flow."""
+    grid = Grid([(0, 1)] * dim, (24, 20, 8)[:dim], periodic=True)
+    c = (0.5, -0.3, 0.4)[:dim]
+    split = None if profile in ("adini", "bicubic") else "strang"
+    moving = "sin(2*pi*(x1 - 0.5*t)) * cos(2*pi*(x2 + 0.3*t)) * exp(-0.7*t)"
+    form = form_of(profile)
+    solver = Solver(grid, c, form, profile, splitting=split, source=moving, decay=0.7)
+    end = solver.run(solver.state(2.0), 0.5, dt=0.05).final
+    expected = solver.state(
+        lambda *x: (
+            np.exp(-0.35)
+            * (2 + 0.5 * np.sin(2 * np.pi * (x[0] - 0.25)) * np.cos(2 * np.pi * (x[1] + 0.15)))
+        )
+    )
+    for found, one in zip(end.data, expected.data, strict=True):
+        np.testing.assert_allclose(found, one, rtol=0, atol=6e-3 * np.abs(one).max())
+
+
+@pytest.mark.parametrize(
+    ("profile", "dim"), [("bicubic", 2), ("csl2", 2), ("csl4", 1), ("csl2", 3)]
+)
+def test_a_rate_that_varies_acts_on_every_moment(profile, dim):
+    """At rest, u = u0 exp(-K): means and mixed derivatives against those of the closed form."""
+    errors = []
+    for n in (8, 16):
+        grid = Grid([(0, 1)] * dim, (n,) * dim)
+        split = "strang" if dim > 1 and profile != "bicubic" else None
+        rate = "1 + 0.5*x1*x2 + x1**2" if dim > 1 else "1 + x1**2"
+        solver = Solver(grid, (0.0,) * dim, form_of(profile), profile, splitting=split, decay=rate)
+        end = solver.run(solver.state("1 + sin(x1)"), 0.4, dt=0.2).final
+        last = "x1*x2" if dim > 1 else "0"
+        expected = solver.state(f"(1 + sin(x1))*exp(-0.4*(1 + 0.5*{last} + x1**2))")
+        errors.append(np.abs(end.data - expected.data).max())
+    if profile == "bicubic":
+        assert errors[1] < 1e-13
+    else:  # the rule for means is of order 4, with slopes 6
+        assert errors[1] < 2e-6
+        assert np.log2(errors[0] / errors[1]) > (5.5 if profile == "csl4" else 3.7)
+
+
+@pytest.mark.parametrize("profile", ["cubic", "quintic", "csl2", "csl4"])
+def test_what_enters_through_a_wall(profile):
+    """Second order up to the wall: u = g(t - x) e^{-k x} + s (1 - e^{-k x}) / k for c = 1."""
+    grid = Grid((0, 1), 200)
+
+    def truth(x, t):
+        return np.cos(3 * (t - x)) * np.exp(-0.8 * x) + 2 * (1 - np.exp(-0.8 * x)) / 0.8
+
+    solver = Solver(
+        grid, 1.0, form_of(profile), profile, boundary={"x-": "cos(3*t)"}, source=2.0, decay=0.8
+    )
+    sizes, errors = [0.1, 0.05, 0.025], []
+    for dt in sizes:
+        end = solver.run(solver.state(lambda x: truth(x, 0.0)), 0.5, dt=dt).final
+        errors.append(np.abs(end["u"] - truth(grid.coordinates[0], 0.5)).max())
+    assert 1.8 < slope(sizes, errors) < 2.3
+    if profile == "csl2":
+        mass = solver.state(lambda x: truth(x, 0.5)).mass
+        assert end.mass == pytest.approx(mass, abs=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["text", "callable", "timeless", "array", "snapshots", "opaque"])
+def test_the_forms_of_a_source(kind):
+    (x,) = PERIODIC.coordinates
+    times = np.linspace(0, 1, 6)
+    source = {
+        "text": "sin(2*pi*x)*(1 + t)",
+        "callable": lambda x, t: np.sin(2 * np.pi * x) * (1 + t),
+        "timeless": lambda x: 1.5 * np.sin(2 * np.pi * x),
+        "array": 1.5 * np.sin(2 * np.pi * x),
+        "snapshots": Source.from_snapshots(
+            times, np.sin(2 * np.pi * x) * (1 + times[:, None]), PERIODIC
+        ),
+        "opaque": lambda x, t=0.0: np.where(x > 9, x, np.sin(2 * np.pi * x)) * (1 + t),
+    }[kind]
+    solver = Solver(PERIODIC, 0.0, source=source)
+    end = solver.run(solver.state(0.0), 1.0, dt=0.25).final
+    expected = solver.state("1.5*sin(2*pi*x1)")
+    for found, one, scale in zip(end.data, expected.data, (1, 10), strict=True):
+        np.testing.assert_allclose(found, one, rtol=0, atol=1e-7 * scale)
+    other = pickle.loads(pickle.dumps(solver)) if kind != "opaque" else copy.deepcopy(solver)
+    again = other.run(other.state(0.0), 1.0, dt=0.25).final
+    np.testing.assert_allclose(again.data, end.data, rtol=0, atol=1e-14)
+
+
+def test_runs_report_what_happened(tmp_path):
+    solver = Solver(PERIODIC, SPEED, source=Source.from_expression("q", {"q": 2.0}), decay=0.5)
+    run = solver.run(solver.state(0.0), 0.5, dt=0.05, snapshots=2)
+    assert run.solver.source.parameters == {"q": 2.0}
+    expected = 2 * (1 - np.exp(-0.5 * run.times)) / 0.5
+    np.testing.assert_allclose(run.diagnostics.mass, expected, rtol=0, atol=2e-4)
+    assert run.save(tmp_path / "run.pvd")[0].exists()
+
+
+NAN = np.full(48, 1.0)
+NAN[7] = np.nan
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"source": np.nan}, "source: expected a finite number"),
+        ({"source": NAN}, r"source: NaN or infinity at node \(7,\)"),
+        ({"source": np.ones(47)}, r"source: expected real values at the nodes, shape \(48,\)"),
+        ({"source": "q*x1"}, "source: 'q' in 'q\\*x1' is none of"),
+        ({"source": "x1*x2"}, r"source: \['x2'\] occur, but the grid has 1"),
+        ({"source": "log(x1)"}, "source: it, or a derivative that the profile needs, is NaN"),
+        ({"source": [1j]}, "source: expected real values"),
+        ({"source": {}}, "source: expected a number, a text"),
+        ({"decay": -0.1}, "decay: expected a rate >= 0, got -0.1"),
+        ({"decay": np.inf}, "decay: expected a finite number"),
+        ({"decay": "sin(2*pi*x1)"}, "decay: expected a rate >= 0, got -.* at node "),
+        ({"decay": "1 - 2*t"}, "decay: expected a rate >= 0, got -"),
+        ({"decay": np.ones(3)}, "decay: expected real values at the nodes"),
+    ],
+)
+def test_bad_input(options, message):
+    with pytest.raises(InputError, match=message):  # noqa: PT012
+        solver = Solver(PERIODIC, SPEED, **options)
+        solver.run(solver.state(0.0), 1.0, dt=0.1)
+
+
+def test_bad_sources():
+    with pytest.raises(InputError, match="parameters: no formula holds 'q'"):
+        Source.from_expression("x1", {"q": 1.0})
+    with pytest.raises(InputError, match="r: no parameter of this source; known: q"):
+        Source.from_expression("q", {"q": 1.0}).with_parameters(r=1.0)
+    with pytest.raises(InputError, match=r"arrays: expected shape \(2, 1, 48\)"):
+        Source.from_snapshots([0, 1], np.ones((2, 47)), PERIODIC)
+    early = Source.from_snapshots([0, 1], np.ones((2, 48)), PERIODIC)
+    solver = Solver(PERIODIC, SPEED, source=early)
+    with pytest.raises(InputError, match="t: the snapshots of the source cover 0 to 1"):
+        solver.run(solver.state(0.0), 1.5, dt=0.1)
+    plane = Grid([(0, 1), (0, 1)], (8, 8))
+    with pytest.raises(InputError, match="source: snapshots in 1 directions on a grid of 2"):
+        Solver(plane, (0.0, 0.0), source=early)
+    with pytest.raises(NotSupported, match="decay: its parameters have no derivatives"):
+        Solver(PERIODIC, SPEED, decay=Source.from_expression("k", {"k": 1.0}))
+    more = {"profile": "cubic", "splitting": "strang", "boundary": 1.0}
+    with pytest.raises(NotSupported, match="decay: with splitting the data of the wall x- must"):
+        Solver(plane, (1.0, 0.0), decay=1.0, **more)
