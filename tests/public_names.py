@@ -54,6 +54,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "contact.LayeredBlock": ("fix", "load", "body_force"),
     "contact.LoadHistory": (),
     "cip.Grid": (),
+    "cip.Source": ("from_expression", "from_snapshots", "with_parameters"),
     "cip.Velocity": ("from_expression", "from_snapshots", "with_parameters"),
     "cip.State": (),
     "cip.Solver": ("tangent", "adjoint"),
@@ -74,7 +75,8 @@ _REASONS = {
         contact.Status
         contact.Uniqueness cip.Diagnostics cip.Sensors
         cip.Placement
-        cip.Grid cip.Identifiability cip.IdentifiedVelocity cip.State cip.Trajectory cip.Velocity
+        cip.Grid cip.Identifiability cip.IdentifiedVelocity cip.Source cip.State cip.Trajectory
+        cip.Velocity
         gpu.KKT gpu.LQRResult gpu.QPFactor
         gpu.QPResult gpu.Status gpu.Step""",
     "geometry of school": """

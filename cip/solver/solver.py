@@ -33,8 +33,7 @@ from cip.stages.walls import portable_boundary
 class Solver:
     r"""Multi-moment semi-Lagrangian scheme for u_t + c . grad u = 0 or p_t + div(c p) = 0.
 
-    On the right may stand s - k u, a source and decay.
-
+    A source and decay, s - k u, may stand on the right.
     A step follows the characteristics of all nodes backward, with a tolerance far below the error
     of the profiles, and evaluates the field at their feet by its profile; derivatives of the field
     follow by the chain rule with the derivatives of the foot (King 2012, chapters 2 and 3; Yabe and
@@ -363,11 +362,9 @@ class Solver:
 
     def _check_times(self, start: float, end: float) -> None:
         """Raise `InputError` if velocity or source are not known from `start` to `end`."""
-        field = snapshots_of(self._formulas)
-        if field is not None:
-            field.check_times(start, end)
-        if self._reaction is not None:
-            self._reaction.check_times(start, end)
+        for known in (snapshots_of(self._formulas), self._reaction):
+            if known is not None:
+                known.check_times(start, end)
 
     def _advance(self, state: State, dt: float) -> State:
         if self._reaction is None:

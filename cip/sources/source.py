@@ -181,6 +181,12 @@ class Source:
         ------
         InputError
             A name that is none of the parameters, or a value that is not a finite number.
+
+        Examples
+        --------
+        >>> from cip import Source
+        >>> Source.from_expression("q + t", {"q": 1.0}).with_parameters(q=2.0).parameters
+        {'q': 2.0}
         """
         unknown = sorted(set(values) - set(self._parameters))
         if unknown:
