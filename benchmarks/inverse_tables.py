@@ -32,6 +32,8 @@ def adjoint(record: Record) -> str:
         ),
     )
     note = f"Median of {record['repeats']} interleaved repeats."
+    if "note" in record:
+        note += f" {record['note']}"
     ends = [source("adjoint", record)]
     if "cuda" in record:
         device = record["cuda"]["device"]["name"]

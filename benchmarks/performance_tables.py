@@ -291,7 +291,7 @@ TABLES: dict[str, Callable[[Record], str]] = {
         *(body_tables.contact_pair, body_tables.distributed, body_tables.rough_layers),
         body_tables.rough_peers,
         *(kernel_tables.cip, kernel_tables.cip_device),
-        *(inverse_tables.assimilation, inverse_tables.calibration),
+        *(inverse_tables.adjoint, inverse_tables.assimilation, inverse_tables.calibration),
         *(kernel_tables.qp, kernel_tables.qp_peers, kernel_tables.qp_device_peers),
         *(kernel_tables.maros_meszaros, validation_table.validation),
         *(kernel_tables.eigs, kernel_tables.eigs_products),

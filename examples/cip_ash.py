@@ -112,12 +112,18 @@ def draw(path: Path, places: np.ndarray, times: np.ndarray, strength: np.ndarray
     """Draw the estimated source in space and in time."""
     import matplotlib.pyplot as plt
 
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
-    image = left.scatter(*places.T, c=PUFF * strength.sum(axis=0), s=500, marker="s", vmin=0)
-    left.plot(*PLACE, "r*", markersize=14, label="true place")
-    left.set(title="emitted at each place", xlabel="x", ylabel="y", aspect="equal")
-    left.legend(loc="lower center", bbox_to_anchor=(0.5, -0.45))
+    figure, (left, right) = plt.subplots(
+        1, 2, figsize=(9, 3.6), layout="constrained", width_ratios=(1, 2)
+    )
+    lines = [np.unique(line) for line in places.T]
+    emitted = PUFF * strength.sum(axis=0).reshape([line.size for line in lines])
+    image = left.pcolormesh(*lines, emitted.T, shading="nearest", vmin=0, cmap="cividis")
+    left.plot(*places.T, ".", color="0.6", markersize=4, label="places of the model")
+    left.plot(*PLACE, "r*", markersize=13, markeredgecolor="w", label="true place")
+    left.set(title="emitted near each place", xlabel="x", ylabel="y", aspect="equal")
+    left.legend(loc="lower center", fontsize="x-small", framealpha=0.9)
     figure.colorbar(image, ax=left)
+    right.axhline(0, color="0.8", lw=1)
     right.step(times, strength.sum(axis=1), where="pre", label="estimated, all places")
     right.plot(times, emission(times), "r", label="true")
     right.set(title="strength", xlabel="t")
