@@ -28,7 +28,7 @@ class DeviceWindow(Window):
         import cupy
 
         super().__init__(*arguments)
-        if any(m.stage.conservative or (m.stage.axis or 0) > 0 for m in self._moves):
+        if any(m.stage.conservative or _is_sweep(m.stage) for m in self._moves):
             raise NotSupported(
                 "backend: on a device derivatives are for 'cubic' and 'quintic' on lines, 'adini' "
                 "and 'bicubic' in planes; take backend='cpu'"
@@ -117,3 +117,7 @@ class DeviceWindow(Window):
 
 def _part_on_host(stage: Stage, feet: StageFeet) -> ParameterPart:
     return ParameterPart.of(stage, replace(feet, data=feet.data.get()))
+
+
+def _is_sweep(stage: Stage) -> bool:
+    return stage.axis is not None and stage.grid.dim > 1
