@@ -17,7 +17,18 @@ GRIDS = {
 }
 TEXTS = ("a + b*sin(2*pi*x1)", "a*sin(5*(x1 - 0.53)) + b*cos(3*t)")
 every_profile = pytest.mark.parametrize("profile", ["csl2", "csl4"])
-every_grid = pytest.mark.parametrize("grid", GRIDS)
+FAST = (("csl2", "uneven"), ("csl4", "walls"))
+every_scheme = pytest.mark.parametrize(
+    ("profile", "grid"),
+    [
+        pytest.param(
+            profile, grid,
+            marks=[pytest.mark.slow] * ((profile, grid) not in FAST),
+        )
+        for profile in ("csl2", "csl4")
+        for grid in GRIDS
+    ],
+)  # fmt: skip
 
 
 def solved(grid, text, profile, dt, a=0.9, b=0.3, start=None):
@@ -35,8 +46,7 @@ def scales(run):
     return np.broadcast_to(np.abs(data).max(axis=1, keepdims=True), data.shape).ravel()
 
 
-@every_profile
-@every_grid
+@every_scheme
 @settings(max_examples=8)
 @given(
     text=st.sampled_from(TEXTS), a=st.floats(0.5, 1.5), b=st.floats(-0.4, 0.4),
@@ -55,8 +65,7 @@ def test_the_adjoint_is_the_transpose(grid, profile, text, a, b, dt, seed):
         assert abs(y @ forward - x @ backward) <= 1e-13 * bound
 
 
-@every_profile
-@every_grid
+@every_scheme
 def test_the_parameters_part_against_differences(grid, profile, monkeypatch):
     def integrate(*arguments):  # as many sub-steps in every run
         return characteristics.integrate(*arguments[:6], substeps=16)
