@@ -55,7 +55,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "contact.LoadHistory": (),
     "cip.Grid": (),
     "cip.Source": ("from_expression", "from_snapshots", "with_parameters"),
-    "cip.Velocity": ("from_expression", "from_snapshots", "with_parameters"),
+    "cip.Velocity": ("from_expression", "from_snapshots", "from_xarray", "with_parameters"),
     "cip.State": (),
     "cip.Solver": ("tangent", "adjoint"),
     "cip.Trajectory": (),

@@ -10,8 +10,10 @@ import numpy as np
 
 from cip.errors import InputError
 from cip.formulas.clock import clock_of, timed, with_time
-from cip.formulas.expression import COORDINATES, ordered, raised
-from cip.formulas.formula import Formula, Orders, spline
+from cip.formulas.expression import COORDINATES, ordered
+from cip.formulas.formula import Formula, spline
+from cip.formulas.given_components import formulas_by_values, given_components
+from cip.formulas.gridded_arrays import gridded_arrays
 from cip.formulas.parameters import checked, parameter
 from cip.formulas.parsing import parse
 from cip.formulas.pointwise_check import Box
@@ -19,9 +21,6 @@ from cip.formulas.snapshots import Snapshots
 from cip.formulas.traced_function import portable
 from cip.formulas.traced_velocity import traced_velocity
 from cip.grid import Grid
-from cip.reals import real_number
-
-_ORDERS: tuple[Orders, ...] = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0))
 
 
 class Velocity:
@@ -92,7 +91,7 @@ class Velocity:
         elif isinstance(c, str):
             raise InputError("c: for a text use Velocity.from_expression")
         else:
-            parts = _components(c)
+            parts = given_components(c)
             self.dim = len(parts)
             if not steady and any(np.ndim(part) > 0 for part in parts):
                 raise InputError("steady: velocities given by arrays are steady")
@@ -205,6 +204,55 @@ class Velocity:
         self._snapshots, self.steady = field, False
         return self
 
+    @classmethod
+    def from_xarray(
+        cls,
+        winds: Any,
+        components: Sequence[str],
+        axes: Sequence[str],
+        time: str = "time",
+        periodic: Any = False,
+        degree: int = 5,
+    ) -> Velocity:
+        """The velocity in variables of an xarray.Dataset, by `from_snapshots`.
+
+        Parameters
+        ----------
+        winds : xarray.Dataset
+        components : sequence of str
+            Names of the variables in the directions of `axes`, for instance ``("u10", "v10")``.
+        axes : sequence of str
+            Names of the coordinates that are x1, x2, x3, as ``("lon", "lat")``. Components must be
+            in their unit over that of time: convert degrees and m/s before.
+        time : str
+            Name of the coordinate of time; dates become seconds since the first.
+        periodic : bool or sequence of bool
+            Directions whose last value is followed by the first.
+        degree : {5, 3}
+
+        Returns
+        -------
+        Velocity
+
+        Raises
+        ------
+        InputError
+            A name that the dataset does not have, other dimensions, or as for `from_snapshots`.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import xarray
+        >>> from cip import Velocity
+        >>> axes = {"time": np.arange(4.0), "lat": np.linspace(3, 0, 9), "lon": np.arange(8.0)}
+        >>> one = (("time", "lat", "lon"), np.ones((4, 9, 8)))
+        >>> winds = xarray.Dataset({"u10": one, "v10": one}, axes)
+        >>> Velocity.from_xarray(winds, ("u10", "v10"), ("lon", "lat")).dim
+        2
+        """
+        times, arrays, grid = gridded_arrays(winds, components, axes, time, periodic)
+        return cls.from_snapshots(times, arrays, grid, degree)
+
     @property
     def parameters(self) -> dict[str, float]:
         """Values of the named parameters of the formulas, those of `from_expression`; a copy."""
@@ -310,8 +358,12 @@ class Velocity:
             return self._check(self._formulas, grid)
         if callable(self._c):
             formulas = traced_velocity(self._c, grid.bounds, not self.steady)
-            return self._check(formulas or self._by_values(grid), grid)
-        parts = _components(self._c)
+            return self._check(
+                formulas
+                or formulas_by_values(self._c, self._jacobian, self._hessian, self.steady, grid),
+                grid,
+            )
+        parts = given_components(self._c)
         if len(parts) != grid.dim:
             raise InputError(
                 f"velocity: {len(parts)} components on a grid of {grid.dim} directions"
@@ -329,56 +381,3 @@ class Velocity:
                 f"velocity: {len(formulas)} components on a grid of {grid.dim} directions"
             )
         return formulas
-
-    def _by_values(self, grid: Grid) -> tuple[Formula, ...]:
-        dim = grid.dim
-
-        def part(q: int) -> Callable[..., Any]:
-            def values(*point: Any) -> Any:
-                result = self._c(*point)
-                parts = (result,) if dim == 1 and np.ndim(result) <= np.ndim(point[0]) else result
-                if len(parts) != dim:
-                    raise InputError(f"c: returned {len(parts)} components, expected {dim}")
-                return parts[q]
-
-            return values
-
-        def entry(function: Callable[..., Any], *place: int) -> Callable[..., Any]:
-            def values(*point: Any) -> Any:
-                result = function(*point)
-                if dim == 1 and np.ndim(result) <= np.ndim(point[0]):
-                    return result
-                for q in place:
-                    result = result[q]
-                return result
-
-            return values
-
-        hint = "; a velocity that depends on t is Velocity(c, steady=False)" if self.steady else ""
-        formulas = []
-        for q in range(dim):
-            known: dict[Orders, Callable[..., Any]] = {}
-            for k in range(dim):
-                if self._jacobian is not None:
-                    known[_ORDERS[k]] = entry(self._jacobian, q, k)
-                for l in range(k, dim):
-                    if self._hessian is not None:
-                        known[raised(_ORDERS[k], l)] = entry(self._hessian, q, k, l)
-            name, time = f"c{q + 1}", not self.steady
-            formulas.append(Formula.by_values(part(q), dim, name, time, known, hint))
-            formulas[-1].check_pointwise(grid.bounds, name, time)
-        return tuple(formulas)
-
-
-def _components(c: Any) -> list[Any]:
-    if isinstance(c, bool | int | float | np.number) or (isinstance(c, np.ndarray) and not c.ndim):
-        return [real_number(c, "c")]
-    if isinstance(c, np.ndarray):
-        return [c] if c.ndim == 1 or c.ndim != len(c) + 1 else list(c)
-    if isinstance(c, Sequence):
-        if len(c) > 3 and all(np.ndim(part) == 0 and not callable(part) for part in c):
-            return [np.asarray(c)]
-        if not 1 <= len(c) <= 3:
-            raise InputError(f"c: expected 1 to 3 components, got {len(c)}")
-        return list(c)
-    raise InputError(f"c: expected a callable or arrays, got {type(c).__name__}")
