@@ -85,7 +85,8 @@ class HostArrays:
         added : ndarray, shape (n,)
         border : ndarray, shape (n, k)
         """
-        xp, n, k = self.xp, *border.shape
+        xp: Any = self.xp
+        n, k = border.shape
         A = xp.zeros((n + k, n + k), order="F")  # as LAPACK takes it
         at, i = xp.asarray(rows), xp.arange(n)
         A[:n, :n] = self.values(W).take(at, axis=0).take(at, axis=1)
@@ -206,7 +207,8 @@ class DeviceArrays(HostArrays):
 
     def bordered(self, W: Any, rows: Any, added: Any, border: Any) -> Any:
         """``[[W[rows, rows] + diag(added), border], [0, 0]]``, a new square matrix."""
-        xp, n, k = self.xp, *border.shape
+        xp: Any = self.xp
+        n, k = border.shape
         A = xp.zeros((n + k, n + k))
         at, i = xp.asarray(rows), xp.arange(n)
         A[:n, :n] = self.values(W)[at[:, None], at]

@@ -11,11 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
-from skfem import (
-    Basis,
-    ElementVector,
-    Mesh,
-)
+from skfem import Basis, ElementVector, Mesh
 
 from contact.body.anisotropic import Anisotropic
 from contact.body.axisymmetry import AXISYMMETRIC, axis_facets, refuse_axis
