@@ -21,6 +21,10 @@ class HostArrays:
 
     xp: Any = np
 
+    def room(self) -> int | None:
+        """Free memory of the device in bytes; None where there is no bound of its own."""
+        return None
+
     def put(self, x: Any) -> Any:
         """A column-major copy on the device; x lives on the host or the device."""
         return np.array(x, dtype=np.float64, order="F")
@@ -149,6 +153,11 @@ class DeviceArrays(HostArrays):
         except cupy.cuda.runtime.CUDARuntimeError as error:
             raise InputError(f"device='cuda': no CUDA device answers ({error})") from error
         self.xp, self._solve = cupy, solve_triangular
+
+    def room(self) -> int | None:
+        """Free memory of the device in bytes, with what CuPy keeps for its next arrays."""
+        free = self.xp.cuda.runtime.memGetInfo()[0]
+        return int(free + self.xp.get_default_memory_pool().free_bytes())
 
     def put(self, x: Any) -> Any:
         """A copy on the device; x lives on the host or the device."""

@@ -17,7 +17,7 @@ from contact.condensation.condense import condense
 from contact.condensation.condensed_bodies import CondensedBodies
 from contact.condensation.condensed_body import BodyRows
 from contact.condensation.point_rows import PointRows
-from contact.errors import Infeasible, InputError
+from contact.errors import ContactError, Infeasible, InputError
 from contact.obstacles.rigid import ObstacleMotion
 from contact.rows.contact_rows import ContactRows
 
@@ -65,6 +65,8 @@ class CondensedContact(CondensedBodies):
         The contact boundary is fixed entirely.
     Unbounded
         A piece of the body is neither fixed nor connected to the contact boundary.
+    ContactError
+        The dense compliance does not fit into the memory of the device.
 
     Notes
     -----
@@ -184,6 +186,7 @@ class CondensedContact(CondensedBodies):
     def _condense(self) -> None:
         """Compute the compliance of the rows, the sum of those of the bodies."""
         arrays = self._arrays = self.parts[0].arrays
+        self._refuse_large(arrays.room())
         W = self.parts[0].compliance()
         for part in self.parts[1:]:
             W += arrays.put(part.arrays.get(part.compliance()))
@@ -199,6 +202,19 @@ class CondensedContact(CondensedBodies):
         self._unit = float(np.mean(scale))
         self.N = block_diag(*[part.N for part in self.parts]) * self._unit
         self._C = (self.B @ self.N) / scale[:, None]
+
+    def _refuse_large(self, room: int | None) -> None:
+        """Raise a `ContactError` where the compliance and what it is made of exceed the room."""
+        n, unknowns = self.B.shape[0], max(part.B.shape[1] for part in self.parts)
+        needed = 8 * n * (n + unknowns)
+        if room is not None and needed > room:
+            fits = int(n * np.sqrt(room / needed))
+            raise ContactError(
+                f"device='cuda': the dense compliance of {n:,} contact rows needs "
+                f"{needed / 1e9:.3g} GB, and {room / 1e9:.3g} GB of the device's memory are free; "
+                f"about {fits:,} rows would fit: coarsen the contact boundary, or leave out "
+                "device='cuda'"
+            )
 
     @property
     def size(self) -> int:

@@ -1,6 +1,7 @@
 """What the host condenses, a device condenses too; on a device or a library that imitates cuDSS."""
 
 import copy
+import re
 
 import numpy as np
 import pytest
@@ -216,6 +217,26 @@ def test_factors_that_do_not_fit_lie_on_the_host(engine, make, monkeypatch, capl
     free[0] = 2**19
     with pytest.raises(ContactError, match=r"fewer kept unknowns, .* or solver='pardiso'"):
         held(make, ElementQuad1).condense("cuda")
+
+
+def test_a_compliance_that_does_not_fit_is_refused_with_what_would(engine, make, monkeypatch):
+    class Small(Elsewhere):
+        def room(self):
+            return 10_000
+
+    if engine is None:
+        pytest.skip("the memory of a device is imitated")
+    monkeypatch.setattr(condense_module, "arrays_on", lambda device: Small())
+    problem = held(make, ElementHexAdini)
+    with pytest.raises(ContactError, match=r"1e-05 GB of the device's memory") as error:
+        problem.condense("cuda")
+    asked, fits = (int(x) for x in re.findall(r"(\d+) (?:contact )?rows", str(error.value)))
+    condensed = problem.condense("cpu")
+    rows, unknowns = condensed.B.shape
+    assert asked == rows > fits > 0
+    assert (
+        8 * fits**2 * (1 + unknowns / rows) <= 10_000 < 8 * (fits + 1) ** 2 * (1 + unknowns / rows)
+    )
 
 
 def test_a_sparse_solver_of_the_host_is_refused(make):
