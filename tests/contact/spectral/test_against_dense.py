@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from dense_laws import forces_of
 
-from contact import GridContact, HalfSpace, Rigid, Status
+from contact import GridContact, HalfSpace, PeriodicLayers, Rigid, Status
 from contact.spectral.grid_problem import GridProblem
 
 CASES = [
@@ -50,30 +50,53 @@ def test_forces_are_those_of_the_dense_solver(shape, nu, friction, law, sign, by
         assert result.motion == pytest.approx(ground.components(dim)[0][:dim])
 
 
-@pytest.mark.parametrize("shape", [(24,), (8, 8)])
-def test_history_equals_dense_steps(shape):
+@pytest.mark.parametrize("law", ["coulomb", "tresca"])
+@pytest.mark.parametrize("shape", [(24,), (6, 7)])
+def test_history_equals_dense_steps(shape, law):
     """Pressed, dragged, dragged back: friction acts on the increments."""
     rng = np.random.default_rng(3)
-    dim, F = len(shape) + 1, 0.5
+    dim = len(shape) + 1
     space = HalfSpace((1.0,) * len(shape), shape, 1.0, 0.3)
+    F = 0.5 if law == "coulomb" else 0.01 * rng.uniform(0.5, 1.0, shape)
+    bound = F if law == "coulomb" else F * np.prod(space.spacing)
     heights = 0.02 * rng.uniform(0, 1, shape)
     moves = [(0.0, 0.005), (0.003, 0.007), (0.001, 0.007), (0.0005, 0.006)]
     obstacles = [
         Rigid(heights, displacement=(x,) + (0.0,) * (dim - 2) + (press,)) for x, press in moves
     ]
-    results = GridContact(space, 0.0, F).history(obstacles)
+    results = GridContact(space, 0.0, F, law).history(obstacles)
     slip = np.zeros((dim - 1, *shape))
     for obstacle, result in zip(obstacles, results, strict=True):
-        alone = GridContact(space, obstacle, F)._problem(None)
+        alone = GridContact(space, obstacle, F, law)._problem(None)
         v0 = alone.v0.copy()
         v0[1:] -= slip
         step = GridProblem(space, v0, alone.gap, alone.force)
-        wanted = forces_of(step, F, "coulomb")
+        wanted = forces_of(step, bound, law)
         assert result.forces == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())
         slip = (alone.v0 - alone.W(wanted))[1:]
         assert result.slip == pytest.approx(slip, abs=1e-10)
-    one_go = GridContact(space, obstacles[-1], F).solve()
+    one_go = GridContact(space, obstacles[-1], F, law).solve()
     assert np.abs(one_go.shear - results[-1].shear).max() > 0.01 * np.abs(one_go.shear).max()
+
+
+@pytest.mark.parametrize("law", ["coulomb", "tresca"])
+@pytest.mark.parametrize("shape", [(16,), (6, 8)])
+def test_layers_on_a_half_space(shape, law):
+    """A coating in millimetres and megapascals, pressed and dragged by forces."""
+    rng, dim = np.random.default_rng(8), len(shape) + 1
+    sides = (3.0, 4.0)[: dim - 1]
+    block = PeriodicLayers(sides, [(0.2, 2, 4e5, 0.2)], shape, base=(2e5, 0.3))
+    load = 50.0 * np.prod(sides)
+    given = (0.3 if law == "coulomb" else 20.0) * rng.uniform(0.8, 1.0, shape)
+    drag = 0.1 * load * np.array([0.8, 0.6])[: dim - 1]
+    ground = Rigid(1e-3 * rng.uniform(0, 1, shape), force=(*drag, load))
+    contact = GridContact(block, ground, given, law)
+    result = contact.solve()
+    bound = given if law == "coulomb" else given * result.cell
+    wanted = forces_of(contact._problem(None), bound, law)
+    assert result.forces == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())
+    assert result.resultant == pytest.approx((*drag, load))
+    assert {Status.STICK, Status.SLIP} <= set(result.status.ravel())
 
 
 def test_what_sticks_keeps_its_place():
