@@ -11,6 +11,7 @@ between them, the transposed steps, and the derivatives of the feet. For each ca
 * the dot-test, relative to the sum of the magnitudes.
 
     python benchmarks/adjoint.py --json benchmarks/results/adjoint.json
+    python benchmarks/adjoint.py --device cuda --json benchmarks/results/adjoint_cuda.json
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import math
 import statistics
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -49,8 +51,24 @@ def velocity(dim: int, parameters: int, steady: bool) -> Velocity:
     return Velocity.from_expression(*(" + ".join(part) for part in parts), parameters=values)
 
 
+def memory(backend: str) -> tuple[Callable[[Any], Any], Callable[[], Any]]:
+    """What places a vector where a back end works, and what waits until that has finished."""
+    if backend == "cpu":
+        return np.asarray, lambda: None
+    import cupy
+
+    return cupy.asarray, cupy.cuda.Device().synchronize
+
+
 def measure(
-    dim: int, n: int, profile: str, parameters: int, steady: bool, steps: int, repeats: int
+    dim: int,
+    n: int,
+    profile: str,
+    parameters: int,
+    steady: bool,
+    steps: int,
+    repeats: int,
+    backend: str = "cpu",
 ) -> dict[str, Any]:
     """One row: seconds of a run and of a gradient, and the dot-test."""
     grid = Grid([(0, 1)] * dim, (n,) * dim, periodic=True)
@@ -58,32 +76,36 @@ def measure(
     field = "sin(2*pi*x1)" if dim == 1 else "sin(2*pi*x1)*cos(2*pi*x2)"
     dt = 1.5 / n
     rng = np.random.default_rng(1)
+    place, finish = memory(backend)
     forward, backward, recomputing, worst = [], [], [], 0.0
     for repeat in range(repeats + 1):
         values = {name: a * (1 + 1e-3 * repeat) for name, a in flow.parameters.items()}
-        solver = Solver(grid, flow.with_parameters(**values), profile=profile)
+        solver = Solver(grid, flow.with_parameters(**values), profile=profile, backend=backend)
         state = solver.state(field)
+        weight = place(rng.standard_normal(state.data.size))
         begin = time.perf_counter()
         run = solver.run(state, steps * dt, dt=dt)
         middle = time.perf_counter()
-        weight = rng.standard_normal(run.final.data.size)
         adjoint = solver.adjoint(run)
         gradient = adjoint @ weight
+        finish()
         end = time.perf_counter()
         solver.adjoint(run, checkpoints=math.isqrt(steps)) @ weight
+        finish()
         last = time.perf_counter()
         if repeat:  # the first compiles
             forward.append(middle - begin)
             backward.append(end - middle)
             recomputing.append(last - end)
         else:
-            change = rng.standard_normal(gradient.size)
+            change = place(rng.standard_normal(gradient.size))
             found = adjoint.T @ change
-            size = np.abs(weight) @ np.abs(found) + np.abs(change) @ np.abs(gradient)
-            worst = abs(weight @ found - change @ gradient) / size
+            size = float(abs(weight) @ abs(found) + abs(change) @ abs(gradient))
+            worst = abs(float(weight @ found - change @ gradient)) / size
     run_s, gradient_s = statistics.median(forward), statistics.median(backward)
     return {
-        "dim": dim, "nodes": grid.size, "profile": profile, "parameters": parameters,
+        "backend": backend, "dim": dim, "nodes": grid.size, "profile": profile,
+        "parameters": parameters,
         "steady": steady, "steps": steps, "run_s": run_s, "gradient_s": gradient_s,
         "ratio": gradient_s / run_s, "ratio_recomputed": statistics.median(recomputing) / run_s,
         "dot_test": worst,
@@ -95,17 +117,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     options = parser.parse_args()
-    schemes = [
-        (1, 100_000, "cubic"),
-        (1, 100_000, "quintic"),
-        (2, 316, "adini"),
-        (2, 316, "bicubic"),
-    ]
+    cuda = options.device == "cuda"
+    line, plane = (4_000_000, 2000) if cuda else (100_000, 316)
+    backend = "cupy" if cuda else "cpu"
+    schemes = [(1, line, "cubic"), (1, line, "quintic"), (2, plane, "adini"), (2, plane, "bicubic")]
     rows = []
     for scheme in schemes:
         for parameters, steady, steps in ((12, True, 100), (2, False, 5), (12, False, 5)):
-            row = measure(*scheme, parameters, steady, steps, options.repeats)
+            row = measure(*scheme, parameters, steady, steps, options.repeats, backend)
             rows.append(row)
             print(
                 f"{row['profile']:8} {row['nodes']:7} nodes {parameters:3} parameters "
