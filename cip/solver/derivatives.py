@@ -9,7 +9,6 @@ from scipy.sparse.linalg import LinearOperator
 
 from cip.errors import InputError, NotSupported
 from cip.output.trajectory import Trajectory
-from cip.sensitivities.device_window import DeviceWindow
 from cip.sensitivities.window import Move, Window, check_differentiable, checkpoint_distance
 from cip.solver.time_loop import run as repeat
 from cip.stages.stage import StageFeet
@@ -42,11 +41,16 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None) -> LinearO
         replay.moves, kernels.begin(start), replay.advance, replay.feet,
         tuple(solver.velocity.parameters), every, solver.steady,
     )  # fmt: skip
-    on_device = solver.backend == "cupy"
-    window = DeviceWindow(kernels, *arguments) if on_device else Window(*arguments)
+    window = _device_window(kernels, *arguments) if solver.backend == "cupy" else Window(*arguments)
     if not bool((window.follow().data == kernels.place(run.final).data).all()):
         raise InputError("run: it is not a run of this solver, whose steps end elsewhere")
     return window.operator()
+
+
+def _device_window(*arguments: Any) -> Window:
+    from cip.sensitivities.device_window import DeviceWindow
+
+    return DeviceWindow(*arguments)
 
 
 def steps_to(start: State, times: list[float], dt: float) -> list[tuple[float, float]]:
