@@ -82,7 +82,14 @@ def test_the_mass_changes_by_sources_less_decay(profile, dim):
 
 @pytest.mark.parametrize(
     ("profile", "dim"),
-    [("adini", 2), ("bicubic", 2), ("cubic", 2), ("csl2", 2), ("csl4", 2), ("quintic", 3)],
+    [
+        ("adini", 2),
+        ("bicubic", 2),
+        ("cubic", 2),
+        ("csl2", 2),
+        pytest.param("csl4", 2, marks=pytest.mark.slow),
+        pytest.param("quintic", 3, marks=pytest.mark.slow),
+    ],
 )
 def test_planes_and_space(profile, dim):
     """u = e^{-k t} (f(x - c t) + t s(x - c t)): source and decay move with the flow."""
@@ -104,7 +111,8 @@ def test_planes_and_space(profile, dim):
 
 
 @pytest.mark.parametrize(
-    ("profile", "dim"), [("bicubic", 2), ("csl2", 2), ("csl4", 1), ("csl2", 3)]
+    ("profile", "dim"),
+    [("bicubic", 2), ("csl2", 2), ("csl4", 1), pytest.param("csl2", 3, marks=pytest.mark.slow)],
 )
 def test_a_rate_that_varies_acts_on_every_moment(profile, dim):
     """At rest, u = u0 exp(-K): means and mixed derivatives against those of the closed form."""
