@@ -57,7 +57,7 @@ def test_history_equals_dense_steps(shape, law):
     rng = np.random.default_rng(3)
     dim = len(shape) + 1
     space = HalfSpace((1.0,) * len(shape), shape, 1.0, 0.3)
-    F = 0.5 if law == "coulomb" else 0.01 * rng.uniform(0.5, 1.0, shape)
+    F = 0.5 if law == "coulomb" else 0.006 * rng.uniform(0.5, 1.0, shape)
     bound = F if law == "coulomb" else F * np.prod(space.spacing)
     heights = 0.02 * rng.uniform(0, 1, shape)
     moves = [(0.0, 0.005), (0.003, 0.007), (0.001, 0.007), (0.0005, 0.006)]
