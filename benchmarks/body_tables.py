@@ -170,3 +170,27 @@ def rough_peers(record: Record) -> str:
     )
     end = f"tamaas {record['peers']['tamaas']}. " + source("rough_peers", record)
     return "\n\n".join((table, block, end))
+
+
+def contact_device(record: Record) -> str:
+    """Meshed bodies on a device, and on its host where they were solved there too."""
+    names = {"adini": "Adini rectangles", "hex1": "trilinear bricks", "part": "P2 tetrahedra"}
+    parts = ("pose", "assembly", "condensation", "contact")
+    table = rows_of(
+        "body | unknowns | kept by condensation | where | mesh to problem | stiffness "
+        "| condensation | contact, certified | in all | residual",
+        (
+            (
+                f"{names[row['body']]}, {row['n']}",
+                f"{row['unknowns']:,}",
+                f"{row['boundary']:,}",
+                "device" if row["device"] == "cuda" else record["host solver"],
+                *(f"{row['seconds'][part]:.2f} s" for part in parts),
+                f"**{row['total']:.1f} s**",
+                f"{row['residual']:.0e}",
+            )
+            for row in record["rows"]
+        ),
+    )
+    note = "The second of two runs in a process. "
+    return f"{table}\n\n{note}{source('contact_device', record, device=record['device'])}"

@@ -88,3 +88,25 @@ def calibration(record: Record) -> str:
         f"a distribution as far from the normal one {record['kolmogorov_smirnov_p']:.2f} "
         f"(Kolmogorov and Smirnov). {source('calibration', record)}"
     )
+
+
+def assimilation_device(record: Record) -> str:
+    """Seconds of a 4D-Var window on a device, and what became of the start."""
+    row = record["window"]
+    table = rows_of(
+        "cells | steps | iterations | runs and operators | iterations in all "
+        "| norm of the gradient | error of the start | memory",
+        [
+            (
+                f"{row['cells']:,} x {row['cells']:,}",
+                row["steps"],
+                row["iterations"],
+                f"{row['setup']:.1f} s",
+                f"**{row['window']:.1f} s**",
+                f"{row['gradient']:.0e} of the first",
+                f"{row['error']:.0e}",
+                f"{row['memory']:.0f} GB",
+            )
+        ],
+    )
+    return f"{table}\n\n{source('assimilation_device', record, device=record['device'])}"

@@ -71,8 +71,7 @@ class Source:
         text : str
             As for `Velocity.from_expression`.
         parameters : mapping, optional
-            Values of further names in the formula. `Solver.tangent` and `Solver.adjoint` have
-            derivatives in them.
+            Values of further names in the formula.
 
         Returns
         -------

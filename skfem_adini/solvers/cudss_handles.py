@@ -138,6 +138,10 @@ class CudssHandles:
             raise CudssError(name, status)
 
 
+# Seconds between looks at signals: one that comes just before a wait begins does not end it.
+_PAUSE = 0.05
+
+
 def in_a_thread(work: Callable[[], None], interrupt: Callable[[bool], None]) -> None:
     """Run long work of a library so that Python handles signals meanwhile.
 
@@ -159,6 +163,8 @@ def in_a_thread(work: Callable[[], None], interrupt: Callable[[bool], None]) -> 
     try:
         threading.Thread(target=whole, daemon=True).start()
         begin.set()
+        while not result.done():
+            wait([result], _PAUSE)
         result.result()
     except KeyboardInterrupt:
         interrupt(True)

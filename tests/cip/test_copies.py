@@ -64,6 +64,7 @@ MAKE = {
     "SplineVelocity": lambda: cip.SplineVelocity(Grid((0, 1), 16, periodic=True), 6, 1.0),
     "Grid": lambda: Grid([(0, 1), (0, 2)], (4, 5), periodic=(True, False)),
     "Solver": lambda: run().solver,
+    "Source": lambda: cip.Source(lambda x: 1 + x**2),
     "State": lambda: run().final,
     "Trajectory": run,
     "Velocity": lambda: Velocity(lambda x: 1 + x**2),

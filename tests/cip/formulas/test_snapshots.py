@@ -239,7 +239,7 @@ def test_bad_snapshots_are_named(times, arrays, grid, degree, message):
 @pytest.mark.parametrize(
     ("grid", "message"),
     [
-        (Grid((0, 1), 8), "velocity: 2 components on a grid of 1"),
+        (Grid((0, 1), 8), "velocity: snapshots in 2 directions on a grid of 1"),
         (Grid([(0, 1.1), (0, 2)], (8, 8)), "velocity: the snapshots cover x from 0 to 1, the grid"),
         (Grid([(0, 1), (-1, 2)], (8, 8)), "velocity: the snapshots cover y from 0 to 2, the grid"),
         (

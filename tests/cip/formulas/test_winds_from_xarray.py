@@ -7,7 +7,7 @@ from cip import Grid, InputError, Velocity
 
 xarray = pytest.importorskip("xarray")
 LON, LAT = np.arange(16) / 16, np.linspace(1, 0, 13)
-TIMES = np.array([0, 1, 2, 3], dtype="datetime64[s]")
+TIMES = np.array([0, 1, 2, 3], dtype="datetime64[s]").astype("datetime64[ns]")
 
 
 def dataset():

@@ -200,4 +200,5 @@ def test_a_device_condenses_as_the_host(element):
         theirs = condensed(body, [cupy.asarray(step) for step in steps(dim)])
         size = abs(body.tables).max() * abs(ours[1]).max()
         for one, other in zip(ours, theirs, strict=True):
-            assert abs(one - other.get()).max() < 1e-14 * size * abs(one).max()
+            # The device contracts products and sums: another rounding, times the condition.
+            assert abs(one - other.get()).max() < 1e-13 * size * abs(one).max()

@@ -207,8 +207,16 @@ def test_statistics(fake):
     assert factors.statistics() == {"entries": 15, "device": 7, "host": 8}
 
 
+@pytest.fixture
+def ctrl_c():
+    """Ctrl-C raises KeyboardInterrupt, also where the tests were started in the background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize("phase", [3, 4])
-def test_an_interrupt_ends_the_factorisation(fake, phase):
+def test_an_interrupt_ends_the_factorisation(fake, ctrl_c, phase):
     fake.during[phase] = lambda: interrupted(fake)
     with pytest.raises(KeyboardInterrupt):
         factorize(matrix(5, True), solver="cudss")
@@ -217,7 +225,7 @@ def test_an_interrupt_ends_the_factorisation(fake, phase):
     assert fake.alive == {}
 
 
-def test_factors_are_gone_after_an_interrupt_and_come_again(fake):
+def test_factors_are_gone_after_an_interrupt_and_come_again(fake, ctrl_c):
     A = matrix(5, True)
     factors = cudss.Cudss(A, True)
     fake.during[8] = lambda: interrupted(fake)
