@@ -182,7 +182,9 @@ def stiffness_matrix(
     if classes is not None and 2 * len(classes.cells) <= basis.nelems:
         lam, mu = (v[classes.cells] if v.ndim else v for v in (lame_lambda, lame_mu))
         parts = [local for _, local in _local_matrices(classes.part, lam, mu, mean_dilatation)]
-        return sparse.csr_array(classes.matrix(np.concatenate(parts)))
+        # Exactly symmetric: other solvers converge on it where rounding had broken the symmetry.
+        whole = np.concatenate(parts)
+        return sparse.csr_array(classes.matrix(0.5 * (whole + whole.transpose(0, 2, 1))))
     total = sparse.csr_array((basis.N, basis.N))
     for cells, local in _local_matrices(basis, lame_lambda, lame_mu, mean_dilatation):
         total = total + _scattered(basis, cells, local)
