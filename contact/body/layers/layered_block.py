@@ -24,6 +24,8 @@ from contact.body.layers.evaluation import located, shape_functions
 from contact.body.layers.layers import (
     PER_NODE,
     CellRows,
+    checked_path,
+    each_side,
     grid,
     read_columns,
     read_layers,
@@ -110,8 +112,9 @@ class LayeredBlock(Solid):
         path: str | None = None,
     ) -> Any:  # fmt: skip
         """A `MeshedBlock` where the arguments ask for one."""
-        tied = sides == "periodic" or (isinstance(sides, tuple | list) and "periodic" in sides)
-        if not tied and cells is None and element is None and path in (None, "fourier"):
+        checked_path(path)
+        tied = "periodic" in each_side(sides)
+        if not tied and cells is None and element is None:
             return super().__new__(cls)
         return meshed_block(
             lengths,

@@ -96,6 +96,29 @@ def read_columns(columns: Any, width: float, layer: Layer) -> int:
     return int(count)
 
 
+def each_side(sides: Any) -> tuple[Any, ...]:
+    """What the argument says of one side after the other, in any of its forms.
+
+    Raises
+    ------
+    InputError
+        Something that names no components.
+    """
+    given = tuple(sides) if isinstance(sides, list | tuple) else (sides,)
+    for entry in given:
+        numbered = isinstance(entry, list | tuple) and all(isinstance(c, int) for c in entry)
+        if not numbered and not isinstance(entry, str | int | None):
+            raise InputError(f"sides={sides!r}: expected 'periodic', components, None, or a pair "
+                             "of these")  # fmt: skip
+    return given
+
+
+def checked_path(path: Any) -> None:
+    """Raise InputError unless it names a path of condensation, or is None."""
+    if not isinstance(path, str | None) or path not in (None, "fourier"):
+        raise InputError(f"path={path!r}: expected None or 'fourier'")
+
+
 def read_sides(sides: Any) -> tuple[Any, Any]:
     """Components fixed on the left and on the right.
 

@@ -145,8 +145,6 @@ def _support(body: MeshedBlock, sides: Any) -> None:
 
 
 def _read_lateral(sides: Any, dim: int, path: str | None) -> Sides | None:
-    if path not in (None, "fourier"):
-        raise InputError(f"path={path!r}: expected None or 'fourier'")
     if dim == 2 and isinstance(sides, tuple | list) and len(sides) == 2 and sides[0] == sides[1]:
         sides = sides[0]
     try:
@@ -159,7 +157,10 @@ def _read_lateral(sides: Any, dim: int, path: str | None) -> Sides | None:
 
 def _read_grid(lengths: Any, cells: Any, layers: list[Layer]) -> tuple[Any, tuple[int, ...]]:
     given = numbers("lengths", lengths)
-    count = np.atleast_1d(1 if cells is None else cells)
+    try:
+        count = np.atleast_1d(1 if cells is None else cells)
+    except ValueError:  # ragged
+        count = np.zeros(0)
     if count.shape not in ((1,), (2,)) or count.dtype.kind not in "iu" or np.any(count < 1):
         raise InputError(f"cells={cells!r}: expected a whole number, or two in space")
     if count.size == 1:
