@@ -23,12 +23,13 @@ _TOLERANCES: dict[str, dict[str, float]] = {
     "clarabel": {"tol_gap_abs": 1e-13, "tol_gap_rel": 1e-13, "tol_feas": 1e-13},
 }
 _OPTIONS: dict[str, dict[str, Any]] = {
-    "osqp": {"polishing": True, "max_iter": 200_000},
+    "osqp": {"polishing": True, "max_iter": 20_000},
     "proxqp": {"backend": "sparse"},
 }
 # Factors on these tolerances, tried in turn. An interior point method whose tolerance is below its
-# rounding error ends in failed steps, far from its best iterate.
-_LOOSER = (1.0, 1e2, 1e4)
+# rounding error ends in failed steps, far from its best iterate, and OSQP where rows are nearly
+# dependent stalls just above its tolerance.
+_LOOSER = (1.0, 1e1, 1e2, 1e4)
 
 
 def solve_with(
