@@ -32,6 +32,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 def pytest_addoption(parser):
     """Parts of the suite, for lanes whose time is limited."""
     parser.addoption("--shard", help="K/N: the K-th of N parts of the tests, from 0 on")
+    parser.addoption("--whole-files", action="store_true", help="shards of files, not of tests")
     parser.addoption("--start-within", type=float, help="seconds after which no test is started")
 
 
@@ -52,7 +53,10 @@ def pytest_collection_modifyitems(config, items):
     shard = config.getoption("--shard")
     if shard:
         part, parts = map(int, shard.split("/"))
-        chosen = [zlib.crc32(item.nodeid.encode()) % parts == part for item in items]
+        # Tests of a file share what they set up, and the kernels that they compile.
+        whole = config.getoption("--whole-files")
+        names = [item.nodeid.split("::")[0] if whole else item.nodeid for item in items]
+        chosen = [zlib.crc32(name.encode()) % parts == part for name in names]
         config.hook.pytest_deselected(
             items=[item for item, keep in zip(items, chosen, strict=True) if not keep]
         )

@@ -1,6 +1,10 @@
 """A sphere and a cone on an axisymmetric half space: the script beside Hertz and Sneddon."""
 
 import numpy as np
+import pytest
+
+# The script runs in every CI run by itself; what it finds is checked in the slow lane.
+pytestmark = pytest.mark.slow
 
 
 def test_hertz_and_sneddon(example, tmp_path):

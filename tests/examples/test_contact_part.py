@@ -6,6 +6,9 @@ import pyvista
 
 from contact import InputError, Status
 
+# The script runs in every CI run by itself; what it finds is checked in the slow lane.
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def run(example, tmp_path_factory):

@@ -5,6 +5,9 @@ import pytest
 
 from contact import Status
 
+# The script runs in every CI run by itself; what it finds is checked in the slow lane.
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def run(example, tmp_path_factory):

@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+# The script runs in every CI run by itself; what it finds is checked in the slow lane.
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def found(example, tmp_path_factory):

@@ -18,6 +18,7 @@ def test_shrink_fit_has_the_pressure_of_lame(example, tmp_path):
     assert (tmp_path / "shrink_fit.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_ties_keep_the_order_of_the_elements(example, tmp_path):
     script = example("tied_meshes")
     found = script.main(["--cells", "2", "4", "6", "--output", str(tmp_path)])
@@ -28,6 +29,7 @@ def test_ties_keep_the_order_of_the_elements(example, tmp_path):
     assert (tmp_path / "tied_meshes.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_two_cylinders_have_the_pressure_of_hertz(example, tmp_path):
     found = example("validation_two_cylinders").main(["--output", str(tmp_path)])
     for name, lines in found.lines.items():

@@ -5,6 +5,9 @@ import pytest
 import pyvista
 from convergence import order
 
+# The script runs in every CI run by itself; what it finds is checked in the slow lane.
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def script(example):

@@ -20,6 +20,7 @@ def line(example, tmp_path_factory):
     return draws(example("validation_hertz_line"), tmp_path_factory.mktemp("line"))
 
 
+@pytest.mark.slow
 def test_hertz_line(line):
     """rms(p) / p0 <= 5e-4 and half-width within 1e-3 at h / a = 1 / 16, both at rate 2."""
     fine = line.rows[-1]
@@ -30,6 +31,7 @@ def test_hertz_line(line):
         assert 1.8 < fitted([4, 8, 16], [row[name] for row in line.rows]) < 2.5
 
 
+@pytest.mark.slow
 def test_nafems_cgs1(line):
     """6.21 mm and 3585 MPa within 1 %."""
     a, p = line.cgs1
@@ -37,6 +39,7 @@ def test_nafems_cgs1(line):
     assert p == pytest.approx(3585, rel=0.01)
 
 
+@pytest.mark.slow
 def test_flat_punch(example, tmp_path):
     """Centre pressure at h / a = 1 / 16 within .5 % (gauss) and 3 % (bernstein), first order."""
     found = draws(example("validation_flat_punch"), tmp_path)
@@ -45,6 +48,7 @@ def test_flat_punch(example, tmp_path):
     assert 0.8 < fitted([4, 8, 16], np.array(found["bernstein"]) - 1) < 1.3
 
 
+@pytest.mark.slow
 def test_hertz_sphere_coarse(example):
     found = example("validation_hertz_sphere").sphere(2)
     assert found.force == pytest.approx(1.0, abs=1e-8)
@@ -80,6 +84,7 @@ def test_boussinesq_is_in_equilibrium(example):
     np.testing.assert_allclose(total, [0, 0, -script.P], atol=1e-4 * script.P)
 
 
+@pytest.mark.slow
 def test_membrane(example, tmp_path):
     """Contact force, energy and contact set against quadratic triangles and another solver: 1 %."""
     ours, reference = draws(example("validation_membrane"), tmp_path)
@@ -88,6 +93,7 @@ def test_membrane(example, tmp_path):
     assert np.sum(ours.close != reference.close) < 0.01 * np.sum(reference.close)
 
 
+@pytest.mark.slow
 def test_stress_below_a_line_contact(example):
     """Hertz' own stress at any depth, and a point force's far away."""
     found = example("validation_far_field").line([0.5, 2.0, 5.0, 15.0, 40.0])

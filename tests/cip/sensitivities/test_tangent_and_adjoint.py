@@ -1,5 +1,7 @@
 """Tangent-linear and adjoint of runs: transposes, differences, closed forms, Taylor remainders."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
@@ -19,16 +21,19 @@ CASES = [
 ]
 VALUES = {"a": 0.7, "b": 0.3}
 FIELD = "sin(2*pi*x1) + 0.3*cos(4*pi*x1)"
-every_case = pytest.mark.parametrize(("grid", "text"), CASES, ids=[text for _, text in CASES])
-every_scheme = pytest.mark.parametrize(
-    ("profile", "form"),
+SCHEMES = list(product(("cubic", "quintic"), ("transport", "advection")))
+# Each velocity is compiled anew for each scheme: three pairs in the fast lane, all in the slow one.
+FAST = {(CASES[1], SCHEMES[3]), (CASES[2], SCHEMES[0]), (CASES[3], SCHEMES[0])}
+every_run = pytest.mark.parametrize(
+    ("grid", "text", "profile", "form"),
     [
-        ("cubic", "transport"),
-        ("quintic", "advection"),
-        pytest.param("cubic", "advection", marks=pytest.mark.slow),
-        pytest.param("quintic", "transport", marks=pytest.mark.slow),
+        pytest.param(
+            *case, *scheme, id="-".join((*scheme, case[1])),
+            marks=[pytest.mark.slow] * ((case, scheme) not in FAST),
+        )
+        for case, scheme in product(CASES, SCHEMES)
     ],
-)
+)  # fmt: skip
 
 
 def solved(grid, text, profile="cubic", form="transport", start=None, dt=0.03, **values):
@@ -44,8 +49,7 @@ def scales(run):
     return np.broadcast_to(np.abs(data).max(axis=1, keepdims=True), data.shape).ravel()
 
 
-@every_case
-@every_scheme
+@every_run
 def test_the_adjoint_is_the_transpose(grid, text, profile, form):
     solver, run = solved(grid, text, profile, form)
     tangent, adjoint = solver.tangent(run), solver.adjoint(run)
@@ -64,8 +68,7 @@ def test_the_adjoint_is_the_transpose(grid, text, profile, form):
         assert abs(y @ (tangent @ only) - only @ backward) <= 1e-13 * bound
 
 
-@every_case
-@every_scheme
+@every_run
 def test_the_state_part_is_the_run_itself(grid, text, profile, form):
     """The scheme is linear in the state, so the run of a perturbation is its tangent."""
     solver, run = solved(grid, text, profile, form)
@@ -78,8 +81,7 @@ def test_the_state_part_is_the_run_itself(grid, text, profile, form):
     assert np.max(np.abs(found - other.final.data) / scale) < 1e-12
 
 
-@every_case
-@every_scheme
+@every_run
 def test_the_parameters_part_against_differences(grid, text, profile, form, monkeypatch):
     # Between two runs the numbers of sub-steps may change, and with them the feet by 1e-8 cells.
     monkeypatch.setattr(Stage, "substeps", lambda self, t, dt: 32)

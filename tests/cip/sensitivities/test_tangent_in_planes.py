@@ -1,5 +1,7 @@
 """Tangent-linear and adjoint of direct steps in planes: transposes, differences, closed forms."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -10,22 +12,29 @@ PERIODIC = Grid([(0, 1), (0, 1)], (14, 12), periodic=True)
 MIXED = Grid([(-1, 1), (0, 1)], (12, 10), periodic=(False, True))
 LINE = np.linspace(0, 1, 15)
 UNEVEN = Grid.from_coordinates(LINE + 0.01 * np.sin(2 * np.pi * LINE), LINE**1.1, periodic=True)
-CASES = [
-    (PERIODIC, ("a + b*sin(2*pi*x1)*cos(2*pi*x2)", "b*cos(2*pi*x1) + 0.3")),
-    (MIXED, ("a*x1", "a + b*sin(2*pi*x2 + t)*x1")),
-    (UNEVEN, ("a + b*sin(2*pi*x2 - t)", "b*cos(2*pi*x1) + 0.7*a")),
-]
+CASES = {
+    "steady": (PERIODIC, ("a + b*sin(2*pi*x1)*cos(2*pi*x2)", "b*cos(2*pi*x1) + 0.3")),
+    "mixed": (MIXED, ("a*x1", "a + b*sin(2*pi*x2 + t)*x1")),
+    "uneven": (UNEVEN, ("a + b*sin(2*pi*x2 - t)", "b*cos(2*pi*x1) + 0.7*a")),
+}
 VALUES = {"a": 0.4, "b": 0.2}
 FIELD = "sin(2*pi*x1) + 0.3*cos(4*pi*x1)*sin(2*pi*x2)"
-every_case = pytest.mark.parametrize(("grid", "texts"), CASES, ids=["steady", "mixed", "uneven"])
+SCHEMES = [(p, f) for p in ("adini", "bicubic") for f in ("transport", "advection")]
+# Each velocity is compiled anew for each scheme: two pairs in the fast lane, all in the slow one.
+FAST = {("mixed", SCHEMES[0]), ("uneven", SCHEMES[3])}
+every_run = pytest.mark.parametrize(
+    ("grid", "texts", "profile", "form"),
+    [
+        pytest.param(
+            *case, *scheme, id="-".join((*scheme, name)),
+            marks=[pytest.mark.slow] * ((name, scheme) not in FAST),
+        )
+        for (name, case), scheme in product(CASES.items(), SCHEMES)
+    ],
+)  # fmt: skip
 every_scheme = pytest.mark.parametrize(
     ("profile", "form"),
-    [
-        ("adini", "transport"),
-        ("bicubic", "advection"),
-        pytest.param("adini", "advection", marks=pytest.mark.slow),
-        pytest.param("bicubic", "transport", marks=pytest.mark.slow),
-    ],
+    [pytest.param(*s, marks=[pytest.mark.slow] * (s != SCHEMES[0])) for s in SCHEMES],
 )
 
 
@@ -36,8 +45,7 @@ def solved(grid, texts, profile, form, start=None, dt=0.07, **values):
     return solver, solver.run(state, 0.2, dt=dt)
 
 
-@every_case
-@every_scheme
+@every_run
 def test_the_adjoint_is_the_transpose_and_the_state_part_the_run(grid, texts, profile, form):
     solver, run = solved(grid, texts, profile, form)
     tangent, adjoint, size = solver.tangent(run), solver.adjoint(run), run[0].data.size
@@ -59,8 +67,7 @@ def test_the_adjoint_is_the_transpose_and_the_state_part_the_run(grid, texts, pr
     assert np.max(np.abs(found - other) / scale) < 1e-12
 
 
-@every_case
-@every_scheme
+@every_run
 def test_the_parameters_part_against_differences(grid, texts, profile, form, monkeypatch):
     # Between two runs the numbers of sub-steps may change, and with them the feet by 1e-8 cells.
     monkeypatch.setattr(Stage, "substeps", lambda self, t, dt: 16)
