@@ -48,8 +48,10 @@ def pytest_runtest_setup(item):
         pytest.skip(f"the {limit:g} seconds of this lane are over")
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Only one shard where that is asked for; tests marked `gpu` need a device, and say so."""
+    """Samples and shards where they are asked for; tests marked `gpu` need a device, and say so."""
+    _mark_unsampled(items)
     shard = config.getoption("--shard")
     if shard:
         part, parts = map(int, shard.split("/"))
@@ -66,6 +68,21 @@ def pytest_collection_modifyitems(config, items):
         for item in items:
             if item.get_closest_marker("gpu"):
                 item.add_marker(pytest.mark.skip(reason=reason))
+
+
+def _mark_unsampled(items):
+    """Of the tests of a function marked `sampled(n)` all but each n-th become slow ones."""
+    functions = {}
+    for item in items:
+        marker = item.get_closest_marker("sampled")
+        if marker:
+            functions.setdefault(item.nodeid.split("[")[0], (marker.args[0], []))[1].append(item)
+    for every, found in functions.values():
+        # In a fixed order without pattern: strides would meet the same element again and again.
+        found.sort(key=lambda item: zlib.crc32(item.nodeid.encode()))
+        for k, item in enumerate(found):
+            if k % every:
+                item.add_marker(pytest.mark.slow)
 
 
 def _no_device():

@@ -32,6 +32,7 @@ def checked(result, make):
     return result
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("method", ["newton", "pdas", "tresca_loop", "fixed_point"])
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_friction_alone_holds_the_body(element, method, loose, make):

@@ -81,6 +81,7 @@ def test_numbers_are_held_along_the_curve_and_fields_on_the_facets(make):
         ring(make, ElementQuadAdini, 4).fix("left", "xy", smooth="curve")
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("element", [ElementQuadAdini, ElementHexAdini])
 def test_rough_supports(element, make):
     """A side with noise on its coordinates holds what a straight one holds."""

@@ -13,6 +13,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::contact.ContactWarning")
 elements = pytest.mark.parametrize("element", SOLID, ids=lambda e: e.__name__)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("condensed", [True, False])
 @pytest.mark.parametrize("law", ["coulomb", "tresca"])
 @elements

@@ -40,6 +40,7 @@ def planar(element, kind, length, E, make):
     )
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("length", "E"), UNITS)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("element", PLANE_AND_BFS)

@@ -67,6 +67,7 @@ def test_two_bodies_are_condensed_or_refused() -> None:
         ContactProblem(upper, "bottom", lower.surface("top"), friction=0.3).condense()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("solver", ["auto", "superlu"])
 @pytest.mark.parametrize(("name", "case"), list(cases()))
 def test_one_process_needs_no_petsc(

@@ -40,6 +40,7 @@ def ironing(element, times, friction=FRICTION, **more):
     return stepper.run(times), upper, lower
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("element", [ElementQuad1, ElementQuad2, ElementQuadAdini])
 def test_ironing(element, monkeypatch):
     made = []
@@ -60,6 +61,7 @@ def test_ironing(element, monkeypatch):
     assert history.results[-1].x[0, history.results[-1].mu > 0].min() > -0.5
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("element", [ElementQuad1, ElementQuad2, ElementQuadAdini])
 def test_newton_with_the_derivative_of_the_projection_is_quadratic(element):
     """In full slip four projections are enough: errors are squared, up to a part of 1e-3."""

@@ -277,6 +277,7 @@ def flipped(run, tmp_path, count, make):
     assert same(LoadHistory.load(copy), history)
 
 
+@pytest.mark.slow
 def test_bit_flips(run, tmp_path, make):
     flipped(run, tmp_path, 60, make)
 
@@ -396,6 +397,7 @@ def start_twice(processes, whole, tmp_path, count):
         assert len(list(folder.iterdir())) == 2 + len(history)
 
 
+@pytest.mark.slow
 def test_double_starts(processes, whole, tmp_path):
     start_twice(processes, whole, tmp_path, 6)
 

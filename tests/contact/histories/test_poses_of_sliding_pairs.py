@@ -48,6 +48,7 @@ POSES = {
 }
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("element", PLANE, ids=lambda e: e.__name__)
 def test_every_step_is_the_same(element):
     expected = dragged(element, Pose(np.eye(2)))

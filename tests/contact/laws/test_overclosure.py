@@ -89,6 +89,7 @@ def column(element, E, L):
     return body if flat else body.fix("bottom", "y")
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("pushed", [False, True])
 @pytest.mark.parametrize(("L", "E"), UNITS)
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)

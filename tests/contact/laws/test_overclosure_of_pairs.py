@@ -21,6 +21,7 @@ def solved(element, law, friction, overclosure):
     return posed(element, pose, friction=friction, law=law, overclosure=overclosure)[0].solve()
 
 
+@pytest.mark.sampled(4)
 @laws
 @elements
 def test_stiff_surfaces_tend_to_hard_contact(element, law, friction):

@@ -19,6 +19,7 @@ def first_inside(apex, axis, angle, x, n, reach=40.0, steps=400_001):
     return d[inside[0]] if here or d[inside[0]] >= 0 else np.inf
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_rays(dim):
     rng = np.random.default_rng(7)

@@ -47,6 +47,7 @@ def run(request):
     return upper, stepper.run([0.0, 1.0, 2.0])
 
 
+@pytest.mark.sampled(4)
 def test_pressed_alone_equal_bodies_do_not_rub(run):
     result = run[1][0]
     inside = np.abs(result.x[0]) < 1

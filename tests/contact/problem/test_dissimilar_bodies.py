@@ -39,6 +39,7 @@ def slid(element, one, two, friction, way):
     return pressed(upper, lower, RADIUS, friction).solve(), P  # the top is as wide as 2 FAR
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(
     ("one", "two"), [(SOFT, STIFF), (STIFF, SOFT)], ids=["on soft", "on stiff"]

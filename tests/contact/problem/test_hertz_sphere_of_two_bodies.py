@@ -56,6 +56,7 @@ CASES = [
 ]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("element", "cells", "far", "ratio", "friction", "tol"), CASES)
 def test_pressure(element, cells, far, ratio, friction, tol):
     upper = quarter(element, cells, True, UPPER, far, ratio)

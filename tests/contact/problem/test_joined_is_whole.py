@@ -70,6 +70,7 @@ JOINTS = {
 }
 
 
+@pytest.mark.sampled(4)
 @elements
 @pytest.mark.parametrize("side", ["first", "second"])
 @pytest.mark.parametrize(

@@ -79,6 +79,7 @@ def test_the_pair_sticks_slips_and_opens(element, upright):
     assert status == {Status.OPEN, Status.SLIP, Status.STICK}
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("law", "friction"), LAWS)
 @everything
 def test_rigid_motion(element, law, friction, upright):
@@ -91,6 +92,7 @@ def test_rigid_motion(element, law, friction, upright):
         same(found, reference, pose, 1e-9)
 
 
+@pytest.mark.sampled(3)
 @everything
 def test_mirror(element, upright):
     """Reflected and turned: an improper motion."""
@@ -101,6 +103,7 @@ def test_mirror(element, upright):
             same(posed(element, pose), upright(element), pose, 1e-9)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("size", "stress"), [(1e3, 1e-6), (1e6, 1e-12), (1e-3, 2.1e11)])
 @everything
 def test_units(element, size, stress, upright):
@@ -110,6 +113,7 @@ def test_units(element, size, stress, upright):
     same(posed(element, pose), upright(element), pose, 1e-9)
 
 
+@pytest.mark.sampled(2)
 @everything
 def test_roles(element, upright):
     """The multipliers stay with the upper body, which is named second."""
@@ -162,6 +166,7 @@ def heated(element, pose, functional):
     return ContactProblem([upper, lower], [tie]), upper, lower
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("functional", [None, "standard", "hat"])
 @everything
 def test_ties_of_heated_anisotropic_bodies(element, functional):
