@@ -216,7 +216,8 @@ def indices_of(grid: Any) -> list[str]:
 
 
 @cache
-def _compiled(source: str) -> Any:
+def compiled(source: str) -> Any:
+    """The kernel ``run`` of a source."""
     import cupy
 
     return cupy.RawModule(code=source, options=OPTIONS).get_function("run")
@@ -308,7 +309,7 @@ class CudaEngine(Engine):
         cupy, real, size = self._cupy, self.dtype.type, self.grid.size
         t_end, length = t + stage.end * dt, (stage.end - stage.begin) * dt
         feet = cupy.empty(len(stage.jets) * size, self.dtype)
-        kernel = _compiled(feet_source(stage, self._real, self._index))
+        kernel = compiled(feet_source(stage, self._real, self._index))
         values = [real(value) for value in stage.parameters]
 
         def attempt(count: int) -> int:
@@ -339,7 +340,7 @@ class CudaEngine(Engine):
             source = device_source(
                 stage, self.name(stage), self.limiter, computed, self._real, self._index
             )
-            kernel = self._compiled[key] = _compiled(source)
+            kernel = self._compiled[key] = compiled(source)
         if stage.axis is None:
             nx, ny = self.grid.nodes
             kernel((-(-ny // 64), -(-nx // 4)), (64, 4), tuple(arguments))

@@ -9,12 +9,11 @@ CPU (`cip.sensitivities.node_adjoint`, `cip.sensitivities.path_adjoint`).
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 import numpy as np
 
-from cip.engines.cuda_engine import OPTIONS, indices_of, kernel_head, node_place
+from cip.engines.cuda_engine import compiled, indices_of, kernel_head, node_place
 from cip.engines.cuda_source import translate
 from cip.engines.path_kernel import FOOT_ROOM
 from cip.formulas.snapshots import snapshots_of
@@ -152,13 +151,6 @@ def _widths(grid: Grid) -> tuple[list[str], list[str]]:
     return [], [f"const real* __restrict__ h{axis}" for axis in range(grid.dim)]
 
 
-@cache
-def _compiled(source: str) -> Any:
-    import cupy
-
-    return cupy.RawModule(code=source, options=OPTIONS).get_function("run")
-
-
 class DeviceAdjoint:
     """The transposed steps of a stage on the device of an engine.
 
@@ -175,8 +167,8 @@ class DeviceAdjoint:
         grid, index = stage.grid, engine._index
         self._size, self._whole = grid.size, engine._whole
         self._parts = len(_update(stage).reads)
-        self._pull = _compiled(pull_all(stage, index))
-        self._gather = _compiled(gather_all(stage, index))
+        self._pull = compiled(pull_all(stage, index))
+        self._gather = compiled(gather_all(stage, index))
 
     def pull_back(
         self, z: Array, weight: Array, feet: Array, g: Array, order: Any = None
@@ -214,7 +206,7 @@ class DeviceAdjoint:
         if not all(c.exact for c in stage.velocity) or snapshots_of(stage.velocity) is not None:
             return parameter_gradient(stage, feet, g.get())
         most = 1 << (feet.substeps - 1).bit_length()  # one kernel serves all numbers up to this
-        kernel = _compiled(unwind_all(stage, most, engine._index))
+        kernel = compiled(unwind_all(stage, most, engine._index))
         values = xp.asarray(np.array(stage.parameters, dtype=float))
         threads = max(1, min(self._size, _THREADS, _NUMBERS // len(values)))
         gradients = xp.empty((len(values), threads))

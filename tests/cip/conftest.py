@@ -3,3 +3,4 @@ from pathlib import Path
 
 # The suite imports test modules by path; `problems` lies beside them.
 sys.path.insert(0, str(Path(__file__).parent))
+from host_device import cupy  # noqa: F401

@@ -4,12 +4,16 @@ import numpy as np
 import pytest
 from device_cases import CASES, field, solver_of
 
-pytestmark = pytest.mark.gpu
+FAST = ("csl4", "bounds", 1, True)
+RUNS = [
+    pytest.param(*case, stored, marks=[pytest.mark.slow] * ((*case, stored) != FAST))
+    for case in CASES
+    for stored in (True, False)
+]
 
 
-@pytest.mark.parametrize("stored", [True, False])
-@pytest.mark.parametrize(("profile", "limiter", "dim"), CASES)
-def test_runs_agree(profile, limiter, dim, stored):
+@pytest.mark.parametrize(("profile", "limiter", "dim", "stored"), RUNS)
+def test_runs_agree(cupy, profile, limiter, dim, stored):
     if profile.startswith("csl") and not stored:
         pytest.skip("conservative kernels take stored feet")
     ends = []
@@ -28,8 +32,9 @@ def test_runs_agree(profile, limiter, dim, stored):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("profile", "dim"), [("cubic", 1), ("bicubic", 2), ("csl4", 3)])
-def test_single_precision_on_the_device(profile, dim):
+def test_single_precision_on_the_device(cupy, profile, dim):
     ends = []
     for dtype in (np.float64, np.float32):
         solver = solver_of(profile, None, dim, dtype, form="advection", backend="cupy")
@@ -37,8 +42,9 @@ def test_single_precision_on_the_device(profile, dim):
     np.testing.assert_allclose(ends[1], ends[0], atol=2e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stored", [True, False])
-def test_walls_on_the_device(stored):
+def test_walls_on_the_device(cupy, stored):
     """Paths that begin on walls: their data are written by the host's computation."""
     from cip import Grid, Solver, Velocity
 
@@ -52,8 +58,9 @@ def test_walls_on_the_device(stored):
     np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-12 * np.abs(ends[0]).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("profile", "dim"), [("cubic", 1), ("bicubic", 2), ("cubic", 3)])
-def test_snapshots_and_parameters_on_the_device(profile, dim):
+def test_snapshots_and_parameters_on_the_device(cupy, profile, dim):
     """Random winds at uneven times, and named numbers of a formula."""
     from cip import Grid, Solver, Velocity
 

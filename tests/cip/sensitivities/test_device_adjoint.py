@@ -1,12 +1,14 @@
 """Tangent and adjoint on a CUDA device: equal to those of the CPU, and the same bits again."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
 from cip import Grid, NotSupported, Solver, Velocity
 
-pytestmark = pytest.mark.gpu
 PROFILES = [("cubic", 1), ("quintic", 1), ("adini", 2), ("bicubic", 2)]
+FAST = ("cubic", False, True, "transport")
 FLOW = ["0.6 + a*sin(2*pi*x1)*cos(t)", "b*cos(2*pi*x1) + 0.3"]
 
 
@@ -23,13 +25,18 @@ def solved(profile, dim, backend, steady, periodic=True, form="transport"):
     return solver, solver.run(solver.state(field), 0.2, dt=0.03)
 
 
-@pytest.mark.parametrize("form", ["transport", "advection"])
-@pytest.mark.parametrize("periodic", [True, False])
-@pytest.mark.parametrize("steady", [True, False])
-@pytest.mark.parametrize(("profile", "dim"), PROFILES)
-def test_operators_are_those_of_the_cpu(profile, dim, steady, periodic, form):
-    import cupy
+SCHEMES = [
+    pytest.param(
+        profile, dim, steady, periodic, form,
+        marks=[pytest.mark.slow] * ((profile, steady, periodic, form) != FAST),
+    )
+    for profile, dim in PROFILES
+    for steady, periodic, form in product([True, False], [True, False], ["transport", "advection"])
+]  # fmt: skip
 
+
+@pytest.mark.parametrize(("profile", "dim", "steady", "periodic", "form"), SCHEMES)
+def test_operators_are_those_of_the_cpu(cupy, monkeypatch, profile, dim, steady, periodic, form):
     rng = np.random.default_rng(4)
     solver, run = solved(profile, dim, "cpu", steady, periodic, form)
     on_device, its_run = solved(profile, dim, "cupy", steady, periodic, form)
@@ -47,13 +54,15 @@ def test_operators_are_those_of_the_cpu(profile, dim, steady, periodic, form):
     np.testing.assert_allclose(new.get(), expected_new, rtol=1e-12, atol=atol)
     size = np.abs(weight) @ np.abs(new.get()) + np.abs(change) @ np.abs(gradient.get())
     assert abs(weight @ new.get() - change @ gradient.get()) <= 1e-13 * size
+    # On the host: the threads of every kernel in the opposite order.
+    monkeypatch.setattr(cupy, "backward", True, raising=False)
     again = on_device.adjoint(its_run, checkpoints=2) @ cupy.asarray(weight)
     assert (again == gradient).all()
 
 
-def test_remainder_is_of_second_order():
+@pytest.mark.slow
+def test_remainder_is_of_second_order(cupy):
     """The change of a functional less its derivative falls with the square of the change."""
-    import cupy
 
     def end(a):
         grid = Grid([(0, 1)] * 2, (40, 40), periodic=True)
@@ -75,7 +84,7 @@ def test_remainder_is_of_second_order():
     assert abs(order - 2.0) < 0.05
 
 
-def test_paths_through_walls_are_refused():
+def test_paths_through_walls_are_refused(cupy):
     solver = Solver(Grid((0, 1), 21), 0.4, boundary="sin(t)", backend="cupy")
     run = solver.run(solver.state("x1"), 0.1, dt=0.05)
     with pytest.raises(NotSupported, match="wall"):
