@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from contact.spectral.lateral_waves import LateralWaves
+from contact.spectral.normal_filter import NormalFilter
 from contact.spectral.real_symbol import RealSymbol
 from contact.spectral.transforms import filtered, namespace
 
@@ -12,23 +13,34 @@ from contact.spectral.transforms import filtered, namespace
 class FilteredCompliance:
     """Displacements under forces on a grid, by a symbol of each wave of a real transform.
 
-    `_lateral` are the waves where a direction is not periodic.
+    Attributes
+    ----------
+    normal_filter : NormalFilter
+        The normal component alone, also on coarser grids.
     """
 
+    normal_filter: NormalFilter
+    shape: tuple[int, ...]
     _compliance: RealSymbol
     _stiffness: RealSymbol
-    _normal_compliance: RealSymbol
-    _normal_stiffness: RealSymbol
     _lateral: LateralWaves | None = None
 
-    def _take_symbols(self, compliance: RealSymbol, stiffness: RealSymbol, normal: int) -> None:
+    def _take_symbols(
+        self,
+        compliance: RealSymbol,
+        stiffness: RealSymbol,
+        normal: int,
+        lateral: LateralWaves | None = None,
+    ) -> None:
         """Keep the symbols of all components, and those of the component `normal` alone."""
         own = compliance[normal, normal]
         # A mean that nothing holds is treated as the softest wave.
         held = namespace(own).where(own > 0, own, own.max())
-        self._compliance, self._stiffness = compliance, stiffness
-        self._normal_compliance = RealSymbol(own[None], (0,))
-        self._normal_stiffness = RealSymbol(1.0 / held[None], (0,))
+        self._compliance, self._stiffness, self._lateral = compliance, stiffness, lateral
+        self.normal_filter = NormalFilter(
+            RealSymbol(own[None], (0,)), RealSymbol(1.0 / held[None], (0,)),
+            self.shape if lateral is None else lateral.cells, lateral,
+        )  # fmt: skip
 
     def apply(self, forces: Any) -> Any:
         """Displacements of the points that forces on them cause.
@@ -42,7 +54,9 @@ class FilteredCompliance:
         -------
         array, shape (dim, nx[, ny])
         """
-        return self._moved(self._compliance, forces, 0)
+        if self._lateral is None:
+            return filtered(self._compliance, forces)
+        return self._lateral.filtered(self._compliance, self._lateral.doubled(forces))
 
     def precondition(self, displacements: Any) -> Any:
         """Forces that cause given displacements, or nearly so in means that nothing holds.
@@ -55,7 +69,9 @@ class FilteredCompliance:
         -------
         array, shape (dim, nx[, ny])
         """
-        return self._loaded(self._stiffness, displacements, 0)
+        if self._lateral is None:
+            return filtered(self._stiffness, displacements)
+        return self._lateral.halved(self._lateral.filtered(self._stiffness, displacements))
 
     def apply_normal(self, forces: Any) -> Any:
         """Normal displacements under normal forces alone.
@@ -68,7 +84,7 @@ class FilteredCompliance:
         -------
         array, shape (nx[, ny])
         """
-        return self._moved(self._normal_compliance, forces[None], forces.ndim)[0]
+        return self.normal_filter.apply_normal(forces)
 
     def precondition_normal(self, displacements: Any) -> Any:
         """Normal forces alone that cause given normal displacements.
@@ -81,15 +97,4 @@ class FilteredCompliance:
         -------
         array, shape (nx[, ny])
         """
-        return self._loaded(self._normal_stiffness, displacements[None], displacements.ndim)[0]
-
-    def _moved(self, symbol: RealSymbol, forces: Any, first: int) -> Any:
-        """Displacements of the components from `first` on under forces on them."""
-        if self._lateral is None:
-            return filtered(symbol, forces)
-        return self._lateral.filtered(symbol, self._lateral.doubled(forces), first)
-
-    def _loaded(self, symbol: RealSymbol, displacements: Any, first: int) -> Any:
-        if self._lateral is None:
-            return filtered(symbol, displacements)
-        return self._lateral.halved(self._lateral.filtered(symbol, displacements, first))
+        return self.normal_filter.precondition_normal(displacements)

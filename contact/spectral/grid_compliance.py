@@ -14,9 +14,10 @@ class GridCompliance(Protocol):
     the point. They live where those of `initial` do, on the host or on a device. The methods
     ``apply_normal(forces)`` and ``precondition_normal(displacements)`` may be given, too, for
     normal components alone, of shape (nx,) or (nx, ny): frictionless contact is then several times
-    faster. The attributes ``weights``, shape (nx[, ny]), the area of each point in units of a cell,
-    ``fixed``, shape (dim, nx[, ny]), components of points that supports fix, and ``mirrored``, a
-    bool for each direction, are those of a surface that is not periodic.
+    faster, and again where ``normal_filter``, as in `contact.spectral.normal_filter`, tells the
+    same on coarser grids. The attributes ``weights``, shape (nx[, ny]), the area of each point in
+    units of a cell, ``fixed``, shape (dim, nx[, ny]), components of points that supports fix, and
+    ``mirrored``, a bool for each direction, are those of a surface that is not periodic.
 
     Attributes
     ----------

@@ -95,16 +95,32 @@ class GridProblem:
         local[0] = values
         return local
 
-    @cached_property
+    @property
     def scale(self) -> tuple[float, float]:
         """Forces per displacement of a point alone, normal and tangential: c = 1 / diag(W)."""
-        point = tuple(m // 2 for m in self.gap.shape)  # inside, where points are alike
+        return self.scale_normal, self.scale_along
+
+    @cached_property
+    def scale_normal(self) -> float:
+        """Normal force per displacement of a point alone."""
+        alone = self.xp.zeros_like(self.gap)
+        alone[self._inside] = 1.0
+        return 1.0 / float(self.W_normal(alone)[self._inside])
+
+    @cached_property
+    def scale_along(self) -> float:
+        """Tangential force per displacement of a point alone, of both directions the mean."""
         own = []
-        for i in range(len(self.v0)):
-            forces = self.xp.zeros_like(self.v0)
-            forces[(i, *point)] = 1.0
-            own.append(float(self.W(forces)[(i, *point)]))
-        return 1.0 / own[0], 1.0 / float(np.mean(own[1:]))
+        for i in range(1, len(self.v0)):
+            alone = self.xp.zeros_like(self.v0)
+            alone[(i, *self._inside)] = 1.0
+            own.append(float(self.W(alone)[(i, *self._inside)]))
+        return 1.0 / float(np.mean(own))
+
+    @property
+    def _inside(self) -> tuple[int, ...]:
+        """A point inside, where points are alike."""
+        return tuple(m // 2 for m in self.gap.shape)
 
     @cached_property
     def can_touch(self) -> Grid:
@@ -129,8 +145,8 @@ class GridProblem:
     def size(self, forces: Grid) -> float:
         """Scale of residuals: the largest force, at least 1e-12 of what the data would cause."""
         overlap = self.xp.where(self.can_touch, self.v0[0] - self.gap, -np.inf).max()
-        c = self.scale
-        causes = (c[0] * float(overlap), c[1] * float(self.xp.abs(self.v0[1:]).max()))
+        along = float(self.xp.abs(self.v0[1:]).max())
+        causes = (self.scale_normal * float(overlap), self.scale_along * along if along else 0.0)
         given = np.abs(self.force[self.free]).max(initial=0.0) / self.gap.size
         largest = float(self.xp.abs(forces).max())
         return max(largest, 1e-12 * max(*causes, given), float(np.finfo(float).tiny))

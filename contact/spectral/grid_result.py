@@ -218,7 +218,8 @@ def certified(
     `given` are the prescribed motions of the obstacle, NaN where it is driven by a force.
     """
     (l, a), xp = state, problem.xp
-    v, bound = problem.displacements(l, a), law.bound(xp.maximum(l[0], 0.0))
+    pressed, bound = problem.W(l), law.bound(xp.maximum(l[0], 0.0))
+    v = problem.v0 - pressed + problem.moved(a)
     kkt = _kkt(problem, l, v, bound)
     missed = {name: value for name, value in kkt.items() if not value <= tol}
     if missed:
@@ -226,7 +227,7 @@ def certified(
         raise NotConverged(
             f"the solution fails its certificate at tolerance {tol:.1e}: {found}", history
         )
-    u = problem.compliance.initial - problem.turned_back(problem.W(l))
+    u = problem.compliance.initial - problem.turned_back(pressed)
     # What rounding leaves of a displacement is no slip, as in `ContactResult.status`.
     moves = xp.sqrt((v[1:] ** 2).sum(axis=0)) > 1e-10 * max(float(xp.abs(u).max()), 1e-300)
     slips = moves & (xp.sqrt((l[1:] ** 2).sum(axis=0)) >= bound * (1 - 1e-9))
@@ -259,9 +260,8 @@ def certified(
 
 
 def _kkt(problem: GridProblem, l: Grid, v: Grid, bound: Grid) -> dict[str, float]:
-    xp, c = problem.xp, problem.scale
-    size = problem.size(l)
-    length = max(float(xp.abs(v).max()), size / c[0])
+    xp, size = problem.xp, problem.size(l)
+    length = max(float(xp.abs(v).max()), size / problem.scale_normal)
     through = xp.where(problem.can_touch, v[0] - problem.gap, -np.inf)
     t = l[1:]
     returned = t - project(t + size / length * v[1:], bound)

@@ -99,13 +99,16 @@ class HalfSpace(FilteredCompliance):
         self.constant = np.zeros(dim, dtype=bool)
         self.initial = xp.zeros((dim, *self.shape))
         symbol = _symbol(self.shape, self.spacing, float(young), float(ratio), self.normal)
-        inverse = np.linalg.inv(np.moveaxis(symbol, (0, 1), (-2, -1)))
-        self.stiffness = xp.asarray(np.moveaxis(inverse, (-2, -1), (0, 1)))
-        symbol[(slice(None), slice(None)) + (0,) * len(self.shape)] = 0.0
-        axis = int(np.argmax(np.abs(given)))
         turns = (self.normal == 0).astype(int).tolist()
         compliance = RealSymbol.of(xp.asarray(symbol), turns)
-        self._take_symbols(compliance, RealSymbol.of(self.stiffness, turns), axis)
+        stiffness = compliance.inverse()
+        compliance.entries[(slice(None),) + (0,) * len(self.shape)] = 0.0
+        self._take_symbols(compliance, stiffness, int(np.argmax(np.abs(given))))
+
+    @property
+    def stiffness(self) -> Any:
+        """Forces on points per displacement, for each wave."""
+        return self._stiffness.full()
 
     def __repr__(self) -> str:
         """Say how many points there are."""

@@ -324,8 +324,8 @@ class PeriodicLayers(FilteredCompliance):
         self._body = CondensedLayers(
             cells, counts, self._kinds, lengths, self.held, self._waves, self._below()
         )
-        self._take_symbols(*self._body.symbols(), self.dim - 1)
-        self._lateral = self._waves if any(self._waves.mirrored) else None
+        lateral = self._waves if any(self._waves.mirrored) else None
+        self._take_symbols(*self._body.symbols(), self.dim - 1, lateral)
 
     def _below(self) -> RealSymbol | None:
         """Stiffness of the half space that the top is bonded to."""

@@ -61,19 +61,15 @@ def proximal_point(
 
     Parameters
     ----------
-    problem : GridProblem
-    friction : GridFriction
-    start : tuple
-        Forces (dim, nx[, ny]) and motions (dim,).
+    problem, friction, start, report
+        As for `friction_newton`, which solves each.
     tol : float
         On the residual of the problem itself.
-    report : callable
-        Receives each `Iteration`.
 
     Returns
     -------
-    l : array, shape (dim, nx[, ny])
-    a : ndarray, shape (dim,)
+    l, a : array, ndarray
+        As those of `friction_newton`.
 
     Raises
     ------

@@ -48,6 +48,34 @@ class RealSymbol:
         n, (i, j) = len(self.turns), sorted(pair)
         return self.entries[i * (2 * n - i - 1) // 2 + j]
 
+    def full(self) -> Any:
+        """The complex symbol, shape (n, n, *waves), from which `of` makes this one."""
+        n, xp = len(self.turns), namespace(self.entries)
+        symbol = xp.empty((n, n, *self.entries.shape[1:]), dtype=complex)
+        for i in range(n):
+            for j in range(n):
+                symbol[i, j] = complex(_TURNS[(self.turns[i] - self.turns[j]) % 4]) * self[i, j]
+        return symbol
+
+    def inverse(self) -> RealSymbol:
+        """The symbol of the inverse, by cofactors: of two or three components that no zero divides.
+
+        These lose digits where entries differ by many orders of magnitude.
+        """
+        n, xp = len(self.turns), namespace(self.entries)
+        if n == 2:
+            cofactors = [self[1, 1], -self[0, 1], self[0, 0]]
+        else:
+            others = [[k for k in range(3) if k != i] for i in range(3)]
+            cofactors = [
+                (-1) ** (i + j) * (self[a, c] * self[b, d] - self[a, d] * self[b, c])
+                for i in range(3)
+                for j in range(i, 3)
+                for (a, b), (c, d) in [(others[i], others[j])]
+            ]
+        determinant = sum(self[0, j] * cofactors[j] for j in range(n))
+        return RealSymbol(xp.stack(cofactors) / determinant, self.turns)
+
     def times(self, waves: Any) -> Any:
         """The product with waves, shape (n, *waves), which it may overwrite."""
         n = len(self.turns)

@@ -24,7 +24,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import numpy as np
 from skfem import MeshHex, MeshQuad
 
 from contact.body.elastic_body import ElasticBody
@@ -46,39 +45,6 @@ def cell(sizes: Sequence[float], element: Any, **material: Any) -> ElasticBody:
     kind = MeshQuad if len(sizes) == 2 else MeshHex
     mesh = kind.init_tensor(*([0.0, size] for size in sizes))
     return ElasticBody.from_mesh(mesh, element, **material)
-
-
-def cell_slab(body: ElasticBody, lengths: Any, phases: Sequence[Any]) -> Slab:
-    """One layer of equal cells.
-
-    Parameters
-    ----------
-    body : ElasticBody
-        One cell.
-    lengths : ndarray, shape (r,)
-        By which each unknown of a node is multiplied to become a displacement.
-    phases : sequence of arrays, shape (waves,)
-        The number k times the width, for each lateral direction.
-    """
-    xp, mesh, unknowns = namespace(phases[0]), body.mesh, lengths.size
-    K, height = body.stiffness.toarray(), mesh.p[-1].max()
-    upper = mesh.p[-1] > 0.5 * height
-    turned = [
-        xp.exp(1j * sum(float(x > 0) * angle for x, angle in zip(place[:-1], phases, strict=True)))
-        for place in mesh.p.T
-    ]
-    dofs = body.basis.nodal_dofs
-    blocks = {
-        (s, t): xp.zeros((phases[0].size, unknowns, unknowns), dtype=complex)
-        for s, t in ((0, 0), (0, 1), (1, 1))
-    }
-    for a in range(mesh.nvertices):
-        for b in range(mesh.nvertices):
-            place = int(upper[a]), int(upper[b])
-            if place in blocks:
-                block = xp.asarray(K[np.ix_(dofs[:, a], dofs[:, b])] / np.outer(lengths, lengths))
-                blocks[place] += (xp.conj(turned[a]) * turned[b])[:, None, None] * block
-    return Slab(blocks[0, 0], blocks[0, 1], blocks[1, 1])
 
 
 def real_slab(table: Any, values: Any) -> Slab:

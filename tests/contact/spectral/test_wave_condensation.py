@@ -6,7 +6,7 @@ from skfem import ElementHex1, ElementQuad1
 
 from contact.spectral import wave_condensation, wave_kernel
 from contact.spectral.real_symbol import RealSymbol
-from contact.spectral.slab_symbols import Stack, cell, cell_slab
+from contact.spectral.slab_symbols import Slab, Stack, cell
 from contact.spectral.wave_cells import Column, cell_table, functions, parities
 from contact.spectral.wave_condensation import condensed, eliminated, inverse
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
@@ -48,6 +48,19 @@ def full(upper, n):
     for e, (i, j) in enumerate(zip(*np.triu_indices(n), strict=True)):
         matrices[:, i, j] = matrices[:, j, i] = upper[e]
     return matrices
+
+
+def cell_slab(body, lengths, phases):
+    """One layer of equal cells: the sum over pairs of corners, K_ab exp(i k (o_b - o_a))."""
+    mesh, r, dofs = body.mesh, lengths.size, body.basis.nodal_dofs
+    K, upper = body.stiffness.toarray(), mesh.p[-1] > 0.5 * mesh.p[-1].max()
+    angles = np.tensordot((mesh.p[:-1] > 0).T, np.array(phases), axes=1)
+    blocks = np.zeros((2, 2, phases[0].size, r, r), dtype=complex)
+    for a, b in np.ndindex(mesh.nvertices, mesh.nvertices):
+        block = K[np.ix_(dofs[:, a], dofs[:, b])] / np.outer(lengths, lengths)
+        turned = np.exp(1j * (angles[b] - angles[a]))
+        blocks[int(upper[a]), int(upper[b])] += turned[:, None, None] * block
+    return Slab(blocks[0, 0], blocks[0, 1], blocks[1, 1])
 
 
 @pytest.mark.parametrize("element", ELEMENTS, ids=NAMES)
