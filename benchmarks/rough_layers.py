@@ -6,7 +6,8 @@ to a tenth of full contact about, and with friction .4 while it is dragged; and 
 square of n x n rectangles of Adini's. Seconds of condensation and of contact with its certificate,
 once the plans of the transforms are made; last the growth with the points and with the depth.
 
-    python benchmarks/rough_layers.py --sizes 256 512 1024 --profiles 2048
+    python benchmarks/rough_layers.py --sizes 256 512 1024 --profiles 2048 \\
+        --depths 64 256 1024 4096
     python benchmarks/rough_layers.py --device cuda --sizes 256 512 1024 2048 4096 \\
         --profiles 2048 16384 --depths 64 256 1024 4096 16384
 """
@@ -102,10 +103,11 @@ def depth(n: int, rows: int, xp: Any) -> dict[str, Any]:
 def growth(rows: list[dict[str, Any]], depths: list[dict[str, Any]]) -> dict[str, float]:
     """Exponents of the time in n^2 log n, and seconds that twice the depth costs.
 
-    Of a product of contact and of condensation, between the two largest cubes: small ones take the
-    time of their calls. Condensation is fitted against the binary logarithm of the depth.
+    Of a product of contact and of condensation, between the two largest cubes, and fitted over all
+    of them: small ones take the time of their calls. Condensation is fitted against the binary
+    logarithm of the depth; its power of the depth would be 1 without doubling.
     """
-    cubes = [row for row in rows if row["dim"] == 3 and not row["friction"]][-2:]
+    cubes = [row for row in rows if row["dim"] == 3 and not row["friction"]]
     found = {}
     if len(cubes) > 1:
         points = np.log([row["n"] ** 2 * np.log2(row["n"]) for row in cubes])
@@ -113,11 +115,17 @@ def growth(rows: list[dict[str, Any]], depths: list[dict[str, Any]]) -> dict[str
             "product": [row["contact"] / row["products"] for row in cubes],
             "condense": [row["condense"] for row in cubes],
         }.items():
-            found[name] = float(np.polyfit(points, np.log(seconds), 1)[0])
+            found[name] = float(np.polyfit(points[-2:], np.log(seconds[-2:]), 1)[0])
+            found[f"{name} of all sizes"] = float(np.polyfit(points, np.log(seconds), 1)[0])
     if len(depths) > 1:
         doublings = np.log2([row["rows"] for row in depths])
-        slope, level = np.polyfit(doublings, [row["condense"] for row in depths], 1)
+        seconds = [row["condense"] for row in depths]
+        slope, level = np.polyfit(doublings, seconds, 1)
         found["doubling"], found["no_doubling"] = float(slope), float(level)
+        found["off the line"] = float(
+            np.abs(level + slope * doublings - seconds).max() / np.mean(seconds)
+        )
+        found["power of depth"] = float(np.polyfit(doublings, np.log2(seconds), 1)[0])
     return found
 
 
@@ -148,7 +156,7 @@ def main(argv: list[str] | None = None) -> dict[str, Any]:
 
     depth(64, 64, xp)
     for rows in options.depths:
-        record["depths"].append(depth(1024 if xp is not np else 128, rows, xp))
+        record["depths"].append(depth(1024 if xp is not np else 256, rows, xp))
     for n, directions in [(n, 1) for n in options.profiles] + [(n, 2) for n in options.sizes]:
         rough = surface(n, directions)
         for dragged in (False, True):

@@ -158,23 +158,25 @@ def _step(
     off[0] -= xp.where(zones.active, problem.scale[0] * problem.gap, 0.0)
     if not friction.coulomb:
         off[1:] += xp.where(zones.slip, system.along * system.own * friction.value, 0.0)
-    off = xp.where(system.live, off, 0.0)
     balance = (problem.force - problem.sums(kept))[free]
-    right = xp.concatenate((off.ravel(), xp.asarray(balance) * system.unit))
+    right = system.packed(off, balance * system.unit)
     change, _ = gmres(system.product, right, system.precondition, forcing, most=300)
-    n = l.size
-    found = kept + change[:n].reshape(l.shape)
+    step, motions = system.unpacked(change)
     moved = a.copy()
-    moved[free] += host(change[n:])
-    return found, moved
+    moved[free] += motions
+    return kept + step, moved
 
 
 @dataclass(frozen=True)
 class _System:
-    """The linearised laws: rows of contact, stick and slip, and the balance of free motions."""
+    """The linearised laws: rows of contact, stick and slip, and the balance of free motions.
+
+    Vectors hold the live components of points alone, as a rule few, and the free motions after.
+    """
 
     problem: GridProblem
     live: Grid
+    at: Grid  # numbers of the live components
     held: Grid
     zones: _Zones
     own: Grid  # per slipping point the share of t itself, times the identity or I - b b^T
@@ -212,8 +214,9 @@ class _System:
         )
         unit = 1.0 / problem.gap.size**0.5
         system = cls(
-            problem, live, held, zones, own, ratio, b, along, of_normal, radial, unit, [], None
-        )
+            problem, live, xp.flatnonzero(live), held, zones, own, ratio, b, along, of_normal,
+            radial, unit, [], None,
+        )  # fmt: skip
         columns = []
         for i in problem.free:
             rows = xp.zeros_like(l)
@@ -248,17 +251,25 @@ class _System:
         """What motions a add to the rows."""
         return self.rows(self.problem.xp.zeros_like(a), a)
 
+    def packed(self, values: Grid, motions: Any) -> Any:
+        """A vector of values on the grid and of numbers of the free motions."""
+        return self.problem.xp.concatenate(
+            (values.ravel()[self.at], self.problem.xp.asarray(motions))
+        )
+
+    def unpacked(self, vector: Any) -> tuple[Grid, Any]:
+        """Values on the grid, zero where nothing is live, and those of the motions on the host."""
+        values, n = self.problem.xp.zeros(self.live.shape), self.at.size
+        values.reshape(-1)[self.at] = vector[:n]
+        return values, host(vector[n:])
+
     def product(self, vector: Any) -> Any:
         """The matrix times (forces, free motions)."""
-        problem, xp = self.problem, self.problem.xp
-        n = self.live.size
-        x = xp.where(self.live, vector[:n].reshape(self.live.shape), 0.0)
+        problem, (x, motions) = self.problem, self.unpacked(vector)
         a = np.zeros(len(x))
-        a[problem.free] = host(vector[n:])
+        a[problem.free] = motions
         v = problem.moved(a) - problem.W(x)
-        out = xp.where(self.live, self.rows(x, v), 0.0)
-        sums = problem.sums(x)[problem.free] * self.unit
-        return xp.concatenate((out.ravel(), xp.asarray(sums)))
+        return self.packed(self.rows(x, v), problem.sums(x)[problem.free] * self.unit)
 
     def _forces(self, y: Grid) -> Grid:
         """Approximate forces of given rows."""
@@ -274,14 +285,12 @@ class _System:
 
     def precondition(self, vector: Any) -> Any:
         """Roughly the inverse: forces of displacement rows, then motions that balance them."""
-        problem, xp = self.problem, self.problem.xp
-        n = self.live.size
-        x = self._forces(vector[:n].reshape(self.live.shape))
+        problem, (y, wanted) = self.problem, self.unpacked(vector)
+        x = self._forces(y)
         if not problem.free:
-            return x.ravel()
-        wanted = host(vector[n:]) / self.unit
-        off = problem.sums(x)[problem.free] - wanted
+            return self.packed(x, wanted)
+        off = problem.sums(x)[problem.free] - wanted / self.unit
         a = np.linalg.lstsq(self.gram, off, rcond=1e-12)[0]
         for z, part in zip(self.columns, a, strict=True):
             x = x - float(part) * z
-        return xp.concatenate((x.ravel(), xp.asarray(a)))
+        return self.packed(x, a)

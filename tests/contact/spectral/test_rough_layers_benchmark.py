@@ -26,8 +26,13 @@ def test_growth_is_recovered(benchmark):
     ]
     depths = [{"rows": 2**k, "condense": 0.5 + 0.01 * k} for k in (4, 8, 12)]
     found = benchmark.growth([*rows, rows[0] | {"dim": 2, "contact": 1e9}], depths)
+    assert found.pop("off the line") < 1e-12
+    assert 0 < found.pop("power of depth") < 0.03
     wanted = {"product": 0.9, "condense": 1.0, "doubling": 0.01, "no_doubling": 0.5}
+    wanted |= {f"{name} of all sizes": wanted[name] for name in ("product", "condense")}
     assert found == pytest.approx(wanted, rel=1e-9)
+    bent = [row | {"condense": row["condense"] + 0.1 * (k == 1)} for k, row in enumerate(depths)]
+    assert benchmark.growth([], bent)["off the line"] > 0.05
     assert benchmark.growth(rows[:1], depths[:1]) == {}
 
 
