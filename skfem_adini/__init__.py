@@ -1,5 +1,6 @@
 """Adini finite elements for scikit-fem."""
 
+from skfem_adini.assembly.affine_cells import AffineCells
 from skfem_adini.assembly.assemble import assemble
 from skfem_adini.assembly.congruent_cells import CongruentCells
 from skfem_adini.conditions.essential_constraints import essential_constraints
@@ -40,6 +41,7 @@ from skfem_adini.uniform.solver import UniformSolver
 __all__ = [
     "AdiniError",
     "AdiniExtension",
+    "AffineCells",
     "BoundaryBasis",
     "CongruentCells",
     "CutDomain",

@@ -51,7 +51,7 @@ from skfem import (
 )
 
 from contact.errors import InputError, numbers, warn
-from skfem_adini import CongruentCells
+from skfem_adini import AffineCells, CongruentCells
 
 if TYPE_CHECKING:
     from skfem import Basis
@@ -154,9 +154,10 @@ def stiffness_matrix(
 ) -> sparse.csr_array:
     r"""Stiffness of sigma(u) : eps(v) for a vector basis made by ElementVector.
 
-    The same matrix as ``skfem.models.elasticity.linear_elasticity`` gives, from one batched
-    product K_ab = int d_a phi_i d_b phi_j per pair of directions, of one cell of each class of
-    congruent ones where these are few.
+    The same matrix as ``skfem.models.elasticity.linear_elasticity`` gives: from one cell of each
+    class of congruent ones where these are few; of other straight simplices from one table of the
+    reference cell; else from one batched product K_ab = int d_a phi_i d_b phi_j per pair of
+    directions. The first two are exactly symmetric.
 
     With `mean_dilatation` the volumetric part of each cell K is
     :math:`\lambda\, |K|^{-1} \int_K \operatorname{div} u \int_K \operatorname{div} v`, as in the
@@ -185,11 +186,33 @@ def stiffness_matrix(
         # Exactly symmetric: other solvers converge on it where rounding had broken the symmetry.
         whole = np.concatenate(parts)
         return sparse.csr_array(classes.matrix(0.5 * (whole + whole.transpose(0, 2, 1))))
+    if (straight := AffineCells.of(basis)) is not None:
+        tensor = isotropic_tensor(lame_lambda, lame_mu, basis.mesh.dim())
+        return sparse.csr_array(straight.matrix(tensor))
     total = sparse.csr_array((basis.N, basis.N))
     for cells, local in _local_matrices(basis, lame_lambda, lame_mu, mean_dilatation):
         total = total + _scattered(basis, cells, local)
     total.sort_indices()
     return total
+
+
+def isotropic_tensor(
+    lame_lambda: NDArray[np.float64], lame_mu: NDArray[np.float64], dim: int
+) -> NDArray[np.float64]:
+    """``C_ijkl = lambda d_ij d_kl + mu (d_ik d_jl + d_il d_jk)``.
+
+    Parameters
+    ----------
+    lame_lambda, lame_mu : ndarray, shape () or (ncells,)
+    dim : int
+
+    Returns
+    -------
+    ndarray, shape (dim, dim, dim, dim) or (dim, dim, dim, dim, ncells)
+    """
+    pairs = np.multiply.outer(np.eye(dim), np.eye(dim))  # d_ij d_kl
+    shear = pairs.transpose(0, 2, 1, 3) + pairs.transpose(0, 2, 3, 1)
+    return np.asarray(np.multiply.outer(pairs, lame_lambda) + np.multiply.outer(shear, lame_mu))
 
 
 def _local_matrices(
@@ -231,6 +254,8 @@ def tensor_stiffness(basis: Basis, tensor: NDArray[np.float64]) -> sparse.csr_ar
     -------
     csr_array, shape (ndofs, ndofs)
     """
+    if (straight := AffineCells.of(basis)) is not None:
+        return sparse.csr_array(straight.matrix(tensor))
     dim, n_cells = basis.mesh.dim(), len(basis.dx)
     constant = tensor if tensor.ndim == 5 else tensor[..., None]
     C = np.broadcast_to(constant, (*tensor.shape[:4], n_cells))[..., None, None]

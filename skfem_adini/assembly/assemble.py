@@ -236,7 +236,7 @@ class _Problem:
             if not np.array_equal(_cells_of(basis), _cells_of(first)):
                 raise _SlowPath("the bases have different cells")
         spaces = [Space(basis.elem, basis.mapping, basis.X, basis.W) for basis in bases]
-        blocks = [_blocks_of(basis) for basis in bases]
+        blocks = [DofBlocks.of_basis(basis) for basis in bases]
         return cls(form, spaces, blocks, first.mesh, first.tind)
 
     def assemble(self, parameters: dict[str, Any]) -> tuple[Any, str]:
@@ -366,13 +366,6 @@ def _check_invariance(element: Any, mapping: Any, mesh: Any) -> None:
     reason = why_not_element(element) or why_not_mapping(mapping, mesh)
     if reason:
         raise _SlowPath(reason)
-
-
-def _blocks_of(basis: Any) -> DofBlocks:
-    blocks = DofBlocks.from_mesh(basis.mesh, basis.elem)
-    if np.array_equal(blocks.element_dofs(), basis.dofs.element_dofs):
-        return blocks
-    return DofBlocks.from_dofs(basis.dofs)
 
 
 def _cells_of(basis: Any) -> Integers:

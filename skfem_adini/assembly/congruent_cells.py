@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -34,10 +35,8 @@ class CongruentCells:
 
     Attributes
     ----------
-    part
-        Basis of one cell of each class.
     cells
-        Numbers of these cells in the mesh, shape (classes,).
+        Numbers of one cell of each class in the mesh, shape (classes,).
     labels
         Class of each cell, shape (cells,).
 
@@ -56,10 +55,9 @@ class CongruentCells:
     1.0
     """
 
-    part: Any
     cells: NDArray[np.integer]
     labels: NDArray[np.integer]
-    _blocks: DofBlocks
+    _basis: Any
 
     @classmethod
     def of(cls, basis: Any, *fields: ArrayLike) -> CongruentCells | None:
@@ -84,14 +82,20 @@ class CongruentCells:
             np.ascontiguousarray(nodes),
             np.ascontiguousarray(np.hstack(words)),
         )
-        on, own = Space(element, mapping, basis.X, basis.W).on(cells)
-        part = CellBasis(
-            on.mesh, element, on, elements=own, quadrature=(basis.X, basis.W), disable_doflocs=True
+        return cls(cells, labels, basis)
+
+    @cached_property
+    def part(self) -> Any:
+        """Basis of one cell of each class."""
+        element, quadrature = self._basis.elem, self._basis.quadrature
+        on, own = Space(element, self._basis.mapping, *quadrature).on(self.cells)
+        return CellBasis(
+            on.mesh, element, on, elements=own, quadrature=quadrature, disable_doflocs=True
         )
-        blocks = DofBlocks.from_mesh(mesh, element)
-        if not np.array_equal(blocks.element_dofs(), basis.dofs.element_dofs):
-            blocks = DofBlocks.from_dofs(basis.dofs)
-        return cls(part, cells, labels, blocks)
+
+    @cached_property
+    def _blocks(self) -> DofBlocks:
+        return DofBlocks.of_basis(self._basis)
 
     def matrix(self, local: NDArray[Any], xp: Any = np) -> Any:
         """Return the sum of the local matrices of all cells.

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
@@ -15,16 +13,11 @@ from scipy import sparse
 
 from skfem_adini.assembly import row_kernels
 from skfem_adini.assembly.dof_blocks import DofBlocks
+from skfem_adini.assembly.row_shares import in_threads, shares_of
 from skfem_adini.jit import compiled
 
 Array = NDArray[Any]
 Integers = NDArray[np.integer]
-
-# More threads gain nothing: they share the bandwidth of the memory.
-_MOST_THREADS = 8
-# Least work of a thread, in pairs of a row block and a column block of one cell: .4 to 2 ms, many
-# times what it takes to start a thread.
-_WORTH_A_THREAD = 50_000
 
 
 def scatter_matrix(local: Array, labels: Integers, rows: DofBlocks, columns: DofBlocks) -> Any:
@@ -52,8 +45,8 @@ def scatter_matrix(local: Array, labels: Integers, rows: DofBlocks, columns: Dof
     so the number of threads does not change the result. Indices have 32 bits as long as numbers of
     entries, rows and columns are below 2^31.
     """
-    count_rows, fill_rows = _kernel("count_rows"), _kernel("fill_rows")
-    first, *held = _kernel("cells_of_blocks")(rows.of_cells, len(rows.start) - 1)
+    count_rows, fill_rows = row_kernel("count_rows"), row_kernel("fill_rows")
+    first, *held = row_kernel("cells_of_blocks")(rows.of_cells, len(rows.start) - 1)
     masks, full = _masks(local, columns.local)
     counts = np.zeros(rows.size + 1, dtype=np.int64)
     follows = np.zeros(len(rows.start) - 1, dtype=np.bool_)
@@ -62,12 +55,12 @@ def scatter_matrix(local: Array, labels: Integers, rows: DofBlocks, columns: Dof
     row_blocks = (first, *held, rows.start, rows.local)
     column_blocks = (columns.of_cells, columns.start, columns.local, uniform)
     both = row_blocks, column_blocks, labels
-    shares = _shares(first, len(columns.local) - 1)
+    shares = shares_of(first, len(columns.local) - 1)
 
     def count(begin: int, end: int) -> None:
         count_rows(begin, end, *both, masks, full, follows, counts)
 
-    _in_threads(count, shares)
+    in_threads(count, shares)
     np.cumsum(counts, out=counts)
     index = index_type(int(counts[-1]), max(rows.size, columns.size))
     indices = np.empty(counts[-1], dtype=index)
@@ -76,7 +69,7 @@ def scatter_matrix(local: Array, labels: Integers, rows: DofBlocks, columns: Dof
     def fill(begin: int, end: int) -> None:
         fill_rows(begin, end, *both, local, masks, full, follows, counts, indices, data)
 
-    _in_threads(fill, shares)
+    in_threads(fill, shares)
     matrix = sparse.csr_matrix(
         (data, indices, counts.astype(index)), shape=(rows.size, columns.size)
     )
@@ -87,7 +80,7 @@ def scatter_matrix(local: Array, labels: Integers, rows: DofBlocks, columns: Dof
 def scatter_vector(local: Array, labels: Integers, rows: DofBlocks) -> Array:
     """Return the sum of the local vectors (classes, local rows) of all cells."""
     total = np.zeros(rows.size, dtype=local.dtype)
-    _kernel("sum_vector")(rows.of_cells, rows.start, rows.local, labels, local, total)
+    row_kernel("sum_vector")(rows.of_cells, rows.start, rows.local, labels, local, total)
     return total
 
 
@@ -112,28 +105,7 @@ def _masks(local: Array, starts: Integers) -> tuple[Array, bool]:
     return masks, False
 
 
-def _shares(first: Integers, columns: int) -> list[tuple[int, int]]:
-    """Return ranges of blocks of about equal work, one for each thread."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    work = int(first[-1]) * columns
-    # The kernels are limited by the memory: on two processors a second thread gained nothing.
-    threads = max(1, min((cores or 1) // 2, _MOST_THREADS, work // _WORTH_A_THREAD))
-    ends = np.searchsorted(first, first[-1] * np.arange(1, threads) / threads)
-    ends = [0, *map(int, ends), len(first) - 1]
-    return list(pairwise(ends))
-
-
-def _in_threads(work: Callable[[int, int], None], shares: list[tuple[int, int]]) -> None:
-    if len(shares) == 1:
-        work(*shares[0])
-        return
-    with ThreadPoolExecutor(len(shares) - 1) as pool:
-        others = [pool.submit(work, *share) for share in shares[1:]]
-        work(*shares[0])
-        for other in others:
-            other.result()
-
-
 @lru_cache
-def _kernel(name: str) -> Callable[..., Any]:
+def row_kernel(name: str) -> Callable[..., Any]:
+    """Return a function of `row_kernels`, compiled."""
     return compiled(getattr(row_kernels, name), row_kernels.PARTS)

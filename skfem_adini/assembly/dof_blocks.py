@@ -69,6 +69,14 @@ class DofBlocks:
         numbers = np.ascontiguousarray(dofs.element_dofs, dtype=np.int32)
         return cls(numbers, np.arange(len(numbers) + 1), np.arange(dofs.N + 1), int(dofs.N))
 
+    @classmethod
+    def of_basis(cls, basis: Any) -> DofBlocks:
+        """Return the blocks of all cells of the mesh of a basis, whatever its numbering."""
+        blocks = cls.from_mesh(basis.mesh, basis.elem)
+        if np.array_equal(blocks.element_dofs(), basis.dofs.element_dofs):
+            return blocks
+        return cls.from_dofs(basis.dofs)
+
     def element_dofs(self) -> Integers:
         """Return the dofs of the cells, shape (dofs of a cell, cells)."""
         return np.vstack(
