@@ -37,6 +37,7 @@ from contact.result.save_pvtu import save_pvtu
 from contact.rows.pairs import Pair, Tie
 from contact.spectral import condensed_waves as _condensed_waves  # noqa: F401 -- registers its bodies
 from contact.spectral import mirrored_factor as _mirrored_factor  # noqa: F401 -- likewise
+from contact.spectral.contact_edge import ContactEdge
 from contact.spectral.grid_contact import GridContact
 from contact.spectral.grid_result import GridResult
 from contact.spectral.half_space import HalfSpace
@@ -48,6 +49,7 @@ __all__ = [
     "ClosestPoint",
     "CondensedContact",
     "Cone",
+    "ContactEdge",
     "ContactError",
     "ContactProblem",
     "ContactResult",

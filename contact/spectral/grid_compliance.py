@@ -18,6 +18,7 @@ class GridCompliance(Protocol):
     same on coarser grids. The attributes ``weights``, shape (nx[, ny]), the area of each point in
     units of a cell, ``fixed``, shape (dim, nx[, ny]), components of points that supports fix, and
     ``mirrored``, a bool for each direction, are those of a surface that is not periodic.
+    ``contact_modulus``, E* at the surface, serves `GridResult.edge`.
 
     Attributes
     ----------

@@ -12,6 +12,7 @@ from contact.errors import InputError, MissingDependency, NotConverged
 from contact.laws.iteration import Iteration
 from contact.laws.status import Status
 from contact.spectral.contact_area import corrected_area, perimeter
+from contact.spectral.contact_edge import ContactEdge, contact_edge
 from contact.spectral.friction_newton import GridFriction
 from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import Grid, GridProblem, project
@@ -132,6 +133,45 @@ class GridResult:
             A profile: the correction is known for surfaces.
         """
         return corrected_area(self.pressure > 0, self.compliance.spacing, self._mirrored)
+
+    def edge(self) -> ContactEdge:
+        """Edge of frictionless contact between the points, and the pressure next to it.
+
+        Forces over the area of a point are no pressures next to an edge, where the pressure falls
+        as a square root. It is fitted to pressures and gaps farther away: take it where contact
+        has some ten points from edge to edge, the gap a few beside it, and the surface is smooth at
+        their scale. On layers the lowest one should be several points thick.
+
+        Returns
+        -------
+        ContactEdge
+
+        Raises
+        ------
+        InputError
+            Friction, which changes the square root; a compliance that does not tell its modulus.
+
+        Examples
+        --------
+        >>> from contact import GridContact, HalfSpace, Rigid
+        >>> x = (np.arange(64) + 0.3) / 64  # Westergaard's sinusoid, half in contact
+        >>> ground = HalfSpace(1.0, 64, E=1.0, nu=0.3)
+        >>> wave = Rigid(1e-3 * (1 - np.cos(2 * np.pi * x)), force=(None, 5e-4 * np.pi / 0.91))
+        >>> result = GridContact(ground, wave).solve()
+        >>> print((result.edge().places + 0.3 / 64).round(3), result.area)
+        [[0.25 0.75]] 0.5
+        """
+        modulus = getattr(self.compliance, "contact_modulus", None)
+        if modulus is None:
+            raise InputError(
+                "edge: the compliance does not tell its modulus; give it an attribute "
+                "contact_modulus, E / (1 - nu^2)"
+            )
+        if np.any(self.shear):
+            raise InputError("edge: known for frictionless contact; leave friction")
+        return contact_edge(
+            self.pressure, self.opening, self.compliance.spacing, modulus, self._mirrored
+        )
 
     def spectrum(self) -> tuple[Array, Array]:
         """Wave vectors and the power spectral density of the pressure, as `Rough.spectrum` has it.

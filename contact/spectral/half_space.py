@@ -46,6 +46,8 @@ class HalfSpace(FilteredCompliance):
     stiffness : array, shape (dim, dim, nx // 2 + 1) or (dim, dim, nx, ny // 2 + 1)
         Forces on points per displacement, for each wave of a real transform; for the mean those of
         the longest wave.
+    contact_modulus : float
+        E* = E / (1 - nu^2).
 
     Raises
     ------
@@ -96,6 +98,7 @@ class HalfSpace(FilteredCompliance):
         self.shape: tuple[int, ...] = tuple(int(m) for m in points)
         self.spacing: tuple[float, ...] = tuple((sides / points).tolist())
         self.normal = np.sign(given)
+        self.contact_modulus = float(young / (1 - ratio**2))
         self.constant = np.zeros(dim, dtype=bool)
         self.initial = xp.zeros((dim, *self.shape))
         symbol = _symbol(self.shape, self.spacing, float(young), float(ratio), self.normal)

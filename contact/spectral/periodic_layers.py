@@ -97,6 +97,8 @@ class PeriodicLayers(FilteredCompliance):
         Components of points that a side fixes.
     initial : array, shape (dim, nx[, ny])
         Displacement of the lower side without forces on it.
+    contact_modulus : float
+        E* of the lowest layer: E / (1 - nu^2), in plane stress E.
 
     Raises
     ------
@@ -141,6 +143,8 @@ class PeriodicLayers(FilteredCompliance):
         self._sides = read_sides(sides, self.dim)
         self.spacing = tuple(np.divide(self.lengths, self.cells).tolist())
         self.layers, self.plane = read_layers(list(layers)), plane
+        lowest = self.layers[0]
+        self.contact_modulus = lowest.E / (1 - (plane != "stress") * lowest.nu**2)
         self._mesh = MeshQuad if self.dim == 2 else MeshHex
         self.element = self._mesh.elem() if element is None else element
         if base is not None and type(self.element) is not self._mesh.elem:
