@@ -104,6 +104,9 @@ class CondensedLayers:
     def plane(self, load: Any, row: int) -> Any:
         """Waves of the unknowns on a plane of nodes, supports at rest.
 
+        A mean force that nothing holds is left out. What the top is bonded to carries it:
+        displacements are then measured from the mean of the lower side.
+
         Parameters
         ----------
         load : array, shape (dim, *waves)
@@ -119,11 +122,14 @@ class CondensedLayers:
         turn = xp.asarray(np.array([1, 1j, -1, -1j])[list(self.turns)])
         turn = turn if load.dtype.kind == "c" else turn.real
         given = xp.moveaxis(load.reshape(d, -1), 0, 1) * xp.conj(turn[:d])
-        given[0][xp.asarray(~self.held)] = 0.0
+        if self._base is None:
+            given[0][xp.asarray(~self.held)] = 0.0
         found = xp.empty((given.shape[0], r), dtype=given.dtype)
         for at, stack in self._stacks():
             lower, upper = self._ends(stack, given[at], at)
             found[at] = stack.at(row, lower, upper)
+            if self._base is not None and not at.start:
+                found[0] -= lower[0]  # all are values: the base is joined to linear cells
         found *= turn / xp.asarray(self.lengths)
         return xp.moveaxis(found, 1, 0).reshape(r, *load.shape[1:])
 

@@ -70,7 +70,7 @@ class PeriodicLayers(FilteredCompliance):
         are held as well, which the absence of a traction implies only as the mesh is refined.
     base : (E, nu), optional
         An elastic half space (in the plane: half plane in plane strain) that the top is bonded to,
-        instead of supports. Displacements are then measured from the mean of its surface.
+        instead of supports. Displacements are then measured from the mean of the lower side.
     plane : {"strain", "stress"}
         Of a body in the plane.
     element : skfem element, optional

@@ -58,6 +58,20 @@ def test_stress_under_a_uniform_pressure_is_oedometric():
     assert np.allclose(sigma[0, 0], -0.01 * side, rtol=1e-11)
 
 
+@pytest.mark.parametrize("sides", ["periodic", "x"])
+def test_a_half_space_carries_the_mean_pressure(sides):
+    """It is uniform in the layers, and they are compressed by it, whatever they lie on."""
+    block = PeriodicLayers(2.0, COATED, 6, base=(2.0, 0.3), sides=sides)
+    forces = np.zeros((2, *block.shape))
+    forces[1] = 0.01 * block.spacing[0] * block.weights
+    x = np.array([[0.3, 1.9, 1.2], [0.05, 0.1, 0.4]])
+    assert np.allclose(block.stress(forces, x)[1, 1], -0.01, rtol=1e-12)
+    stiff = np.array([100 * 0.8 / (1.2 * 0.6), 0.6 / (1.4 * 0.2)])  # oedometric
+    shortened = -0.01 * np.array([0.05 / stiff[0], 0.1 / stiff[0], 0.1 / stiff[0] + 0.3 / stiff[1]])
+    assert np.allclose(block.sample(forces, x)[1], shortened, rtol=1e-11)
+    assert abs(block.displacement(forces, 0) - block.apply(forces)).max() < 1e-15
+
+
 def test_forces_of_a_contact_balance_the_stress_on_every_plane():
     """The mean of the traction on a plane is the resultant, by means over each cell (Q1)."""
     block = PeriodicLayers(1.0, [(0.4, 4, 1.0, 0.3)], 16, motion=(0.01, -0.04))
