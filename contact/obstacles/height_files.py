@@ -13,6 +13,7 @@ from contact.errors import InputError
 Array = NDArray[np.float64]
 
 TABLES = (".txt", ".csv", ".dat", ".asc")
+_UNEVEN = 0.2  # differences of spacings over their mean that rounded coordinates may have
 FORMATS = (".npy", *TABLES, ".xyz", ".png")
 
 
@@ -35,12 +36,20 @@ def read_heights(path: str | PathLike[str]) -> Array:
         raise InputError(f"path={path!r}: there is no such file")
     try:
         if kind == ".npy":
-            return np.asarray(np.load(place, allow_pickle=False), dtype=float)
+            return _array(place)
         if kind == ".xyz":
             return _points(place)
         return _table(place) if kind in TABLES else _image(place)
-    except (OSError, TypeError, ValueError) as error:
+    except (OSError, EOFError, SyntaxError, TypeError, ValueError) as error:  # of PNG: SyntaxError
         raise InputError(f"path={path!r}: not readable as {kind} ({error})") from error
+
+
+def _array(place: Path) -> Array:
+    found = np.load(place, allow_pickle=False)
+    kind = found.dtype if isinstance(found, np.ndarray) else type(found).__name__
+    if getattr(kind, "kind", "") not in tuple("biuf"):
+        raise ValueError(f"expected real numbers, not {kind}")
+    return np.asarray(found, dtype=float)
 
 
 def _table(place: Path) -> Array:
@@ -65,6 +74,9 @@ def _points(place: Path) -> Array:
         step = np.diff(t[order], prepend=t[order[0]]) > 1e-4 * length
         place_of = np.empty(t.size, dtype=int)
         place_of[order] = np.cumsum(step)
+        apart = np.diff(t[order][np.flatnonzero(step)], prepend=t[order[0]])
+        if apart.size and np.ptp(apart) > _UNEVEN * apart.mean():
+            raise ValueError("the points of the grid are not equally far apart; interpolate them")
         index.append(place_of)
     shape = tuple(int(i.max()) + 1 for i in index)
     heights = np.full(shape, np.nan)

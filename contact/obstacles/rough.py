@@ -11,7 +11,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
-from contact.errors import InputError, evaluated, numbers
+from contact.errors import InputError, array_of, evaluated, numbers
 from contact.obstacles.arguments import column, flag, positive_number, vector
 from contact.obstacles.height_files import read_heights
 from contact.obstacles.height_spline import DEGREES, HeightSpline
@@ -92,7 +92,7 @@ class Rough:
     _frame: tuple[Array, Array, Array] = field(init=False)
 
     def __post_init__(self) -> None:
-        if self.interpolation not in DEGREES:
+        if not isinstance(self.interpolation, str) or self.interpolation not in DEGREES:
             raise InputError(
                 f"interpolation={self.interpolation!r}: expected one of {', '.join(DEGREES)}"
             )
@@ -212,7 +212,8 @@ class Rough:
         >>> Rough.from_function(lambda t: np.cos(t[0]) * np.cos(t[1]), (2 * np.pi,) * 2, (16, 16))
         Rough(16 x 16 points, rms height 0.5)
         """
-        sides, points = np.atleast_1d(numbers("lengths", lengths)), np.atleast_1d(shape)
+        sides = np.atleast_1d(numbers("lengths", lengths))
+        points = np.atleast_1d(array_of("shape", shape))
         if points.dtype.kind not in "iu" or points.shape != sides.shape or np.any(points < 2):
             raise InputError(f"shape={shape!r}: expected {sides.size} numbers of points")
         closed = not flag("periodic", settings.get("periodic", True))

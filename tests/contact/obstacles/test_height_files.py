@@ -26,6 +26,7 @@ def test_points_in_any_order(tmp_path):
         (lambda p: p[:-1], "do not fill a grid"),
         (lambda p: np.vstack([p[:-1], p[:1]]), "do not fill a grid"),
         (lambda p: p[:, :2], "three numbers a line"),
+        (lambda p: np.where([1, 0, 0], p**3, p), "not equally far apart"),
         (lambda p: np.where(p == p[3, 2], np.nan, p), "NaN or infinite"),
     ],
 )
@@ -34,3 +35,20 @@ def test_what_is_no_grid_is_refused(tmp_path, spoil, words):
     np.savetxt(tmp_path / "map.xyz", spoil(points))
     with pytest.raises(InputError, match=words):
         Rough.from_file(tmp_path / "map.xyz", (1.0, 3.0), periodic=False)
+
+
+@pytest.mark.parametrize("heights", [np.eye(5) * 1j, np.full((5, 5), "1.0")])
+def test_what_is_no_real_array_is_refused(tmp_path, heights):
+    np.save(tmp_path / "map.npy", heights)
+    with pytest.raises(InputError, match="expected real numbers"):
+        Rough.from_file(tmp_path / "map.npy", (1.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("map.npy", b""), ("map.png", b"\x89PNG\r\n\x1a\n\0\0"), ("map.xyz", b""), ("map.txt", b"")],
+)
+def test_what_ends_too_early_is_refused(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match="not readable as"):
+        Rough.from_file(tmp_path / name, (1.0, 1.0))
