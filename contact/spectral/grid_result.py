@@ -206,11 +206,20 @@ class GridResult:
         density : ndarray, shape (bins,)
             Its integral is the share of the surface in contact.
         edges : ndarray, shape (bins + 1,)
+
+        Raises
+        ------
+        InputError
+            `bins` is not a whole number from 1.
         """
-        loaded = self.pressure[self.pressure > 0]
-        top = float(loaded.max(initial=0.0)) or 1.0
-        count, edges = np.histogram(loaded, bins=bins, range=(0.0, top))
-        return count / (np.diff(edges) * self.pressure.size), edges
+        if isinstance(bins, bool) or not isinstance(bins, int | np.integer) or bins < 1:
+            raise InputError(f"bins={bins!r}: expected a whole number from 1")
+        loaded, weights = self.pressure > 0, self._weights
+        top = float(self.pressure[loaded].max(initial=0.0)) or 1.0
+        area, edges = np.histogram(
+            self.pressure[loaded], bins=int(bins), range=(0.0, top), weights=weights[loaded]
+        )
+        return area / (np.diff(edges) * weights.sum()), edges
 
     def to_pyvista(self) -> Any:
         """The surface as image data, with pressure, shear, status, displacement and gap.

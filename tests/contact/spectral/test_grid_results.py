@@ -9,6 +9,7 @@ from contact import (
     Infeasible,
     InputError,
     NotConverged,
+    PeriodicLayers,
     Plane,
     Rigid,
     Rough,
@@ -49,12 +50,25 @@ def test_result_is_consistent():
     assert "in contact; resultant (0.002, 0, 0.01)" in repr(result)
 
 
+def test_histogram_between_mirrored_sides_weighs_points_by_their_area():
+    block = PeriodicLayers((1.0, 1.0), [(0.5, 2, 1.0, 0.3)], (4, 4), sides=("x", "y"))
+    x = np.arange(5) / 4
+    bowl = 0.01 * (x[:, None] ** 2 + x**2)
+    result = GridContact(block, Rigid(bowl, force=(0.0, 0.0, 1e-4))).solve()
+    density, edges = result.histogram(1000)
+    assert np.sum(density * np.diff(edges)) == pytest.approx(result.area)
+    mean = np.sum(density * np.diff(edges) * 0.5 * (edges[1:] + edges[:-1]))
+    assert mean == pytest.approx(1e-4, rel=1e-2)
+
+
 def test_spectrum_and_histogram():
     result = solved()
     _, C = result.spectrum()
     assert C.sum() / 2.0 == pytest.approx(np.var(result.pressure))
     density, edges = result.histogram(20)
     assert np.sum(density * np.diff(edges)) == pytest.approx(np.mean(result.pressure > 0))
+    with pytest.raises(InputError, match="bins=0: expected"):
+        result.histogram(0)
     middle = 0.5 * (edges[1:] + edges[:-1])
     mean = np.sum(density * np.diff(edges) * middle)
     assert mean == pytest.approx(result.pressure.mean(), rel=0.05)
