@@ -20,9 +20,10 @@ _DEPENDENT = 1e-11  # pivots of the Gram matrix of rows of unit length below thi
 def refuse_shared_points(state: ContactState) -> None:
     """Raise if points in contact have forces that equilibrium and the contact law leave open.
 
-    Periodic and tied boundaries can make displacements at contact points linearly dependent. Where
-    the points touch the obstacle, only certain sums of their forces are then determined, and
-    a pressure at one of them would be arbitrary.
+    Periodic and tied boundaries can make displacements at contact points linearly dependent, and so
+    do derivatives that vanish at the sides of a block that equals its mirror image. Where the
+    points touch the obstacle, only certain sums of their forces are then determined, and a pressure
+    at one of them would be arbitrary.
 
     Raises
     ------
@@ -31,7 +32,8 @@ def refuse_shared_points(state: ContactState) -> None:
     """
     system = state.system
     body = system.body
-    if not any(each._couplings for each in body.bodies):
+    # The path of a block holds derivatives at its sides, as if they were tied to mirror images.
+    if not any(each._couplings or getattr(each, "path", None) for each in body.bodies):
         return
     rows = system.rows
     u_n, _ = system.relative(state.u, state.motion)
@@ -49,7 +51,8 @@ def refuse_shared_points(state: ContactState) -> None:
             f"body: {int(closed.sum())} points are in contact, the first at {x.round(6).tolist()}, "
             "and periodic or tied boundaries make their displacements dependent, so that their "
             "pressures are not determined; let periodic boundaries end where there is no contact, "
-            "replace them by supports of symmetry, or do not tie the contact boundary"
+            "replace them by supports of symmetry, leave out the path of a LayeredBlock, or do not "
+            "tie the contact boundary"
         )
 
 

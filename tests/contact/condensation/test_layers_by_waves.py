@@ -141,6 +141,15 @@ def test_sides_that_move_and_supports_besides_without_a_mesh():
     assert ContactProblem(deep, "bottom", hill, 0.3).condense().path == "fourier"
 
 
+@pytest.mark.parametrize("kind", [{"columns": 4}, {"cells": 4}])
+def test_pressures_that_held_derivatives_leave_open_are_refused(kind):
+    """Full contact has two numbers more than unknowns: the derivatives held in the corners."""
+    block = LayeredBlock(1.0, [(0.5, 2, 1.0, 0.3)], "x", path="fourier", **kind)
+    block.load("top", (0.0, -0.01))
+    with pytest.raises(InputError, match="pressures are not determined"):
+        ContactProblem(block, "bottom", 0.0).solve()
+
+
 def random_block(seed):
     rng = np.random.default_rng(seed)
     dim = int(rng.integers(2, 4))
