@@ -101,13 +101,20 @@ def draw(path: Path, grid: Grid, start: Any, analysis: Any, points: np.ndarray) 
         "analysis": analysis.start["u"],
         "posterior deviation": analysis.deviations,
     }
-    figure, axes = plt.subplots(1, 4, figsize=(15, 3.6), layout="constrained", sharey=True)
+    figure, axes = plt.subplots(1, 4, figsize=(14, 3.6), layout="constrained", sharey=True)
+    lines = [np.append(line, 1.0) for line in grid.coordinates]  # closed, as the field is periodic
     for ax, (title, u) in zip(axes, fields.items(), strict=True):
         kind = {} if title.startswith("post") else {"vmin": -1.6, "vmax": 1.6, "cmap": "RdBu_r"}
-        image = ax.pcolormesh(*grid.coordinates, u.T, shading="gouraud", **kind)
-        ax.plot(*points, "k^", markersize=6)
-        ax.set(title=title, xlabel="x", aspect="equal")
-        figure.colorbar(image, ax=ax, shrink=0.8)
+        closed = np.pad(u, (0, 1), mode="wrap").T
+        image = ax.pcolormesh(*lines, closed, shading="gouraud", **kind)
+        ax.plot(
+            *points, "k^", markersize=7, markeredgecolor="w", clip_on=False, label="sensors"
+        )  # fmt: skip
+        ax.set(title=title, xlabel="x", aspect="equal", xlim=(0, 1), ylim=(0, 1))
+        if title in ("analysis", "posterior deviation"):
+            over = axes[:3] if title == "analysis" else ax
+            figure.colorbar(image, ax=over, shrink=0.75, label="u")
+    axes[0].legend(loc="upper right", framealpha=0.9)
     axes[0].set_ylabel("y")
     figure.savefig(path, dpi=120)
     plt.close(figure)
