@@ -5,11 +5,25 @@ from __future__ import annotations
 from markdown_table import Record, rows_of, source
 
 
+def _measured(record: Record) -> list[tuple[str, Record]]:
+    """Where something was measured, with the results: here, and on a device if it was."""
+    found = [("processor", record)]
+    if "cuda" in record:
+        found.append(("device", record["cuda"]))
+    return found
+
+
+def _sources(script: str, record: Record) -> list[str]:
+    """The lines on where the figures of `_measured` come from."""
+    found = [source(script, record)]
+    if "cuda" in record:
+        part = record["cuda"]
+        found.append(source(script, part, device=part["device"]["name"]))
+    return found
+
+
 def adjoint(record: Record) -> str:
     """What a gradient costs in runs, on the processor and on a device where it was measured."""
-    parts = [("processor", record)]
-    if "cuda" in record:
-        parts.append(("device", record["cuda"]))
     table = rows_of(
         "where | profile | nodes | velocity | parameters | steps | run | gradient "
         "| in runs | with few states kept | dot-test",
@@ -27,25 +41,19 @@ def adjoint(record: Record) -> str:
                 f"{row['ratio_recomputed']:.2f}",
                 f"{row['dot_test']:.0e}",
             )
-            for where, part in parts
+            for where, part in _measured(record)
             for row in part["rows"]
         ),
     )
     note = f"Median of {record['repeats']} interleaved repeats."
     if "note" in record:
         note += f" {record['note']}"
-    ends = [source("adjoint", record)]
-    if "cuda" in record:
-        device = record["cuda"]["device"]["name"]
-        ends.append(source("adjoint", record["cuda"], device=device))
+    ends = _sources("adjoint", record)
     return "\n\n".join((table, f"{note} {ends[0]}", *ends[1:]))
 
 
 def assimilation(record: Record) -> str:
     """Seconds of a 4D-Var window, and of its parts in units of the run."""
-    parts = [("processor", record)]
-    if "cuda" in record:
-        parts.append(("device", record["cuda"]))
     table = rows_of(
         "where | cells | combinations of reports | run | tangent | adjoint "
         "| square root of the background | whole window",
@@ -58,15 +66,11 @@ def assimilation(record: Record) -> str:
                 *(f"{row[name] / row['run']:.1f} runs" for name in ("tangent", "adjoint", "root")),
                 f"**{row['window']:.1f} s**",
             )
-            for where, part in parts
+            for where, part in _measured(record)
             for row in [part["window"]]
         ),
     )
-    ends = [source("assimilation", record)]
-    if "cuda" in record:
-        device = record["cuda"]["device"]["name"]
-        ends.append(source("assimilation", record["cuda"], device=device))
-    return "\n\n".join((table, *ends))
+    return "\n\n".join((table, *_sources("assimilation", record)))
 
 
 def calibration(record: Record) -> str:
