@@ -18,6 +18,7 @@ from cip.errors import (
     NotFinite,
     NotSupported,
 )
+from cip.formulas.source import Source
 from cip.formulas.spline_velocity import SplineVelocity
 from cip.formulas.velocity import Velocity
 from cip.grid import Grid
@@ -26,7 +27,6 @@ from cip.inverse.identified import IdentifiedVelocity, MisfitWarning
 from cip.inverse.identify import identify_velocity
 from cip.output.trajectory import Diagnostics, Trajectory
 from cip.solver.solver import Solver
-from cip.sources.source import Source
 from cip.stages.state import State
 
 __all__ = [

@@ -32,7 +32,7 @@ class Analysis:
     velocity : Velocity
         With the estimated parameters.
     parameters : dict
-        Estimates of the velocity's parameters that vary, by name.
+        Estimates of the solver's parameters that vary, by name.
     parameter_deviations : dict
         Their posterior standard deviations.
     amplitudes : tuple of ndarray

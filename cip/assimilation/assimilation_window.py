@@ -31,7 +31,7 @@ class Path:
     Attributes
     ----------
     solver : Solver
-        With the velocity's parameters of this control.
+        With the parameters of this control.
     states : tuple of State
         At the start and at the end of each interval, where its model error has been added.
     runs : tuple of Trajectory
@@ -74,7 +74,7 @@ class AssimilationWindow:
         self.first, self.ends = _intervals(sensors.times, background.t, self.dt)
         self.errors = _errors(model_error, solver, len(self.ends))
         self.names, self.spreads = _parameters(parameters, solver)
-        known = list(solver.velocity.parameters)
+        known = list(solver.parameters)
         self._columns = np.array([known.index(name) for name in self.names], dtype=np.int64)
         self.layout = Layout(self.covariance, len(self.names), self.errors)
 
@@ -84,8 +84,8 @@ class AssimilationWindow:
         return not self.names
 
     def parameters(self, control: Array) -> dict[str, float]:
-        """The velocity's parameters of a control."""
-        prior = self.solver.velocity.parameters
+        """The solver's parameters of a control."""
+        prior = self.solver.parameters
         moved = self.spreads * control[self.layout.parameters]
         return {name: prior[name] + float(d) for name, d in zip(self.names, moved, strict=True)}
 
@@ -93,9 +93,7 @@ class AssimilationWindow:
         """The states of a control and the residuals of the reports there."""
         solver = self.solver
         if self.names:
-            arguments = list(solver._arguments(solver._boundary))
-            arguments[1] = solver.velocity.with_parameters(**self.parameters(control))
-            solver = Solver(*arguments)
+            solver = solver.with_parameters(**self.parameters(control))
         change = self.covariance.root.matvec(control[self.layout.background])
         state = self._moved(self.background, change)
         states, runs = [state], []
@@ -180,10 +178,10 @@ def _parameters(given: Any, solver: Solver) -> tuple[list[str], Array]:
         return [], np.zeros(0)
     if not isinstance(given, Mapping):
         raise InputError(f"parameters: expected prior deviations by names, got {given!r}")
-    unknown = sorted(set(given) - set(solver.velocity.parameters))
+    unknown = sorted(set(given) - set(solver.parameters))
     if unknown:
-        raise InputError(f"parameters: the velocity has no parameter {unknown[0]!r}")
-    names = [name for name in solver.velocity.parameters if name in given]
+        raise InputError(f"parameters: the solver has no parameter {unknown[0]!r}")
+    names = [name for name in solver.parameters if name in given]
     spreads = np.array([real_number(given[n], f"parameters: {n!r}") for n in names])
     if not (np.isfinite(spreads).all() and np.all(spreads > 0.0)):
         raise InputError(f"parameters: expected positive prior deviations, got {given!r}")

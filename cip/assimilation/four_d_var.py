@@ -69,8 +69,8 @@ def four_d_var(
     dt : float
         Length of the steps; the last one before each time of the sensors may be shorter.
     parameters : dict, optional
-        Prior standard deviations by names of the velocity's parameters that are unknown; their
-        prior means are those of ``solver.velocity``.
+        Prior standard deviations by names of the solver's parameters that are unknown; their
+        prior means are the values in ``solver.parameters``.
     model_error : Covariance or sequence of Covariance or None, optional
         Of the error of each interval between times of the sensors, independent of the others; a
         sequence has one for each interval, None where the model is exact there. Times at which no

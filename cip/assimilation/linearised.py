@@ -48,9 +48,9 @@ class Linearised:
     errors : sequence of Covariance or None
     reports : Reports
     tangents : sequence of LinearOperator
-        For each interval; columns are the moments, then the velocity's parameters.
+        For each interval; columns are the moments, then the solver's parameters.
     columns : ndarray of int
-        Which of the velocity's parameters vary.
+        Which of the solver's parameters vary.
     spreads : ndarray
         Their prior deviations.
     first : bool

@@ -111,9 +111,19 @@ class CpuEngine(Engine):
         cpu_loops.share(sweep, grid.size // line[2], grid.size)
 
     def launch_path(
-        self, stage: Stage, m: Any, out: Any, t_end: float, dt: float, count: int
+        self,
+        stage: Stage,
+        m: Any,
+        out: Any,
+        t_end: float,
+        dt: float,
+        count: int,
+        kept: Any = None,
     ) -> int:
-        """Run a stage's kernel that computes the feet too; 0, `LEFT`, `COARSE` or both bits."""
+        """Run a stage's kernel that computes the feet too; 0, `LEFT`, `COARSE` or both bits.
+
+        The feet are written to `kept` if it is given.
+        """
         from cip.engines import cpu_loops, path_loops
         from cip.jit import loop_over
         from cip.profiles import line_kernels, plane_kernels
@@ -134,9 +144,11 @@ class CpuEngine(Engine):
             run = loop_over(path_loops.run_lines_path, node=node, path=path)
             rows = self.grid.size // lines[0][2]
         said = np.zeros(rows, np.int64)
+        components = 0 if kept is None else len(stage.jets)
+        kept = np.empty(0) if kept is None else kept
 
         def work(start: int, stop: int) -> None:
-            run(start, stop, m, out, said, paths, *lines, update, self.limiter)
+            run(start, stop, m, out, said, kept, components, paths, *lines, update, self.limiter)
 
         cpu_loops.share(work, rows, self.grid.size)
         return int(np.bitwise_or.reduce(said))

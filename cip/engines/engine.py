@@ -107,20 +107,33 @@ class Engine:
         """Write values to (or add them at) indices into the flat moments."""
         raise NotImplementedError
 
-    def apply(self, stage: Stage, data: Any, t: float, dt: float, homogeneous: bool = False) -> Any:
+    def apply(
+        self,
+        stage: Stage,
+        data: Any,
+        t: float,
+        dt: float,
+        homogeneous: bool = False,
+        kept: list[StageFeet] | None = None,
+    ) -> Any:
         """The moments after a stage of the step [t, t + dt].
 
-        With `homogeneous` data on walls are taken as zero: the stage then is linear in `data`.
+        With `homogeneous` data on walls are taken as zero: the stage then is linear in `data`. To
+        `kept` the feet are added, on the CPU, if the kernel of the stage computes them itself.
         """
         out = self.empty(data)
         m, new = data.reshape(-1), out.reshape(-1)
         if self._computes(stage):
             t_end, length = t + stage.end * dt, (stage.end - stage.begin) * dt
+            feet = [] if kept is None else [np.empty(len(stage.jets) * self.grid.size)]
 
             def attempt(count: int) -> int:
-                return self.launch_path(stage, m, new, t_end, length, count)
+                return self.launch_path(stage, m, new, t_end, length, count, *feet)
 
             if self._refine(stage, t, dt, attempt):
+                if kept is not None:
+                    count, begin = self._counts[stage.part(dt)][1], t + stage.begin * dt
+                    kept.append(StageFeet(feet[0], [None], begin, t_end, count))
                 return out
         feet = self.feet(stage, t, dt)
         self.launch(stage, m, new, feet.data)

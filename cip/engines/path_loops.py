@@ -61,11 +61,14 @@ def _path(source: str) -> Any:
 
 
 def run_plane_path(
-    start: Index, stop: Index, m: Array, out: Out, said: Out, paths: Paths, x: Line, y: Line,
-    update: Update, limiter: Index,
+    start: Index, stop: Index, m: Array, out: Out, said: Out, kept: Out, components: Index,
+    paths: Paths, x: Line, y: Line, update: Update, limiter: Index,
 ) -> None:  # fmt: skip
-    """Rows start..stop of a plane; ``said[row]`` is the bitwise or of the codes of `path`."""
-    m, out, said = address(m), address(out), address(said)
+    """Rows start..stop of a plane; ``said[row]`` is the bitwise or of the codes of `path`.
+
+    The first components of the feet are written to `kept`, laid out as by `run_feet`.
+    """
+    m, out, said, kept = address(m), address(out), address(said), address(kept)
     x, y, update, paths = at_addresses(x), at_addresses(y), Update(*update), Paths(*paths)
     x1, x2 = address(paths.x), address(paths.y)
     feet, box = foot_room(np.empty(1)), address(paths.box)
@@ -75,15 +78,20 @@ def run_plane_path(
         for j in range(y.n):
             found |= path(feet, x1[i], x2[j], 0.0, t, step, count, box)
             node(m, out, Foot(feet, 1, 0), x, y, update, i * y.n + j, i, j, limiter)
+            for f in range(components):
+                kept[f * update.size + i * y.n + j] = feet[f]
         said[i] = found
 
 
 def run_lines_path(
-    start: Index, stop: Index, m: Array, out: Out, said: Out, paths: Paths, line: Line,
-    update: Update, limiter: Index,
+    start: Index, stop: Index, m: Array, out: Out, said: Out, kept: Out, components: Index,
+    paths: Paths, line: Line, update: Update, limiter: Index,
 ) -> None:  # fmt: skip
-    """Rows start..stop of a sweep, as `cip.engines.cpu_loops.run_lines` counts them."""
-    m, out, said = address(m), address(out), address(said)
+    """Rows start..stop of a sweep, as `cip.engines.cpu_loops.run_lines` counts them.
+
+    The rest is as for `run_plane_path`.
+    """
+    m, out, said, kept = address(m), address(out), address(said), address(kept)
     line, update, paths = at_addresses(line), Update(*update), Paths(*paths)
     feet, box = foot_room(np.empty(1)), address(paths.box)
     x, y, z = address(paths.x), address(paths.y), address(paths.z)
@@ -99,6 +107,8 @@ def run_lines_path(
             found |= path(feet, x[o // (ny * nz)], y[o // nz % ny], z[o % nz], t, step, count, box)
             own = Line(line.h, base + q, inner, n, line.periodic)
             node(m, out, Foot(feet, 1, 0), own, update, o, i, limiter)
+            for f in range(components):
+                kept[f * update.size + o] = feet[f]
         said[row] = found
         i += 1
         if i == n:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import keyword
 from collections.abc import Iterable, Mapping
-from typing import Any
+from copy import deepcopy
+from typing import Any, Self
 
 import numpy as np
 
@@ -66,3 +67,74 @@ def checked(values: Any) -> dict[str, float]:
             raise InputError(f"parameters: {name!r} must be finite, got {value!r}")
         found[name] = float(number)
     return found
+
+
+class Parametrised:
+    """What has named parameters: their values, and the same with others."""
+
+    _kind = "function"
+    _parameters: dict[str, float]
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Values of the named parameters by names; a copy.
+
+        Those of a solver are the parameters of its velocity, source, decay and boundary, in this
+        order, where one name is one parameter.
+        """
+        return dict(self._parameters)
+
+    def with_parameters(self, **values: float) -> Self:
+        """The same formulas with other values of some parameters; nothing is compiled again.
+
+        Parameters
+        ----------
+        **values : float
+            New values by name; the other parameters keep theirs.
+
+        Returns
+        -------
+        Velocity, Source or Solver
+            As this one.
+
+        Raises
+        ------
+        InputError
+            A name that is none of the parameters, or a value that is not a finite number.
+
+        Examples
+        --------
+        >>> from cip import Velocity
+        >>> Velocity.from_expression("a + t", parameters={"a": 1}).with_parameters(a=2).parameters
+        {'a': 2.0}
+        """
+        unknown = sorted(set(values) - set(self._parameters))
+        if unknown:
+            known = ", ".join(self._parameters) or "it has none"
+            raise InputError(f"{unknown[0]}: no parameter of this {self._kind}; known: {known}")
+        return self._with({**self._parameters, **checked(values)})
+
+    def _with(self, values: dict[str, float]) -> Self:
+        """The same with these values of all parameters."""
+        new = self._copy()
+        new._parameters = values
+        return new
+
+    def _copy(self) -> Self:
+        """Another object with the same attributes."""
+        new = object.__new__(type(self))
+        new.__dict__.update(self.__dict__)
+        return new
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        new = object.__new__(type(self))
+        new.__dict__.update({name: deepcopy(value, memo) for name, value in self.__dict__.items()})
+        return new
+
+
+def require_held(names: Iterable[str], formulas: Iterable[Expression]) -> None:
+    """Raise `InputError` for a parameter that no formula holds."""
+    held = set(ordered(list(formulas)))
+    unused = [name for name in names if parameter(name) not in held]
+    if unused:
+        raise InputError(f"parameters: no formula holds {unused[0]!r}; leave it out")

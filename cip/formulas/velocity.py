@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from copy import deepcopy
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from cip.errors import InputError
 from cip.formulas.clock import clock_of, timed, with_time
-from cip.formulas.expression import COORDINATES, ordered
+from cip.formulas.expression import COORDINATES
 from cip.formulas.formula import Formula, spline
 from cip.formulas.given_components import formulas_by_values, given_components
 from cip.formulas.gridded_arrays import gridded_arrays
-from cip.formulas.parameters import checked, parameter
+from cip.formulas.parameters import Parametrised, checked, require_held
 from cip.formulas.parsing import parse
 from cip.formulas.pointwise_check import Box
 from cip.formulas.snapshots import Snapshots
@@ -23,7 +22,7 @@ from cip.formulas.traced_velocity import traced_velocity
 from cip.grid import Grid
 
 
-class Velocity:
+class Velocity(Parametrised):
     """The velocity c of u_t + c . grad u = 0 or p_t + div(c p) = 0.
 
     Parameters
@@ -60,6 +59,8 @@ class Velocity:
     >>> swirl.dim, swirl.steady
     (2, False)
     """
+
+    _kind = "velocity"
 
     def __init__(
         self,
@@ -146,10 +147,7 @@ class Velocity:
                 raise InputError(
                     f"component {q + 1}: {text!r} holds a coordinate beyond x{len(components)}"
                 )
-        held = set(ordered([formula.expression for formula in formulas]))
-        unused = [name for name in values if parameter(name) not in held]
-        if unused:
-            raise InputError(f"parameters: no formula holds {unused[0]!r}; leave it out")
+        require_held(values, [formula.expression for formula in formulas])
         self._formulas = tuple(formulas)
         self._parameters = values
         self.steady = all(formula.steady for formula in formulas)
@@ -253,44 +251,9 @@ class Velocity:
         times, arrays, grid = gridded_arrays(winds, components, axes, time, periodic)
         return cls.from_snapshots(times, arrays, grid, degree)
 
-    @property
-    def parameters(self) -> dict[str, float]:
-        """Values of the named parameters of the formulas, those of `from_expression`; a copy."""
-        return dict(self._parameters)
-
-    def with_parameters(self, **values: float) -> Velocity:
-        """The same formulas with other values of some parameters; nothing is compiled again.
-
-        Parameters
-        ----------
-        **values : float
-            New values by name; the other parameters keep theirs.
-
-        Returns
-        -------
-        Velocity
-
-        Raises
-        ------
-        InputError
-            A name that is none of the parameters, or a value that is not a finite number.
-
-        Examples
-        --------
-        >>> from cip import Velocity
-        >>> Velocity.from_expression("a + t", parameters={"a": 1}).with_parameters(a=2).parameters
-        {'a': 2.0}
-        """
-        unknown = sorted(set(values) - set(self._parameters))
-        if unknown:
-            known = ", ".join(self._parameters) or "it has none"
-            raise InputError(f"{unknown[0]}: no parameter of this velocity; known: {known}")
-        new = object.__new__(type(self))
-        new.__dict__.update(self.__dict__)
-        new._parameters = {**self._parameters, **checked(values)}
-        new._formulas = tuple(
-            formula.with_numbers(new._parameters) for formula in self._formulas or ()
-        )
+    def _with(self, values: dict[str, float]) -> Self:
+        new = super()._with(values)
+        new._formulas = tuple(formula.with_numbers(values) for formula in self._formulas or ())
         return new
 
     def __getstate__(self) -> dict[str, Any]:
@@ -302,11 +265,6 @@ class Velocity:
             else:
                 state[name] = self._portable(value)
         return state
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Velocity:
-        new = object.__new__(type(self))
-        new.__dict__.update({name: deepcopy(value, memo) for name, value in self.__dict__.items()})
-        return new
 
     def _where(self, dim: int) -> Box:
         """The box from which test points are taken: the last grid's, else the unit box."""

@@ -46,15 +46,16 @@ class Prediction:
 
     def velocity(self, values: Array) -> Velocity:
         """The velocity with these values of the parameters."""
-        numbers = dict(zip(self.names, map(float, values), strict=True))
-        return self._solver.velocity.with_parameters(**numbers)
+        return self._solver.velocity.with_parameters(**self._numbers(values))
+
+    def _numbers(self, values: Array) -> dict[str, float]:
+        return dict(zip(self.names, map(float, values), strict=True))
 
     def _ran(self, values: Array) -> tuple[Solver, list[Any]]:
         key = np.asarray(values, dtype=float).tobytes()
         if self._last is None or self._last[0] != key:
-            arguments = list(self._solver._arguments(self._solver._boundary))
-            arguments[1] = self.velocity(values)
-            solver, state, found = Solver(*arguments), self._start, []
+            solver = self._solver.with_parameters(**self._numbers(values))
+            state, found = self._start, []
             for t in self._data.times:
                 found.append(solver.run(state, t, dt=self._dt))
                 state = found[-1].final
@@ -81,8 +82,8 @@ class Prediction:
 
     def _sensitivity(self, values: Array) -> Array:
         solver, runs = self._ran(values)
-        order = [list(solver.velocity.parameters).index(name) for name in self.names]
-        given = np.eye(len(solver.velocity.parameters))[:, order]
+        order = [list(solver.parameters).index(name) for name in self.names]
+        given = np.eye(len(solver.parameters))[:, order]
         change, found = np.zeros((self._start.data.size, len(order))), []
         for operator, run in zip(self._data.operators, runs, strict=True):
             change = solver.tangent(run) @ np.vstack([change, given])

@@ -1,6 +1,6 @@
 """Derivatives of whole runs, of the schemes as they compute: tangent-linear and adjoint.
 
 In: a solver, one of its runs.
-Out: a SciPy LinearOperator from the start and the velocity's parameters to the end.
+Out: a SciPy LinearOperator from the start and the parameters of the solver to the end.
 Start: `window`; then `node_adjoint` for the moments and `path_adjoint` for the feet.
 """

@@ -23,19 +23,6 @@ _NODES_A_STRIP = 20_000
 pull: Any = None
 
 
-def run_line(
-    start: Index, stop: Index, m: Array, w: Array, back: Out, g: Out, feet: Array, size: Index,
-    components: Index, x: Line,
-) -> None:  # fmt: skip
-    """Nodes start..stop of a line; the derivatives with respect to feet are added to g."""
-    m, w, back, g, feet = address(m), address(w), address(back), address(g), address(feet)
-    x, here = at_addresses(x), foot_room(np.empty(1))
-    for i in range(start, stop):
-        pull(m, w, back, here, feet, size, i, x, size, i, i)
-        for c in range(components):
-            g[c * size + i] += here[c]
-
-
 def run_plane(
     start: Index, stop: Index, m: Array, w: Array, back: Out, g: Out, feet: Array, size: Index,
     components: Index, x: Line, y: Line,
@@ -55,7 +42,10 @@ def run_sweep(
     start: Index, stop: Index, m: Array, w: Array, back: Out, g: Out, feet: Array, size: Index,
     components: Index, x: Line,
 ) -> None:  # fmt: skip
-    """Rows start..stop of a sweep, as in `cip.engines.cpu_loops.run_lines`."""
+    """Rows start..stop of a line or a sweep, as in `cip.engines.cpu_loops.run_lines`.
+
+    The derivatives with respect to feet are added to g.
+    """
     m, w, back, g, feet = address(m), address(w), address(back), address(g), address(feet)
     x, here = at_addresses(x), foot_room(np.empty(1))
     for row in range(start, stop):
@@ -93,11 +83,10 @@ def pull_back(
     -------
     ndarray, shape (moments, nodes)
     """
-    size, rows, means = grid.size, grid.nodes[0], weight[-1]
+    size, means = grid.size, weight[-1]
     if profile in CONSERVATIVE:
         weight = np.concatenate([weight[:-1], integral_weights(grid, means)[None]])
     pull_one = pull_kernel(profile, advect, grid.dim, axis)
-    run = loop_over(run_plane if grid.dim == 2 else run_line, pull=pull_one)
     strides = [size // int(np.prod(grid.nodes[: axis + 1])) for axis in range(grid.dim)]
     lines = [
         tuple(Line(np.asarray(h, dtype=float), 0, stride, n, int(periodic)))
@@ -105,9 +94,11 @@ def pull_back(
             grid.widths, strides, grid.nodes, grid.periodic, strict=True
         )
     ]
-    if axis is not None and grid.dim > 1:
-        run, lines = loop_over(run_sweep, pull=pull_one), [lines[axis]]
-        rows = size // strides[axis]
+    if axis is None and grid.dim == 2:
+        run, rows = loop_over(run_plane, pull=pull_one), grid.nodes[0]
+    else:
+        run, lines = loop_over(run_sweep, pull=pull_one), [lines[axis or 0]]
+        rows = size // strides[axis or 0]
     strips = max(1, min(_STRIPS, rows, size // _NODES_A_STRIP))
     cuts = [rows * strip // strips for strip in range(strips + 1)]
     sums = np.zeros((strips, *weight.shape))

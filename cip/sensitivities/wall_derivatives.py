@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 
 from cip.characteristics.feet import Exits, time_scale
-from cip.characteristics.flow_derivatives import System
 from cip.formulas.expression import COORDINATES, Expression, constant, variable
 from cip.formulas.straight_line_code import numpy_function
 from cip.stages.stage import Correction, Stage, StageFeet
-from cip.stages.walls import WallMoments
+from cip.stages.walls import MIDDLE, WallMoments
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 _SHIFT = (0.0, 0.5, 0.5, 1.0)
@@ -27,7 +26,7 @@ _WEIGHT = (1.0, 2.0, 2.0, 1.0)
 
 
 def wall_derivatives(stage: Stage, feet: StageFeet) -> list[Correction]:
-    """The derivatives of `Stage.corrections` in the parameters of the stage's system.
+    """The derivatives of `Stage.corrections` in the stage's `wall_parameters`.
 
     Parameters
     ----------
@@ -40,24 +39,28 @@ def wall_derivatives(stage: Stage, feet: StageFeet) -> list[Correction]:
     list of Correction
         Their values have shape (parameters, places).
     """
-    if not feet.bounded or not stage.system.parameters:
+    names = stage.wall_parameters
+    if not feet.bounded or not names:
         return []
     wall, found = stage.wall_moments(feet.t_end), []
     for block, exits in zip(stage.blocks, feet.exits, strict=True):
         if exits is None:
             continue
         slopes = _exit_derivatives(stage, feet, block, exits)
-        count = len(stage.system.parameters), exits.nodes.size
+        # Parameters that only the data hold do not move the paths.
+        more = np.zeros((len(slopes), len(names) - slopes.shape[1], exits.nodes.size))
+        slopes = np.concatenate([slopes, more], axis=1)
+        count = len(names), exits.nodes.size
         flux = np.zeros(count) if stage.conservative else None
         values: Array = np.zeros((count[0], 0, count[1]))
         for axis, side in stage.walls:
             on = (exits.axis == axis) & (exits.side == side)
             if on.any():
                 part = _Wall(stage, wall, axis, side, exits, feet, slopes, on)
-                more = part.moments()
+                moments = part.moments()
                 if not values.size:
-                    values = np.zeros((count[0], len(more), count[1]))
-                values[..., on] = np.moveaxis(more, 0, 1)
+                    values = np.zeros((count[0], len(moments), count[1]))
+                values[..., on] = np.moveaxis(moments, 0, 1)
                 if flux is not None:
                     flux[:, on] = part.flux()
         found += stage.placed(block, exits.nodes, values, flux)
@@ -80,7 +83,9 @@ class _Wall:
         feet: StageFeet, slopes: Array, on: Any,
     ) -> None:  # fmt: skip
         self.system, self.wall, self.place = stage.system, wall, (axis, side)
+        self.parameters = stage.wall_parameters
         self.feet, self.ages = feet, exits.ages[on]
+        self.middle = 0.5 * (feet.t_start + feet.t_end)
         self.names = [*COORDINATES, *(jet.name for jet in self.system.jets)]
         self.point = [x[on] for x in exits.points]
         self.point += [np.zeros(())] * (3 - len(self.point))
@@ -97,14 +102,15 @@ class _Wall:
         nodes = self.wall.formulas(*self.place)
         function = self._directional(nodes)
         t = self.feet.t_end - self.ages
-        moves = [*self.moves, self.slopes[-1], *self.slopes[:-1], *_units(self.system)]
-        rows = function(*self.point, t, *self.jets, *moves)
+        moves = [*self.moves, self.slopes[-1], *self.slopes[:-1], *_units(len(self.parameters))]
+        rows = function(*self.point, t, *self.jets, self.middle, *moves)
         return _rows(rows, self.slopes.shape[1:])
 
     def flux(self) -> Array:
         """Derivatives of the integral of the influx until each path begins."""
         node = self.wall.influx(*self.place)
-        rate = numpy_function([node], COORDINATES, self.wall.functions(*self.place, [node]))
+        functions = self.wall.functions(*self.place, [node])
+        rate = numpy_function([node], [*COORDINATES, MIDDLE], functions)
         slope = self._directional([node])
         start, d_end = self.feet.t_start, self.slopes[-1]
         length = (self.feet.t_end - self.ages) - start
@@ -113,17 +119,19 @@ class _Wall:
         for place, weight in zip(places, weights, strict=True):
             part = 0.5 * (1.0 + place)
             t = start + part * length
-            (value,) = rate(*self.point, t)
-            moves = [*self.moves, part * d_end, *self.slopes[:-1], *_units(self.system)]
-            (change,) = slope(*self.point, t, *self.jets, *moves)
+            (value,) = rate(*self.point, t, self.middle)
+            moves = [*self.moves, part * d_end, *self.slopes[:-1]]
+            moves += _units(len(self.parameters))
+            (change,) = slope(*self.point, t, *self.jets, self.middle, *moves)
             total += 0.5 * weight * (d_end * value + length * change)
         return total
 
     def _directional(self, nodes: list[Expression]) -> Any:
-        moved = [*self.names, *self.system.parameters]
+        moved = [*self.names, *self.parameters]
         changes = [_along(node, moved) for node in nodes]
         functions = self.wall.functions(*self.place, changes)
-        return numpy_function(changes, [*self.names, *(f"d_{name}" for name in moved)], functions)
+        arguments = [*self.names, MIDDLE, *(f"d_{name}" for name in moved)]
+        return numpy_function(changes, arguments, functions)
 
 
 def _exit_derivatives(stage: Stage, feet: StageFeet, block: int, exits: Exits) -> Array:
@@ -177,7 +185,7 @@ class _Steps:
         """The unknowns after steps of lengths `own`, whose derivatives are `change`."""
         k, dk = np.zeros_like(y), np.zeros_like(slopes)
         total, d_total = np.zeros_like(y), np.zeros_like(slopes)
-        units = _units(self.system, 1)
+        units = _units(len(self.system.parameters), 1)
         for shift, weight in zip(_SHIFT, _WEIGHT, strict=True):
             at = y + shift * own * k
             d_at = slopes + shift * (change * k[:, None] + own * dk)
@@ -199,9 +207,8 @@ class _Steps:
         return point, moves
 
 
-def _units(system: System, more: int = 0) -> list[Array]:
+def _units(count: int, more: int = 0) -> list[Array]:
     """The change of each parameter along all of them, with `more` rows in which none changes."""
-    count = len(system.parameters)
     return list(np.eye(count, count + more)[:, :, None])
 
 

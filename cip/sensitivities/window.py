@@ -9,12 +9,13 @@ on the velocity's parameters p. So
 and the adjoint runs through the steps backward with :math:`A^T`, a scatter of the same weights
 (Griewank and Walther, Evaluating Derivatives, 2008, chapters 3 and 12, also for the checkpoints).
 Where a path begins on a wall, the new moments come from the data there: rows of A are zero, and the
-derivatives with respect to p are those of `cip.sensitivities.wall_derivatives`.
+derivatives with respect to p are those of `cip.sensitivities.wall_derivatives`. Sources and decay
+are moves of their own before and after a step's stages (`cip.sources.half_step`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +29,7 @@ from cip.sensitivities.foot_derivatives import foot_derivatives
 from cip.sensitivities.mass_derivatives import mean_changes
 from cip.sensitivities.profile_derivatives import CORNERS, slopes_in_foot, traced
 from cip.sensitivities.wall_derivatives import wall_derivatives
+from cip.sources.half_step import HalfStep
 from cip.stages.stage import Correction, Stage, StageFeet
 from cip.stages.state import State
 
@@ -114,25 +116,35 @@ class Move:
 
     @property
     def columns(self) -> list[str]:
-        """Names of the parameters that occur in its stage."""
-        return [name.removeprefix("p_") for name in self.stage.system.parameters]
+        """Names of the parameters on which its feet depend."""
+        return names_of(self.stage.system.parameters)
+
+    @property
+    def wall_columns(self) -> list[str]:
+        """Names of the parameters on which the moments from walls depend."""
+        return names_of(self.stage.wall_parameters)
+
+    @property
+    def reads_state(self) -> bool:
+        """Whether derivatives in parameters depend on the moments."""
+        return bool(self.columns)
 
 
 class Window:
-    """The derivative of the last state of a run in the first one and in the velocity's parameters.
+    """The derivative of the last state of a run in the first one and in the solver's parameters.
 
     The adjoint recomputes the states between checkpoints.
 
     Parameters
     ----------
-    moves : sequence of Move
-        The stages of all steps, in order.
+    moves : sequence of Move or HalfStep
+        The stages of all steps in order, and what sources and decay do before and after them.
     start : State
     advance : callable
         The state after move n, ``advance(n, state)``; ``advance(n, change, True)`` for a change of
         the state, on which data on walls have no influence.
     feet : callable
-        ``feet(n)``, those that move n uses.
+        ``feet(n)``, those that move n uses, a stage.
     parameters : sequence of str
         In the order of the columns.
     every : int
@@ -143,7 +155,7 @@ class Window:
 
     def __init__(
         self,
-        moves: list[Move],
+        moves: list[Any],
         start: State,
         advance: Callable[..., State],
         feet: Callable[[int], StageFeet],
@@ -155,8 +167,13 @@ class Window:
         self._moves, self._start = moves, start
         self._advance, self._feet = advance, feet
         # Columns of the parameters that occur: others have no influence.
-        self._columns = [[parameters.index(name) for name in move.columns] for move in moves]
-        self._varies = any(self._columns)
+        place = {name: q for q, name in enumerate(parameters)}
+        self._columns = [[place[name] for name in move.columns] for move in moves]
+        self._wall_columns = [
+            [place[name] for name in move.wall_columns] if isinstance(move, Move) else []
+            for move in moves
+        ]
+        self._varies = any(move.reads_state for move in moves)
         self._kept: dict[Any, Any] = {}
         self._marks: dict[int, State] = {}
 
@@ -206,15 +223,12 @@ class Window:
         x = np.ravel(x)
         state, size = self._start, self._start.data.size
         change = State(state.grid, state.profile, x[:size].reshape(state.data.shape).copy())
-        varies = x[size:].any()
-        for n, columns in enumerate(self._columns):
+        varies = self._varies and x[size:].any()
+        for n in range(len(self._moves)):
             # The scheme is linear in the moments.
             new = self._advance(n, change, True)
-            direction = x[size:][columns]
-            if direction.any():
-                more = self._part(n).along(self._flat(state), direction).ravel()
-                for wall in self._walls(n):
-                    np.add.at(more, wall.places, direction @ wall.values)
+            more = self._along(n, state, x[size:])
+            if more is not None:
                 data = new.data + more.reshape(new.data.shape)
                 new = State(state.grid, state.profile, data, new.t)
             if varies:
@@ -222,22 +236,42 @@ class Window:
             change = new
         return np.asarray(change.data).ravel()
 
+    def _along(self, n: int, state: State, direction: Array) -> Array | None:
+        """The change of the moments after move n for a change of all parameters; None for none."""
+        own, on_walls = direction[self._columns[n]], direction[self._wall_columns[n]]
+        if not (own.any() or on_walls.any()):
+            return None
+        move = self._moves[n]
+        if isinstance(move, HalfStep):
+            return np.asarray(move.along(state.data, own))
+        found = np.zeros(state.data.size)
+        if own.any():
+            found += self._part(n).along(self._flat(state), own).ravel()
+        for wall in self._walls(n):
+            np.add.at(found, wall.places, on_walls @ wall.values)
+        return found
+
     def _adjoint(self, x: Any) -> Array:
         from cip.sensitivities.adjoint_loops import pull_back
-        from cip.sensitivities.path_adjoint import parameter_gradient
 
         weight = np.ravel(x).reshape(len(self._start.data), -1).copy()
         grid, found = self._start.grid, np.zeros(len(self.parameters))
         segment: list[State] = []
         gathered: dict[Any, tuple[int, StageFeet, Array]] = {}
         for n in range(len(self._moves) - 1, -1, -1):
-            stage, feet, columns = self._moves[n].stage, self._feet(n), self._columns[n]
-            z = weight
+            move, z = self._moves[n], weight
             if self._varies:
                 first = n - n % self.every
                 if n == len(self._moves) - 1 or (n + 1) % self.every == 0:
                     segment = self._states(self._marks[first], first, n)
                 z = self._flat(segment[n - first])
+            if isinstance(move, HalfStep):
+                shape = self._start.data.shape
+                back, more = move.pull_back(z.reshape(shape), weight.reshape(shape))
+                weight = back.reshape(weight.shape)
+                found[self._columns[n]] += more
+                continue
+            stage, feet, columns = move.stage, self._feet(n), self._wall_columns[n]
             if columns and feet.bounded:
                 for wall in self._walls(n):
                     found[columns] += wall.values @ weight.ravel()[wall.places]
@@ -250,13 +284,20 @@ class Window:
             _, _, g = gathered.setdefault(self._key(n), (n, feet, np.zeros(components.shape)))
             weight = pull_back(grid, stage.profile, stage.advect, z, weight, components, g,
                                stage.axis)  # fmt: skip
-            if not self._steady or n == 0:
-                for m, where, total in gathered.values():
-                    if self._columns[m]:
-                        more = parameter_gradient(self._moves[m].stage, where, total)
-                        found[self._columns[m]] += more
-                gathered.clear()
+            if not self._steady:
+                self._spread(gathered, found)
+        self._spread(gathered, found)
         return np.concatenate([weight.ravel(), found])
+
+    def _spread(self, gathered: dict[Any, tuple[int, StageFeet, Array]], found: Array) -> None:
+        """Add to `found` what derivatives in the feet give to the parameters, and forget them."""
+        from cip.sensitivities.path_adjoint import parameter_gradient
+
+        for n, where, total in gathered.values():
+            if self._columns[n]:
+                more = parameter_gradient(self._moves[n].stage, where, total)
+                found[self._columns[n]] += more
+        gathered.clear()
 
     def _states(self, state: State, first: int, last: int) -> list[State]:
         """The states at which the moves first..last begin."""
@@ -264,6 +305,11 @@ class Window:
         for n in range(first, last):
             found.append(self._advance(n, found[-1]))
         return found
+
+
+def names_of(variables: Iterable[str]) -> list[str]:
+    """The names of parameters, from those of their variables in code."""
+    return [name.removeprefix("p_") for name in variables]
 
 
 def check_differentiable(profile: str, limiter: str | None, dim: int) -> None:

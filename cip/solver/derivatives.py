@@ -11,8 +11,12 @@ from cip.errors import InputError, NotSupported
 from cip.output.trajectory import Trajectory
 from cip.sensitivities.window import Move, Window, check_differentiable, checkpoint_distance
 from cip.solver.time_loop import run as repeat
+from cip.sources.half_step import HalfStep, halves
 from cip.stages.stage import StageFeet
 from cip.stages.state import State
+
+# Bytes that feet of unsteady velocities may take beside the states.
+FEET = 2**28
 
 
 def derivative(solver: Any, run: Trajectory, checkpoints: int | None) -> LinearOperator:
@@ -26,8 +30,11 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None) -> LinearO
     if not isinstance(run, Trajectory):
         raise InputError(f"run: expected what solver.run returned, got {type(run).__name__}")
     check_differentiable(solver.profile, solver.limiter, solver.grid.dim)
-    if solver._reaction is not None:
-        raise NotSupported("source, decay: derivatives of runs with them are not implemented")
+    if solver._reaction is not None and solver.backend == "cupy":
+        raise NotSupported(
+            "source, decay: on a device derivatives of runs with them are not implemented; take "
+            "backend='cpu'"
+        )
     if solver.dtype != np.float64:
         raise InputError("dtype: derivatives need a solver with dtype=float64")
     start, times = run[0], [float(t) for t in run.times[1:]]
@@ -36,10 +43,12 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None) -> LinearO
         raise InputError("run: it has no steps")
     replay = Replay(solver, steps_to(start, times, run.dt))
     every = checkpoint_distance(len(replay.moves), checkpoints, start.data.nbytes)
+    if solver.backend == "cpu":
+        replay.keep_feet(every)
     kernels = solver._kernels
     arguments = (
         replay.moves, kernels.begin(start), replay.advance, replay.feet,
-        tuple(solver.velocity.parameters), every, solver.steady,
+        tuple(solver.parameters), every, solver.steady,
     )  # fmt: skip
     window = _device_window(kernels, *arguments) if solver.backend == "cupy" else Window(*arguments)
     if not bool((window.follow().data == kernels.place(run.final).data).all()):
@@ -68,6 +77,14 @@ def steps_to(start: State, times: list[float], dt: float) -> list[tuple[float, f
     return plan
 
 
+def around(stages: list[Move], solver: Any, t: float, dt: float) -> list[Move | HalfStep]:
+    """The moves of the step [t, t + dt]: its stages between the halves of sources and decay."""
+    if solver._reaction is None:
+        return list(stages)
+    before, after = halves(solver._reaction, t, dt)
+    return [before, *stages, after]
+
+
 class Replay:
     """The stages of a run's steps, repeated with the sub-steps that were taken at first.
 
@@ -78,31 +95,57 @@ class Replay:
 
     Attributes
     ----------
-    moves : list of Move
-        The stages of all steps in order.
+    moves : list of Move or HalfStep
+        The stages of all steps in order, between the halves of sources and decay.
     """
 
     def __init__(self, solver: Any, plan: list[tuple[float, float]]) -> None:
         self.solver = solver
-        self.moves = [Move(stage, t, dt) for t, dt in plan for stage in solver._stages]
+        self.moves: list[Move | HalfStep] = []
+        for t, dt in plan:
+            self.moves += around([Move(stage, t, dt) for stage in solver._stages], solver, t, dt)
+        self._feet: dict[int, StageFeet] = {}
+        self._kept = 0
         # For each move whether paths had left the grid before, and the sub-steps known after it.
         self._memory: list[tuple[bool, dict[Any, tuple[float, int]]]] = []
+
+    def keep_feet(self, least: int) -> None:
+        """Keep the feet of the last moves that were advanced, which cost as much as a run.
+
+        As many as take no more than `FEET` bytes; at least those of `least` moves.
+        """
+        components = max(len(stage.jets) for stage in self.solver._stages)
+        size = components * self.solver.grid.size * 8
+        self._kept = max(least, FEET // size)
 
     def advance(self, n: int, state: State, homogeneous: bool = False) -> State:
         """The state after move n; `homogeneous` as for the engine's `apply`."""
         kernels, move = self.solver._kernels, self.moves[n]
         left, new = kernels.paths_left, n == len(self._memory)
+        if isinstance(move, HalfStep):
+            if new:
+                self._memory.append((left, kernels.substep_counts))
+            data = move.linear(state.data) if homogeneous else move.applied(state.data)
+            return State(state.grid, state.profile, data, state.t)
         if not new:
             self._recall(n)
-        data = kernels.apply(move.stage, state.data, move.t, move.dt, homogeneous)
+        kept: list[StageFeet] | None = None if n in self._feet or not self._kept else []
+        data = kernels.apply(move.stage, state.data, move.t, move.dt, homogeneous, kept)
+        if kept:
+            while len(self._feet) >= self._kept:
+                self._feet.pop(next(iter(self._feet)))
+            self._feet[n] = kept[0]
         if new:
             self._memory.append((left, kernels.substep_counts))
         return State(state.grid, state.profile, data, move.t + move.stage.end * move.dt)
 
     def feet(self, n: int) -> StageFeet:
         """The feet of move n, which was taken before."""
+        if n in self._feet:
+            return self._feet[n]
         self._recall(n)
         move = self.moves[n]
+        assert isinstance(move, Move)
         found: StageFeet = self.solver.feet(move.stage, move.t, move.dt)
         return found
 

@@ -14,23 +14,25 @@ from cip.characteristics.feet import check_step
 from cip.engines.engine import Engine
 from cip.engines.setting import Setting
 from cip.errors import InputError
+from cip.formulas.parameters import Parametrised
 from cip.formulas.snapshots import snapshots_of
+from cip.formulas.source import Source
 from cip.formulas.velocity import Velocity
 from cip.grid import Grid
 from cip.output.trajectory import Trajectory
 from cip.reals import real_number
 from cip.solver.choices import Form, bounds_of, check_choices, check_state, form_of
 from cip.solver.derivatives import derivative
-from cip.solver.step_stages import made_stages
+from cip.solver.parameters import parameters_of, with_values
+from cip.solver.step_stages import advanced, made_stages
 from cip.solver.time_loop import run, step_length
 from cip.sources.reaction import reaction
-from cip.sources.source import Source
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State, _real, default_profile
 from cip.stages.walls import portable_boundary
 
 
-class Solver:
+class Solver(Parametrised):
     r"""Multi-moment semi-Lagrangian scheme for u_t + c . grad u = 0 or p_t + div(c p) = 0.
 
     A source and decay, s - k u, may stand on the right.
@@ -59,8 +61,9 @@ class Solver:
         Required for one-dimensional profiles on grids of two and three dimensions.
     boundary : optional
         Inflow data: a number, a formula or a callable ``g(x1, .., t)`` for all walls, or a dict of
-        these by wall, ``{"x-": g, "y+": 0.0}``. A characteristic that enters through a wall without
-        data raises `LeftDomain`; outflow walls need none.
+        these by wall, ``{"x-": g, "y+": 0.0}``; a `Source` where a formula has named parameters. A
+        characteristic that enters through a wall without data raises `LeftDomain`; outflow walls
+        need none.
     backend : {"cpu", "cupy"}
     dtype : float64 or float32
     bounds : (low, high)
@@ -131,6 +134,8 @@ class Solver:
     1.5e-04
     """
 
+    _kind = "solver"
+
     def __init__(
         self,
         grid: Grid,
@@ -170,6 +175,7 @@ class Solver:
         self.store_feet = store_feet
         self._boundary = boundary
         self.source, self.decay = Source.of(source, "source"), Source.of(decay, "decay")
+        self._parameters = parameters_of(self.velocity, self.source, self.decay, boundary)
         setting = Setting(
             grid, self._formulas, self.profile, limiter, self.bounds, self.bounds_tolerance,
             self.dtype, store_feet, self.steady,
@@ -189,6 +195,9 @@ class Solver:
 
     def __reduce__(self) -> Any:
         return Solver, self._arguments(portable_boundary(self._boundary, self.grid))
+
+    def _with(self, values: dict[str, float]) -> Solver:
+        return Solver(*(with_values(one, values) for one in self._arguments(self._boundary)))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Solver:
         return Solver(*deepcopy(self._arguments(self._boundary), memo))
@@ -293,12 +302,12 @@ class Solver:
         return run(state, t_end, length, snapshots, callback, progress, *loop)
 
     def tangent(self, run: Trajectory, checkpoints: int | None = None) -> LinearOperator:
-        """The derivative of a run's last state in its first one and in the velocity's parameters.
+        """The derivative of a run's last state in its first one and in the solver's parameters.
 
         It is that of the discrete steps with the sub-steps that the characteristics took, exact to
         rounding (`cip.sensitivities.window`); for cubic, quintic, adini and bicubic, csl2 and csl4
-        on lines, through walls too, whose data are given. If a foot lies on the edge of a cell,
-        where derivatives of the profile may jump, one side is taken.
+        on lines, with sources, decay, and what enters through walls. If a foot lies on the edge of
+        a cell, where derivatives of the profile may jump, one side is taken.
 
         Parameters
         ----------
@@ -312,12 +321,13 @@ class Solver:
         -------
         scipy.sparse.linalg.LinearOperator (on a device that of cupyx.scipy, for arrays of CuPy)
             Shape (N, N + P): columns are the N moments of the first state, ``state.data.ravel()``,
-            then the P parameters, in the order of ``velocity.parameters``.
+            then the P parameters, in the order of ``solver.parameters``.
 
         Raises
         ------
         NotSupported
-            A profile or limiter without derivatives; on a device also paths through walls.
+            A profile or limiter without derivatives; on a device also paths through walls, sources
+            and decay.
         InputError
             A run of another solver.
 
@@ -367,18 +377,7 @@ class Solver:
                 known.check_times(start, end)
 
     def _advance(self, state: State, dt: float) -> State:
-        if self._reaction is None:
-            return self._transport(state, dt)
-        data = self._reaction.before(state.data, state.t, dt)
-        moved = self._transport(State(self.grid, self.profile, data, state.t), dt)
-        data = self._reaction.after(moved.data, state.t, dt)
-        return State(self.grid, self.profile, data, moved.t)
-
-    def _transport(self, state: State, dt: float) -> State:
-        data = state.data
-        for stage in self._stages:
-            data = self._kernels.apply(stage, data, state.t, dt)
-        return State(self.grid, self.profile, data, state.t + dt)
+        return advanced(self._kernels, self._stages, self._reaction, state, dt)
 
     def feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
         """Feet of a stage in the precision of the solver, kept for a steady velocity.

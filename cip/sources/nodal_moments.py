@@ -36,6 +36,7 @@ class NodalMoments:
         self._grid, self._formula, self._xp = grid, formula, xp
         self.steady = steady or (formula.exact and formula.steady)
         self._steps = (*grid.spacing, *([1.0] * (4 - grid.dim)))
+        self._made: dict[Any, Callable[..., Any]] = {}
 
     def integral(
         self, node: Expression, moment: Moment, t: float, length: float, midpoints: bool = False
@@ -44,7 +45,10 @@ class NodalMoments:
 
         With `midpoints` it has the value at the midpoint of a cell in place of its mean.
         """
-        values = self._evaluator(_derivative(node, moment))
+        key = node, moment.orders
+        if key not in self._made:  # code is made once, not in every step
+            self._made[key] = self._evaluator(_derivative(node, moment))
+        values = self._made[key]
         more = {"xp": self._xp, **({"points": 1} if midpoints else {})}
         if self.steady:
             return length * averaged(values, self._grid, moment, t, **more)

@@ -8,23 +8,22 @@ error in time is of order dt^2, and what a source adds is integrated to degree t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from cip.errors import InputError, NotSupported
+from cip.errors import InputError
 from cip.formulas.expression import Expression
 from cip.formulas.parameters import parameter
+from cip.formulas.source import Source
 from cip.grid import Grid
 from cip.profiles.catalogue import moments
 from cip.sources.decay import Decay
 from cip.sources.nodal_moments import NodalMoments
-from cip.sources.source import Source
 
 
 class Reaction:
-    """What sources and decay do to the moments of a state, and its derivatives.
+    """What sources and decay do to the moments of a state, each by itself; with derivatives.
 
     Parameters
     ----------
@@ -33,6 +32,10 @@ class Reaction:
     source, decay : Source or None
     xp : module
         NumPy or CuPy, of the moments.
+
+    Attributes
+    ----------
+    source_parameters, decay_parameters : tuple of str
     """
 
     def __init__(
@@ -40,7 +43,8 @@ class Reaction:
     ) -> None:
         self.source, self.decay = source, decay
         self._grid, self._xp, self._moments = grid, xp, moments(profile, grid.dim)
-        self.parameters = tuple(source.parameters) if source is not None else ()
+        self.source_parameters = tuple(source.parameters) if source is not None else ()
+        self.decay_parameters = tuple(decay.parameters) if decay is not None else ()
         self._node: Expression | None = None
         if source is not None:
             self.source_formula = source.on(grid)
@@ -48,8 +52,6 @@ class Reaction:
             self._sources = NodalMoments(grid, self.source_formula, source.steady, xp)
         self._decay: Decay | None = None
         if decay is not None:
-            if decay.parameters:
-                raise NotSupported("decay: its parameters have no derivatives; write numbers")
             self.decay_formula = decay.on(grid)
             rate = self.decay_formula.expression
             if rate.op == "constant" and not rate.value >= 0.0:
@@ -60,68 +62,39 @@ class Reaction:
             self._decay = Decay(grid, profile, self.decay_formula, decay.steady, xp)
         self._kept: dict[Any, Any] = {}
 
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of all parameters; one name in source and decay is one parameter."""
+        return tuple(dict.fromkeys([*self.source_parameters, *self.decay_parameters]))
+
     def check_times(self, start: float, end: float) -> None:
         """Raise `InputError` if snapshots do not cover the time from `start` to `end`."""
         for one in (self.source, self.decay):
             if one is not None:
                 one.check_times(start, end)
 
-    def before(self, data: Any, t: float, dt: float) -> Any:
-        """The moments after the first half of the step [t, t + dt], to be transported."""
-        half = 0.5 * dt
-        if self._node is not None:
-            data = data + self._increment(self._node, t, half).astype(data.dtype)
-        return data if self._decay is None else self._decay.applied(data, t, half)
+    def added(self, data: Any, t: float, length: float) -> Any:
+        """The moments with what the source adds from t to t + length."""
+        if self._node is None:
+            return data
+        return data + self._increment(self._node, t, length).astype(data.dtype)
 
-    def after(self, data: Any, t: float, dt: float) -> Any:
-        """The moments at the end of the step [t, t + dt], from those transported."""
-        half = 0.5 * dt
-        if self._decay is not None:
-            data = self._decay.applied(data, t + half, half)
-        if self._node is not None:
-            data = data + self._increment(self._node, t + half, half).astype(data.dtype)
-        return data
-
-    def change_before(self, data: Any, t: float, dt: float, direction: Any) -> Any:
-        """The derivative of `before` along a change of the moments and of the parameters."""
-        half = 0.5 * dt
-        data = self._moved(data, t, half, direction)
-        return data if self._decay is None else self._decay.applied(data, t, half)
-
-    def change_after(self, data: Any, t: float, dt: float, direction: Any) -> Any:
-        """The derivative of `after`."""
-        half = 0.5 * dt
-        if self._decay is not None:
-            data = self._decay.applied(data, t + half, half)
-        return self._moved(data, t + half, half, direction)
-
-    def weight_before(self, weight: Any, t: float, dt: float, gradient: Any) -> Any:
-        """The transpose of `change_before`; the parameters' part is added to `gradient`."""
-        half = 0.5 * dt
-        if self._decay is not None:
-            weight = self._decay.transposed(weight, t, half)
-        self._gather(weight, t, half, gradient)
-        return weight
-
-    def weight_after(self, weight: Any, t: float, dt: float, gradient: Any) -> Any:
-        """The transpose of `change_after`; the parameters' part is added to `gradient`."""
-        half = 0.5 * dt
-        self._gather(weight, t + half, half, gradient)
-        return weight if self._decay is None else self._decay.transposed(weight, t + half, half)
-
-    def _moved(self, data: Any, t: float, length: float, direction: Sequence[float]) -> Any:
-        for name, size in zip(self.parameters, direction, strict=True):
-            if size:
-                data = data + float(size) * self._increment(self._slope(name), t, length)
-        return data
-
-    def _gather(self, weight: Any, t: float, length: float, gradient: Any) -> None:
-        for q, name in enumerate(self.parameters):
-            gradient[q] += float((weight * self._increment(self._slope(name), t, length)).sum())
-
-    def _slope(self, name: str) -> Expression:
+    def added_slope(self, name: str, t: float, length: float) -> Any:
+        """The derivative of what the source adds in a parameter, for all moments."""
         assert self._node is not None
-        return self._node.derivative(parameter(name).value)
+        return self._increment(self._node.derivative(parameter(name).value), t, length)
+
+    def decayed(self, data: Any, t: float, length: float, transpose: bool = False) -> Any:
+        """The moments after their decay from t to t + length, or the transpose of that map."""
+        if self._decay is None:
+            return data
+        decay = self._decay.transposed if transpose else self._decay.applied
+        return decay(data, t, length)
+
+    def decay_slope(self, data: Any, name: str, t: float, length: float) -> Any:
+        """The derivative of `decayed` in a parameter, from what it has led to."""
+        assert self._decay is not None
+        return self._decay.slope(data, t, length, name)
 
     def _increment(self, node: Expression, t: float, length: float) -> Any:
         """What a source adds to all moments from t to t + length, in double precision."""
@@ -133,7 +106,7 @@ class Reaction:
         )
         if self._sources.steady:
             self._check_finite(found)
-            while len(self._kept) > 2 + len(self.parameters):
+            while len(self._kept) > 2 + len(self.source_parameters):
                 self._kept.pop(next(iter(self._kept)))
             self._kept[key] = found
         return found
@@ -161,8 +134,6 @@ def reaction(grid: Grid, profile: str, source: Any, decay: Any, xp: Any) -> Reac
     ------
     InputError
         A function that does not fit the grid, a negative rate.
-    NotSupported
-        A rate of decay with parameters.
     """
     if source is None and decay is None:
         return None

@@ -13,6 +13,7 @@ from cip.characteristics.feet import TOLERANCE, Exits, check_inside, integrate, 
 from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
 from cip.formulas.expression import COORDINATES, ordered
 from cip.formulas.formula import Formula
+from cip.formulas.parameters import parameters_in
 from cip.grid import Grid
 from cip.profiles.catalogue import (
     CONSERVATIVE,
@@ -135,6 +136,12 @@ class Stage:
         for c in self.velocity:
             values.update(c.numbers)
         return [float(values[name]) for name in self.system.parameters]
+
+    @cached_property
+    def wall_parameters(self) -> list[str]:
+        """Parameters of what comes from walls: those of the system, then others of the data."""
+        data = parameters_in([formula.expression for formula in self.walls.values()])
+        return list(dict.fromkeys([*self.system.parameters, *data]))
 
     @property
     def blocks(self) -> list[int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 from typing import Any
 
@@ -250,6 +251,13 @@ def _sum(values: Any, weights: Array) -> float:
     return float(np.sum(host * weights, dtype=np.float64))
 
 
+@cache
+def _gauss(points: int) -> tuple[Array, Array]:
+    """Gauss's rule on [-1, 1]; finding its points takes longer than using them on a small grid."""
+    places, weights = np.polynomial.legendre.leggauss(points)
+    return places, weights
+
+
 def averaged(
     values: Callable[..., Any],
     grid: Grid,
@@ -277,7 +285,6 @@ def averaged(
     array
         Shape ``grid.nodes``; 0 where no cell begins.
     """
-    places, weights = np.polynomial.legendre.leggauss(points)
     rules = []
     for axis in range(grid.dim):
         line = grid.coordinates[axis]
@@ -288,7 +295,7 @@ def averaged(
         rules.append(
             [
                 (line + 0.5 * (1.0 + place) * width, 0.5 * weight)
-                for place, weight in zip(places, weights, strict=True)
+                for place, weight in zip(*_gauss(points), strict=True)
             ]
         )
     total = xp.zeros(grid.nodes)

@@ -27,6 +27,7 @@ from cip.errors import InputError, NotSupported
 from cip.formulas.clock import timed
 from cip.formulas.expression import COORDINATES, Expression, opaque, ordered, rebuilt, variable
 from cip.formulas.formula import Formula
+from cip.formulas.source import Source
 from cip.formulas.straight_line_code import numpy_function
 from cip.formulas.traced_function import portable
 from cip.grid import Grid
@@ -64,14 +65,29 @@ def walls(boundary: Any, grid: Grid) -> dict[Wall, Formula]:
             raise InputError(f"boundary: data for {name!r}, but the grid is periodic there")
         if value is None or (isinstance(value, str) and value == "outflow"):
             continue
-        found[axis, side] = Formula.of(timed(value), grid.bounds, f"boundary {name!r}", time=True)
+        found[axis, side] = _formula(value, grid, f"boundary {name!r}")
     return found
+
+
+def _formula(value: Any, grid: Grid, name: str) -> Formula:
+    if not isinstance(value, Source):
+        return Formula.of(timed(value), grid.bounds, name, time=True)
+    if value.gridded:
+        raise InputError(
+            f"{name}: expected a number, a formula or a callable, got a Source made of arrays"
+        )
+    named = Source.of(value, name)
+    assert named is not None
+    return named.on(grid)
 
 
 def portable_boundary(boundary: Any, grid: Grid) -> Any:
     """The argument `boundary` of the solver in a picklable form."""
 
     def part(value: Any) -> Any:
+        if isinstance(value, Source):
+            return value
+
         def trace() -> dict[tuple[str, ...], Any]:
             formula = Formula.of(timed(value), grid.bounds, "boundary", time=True)
             names = (*COORDINATES[: grid.dim], "t")
@@ -88,7 +104,11 @@ def check_split(data: Mapping[Wall, Formula], advect: bool) -> None:
     """Refuse boundary data with a splitting, unless they are exact for one sweep at a time."""
     for (axis, side), formula in data.items():
         node = formula.expression
-        if node.op != "constant" or (advect and node.value != 0.0):
+        zero = node.op == "constant" and node.value == 0.0
+        # A number, perhaps made of parameters.
+        number = all(one.op != "opaque" for one in ordered([node]))
+        number = number and not node.variables() & {*COORDINATES}
+        if not (zero if advect else number):
             needed = "zero" if advect else "constant"
             raise NotSupported(
                 f"boundary: with splitting the data of the wall {'xyz'[axis]}{'-+'[side]} must be "

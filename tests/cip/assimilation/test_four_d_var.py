@@ -245,7 +245,7 @@ def test_what_is_refused():
         ((*good[:3], None), {}, "sensors: expected Sensors"),
         ((solver, late, *good[2:]), {}, "sensors: their first time is 0, before"),
         ((*good[:3], none), {}, "sensors: no report has arrived"),
-        (good, {"parameters": {"a": 1.0}}, "parameters: the velocity has no parameter 'a'"),
+        (good, {"parameters": {"a": 1.0}}, "parameters: the solver has no parameter 'a'"),
         (good, {"model_error": [Q]}, "model_error: expected a Covariance, or one or None for each"),
         (good, {"model_error": [None, None, other]}, "model_error: interval 2: it is of"),
         (good, {"tol": 0.0}, "tol: expected"),

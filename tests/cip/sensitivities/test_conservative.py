@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from derivative_checks import dot_test, few_examples, parameter_error, taylor_order
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cip import Grid, Solver, State, Velocity
-from cip.characteristics import feet as characteristics
-from cip.stages import stage as stages
 
 LINE = np.linspace(0, 1, 24)
 GRIDS = {
@@ -40,51 +39,28 @@ def solved(grid, text, profile, dt, a=0.9, b=0.3, start=None):
     return solver, solver.run(first, 0.2, dt=dt)
 
 
-def scales(run):
-    """The largest entry of each moment, for every entry: they differ by powers of 1 / h."""
-    data = run.final.data
-    return np.broadcast_to(np.abs(data).max(axis=1, keepdims=True), data.shape).ravel()
-
-
 @every_scheme
-@settings(max_examples=8)
+@few_examples
 @given(
     text=st.sampled_from(TEXTS), a=st.floats(0.5, 1.5), b=st.floats(-0.4, 0.4),
     dt=st.floats(0.01, 0.21), seed=st.integers(0, 99),
 )  # fmt: skip
 def test_the_adjoint_is_the_transpose(grid, profile, text, a, b, dt, seed):
     solver, run = solved(grid, text, profile, dt, a, b)
-    tangent, adjoint, size = solver.tangent(run), solver.adjoint(run), run[0].data.size
-    rng, scale = np.random.default_rng(seed), np.append(scales(run), np.ones(2))
-    for only in (slice(0, size), slice(size, None)):
-        x, y = np.zeros(size + 2), rng.standard_normal(size) / scale[:size]
-        x[only] = (rng.standard_normal(size + 2) * scale)[only]
-        forward, backward = tangent @ x, adjoint @ y
-        bound = np.abs(y) @ np.abs(forward) + np.abs(x) @ np.abs(backward)
-        assert np.any(forward)
-        assert abs(y @ forward - x @ backward) <= 1e-13 * bound
+    assert dot_test(solver, run, np.random.default_rng(seed)) <= 1e-13
 
 
 @every_scheme
-def test_the_parameters_part_against_differences(grid, profile, monkeypatch):
-    def integrate(*arguments):  # as many sub-steps in every run
-        return characteristics.integrate(*arguments[:6], substeps=16)
+def test_the_parameters_part_against_differences(grid, profile, equal_substeps):
+    # Rounding is 1e-15 / e, and more for slopes.
+    assert parameter_error(*solved(grid, TEXTS[0], profile, 0.083)) < 1e-8
 
-    monkeypatch.setattr(stages, "integrate", integrate)
-    arguments = (grid, TEXTS[0], profile, 0.083)
-    solver, run = solved(*arguments)
-    tangent, size, values = solver.tangent(run), run[0].data.size, {"a": 0.9, "b": 0.3}
-    for q, name in enumerate(values):
 
-        def end(step, name=name):
-            moved = {**values, name: values[name] + step}
-            return solved(*arguments, **moved)[1].final.data.ravel()
-
-        e = 2e-5  # no foot passes a node
-        quotient = (8 * (end(e) - end(-e)) - (end(2 * e) - end(-2 * e))) / (12 * e)
-        found = tangent @ np.eye(size + 2)[size + q]
-        # Rounding is 1e-15 / e, and more for slopes.
-        assert np.max(np.abs(found - quotient) / scales(run)) < 1e-8
+@every_scheme
+def test_the_taylor_remainder_is_of_order_two(grid, profile, equal_substeps):
+    solver, run = solved(grid, TEXTS[0], profile, 0.083)
+    sizes = 5e-4 * 0.5 ** np.arange(5)
+    assert abs(taylor_order(solver, run, {"a": 0.6, "b": -0.8}, sizes) - 2.0) <= 0.05
 
 
 @every_profile

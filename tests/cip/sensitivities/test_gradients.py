@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from derivative_checks import dot_test, few_examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cip import Grid, Solver, SplineVelocity, Velocity
@@ -37,27 +38,8 @@ FIELDS = {1: "sin(2*pi*x1)", 2: "sin(2*pi*x1)*cos(2*pi*x2)"}
 amplitude = st.floats(-0.4, 0.4)
 
 
-def dot_test(solver, run, rng):
-    """The largest difference of the products, relative to the sum of the magnitudes.
-
-    Moments differ by powers of 1 / length, so random ones are scaled with those of the run.
-    """
-    tangent, adjoint = solver.tangent(run), solver.adjoint(run)
-    data, size, worst = run[0].data, run[0].data.size, 0.0
-    largest = np.abs(data).max(axis=tuple(range(1, data.ndim)), keepdims=True)
-    scale = np.broadcast_to(largest, data.shape).ravel()
-    scales = np.append(scale, np.ones(tangent.shape[1] - size))
-    for only in (slice(0, None), slice(size, None)):
-        x, y = np.zeros(tangent.shape[1]), rng.standard_normal(size) / scale
-        x[only] = (rng.standard_normal(scales.size) * scales)[only]
-        forward, backward = tangent @ x, adjoint @ y
-        bound = np.abs(y) @ np.abs(forward) + np.abs(x) @ np.abs(backward)
-        worst = max(worst, abs(y @ forward - x @ backward) / bound)
-    return worst
-
-
 @pytest.mark.parametrize(("dim", "profile", "form", "flow"), CASES)
-@settings(max_examples=8)
+@few_examples
 @given(a=amplitude, b=amplitude, d=amplitude, dt=st.floats(0.01, 0.09), seed=st.integers(0, 99))
 def test_the_adjoint_is_the_transpose(dim, profile, form, flow, a, b, d, dt, seed):
     periodic, texts = flow
@@ -115,3 +97,30 @@ def test_threads_give_the_same_bits(shape, profile, monkeypatch):
         found.append(solver.adjoint(run) @ weight)
     np.testing.assert_array_equal(found[0], found[1])
     np.testing.assert_array_equal(found[0], found[2])
+
+
+@pytest.mark.parametrize("feet", [0, 2**16])
+def test_feet_that_are_not_kept_are_computed_again(feet, monkeypatch):
+    """One set of feet has 3 x 31 x 8 bytes: none but the last is kept, or all."""
+    from cip.solver import derivatives
+
+    found, computed = [], []
+    original = Solver.feet
+
+    def counted(self, *arguments):
+        computed.append(arguments)
+        return original(self, *arguments)
+
+    monkeypatch.setattr(Solver, "feet", counted)
+    velocity = Velocity.from_expression(
+        *LINES["unsteady"][1], parameters={"a": 1, "b": 0.2, "d": 0.1}
+    )
+    solver = Solver(Grid((0, 1), 31, periodic=True), velocity, "advection", "cubic")
+    run = solver.run(solver.state(FIELDS[1]), 0.2, dt=0.03)  # seven steps
+    weight = np.random.default_rng(3).standard_normal(run.final.data.size)
+    found.append(solver.adjoint(run) @ weight)
+    assert computed == []
+    monkeypatch.setattr(derivatives, "FEET", feet)
+    found.append(solver.adjoint(run) @ weight)
+    assert len(computed) == (6 if feet == 0 else 0)
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-12, atol=1e-12)

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from derivative_checks import dot_test, few_examples, parameter_error, scales, taylor_order
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cip import Covariance, Grid, Sensors, Solver, Velocity, four_d_var, identify_velocity
-from cip.characteristics import feet as characteristics
-from cip.stages import stage as stages
 
 
 def opaque(x, t):
@@ -36,27 +35,6 @@ def solved(grid, texts, profile, form, boundary, dt, a=0.9, b=0.3, t_end=0.2):
     return solver, solver.run(solver.state(FIELD), t_end, dt=dt)
 
 
-def scales(run):
-    """The largest entry of each moment, for every entry: they differ by powers of 1 / h."""
-    data = run.final.data
-    largest = np.abs(data).max(axis=tuple(range(1, data.ndim)), keepdims=True)
-    return np.broadcast_to(largest, data.shape).ravel()
-
-
-def dot_test(solver, run, rng):
-    """The largest difference of the products, relative to the sum of the magnitudes."""
-    tangent, adjoint, size = solver.tangent(run), solver.adjoint(run), run[0].data.size
-    worst, scale = 0.0, np.append(scales(run), np.ones(2))
-    for only in (slice(0, size), slice(size, None)):
-        x, y = np.zeros(size + 2), rng.standard_normal(size) / scale[:size]
-        x[only] = (rng.standard_normal(size + 2) * scale)[only]
-        forward, backward = tangent @ x, adjoint @ y
-        assert np.any(forward)
-        bound = np.abs(y) @ np.abs(forward) + np.abs(x) @ np.abs(backward)
-        worst = max(worst, abs(y @ forward - x @ backward) / bound)
-    return worst
-
-
 every_line = pytest.mark.parametrize(
     "case", ["steady", "both ends", *(pytest.param(c, marks=SLOW) for c in ("unsteady", "values"))]
 )
@@ -67,7 +45,7 @@ every_line = pytest.mark.parametrize(
     ("profile", "form"),
     [("cubic", "advection"), pytest.param("quintic", "transport", marks=SLOW)],
 )
-@settings(max_examples=5)
+@few_examples
 @given(
     a=st.floats(0.5, 1.5), b=st.floats(-0.4, 0.4), dt=st.floats(0.01, 0.09),
     n=st.integers(9, 40), seed=st.integers(0, 99),
@@ -87,22 +65,16 @@ def test_the_adjoint_is_the_transpose_on_lines(profile, form, case, a, b, dt, n,
         pytest.param("bicubic", "advection", "unsteady", marks=SLOW),
     ],
 )
-def test_the_adjoint_is_the_transpose_in_planes(profile, form, case):
+@few_examples
+@given(
+    a=st.floats(0.5, 1.5), b=st.floats(-0.4, 0.4), dt=st.floats(0.04, 0.21),
+    seed=st.integers(0, 99),
+)  # fmt: skip
+def test_the_adjoint_is_the_transpose_in_planes(profile, form, case, a, b, dt, seed):
     texts, boundary = PLANES[case]
     grid = Grid([(0, 1), (0, 1)], (11, 13))
-    solver, run = solved(grid, texts, profile, form, boundary, 0.07)
-    assert dot_test(solver, run, np.random.default_rng(1)) <= 1e-13
-
-
-@pytest.fixture
-def equal_substeps(monkeypatch):
-    """As many in every run: with another number the feet differ by up to 1e-8 cells."""
-
-    def integrate(*arguments):
-        return characteristics.integrate(*arguments[:6], substeps=16)
-
-    monkeypatch.setattr(stages, "integrate", integrate)
-    monkeypatch.setattr(stages.Stage, "substeps", lambda self, t, dt: 16)
+    solver, run = solved(grid, texts, profile, form, boundary, dt, a, b)
+    assert dot_test(solver, run, np.random.default_rng(seed)) <= 1e-13
 
 
 CASES = [
@@ -120,20 +92,9 @@ CASES = [
 def test_the_parameters_part_against_differences(
     dim, profile, form, texts, boundary, equal_substeps
 ):
-    grid, values = Grid([(0, 1)] * dim, (15, 12)[:dim]), {"a": 0.9, "b": 0.3}
-    arguments = (grid, texts, profile, form, boundary, 0.083)
-    solver, run = solved(*arguments)
-    tangent, size, scale = solver.tangent(run), run[0].data.size, scales(run)
-    for q, name in enumerate(values):
-
-        def end(step, name=name):
-            moved = {**values, name: values[name] + step}
-            return solved(*arguments, **moved)[1].final.data.ravel()
-
-        e = 2e-5  # no foot passes an edge and no path another wall
-        quotient = (8 * (end(e) - end(-e)) - (end(2 * e) - end(-2 * e))) / (12 * e)
-        found = tangent @ np.eye(size + 2)[size + q]
-        assert np.max(np.abs(found - quotient) / scale) < 2e-9
+    grid = Grid([(0, 1)] * dim, (15, 12)[:dim])
+    # No foot passes an edge and no path another wall.
+    assert parameter_error(*solved(grid, texts, profile, form, boundary, 0.083)) < 2e-9
 
 
 @pytest.mark.parametrize("profile", ["cubic", "quintic"])
@@ -169,15 +130,8 @@ def test_the_taylor_remainder_is_of_order_two(profile, equal_substeps):
     grid = Grid((0, 1), 40)
     arguments = (grid, LINES["steady"][0], profile, "transport", {"x-": "sin(3*t) + 0.4"}, 0.05)
     solver, run = solved(*arguments)
-    size = run[0].data.size
-    slope = solver.tangent(run) @ np.append(np.zeros(size), [0.6, -0.8])
-    sizes, errors = 2e-3 * 0.5 ** np.arange(5), []
-    for e in sizes:
-        other = solved(*arguments, a=0.9 + 0.6 * e, b=0.3 - 0.8 * e)[1]
-        remainder = other.final.data.ravel() - run.final.data.ravel() - e * slope
-        errors.append(np.linalg.norm((remainder / scales(run))[: grid.size]))
-    order = np.polyfit(np.log(sizes), np.log(errors), 1)[0]
-    assert 1.95 <= order <= 2.05
+    sizes = 2e-3 * 0.5 ** np.arange(5)
+    assert abs(taylor_order(solver, run, {"a": 0.6, "b": -0.8}, sizes) - 2.0) <= 0.05
 
 
 def test_a_speed_is_identified_from_what_enters():

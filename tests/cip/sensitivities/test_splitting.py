@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from derivative_checks import dot_test, few_examples, parameter_error, scales, taylor_order
+from hypothesis import given
+from hypothesis import strategies as st
 
 from cip import Grid, NotSupported, Solver, State, Velocity
-from cip.characteristics import feet as characteristics
-from cip.stages import stage as stages
 
 LINE = np.linspace(0, 1, 9)
 PLANE = Grid.from_coordinates(LINE + 0.01 * np.sin(2 * np.pi * LINE), LINE**1.1, periodic=True)
@@ -26,6 +27,7 @@ CASES = [
     pytest.param("space", "cubic", "advection", marks=SLOW),
     pytest.param("space", "quintic", "transport", marks=SLOW),
 ]
+every_case = pytest.mark.parametrize(("flow", "profile", "form"), CASES)
 
 
 def solved(flow, profile, form, start=None, a=0.6, b=0.3, dt=0.083):
@@ -39,47 +41,27 @@ def solved(flow, profile, form, start=None, a=0.6, b=0.3, dt=0.083):
     return solver, solver.run(state, 0.2, dt=dt)
 
 
-def scales(run):
-    """The largest entry of each moment, for every entry: they differ by powers of 1 / h."""
-    data = run.final.data
-    largest = np.abs(data).max(axis=tuple(range(1, data.ndim)), keepdims=True)
-    return np.broadcast_to(largest, data.shape).ravel()
+@every_case
+@few_examples
+@given(
+    a=st.floats(0.3, 0.9), b=st.floats(-0.4, 0.4), dt=st.floats(0.04, 0.21),
+    seed=st.integers(0, 99),
+)  # fmt: skip
+def test_the_adjoint_is_the_transpose(flow, profile, form, a, b, dt, seed):
+    solver, run = solved(flow, profile, form, a=a, b=b, dt=dt)
+    assert dot_test(solver, run, np.random.default_rng(seed)) <= 1e-13
 
 
-@pytest.fixture
-def equal_substeps(monkeypatch):
-    """As many in every run: with another number the feet differ by up to 1e-8 cells."""
-
-    def integrate(*arguments):
-        return characteristics.integrate(*arguments[:6], substeps=8)
-
-    monkeypatch.setattr(stages, "integrate", integrate)
-    monkeypatch.setattr(stages.Stage, "substeps", lambda self, t, dt: 8)
+@every_case
+def test_the_parameters_part_against_differences(flow, profile, form, equal_substeps):
+    assert parameter_error(*solved(flow, profile, form)) < 1e-8
 
 
-@pytest.mark.parametrize(("flow", "profile", "form"), CASES)
-def test_transpose_and_differences(flow, profile, form, equal_substeps):
+@every_case
+def test_the_taylor_remainder_is_of_order_two(flow, profile, form, equal_substeps):
     solver, run = solved(flow, profile, form)
-    tangent, adjoint, size = solver.tangent(run), solver.adjoint(run), run[0].data.size
-    rng, scale = np.random.default_rng(5), np.append(scales(run), np.ones(2))
-    for only in (slice(0, size), slice(size, None)):
-        x, y = np.zeros(size + 2), rng.standard_normal(size) / scale[:size]
-        x[only] = (rng.standard_normal(size + 2) * scale)[only]
-        forward, backward = tangent @ x, adjoint @ y
-        bound = np.abs(y) @ np.abs(forward) + np.abs(x) @ np.abs(backward)
-        assert np.any(forward)
-        assert abs(y @ forward - x @ backward) <= 1e-13 * bound
-    for q, name in enumerate(("a", "b")):
-
-        def end(step, name=name):
-            values = {"a": 0.6, "b": 0.3}
-            values[name] += step
-            return solved(flow, profile, form, **values)[1].final.data.ravel()
-
-        e = 2e-5  # no foot passes an edge
-        quotient = (8 * (end(e) - end(-e)) - (end(2 * e) - end(-2 * e))) / (12 * e)
-        found = tangent @ np.eye(size + 2)[size + q]
-        assert np.max(np.abs(found - quotient) / scale[:size]) < 1e-8
+    sizes = 5e-4 * 0.5 ** np.arange(5)
+    assert abs(taylor_order(solver, run, {"a": 0.6, "b": -0.8}, sizes) - 2.0) <= 0.05
 
 
 def test_the_state_part_is_the_run_itself():

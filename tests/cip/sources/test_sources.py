@@ -229,8 +229,9 @@ def test_bad_sources():
     plane = Grid([(0, 1), (0, 1)], (8, 8))
     with pytest.raises(InputError, match="source: snapshots in 1 directions on a grid of 2"):
         Solver(plane, (0.0, 0.0), source=early)
-    with pytest.raises(NotSupported, match="decay: its parameters have no derivatives"):
-        Solver(PERIODIC, SPEED, decay=Source.from_expression("k", {"k": 1.0}))
+    growing = Solver(PERIODIC, SPEED, decay=Source.from_expression("k", {"k": -1.0}))
+    with pytest.raises(InputError, match="decay: expected a rate >= 0, got -1 at node"):
+        growing.run(growing.state(0.0), 0.5, dt=0.1)
     more = {"profile": "cubic", "splitting": "strang", "boundary": 1.0}
     with pytest.raises(NotSupported, match="decay: with splitting the data of the wall x- must"):
         Solver(plane, (1.0, 0.0), decay=1.0, **more)

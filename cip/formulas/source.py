@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from copy import deepcopy
 from typing import Any
 
 import numpy as np
 
 from cip.errors import InputError
 from cip.formulas.clock import clock_of, timed
-from cip.formulas.expression import COORDINATES, ordered
+from cip.formulas.expression import COORDINATES
 from cip.formulas.formula import Formula, spline
-from cip.formulas.parameters import checked, parameter
+from cip.formulas.parameters import Parametrised, checked, require_held
 from cip.formulas.parsing import parse
 from cip.formulas.pointwise_check import Box
 from cip.formulas.snapshots import SnapshotFormula, Snapshots
@@ -22,7 +21,7 @@ from cip.grid import Grid
 from cip.reals import real_number
 
 
-class Source:
+class Source(Parametrised):
     """What is added to a field at each place in each unit of time: s in u_t + .. = s - k u.
 
     Parameters
@@ -47,6 +46,8 @@ class Source:
     >>> bool(end["u"].max() > 0.5)
     True
     """
+
+    _kind = "source"
 
     def __init__(self, s: Any) -> None:
         self._value, self._name = s, "source"
@@ -89,10 +90,7 @@ class Source:
         {'q': 3.0}
         """
         values = checked(parameters)
-        held = set(ordered([parse(text, "source", values)]))
-        unused = [name for name in values if parameter(name) not in held]
-        if unused:
-            raise InputError(f"parameters: no formula holds {unused[0]!r}; leave it out")
+        require_held(values, [parse(text, "source", values)])
         self = cls(0.0)
         self._text, self._time, self._parameters = text, True, values
         return self
@@ -154,46 +152,8 @@ class Source:
             found = value if isinstance(value, Source) else cls(value)
         except InputError as error:
             raise InputError(str(error).replace("source", name, 1)) from error
-        new = object.__new__(cls)
-        new.__dict__.update(found.__dict__)
+        new = found._copy()
         new._name = name
-        return new
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """Values of the named parameters, those of `from_expression`; a copy."""
-        return dict(self._parameters)
-
-    def with_parameters(self, **values: float) -> Source:
-        """The same formula with other values of some parameters.
-
-        Parameters
-        ----------
-        **values : float
-            New values by name; the other parameters keep theirs.
-
-        Returns
-        -------
-        Source
-
-        Raises
-        ------
-        InputError
-            A name that is none of the parameters, or a value that is not a finite number.
-
-        Examples
-        --------
-        >>> from cip import Source
-        >>> Source.from_expression("q + t", {"q": 1.0}).with_parameters(q=2.0).parameters
-        {'q': 2.0}
-        """
-        unknown = sorted(set(values) - set(self._parameters))
-        if unknown:
-            known = ", ".join(self._parameters) or "it has none"
-            raise InputError(f"{unknown[0]}: no parameter of this source; known: {known}")
-        new = object.__new__(type(self))
-        new.__dict__.update(self.__dict__)
-        new._parameters = {**self._parameters, **checked(values)}
         return new
 
     @property
@@ -202,6 +162,13 @@ class Source:
         if self._text is not None:
             return "t" not in parse(self._text, self._name, self._parameters).variables()
         return not self._time
+
+    @property
+    def gridded(self) -> bool:
+        """Whether it is made of arrays."""
+        return self._snapshots is not None or not (
+            self._text is not None or callable(self._value) or not np.ndim(self._value)
+        )
 
     def check_times(self, start: float, end: float) -> None:
         """Raise `InputError` if snapshots do not cover the time from `start` to `end`.
@@ -246,11 +213,6 @@ class Source:
 
     def _formula(self, box: Box) -> Formula:
         return Formula.of(timed(self._value), box, self._name, time=self._time, sparse=False)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Source:
-        new = object.__new__(type(self))
-        new.__dict__.update({name: deepcopy(value, memo) for name, value in self.__dict__.items()})
-        return new
 
     def __getstate__(self) -> dict[str, Any]:
         def trace() -> dict[tuple[str, ...], Any]:
