@@ -112,19 +112,32 @@ def measure(
     }  # fmt: skip
 
 
+def kept(path: Path | None, profiles: list[str] | None) -> list[dict[str, Any]]:
+    """The rows of a file for other profiles than those that are measured, of this commit."""
+    if path is None or profiles is None or not path.exists():
+        return []
+    record = json.loads(path.read_text())
+    if record["machine"]["commit"] != describe()["commit"]:
+        return []
+    return [row for row in record["rows"] if row["profile"] not in profiles]
+
+
 def main() -> None:
     """Measure all rows; print them, and write them to a file if asked."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
+    parser.add_argument("--profiles", nargs="+", help="only these; the file keeps its other rows")
     options = parser.parse_args()
     cuda = options.device == "cuda"
     line, plane = (4_000_000, 2000) if cuda else (100_000, 316)
     backend = "cupy" if cuda else "cpu"
     schemes = [(1, line, "cubic"), (1, line, "quintic"), (2, plane, "adini"), (2, plane, "bicubic")]
-    rows = []
+    rows = kept(options.json, options.profiles)
     for scheme in schemes:
+        if options.profiles and scheme[2] not in options.profiles:
+            continue
         for parameters, steady, steps in ((12, True, 100), (2, False, 5), (12, False, 5)):
             row = measure(*scheme, parameters, steady, steps, options.repeats, backend)
             rows.append(row)
