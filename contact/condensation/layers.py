@@ -131,6 +131,8 @@ class CondensedLayers(CondensedBody):
 
     def _of_all_dofs(self, rigid: Array) -> Array:
         """A rigid motion, or several as columns, on every dof of the block."""
+        if not rigid.size:
+            return np.zeros((self.body.f.size, *rigid.shape[1:]))
         x = np.tile(np.repeat(self.body.x, PER_NODE), self.body.node_rows)
         y = np.repeat(self.body.y, self.body.row_size)
         return _motions(x, y, self.body) @ rigid

@@ -19,10 +19,8 @@ from contact.spectral.slab_symbols import real_slab
 from contact.spectral.wave_cells import cell_table, functions, parities
 from contact.spectral.wave_factor import WaveFactor
 
-Array = NDArray[np.float64]
 
-
-class MirroredFactor:
+class MirroredFactor(WaveFactor):
     """`WaveFactor` of a `LayeredBlock`, whose derivatives are no displacements.
 
     Parameters
@@ -67,21 +65,9 @@ class MirroredFactor:
             for one, layer in zip(body.cell_bodies, body.layers, strict=True)
         ]
         kept = np.unique(boundary % PER_NODE)
-        self._factor = WaveFactor(slabs, lateral, turns, loose, kept, xp)
-        if not np.array_equal(self._factor.boundary, boundary):
+        super().__init__(slabs, lateral, turns, loose, kept, xp, lengths)
+        if not np.array_equal(self.boundary, boundary):
             raise AssertionError("boundary: not of some kinds at all nodes")
-        self._every = np.tile(lengths, body.f.size // PER_NODE)
-        self._own = lengths[boundary % PER_NODE]
-        own = xp.asarray(self._own)
-        self.schur = own[:, None] * self._factor.schur * own
-
-    def reduce(self, load: Array) -> Array:
-        """Carry a load of all unknowns to the kept ones, shape (nb,)."""
-        return self._own * self._factor.reduce(load / self._every)
-
-    def expand(self, load: Array, z_b: Array) -> Array:
-        """All unknowns from the kept ones; zero where not free."""
-        return self._factor.expand(load / self._every, self._own * z_b) / self._every
 
 
 def _mirrored(body: Any, free: Any, boundary: Any, arrays: HostArrays) -> MirroredFactor:

@@ -43,8 +43,8 @@ class Piece(NamedTuple):
 class WaveFactor:
     """Elimination of all planes of nodes above the lowest one; a `SchurFactor`.
 
-    Unknowns are those of all nodes, held ones included, as displacements: planes from the bottom
-    up, in them the nodes, the unknowns of a node last. Values of held ones are zero.
+    Unknowns are those of all nodes, held ones included: planes from the bottom up, in them the
+    nodes, the unknowns of a node last. Values of held ones are zero.
 
     Parameters
     ----------
@@ -59,6 +59,9 @@ class WaveFactor:
         Unknowns of a node of the lowest plane that are kept; all values are among them.
     xp : module
         `numpy` or `cupy`.
+    lengths : ndarray, shape (r,), optional
+        By which the unknowns of a node are multiplied to become displacements, the unknowns of
+        the slabs. Default: they are displacements.
 
     Attributes
     ----------
@@ -76,12 +79,14 @@ class WaveFactor:
         loose: NDArray[np.intp],
         kept: NDArray[np.intp],
         xp: Any,
+        lengths: Array | None = None,
     ) -> None:
         self._lateral, self._xp = lateral, xp
         turn = np.array([1, 1j, -1, -1j])[turns % 4]
         self._turn = xp.asarray(turn.real if all(lateral.mirrored) else turn)
         self._loose = xp.asarray(loose)
         r = layers[0][0].P.shape[1]
+        self._lengths = xp.ones(r) if lengths is None else xp.asarray(lengths)
         self._kept = xp.asarray(kept)
         self._rest = xp.asarray(np.setdiff1d(np.arange(r), kept))
         self.rows, self._r = 1 + sum(count for _, count in layers), r
@@ -130,21 +135,26 @@ class WaveFactor:
             unit = np.zeros((free_size(self._lateral, self._kept), columns.size))
             unit[columns, np.arange(columns.size)] = 1.0
             grid = xp.asarray(unit).reshape(*self._lateral.points, self._kept.size, -1)
-            forces = self._on_grid(symbol @ self._in_waves(grid, self._kept), self._kept)
+            waves = symbol @ self._in_waves(grid, self._kept, self._lengths)
+            forces = self._on_grid(waves, self._kept, self._lengths)
             flat = self._halved(forces).reshape(-1, columns.size)
             dense[:, first : first + columns.size] = flat[xp.asarray(self._own)]
         return 0.5 * (dense + dense.T)
 
-    def _in_waves(self, grid: Any, kinds: Any) -> Waves:
-        """Values, shape (*points, m, n), of the given unknowns as waves, (waves, m, n)."""
+    def _in_waves(self, grid: Any, kinds: Any, times: Any) -> Waves:
+        """Values, shape (*points, m, n), of the given unknowns as waves, (waves, m, n).
+
+        Each unknown of a node is multiplied by its entry of `times`.
+        """
         xp = self._xp
         waves = self._lateral.forward(xp.moveaxis(grid, -2, 0), kinds=host(kinds))
         flat = xp.moveaxis(waves.reshape(waves.shape[0], -1, waves.shape[-1]), 0, 1)
-        return xp.conj(self._turn[kinds])[:, None] * flat
+        return (xp.conj(self._turn) * times)[kinds][:, None] * flat
 
-    def _on_grid(self, waves: Waves, kinds: Any) -> Any:
+    def _on_grid(self, waves: Waves, kinds: Any, times: Any) -> Any:
+        """The values of such waves, each unknown of a node multiplied by its entry of `times`."""
         xp = self._xp
-        turned = xp.moveaxis(self._turn[kinds][:, None] * waves, 1, 0)
+        turned = xp.moveaxis((self._turn * times)[kinds][:, None] * waves, 1, 0)
         shaped = turned.reshape(waves.shape[1], *self._lateral.shape, waves.shape[2])
         return xp.moveaxis(self._lateral.inverse(shaped, kinds=host(kinds)), 0, -2)
 
@@ -155,7 +165,7 @@ class WaveFactor:
         """Carry a load of all unknowns to the kept ones, shape (nb,)."""
         f = self._forward(load)[:, :, 0]
         down = f[:, self._kept] - (_adjoint(self._across) @ f[:, self._rest, None])[..., 0]
-        grid = self._halved(self._on_grid(down[..., None], self._kept))
+        grid = self._halved(self._on_grid(down[..., None], self._kept, self._lengths))
         return np.asarray(host(grid)).reshape(-1)[self._own]
 
     def expand(self, load: Array, z_b: Array) -> Array:
@@ -165,7 +175,7 @@ class WaveFactor:
         values = np.zeros(free_size(self._lateral, self._kept))
         values[self._own] = z_b
         grid = xp.asarray(values).reshape(*self._lateral.points, self._kept.size, 1)
-        lowest = self._in_waves(grid, self._kept)[..., 0]
+        lowest = self._in_waves(grid, self._kept, self._lengths)[..., 0]
         inner = self._face[:, self._rest[:, None], self._rest]
         if self._rest.size:
             force = u[:, self._rest, 0]
@@ -174,7 +184,7 @@ class WaveFactor:
         u[:, self._kept, 0] = lowest
         for q in range(len(self.pieces) - 1, -1, -1):
             self._recover(q, u)
-        full = self._on_grid(u, xp.arange(self._r))  # (*points, r, rows)
+        full = self._on_grid(u, xp.arange(self._r), 1.0 / self._lengths)  # (*points, r, rows)
         return np.asarray(host(xp.moveaxis(full, -1, 0))).ravel()
 
     def _forward(self, load: Array) -> Waves:
@@ -187,7 +197,7 @@ class WaveFactor:
         xp = self._xp
         grid = xp.asarray(load).reshape(self.rows, *self._lateral.points, self._r)
         doubled = xp.moveaxis(grid, 0, -1) / self._lateral.weights[..., None, None]
-        f = self._in_waves(doubled, xp.arange(self._r))
+        f = self._in_waves(doubled, xp.arange(self._r), 1.0 / self._lengths)
         f = xp.ascontiguousarray(f)
         for q, piece in enumerate(self.pieces):
             low, high = piece.row, piece.row + piece.height

@@ -11,7 +11,7 @@ from contact.arrays.dense_arrays import HostArrays
 from contact.body.layers.layers import PER_NODE, CellRows
 
 Array = NDArray[np.float64]
-_CHUNK = 1 << 17  # cells whose dofs are gathered at a time
+_CHUNK = 1 << 12  # cells whose dofs are gathered at a time: about what the cache holds
 
 
 class CellStencil:
