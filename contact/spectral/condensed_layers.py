@@ -38,6 +38,9 @@ class CondensedLayers:
     waves : LateralWaves
     base : RealSymbol, optional
         What the top is bonded to, in the turns of `contact.spectral.wave_cells`.
+    changes : sequence of bool, optional
+        Layers at whose lower side the material changes, so that derivatives across it are their
+        own; default: all derivatives are shared.
     """
 
     def __init__(
@@ -49,6 +52,7 @@ class CondensedLayers:
         held: NDArray[np.bool_],
         waves: LateralWaves,
         base: RealSymbol | None = None,
+        changes: Sequence[bool] = (),
     ) -> None:
         dim, parity = held.size, parities(kinds, held.size)
         self.kinds, self.lengths, self.held = kinds, lengths, held
@@ -56,10 +60,18 @@ class CondensedLayers:
         powers = waves.turns + parity
         self.turns = tuple(((powers - powers[0]) % 4).tolist())
         tables = np.array([cell_table(body, lengths, parity) for body in bodies])
+        across = (kinds == dim - 1) | ((kinds == -2) & (dim == 2))
+        kinks = tuple(np.flatnonzero(across & change) for change in changes)
+        kinks = kinks if any(kink.size for kink in kinks) else ()
         self._column, self._first = (
-            Column(tables, tuple(counts), free, dim) for free in (self.loose, self._of_mean)
+            Column(tables, tuple(counts), free, dim, kinks) for free in (self.loose, self._of_mean)
         )
         self._kept: Stack | None = None
+
+    @property
+    def own(self) -> list[int]:
+        """Unknowns of a node that an upper layer has for itself, of all interfaces."""
+        return [int(k) for kink in self._column.kinks for k in kink]
 
     @property
     def loose(self) -> NDArray[np.intp]:
@@ -101,7 +113,7 @@ class CondensedLayers:
             RealSymbol(stiffness.reshape(-1, *shape), turns),
         )
 
-    def plane(self, load: Any, row: int) -> Any:
+    def plane(self, load: Any, row: int, above: bool = False) -> Any:
         """Waves of the unknowns on a plane of nodes, supports at rest.
 
         A mean force that nothing holds is left out. What the top is bonded to carries it:
@@ -113,6 +125,8 @@ class CondensedLayers:
             Waves of the forces on the lower side.
         row : int
             Number of the plane, counted from the bottom.
+        above : bool
+            Between two layers the unknowns of the upper one; else those of the lower one.
 
         Returns
         -------
@@ -127,7 +141,7 @@ class CondensedLayers:
         found = xp.empty((given.shape[0], r), dtype=given.dtype)
         for at, stack in self._stacks():
             lower, upper = self._ends(stack, given[at], at)
-            found[at] = stack.at(row, lower, upper)
+            found[at] = stack.at(row, lower, upper, above)
             if self._base is not None and not at.start:
                 found[0] -= lower[0]  # all are values: the base is joined to linear cells
         found *= turn / xp.asarray(self.lengths)
@@ -183,7 +197,7 @@ class CondensedLayers:
     def _stack(self, phases: Sequence[Any]) -> Stack:
         values = functions(phases)
         slabs = [real_slab(table, values) for table in self._column.tables]
-        return Stack.of(list(zip(slabs, self._column.counts, strict=True)))
+        return Stack.of(list(zip(slabs, self._column.counts, strict=True)), self._column.kinks)
 
     def _flat_base(self) -> Any:
         return None if self._base is None else self._base.reshape(self._base.shape[0], -1)

@@ -64,7 +64,7 @@ def fields_at(
     x: Array,
     layers: Sequence[Layer],
     cells: Sequence[ElasticBody],
-    plane: Callable[[int], Array],
+    plane: Callable[[int, bool], Array],
     last: Sequence[int | None],
 ) -> tuple[Array, Array]:
     """Displacement, shape (dim, n), and gradient d u_i / d x_j, shape (dim, dim, n), at points.
@@ -78,7 +78,8 @@ def fields_at(
     cells : sequence of ElasticBody
         One cell of each layer.
     plane : callable
-        Number of a plane of nodes -> its unknowns, shape (r, nx[, ny]).
+        Number of a plane of nodes, and whether those of the layer above it are asked for where two
+        meet -> its unknowns, shape (r, nx[, ny]).
     last : sequence of int or None
         Number of the last cell of each lateral direction that is not periodic.
     """
@@ -96,18 +97,22 @@ def fields_at(
             index[axis] = np.clip(index[axis], 0, end)
     local -= index * sizes
     rows = low + index[-1]
-    found: dict[int, Array] = {}
+    seams = {layer.first for layer in layers[1:]}
+    found: dict[tuple[int, bool], Array] = {}
     for row in map(int, np.unique(rows)):
-        found = {k: found[k] if k in found else plane(k) for k in (row, row + 1)}
+        ends = (row, row in seams), (row + 1, False)
+        found = {end: found[end] if end in found else plane(*end) for end in ends}
         here = np.flatnonzero(rows == row)
         body = cells[number[here[0]]]
-        for field, values in _functions(body, local[:, here], index[:, here], row, found):
+        for field, values in _functions(
+            body, local[:, here], index[:, here], [found[end] for end in ends]
+        ):
             u[:, here] += np.asarray(field)[:, 0] * values
             gradient[:, :, here] += np.asarray(field.grad)[:, :, 0] * values
     return u, gradient
 
 
-def _functions(body: ElasticBody, local: Array, index: Any, row: int, planes: Any) -> Any:
+def _functions(body: ElasticBody, local: Array, index: Any, planes: Any) -> Any:
     """Each function of a cell at places in it, and the values of its unknown."""
     basis, places = body.basis, body.mesh.p > 0
     origin = np.zeros((local.shape[0], 1))
@@ -116,7 +121,7 @@ def _functions(body: ElasticBody, local: Array, index: Any, row: int, planes: An
     nodal = basis.nodal_dofs
     for i, dof in enumerate(basis.element_dofs[:, 0]):
         kind, vertex = np.argwhere(nodal == dof)[0]
-        values = planes[row + int(places[-1, vertex])][kind]
+        values = planes[int(places[-1, vertex])][kind]
         at = tuple(
             (k + int(further)) % size
             for k, further, size in zip(index, places[:-1, vertex], values.shape, strict=False)

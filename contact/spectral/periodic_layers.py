@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -77,6 +78,10 @@ class PeriodicLayers(FilteredCompliance):
         Scalar element whose unknowns belong to vertices: `ElementQuad1` or `ElementHex1` (default),
         `ElementQuadAdini`, `ElementHexAdini`, `ElementQuadBFS`. Forces of contact act on the values
         at the vertices.
+    interfaces : {"smooth", "kinked"}
+        Derivatives across the interface of two materials, if the element has them: shared by both
+        layers, as in a mesh (default), or each layer's own, as a displacement has a kink there. Its
+        errors then are those of the element in one material.
     xp : module
         `numpy`, or `cupy` to condense and solve on a device.
 
@@ -133,6 +138,7 @@ class PeriodicLayers(FilteredCompliance):
         base: tuple[float, float] | None = None,
         plane: str = "strain",
         element: Element | None = None,
+        interfaces: str = "smooth",
         xp: Any = np,
     ) -> None:
         given = np.atleast_1d(numbers("lengths", lengths))
@@ -159,7 +165,9 @@ class PeriodicLayers(FilteredCompliance):
             self.held[select_components(self.dim, top)] = True
         self.normal = -np.eye(self.dim)[-1]
         self.constant = adrift(self._sides, self.held | (base is not None))
-        self._xp = xp
+        self._xp, self.interfaces = xp, interfaces
+        if interfaces not in ("smooth", "kinked"):
+            raise InputError(f"interfaces={interfaces!r}: expected 'smooth' or 'kinked'")
         self._condense()
         moved = np.zeros(self.dim) if motion is None else numbers("motion", motion)
         if moved.shape != (self.dim,) or not np.all(np.isfinite(moved)):
@@ -182,7 +190,8 @@ class PeriodicLayers(FilteredCompliance):
         """Number of unknowns of all nodes of the layers that are not fixed."""
         rows = sum(layer.cells for layer in self.layers)
         free = [np.count_nonzero(~self._waves.held(k)) for k in range(self._kinds.size)]
-        return int(sum(free)) * rows + int(sum(free[k] for k in self._body.loose))
+        once = [*self._body.loose, *self._body.own]
+        return int(sum(free)) * rows + int(sum(free[k] for k in once))
 
     def displacement(self, forces: Any, row: int) -> Any:
         """Displacement of the nodes on one level inside, under forces on the lower side.
@@ -269,7 +278,7 @@ class PeriodicLayers(FilteredCompliance):
             x,
             self.layers,
             self._cell_bodies,
-            lambda row: host(self._plane(load, int(row))),
+            lambda row, above: host(self._plane(load, row, above)),
             [n - 1 if twice else None for n, twice in zip(self.cells, self.mirrored, strict=True)],
         )
 
@@ -278,9 +287,9 @@ class PeriodicLayers(FilteredCompliance):
         given = read_forces(self._xp, forces, (self.dim, *self.shape))
         return self._waves.forward(self._waves.doubled(given))
 
-    def _plane(self, load: Any, row: int) -> Any:
+    def _plane(self, load: Any, row: int, above: bool = False) -> Any:
         """Unknowns on a plane of nodes, shape (r, nx[, ny]), supports at rest."""
-        return self._waves.inverse(self._body.plane(load, row))
+        return self._waves.inverse(self._body.plane(load, row, above))
 
     def elastic(self) -> ElasticBody:
         """The same body on a mesh, with its sides' conditions, and boundaries "bottom" and "top".
@@ -293,10 +302,12 @@ class PeriodicLayers(FilteredCompliance):
         Raises
         ------
         InputError
-            The block lies on a half space.
+            The block lies on a half space, or its interfaces have kinks of their own.
         """
         if self.base is not None:
             raise InputError("base: a half space has no mesh")
+        if self._body.own:
+            raise InputError("interfaces: a mesh shares all derivatives; take interfaces='smooth'")
         mesh, of = meshed(self._mesh, self.lengths, self.cells, self.layers)
         body = ElasticBody.from_mesh(
             mesh, self.element, E=np.array([layer.E for layer in self.layers])[of],
@@ -325,8 +336,12 @@ class PeriodicLayers(FilteredCompliance):
         self.weights, self.mirrored = self._waves.weights, self._waves.mirrored
         self.fixed = np.array([self._waves.held(c) for c in range(self.dim)])
         counts = [layer.cells for layer in self.layers]
+        changes = [False]
+        for lower, upper in pairwise(self.layers):
+            other = (lower.E, lower.nu) != (upper.E, upper.nu)
+            changes.append(other and self.interfaces == "kinked")
         self._body = CondensedLayers(
-            cells, counts, self._kinds, lengths, self.held, self._waves, self._below()
+            cells, counts, self._kinds, lengths, self.held, self._waves, self._below(), changes
         )
         lateral = self._waves if any(self._waves.mirrored) else None
         self._take_symbols(*self._body.symbols(), self.dim - 1, lateral)

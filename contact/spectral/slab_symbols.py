@@ -68,6 +68,20 @@ def joined(lower: Slab, upper: Slab) -> Slab:
     )
 
 
+def released(slab: Slab, own: Any) -> Slab:
+    """A slab whose own unknowns of the lower side are free: they are eliminated, zeros are left."""
+    if not len(own):
+        return slab
+    xp, rest = namespace(slab.P), np.setdiff1d(np.arange(slab.P.shape[1]), own)
+    P, Q = slab.P[:, rest][:, :, own], slab.Q[:, own]
+    solved = xp.linalg.solve(slab.P[:, own][:, :, own], xp.concatenate([_adjoint(P), Q], axis=2))
+    down, up = solved[:, :, : rest.size], solved[:, :, rest.size :]
+    lower, coupling = xp.zeros_like(slab.P), xp.zeros_like(slab.Q)
+    lower[:, rest[:, None], rest] = _hermitian(slab.P[:, rest][:, :, rest] - P @ down)
+    coupling[:, rest] = slab.Q[:, rest] - P @ up
+    return Slab(lower, coupling, _hermitian(slab.R - _adjoint(Q) @ up))
+
+
 @dataclass(frozen=True)
 class Stack:
     """Slabs of a power of two of equal cells, from the bottom up, and how they came about.
@@ -76,52 +90,79 @@ class Stack:
     ----------
     pieces : tuple of tuple of Slab
         For each piece its halves' slabs: entry l has 2^l layers of cells.
+    own : tuple of (ndarray of int)
+        For each piece the unknowns of its lower side that it does not share with those below.
     upto : tuple of Slab
         Entry q: all pieces up to number q together.
     """
 
     pieces: tuple[tuple[Slab, ...], ...]
+    own: tuple[Any, ...]
     upto: tuple[Slab, ...]
 
     @classmethod
-    def of(cls, layers: Sequence[tuple[Slab, int]]) -> Stack:
-        """The stack of layers, each a slab of one layer of cells and their number."""
-        pieces = []
-        for cell, count in layers:
-            powers = [cell]
+    def of(cls, layers: Sequence[tuple[Slab, int]], kinks: Sequence[Any] = ()) -> Stack:
+        """The stack of layers, each a slab of one layer of cells and their number.
+
+        `kinks` are unknowns of each layer's lower side that it does not share; default: none.
+        """
+        none = np.zeros(0, dtype=int)
+        pieces: list[tuple[Slab, ...]] = []
+        own: list[Any] = []
+        for (cell, count), kink in zip(layers, kinks or [none] * len(layers), strict=True):
+            powers, begun = [cell], False
             for bit in range(count.bit_length()):
                 if bit > 0:
                     powers.append(joined(powers[-1], powers[-1]))
                 if count >> bit & 1:
                     pieces.append(tuple(powers))
+                    own.append(none if begun else kink)
+                    begun = True
         upto = [pieces[0][-1]]
-        for piece in pieces[1:]:
-            upto.append(joined(upto[-1], piece[-1]))
-        return cls(tuple(pieces), tuple(upto))
+        for piece, kink in zip(pieces[1:], own[1:], strict=True):
+            upto.append(joined(upto[-1], released(piece[-1], kink)))
+        return cls(tuple(pieces), tuple(own), tuple(upto))
 
     @property
     def whole(self) -> Slab:
         """All layers together."""
         return self.upto[-1]
 
-    def at(self, row: int, lower: Waves, upper: Waves) -> Waves:
-        """Displacement on a plane of nodes from those of the lowest and the highest one.
+    def at(self, row: int, lower: Waves, upper: Waves, above: bool = False) -> Waves:
+        """Unknowns on a plane of nodes from those of the lowest and the highest one.
 
         Parameters
         ----------
         row : int
             Number of the plane, counted from the bottom.
         lower, upper : array, shape (waves, r)
+        above : bool
+            Between two layers, those of the upper one; else those of the lower one.
         """
         first = sum(2 ** (len(piece) - 1) for piece in self.pieces)
         for q in range(len(self.pieces) - 1, -1, -1):
-            piece = self.pieces[q]
+            piece, own = self.pieces[q], self.own[q]
             first -= 2 ** (len(piece) - 1)
-            bottom = lower if q == 0 else between(self.upto[q - 1], piece[-1], lower, upper)
-            if row >= first:
-                return _within(piece, row - first, bottom, upper)
+            bottom = lower
+            if q:
+                bottom = between(self.upto[q - 1], released(piece[-1], own), lower, upper)
+            if row > first or (row == first and above):
+                return _within(piece, row - first, _with_own(piece[-1], own, bottom, upper), upper)
+            if row == first:
+                return bottom
             upper = bottom
         raise AssertionError("row: below the lowest plane")
+
+
+def _with_own(slab: Slab, own: Any, lower: Waves, upper: Waves) -> Waves:
+    """The lower side's unknowns with the slab's own ones, on which no force acts."""
+    if not len(own):
+        return lower
+    xp, full = namespace(lower), lower.copy()
+    full[:, own] = 0.0
+    load = slab.P[:, own] @ full[..., None] + slab.Q[:, own] @ upper[..., None]
+    full[:, own] = -xp.linalg.solve(slab.P[:, own][:, :, own], load)[..., 0]
+    return full
 
 
 def between(below: Slab, above: Slab, lower: Waves, upper: Waves) -> Waves:

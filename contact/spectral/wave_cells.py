@@ -43,12 +43,16 @@ class Column:
         Unknowns of a node of the top that nothing fixes.
     dim : int
         Unknowns of a node that forces act on: the first ones.
+    kinks : tuple of (ndarray of int)
+        For each kind, unknowns of its lowest nodes that it does not share with the layers below;
+        without entries all are shared.
     """
 
     tables: Array
     counts: Sequence[int]
     free: NDArray[np.intp]
     dim: int
+    kinks: tuple[NDArray[np.intp], ...] = ()
 
     @property
     def eliminated(self) -> list[int]:

@@ -47,7 +47,7 @@ def condensed(column: Column, phases: Sequence[Any], base: Any = None) -> tuple[
         top, those of the wave 0 mean nothing.
     """
     xp, r = namespace(phases[0]), column.tables.shape[1] // 2
-    if xp is not np and r <= wave_kernel.MOST:
+    if xp is not np and r <= wave_kernel.MOST and not column.kinks:
         return wave_kernel.condensed(column, phases, base)
     waves, d = int(np.prod([p.size for p in phases])), column.dim
     stiffness, compliance = (xp.empty((d * (d + 1) // 2, waves)) for _ in range(2))
@@ -57,7 +57,7 @@ def condensed(column: Column, phases: Sequence[Any], base: Any = None) -> tuple[
     def take(first: int) -> None:
         at = slice(first, min(first + size, waves))
         here = phases_of(phases, at)
-        whole, upper = _slab(tables, column.counts, here), np.triu_indices(d)
+        whole, upper = _slab(tables, column, here), np.triu_indices(d)
         # The wave 0 of a top that nothing holds is singular; who asks for it says what it means.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             face = _face(column, whole, base, at)
@@ -85,6 +85,17 @@ def joined(lower: Waves, upper: Waves) -> Waves:
     return eliminated(Z, r)
 
 
+def released(slab: Waves, own: Any) -> Waves:
+    """A slab whose own unknowns of the lower side are free: they are eliminated, zeros are left."""
+    if not len(own):
+        return slab
+    order = np.array([*own, *np.setdiff1d(np.arange(slab.shape[0]), own)])
+    rest, left = order[len(own) :], namespace(slab).zeros_like(slab)
+    low, high = np.minimum.outer(order, order), np.maximum.outer(order, order)
+    left[np.ix_(rest, rest)] = eliminated(slab[low, high], len(own))
+    return left
+
+
 def eliminated(Z: Waves, count: int) -> Waves:
     """The Schur complement of the first unknowns; overwrites Z, whose upper triangle counts."""
     n = Z.shape[0]
@@ -104,15 +115,17 @@ def inverse(matrices: Waves) -> Waves:
     return -eliminated(Z, n)
 
 
-def _slab(tables: Any, counts: Sequence[int], phases: Sequence[Any]) -> Waves:
+def _slab(tables: Any, column: Column, phases: Sequence[Any]) -> Waves:
     """All layers together."""
     xp, values, whole = namespace(phases[0]), functions(phases), None
-    for table, count in zip(tables, counts, strict=True):
-        power = xp.tensordot(table, values, axes=1)
+    kinks = column.kinks or [np.zeros(0, dtype=int)] * len(column.counts)
+    for table, count, kink in zip(tables, column.counts, kinks, strict=True):
+        power, own = xp.tensordot(table, values, axes=1), kink
         for bit in range(count.bit_length()):
             power = joined(power, power) if bit else power
             if count >> bit & 1:
-                whole = power if whole is None else joined(whole, power)
+                whole = power if whole is None else joined(whole, released(power, own))
+                own = kink[:0]  # only the lowest piece meets another layer
     return whole
 
 

@@ -153,7 +153,7 @@ def test_a_free_top_and_what_it_rests_on(element):
     stiffness, _ = condensed(body, steps(dim), base)
     both = Column(body.tables, body.counts, np.zeros(0, dtype=int), r)
     here = [part.ravel() for part in np.meshgrid(*steps(dim), indexing="ij")]
-    whole = wave_condensation._slab(both.tables, both.counts, here)
+    whole = wave_condensation._slab(both.tables, both, here)
     whole = full(whole[np.triu_indices(2 * r)], 2 * r)
     whole[:, r : r + dim, r : r + dim] += springs
     kept, rest = np.arange(dim), np.arange(dim, 2 * r)
