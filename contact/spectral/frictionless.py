@@ -73,6 +73,8 @@ def _solved(
     problem: NormalProblem, start: Grid | None, tol: float, report: Report
 ) -> tuple[Grid, float]:
     xp, c, driving, can_touch = problem.xp, problem.c, problem.driving, problem.can_touch
+    if not bool(can_touch.any()):
+        return xp.zeros_like(driving), 0.0
     driven = bool((driving > 0)[can_touch].any())
     if problem.total == 0.0 or not (problem.given or driven):
         highest = driving[can_touch].max()

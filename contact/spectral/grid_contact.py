@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.errors import Infeasible, InputError, NotConverged, evaluated
+from contact.errors import Infeasible, InputError, NotConverged, evaluated, numbers
 from contact.laws.iteration import Iteration
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.rough import Rough
@@ -80,7 +80,7 @@ class GridContact:
     law: str = "coulomb"
 
     def __post_init__(self) -> None:
-        if self.law not in ("coulomb", "tresca"):
+        if not isinstance(self.law, str) or self.law not in ("coulomb", "tresca"):
             raise InputError(f"law={self.law!r}: expected 'coulomb' or 'tresca'")
         rigid = self._rigid
         if rigid.rotation is not None or rigid.moment is not None:
@@ -175,7 +175,7 @@ class GridContact:
         Parameters
         ----------
         tol : float
-            Of every residual of the certificate.
+            Of every residual of the certificate, less than one.
         after : GridResult, optional
             The step before: friction acts on the displacement since then, and the iteration starts
             there.
@@ -188,11 +188,17 @@ class GridContact:
 
         Raises
         ------
+        InputError
+            A tolerance out of its range, a step before on another grid.
         Infeasible
-            The force pulls the obstacle off, or drags it beyond the friction.
+            The force pulls the obstacle off, drags it beyond the friction, or presses where no
+            point is within its reach.
         NotConverged
             The iteration does not settle, or its result fails the certificate.
         """
+        if numbers("tol", tol).shape != () or not 0 < tol < 1:
+            raise InputError(f"tol={tol!r}: expected a number between 0 and 1")
+        self._check_after(after)
         problem, history = self._problem(after), []
 
         def report(iteration: Iteration) -> None:
@@ -237,6 +243,8 @@ class GridContact:
         -------
         list of GridResult
         """
+        if isinstance(obstacles, str) or not isinstance(obstacles, Iterable):
+            raise InputError(f"obstacles={obstacles!r}: expected a sequence, one a step")
         results: list[GridResult] = []
         for obstacle in obstacles:
             step = replace(self, obstacle=obstacle)
@@ -262,10 +270,21 @@ class GridContact:
             v0[1:] -= xp.asarray(after.slip)
         return GridProblem(self.compliance, v0, xp.asarray(self._gap), -turn * force[order])
 
+    def _check_after(self, after: Any) -> None:
+        expected = (len(self.compliance.shape) + 1, *self.compliance.shape)
+        if after is not None and not isinstance(after, GridResult):
+            raise InputError(f"after: expected a GridResult, got {type(after).__name__}")
+        if after is not None and after.forces.shape != expected:
+            raise InputError(
+                f"after: a result on {after.pressure.shape} points, not on {self.compliance.shape}"
+            )
+
     def _check_forces(self, problem: GridProblem, friction: Array) -> None:
         total = problem.force[0]
         if total < 0:
             raise Infeasible("obstacle: the force pulls it off the body; turn it round")
+        if total > 0 and not bool(problem.can_touch.any()):
+            raise Infeasible("obstacle: it is within reach of no point that the force could press")
         drag = np.linalg.norm(np.nan_to_num(problem.force[1:]))
         most = (
             friction.max() * total

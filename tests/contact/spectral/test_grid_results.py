@@ -126,6 +126,32 @@ def test_no_contact_and_no_force():
     assert not touching.pressure.any()
 
 
+@pytest.mark.parametrize("law", ["coulomb", "tresca"])
+def test_an_obstacle_beyond_reach(law):
+    space = HalfSpace(1.0, 16, 1.0, 0.3)
+    result = GridContact(space, None, 0.5, law).solve()
+    assert not result.forces.any()
+    assert np.isinf(result.opening).all()
+    with pytest.raises(Infeasible, match="within reach of no point"):
+        GridContact(space, Rigid(np.full(16, np.inf), force=(0.0, 1.0)), 0.5, law).solve()
+
+
+@pytest.mark.parametrize("tol", [0.0, -1.0, 1.0, np.nan, None, "tight", [1e-9]])
+def test_tolerances_out_of_range_are_refused(tol):
+    with pytest.raises(InputError, match="tol="):
+        solved(tol=tol)
+
+
+def test_what_is_no_step_before_is_refused():
+    coarse = GridContact(HalfSpace(1.0, 16, 1.0, 0.3), 0.1)
+    with pytest.raises(InputError, match=r"after: a result on \(16,\) points"):
+        solved(after=coarse.solve())
+    with pytest.raises(InputError, match="after: expected a GridResult, got str"):
+        solved(after="before")
+    with pytest.raises(InputError, match="obstacles=None: expected a sequence"):
+        coarse.history(None)
+
+
 def test_light_contact_is_linear_in_the_load():
     """About 2 p / (E* slope): Bush, Gibson and Thomas (1975), Persson (2001)."""
     n = 128
