@@ -1,5 +1,7 @@
 """Winds from xarray datasets: names, falling coordinates, dates, and what does not fit."""
 
+import datetime
+
 import numpy as np
 import pytest
 
@@ -43,8 +45,39 @@ def test_the_winds_are_those_of_the_arrays():
         (lambda d: d.rename(u10="u"), "winds: the dataset has no 'u10'; it has"),
         (lambda d: d.expand_dims("level"), r"winds: 'u10' has the dimensions \('level'"),
         (lambda d: d.where(d.lat < 1), "arrays: NaN or infinity in snapshot 0, component 0"),
+        (lambda d: d * 1j, "winds: 'u10': expected real values instead of complex128"),
+        (lambda d: d.astype(str), "winds: 'u10': expected real values instead of <U"),
+        (
+            lambda d: d.assign_coords(lon=list("abcdefghijklmnop")),
+            "winds: 'lon': expected real values instead of <U1",
+        ),
+        (
+            lambda d: d.drop_vars("lat").assign_coords(lat=(("lat", "lon"), np.ones((13, 16)))),
+            r"winds: the coordinate 'lat' has the dimensions \('lat', 'lon'\), expected lat alone",
+        ),
+        (
+            lambda d: d.assign_coords(time=[datetime.date(2020, 1, n) for n in (1, 2, 3, 4)]),
+            "winds: 'time' holds object, expected numbers, datetime64 or timedelta64",
+        ),
     ],
 )
 def test_datasets_that_do_not_fit(change, message):
     with pytest.raises(InputError, match=message):
         Velocity.from_xarray(change(dataset()), ("u10", "v10"), ("lon", "lat"))
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"periodic": (True, True, False)}, "periodic: expected True or False, or one for each of"),
+        ({"periodic": "no"}, "periodic: expected True or False, .* got 'no'"),
+        ({"periodic": {"lon": True}}, "periodic: expected True or False"),
+        ({"components": "uv"}, "components: expected a sequence of names, got 'uv'"),
+        ({"components": None}, "components: expected a sequence of names, got None"),
+        ({"axes": ([1], "lat")}, "axes: expected names"),
+    ],
+)
+def test_arguments_that_do_not_fit(changed, message):
+    arguments = {"components": ("u10", "v10"), "axes": ("lon", "lat"), **changed}
+    with pytest.raises(InputError, match=message):
+        Velocity.from_xarray(dataset(), **arguments)
