@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, issparse
 
 from cip.assimilation.sensors import Sensors
 from cip.errors import InputError
@@ -15,6 +15,7 @@ from cip.grid import Grid
 from cip.reals import real_array, real_number
 
 Array = NDArray[np.float64]
+_ENTRIES = "data: entries of the operators"
 
 
 @runtime_checkable
@@ -84,6 +85,12 @@ class Data:
                 f"start, {start:.6g}"
             )
         sizes = [one.size for one in self.values]
+        if not sum(sizes):
+            raise InputError("data: every value is masked or missing")
+        if isinstance(given, Mapping) and np.ndim(noise) and list(given) != sorted(given):
+            raise InputError(
+                "noise: with one for each time give the data in the order of time, too"
+            )
         own = getattr(given, "deviations", None)
         if own is not None and noise is not None:
             raise InputError("noise: the data have deviations of their own; leave it out")
@@ -129,8 +136,6 @@ def _snapshots(
         ones = (np.ones(kept.size), (np.arange(kept.size), kept))
         values.append(array.ravel()[kept])
         operators.append(csr_array(ones, shape=(kept.size, grid.size * moments)))
-    if not sum(one.size for one in values):
-        raise InputError("data: every value is masked")
     return times, values, operators
 
 
@@ -138,15 +143,20 @@ def _observed(given: Observations, size: int) -> tuple[list[float], list[Array],
     times = real_array(given.times, "data: times").astype(float)
     if times.ndim != 1 or not times.size or np.any(np.diff(times) <= 0.0):
         raise InputError("data: expected increasing times")
-    if not len(given.values) == len(given.operators) == times.size:
-        raise InputError("data: expected values and an operator for each time")
+    for one in (given.values, given.operators):
+        if not (hasattr(one, "__len__") and len(one) == times.size):
+            raise InputError("data: expected values and an operator for each time")
     values = [real_array(one, "data: values").astype(float) for one in given.values]
     for one, operator in zip(values, given.operators, strict=True):
-        if operator.shape != (one.size, size) or one.ndim != 1:
+        shape = getattr(operator, "shape", None)
+        if shape != (one.size, size) or one.ndim != 1:
             raise InputError(
                 f"data: expected values of shape (m,) and operators of shape (m, {size}), got "
-                f"{one.shape} and {operator.shape}"
+                f"{one.shape} and {shape or type(operator).__name__}"
             )
+        entries = operator.data if issparse(operator) else operator
+        if isinstance(entries, np.ndarray) and not np.isfinite(real_array(entries, _ENTRIES)).all():
+            raise InputError(f"{_ENTRIES}: NaN or infinity among them")
         if not np.isfinite(one).all():
             raise InputError("data: NaN or infinity among the values; leave missing ones out")
     return [float(t) for t in times], values, list(given.operators)
@@ -154,6 +164,8 @@ def _observed(given: Observations, size: int) -> tuple[list[float], list[Array],
 
 def _own(given: Any, sizes: list[int]) -> Array:
     """Deviations that data have themselves, in one row."""
+    if not (hasattr(given, "__len__") and len(given) == len(sizes)):
+        raise InputError(f"data: expected deviations for each of {len(sizes)} times")
     found = [real_array(one, "data: deviations").astype(float) for one in given]
     if [one.shape for one in found] != [(n,) for n in sizes]:
         raise InputError("data: expected deviations of the shapes of the values")
@@ -168,9 +180,8 @@ def _deviations(noise: Any, sizes: list[int]) -> Array:
     times = len(sizes)
     if noise is None:
         return np.zeros(sum(sizes))
-    several = isinstance(noise, Sequence | np.ndarray)
     found = real_array(noise, "noise: expected standard deviations").astype(float)
-    if several and found.shape != (times,):
+    if found.ndim and found.shape != (times,):
         raise InputError(f"noise: expected one number, or one for each of {times} times")
     found = np.broadcast_to(found, (times,))
     if not np.isfinite(found).all() or np.any(found < 0.0):

@@ -23,11 +23,18 @@ SEEN = START["u"]
 
 
 class Wrong:
-    """Observations with a wrong operator."""
+    """Observations with a wrong operator, by default of a wrong shape."""
 
     times = (0.1,)
     values = (np.zeros(3),)
-    operators = (np.zeros((3, 40)),)
+
+    def __init__(self, *operators, **others):
+        self.operators = operators or (np.zeros((3, 40)),)
+        self.__dict__.update(others)
+
+
+ROWS = np.eye(3, START.data.size)
+SILENT = Sensors([0.2, 0.5, 0.7], [0.1], np.full((1, 3), np.nan), 0.1)
 
 
 @pytest.mark.parametrize(
@@ -44,6 +51,14 @@ class Wrong:
         ({"data": {0.1: np.ma.array(SEEN, mask=True)}}, "data: every value is masked"),
         ({"data": {np.nan: SEEN}}, "data: "),
         ({"data": Wrong()}, "data: expected values of shape"),
+        ({"data": Wrong([0.0, 1.0])}, r"data: expected values of shape .* and list"),
+        ({"data": Wrong(np.nan * ROWS)}, "data: entries of the operators: NaN"),
+        ({"data": Wrong(1j * ROWS)}, "data: entries of the operators: expected real values"),
+        ({"data": Wrong(ROWS, values=None)}, "data: expected values and an operator"),
+        ({"data": Wrong(ROWS, deviations=0.1)}, "data: expected deviations for each of 1 times"),
+        ({"data": SILENT}, "data: every value is masked or missing"),
+        ({"data": SILENT, "regularization": "H2"}, "data: every value is masked or missing"),
+        ({"data": {0.2: SEEN, 0.1: SEEN}, "noise": [0.1, 0.2]}, "noise: with one for each time"),
         ({"data": Sensors([0.5], [0.1], [[0.1]], 0.1), "noise": 0.1}, "noise: the data have"),
         ({"noise": -1.0}, "noise: "),
         ({"noise": np.nan}, "noise: "),
