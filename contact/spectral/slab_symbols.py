@@ -24,6 +24,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import numpy as np
 from skfem import MeshHex, MeshQuad
 
 from contact.body.elastic_body import ElasticBody
