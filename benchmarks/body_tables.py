@@ -121,13 +121,7 @@ def rough_layers(record: Record) -> str:
             )
             for row in found["rows"]
         ]
-        grown = found.get("growth", {})
-        if {"product", "doubling"} <= set(grown):
-            ends.append(
-                "Between the two largest cubes a product grows as "
-                f"(n^2 log n)^{grown['product']:.2f}; twice as many layers add "
-                f"{1e3 * grown['doubling']:.2g} ms to condensation."
-            )
+        ends.append(_growth(found))
         more = {"device": found["device"]} if where == "cuda" else {}
         ends.append(source("rough_layers", found, **more))
     table = rows_of(
@@ -135,7 +129,28 @@ def rough_layers(record: Record) -> str:
         "| products | residual | memory",
         lines,
     )
-    return "\n\n".join((table, *ends))
+    return "\n\n".join((table, *filter(None, ends)))
+
+
+def _growth(found: Record) -> str:
+    """What twice the points and twice the layers cost."""
+    grown = found.get("growth", {})
+    if not {"product", "doubling"} <= set(grown):
+        return ""
+    over_all = grown.get("product of all sizes")
+    text = (
+        f"Between the two largest cubes a product grows as (n^2 log n)^{grown['product']:.2f}"
+        + ("" if over_all is None else f", over all of them as (n^2 log n)^{over_all:.2f}")
+        + f"; twice as many layers add {1e3 * grown['doubling']:.2g} ms to condensation"
+    )
+    if "power of depth" not in grown:
+        return text + "."
+    depths = ", ".join(f"{row['rows']:,} layers {row['condense']:.2f} s" for row in found["depths"])
+    n = found["depths"][0]["n"]
+    return (
+        f"{text}, which grows as the depth to the power {grown['power of depth']:.2f} "
+        f"({n} x {n} columns: {depths})."
+    )
 
 
 def rough_peers(record: Record) -> str:
@@ -156,19 +171,30 @@ def rough_peers(record: Record) -> str:
     head = " | ".join(names)
     table = rows_of(f"points | contact | error of the pressure | {head} | tamaas over ours", lines)
     block = rows_of(
-        "thick block of bricks beside tamaas' half space | contact area "
+        "thick block of bricks beside tamaas' half space | contact area, counted | corrected "
         "| forces of 16 x 16 squares | pressure, rms",
         (
             (
                 f"{row['n']}^3",
-                f"{100 * row['area_off']:+.1f} %",
+                f"{100 * row['area_off']:+.2f} %",
+                f"{100 * row['corrected_off']:+.2f} %",
                 f"{100 * row['force_off']:.2f} %",
                 f"{100 * row['pressure_off']:.1f} %",
             )
             for row in record["block"]
         ),
     )
-    end = f"tamaas {record['peers']['tamaas']}. " + source("rough_peers", record)
+    power = record["orders"]
+    note = (
+        "Fitted powers of the spacing: "
+        f"{power['area_off']:.2f} of the counted area, {power['force_off']:.2f} of the forces, "
+        f"{power['pressure_off']:.2f} of the pressure. On the half space tamaas and ours count "
+        "the same points in contact at every size. "
+        if all(row["tamaas"][goals[-1]]["area"] == row["ours"][goals[-1]]["area"]
+               for row in record["rows"])
+        else ""
+    )  # fmt: skip
+    end = f"{note}tamaas {record['peers']['tamaas']}. " + source("rough_peers", record)
     return "\n\n".join((table, block, end))
 
 
