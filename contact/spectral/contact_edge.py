@@ -155,11 +155,9 @@ class _Lines:
         t = np.r_[_NEXT : _NEXT + _INSIDE, -_NEXT - np.arange(_OUTSIDE)]
         beside = gap[self.at(t)]
         used = self._used(t) & np.isfinite(beside)
-        oblique = np.maximum(n, _OBLIQUE)
-        bend = curvature * (0.6 * (1 - oblique**2) / oblique - 0.2 * oblique)
-        beside = np.where(used, beside, 0.0) / (oblique[:, None] * (1 - bend[:, None] * t))
-        values = np.where(t > 0, pressure[self.at(t)], beside)
-        self.e, self.c, good = fitted(t.astype(float), values, used)
+        values = np.where(t > 0, pressure[self.at(t)], np.where(used, beside, 0.0))
+        beyond = beside_edge(np.maximum(n, _OBLIQUE), curvature)
+        self.e, self.c, good = fitted(t.astype(float), values, used, beyond)
         near = np.arange(1 - _NEXT, _NEXT)
         rho = np.maximum(near + self.e[:, None], 0.0)
         self._values = _sum(self.c, rho)
@@ -226,6 +224,16 @@ def direction(
     return np.where(known, n, 0.0), np.where(known, curvature, 0.0)
 
 
+def beside_edge(n: Array, curvature: Array) -> Array:
+    """Gap over that of a straight edge across the lines: coefficients of 1 and t.
+
+    Returns
+    -------
+    ndarray, shape (lines, 2)
+    """
+    return np.stack([n, curvature * (0.6 * (1 - n**2) - 0.2 * n**2)], axis=1)
+
+
 def _difference(values: Array, axis: int) -> Array:
     return np.asarray(0.5 * (np.roll(values, -1, axis) - np.roll(values, 1, axis)))
 
@@ -239,7 +247,7 @@ def _sum(c: Array, rho: Array) -> Array:
     return np.asarray(np.sqrt(rho) * np.sum(c[:, None] * rho[..., None] ** np.arange(_TERMS), -1))
 
 
-def fitted(t: Array, values: Array, used: Any) -> tuple[Array, Array, Any]:
+def fitted(t: Array, values: Array, used: Any, bend: Array) -> tuple[Array, Array, Any]:
     """Edges and coefficients by Gauss and Newton's method, all lines at once.
 
     Parameters
@@ -249,6 +257,8 @@ def fitted(t: Array, values: Array, used: Any) -> tuple[Array, Array, Any]:
     values : ndarray, shape (lines, points)
         Pressure inside, gap outside.
     used : ndarray of bool, shape (lines, points)
+    bend : ndarray, shape (lines, 2)
+        By which the gap exceeds that of a straight edge, see `beside_edge`.
 
     Returns
     -------
@@ -265,6 +275,8 @@ def fitted(t: Array, values: Array, used: Any) -> tuple[Array, Array, Any]:
     for step in range(_STEPS):
         rho = np.abs(t + e[:, None])
         B, slope = _functions(rho, inside, kept)
+        more = np.where(inside, 1.0, bend[:, :1] + bend[:, 1:] * rho)
+        B, slope = more[..., None] * B, more[..., None] * slope
         # As errors of the squared pressure and of the like of it outside; those that the grid makes
         # fall with the distance, faster inside.
         w = used * np.where(inside, 2 * rho**2.5, rho**0.5)
