@@ -14,7 +14,7 @@ from skfem.element import Element
 from contact.body.boundary_names import select_components
 from contact.body.elastic_body import ElasticBody
 from contact.body.layers.lateral_sides import adrift, odd_unknowns, read_sides
-from contact.body.layers.layers import read_layers
+from contact.body.layers.layers import read_layers, refuse_rings
 from contact.body.layers.meshed_layers import meshed, supported
 from contact.errors import InputError, numbers
 from contact.spectral.condensed_layers import CondensedLayers
@@ -148,7 +148,8 @@ class PeriodicLayers(FilteredCompliance):
         self.cells, self.sides = read_cells(cells, given.size), sides
         self._sides = read_sides(sides, self.dim)
         self.spacing = tuple(np.divide(self.lengths, self.cells).tolist())
-        self.layers, self.plane = read_layers(list(layers)), plane
+        refuse_rings(plane, self.dim)
+        self.layers, self.plane = read_layers(layers), plane
         lowest = self.layers[0]
         self.contact_modulus = lowest.E / (1 - (plane != "stress") * lowest.nu**2)
         self._mesh = MeshQuad if self.dim == 2 else MeshHex
@@ -213,7 +214,7 @@ class PeriodicLayers(FilteredCompliance):
             A level that the body does not have.
         """
         rows = sum(layer.cells for layer in self.layers)
-        if isinstance(row, bool) or row != int(row) or not 0 <= row <= rows:
+        if not isinstance(row, int | np.integer) or isinstance(row, bool) or not 0 <= row <= rows:
             raise InputError(f"row={row!r}: expected a whole number from 0 to {rows}")
         return self._plane(self._load(forces), int(row))[: self.dim] + self.initial
 

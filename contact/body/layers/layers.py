@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import MeshQuad
 
+from contact.body.axisymmetry import AXISYMMETRIC
+from contact.body.material import checked_plane
 from contact.errors import InputError, numbers
 
 Array = NDArray[np.float64]
@@ -62,6 +64,12 @@ def read_layers(layers: Any) -> list[Layer]:
         found.append(Layer(height, int(cells), E, nu, bottom, first))
         bottom, first = bottom + height, first + int(cells)
     return found
+
+
+def refuse_rings(plane: Any, dim: int) -> None:
+    """Raise InputError for a plane that is none, or that of bodies of revolution."""
+    if checked_plane(plane, dim) == AXISYMMETRIC:
+        raise InputError(f"plane={plane!r}: layers have no radii; take an ElasticBody")
 
 
 def read_lengths(lengths: Any, layers: Sequence[Layer]) -> tuple[float, float]:

@@ -7,12 +7,16 @@ from typing import Any
 import numpy as np
 from skfem import MeshHex, MeshQuad
 
-from contact.body.axisymmetry import AXISYMMETRIC
 from contact.body.elastic_body import ElasticBody
 from contact.body.layers.lateral_sides import Sides, read_sides
-from contact.body.layers.layers import Layer, read_columns, read_layers, read_lengths
+from contact.body.layers.layers import (
+    Layer,
+    read_columns,
+    read_layers,
+    read_lengths,
+    refuse_rings,
+)
 from contact.body.layers.meshed_layers import SIDES, meshed, supported
-from contact.body.material import checked_plane
 from contact.errors import InputError, numbers
 from skfem_adini import ElementQuadAdini
 
@@ -94,8 +98,7 @@ def meshed_block(
     found = read_layers(layers)
     widths, count = _read_grid(lengths, columns if cells is None else cells, found)
     dim = len(widths) + 1
-    if dim == 2 and checked_plane(plane, 2) == AXISYMMETRIC:
-        raise InputError(f"plane={plane!r}: layers have no radii; take an ElasticBody")
+    refuse_rings(plane, dim)
     lateral = _read_lateral(sides, dim, path)
     kind = MeshQuad if dim == 2 else MeshHex
     mesh, of = meshed(kind, widths, count, found)

@@ -8,7 +8,7 @@ import pytest
 import skfem
 from skfem import ElementHex1, ElementQuad2
 
-from contact import InputError
+from contact import InputError, LayeredBlock
 from contact.spectral.periodic_layers import PeriodicLayers
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
@@ -285,7 +285,7 @@ def test_bad_input_is_named(given, message):
         PeriodicLayers(**{"lengths": 1.0, "layers": ONE, "cells": 4} | given)
 
 
-@pytest.mark.parametrize("row", [-1, 4, 0.5, True])
+@pytest.mark.parametrize("row", [-1, 4, 0.5, True, "0", None])
 def test_levels_outside_are_refused(row):
     block = PeriodicLayers(1.0, ONE, 4)
     with pytest.raises(InputError, match="row="):
@@ -337,3 +337,19 @@ def test_bad_half_spaces_are_named(given, message):
         PeriodicLayers(**{"lengths": 1.0, "layers": ONE, "cells": 4} | given)
     with pytest.raises(InputError, match="base: a half space has no mesh"):
         PeriodicLayers(1.0, ONE, 4, base=(1.0, 0.3)).elastic()
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"plane": "axisymmetric"}, "plane='axisymmetric': layers have no radii"),
+        ({"plane": "stress", "lengths": (1.0, 1.0), "cells": (4, 4)}, "a body in three dimensions"),
+        ({"layers": None}, "layers=None: expected a list"),
+    ],
+)
+def test_bad_layers_are_named(given, message):
+    arguments = {"lengths": 1.0, "layers": ONE, "cells": 4} | given
+    with pytest.raises(InputError, match=message):
+        PeriodicLayers(**arguments)
+    with pytest.raises(InputError, match=message):
+        LayeredBlock(sides="periodic", **arguments)
