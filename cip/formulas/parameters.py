@@ -84,7 +84,7 @@ class Parametrised:
         """
         return dict(self._parameters)
 
-    def with_parameters(self, **values: float) -> Self:
+    def with_parameters(self, /, **values: float) -> Self:
         """The same formulas with other values of some parameters; nothing is compiled again.
 
         Parameters

@@ -56,7 +56,7 @@ class Snapshots:
     ) -> None:
         if not isinstance(grid, Grid):
             raise InputError(f"grid: expected the Grid of the arrays, got {type(grid).__name__}")
-        if degree not in _DEGREES:
+        if np.ndim(degree) or degree not in _DEGREES:
             raise InputError(f"degree: expected 3 or 5, got {degree!r}")
         if min(grid.cells) < degree + 1:
             raise InputError(

@@ -58,7 +58,7 @@ class Source(Parametrised):
         if isinstance(s, str):
             self._text = s
             parse(s, self._name)
-        elif not callable(s) and not np.ndim(s):
+        elif not callable(s) and not _several(s):
             number = real_number(s, "source: expected a number, a text, a callable or an array")
             if not np.isfinite(number):
                 raise InputError(f"source: expected a finite number, got {s!r}")
@@ -228,6 +228,14 @@ class Source(Parametrised):
             return found
 
         return {**self.__dict__, "_value": portable(self._value, self._name, trace)}
+
+
+def _several(value: Any) -> bool:
+    """Whether a value that is not callable is an array, or a list that makes one."""
+    try:
+        return bool(np.ndim(value))
+    except ValueError:  # rows of several lengths
+        raise InputError(f"source: expected an array at the nodes, got {value!r}") from None
 
 
 def _takes_time(function: Any) -> bool:

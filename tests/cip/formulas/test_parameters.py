@@ -132,6 +132,11 @@ def test_bad_new_values_are_named():
         Velocity(1.0).with_parameters(a=1.0)
 
 
+def test_a_parameter_may_have_any_name():
+    own = Velocity.from_expression("self*x1", parameters={"self": 1.0})
+    assert own.with_parameters(self=2.0).parameters == {"self": 2.0}
+
+
 def test_names_of_unknowns_do_not_collide():
     """Parameters named as the variables of the generated code are."""
     grid = Grid((0, 1), 16, periodic=True)

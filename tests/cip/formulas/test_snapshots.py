@@ -228,6 +228,7 @@ GAP[1, 0, 4, 5] = np.nan
         ),
         ([0, 1, 2], ZERO, (9, 10), 5, "grid: expected the Grid"),
         ([0, 1, 2], ZERO, GRID, 4, "degree: expected 3 or 5"),
+        ([0, 1, 2], ZERO, GRID, np.array([5, 3]), "degree: expected 3 or 5"),
         ([0, 1], np.zeros((2, 5)), Grid((0, 1), 4), 5, "degree: splines of degree 5 need 6 cells"),
     ],
 )
