@@ -131,7 +131,7 @@ def identify_velocity(
     low, high = bounds_of(bounds, problem)
     choice = rule_of(weight, problem)
     runs = real_number(max_runs, "max_runs")
-    if not runs >= 1.0:
+    if not 1.0 <= runs < np.inf:
         raise InputError(f"max_runs: expected a positive number, got {max_runs!r}")
     estimate = _iterated(problem, (low, high), choice, int(runs))
     return _result(problem, estimate)

@@ -72,6 +72,7 @@ SILENT = Sensors([0.2, 0.5, 0.7], [0.1], np.full((1, 3), np.nan), 0.1)
         ({"weight": "gcv", "regularization": "H1"}, "weight: "),
         ({"weight": -1.0, "regularization": "H1"}, "weight: "),
         ({"max_runs": 0}, "max_runs: "),
+        ({"max_runs": np.inf}, "max_runs: expected a positive number, got inf"),
         ({"start": SOLVER.state(2.0)}, "start: the data do not change"),
         (
             {
