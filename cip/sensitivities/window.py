@@ -25,6 +25,7 @@ from scipy.sparse.linalg import LinearOperator
 from cip.errors import InputError, NotSupported
 from cip.profiles.catalogue import CONSERVATIVE
 from cip.profiles.locate_nodes import cells_of, nodes_around
+from cip.reals import real_array
 from cip.sensitivities.foot_derivatives import foot_derivatives
 from cip.sensitivities.mass_derivatives import mean_changes
 from cip.sensitivities.profile_derivatives import CORNERS, slopes_in_foot, traced
@@ -220,7 +221,7 @@ class Window:
         return np.asarray(state.data, dtype=float).reshape(len(state.data), -1)
 
     def _tangent(self, x: Any) -> Array:
-        x = np.ravel(x)
+        x = np.ravel(real_array(x, "x").astype(float))
         state, size = self._start, self._start.data.size
         change = State(state.grid, state.profile, x[:size].reshape(state.data.shape).copy())
         varies = self._varies and x[size:].any()
@@ -254,7 +255,8 @@ class Window:
     def _adjoint(self, x: Any) -> Array:
         from cip.sensitivities.adjoint_loops import pull_back
 
-        weight = np.ravel(x).reshape(len(self._start.data), -1).copy()
+        x = real_array(x, "x").astype(float)
+        weight = x.reshape(len(self._start.data), -1)
         grid, found = self._start.grid, np.zeros(len(self.parameters))
         segment: list[State] = []
         gathered: dict[Any, tuple[int, StageFeet, Array]] = {}

@@ -180,6 +180,9 @@ def test_a_velocity_without_parameters_has_the_states_alone():
         change = np.random.default_rng(4).standard_normal(80)
         other = solver.run(State(PERIODIC, "cubic", change.reshape(2, 40)), 0.2, dt=0.03)
         np.testing.assert_allclose(tangent @ change, other.final.data.ravel(), rtol=0, atol=1e-11)
+        for operator in (tangent, tangent.T):
+            with pytest.raises(InputError, match="x: expected real values instead of complex128"):
+                operator @ (1j * change)
 
 
 def test_parameters_are_found_from_snapshots():
