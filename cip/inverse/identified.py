@@ -262,6 +262,9 @@ class IdentifiedVelocity:
             raise InputError(f"path: {path} was not written by save: {error}") from error
         if not isinstance(content, dict) or content.get("format") != _FORMAT:
             raise InputError(f"path: {path} was not written by save")
+        missing = {*_OTHERS, *_ARRAYS, *_PLAIN} - content.keys()
+        if missing:
+            raise InputError(f"path: {path} is damaged, it has no {min(missing)!r}")
         if not isinstance(velocity, Velocity) or list(velocity.parameters) != list(
             content["parameters"]
         ):
@@ -293,6 +296,7 @@ def _occurs(directions: Array) -> NDArray[np.bool_]:
 
 
 _FORMAT = "identified velocity 1"
+_OTHERS = ("parameters", "edges", "periodic", "identifiability")
 _ARRAYS = ("covariance", "misfit")
 _PLAIN = (
     "t", "reduced_chi_square", "explained", "weight", "regularization", "at_bounds",

@@ -6,6 +6,7 @@ from truths import FIELD
 
 from cip import (
     Grid,
+    IdentifiedVelocity,
     InputError,
     NotConverged,
     NotSupported,
@@ -101,3 +102,9 @@ def test_too_few_runs_are_no_answer():
     data = {0.2: np.roll(SEEN, 10)}
     with pytest.raises(NotConverged, match="max_runs: "):
         identify_velocity(SOLVER, START, data, dt=0.05, noise=1e-3, max_runs=2)
+
+
+def test_a_damaged_file_is_refused(tmp_path):
+    (tmp_path / "found.json").write_text('{"format": "identified velocity 1"}')
+    with pytest.raises(InputError, match=r"path: .* is damaged, it has no 'at_bounds'"):
+        IdentifiedVelocity.load(tmp_path / "found.json", SPEED)
