@@ -125,15 +125,15 @@ class Engine:
         m, new = data.reshape(-1), out.reshape(-1)
         if self._computes(stage):
             t_end, length = t + stage.end * dt, (stage.end - stage.begin) * dt
-            feet = [] if kept is None else [np.empty(len(stage.jets) * self.grid.size)]
+            room = [] if kept is None else [np.empty(len(stage.jets) * self.grid.size)]
 
             def attempt(count: int) -> int:
-                return self.launch_path(stage, m, new, t_end, length, count, *feet)
+                return self.launch_path(stage, m, new, t_end, length, count, *room)
 
             if self._refine(stage, t, dt, attempt):
                 if kept is not None:
                     count, begin = self._counts[stage.part(dt)][1], t + stage.begin * dt
-                    kept.append(StageFeet(feet[0], [None], begin, t_end, count))
+                    kept.append(StageFeet(room[0], [None], begin, t_end, count))
                 return out
         feet = self.feet(stage, t, dt)
         self.launch(stage, m, new, feet.data)
