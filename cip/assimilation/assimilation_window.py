@@ -122,7 +122,7 @@ class AssimilationWindow:
         tangents = [path.solver.tangent(run) for run in path.runs]
         return Linearised(
             self.layout, self.covariance, self.errors, self.reports, tangents, self._columns,
-            self.spreads, self.first,
+            self.spreads, self.first, path.solver._kernels.xp,
         )  # fmt: skip
 
     def _moved(self, state: State, change: Any) -> State:

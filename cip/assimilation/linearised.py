@@ -12,6 +12,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from cip.assimilation.covariance import Covariance
 from cip.assimilation.sensors import Reports
+from cip.stages.state import on_host
 
 Array = NDArray[np.float64]
 
@@ -38,6 +39,35 @@ class Layout:
         self.size = int(ends[-1])
 
 
+class Readings:
+    """What sensors read of a state on the host or a device, over their deviations.
+
+    Only the entries that they read come from a device, so that their sums are those of the host.
+
+    Parameters
+    ----------
+    rows : csr_array
+    deviations : ndarray
+    xp : module
+        NumPy or CuPy, of the states.
+    """
+
+    def __init__(self, rows: csr_array, deviations: Array, xp: Any) -> None:
+        entries = rows.data / np.repeat(deviations, np.diff(rows.indptr))
+        read, places = np.unique(rows.indices, return_inverse=True)
+        self._rows = csr_array((entries, places, rows.indptr), shape=(rows.shape[0], read.size))
+        self._xp, self._read = xp, xp.asarray(read)
+        self.count = rows.shape[0]
+
+    def of(self, state: Any) -> Array:
+        """The reports, shape (m,), from all moments of a state."""
+        return np.asarray(self._rows @ on_host(state[self._read]))
+
+    def add_to(self, weight: Any, reports: Array) -> None:
+        """Add the transpose of `of` to the weights of all moments."""
+        weight[self._read] += self._xp.asarray(self._rows.T @ reports)
+
+
 class Linearised:
     r"""The operator :math:`A = R^{-1/2} H M S` of a window and its transpose.
 
@@ -55,6 +85,8 @@ class Linearised:
         Their prior deviations.
     first : bool
         Whether the first reports belong to the start.
+    xp : module
+        NumPy or CuPy, of the vectors of the tangents; those of controls and reports are of NumPy.
     """
 
     def __init__(
@@ -67,17 +99,20 @@ class Linearised:
         columns: NDArray[np.int64],
         spreads: Array,
         first: bool,
+        xp: Any = np,
     ) -> None:
-        self._layout, self._background, self._errors = layout, background, errors
+        self._xp, self._layout = xp, layout
+        self._background, self._errors = background, errors
         self._tangents, self._columns, self._spreads = tangents, columns, spreads
-        found: list[csr_array | None] = [
-            _scaled(rows, deviation)
+        found: list[Readings | None] = [
+            Readings(rows, deviation, xp)
             for rows, deviation in zip(reports.operators, reports.deviations, strict=True)
         ]
         # One for the start, one for the end of each interval.
-        self._rows = found if first else [None, *found]
+        self._readings = found if first else [None, *found]
         self.reports = sum(len(one) for one in reports.deviations)
         self._size = background.root.shape[0]
+        self._parameters = tangents[0].shape[1] - self._size if tangents else 0
 
     def operator(self) -> LinearOperator:
         """A as a linear operator."""
@@ -86,55 +121,46 @@ class Linearised:
 
     def forward(self, control: Any) -> Array:
         """The change of all reports, over their deviations."""
-        control = np.ravel(control)
-        found = []
-        for rows, change in zip(self._rows, self.states(control), strict=True):
-            if rows is not None:
-                found.append(rows @ change)
+        control, found = np.ravel(control), []
+        for readings, change in zip(self._readings, self.states(control), strict=True):
+            if readings is not None:
+                found.append(readings.of(change))
         return np.concatenate(found)
 
-    def states(self, control: Array) -> list[Array]:
+    def states(self, control: Array) -> list[Any]:
         """The change of the states at the start and at the end of each interval."""
-        change = np.asarray(self._background.root.matvec(control[self._layout.background]))
+        xp, moved = self._xp, np.zeros(self._parameters)
+        moved[self._columns] = self._spreads * control[self._layout.parameters]
+        change = xp.asarray(self._background.root.matvec(control[self._layout.background]))
         states = [change]
         for k, tangent in enumerate(self._tangents):
-            given = np.zeros(tangent.shape[1])
-            given[: self._size] = change
-            moved = self._spreads * control[self._layout.parameters]
-            given[self._size + self._columns] = moved
-            change = np.asarray(tangent.matvec(given))
+            change = xp.asarray(tangent.matvec(xp.concatenate([change, xp.asarray(moved)])))
             error = self._errors[k]
             if error is not None:
-                change = change + error.root.matvec(control[self._layout.errors[k]])
+                own = error.root.matvec(control[self._layout.errors[k]])
+                change = change + xp.asarray(own)
             states.append(change)
         return states
 
     def backward(self, reports: Any) -> Array:
         """The transpose of `forward`."""
         weights = np.ravel(reports)
-        counts = [0 if rows is None else rows.shape[0] for rows in self._rows]
+        counts = [0 if one is None else one.count for one in self._readings]
         parts = np.split(weights, np.cumsum(counts)[:-1])
         found = np.zeros(self._layout.size)
-        back = np.zeros(self._size)
+        back = self._xp.zeros(self._size)
         for k in range(len(self._tangents), -1, -1):
-            rows = self._rows[k]
-            if rows is not None:
-                back = back + rows.T @ parts[k]
+            readings = self._readings[k]
+            if readings is not None:
+                readings.add_to(back, parts[k])
             if k == 0:
                 break
             error = self._errors[k - 1]
             if error is not None:
-                found[self._layout.errors[k - 1]] = error.root.rmatvec(back)
-            given = np.asarray(self._tangents[k - 1].rmatvec(back))
-            by_parameter = given[self._size + self._columns]
+                found[self._layout.errors[k - 1]] = error.root.rmatvec(on_host(back))
+            given = self._xp.asarray(self._tangents[k - 1].rmatvec(back))
+            by_parameter = on_host(given[self._size :])[self._columns]
             found[self._layout.parameters] += self._spreads * by_parameter
             back = given[: self._size]
-        found[self._layout.background] = self._background.root.rmatvec(back)
+        found[self._layout.background] = self._background.root.rmatvec(on_host(back))
         return found
-
-
-def _scaled(rows: csr_array, deviations: Array) -> csr_array:
-    """Rows divided by the deviations of their reports."""
-    counts = np.diff(rows.indptr)
-    entries = rows.data / np.repeat(deviations, counts)
-    return csr_array((entries, rows.indices, rows.indptr), shape=rows.shape)

@@ -12,7 +12,7 @@ from cip.errors import LeftDomain, NotConverged, NotFinite
 from cip.formulas.velocity import Velocity
 from cip.inverse.observations import Data
 from cip.solver.solver import Solver
-from cip.stages.state import State
+from cip.stages.state import State, on_host
 
 Array = NDArray[np.float64]
 
@@ -86,7 +86,9 @@ class Prediction:
         given = np.eye(len(solver.parameters))[:, order]
         change, found = np.zeros((self._start.data.size, len(order))), []
         for operator, run in zip(self._data.operators, runs, strict=True):
-            change = solver.tangent(run) @ np.vstack([change, given])
+            tangent, columns = solver.tangent(run), np.vstack([change, given]).T
+            moved = [tangent.matvec(solver._kernels.xp.asarray(column)) for column in columns]
+            change = np.stack([on_host(one) for one in moved], axis=1)
             found.append(operator @ change)
         return np.concatenate(found)
 

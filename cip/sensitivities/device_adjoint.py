@@ -19,9 +19,10 @@ from cip.engines.path_kernel import FOOT_ROOM
 from cip.formulas.snapshots import snapshots_of
 from cip.grid import Grid
 from cip.profiles import line_profiles, records
+from cip.sensitivities.mass_derivatives import integral_weights, per_width, whole_cells
 from cip.sensitivities.node_adjoint import pull_source
 from cip.sensitivities.path_adjoint import parameter_gradient, trail_length, unwind_source
-from cip.sensitivities.profile_derivatives import CORNERS, Traced, traced
+from cip.sensitivities.profile_derivatives import Traced, traced
 from cip.stages.stage import Stage, StageFeet
 
 Array = Any  # arrays of CuPy
@@ -40,17 +41,16 @@ def pull_all(stage: Stage, index: str) -> str:
     constants, place, lines = node_place(stage)
     code = translate([records, line_profiles, pull_source(update, apart=True)], "pull")
     widths, uneven = _widths(grid)
-    axes = "xy"[: grid.dim]
-    nodes = "ij"[: grid.dim]
+    axes, nodes = "xy"[: update.dim], "ij"[: update.dim]
     locate = [
         f"    index k{a}, r{a}; real s{a}; locate({i}, feet[{a} * size + o], {x}.n, {x}.periodic, "
         f"&k{a}, &r{a}, &s{a});"
         for a, (x, i) in enumerate(zip(axes, nodes, strict=True))
     ]
-    count = grid.dim + len(update.feet)
+    count = update.dim + len(update.feet)
     body = [
         place, *widths, lines, *locate,
-        f"    cells[o] = {'k0 * y.n + k1' if grid.dim == 2 else 'k0'};",
+        f"    cells[o] = {'k0 * y.n + k1' if update.dim == 2 else 'base + k0 * inner'};",
         f"    real here[{FOOT_ROOM}];",
         f"    pull(m, w, parts, here, feet, size, o, {', '.join(axes)}, size, o, "
         f"{', '.join(nodes)});",
@@ -64,14 +64,44 @@ def pull_all(stage: Stage, index: str) -> str:
 
 
 def gather_all(stage: Stage, index: str) -> str:
-    """CUDA C of the kernel ``run(parts, order, starts, out)`` that adds up the contributions."""
-    grid = stage.grid
-    update = _update(stage)
+    """CUDA C of the kernel ``run(parts, order, starts, out)`` that adds up the contributions.
+
+    Sweeps have the widths of cells as further arguments; conservative profiles too, and before
+    them ``shares, owners, wholes``: what the new cells give to old ones that they contain.
+    """
+    grid, update = stage.grid, _update(stage)
     moments = len(update.outputs)
-    constants, place, _ = node_place(stage)
-    corners = CORNERS[grid.dim]
-    body = [place, *(f"    real sum{q} = 0;" for q in range(moments))]
-    for corner, sides in enumerate(corners):
+    constants, place, lines = node_place(stage)
+    widths, uneven = _widths(grid)
+    arguments = [
+        "const real* __restrict__ parts", "const index* __restrict__ order",
+        "const index* __restrict__ starts", "real* __restrict__ out",
+    ]  # fmt: skip
+    code, body = "", [place, *(f"    real sum{q} = 0;" for q in range(moments))]
+    if update.around:
+        code = translate([records, line_profiles], "around")
+        body += [*widths, lines, *_sums_of_a_sweep(stage, update)]
+        arguments += uneven
+    else:
+        body += _sums_at_corners(grid, update)
+    if stage.conservative:
+        arguments += [
+            "const real* __restrict__ shares", "const index* __restrict__ owners",
+            "const index* __restrict__ wholes", *uneven,
+        ]  # fmt: skip
+        body += [
+            *widths,
+            "    for (index p = wholes[o]; p < wholes[o + 1]; p++)",
+            f"        sum{moments - 1} += shares[owners[p]] * WIDTH(h0, o);",
+        ]
+    body += [f"    out[(index){q} * size + o] = sum{q};" for q in range(moments)]
+    return _kernel(constants, code, arguments, body, index, all(grid.uniform))
+
+
+def _sums_at_corners(grid: Grid, update: Traced) -> list[str]:
+    """Code that adds up what feet in the cells around a node give to it as one of their corners."""
+    body = []
+    for corner, sides in enumerate(update.corners):
         inside, names = [], []
         for axis, side in enumerate(sides):
             node, length = "ij"[axis], f"(index){grid.nodes[axis]}"
@@ -85,20 +115,52 @@ def gather_all(stage: Stage, index: str) -> str:
         cell = f"{names[0]} * (index){grid.nodes[1]} + {names[1]}" if grid.dim == 2 else names[0]
         body += [
             f"    if ({' && '.join(inside) or '1'}) {{",
-            f"        const index cell = {cell}, stop = starts[cell + 1];",
-            "        for (index p = starts[cell]; p < stop; p++) {",
-            "            const index n = order[p];",
-            *(f"            sum{q} += parts[(index){part} * size + n];"
-              for part, (q, role) in enumerate(update.sources) if role == corner),
-            "        }",
+            *_sums_of_a_cell(cell, [("1", corner)], update),
             "    }",
-        ]  # fmt: skip
-    body += [f"    out[(index){q} * size + o] = sum{q};" for q in range(moments)]
-    arguments = [
-        "const real* __restrict__ parts", "const index* __restrict__ order",
-        "const index* __restrict__ starts", "real* __restrict__ out",
-    ]  # fmt: skip
-    return _kernel(constants, "", arguments, body, index, all(grid.uniform))
+        ]
+    return body
+
+
+def _sums_of_a_sweep(stage: Stage, update: Traced) -> list[str]:
+    """The same where feet also give to nodes around their cell, up to three cells away."""
+    assert stage.axis is not None
+    ends = ["k", "r", *(f"n{q}" for q in range(len(update.around)))]
+    inside = "k >= 0 && k < n - 1"
+    wrap = []
+    if stage.grid.periodic[stage.axis]:
+        inside, wrap = "1", ["        if (k < 0) k += n;", "        if (k >= n) k -= n;"]
+    return [
+        f"    index {', '.join(ends[2:])};",
+        f"    real {', '.join(update.around)};",
+        # Short lines come round before that, and no cell may count twice.
+        "    for (index away = -3; away < 3 && away < n - 3; away++) {",
+        "        index k = i + away;",
+        *wrap,
+        f"        if ({inside}) {{",
+        "        const index r = k + 1 < n ? k + 1 : 0;",
+        f"        around(x, k, {', '.join(f'&{name}' for name in (*ends[2:], *update.around))});",
+        *_sums_of_a_cell(
+            "base + k * inner", [(f"{end} == i", role) for role, end in enumerate(ends)], update
+        ),
+        "        }",
+        "    }",
+    ]
+
+
+def _sums_of_a_cell(cell: str, roles: list[tuple[str, int]], update: Traced) -> list[str]:
+    """Code that adds what the feet in a cell give to a node: in each role if a condition holds."""
+    lines = [
+        f"        const index cell = {cell}, stop = starts[cell + 1];",
+        "        for (index p = starts[cell]; p < stop; p++) {",
+        "            const index from = order[p];",
+    ]
+    for condition, own in roles:
+        lines += [
+            f"            if ({condition}) sum{q} += parts[(index){part} * size + from];"
+            for part, (q, role) in enumerate(update.sources)
+            if role == own
+        ]
+    return [*lines, "        }"]
 
 
 def unwind_all(stage: Stage, count: int, index: str) -> str:
@@ -113,12 +175,15 @@ def unwind_all(stage: Stage, count: int, index: str) -> str:
     for axis, node in enumerate(indices_of(grid)):
         x[axis] = f"line{axis}[{node}]"
     parameters = len(system.parameters)
+    # Paths that begin on walls have no weight, and no velocity beyond these.
+    weighs = " || ".join(f"g[(index){q} * {grid.size} + o] != 0" for q in range(len(stage.jets)))
     body = [
         "    const index thread = blockIdx.x * blockDim.x + threadIdx.x;",
         "    if (thread >= threads) return;",
         f"    real trail[{trail_length(system, count)}], grad[{parameters}];",
         f"    for (int q = 0; q < {parameters}; q++) grad[q] = 0;",
         f"    for (index o = thread; o < (index){grid.size}; o += threads)",
+        f"        if ({weighs})",
         f"        unwind(g, (index){grid.size}, o, {', '.join(x)}, t, step, count, values, trail, "
         "grad);",
         f"    for (int q = 0; q < {parameters}; q++) gradients[q * threads + thread] = grad[q];",
@@ -188,23 +253,45 @@ class DeviceAdjoint:
         order
             The nodes sorted by the cells of their feet.
         """
-        xp, size = self._xp, self._size
+        xp, size, grid = self._xp, self._size, self._stage.grid
         parts = xp.empty(self._parts * size)
         cells = xp.empty(size, self._whole)
-        out = xp.empty_like(weight)
-        self._start(self._pull, z, weight, parts, g, feet, cells, *self._engine._widths)
+        out, weights, shares = xp.empty_like(weight), weight, []
+        if self._stage.conservative:
+            shares = [per_width(grid, weight[-1], xp)]
+            weights = xp.concatenate([weight[:-1], integral_weights(grid, weight[-1], xp)[None]])
+        widths = self._engine._widths
+        self._start(self._pull, z, weights, parts, g, feet, cells, *widths)
         if order is None:
-            keys = xp.sort(cells.astype(np.int64) * size + xp.arange(size))
-            starts = xp.searchsorted(keys, xp.arange(size + 1, dtype=np.int64) * size)
-            order = (keys % size).astype(self._whole), starts.astype(self._whole)
-        self._start(self._gather, parts, *order, out)
+            order = self._order(cells, feet)
+        more = widths if shares or _update(self._stage).around else []
+        self._start(self._gather, parts, *order[:2], out, *shares, *order[2:], *more)
         return out, order
+
+    def _order(self, cells: Array, feet: Array) -> tuple[Array, ...]:
+        """Nodes sorted by the cells of their feet and where each cell begins among them.
+
+        For conservative profiles also the new cells sorted by the whole old ones in them.
+        """
+        xp, size = self._xp, self._size
+        keys = xp.sort(cells.astype(np.int64) * size + xp.arange(size))
+        starts = xp.searchsorted(keys, xp.arange(size + 1, dtype=np.int64) * size)
+        found = (keys % size).astype(self._whole), starts.astype(self._whole)
+        if not self._stage.conservative:
+            return found
+        owner, whole = whole_cells(self._stage.grid, feet[0].get())
+        sort = np.argsort(whole, kind="stable")
+        wholes = np.searchsorted(whole[sort], np.arange(size + 1))
+        return *found, *(xp.asarray(one.astype(self._whole)) for one in (owner[sort], wholes))
 
     def parameter_gradient(self, feet: StageFeet, g: Array) -> Any:
         """As `cip.sensitivities.path_adjoint.parameter_gradient`, of `g` on the device."""
         stage, xp, engine = self._stage, self._xp, self._engine
         if not all(c.exact for c in stage.velocity) or snapshots_of(stage.velocity) is not None:
             return parameter_gradient(stage, feet, g.get())
+        inside = feet.interior(self._size)
+        if not inside.all():
+            g = xp.where(xp.asarray(inside), g, 0.0)
         most = 1 << (feet.substeps - 1).bit_length()  # one kernel serves all numbers up to this
         kernel = compiled(unwind_all(stage, most, engine._index))
         values = xp.asarray(np.array(stage.parameters, dtype=float))
@@ -217,7 +304,7 @@ class DeviceAdjoint:
         return gradients.sum(axis=1).get()
 
     def _start(self, kernel: Any, *arguments: Any) -> None:
-        if self._stage.grid.dim == 2:
+        if self._stage.axis is None:
             nx, ny = self._stage.grid.nodes
             kernel((-(-ny // 64), -(-nx // 4)), (64, 4), arguments)
         else:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from cip.errors import NotSupported
 from cip.sensitivities.device_adjoint import DeviceAdjoint
 from cip.sensitivities.window import ParameterPart, Window
 from cip.stages.stage import Stage, StageFeet
@@ -28,11 +27,6 @@ class DeviceWindow(Window):
         import cupy
 
         super().__init__(*arguments)
-        if any(m.stage.conservative or _is_sweep(m.stage) for m in self._moves):
-            raise NotSupported(
-                "backend: on a device derivatives are for 'cubic' and 'quintic' on lines, 'adini' "
-                "and 'bicubic' in planes; take backend='cpu'"
-            )
         self._xp, self._engine = cupy, engine
         self._stages: dict[int, DeviceAdjoint] = {}
         self._orders: dict[Any, Any] = {}
@@ -41,7 +35,6 @@ class DeviceWindow(Window):
         """The derivative as a linear operator of CuPy (`cupyx.scipy.sparse.linalg`)."""
         from cupyx.scipy.sparse.linalg import LinearOperator
 
-        self._feet_of(0)  # raises here, not when the operator is applied
         size = self._start.data.size
         shape = (size, size + len(self.parameters))
         return LinearOperator(shape, self._tangent, rmatvec=self._adjoint, dtype=np.float64)
@@ -53,17 +46,14 @@ class DeviceWindow(Window):
         return self._stages[id(stage)]
 
     def _part(self, n: int) -> ParameterPart:
-        found: ParameterPart = self._once(n, self._steady, _part_on_host)
+        found: ParameterPart = self._once(n, self._steady, self._placed)
         return found
 
-    def _feet_of(self, n: int) -> StageFeet:
-        feet = self._feet(n)
-        if feet.bounded:
-            raise NotSupported(
-                "boundary: characteristics enter through a wall; derivatives of their data are "
-                "implemented for backend='cpu'"
-            )
-        return feet
+    def _placed(self, stage: Stage, feet: StageFeet) -> ParameterPart:
+        """The part of a stage, made on the host, on the device."""
+        part = ParameterPart.of(stage, replace(feet, data=feet.data.get()))
+        arrays = ("nodes", "cell", "feet", "by_parameter")
+        return replace(part, **{name: self._xp.asarray(getattr(part, name)) for name in arrays})
 
     def _tangent(self, x: Any) -> Any:
         xp, size = self._xp, self._start.data.size
@@ -76,8 +66,11 @@ class DeviceWindow(Window):
             new = self._advance(n, change, True)
             direction = given[columns]
             if direction.any():
-                z = state.data.get().reshape(len(state.data), -1)
-                more = xp.asarray(self._part(n).along(z, direction))
+                z = state.data.reshape(len(state.data), -1)
+                more = self._part(n).along(z, xp.asarray(direction), xp).ravel()
+                for wall in self._walls(n):
+                    # Each place occurs once, so the order of additions is fixed.
+                    xp.add.at(more, xp.asarray(wall.places), xp.asarray(direction @ wall.values))
                 data = new.data + more.reshape(new.data.shape)
                 new = State(state.grid, state.profile, data, new.t)
             if varies:
@@ -92,12 +85,18 @@ class DeviceWindow(Window):
         segment: list[State] = []
         gathered: dict[Any, tuple[int, StageFeet, Any]] = {}
         for n in range(len(self._moves) - 1, -1, -1):
-            feet, z = self._feet_of(n), weight
+            feet, z, columns = self._feet(n), weight, self._columns[n]
             if self._varies:
                 first = n - n % self.every
                 if n == len(self._moves) - 1 or (n + 1) % self.every == 0:
                     segment = self._states(self._marks[first], first, n)
                 z = segment[n - first].data.reshape(len(weight), -1)
+            if columns and feet.bounded:
+                for wall in self._walls(n):
+                    found[columns] += wall.values @ weight.ravel()[xp.asarray(wall.places)].get()
+            for correction in self._moves[n].stage.corrections(feet):
+                if not correction.add:
+                    weight.reshape(-1)[xp.asarray(correction.places)] = 0.0
             components = feet.data.reshape(-1, weight.shape[1])
             key = self._key(n)
             _, _, g = gathered.setdefault(key, (n, feet, xp.zeros(components.shape)))
@@ -113,11 +112,3 @@ class DeviceWindow(Window):
                         found[self._columns[m]] += more
                 gathered.clear()
         return xp.concatenate([weight.ravel(), xp.asarray(found)])
-
-
-def _part_on_host(stage: Stage, feet: StageFeet) -> ParameterPart:
-    return ParameterPart.of(stage, replace(feet, data=feet.data.get()))
-
-
-def _is_sweep(stage: Stage) -> bool:
-    return stage.axis is not None and stage.grid.dim > 1

@@ -13,19 +13,18 @@ import numpy as np
 
 from cip.grid import Grid
 
-Array = np.ndarray[Any, np.dtype[np.float64]]
+Array = Any  # arrays of NumPy or CuPy
 
 
-def mean_changes(grid: Grid, change: Array) -> Array:
+def mean_changes(grid: Grid, change: Array, xp: Any = np) -> Array:
     """The change of all new means for changes of the integrals L, both of shape (nodes,)."""
-    found = np.roll(change, -1) - change
-    return np.asarray(_per_width(grid, found))
+    return per_width(grid, xp.roll(change, -1) - change, xp)
 
 
-def integral_weights(grid: Grid, weight: Array) -> Array:
+def integral_weights(grid: Grid, weight: Array, xp: Any = np) -> Array:
     """The transpose of `mean_changes`: weights of the integrals L from weights of the means."""
-    each = _per_width(grid, weight)
-    return np.asarray(np.roll(each, 1) - each)
+    each = per_width(grid, weight, xp)
+    return xp.roll(each, 1) - each
 
 
 def add_whole_cells(grid: Grid, displacement: Array, weight: Array, back: Array) -> None:
@@ -41,6 +40,18 @@ def add_whole_cells(grid: Grid, displacement: Array, weight: Array, back: Array)
         Of the new means.
     back : ndarray, shape (nodes,)
     """
+    owner, whole = whole_cells(grid, displacement)
+    np.add.at(back, whole, per_width(grid, weight)[owner] * grid.widths[0][whole])
+
+
+def whole_cells(grid: Grid, displacement: Array) -> tuple[Array, Array]:
+    """The new cells whose means contain whole old ones, and these, for all such pairs.
+
+    Parameters
+    ----------
+    grid, displacement
+        As for `add_whole_cells`.
+    """
     n, cells = grid.nodes[0], grid.cells[0]
     index = np.arange(n + 1)
     first = index + np.floor(np.append(displacement, displacement[0])).astype(np.int64)
@@ -50,12 +61,14 @@ def add_whole_cells(grid: Grid, displacement: Array, weight: Array, back: Array)
     lengths = np.where(end == first, 0, np.maximum(end - first, 1))
     starts = np.repeat(first - np.append(0, np.cumsum(lengths)[:-1]), lengths)
     whole = (starts + np.arange(lengths.sum())) % n
-    share = np.repeat(_per_width(grid, weight)[:cells], lengths)
-    np.add.at(back, whole, share * grid.widths[0][whole])
+    return np.repeat(np.arange(cells), lengths), whole
 
 
-def _per_width(grid: Grid, values: Array) -> Array:
-    """Values by cells over their widths; 0 at the end of a line that is not periodic."""
-    found = np.zeros(grid.size)
-    found[: grid.cells[0]] = values[: grid.cells[0]] / grid.widths[0]
+def per_width(grid: Grid, values: Array, xp: Any = np) -> Array:
+    """Values by cells over their widths; 0 at the end of a line that is not periodic.
+
+    `xp` is the module of the values, NumPy or CuPy.
+    """
+    found = xp.zeros(grid.size)
+    found[: grid.cells[0]] = values[: grid.cells[0]] / xp.asarray(grid.widths[0])
     return found

@@ -87,20 +87,23 @@ class ParameterPart:
         rest = components[len(moving) :]
         return cls(stage, np.stack(nodes), np.stack(cell), rest, by_parameter)
 
-    def along(self, z: Array, direction: Array) -> Array:
-        """Change of the new moments, shape (moments, nodes), for a change of the parameters."""
+    def along(self, z: Array, direction: Array, xp: Any = np) -> Array:
+        """Change of the new moments, shape (moments, nodes), for a change of the parameters.
+
+        `xp` is the module of all arrays, NumPy or CuPy.
+        """
         stage = self.stage
         scheme = stage.profile, stage.advect, stage.grid.dim, stage.axis
         old = [z[q][self.nodes[role]] for q, role in traced(*scheme).sources]
         values = slopes_in_foot(*scheme)(*self.cell, *self.feet, *old)
-        rows = np.empty((len(values), z.shape[1]))
+        rows = xp.empty((len(values), z.shape[1]))
         for row, value in zip(rows, values, strict=True):
             row[:] = value
-        change = np.einsum("pcn,p->cn", self.by_parameter, direction)
-        found = np.einsum("qcn,cn->qn", rows.reshape(len(z), *change.shape), change)
+        change = xp.einsum("pcn,p->cn", self.by_parameter, direction)
+        found: Array = xp.einsum("qcn,cn->qn", rows.reshape(len(z), *change.shape), change)
         if stage.conservative:
-            found[-1] = mean_changes(stage.grid, found[-1])
-        return np.asarray(found)
+            found[-1] = mean_changes(stage.grid, found[-1], xp)
+        return found
 
 
 def _components(stage: Stage, feet: StageFeet) -> Array:

@@ -158,7 +158,7 @@ class State:
         """
         if isinstance(self.data, np.ndarray):
             return self
-        return State(self.grid, self.profile, self.data.get(), self.t)
+        return State(self.grid, self.profile, on_host(self.data), self.t)
 
     def check(self, name: str = "state") -> None:
         """Raise `InputError` unless the moments are real, finite and of the right shape.
@@ -246,9 +246,13 @@ def _real(dtype: DTypeLike) -> np.dtype[Any]:
     return kind
 
 
+def on_host(values: Any) -> Array:
+    """An array of NumPy, from one of NumPy or CuPy."""
+    return values if isinstance(values, np.ndarray) else values.get()  # type: ignore[no-any-return]
+
+
 def _sum(values: Any, weights: Array) -> float:
-    host = values if isinstance(values, np.ndarray) else values.get()
-    return float(np.sum(host * weights, dtype=np.float64))
+    return float(np.sum(on_host(values) * weights, dtype=np.float64))
 
 
 @cache

@@ -256,3 +256,33 @@ def test_what_is_refused():
             four_d_var(*arguments, dt=0.05, **more)
     with pytest.raises(NotConverged, match="max_iterations: after 2 combinations"):
         four_d_var(*good, dt=0.05, max_iterations=2)
+
+
+@pytest.mark.parametrize(
+    "unknown", [None, pytest.param({"a": 0.1, "b": 0.05}, marks=pytest.mark.slow)]
+)
+def test_on_a_device_it_is_that_of_the_host(cupy, unknown):
+    """With inflow, a model error in one interval, and sensors of the start."""
+    grid, found = Grid((0, 1), 24), []
+    speed = Velocity.from_expression("a + b*x1", parameters={"a": 0.8, "b": 0.3})
+    B = Covariance.diffusion(grid, "cubic", deviation=0.5, length=0.2)
+    values = np.random.default_rng(3).standard_normal((3, 3))
+    sensors = Sensors([0.3, 0.55, 0.9], [0.0, 0.12, 0.3], 1 + 0.1 * values, 0.2)
+    for backend in ("cpu", "cupy"):
+        solver = Solver(grid, speed, boundary={"x-": "1 + sin(4*t)"}, backend=backend)
+        background, errors = solver.state("1 + x1**2"), [None, B]
+        found.append(
+            four_d_var(
+                solver, background, B, sensors, dt=0.05, parameters=unknown, model_error=errors,
+                tol=1e-10, vectors=9,
+            )
+        )  # fmt: skip
+    expected, of_device = found
+    for one, other in zip(expected.states, of_device.states, strict=True):
+        np.testing.assert_allclose(other.data, one.data, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(of_device.deviations, expected.deviations, rtol=1e-9)
+    for name, value in expected.parameters.items():
+        assert of_device.parameters[name] == pytest.approx(value, abs=1e-9)
+        spread = expected.parameter_deviations[name]
+        assert of_device.parameter_deviations[name] == pytest.approx(spread, rel=1e-8)
+    assert of_device.complete

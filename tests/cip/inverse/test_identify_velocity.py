@@ -242,3 +242,16 @@ def test_a_picture_shows_the_estimate():
     found = identify(solver, solver.state(FIELD), data, dt=0.02, noise=1e-3)
     (line,) = found.plot().lines
     np.testing.assert_array_equal(line.get_ydata(), found.values[0])
+
+
+@pytest.mark.slow
+def test_on_a_device_it_is_that_of_the_host(cupy):
+    found = []
+    for backend in ("cpu", "cupy"):
+        solver = Solver(SHORT, SPEED, backend=backend)
+        data = snapshots(lambda x: 1.1 + 0.2 * np.sin(2 * np.pi * x), (0.2, 0.31), SHORT, 1e-3)
+        found.append(identify(solver, solver.state(FIELD), data, dt=0.02, noise=1e-3))
+    expected, of_device = found
+    for name, value in expected.parameters.items():
+        assert of_device.parameters[name] == pytest.approx(value, abs=1e-8)
+    np.testing.assert_allclose(of_device.value_deviations, expected.value_deviations, rtol=1e-7)

@@ -7,22 +7,33 @@ from cip.engines.cuda_engine import OPTIONS, feet_source
 from cip.sensitivities.device_adjoint import gather_all, pull_all, unwind_all
 from gpu.cuda.catalogue import ARCHITECTURES
 
-FLOW = ["0.5 + a*sin(2*pi*x1)*cos(t)", "b*cos(2*pi*x1)"]
+FLOW = ["0.5 + a*sin(2*pi*x1)*cos(t)", "b*cos(2*pi*x1)", "a*x2"]
+FAST = [("cubic", 1, True), ("csl4", 1, False), ("adini", 2, True), ("cubic", 3, False)]
+PROFILES = [
+    *(("cubic", 1), ("quintic", 1), ("csl2", 1), ("csl4", 1), ("adini", 2), ("bicubic", 2)),
+    *(("cubic", 2), ("quintic", 2), ("cubic", 3), ("quintic", 3)),
+]
+CASES = [
+    pytest.param(*case, periodic, marks=[pytest.mark.slow] * ((*case, periodic) not in FAST))
+    for case in PROFILES
+    for periodic in (True, False)
+]
 
 
 def stage_of(profile, dim, periodic=True, parameters=True):
-    grid = Grid([(0, 1)] * dim, (8, 9)[:dim], periodic=periodic)
-    values = {"a": 0.1, "b": 0.2} if dim == 2 else {"a": 0.1}
+    grid = Grid([(0, 1)] * dim, (8, 9, 7)[:dim], periodic=periodic)
+    values = {"a": 0.1, "b": 0.2} if dim > 1 else {"a": 0.1}
     flow = FLOW[:dim] if parameters else ["0.5"] * dim
     velocity = Velocity.from_expression(*flow, parameters=values if parameters else None)
-    (stage,) = Solver(grid, velocity, profile=profile, boundary=None if periodic else 0.0)._stages
-    return stage
+    solver = Solver(
+        grid, velocity, "advection" if profile.startswith("csl") else "transport", profile,
+        splitting="strang" if dim > 1 and profile not in ("adini", "bicubic") else None,
+        boundary=None if periodic else 0.0,
+    )  # fmt: skip
+    return solver._stages[-1]
 
 
-@pytest.mark.parametrize("periodic", [True, False])
-@pytest.mark.parametrize(
-    ("profile", "dim"), [("cubic", 1), ("quintic", 1), ("adini", 2), ("bicubic", 2)]
-)
+@pytest.mark.parametrize(("profile", "dim", "periodic"), CASES)
 def test_kernels_compile(compile_cuda, profile, dim, periodic):
     stage = stage_of(profile, dim, periodic)
     sources = [
