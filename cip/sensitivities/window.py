@@ -25,16 +25,15 @@ from scipy.sparse.linalg import LinearOperator
 from cip.errors import InputError, NotSupported
 from cip.profiles.catalogue import CONSERVATIVE
 from cip.profiles.locate_nodes import cells_of, nodes_around
-from cip.reals import real_array
 from cip.sensitivities.foot_derivatives import foot_derivatives
 from cip.sensitivities.mass_derivatives import mean_changes
 from cip.sensitivities.profile_derivatives import CORNERS, slopes_in_foot, traced
 from cip.sensitivities.wall_derivatives import wall_derivatives
 from cip.sources.half_step import HalfStep
 from cip.stages.stage import Correction, Stage, StageFeet
-from cip.stages.state import State
+from cip.stages.state import State, on_host
 
-Array = np.ndarray[Any, np.dtype[np.float64]]
+Array = Any  # arrays of NumPy or CuPy
 # Bytes that the states of a window may take without being asked for: states between checkpoints
 # cost another run, which is a quarter of a gradient.
 KEPT = 2**30
@@ -64,9 +63,13 @@ class ParameterPart:
     by_parameter: Array
 
     @classmethod
-    def of(cls, stage: Stage, feet: StageFeet) -> ParameterPart:
-        """That of a stage, from the feet that the stage itself uses."""
-        grid, components, moving = stage.grid, _components(stage, feet), stage.moving
+    def of(cls, stage: Stage, feet: StageFeet, xp: Any = np) -> ParameterPart:
+        """That of a stage, from the feet that the stage itself uses.
+
+        It is made on the host; `xp` is the module of its arrays, NumPy or CuPy.
+        """
+        grid, moving = stage.grid, stage.moving
+        components = np.asarray(on_host(feet.data), dtype=float).reshape(-1, grid.size)
         found = [cells_of(grid, axis, components[q]) for q, axis in enumerate(moving)]
         widths = [grid.widths[axis][cells[0]] for axis, cells in zip(moving, found, strict=True)]
         cell = [*(cells[2] for cells in found), *widths]
@@ -84,8 +87,8 @@ class ParameterPart:
         by_parameter = foot_derivatives(stage, feet)
         by_parameter[:, : len(moving)] /= np.stack(widths)
         by_parameter[..., ~feet.interior(grid.size)] = 0.0
-        rest = components[len(moving) :]
-        return cls(stage, np.stack(nodes), np.stack(cell), rest, by_parameter)
+        arrays = np.stack(nodes), np.stack(cell), components[len(moving) :], by_parameter
+        return cls(stage, *(xp.asarray(one) for one in arrays))
 
     def along(self, z: Array, direction: Array, xp: Any = np) -> Array:
         """Change of the new moments, shape (moments, nodes), for a change of the parameters.
@@ -100,14 +103,10 @@ class ParameterPart:
         for row, value in zip(rows, values, strict=True):
             row[:] = value
         change = xp.einsum("pcn,p->cn", self.by_parameter, direction)
-        found: Array = xp.einsum("qcn,cn->qn", rows.reshape(len(z), *change.shape), change)
+        found = xp.einsum("qcn,cn->qn", rows.reshape(len(z), *change.shape), change)
         if stage.conservative:
             found[-1] = mean_changes(stage.grid, found[-1], xp)
         return found
-
-
-def _components(stage: Stage, feet: StageFeet) -> Array:
-    return np.asarray(feet.data, dtype=float).reshape(-1, stage.grid.size)
 
 
 @dataclass(frozen=True)
@@ -178,6 +177,7 @@ class Window:
             for move in moves
         ]
         self._varies = any(move.reads_state for move in moves)
+        self._xp: Any = np
         self._kept: dict[Any, Any] = {}
         self._marks: dict[int, State] = {}
 
@@ -211,8 +211,11 @@ class Window:
         return self._kept[key]
 
     def _part(self, n: int) -> ParameterPart:
-        found: ParameterPart = self._once(n, self._steady, ParameterPart.of)
+        found: ParameterPart = self._once(n, self._steady, self._new_part)
         return found
+
+    def _new_part(self, stage: Stage, feet: StageFeet) -> ParameterPart:
+        return ParameterPart.of(stage, feet, self._xp)
 
     def _walls(self, n: int) -> list[Correction]:
         data = self._moves[n].stage.walls.values()
@@ -220,48 +223,56 @@ class Window:
         found: list[Correction] = self._once(n, steady, wall_derivatives) if data else []
         return found
 
-    def _flat(self, state: State) -> Array:
-        return np.asarray(state.data, dtype=float).reshape(len(state.data), -1)
+    def _flat(self, data: Any) -> Array:
+        """Moments or components of feet, a row each."""
+        return self._xp.asarray(data, dtype=float).reshape(-1, self._start.grid.size)
+
+    def _given(self, x: Any) -> Array:
+        """The vector that the operator is applied to."""
+        x = self._xp.ravel(self._xp.asarray(x))
+        if x.dtype.kind not in "biuf":
+            raise InputError(f"x: expected real numbers, got {x.dtype}")
+        found: Array = x.astype(float)
+        return found
 
     def _tangent(self, x: Any) -> Array:
-        x = np.ravel(real_array(x, "x").astype(float))
+        x = self._given(x)
         state, size = self._start, self._start.data.size
         change = State(state.grid, state.profile, x[:size].reshape(state.data.shape).copy())
-        varies = self._varies and x[size:].any()
+        given = on_host(x[size:])
+        varies = self._varies and given.any()
         for n in range(len(self._moves)):
             # The scheme is linear in the moments.
             new = self._advance(n, change, True)
-            more = self._along(n, state, x[size:])
+            more = self._along(n, state, given)
             if more is not None:
                 data = new.data + more.reshape(new.data.shape)
                 new = State(state.grid, state.profile, data, new.t)
             if varies:
                 state = self._advance(n, state)
             change = new
-        return np.asarray(change.data).ravel()
+        return change.data.ravel()
 
     def _along(self, n: int, state: State, direction: Array) -> Array | None:
         """The change of the moments after move n for a change of all parameters; None for none."""
         own, on_walls = direction[self._columns[n]], direction[self._wall_columns[n]]
         if not (own.any() or on_walls.any()):
             return None
-        move = self._moves[n]
+        move, xp = self._moves[n], self._xp
+        found = xp.zeros(state.data.size)
         if isinstance(move, HalfStep):
-            return np.asarray(move.along(state.data, own))
-        found = np.zeros(state.data.size)
+            return found + move.along(state.data, own).ravel()
         if own.any():
-            found += self._part(n).along(self._flat(state), own).ravel()
+            found += self._part(n).along(self._flat(state.data), xp.asarray(own), xp).ravel()
         for wall in self._walls(n):
-            np.add.at(found, wall.places, on_walls @ wall.values)
+            # Each place occurs once, so the order of additions is fixed.
+            xp.add.at(found, xp.asarray(wall.places), xp.asarray(on_walls @ wall.values))
         return found
 
     def _adjoint(self, x: Any) -> Array:
-        from cip.sensitivities.adjoint_loops import pull_back
-
-        x = real_array(x, "x").astype(float)
-        weight = x.reshape(len(self._start.data), -1)
-        grid, found = self._start.grid, np.zeros(len(self.parameters))
-        segment: list[State] = []
+        xp, shape = self._xp, self._start.data.shape
+        weight = self._flat(self._given(x)).copy()
+        found, segment = np.zeros(len(self.parameters)), list[State]()
         gathered: dict[Any, tuple[int, StageFeet, Array]] = {}
         for n in range(len(self._moves) - 1, -1, -1):
             move, z = self._moves[n], weight
@@ -269,40 +280,50 @@ class Window:
                 first = n - n % self.every
                 if n == len(self._moves) - 1 or (n + 1) % self.every == 0:
                     segment = self._states(self._marks[first], first, n)
-                z = self._flat(segment[n - first])
+                z = self._flat(segment[n - first].data)
             if isinstance(move, HalfStep):
-                shape = self._start.data.shape
                 back, more = move.pull_back(z.reshape(shape), weight.reshape(shape))
-                weight = back.reshape(weight.shape)
+                weight = self._flat(back)
                 found[self._columns[n]] += more
                 continue
             stage, feet, columns = move.stage, self._feet(n), self._wall_columns[n]
             if columns and feet.bounded:
                 for wall in self._walls(n):
-                    found[columns] += wall.values @ weight.ravel()[wall.places]
+                    own = weight.ravel()[xp.asarray(wall.places)]
+                    found[columns] += wall.values @ on_host(own)
             for correction in stage.corrections(feet):
                 if not correction.add:
-                    weight.reshape(-1)[correction.places] = 0.0
-            components = _components(stage, feet)
+                    weight.reshape(-1)[xp.asarray(correction.places)] = 0.0
+            components = self._flat(feet.data)
             # Moves with the same feet in a steady velocity, whose derivatives are therefore applied
             # once, to the sum over these moves.
-            _, _, g = gathered.setdefault(self._key(n), (n, feet, np.zeros(components.shape)))
-            weight = pull_back(grid, stage.profile, stage.advect, z, weight, components, g,
-                               stage.axis)  # fmt: skip
+            _, _, g = gathered.setdefault(self._key(n), (n, feet, xp.zeros(components.shape)))
+            weight = self._pull_back(n, z, weight, components, g)
             if not self._steady:
                 self._spread(gathered, found)
         self._spread(gathered, found)
-        return np.concatenate([weight.ravel(), found])
+        return xp.concatenate([weight.ravel(), xp.asarray(found)])
 
     def _spread(self, gathered: dict[Any, tuple[int, StageFeet, Array]], found: Array) -> None:
         """Add to `found` what derivatives in the feet give to the parameters, and forget them."""
-        from cip.sensitivities.path_adjoint import parameter_gradient
-
         for n, where, total in gathered.values():
             if self._columns[n]:
-                more = parameter_gradient(self._moves[n].stage, where, total)
-                found[self._columns[n]] += more
+                found[self._columns[n]] += self._gradient(n, where, total)
         gathered.clear()
+
+    def _pull_back(self, n: int, z: Array, weight: Array, feet: Array, g: Array) -> Array:
+        """The transposed update of move n; `cip.sensitivities.adjoint_loops.pull_back`."""
+        from cip.sensitivities.adjoint_loops import pull_back
+
+        stage = self._moves[n].stage
+        scheme = stage.grid, stage.profile, stage.advect
+        return pull_back(*scheme, z, weight, feet, g, stage.axis)
+
+    def _gradient(self, n: int, feet: StageFeet, g: Array) -> Any:
+        """What derivatives in the feet of move n give to the parameters of its stage."""
+        from cip.sensitivities.path_adjoint import parameter_gradient
+
+        return parameter_gradient(self._moves[n].stage, feet, g)
 
     def _states(self, state: State, first: int, last: int) -> list[State]:
         """The states at which the moves first..last begin."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
-from cip.errors import InputError, NotSupported
+from cip.errors import InputError
 from cip.output.trajectory import Trajectory
 from cip.sensitivities.window import Move, Window, check_differentiable, checkpoint_distance
 from cip.solver.time_loop import run as repeat
@@ -30,11 +30,6 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None) -> LinearO
     if not isinstance(run, Trajectory):
         raise InputError(f"run: expected what solver.run returned, got {type(run).__name__}")
     check_differentiable(solver.profile, solver.limiter, solver.grid.dim)
-    if solver._reaction is not None and solver.backend == "cupy":
-        raise NotSupported(
-            "source, decay: on a device derivatives of runs with them are not implemented; take "
-            "backend='cpu'"
-        )
     if solver.dtype != np.float64:
         raise InputError("dtype: derivatives need a solver with dtype=float64")
     start, times = run[0], [float(t) for t in run.times[1:]]

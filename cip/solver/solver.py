@@ -326,8 +326,7 @@ class Solver(Parametrised):
         Raises
         ------
         NotSupported
-            A profile or limiter without derivatives; on a device also paths through walls, sources
-            and decay.
+            A profile or limiter without derivatives.
         InputError
             A run of another solver.
 

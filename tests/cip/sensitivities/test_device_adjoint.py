@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cip import Grid, Solver, Velocity
+from cip import Grid, Solver, Source, Velocity
 
 PROFILES = [("cubic", 1), ("quintic", 1), ("adini", 2), ("bicubic", 2)]
 BOX, NODES = [(0, 1), (0, 1.5), (0, 1.2)], {1: (41,), 2: (31, 24), 3: (9, 8, 7)}
@@ -69,9 +69,31 @@ SCHEMES = [pytest.param(*one, marks=[pytest.mark.slow] * (one != FAST)) for one 
 
 @pytest.mark.parametrize(("profile", "dim", "flow", "steady", "form"), SCHEMES)
 def test_operators_are_those_of_the_cpu(cupy, monkeypatch, profile, dim, flow, steady, form):
+    scheme = profile, dim, flow, steady, form
+    compare(cupy, monkeypatch, solved(*scheme, "cpu"), solved(*scheme, "cupy"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("profile", "dim"), [("cubic", 1), ("csl4", 1), ("bicubic", 2)])
+def test_sources_decay_and_data_with_parameters(cupy, monkeypatch, profile, dim):
+    pairs, form = [], "advection" if profile == "csl4" else "transport"
+    data = Source.from_expression("g*sin(3*t + 0.2) + 0.1*a", {"g": 0.8, "a": 0.5})
+    puff = Source.from_expression("q*exp(-40*(x1 - m)**2)*sin(3*t + 0.4)", {"q": 1.3, "m": 0.4})
+    decay = Source.from_expression("k*(1.2 + sin(2*pi*x1 + t)) + 0.3*a", {"k": 0.7, "a": 0.5})
+    speed = Velocity.from_expression(*["a + 0.3*x1", "0.2"][:dim], parameters={"a": 0.5})
+    for backend in ("cpu", "cupy"):
+        solver = Solver(
+            grid_of(dim, "inflow"), speed, form, profile, boundary=data, backend=backend,
+            source=puff, decay=decay,
+        )  # fmt: skip
+        pairs.append((solver, solver.run(solver.state(START[dim]), 0.27, dt=0.06)))
+    compare(cupy, monkeypatch, *pairs)
+
+
+def compare(cupy, monkeypatch, of_host, of_device):
+    """Equal products, a dot-test on the device, and the same bits again; of solvers with runs."""
     rng = np.random.default_rng(4)
-    solver, run = solved(profile, dim, flow, steady, form, "cpu")
-    on_device, its_run = solved(profile, dim, flow, steady, form, "cupy")
+    (solver, run), (on_device, its_run) = of_host, of_device
     weight = rng.standard_normal(run.final.data.size)
     expected = solver.adjoint(run) @ weight
     change = rng.standard_normal(expected.size)
