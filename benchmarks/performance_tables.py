@@ -295,11 +295,12 @@ TABLES: dict[str, Callable[[Record], str]] = {
         *(inverse_tables.adjoint, inverse_tables.assimilation, inverse_tables.calibration),
         *(kernel_tables.qp, kernel_tables.qp_peers, kernel_tables.qp_device_peers),
         *(kernel_tables.maros_meszaros, validation_table.validation),
+        validation_table.periodic,
         *(kernel_tables.eigs, kernel_tables.eigs_products),
         *(kernel_tables.lqr, kernel_tables.lqr_device),
     )
 } | reproduction_tables.REPRODUCTION
-FILES = {"mkl": "contact_block"} | reproduction_tables.FILES
+FILES = {"mkl": "contact_block", "periodic": "validation_periodic"} | reproduction_tables.FILES
 
 
 def regenerated(text: str) -> str:

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-SIZES = (32, 64, 128)
+pytestmark = pytest.mark.slow
+PARTIAL = [(body, share) for body in ("half plane", "thick block", "layers on a half plane")
+           for share in (0.2, 0.5, 0.8)]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -14,25 +16,26 @@ def found(example, tmp_path_factory):
     return cases
 
 
-@pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
-@pytest.mark.parametrize("body", ["half plane", "thick block", "layers on a half plane"])
+@pytest.mark.parametrize(("body", "share"), PARTIAL)
 def test_partial_contact_by_westergaard(found, body, share):
-    """Maxima, longest wave and mean gap; the root at the edge of contact limits the rms error."""
+    """Pressure, half-width, longest wave and mean gap; forces alone miss the pressure."""
     case = found[f"{body}, s = {share}"]
-    assert case.errors[1, :3].max() < 1e-3
-    assert case.errors[2, :3].max() < 2e-4
-    assert 1.4 < case.orders[1] < 2.7
-    assert case.errors[2, 3] < 2e-3
-    assert 0.6 < case.orders[3] < 2.3
+    pressure, raw, *rest = case.errors[1]
+    assert pressure < 1e-3 < raw
+    assert max(rest) < 1e-3
+    assert case.errors[2, 0] < 0.25 * case.errors[2, 1]
+    assert 0.7 < case.orders[0] < 2.3
+    assert 0.7 < case.orders[1] < 1.3
+    assert 1.4 < case.orders[3] < 3.2
 
 
 @pytest.mark.parametrize(
-    ("body", "order"), [("thick block", (1.9, 2.1)), ("layers on a half plane", (1.7, 2.1))]
+    ("body", "order"), [("thick block", (2.9, 3.1)), ("layers on a half plane", (1.7, 2.1))]
 )
 def test_full_contact_of_a_sinusoid(found, body, order):
     case = found[f"{body}, s = 1.2"]
-    assert case.errors[1, :2].max() < 1e-3
-    assert np.all((order[0] < case.orders[:2]) & (case.orders[:2] < order[1]))
+    assert case.errors[1, :4].max() < 1e-3
+    assert np.all((order[0] < case.orders[[0, 3]]) & (case.orders[[0, 3]] < order[1]))
 
 
 def test_the_half_plane_has_a_full_contact_exactly(found):
@@ -40,24 +43,39 @@ def test_the_half_plane_has_a_full_contact_exactly(found):
 
 
 def test_two_waves_in_full_contact(found):
-    """Along the diagonal 96 points a period are 68 a wave."""
+    """Along the diagonal 48 points a period are 34 a wave, 96 are 68."""
     case = found["two waves, full contact"]
-    assert case.errors[-1, 0] < 1e-3
-    assert 1.9 < case.orders[0] < 2.1
+    assert case.errors[1, 0] < 1e-3
+    assert case.errors[2, 0] < 1e-4
+    assert 2.8 < case.orders[0] < 3.2
+
+
+def test_two_waves_in_light_contact(found):
+    """68 points a wave, the contact ten of them in radius, and twice as many."""
+    case = found["two waves, light contact"]
+    assert case.errors[1, 0] < 1.3e-3
+    assert case.errors[2, 0] < 1e-3
+    assert np.all(case.errors[1:, 0] < 0.6 * case.errors[1:, 1])
+    assert 0.7 < case.orders[0] < 2.3
 
 
 def test_ball_in_a_wide_period(found):
+    """At 64 points a period; the radius, too."""
     case = found["ball"]
-    assert case.errors[-1] == pytest.approx(0, abs=5e-3)
-    assert case.errors[-1, 1] < 1e-3
-    assert 0.7 < case.orders[0] < 1.6
+    assert case.errors[0, 0] < 1e-3
+    assert case.errors[0, 2] < 2.5e-3
+    assert case.errors[1, 2] < 1e-3
+    assert np.all(case.errors[:, 0] < 0.4 * case.errors[:, 1])
+    assert 0.8 < case.orders[0] < 2.0
 
 
 def test_coating(found):
-    """A hundred times as stiff as its ground: bending of linear bricks takes its points."""
-    case = found["coating"]
-    assert case.errors[-1].max() < 2e-3
-    assert np.all((case.orders > 1.85) & (case.orders < 2.1))
+    """A hundred times as stiff as its ground: linear cells take more points for its bending."""
+    case, linear = found["coating"], found["coating, linear cells"]
+    assert case.errors[1].max() < 1e-3
+    assert np.all((case.orders > 2.8) & (case.orders < 3.2))
+    assert linear.errors[-1].max() < 2e-3
+    assert np.all((linear.orders > 1.85) & (linear.orders < 2.1))
     soft, exact = found_symbol(), 2 * (1 - 0.3**2) / (2 * np.pi)
     assert soft == pytest.approx(exact, rel=1e-12)
 
