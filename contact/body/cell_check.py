@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import skfem
 from numpy.typing import NDArray
 from skfem import Basis, MappingIsoparametric, Mesh
 
 from contact.body.deferred_basis import DeferredBasis
+from contact.body.jacobians import chunks, determinants, is_straight, jacobians
 from contact.errors import InputError
 from contact.facet_basis import places_on_facets
 from skfem_adini.arguments.kept_functions import functions_of_another_mesh
@@ -23,29 +22,21 @@ def check_cells(mesh: Mesh) -> None:
         raise InputError("mesh: has no cells")
     if not np.all(np.isfinite(mesh.doflocs)):
         raise InputError("mesh: has coordinates that are not finite")
-    mapping = mesh.mapping()
-    if isinstance(mapping, MappingIsoparametric):  # one whose tables go with it
-        mapping = MappingIsoparametric(mesh, mesh.elem(), mesh.bndelem)
-    sound = _sound(mesh, mapping)
+    sound = np.concatenate([_sound(mesh, cells) for cells in chunks(mesh.nelements)])
     if not np.all(sound):
         raise InputError(
             f"mesh: {np.sum(~sound)} cells are flat, not convex or folded (first: "
             f"{int(np.argmin(sound))}); order their vertices cyclically and untangle them"
         )
-    _check_beside(mesh, mapping)
+    _check_beside(mesh)
 
 
-def _sound(mesh: Mesh, mapping: Any) -> NDArray[np.bool_]:
+def _sound(mesh: Mesh, cells: slice) -> NDArray[np.bool_]:
     """Cells that are not flat, nor folded over at a corner or at a node of a curved one."""
-    places = mesh.elem.refdom.p[:, :1] if mesh.affine else mesh.elem.doflocs.T
-    J = np.asarray(mapping.DF(places))
-    size = np.ptp(mesh.p[:, mesh.t], axis=1).max(axis=0)
+    J = jacobians(mesh, cells, mesh.elem.refdom.p[:, :1] if mesh.affine else mesh.elem.doflocs.T)
+    size = np.ptp(mesh.p[:, mesh.t[:, cells]], axis=1).max(axis=0)
     with np.errstate(all="ignore"):
-        if mesh.dim() == 2:
-            det = J[0, 0] * J[1, 1] - J[0, 1] * J[1, 0]
-        else:
-            det = np.sum(np.cross(J[:, 0], J[:, 1], axis=0) * J[:, 2], axis=0)
-        det = np.atleast_2d(det)
+        det = determinants(J)
         limit = FLAT * size[:, None] ** mesh.dim()
         sound = np.all(det > limit, axis=1) | np.all(det < -limit, axis=1)
     # Needles of many times their width in two directions: the determinant does not tell.
@@ -57,7 +48,7 @@ def _sound(mesh: Mesh, mapping: Any) -> NDArray[np.bool_]:
     return np.asarray(sound)
 
 
-def _check_beside(mesh: Mesh, mapping: Any) -> None:
+def _check_beside(mesh: Mesh) -> None:
     """Raise where a facet has more than two cells, or both lie on the same side of it."""
     shared = np.bincount(mesh.t2f.ravel(), minlength=mesh.nfacets)
     if shared.max(initial=0) > 2:
@@ -66,20 +57,56 @@ def _check_beside(mesh: Mesh, mapping: Any) -> None:
             "two: remove cells that are there twice"
         )
     inner = np.flatnonzero(mesh.f2t[1] >= 0)
-    middle = mesh.brefdom.p.mean(axis=1)[:, None]
-    ours, theirs = (
-        mapping.normals(
-            places_on_facets(mesh, inner, middle, side), mesh.f2t[side, inner], inner, mesh.t2f
-        )[..., 0]
-        for side in (0, 1)
-    )
-    folded = inner[np.sum(ours * theirs, axis=0) > 0]
+    on_one_side = _on_one_side if is_straight(mesh) else _normals_agree
+    folded = inner[
+        np.concatenate([[], *(on_one_side(mesh, inner[some]) for some in chunks(inner.size))]) > 0
+    ]
     if folded.size:
         one, two = mesh.f2t[:, folded[0]]
         raise InputError(
             f"mesh: at {folded.size} facets both cells lie on the same side, one upon the other "
             f"(first: cells {one} and {two}): the mesh folds over itself; untangle its vertices"
         )
+
+
+def _on_one_side(mesh: Mesh, facets: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Positive where the middles of both cells lie on one side of the plane in a facet's middle.
+
+    From the middle of a facet, the middle of a straight cell lies in the direction of the opposite
+    vertex or facet: that in which the mapping's normal derivative points.
+    """
+    corners = mesh.p[:, mesh.facets[:, facets]]
+    corners = corners - corners[:, :1]
+    normal = _normal_of_ring(corners)
+    first, middle = mesh.p[:, mesh.facets[0, facets]], corners.mean(axis=1)
+    product = np.ones(facets.size)
+    for side in (0, 1):
+        cell = mesh.p[:, mesh.t[:, mesh.f2t[side, facets]]] - first[:, None]
+        product *= np.sign(np.sum(normal * (cell.mean(axis=1) - middle), axis=0))
+    return product
+
+
+def _normal_of_ring(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A normal, of any length, in the middle of facets whose first corner is at zero."""
+    if len(corners) == 2:
+        return np.array([-corners[1, 1], corners[0, 1]])
+    one, other = corners[:, 1], corners[:, 2]
+    if corners.shape[1] == 4:  # the diagonals of a bilinear facet are parallel to its middle
+        one, other = corners[:, 2], corners[:, 3] - corners[:, 1]
+    return np.array([one[a] * other[b] - one[b] * other[a] for a, b in ((1, 2), (2, 0), (0, 1))])
+
+
+def _normals_agree(mesh: Mesh, facets: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Product of the outward normals of both cells in the middle of curved facets."""
+    mapping = MappingIsoparametric(mesh, mesh.elem(), mesh.bndelem)  # whose tables go with it
+    middle = mesh.brefdom.p.mean(axis=1)[:, None]
+    ours, theirs = (
+        mapping.normals(
+            places_on_facets(mesh, facets, middle, side), mesh.f2t[side, facets], facets, mesh.t2f
+        )[..., 0]
+        for side in (0, 1)
+    )
+    return np.asarray(np.sum(ours * theirs, axis=0))
 
 
 def check_basis(basis: Basis) -> None:

@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem import CellBasis, MeshHex, MeshQuad
+from skfem import CellBasis, ElementVector
 from skfem.assembly.basis.abstract_basis import AbstractBasis
 from skfem.quadrature import get_quadrature
+
+from contact.body.jacobians import chunks, determinants, is_straight, jacobians
 
 # Of Gauss' rule with two points in each direction, exact for the determinant of straight cells.
 _ORDER_OF_VOLUME = 3
@@ -29,10 +31,22 @@ class DeferredBasis(CellBasis):
     """
 
     def __init__(self, mesh: Any, elem: Any, intorder: int) -> None:
-        AbstractBasis.__init__(self, mesh, elem, None, intorder, None, mesh.refdom)
+        AbstractBasis.__init__(
+            self, mesh, elem, None, intorder, None, mesh.refdom, disable_doflocs=True
+        )
         self.tind = None
         self.nelems = mesh.nelements
         self.elem.gbasis(self.mapping, self.X[:, :1], 0)
+
+    @cached_property
+    def doflocs(self) -> NDArray[np.float64]:
+        """Places of the dofs, shape (dim, ndofs); the components of a vector share one."""
+        k = self.elem.dim if isinstance(self.elem, ElementVector) else 1
+        places = self.mapping.F(self.elem.doflocs[::k].T)
+        found = np.zeros((len(places), self.N))
+        for i, dofs in enumerate(self.dofs.element_dofs):
+            found[:, dofs] = places[..., i // k]
+        return found
 
     @cached_property
     def basis(self) -> list[Any]:
@@ -47,10 +61,12 @@ class DeferredBasis(CellBasis):
     @cached_property
     def volume(self) -> float:
         """Area or volume of the mesh."""
-        if type(self.mesh) in (MeshQuad, MeshHex):
-            X, W = get_quadrature(self.mesh.refdom, _ORDER_OF_VOLUME)
-            return float(self._measure(X, W).sum())
-        return float(self.dx.sum())
+        mesh = self.mesh
+        if not is_straight(mesh):
+            return float(self.dx.sum())
+        X, W = get_quadrature(mesh.refdom, 0 if mesh.affine else _ORDER_OF_VOLUME)
+        parts = (determinants(jacobians(mesh, cells, X)) for cells in chunks(mesh.nelements))
+        return float(sum(np.sum(np.abs(part) @ W) for part in parts))
 
     def _measure(self, X: Any, W: Any) -> NDArray[np.float64]:
         return np.abs(self.mapping.detDF(X)) * np.broadcast_to(W, (self.nelems, W.size))

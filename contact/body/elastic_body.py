@@ -19,6 +19,7 @@ from contact.body.boundary_names import select_components, select_facets
 from contact.body.cell_check import check_basis, check_cells
 from contact.body.coupled_body import CoupledBody
 from contact.body.deferred_basis import DeferredBasis
+from contact.body.facet_dofs import dofs_on_facets
 from contact.body.mesh_file import read_mesh
 from contact.body.multipoint import column_lengths, coupled
 from contact.body.rigid_modes import dof_lengths
@@ -350,7 +351,7 @@ class ElasticBody(CoupledBody, HeatedBody):
         u0 = np.full(self.basis.N, np.nan)
         size = 0.0
         for facets, component, function, _ in self._supports:
-            dofs = self.basis.get_dofs(facets).flatten()
+            dofs = dofs_on_facets(self.basis, facets)
             dofs = dofs[dofs % self.dim == component]
             value = evaluated("value", function, self.basis.doflocs[:, dofs])
             if value.shape != dofs.shape or not np.all(np.isfinite(value)):

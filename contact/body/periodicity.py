@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.body.axisymmetry import check_shift
+from contact.body.facet_dofs import dofs_on_facets
 from contact.body.rigid_modes import dof_kinds, dof_lengths, rigid_field
 from contact.errors import InputError
 
@@ -51,7 +52,7 @@ def periodic_equations(
                 f"{name}: has no vertex where vertex {k} at {mesh.p[:, k].tolist()} arrives by the "
                 f"translation {move.tolist()}; the boundaries must be congruent, vertex by vertex"
             )
-    mine, its = (basis.get_dofs(f).flatten().astype(np.int64) for f in (facets, other))
+    mine, its = (dofs_on_facets(basis, f) for f in (facets, other))
     kind, component = dof_kinds(basis), np.arange(basis.N) % body.dim
     pairs, sides = [], []
     for c, step in enumerate(jump):

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.body.elastic_body import ElasticBody
+from contact.body.facet_dofs import edges_of_facets
 from contact.errors import InputError
 from contact.facet_basis import places_on_facets
 from skfem_adini.conditions.vertex_normals import CORNER, corner_weights
@@ -68,8 +69,8 @@ class Outline:
         """Dofs of a scalar function on each facet, its edges and its vertices, (nfacets, ndofs)."""
         dofs, mesh = self.body.scalar_dofs, self.body.mesh
         held = [(dofs.nodal_dofs, self.corners.T), (dofs.facet_dofs, self.facets)]
-        if self.body.dim == 3:
-            held.append((dofs.edge_dofs, mesh.f2e[:, self.facets]))
+        if self.body.dim == 3 and len(dofs.edge_dofs):
+            held.append((dofs.edge_dofs, edges_of_facets(mesh, self.facets)))
         tables = [table[:, of] for table, of in held if len(table)]
         return np.vstack([table.reshape(-1, self.facets.size) for table in tables]).T
 

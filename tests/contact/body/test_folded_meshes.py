@@ -22,6 +22,8 @@ from skfem import (
 )
 
 from contact import ElasticBody, InputError
+from contact.body import cell_check
+from contact.facet_basis import places_on_facets
 
 KINDS = [
     (MeshTri, None, ElementTriP1),
@@ -106,3 +108,30 @@ def test_flat_cells_are_refused():
     ):
         with pytest.raises(InputError, match="flat, not convex or folded"):
             body(grid(plain, None, lambda x: np.vstack((x[:-1], 0 * x[-1]))), element)
+
+
+@pytest.mark.parametrize("plain", [MeshTri, MeshQuad, MeshTet, MeshHex])
+def test_middles_lie_where_the_mapping_has_its_normals(plain):
+    """At every inner facet of a mesh that is tangled so much that a third of them are folded."""
+    rng = np.random.default_rng(3)
+    mesh = grid(plain, None, lambda x: x + 0.1 * rng.standard_normal(x.shape))
+    inner = np.flatnonzero(mesh.f2t[1] >= 0)
+    normals = mesh.mapping().normals
+    middle = mesh.brefdom.p.mean(axis=1)[:, None]
+    ours, theirs = (
+        normals(places_on_facets(mesh, inner, middle, k), mesh.f2t[k, inner], inner, mesh.t2f)
+        for k in (0, 1)
+    )
+    folded = np.sum(ours * theirs, axis=0)[:, 0] > 0
+    assert 0 < folded.sum() < inner.size
+    np.testing.assert_array_equal(cell_check._on_one_side(mesh, inner) > 0, folded)
+
+
+@pytest.mark.parametrize("kind", [MeshTri, MeshQuad, MeshTet, MeshHex, MeshTri2, MeshQuad2])
+def test_jacobians_are_those_of_the_mapping(kind):
+    mesh = kind().refined(2)
+    mesh.doflocs[:] += 0.02 * np.random.default_rng(4).standard_normal(mesh.doflocs.shape)
+    places = mesh.elem.refdom.p[:, :1] if mesh.affine else mesh.elem.doflocs.T
+    expected = mesh.mapping().DF(places)[:, :, 3:7]
+    found = cell_check.jacobians(mesh, slice(3, 7), places)
+    np.testing.assert_allclose(found, expected, atol=1e-14)
