@@ -23,6 +23,7 @@ from contact.body.facet_dofs import dofs_on_facets
 from contact.body.mesh_file import read_mesh
 from contact.body.multipoint import column_lengths, coupled
 from contact.body.rigid_modes import dof_lengths
+from contact.body.supports import in_order
 from contact.body.thermal_strain import HeatedBody
 from contact.body.vector_element import DEFAULT_ELEMENT, GRADIENT_DOFS, vector_element
 from contact.errors import InputError, evaluated, function_of_places, numbers
@@ -347,7 +348,7 @@ class ElasticBody(CoupledBody, HeatedBody):
                 )
             except AdiniInputError as error:
                 raise InputError(str(error)) from error
-            return sparse.csr_array(P), u0
+            return in_order(sparse.csr_array(P)), u0
         u0 = np.full(self.basis.N, np.nan)
         size = 0.0
         for facets, component, function, _ in self._supports:

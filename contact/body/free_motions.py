@@ -27,7 +27,8 @@ def free_motions(body: Any) -> Array:
     of_dof = body.lengths[0][:, None]
     held = of_dof * (modes - P @ (picked.T @ modes))
     size = np.linalg.norm(of_dof * modes, axis=0)
-    _, singular, V = np.linalg.svd(held / size, full_matrices=False)
+    at_supports = np.vstack([held[held.any(axis=1)], np.zeros((size.size, size.size))])
+    _, singular, V = np.linalg.svd(at_supports / size, full_matrices=False)
     plain = reduced_echelon(V[singular < RIGID] / size)
     free: Array = picked.T @ (modes @ plain.T)
     return free

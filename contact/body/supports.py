@@ -34,3 +34,14 @@ def live_rows(
 def norms(rows: sparse.csr_array) -> Array:
     """Euclidean norms of the rows."""
     return np.sqrt(np.asarray(rows.multiply(rows).sum(axis=1), dtype=float).ravel())
+
+
+def in_order(P: sparse.csr_array) -> sparse.csr_array:
+    """The same free unknowns in the order of the dofs, where each is one dof; else P itself.
+
+    The free rows and columns of a matrix then keep their order, which spares sorting them.
+    """
+    single = bool(np.all(np.bincount(P.indices, minlength=P.shape[1]) == 1))
+    if not single or np.any(np.diff(P.indptr) > 1):
+        return P
+    return sparse.csr_array((P.data, np.arange(P.nnz, dtype=P.indices.dtype), P.indptr), P.shape)

@@ -283,3 +283,20 @@ def test_auto_names_what_is_missing(make, monkeypatch):
     where, why = device_choice.choose_device(body, "auto")
     assert where == "cpu"
     assert "skfem-adini[cudss]" in why
+
+
+@pytest.mark.parametrize("case", ["Adini", "P2", "Hex1", "TetP2"])
+def test_free_rows_are_taken_on_the_device_where_unknowns_are_dofs(engine, make, case, monkeypatch):
+    """Of every element, also where essential conditions list derivatives after values."""
+    taken = []
+    of_selection = DeviceSchur.of_selection.__func__
+
+    def noted(cls, stiffness, free, unit, boundary):
+        taken.append(free)
+        return of_selection(cls, stiffness, free, unit, boundary)
+
+    monkeypatch.setattr(DeviceSchur, "of_selection", classmethod(noted))
+    pose, element = CASES[case]
+    pose(make, element).condense(device="cuda")
+    (free,) = taken
+    assert (np.diff(free) > 0).all()
