@@ -300,3 +300,22 @@ def test_free_rows_are_taken_on_the_device_where_unknowns_are_dofs(engine, make,
     pose(make, element).condense(device="cuda")
     (free,) = taken
     assert (np.diff(free) > 0).all()
+
+
+@pytest.mark.parametrize("element", [ElementQuadAdini, ElementHex1])
+def test_contact_without_friction(engine, make, element):
+    host, there = (
+        ContactProblem(
+            box_body(make, element, E=2.0, nu=0.3).fix("top", value=lambda x: -0.05 + 0.01 * x[0]),
+            "bottom",
+            bowl,
+        )
+        for _ in range(2)
+    )
+    there.condense(device="cuda")
+    expected, result = host.solve(), there.solve()
+    assert make.law_error(result) < 1e-8
+    assert expected.mu.max() > 0
+    assert np.abs(result.t).max() == 0.0
+    assert np.abs(result.mu - expected.mu).max() <= 1e-10 * expected.mu.max()
+    assert np.abs(result.u - expected.u).max() <= 1e-9 * np.abs(expected.u).max()
