@@ -154,7 +154,7 @@ def _observed(given: Observations, size: int) -> tuple[list[float], list[Array],
                 f"data: expected values of shape (m,) and operators of shape (m, {size}), got "
                 f"{one.shape} and {shape or type(operator).__name__}"
             )
-        entries = operator.data if issparse(operator) else operator
+        entries = getattr(operator, "data", None) if issparse(operator) else operator
         if isinstance(entries, np.ndarray) and not np.isfinite(real_array(entries, _ENTRIES)).all():
             raise InputError(f"{_ENTRIES}: NaN or infinity among them")
         if not np.isfinite(one).all():

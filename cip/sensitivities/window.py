@@ -231,7 +231,7 @@ class Window:
         """The vector that the operator is applied to."""
         x = self._xp.ravel(self._xp.asarray(x))
         if x.dtype.kind not in "biuf":
-            raise InputError(f"x: expected real numbers, got {x.dtype}")
+            raise InputError(f"x: expected real values instead of {x.dtype}")
         found: Array = x.astype(float)
         return found
 

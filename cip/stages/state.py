@@ -248,7 +248,8 @@ def _real(dtype: DTypeLike) -> np.dtype[Any]:
 
 def on_host(values: Any) -> Array:
     """An array of NumPy, from one of NumPy or CuPy."""
-    return values if isinstance(values, np.ndarray) else values.get()  # type: ignore[no-any-return]
+    found: Array = values if isinstance(values, np.ndarray) else values.get()
+    return found
 
 
 def _sum(values: Any, weights: Array) -> float:

@@ -242,6 +242,11 @@ class GridContact:
         Returns
         -------
         list of GridResult
+
+        Raises
+        ------
+        InputError
+            Something that is no sequence of obstacles; and what `solve` raises.
         """
         if isinstance(obstacles, str) or not isinstance(obstacles, Iterable):
             raise InputError(f"obstacles={obstacles!r}: expected a sequence, one a step")
