@@ -279,11 +279,13 @@ class Sensors:
         Raises
         ------
         InputError
-            A probability outside [0, 1).
+            A probability outside [0, 1), a seed that is no whole number.
         """
         share = real_number(dropouts, "dropouts")
         if not 0.0 <= share < 1.0:
             raise InputError(f"dropouts: expected a probability in [0, 1), got {dropouts!r}")
+        if not isinstance(seed, int | np.integer) or seed < 0:
+            raise InputError(f"seed={seed!r}: expected a whole number, 0 or more")
         rng = np.random.default_rng(seed)
         values = self.values + self.deviations * rng.standard_normal(self.values.shape)
         values[rng.random(values.shape) < share] = np.nan

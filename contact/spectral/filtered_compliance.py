@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from contact.errors import InputError
 from contact.spectral.lateral_waves import LateralWaves
 from contact.spectral.normal_filter import NormalFilter
 from contact.spectral.real_symbol import RealSymbol
@@ -53,7 +54,16 @@ class FilteredCompliance:
         Returns
         -------
         array, shape (dim, nx[, ny])
+
+        Raises
+        ------
+        InputError
+            No real numbers of that shape.
         """
+        expected = (len(self.shape) + 1, *self.shape)
+        real = getattr(getattr(forces, "dtype", None), "kind", "") in ("i", "u", "f")
+        if not real or forces.shape != expected:
+            raise InputError(f"forces: expected an array of real numbers of shape {expected}")
         if self._lateral is None:
             return filtered(self._compliance, forces)
         return self._lateral.filtered(self._compliance, self._lateral.doubled(forces))

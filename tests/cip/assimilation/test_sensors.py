@@ -160,3 +160,9 @@ def test_what_does_not_fit_the_run(tmp_path):
         Sensors([0.5], [0.3]).perturbed(0, 1.0)
     with pytest.raises(InputError, match="dataset: expected"):
         Sensors.from_xarray({})
+
+
+@pytest.mark.parametrize("seed", ["a", -1, 1.5, None])
+def test_seeds_are_whole_numbers(seed):
+    with pytest.raises(InputError, match="seed="):
+        Sensors([0.1], [1.0], [[2.0]], 0.1).perturbed(seed)

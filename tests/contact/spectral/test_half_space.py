@@ -107,3 +107,11 @@ def test_refused(settings, words):
     given = {"lengths": (1.0, 1.0), "shape": (8, 8), "E": 1.0, "nu": 0.3}
     with pytest.raises(InputError, match=f"^{words}"):
         HalfSpace(**(given | settings))
+
+
+@pytest.mark.parametrize(
+    "forces", [np.zeros(8), np.zeros((2, 9)), np.zeros((2, 8)) * 1j, "x", None], ids=str
+)
+def test_forces_of_another_grid_or_kind_are_refused(forces):
+    with pytest.raises(InputError, match=r"forces: expected an array of real numbers of shape \(2"):
+        HalfSpace(1.0, 8, E=1.0, nu=0.3).apply(forces)
