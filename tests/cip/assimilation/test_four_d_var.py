@@ -163,6 +163,7 @@ def test_deviations_are_those_of_the_errors():
     assert np.mean(chi) == pytest.approx(20.0, abs=5 * np.sqrt(2 * 20 / 40))
 
 
+@pytest.mark.slow
 def test_an_unknown_speed_and_start():
     """The data are of the closed form of a wave, not of the scheme."""
     grid = Grid((0, 1), 40, periodic=True)

@@ -60,6 +60,7 @@ def test_every_kernel_compiles(compile_cuda, profile, limiter, dim, feet, archit
         check(compile_cuda, architecture, kernel, uneven=True)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("dim", "profile"), [(1, "cubic"), (2, "adini")])
 def test_snapshots_and_parameters_compile(compile_cuda, dim, profile):
     """Splines and named parameters as arguments of the kernel."""

@@ -39,6 +39,7 @@ CASES = [
 ]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("dim", "profile", "form"), CASES)
 def test_same_steps_as_with_numbers_in_the_text(dim, profile, form):
     grid = Grid([(0, 1)] * dim, (16,) * dim, periodic=True)

@@ -113,6 +113,7 @@ CASES = [
 ]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("dim", "profile", "form", "degree"), CASES)
 def test_the_run_is_that_of_the_polynomials_formula(dim, profile, form, degree):
     """Inflow and outflow, compiled and not; the steps cross the times of the snapshots."""
@@ -132,6 +133,7 @@ def test_the_run_is_that_of_the_polynomials_formula(dim, profile, form, degree):
     assert np.max(np.abs(ends[0] - ends[1]) / scale) < 1e-6
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("store", [True, False])
 @pytest.mark.parametrize("degree", [5, pytest.param(3, marks=SLOW)])
 def test_steps_across_snapshots_against_an_ode_solver(store, degree):

@@ -85,6 +85,7 @@ def test_a_run_is_that_of_the_formula():
     np.testing.assert_allclose(ends[0].final.data, ends[1].final.data, rtol=0, atol=1e-9)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "make",
     [

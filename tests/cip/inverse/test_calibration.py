@@ -60,6 +60,7 @@ def check(errors):
     assert np.sqrt(np.mean(np.square(errors))) > 0.5
 
 
+@pytest.mark.slow
 def test_a_few_problems():
     check([deviation(seed) for seed in range(1000, 1012)])
 

@@ -63,6 +63,7 @@ def test_many_coefficients_of_splines(stream):
     assert dot_test(solver, run, np.random.default_rng(7)) <= 1e-13
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("form", ["transport", "advection"])
 def test_compiled_code_and_numpy_agree(form):
     """The same stages, sub-steps and formulas, in two ways."""

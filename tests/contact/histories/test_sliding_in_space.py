@@ -54,6 +54,7 @@ def pushed(stepper: LoadStepper, upper: Any, x: float, y: float = 0.0) -> LoadSt
     return stepper.move("high", "y", y, lambda t: max(t - 1.0, 0.0), body=upper)
 
 
+@pytest.mark.sampled(4)
 @elements
 def test_newton_is_quadratic_over_many_facets(element: Any) -> None:
     upper, _, stepper = slider(element)
@@ -113,6 +114,7 @@ def test_units_do_not_matter() -> None:
         assert (result.status == found[0].status).all()
 
 
+@pytest.mark.slow
 def test_the_work_of_the_supports_is_stored_or_rubbed_off() -> None:
     """Both sides of the balance of energy, whose difference falls with the size of the steps."""
     left = []

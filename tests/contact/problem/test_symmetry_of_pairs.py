@@ -80,6 +80,7 @@ def compare(part, whole, tol):
     assert max(result.kkt.values()) <= 1e-10
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("functional", [None, "standard", "hat"])
 @pytest.mark.parametrize("element", ELEMENTS, ids=lambda e: e.__name__)
 def test_contact_with_friction(element, functional, make):

@@ -66,6 +66,7 @@ def test_random_sparse_problems():
     assert len(run(range(400, 425), 30, sparse.csr_array)) <= 1
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("seed", [423, 870, 1450, 6328, 17184])
 def test_iterates_that_run_away_are_no_solution(seed):
     """Beside an x of 1e15 to 1e68 every residual is small; rounding decided who got there."""
