@@ -10,7 +10,9 @@ In one run on uniform meshes of the unit square:
 3. the floor: allocating and writing three arrays of the sizes of indptr, indices and data, once
    into fresh pages (np.empty and a fill, by one thread: what any assembly has to do) and once into
    pages that were touched before;
-4. -div grad u = f with u = 0: `UniformSolver` against PARDISO, set-up and solution; f is a random
+4. elasticity on tetrahedra of second order, no two of them congruent: scikit-fem's Basis and asm
+   against `AffineCells`, which needs no shape functions but those of the reference cell;
+5. -div grad u = f with u = 0: `UniformSolver` against PARDISO, set-up and solution; f is a random
    load vector, residuals are relative to it, in the dofs u, h u_x, h u_y.
 
 The least of several runs counts, two for scikit-fem. What was expected before measuring: at 256^2
@@ -37,13 +39,20 @@ from typing import Any
 
 import numpy as np
 from machine import describe
-from skfem import Basis, ElementVector, MeshQuad
+from skfem import Basis, ElementTetP2, ElementVector, MeshQuad, MeshTet
 from skfem.element import ElementGlobal
 from skfem.models.elasticity import linear_elasticity
 from skfem.models.poisson import laplace
 from skfem.refdom import RefQuad
 
-from skfem_adini import ElementQuadAdini, UniformSolver, assemble, essential_dofs, factorize
+from skfem_adini import (
+    AffineCells,
+    ElementQuadAdini,
+    UniformSolver,
+    assemble,
+    essential_dofs,
+    factorize,
+)
 from skfem_adini.solvers.exact_matrices import exact_matrix
 from skfem_adini.solvers.pardiso import has_pardiso
 
@@ -210,6 +219,38 @@ def error(matrix: Any, n: int) -> float:
     return float(np.abs(given - exact_rows).max() / np.abs(exact_rows).max())
 
 
+def tetrahedra(n: int, repeats: int) -> dict[str, Any]:
+    """Measure the stiffness of a block of tetrahedra whose vertices are moved at random."""
+    ticks, lam, mu = np.linspace(0, 1, n + 1), 1.5, 1.0
+    regular = MeshTet.init_tensor(ticks, ticks, ticks)
+    moved = np.random.default_rng(0).uniform(-0.1 / n, 0.1 / n, regular.p.shape)
+    element, one = ElementVector(ElementTetP2()), np.eye(3)
+
+    def mesh() -> Any:
+        return MeshTet(regular.p + moved, regular.t)
+
+    tensor = lam * np.einsum("ca,db->cadb", one, one)
+    tensor += mu * (np.einsum("cd,ab->cadb", one, one) + np.einsum("cb,ad->cadb", one, one))
+    AffineCells.of(Basis(MeshTet(), element)).matrix(tensor)  # compiles
+    basis = Basis(mesh(), element)
+    cells = AffineCells.of(basis)
+    line: dict[str, Any] = {"n": n, "cells": basis.nelems, "unknowns": basis.N}
+    line["AffineCells"] = seconds(lambda: AffineCells.of(basis).matrix(tensor), repeats)
+    line["Basis"] = seconds(lambda: Basis(mesh(), element), 2)
+    form = linear_elasticity(lam, mu)
+    line["asm"] = seconds(lambda: form.assemble(basis), 2)
+    expected, found = form.assemble(basis), cells.matrix(tensor)
+    line["difference"] = float(abs(found - expected).max() / abs(expected).max())
+    line["ratio"] = line["asm"] / line["AffineCells"]
+    print(
+        f"P2 tetrahedra, {line['unknowns']} unknowns: scikit-fem Basis {line['Basis']:.2f} s, asm "
+        f"{line['asm']:.2f} s, AffineCells {1e3 * line['AffineCells']:.0f} ms, ratio to asm "
+        f"{line['ratio']:.1f}; difference {line['difference']:.1e}",
+        flush=True,
+    )
+    return line
+
+
 def solvers(n: int, repeats: int) -> dict[str, Any]:
     """Measure the two solvers from nothing to the solution."""
     mesh, element = square(n), ElementQuadAdini()
@@ -276,6 +317,7 @@ def main(argv: list[str] | None = None) -> dict[str, Any]:
             matrices("laplace, 25/32 n", laplace, scalar, square, 25 * n // 32, 3),
             matrices("laplace, turned", laplace, scalar, turned, n // 2, 3),
         ],
+        "tetrahedra": tetrahedra(max(n // 16, 2), min(repeats, 3)),
         "solver": solvers(n, repeats),
         "basis": bases(n, 3),
     }

@@ -186,7 +186,9 @@ def stiffness_matrix(
         # Exactly symmetric: other solvers converge on it where rounding had broken the symmetry.
         whole = np.concatenate(parts)
         return sparse.csr_array(classes.matrix(0.5 * (whole + whole.transpose(0, 2, 1))))
-    if (straight := AffineCells.of(basis)) is not None:
+    # Means of a cell are no products of gradients.
+    straight = None if mean_dilatation else AffineCells.of(basis)
+    if straight is not None:
         tensor = isotropic_tensor(lame_lambda, lame_mu, basis.mesh.dim())
         return sparse.csr_array(straight.matrix(tensor))
     total = sparse.csr_array((basis.N, basis.N))

@@ -31,6 +31,7 @@ def solver(request):
     return request.param
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("condensed", [False, True], ids=["sparse", "condensed"])
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_agreement(name, condensed, solver, make):

@@ -16,6 +16,7 @@ def plate(make, element, ratio, length=1.0, E=2.0, friction=0.4, solver="auto"):
     return ContactProblem(body, "bottom", 0.0, friction, solver=solver)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("solver", ["auto", "superlu"])
 @pytest.mark.parametrize("ratio", [25, 250, 1000])
 @pytest.mark.parametrize("element", PLANE_AND_BFS)
@@ -48,6 +49,7 @@ def test_thin_plate_in_space(make):
     assert abs(result.contact_force - 1.0) < 1e-11
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("held", ["pushed down", "loaded", "loose"])
 @pytest.mark.parametrize("ratio", [1e2, 1e4, 1e6])
 @pytest.mark.parametrize("element", PLANE_AND_BFS)

@@ -268,6 +268,7 @@ def test_between_two_bodies_in_finite_sliding():
         assert np.abs(result.pressure - share * 0.2 / (2.0 + 1.0 / 3.0)).max() <= 1e-11
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", range(60))
 def test_random_problems_obey_the_curve_and_the_ties(seed):
     """An answer is right, by the definition of the laws."""

@@ -81,6 +81,7 @@ ELEMENTS = [
 ]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("held", [False, True])
 @pytest.mark.parametrize("unit", [1.0, 1e-3, 1e4])
 @pytest.mark.parametrize("element", ELEMENTS, ids=lambda element: type(element).__name__)
@@ -199,6 +200,7 @@ def test_ties_through_a_history_do_not_drift():
         assert np.any(result.slip[~ties])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", range(40))
 def test_random_problems_equal_the_condensed_ones_without_the_tie(seed):
     """Elimination of the bonded rows by a dense solve leaves the other laws."""

@@ -42,6 +42,7 @@ def meeting(element, kinds, cells, friction=0.3):
     return ContactProblem([base, left, right], pairs)
 
 
+@pytest.mark.sampled(3)
 @cells
 @kinds
 @elements

@@ -37,6 +37,7 @@ def pressed(element, n, m, **more):
     return upper.fix("left", "x").load("top", (0.0, -PRESSURE)), lower
 
 
+@pytest.mark.sampled(3)
 @elements
 @pytest.mark.parametrize(("n", "m"), [(10, 1), (1, 10), (4, 7), (7, 4)])
 @pytest.mark.parametrize("friction", [0.0, 0.3])

@@ -49,6 +49,7 @@ def pairs_of_elements(seed, space):
     return rng, *(known[k] for k in rng.integers(len(known), size=2))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("space", [False, True])
 @pytest.mark.parametrize("seed", range(24))
 def test_random_pairs_of_elements_at_random_tilts(seed, space, make):

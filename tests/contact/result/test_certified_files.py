@@ -127,6 +127,7 @@ def made(make):
     return _MADE[0]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("forged", [False, True], ids=["stale checksum", "forged checksum"])
 @pytest.mark.parametrize("name", EQUATIONS)
 def test_changes_that_residuals_see(name, forged, path):

@@ -22,6 +22,7 @@ def ids(case):
     return case.__name__ if isinstance(case, type) else str(case)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e4])
 @pytest.mark.parametrize("inner", [0.0, 0.3], ids=["disc", "annulus"])
 @pytest.mark.parametrize(("element", "functional"), OFFERED, ids=ids)
@@ -118,6 +119,7 @@ def test_gauss_points_of_cubic_traces_are_refused(element, make):
         ContactProblem(body, "bottom", 0.0, functional="gauss")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("functional", ["dual", "standard", "hat"])
 @pytest.mark.parametrize("ratio", [(2, 7), (7, 2), (5, 5)], ids=str)
 @pytest.mark.parametrize("element", PLANE_AND_BFS)

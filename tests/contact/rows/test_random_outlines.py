@@ -196,6 +196,7 @@ def check_uniform_state(make, seed):
 
 # Large facets beside small ones at a large turn, in the plane and in space; and held edges that
 # turn by just less and just more than what counts as one line.
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", [*range(30), 770, 714, 753, 699, 801])
 def test_uniform_pressure(seed, make):
     """Every straight polygon, noisy, kinked or graded, is pressed evenly to round-off."""

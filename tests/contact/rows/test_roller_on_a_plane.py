@@ -117,6 +117,7 @@ def test_roller_on_average_over_places_of_the_edge(element, cells, curved):
     assert order(np.array(facets) + 1.5, found) > 1.2
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("tilt", "size"), [(0.4, 1.0), (-1.1, 1e-6), (2.5, 1e3), (np.pi / 2, 1.0)])
 @pytest.mark.parametrize(("element", "curved"), CASES)
 def test_tilted_plane(element, curved, tilt, size):

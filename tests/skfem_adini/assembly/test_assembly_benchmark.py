@@ -49,6 +49,7 @@ def test_a_small_run(benchmark, tmp_path):
     assert json.loads((tmp_path / "assembly.json").read_text())["solver"] == record["solver"]
     assert set(record["reached"]) == set(record["targets"])
     assert record["reached"]["residual"]
+    assert record["tetrahedra"]["difference"] <= 1e-13
     for line in record["matrices"]:
         assert line["difference"] <= 1e-14
         assert line["floor"]["bytes"] == 12 * line["entries"] + 4 * (line["unknowns"] + 1)

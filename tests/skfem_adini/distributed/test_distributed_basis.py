@@ -27,6 +27,7 @@ SPACES = list(spaces())
 SIZES = (1, 2, 3, 5)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize(("name", "mesh", "element", "form"), SPACES, ids=[s[0] for s in SPACES])
 def test_matrices_products_and_loads_are_the_serial_ones(

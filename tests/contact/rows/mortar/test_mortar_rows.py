@@ -69,6 +69,7 @@ def test_flat_interfaces(one, two, kind, n, m, shift, angle, size, gap):
         check_balance(mortar_rows(*pair, kind), pair, size, gap == 0)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
 @pytest.mark.parametrize("curved", [False, True])
 @pytest.mark.parametrize("kind", KINDS)

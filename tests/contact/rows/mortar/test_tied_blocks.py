@@ -23,6 +23,7 @@ def stress(body):
     return lam * np.trace(strain) * np.eye(2) + 2 * mu * strain
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("ends", ["held", "free", "one"])
 @pytest.mark.parametrize("multipliers", ["upper", "lower"])
 @pytest.mark.parametrize(("n", "m"), [(7, 10), (3, 14), (14, 3)])
