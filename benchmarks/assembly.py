@@ -234,7 +234,7 @@ def tetrahedra(n: int, repeats: int) -> dict[str, Any]:
     AffineCells.of(Basis(MeshTet(), element)).matrix(tensor)  # compiles
     basis = Basis(mesh(), element)
     cells = AffineCells.of(basis)
-    line: dict[str, Any] = {"n": n, "cells": basis.nelems, "unknowns": basis.N}
+    line: dict[str, Any] = {"n": n, "cells": int(basis.nelems), "unknowns": int(basis.N)}
     line["AffineCells"] = seconds(lambda: AffineCells.of(basis).matrix(tensor), repeats)
     line["Basis"] = seconds(lambda: Basis(mesh(), element), 2)
     form = linear_elasticity(lam, mu)
