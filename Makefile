@@ -78,7 +78,8 @@ $(MPI)/.test: .ci/petsc.sh pyproject.toml $(VENV)/.test
 
 test-mpi: $(MPI)/.test
 	@if [ -e $(MPI)/skipped ]; then echo "skipped: $$(cat $(MPI)/skipped)"; \
-	else $(ONE_THREAD) $(MPI)/bin/python -m pytest -n 0 -m mpi $(PYTEST); fi
+	else $(ONE_THREAD) $(MPI)/bin/python -m pytest -n 0 -m mpi $(PYTEST) \
+		$$(grep -rlE "mark.mpi|mpi_runs" tests --include='test_*.py'); fi
 
 # A copy without the packages, so that only the installed ones can be found.
 APART := $(VENV)-wheel
