@@ -87,11 +87,12 @@ class Decay:
         """What `make` finds; kept for the last length of a step where k does not depend on t."""
         if not self._integrals.steady:
             return make()
-        if key not in self._kept:
-            if any(length != key[0] for length, _ in self._kept):
-                self._kept = {}
-            self._kept[key] = make()
-        return self._kept[key]
+        known = self._kept
+        if key not in known:
+            # A new dict: other threads may be reading the old one.
+            same = {one: value for one, value in known.items() if one[0] == key[0]}
+            known = self._kept = {**same, key: make()}
+        return known[key]
 
     def _integral(self, node: Expression, moment: Moment, t: float, length: float) -> Any:
         return self._integrals.integral(node, moment, t, length, midpoints=True)

@@ -98,17 +98,17 @@ class Reaction:
 
     def _increment(self, node: Expression, t: float, length: float) -> Any:
         """What a source adds to all moments from t to t + length, in double precision."""
-        key = (node, length)
-        if self._sources.steady and key in self._kept:
-            return self._kept[key]
+        key, known = (node, length), self._kept
+        if self._sources.steady and key in known:
+            return known[key]
         found = self._xp.stack(
             [self._sources.integral(node, moment, t, length) for moment in self._moments]
         )
         if self._sources.steady:
             self._check_finite(found)
-            while len(self._kept) > 2 + len(self.source_parameters):
-                self._kept.pop(next(iter(self._kept)))
-            self._kept[key] = found
+            # A new dict: other threads may be reading the old one.
+            last = list(known)[-2 - len(self.source_parameters) :]
+            self._kept = {**{one: known[one] for one in last}, key: found}
         return found
 
     def _check_finite(self, found: Any) -> None:

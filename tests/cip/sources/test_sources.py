@@ -2,6 +2,8 @@
 
 import copy
 import pickle
+import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -236,3 +238,26 @@ def test_bad_sources():
     more = {"profile": "cubic", "splitting": "strang", "boundary": 1.0}
     with pytest.raises(NotSupported, match="decay: with splitting the data of the wall x- must"):
         Solver(plane, (1.0, 0.0), decay=1.0, **more)
+
+
+@pytest.mark.parametrize("part", ["source", "decay"])
+def test_one_solver_in_many_threads_with_steps_of_many_lengths(part):
+    """What was kept for one length is not taken away while another thread reads it."""
+    field = Source.from_expression("k*(2 + cos(2*pi*x1))", {"k": 0.3})
+    solver = Solver(Grid((0, 1), 4, periodic=True), 1.0, profile="cubic", **{part: field})
+    half, data = solver._reaction, solver.state("sin(2*pi*x1)").data
+    apply = half.added if part == "source" else half.decayed
+    lengths = [0.01 * (k + 1) for k in range(4)]
+    alone = [apply(data, 0.0, length) for length in lengths]
+
+    def many(first):
+        for k in range(first, first + 1500):
+            assert (apply(data, 0.0, lengths[k % 4]) == alone[k % 4]).all()
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(8) as pool:
+            list(pool.map(many, range(8)))
+    finally:
+        sys.setswitchinterval(interval)
