@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg
+from example_scripts import load
 
 from contact import InputError, PeriodicLayers
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
@@ -11,25 +12,11 @@ THICK, STIFF, NU = 0.125, 100.0, 0.2  # of the coating, its ground E = 1, nu = .
 K = 2 * np.pi
 
 
-def state_matrix(young, ratio):
-    """A of s' = A s for the state (u, w, sigma_xz, sigma_zz) of a wave in plane strain."""
-    mu = young / (2 * (1 + ratio))
-    lame = 2 * mu * ratio / (1 - 2 * ratio)
-    axial, ik = lame + 2 * mu, 1j * K
-    return np.array(
-        [
-            [0, -ik, 1 / mu, 0],
-            [-ik * lame / axial, 0, 0, 1 / axial],
-            [K**2 * (axial - lame**2 / axial), 0, 0, -ik * lame / axial],
-            [0, 0, -ik, 0],
-        ]
-    )
-
-
 def exact():
     """Displacements of the lower side per stress (xz, zz) there, and the coating's transfer."""
-    coating = scipy.linalg.expm(THICK * state_matrix(STIFF, NU))
-    whole = scipy.linalg.expm(1.5 * state_matrix(1.0, 0.3)) @ coating
+    state_matrix = load("validation_periodic").state_matrix
+    coating = scipy.linalg.expm(THICK * state_matrix(K, STIFF, NU))
+    whole = scipy.linalg.expm(1.5 * state_matrix(K, 1.0, 0.3)) @ coating
     return -np.linalg.solve(whole[:2, :2], whole[:2, 2:]), coating
 
 
