@@ -121,7 +121,7 @@ def draw(path: Path, places: np.ndarray, times: np.ndarray, strength: np.ndarray
     left.plot(*places.T, ".", color="0.6", markersize=4, label="places of the model")
     left.plot(*PLACE, "r*", markersize=13, markeredgecolor="w", label="true place")
     left.set(title="emitted near each place", xlabel="x", ylabel="y", aspect="equal")
-    left.legend(loc="lower center", fontsize="x-small", framealpha=0.9)
+    left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), fontsize="x-small")
     figure.colorbar(image, ax=left)
     right.axhline(0, color="0.8", lw=1)
     right.step(times, strength.sum(axis=1), where="pre", label="estimated, all places")

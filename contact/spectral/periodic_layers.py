@@ -167,7 +167,7 @@ class PeriodicLayers(FilteredCompliance):
         self.normal = -np.eye(self.dim)[-1]
         self.constant = adrift(self._sides, self.held | (base is not None))
         self._xp, self.interfaces = xp, interfaces
-        if interfaces not in ("smooth", "kinked"):
+        if not isinstance(interfaces, str) or interfaces not in ("smooth", "kinked"):
             raise InputError(f"interfaces={interfaces!r}: expected 'smooth' or 'kinked'")
         self._condense()
         moved = np.zeros(self.dim) if motion is None else numbers("motion", motion)

@@ -25,6 +25,7 @@ from scipy import sparse
 from skfem import CellBasis, ElementH1, ElementVector
 from skfem.mapping import MappingAffine
 
+from skfem_adini.arguments.real_numbers import real_array
 from skfem_adini.assembly import affine_kernels
 from skfem_adini.assembly.csr_scatter import index_type, row_kernel
 from skfem_adini.assembly.row_shares import in_threads, shares_of
@@ -32,6 +33,7 @@ from skfem_adini.errors import InputError
 from skfem_adini.jit import compiled
 
 Array = NDArray[np.float64]
+_ROUNDING = 1e-12  # of a tensor's symmetry, over its largest entry
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,7 @@ class AffineCells:
         Raises
         ------
         InputError
-            Another shape.
+            Another shape, no finite real numbers, or another symmetry.
         """
         k, around = self.components, self._around()
         geometry, shares = self._geometry(tensor), shares_of(around[0], len(self._functions))
@@ -147,11 +149,17 @@ class AffineCells:
     def _geometry(self, tensor: Array) -> Array:
         """Return G, shape (cells, k, k, dim, dim)."""
         k, (cells, dim, _) = self.components, self.inverse.shape
+        tensor = real_array("tensor", tensor)
         if tensor.shape not in ((k, dim, k, dim), (k, dim, k, dim, cells)):
             raise InputError(
                 f"tensor: expected shape {(k, dim, k, dim)} or {(k, dim, k, dim, cells)}, got "
                 f"{tensor.shape}"
             )
+        swapped = tensor.swapaxes(0, 2).swapaxes(1, 3)
+        with np.errstate(invalid="ignore"):  # not equal where it is NaN or infinite
+            equal = np.abs(tensor - swapped) <= _ROUNDING * np.abs(tensor).max(initial=0.0)
+        if not (equal.all() and np.isfinite(tensor).all()):
+            raise InputError("tensor: expected finite numbers with C_cadb = C_dbca")
         letters = "cadb" if tensor.ndim == 4 else "cadbt"
         weighted = self.size[:, None, None] * self.inverse
         half = np.einsum(f"{letters},tqb->tcadq", tensor, weighted, optimize=True)

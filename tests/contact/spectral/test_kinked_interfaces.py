@@ -125,5 +125,7 @@ def test_without_kinks_nothing_changes():
 def test_what_is_refused():
     with pytest.raises(InputError, match="interfaces='rough': expected 'smooth' or 'kinked'"):
         block(8, interfaces="rough")
+    with pytest.raises(InputError, match="interfaces=array"):
+        block(8, interfaces=np.array(["smooth", "kinked"]))
     with pytest.raises(InputError, match="interfaces: a mesh shares all derivatives"):
         block(8).elastic()

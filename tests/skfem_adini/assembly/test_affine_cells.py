@@ -108,3 +108,17 @@ def test_another_shape_is_refused():
     cells = AffineCells.of(Basis(*CASES["vector TriP2"]))
     with pytest.raises(InputError, match=r"tensor: expected shape \(2, 2, 2, 2\) or .*got \(2, 2"):
         cells.matrix(np.zeros((2, 2)))
+
+
+NONE = np.zeros((2, 2, 2, 2))
+ONE_SIDED = NONE.copy()
+ONE_SIDED[0, 0, 1, 1] = 1.0
+
+
+@pytest.mark.parametrize(
+    "tensor", [NONE + np.nan, NONE + np.inf, NONE + 1j, ONE_SIDED, "x"], ids=lambda t: str(t)[-9:]
+)
+def test_tensors_of_another_kind_or_symmetry_are_refused(tensor):
+    cells = AffineCells.of(Basis(*CASES["vector TriP2"]))
+    with pytest.raises(InputError, match="tensor: expected"):
+        cells.matrix(tensor)
