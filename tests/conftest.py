@@ -54,20 +54,28 @@ def pytest_collection_modifyitems(config, items):
     _mark_unsampled(items)
     shard = config.getoption("--shard")
     if shard:
-        part, parts = map(int, shard.split("/"))
-        # Tests of a file share what they set up, and the kernels that they compile.
-        whole = config.getoption("--whole-files")
-        names = [item.nodeid.split("::")[0] if whole else item.nodeid for item in items]
-        chosen = [zlib.crc32(name.encode()) % parts == part for name in names]
-        config.hook.pytest_deselected(
-            items=[item for item, keep in zip(items, chosen, strict=True) if not keep]
-        )
-        items[:] = [item for item, keep in zip(items, chosen, strict=True) if keep]
+        _take_shard(config, items, *map(int, shard.split("/")))
     reason = _no_device()
     if reason:
         for item in items:
             if item.get_closest_marker("gpu"):
                 item.add_marker(pytest.mark.skip(reason=reason))
+
+
+def _take_shard(config, items, part, parts):
+    """Keep one part of the tests, or of the files, which share what they set up and compile."""
+
+    def name(item):
+        return item.nodeid.split("::")[0] if config.getoption("--whole-files") else item.nodeid
+
+    chosen = [item for item in items if zlib.crc32(name(item).encode()) % parts == part]
+    taken = set(chosen)
+    config.hook.pytest_deselected(items=[item for item in items if item not in taken])
+    if config.getoption("--start-within") is not None:
+        # In another order each turn: what comes too late once comes first another time.
+        turn = os.environ.get("CI_TURN", "")
+        chosen.sort(key=lambda item: zlib.crc32(f"{turn} {name(item)}".encode()))
+    items[:] = chosen
 
 
 def _mark_unsampled(items):
