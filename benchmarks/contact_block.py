@@ -30,7 +30,7 @@ from skfem import MeshQuad
 
 from contact import ContactProblem, ContactResult, ElasticBody, Plane, cross_check
 from contact.body.dof_entities import dof_entities
-from contact.condensation.dissection import cell_graph, nested_dissection
+from contact.condensation.dissection import nested_dissection
 from skfem_adini import ElementQuadAdini
 from skfem_adini.solvers.pardiso import has_pardiso
 
@@ -59,9 +59,8 @@ def base(body: ElasticBody, solver: str) -> float:
     S, f = body.stiffness[free][:, free], (body.f - body.stiffness @ u0)[free]
     if solver == "superlu":
         entity, points, cells = dof_entities(body.basis)
-        count = points.shape[1]
-        rank = np.empty(count, dtype=np.int64)
-        rank[nested_dissection(cell_graph(cells, count), points)] = np.arange(count)
+        rank = np.empty(points.shape[1], dtype=np.int64)
+        rank[nested_dissection(points, cells).order] = np.arange(rank.size)
         order = np.argsort(rank[entity[free]], kind="stable")
         lu = splu(
             sparse.csc_matrix(S[order][:, order]),

@@ -13,7 +13,8 @@ class FakeCudss:
         self.alive, self.calls, self.fail, self.keys = {}, [], {}, {}
         self.solved, self.error = [], 0.0  # columns of each solution, error of each solution
         self.estimates = [0] * 16
-        self.phases, self.orders = [], []  # what was executed, orders that were handed over
+        self.phases = []  # what was executed
+        self.orders, self.trees = [], []  # what was handed over
         self.during = {}  # what happens while a phase runs, by its number
 
     def __getattr__(self, name):
@@ -56,6 +57,8 @@ class FakeCudss:
             self.alive[data.value]["marks"] = numbers.astype(bool)
         elif key == 9:
             self.orders.append(numbers.copy())
+        elif key == 21:
+            self.trees.append(numbers.copy())
         else:
             assert (key, size.value) == (23, 4)
             self.alive[data.value]["interrupt"] = numbers  # the place, which is read later

@@ -35,13 +35,16 @@ class BasisSolid(Solid):
     law: StressLaw
     dilatation: str
     _live: tuple[sparse.csr_array, sparse.csr_array, NDArray[np.bool_]] | None = None
-    _give: tuple[sparse.csr_array, Array] | None = None
+    _diagonal: tuple[sparse.csr_array, Array] | None = None
+    _forces: tuple[sparse.csr_array, Array, Array] | None = None
     _picked: tuple[sparse.csr_array, sparse.csr_array] | None = None
     _portable: PortableBasis
-    _ANEW = ("stiffness", "absolute_stiffness", "lengths", "_live", "_give", "_picked")
+    _ANEW = ("stiffness", "absolute_stiffness", "lengths", "_live", "_picked",
+             "_diagonal", "_forces", "_rigid")  # fmt: skip
     _KEPT: ClassVar[tuple[str, ...]] = ("constraint",)
     _values: NDArray[np.bool_] | None = None
     _slender: bool | None = None
+    _rigid: Array | None = None
 
     if TYPE_CHECKING:
 
@@ -110,9 +113,23 @@ class BasisSolid(Solid):
 
     def give(self, forces: Array) -> float:
         """Largest displacement that one of the forces would cause if all other dofs were fixed."""
-        if self._give is None or self._give[0] is not self.stiffness:
-            self._give = self.stiffness, self.lengths[0] / self.stiffness.diagonal()
-        return _largest(forces * self._give[1])
+        return _largest(forces * self.lengths[0] / self.diagonal)
+
+    @property
+    def diagonal(self) -> Array:
+        """Diagonal of the stiffness matrix, shape (ndofs,)."""
+        S = self.stiffness
+        if self._diagonal is None or self._diagonal[0] is not S:
+            self._diagonal = S, S.diagonal()
+        return self._diagonal[1]
+
+    @property
+    def rigid(self) -> Array:
+        """`contact.body.rigid_modes.rigid_modes` of this body, which nobody may change."""
+        if self._rigid is None:
+            self._rigid = rigid_modes(self)
+            self._rigid.setflags(write=False)
+        return self._rigid
 
     @property
     def picked(self) -> sparse.csr_array:
@@ -127,6 +144,12 @@ class BasisSolid(Solid):
 
         Slender cells: from the strains, see `contact.body.cell_strains`.
         """
+        S, known = self.stiffness, self._forces
+        if known is None or known[0] is not S or not np.array_equal(known[1], u):
+            known = self._forces = S, u.copy(), self._internal(u)
+        return known[2].copy()
+
+    def _internal(self, u: Array) -> Array:
         if self.slender:
             return internal_forces(self, u)
         at_rest, values = u.copy(), self._are_values
@@ -156,7 +179,7 @@ class BasisSolid(Solid):
     def deformation(self, u: Array) -> float:
         """Largest part of a displacement that no rigid motion explains, in the units of `reach`."""
         lengths = self.lengths[0]
-        modes = rigid_modes(self) * lengths[:, None]
+        modes = self.rigid * lengths[:, None]
         modes /= np.linalg.norm(modes, axis=0)
         motion = np.linalg.lstsq(modes, lengths * u, rcond=None)[0]
         return _largest(lengths * u - modes @ motion)
@@ -174,11 +197,10 @@ class BasisSolid(Solid):
 
     def total(self, forces: Array) -> Array:
         """Resultant of forces on all dofs, shape (dim,); of a ring along its axis only."""
+        sums = np.where(self._are_values, forces, 0.0).reshape(-1, self.dim).sum(axis=0)
         if self.is_ring:
-            return np.array([0.0, (rigid_modes(self).T @ forces).sum()])
-        per_piece = self.dim * (self.dim + 1) // 2
-        sums = (rigid_modes(self).T @ forces).reshape(-1, per_piece)
-        return np.asarray(sums[:, : self.dim].sum(axis=0))
+            sums[0] = 0.0
+        return np.asarray(sums)
 
     def mean_dilatation(self, u: Array) -> Array | None:
         """Mean div u of each cell, shape (ncells,), with mean dilatation; else None."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.body.cell_finder import CURVED_MESHES
-from contact.body.rigid_modes import reduced_echelon, rigid_modes
+from contact.body.rigid_modes import reduced_echelon
 from contact.body.vector_element import DEFAULT_ELEMENT
 from contact.errors import Unbounded
 
@@ -22,7 +22,7 @@ def free_motions(body: Any) -> Array:
 
     Shape (nfree, k); translations are separated from rotations where possible.
     """
-    modes = rigid_modes(body)
+    modes = body.rigid
     P, picked = body.constraint[0], body.picked
     of_dof = body.lengths[0][:, None]
     held = of_dof * (modes - P @ (picked.T @ modes))

@@ -19,6 +19,7 @@ from skfem_adini.solvers.cudss_library import (
     load_cudss,
 )
 from skfem_adini.solvers.cudss_schur import CudssSchur
+from skfem_adini.solvers.cudss_tree import DissectionTree
 from skfem_adini.solvers.device_triangle import Restricted
 
 _log = logging.getLogger(__name__)
@@ -33,6 +34,8 @@ class DeviceSchur(ForwardCache):
         Symmetric; its block without the boundary must be positive definite.
     boundary : ndarray, shape (nb,)
         Ascending indices of the unknowns to keep, fewer than n.
+    tree : tuple of ndarray, optional
+        See `contact.condensation.elimination_order.elimination_tree`.
 
     Raises
     ------
@@ -49,11 +52,14 @@ class DeviceSchur(ForwardCache):
     """
 
     def __init__(
-        self, stiffness: sparse.csr_array | Restricted, boundary: NDArray[np.int64]
+        self,
+        stiffness: sparse.csr_array | Restricted,
+        boundary: NDArray[np.int64],
+        tree: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None,
     ) -> None:
         self._boundary = boundary
         try:
-            self._cudss = _factored(stiffness, boundary)
+            self._cudss = _factored(stiffness, boundary, tree and DissectionTree(*tree))
         except NoCudss as error:
             raise MissingDependency(f"device='cuda': {error}") from error
         except CudssError as error:
@@ -66,6 +72,7 @@ class DeviceSchur(ForwardCache):
         free: NDArray[np.int64],
         unit: Vector,
         boundary: NDArray[np.int64],
+        tree: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None,
     ) -> DeviceSchur:
         """The factor of ``D K[free][:, free] D``, which is formed on the device alone.
 
@@ -76,10 +83,10 @@ class DeviceSchur(ForwardCache):
             Ascending.
         unit : ndarray, shape (n,)
             Diagonal of D.
-        boundary : ndarray, shape (nb,)
+        boundary, tree
             As for the class.
         """
-        return cls(Restricted(stiffness, free, unit), boundary)
+        return cls(Restricted(stiffness, free, unit), boundary, tree)
 
     @property
     def schur(self) -> Any:
@@ -106,15 +113,17 @@ class DeviceSchur(ForwardCache):
         return {name: value for name, value in vars(self).items() if name != "_known"}
 
 
-def _factored(stiffness: Any, boundary: NDArray[np.int64]) -> CudssSchur:
+def _factored(
+    stiffness: Any, boundary: NDArray[np.int64], tree: DissectionTree | None
+) -> CudssSchur:
     """Factors on the device, or on the host where they do not fit and cuDSS can do with less."""
     try:
-        return CudssSchur(stiffness, boundary)
+        return CudssSchur(stiffness, boundary, tree)
     except DeviceMemory as error:
         if error.hybrid is None:
             raise
         _log.info("hybrid memory: %s", error)
-    return CudssSchur(stiffness, boundary, hybrid_memory=True)
+    return CudssSchur(stiffness, boundary, tree, hybrid_memory=True)
 
 
 def missing_for_cudss() -> str | None:

@@ -1,34 +1,80 @@
-"""Fill-reducing elimination order: nested dissection by coordinate bisection."""
+"""Fill-reducing elimination order: nested dissection by bisection of the cells' coordinates."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
+
+Index = NDArray[np.int64]
+_STEPS = 2.0**26  # coordinates this part of a body's size apart are one: rounding differs less
 
 
-def nested_dissection(
-    graph: sparse.csr_array, points: NDArray[np.float64], leaf_size: int = 6
-) -> NDArray[np.int64]:
-    """Order the vertices of a mesh graph so that its Cholesky factor stays sparse.
+@dataclass(frozen=True)
+class Dissection:
+    """The vertices of a mesh graph as parts of a binary tree of sets of cells.
 
-    Each set of vertices is cut at the median of its longest coordinate; the vertices on one side
-    that touch the other form the separator and are eliminated after both halves. All sets of one
-    level are cut together, so the cost is O(log n) passes over the edges.
+    A vertex belongs to the smallest set that holds all of its cells: to a leaf, or to the separator
+    of a set that is cut between its cells.
+
+    Attributes
+    ----------
+    levels : int
+        Cuts from the whole mesh to a leaf.
+    height : ndarray, shape (n,)
+        0 for a vertex of a leaf, h for one of the separator of a set of 2**h leaves.
+    part : ndarray, shape (n,)
+        Number of that set among those of its height.
+    """
+
+    levels: int
+    height: Index
+    part: Index
+
+    @property
+    def order(self) -> Index:
+        """Vertices in the order of elimination, (n,): both halves of a set, then its separator."""
+        return np.lexsort((self.height, (self.part + 1) << self.height))
+
+    def breadth_first(self, depth: int) -> tuple[Index, Index]:
+        """An order of elimination that ends with the separators of the largest sets.
+
+        Parameters
+        ----------
+        depth : int
+            Levels of the tree that are told apart, from 1 to ``levels + 1``; smaller sets are
+            parts of its leaves, with their vertices in the order of `order`.
+
+        Returns
+        -------
+        order : ndarray, shape (n,)
+            First all leaves, then the separators of their pairs, and so on to that of the mesh.
+        block : ndarray, shape (n,)
+            Number of the block of this order, of ``2**depth - 1``, to which a vertex belongs.
+        """
+        cut = self.levels - depth + 1  # height of the leaves that are told apart
+        height = np.maximum(self.height, cut)
+        part = self.part >> (height - self.height)
+        before = (2 << (self.levels - cut)) - (2 << (self.levels - height))
+        block = before + part
+        return self.order[np.argsort(block[self.order], kind="stable")], block
+
+
+def nested_dissection(points: NDArray[np.float64], cells: Index, leaf_size: int = 8) -> Dissection:
+    """Cut a mesh in two again and again, each set of cells across its longest coordinate.
+
+    The cut is between different coordinates of the cells' middles, next to the median: on a grid
+    the separators are whole lines or planes. All sets of a level are cut together by one sort.
 
     Parameters
     ----------
-    graph : csr_array, shape (n, n)
-        Symmetric adjacency; values are ignored.
     points : ndarray, shape (dim, n)
-        Coordinates of the vertices.
+        Coordinates of the vertices: nodes, edges, facets or cells that carry unknowns.
+    cells : ndarray, shape (k, ncells)
+        Vertices of each cell; unknowns of one cell are neighbours.
     leaf_size : int
-        Sets of at most this many vertices are not cut any more.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        ``order[k]`` is the vertex eliminated at step k.
+        Sets are cut until they have about so many cells.
 
     References
     ----------
@@ -36,87 +82,64 @@ def nested_dissection(
 
     Examples
     --------
-    A path of seven vertices: the middle one is eliminated last.
+    A path of seven vertices, whose cells are its edges: the middle one is eliminated last.
 
     >>> import numpy as np
-    >>> from scipy import sparse
-    >>> path = sparse.csr_array(np.eye(7, k=1) + np.eye(7, k=-1))
-    >>> int(nested_dissection(path, np.arange(7.0)[None], leaf_size=3)[-1])
+    >>> path = nested_dissection(np.arange(7.0)[None], np.array([np.arange(6), np.arange(1, 7)]), 2)
+    >>> int(path.order[-1])
     3
     """
-    n = graph.shape[0]
-    depth = max(0, int(np.ceil(np.log2(max(n, 1) / leaf_size)))) + 2
-    coo = graph.tocoo()
-    upper = coo.row < coo.col
-    head, tail = coo.row[upper], coo.col[upper]
-
-    path = np.zeros(n, dtype=np.int64)  # which set of the current level holds the vertex
-    end = np.zeros(n, dtype=np.int64)  # where that set's interval ends on the deepest level
-    level = np.full(n, depth, dtype=np.int64)
-    alive = np.arange(n)
-    for depth_now in range(depth):
-        if alive.size == 0:
-            break
-        right, small = _bisect(path[alive], points[:, alive], leaf_size)
-        done = alive[small]
-        level[done], end[done] = depth_now, (path[done] + 1) << (depth - depth_now)
-        side = np.full(n, -1, dtype=np.int8)
-        side[alive[~small]] = right[~small]
-
-        keep = (side[head] >= 0) & (side[tail] >= 0) & (path[head] == path[tail])
-        head, tail = head[keep], tail[keep]
-        crossing = side[head] != side[tail]
-        separator = np.unique(np.where(side[head[crossing]] == 0, head[crossing], tail[crossing]))
-        level[separator], end[separator] = depth_now, (path[separator] + 1) << (depth - depth_now)
-        side[separator] = -1
-        alive = alive[side[alive] >= 0]
-        path[alive] = 2 * path[alive] + side[alive]
-    level[alive], end[alive] = depth, path[alive] + 1
-    return np.lexsort((*points, -level, end)).astype(np.int64)
+    n = points.shape[1]
+    levels = max(0, int(np.ceil(np.log2(max(cells.shape[1], 1) / leaf_size))))
+    leaf = _leaves(sum(points[:, row] for row in cells) / max(len(cells), 1), levels)
+    first, last = np.full(n, 1 << levels), np.full(n, -1)
+    for row in cells:
+        np.minimum.at(first, row, leaf)
+        np.maximum.at(last, row, leaf)
+    first[last < 0] = last[last < 0] = 0  # vertices without cells
+    height = np.frexp((first ^ last).astype(np.float64))[1].astype(np.int64)
+    return Dissection(levels, height, first >> height)
 
 
-def _bisect(
-    path: NDArray[np.int64], points: NDArray[np.float64], leaf_size: int
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Split every set at the median of its longest side: (goes right, set is a leaf)."""
-    _, start, inverse, count = np.unique(
-        path, return_index=True, return_inverse=True, return_counts=True
-    )
-    by_set = np.argsort(inverse, kind="stable")
-    start = np.concatenate(([0], np.cumsum(count)[:-1]))
-    low = np.minimum.reduceat(points[:, by_set], start, axis=1)
-    high = np.maximum.reduceat(points[:, by_set], start, axis=1)
-    axis = np.argmax(high - low, axis=0)
-    x = points[axis[inverse], np.arange(path.size)]
+def _leaves(middles: NDArray[np.float64], levels: int) -> Index:
+    """Number of the leaf of each cell, shape (ncells,): its bits are the halves it lies in."""
+    n = middles.shape[1]
+    leaf = np.zeros(n, dtype=np.int64)
+    if levels == 0:
+        return leaf
+    low = middles.min(axis=1, keepdims=True)
+    size = float((middles - low).max()) or 1.0
+    steps = np.rint((middles - low) / size * _STEPS).astype(np.int64)
+    by_axis = np.argsort(steps, axis=1, kind="stable")
+    rank = np.empty_like(by_axis)
+    np.put_along_axis(rank, by_axis, np.arange(n)[None], axis=1)
+    everything = np.arange(n)
+    for level in range(levels):
+        count = np.bincount(leaf, minlength=1 << level)
+        stop = np.cumsum(count)
+        start, filled = stop - count, count > 0
+        by_set = np.argsort(leaf, kind="stable")
+        extent = np.zeros((len(steps), count.size), dtype=np.int64)
+        for bound, sign in ((np.maximum, 1), (np.minimum, -1)):
+            extent[:, filled] += sign * bound.reduceat(steps[:, by_set], start[filled], axis=1)
+        axis = np.argmax(extent, axis=0)
+        # One sort by set and by rank along the set's axis; the cell is found from its rank.
+        places = np.sort(leaf * n + rank[axis[leaf], everything])
+        sets = places // n
+        cell = by_axis[axis[sets], places - sets * n]
+        where = steps[axis[sets], cell]
+        cuts = np.flatnonzero(np.diff(where, prepend=where[:1]))
+        leaf[cell] = 2 * sets + (everything >= _nearest(cuts, start, stop)[sets])
+    return leaf
 
-    ranked = np.lexsort((x, inverse))
-    median = x[ranked[start + (count - 1) // 2]]
-    top = high[axis, np.arange(count.size)]
-    bottom = low[axis, np.arange(count.size)]
-    # On a grid many vertices share the median: the whole line becomes the separator. If the
-    # median is also the maximum, cut below it instead.
-    right = np.where((median < top)[inverse], x > median[inverse], x >= median[inverse])
-    flat = (bottom == top)[inverse]
-    rank = np.empty(path.size, dtype=np.int64)
-    rank[ranked] = np.arange(path.size) - start[inverse[ranked]]
-    right = np.where(flat, 2 * rank >= count[inverse], right)
-    return right, (count <= leaf_size)[inverse]
 
-
-def cell_graph(cells: NDArray[np.int64], count: int) -> sparse.csr_array:
-    """Graph of mesh entities that share a cell.
-
-    Parameters
-    ----------
-    cells : ndarray, shape (nentities a cell, ncells)
-    count : int
-        Number of entities.
-
-    Returns
-    -------
-    csr_array, shape (count, count)
-    """
-    rows = np.repeat(cells, cells.shape[0], axis=0).ravel()
-    columns = np.tile(cells, (cells.shape[0], 1)).ravel()
-    ones = np.ones(rows.size, dtype=np.int8)
-    return sparse.coo_array((ones, (rows, columns)), shape=(count, count)).tocsr()
+def _nearest(cuts: Index, start: Index, stop: Index) -> Index:
+    """The cut inside each interval that is next to its middle; the middle if there is none."""
+    middle = (start + stop) // 2
+    if cuts.size == 0:
+        return middle
+    after = np.searchsorted(cuts, middle)
+    left = cuts[np.maximum(after - 1, 0)]
+    right = cuts[np.minimum(after, cuts.size - 1)]
+    best = np.where(np.abs(left - middle) <= np.abs(right - middle), left, right)
+    return np.where((best > start) & (best < stop), best, middle)

@@ -8,15 +8,60 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.body.dof_entities import dof_entities
-from contact.condensation.dissection import cell_graph, nested_dissection
+from contact.condensation.dissection import Dissection, nested_dissection
+
+Index = NDArray[np.int64]
+# Levels of the tree that cuDSS gets: its own have ten. With fewer than six its factorisation is
+# slower than with those of its own order.
+_DEEPEST, _FLATTEST = 10, 6
+_FEWEST = 20_000  # unknowns below which cuDSS has its own order in milliseconds
 
 
-def elimination_order(body: Any) -> NDArray[np.int64]:
-    """Free unknowns in the nested-dissection order of their mesh entities."""
+def elimination_order(body: Any) -> Index:
+    """Free unknowns in the nested-dissection order of their mesh entities, shape (n,)."""
+    entity, dissection = _dissected(body)
+    rank = np.empty_like(dissection.part)
+    rank[dissection.order] = np.arange(rank.size)
+    return np.argsort(rank[entity], kind="stable")
+
+
+def elimination_tree(body: Any, kept: Index) -> tuple[Index, Index] | None:
+    """An order of elimination of the free unknowns by levels, in the blocks of a binary tree.
+
+    Parameters
+    ----------
+    body : BasisSolid
+    kept : ndarray, shape (nb,)
+        Ascending numbers of unknowns that come last, as a part of the last block.
+
+    Returns
+    -------
+    order : ndarray, shape (n,)
+        Its blocks are the leaves of the tree, then the separators of ever larger sets.
+    sizes : ndarray, shape (2**levels - 1,)
+        Unknowns in each block. None instead of both for small bodies, and where one is empty.
+    """
+    if body.constraint[0].shape[1] < _FEWEST:
+        return None
+    entity, dissection = _dissected(body)
+    last = np.zeros(entity.size, dtype=bool)
+    last[kept] = True
+    for depth in range(min(_DEEPEST, dissection.levels + 1), _FLATTEST - 1, -1):
+        order, block = dissection.breadth_first(depth)
+        blocks = np.where(last, (1 << depth) - 2, block[entity])
+        sizes = np.bincount(blocks, minlength=(1 << depth) - 1)
+        if sizes.min() > 0:
+            rank = np.empty_like(order)
+            rank[order] = np.arange(order.size)
+            # Ranks ascend with the blocks; those that are kept stay in their own order.
+            steps = np.argsort(np.where(last, order.size, rank[entity]), kind="stable")
+            return steps, sizes
+    return None
+
+
+def _dissected(body: Any) -> tuple[Index, Dissection]:
+    """The entity of each free unknown, and the dissection of all entities."""
     entity, points, cells = dof_entities(body.basis)
     picked = body.picked.tocsc()
     leading = picked.indices[picked.indptr[:-1]]
-    count = points.shape[1]
-    rank = np.empty(count, dtype=np.int64)
-    rank[nested_dissection(cell_graph(cells, count), points)] = np.arange(count)
-    return np.argsort(rank[entity[leading]], kind="stable").astype(np.int64)
+    return entity[leading], nested_dissection(points, cells)

@@ -13,7 +13,7 @@ from contact.arrays.dense_arrays import HostArrays
 from contact.body.free_motions import free_motions, unseen_motion
 from contact.condensation.condensed_body import BodyRows, CondensedBody
 from contact.condensation.device_schur import DeviceSchur
-from contact.condensation.elimination_order import elimination_order
+from contact.condensation.elimination_order import elimination_order, elimination_tree
 from contact.condensation.schur import schur_factor
 from contact.condensation.strain_factor import factor_of_strains, strains_can_be_factored
 
@@ -47,7 +47,7 @@ class SparseBody(CondensedBody):
         # Scale the unknowns to unit stiffness: the magnitudes of values and derivatives, and of
         # directions, then depend neither on the unit of length nor on the aspect ratio of cells.
         # Powers of two cause no rounding.
-        diagonal = S.diagonal() if free is None else S.diagonal()[free]
+        diagonal = S.diagonal() if free is None else body.diagonal[free]
         exponent = np.round(-0.5 * np.log2(np.where(diagonal > 0, diagonal, 1.0)))
         unit = np.ldexp(1.0, exponent.astype(np.int64))
         self._P = sparse.csr_array(P @ sparse.diags_array(unit))
@@ -78,7 +78,7 @@ class SparseBody(CondensedBody):
         """Factor ``D S D``, or the same of the free rows and columns of S."""
         b, inner = self._boundary, self._boundary.size < unit.size
         if on_device and inner and free is not None and (np.diff(free) > 0).all():
-            return DeviceSchur.of_selection(S, free, unit, b)
+            return DeviceSchur.of_selection(S, free, unit, b, elimination_tree(self.body, b))
         S = sparse.csr_array(S if free is None else S[free][:, free])
         S.data *= np.repeat(unit, np.diff(S.indptr))
         S.data *= unit[S.indices]

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 # cuDSS's numbers (cudss_data_types.h of version 1.0; those of 0.x differ).
 _REFINEMENTS, _HYBRID_MEMORY, _MEMORY_LIMIT, _DETERMINISTIC = 5, 11, 12, 24
-_INFO, _FILL, _ORDER = 0, 1, 9
+_INFO, _FILL, ORDER = 0, 1, 9
 ANALYSIS, FACTORISATION, REFACTORISATION, SOLUTION = 0b11, 0b100, 0b1000, 0b11_1111_0000
 # Corrections of a solution by its residual, as many as PARDISO makes. cuDSS makes none in its
 # deterministic mode, and solves for one load at a time there.
@@ -85,7 +85,7 @@ class CudssMatrix:
             arrays = self._triangle.arrays(A)
             self._cudss = CudssHandles(opened, arrays, definite, self._settings())
             if order is not None:
-                self._cudss.put(_ORDER, order)
+                self._cudss.put(ORDER, order)
             self._prepare()
             self._factor(ANALYSIS, FACTORISATION)
             weakref.finalize(self, self._cudss.release, opened.pop_all())

@@ -54,8 +54,7 @@ class CudssHandles:
             self._call("cudssSetThreadingLayer", self._handle, os.fsencode(layer))
         self._config = self.create(opened, "cudssConfigCreate", "cudssConfigDestroy")
         for key, value in settings.items():
-            size = ctypes.c_size_t(ctypes.sizeof(value))
-            self._call("cudssConfigSet", self._config, key, ctypes.byref(value), size)
+            self.configure(key, value)
         self._data = ctypes.c_void_p()
         self._call("cudssDataCreate", self._handle, ctypes.byref(self._data))
         opened.callback(self.library.cudssDataDestroy, self._handle, self._data)
@@ -76,6 +75,17 @@ class CudssHandles:
         """Destroy the handles, unless in a forked process."""
         if os.getpid() == self._process:
             opened.close()
+
+    @property
+    def pattern(self) -> tuple[Any, Any]:
+        """Row starts and columns of the upper triangle, on the device."""
+        starts, columns, _ = self._kept[0]
+        return starts, columns
+
+    def configure(self, key: int, value: Any) -> None:
+        """Change a setting of cuDSS to a number of ctypes."""
+        size = ctypes.c_size_t(ctypes.sizeof(value))
+        self._call("cudssConfigSet", self._config, key, ctypes.byref(value), size)
 
     def columns(self, opened: ExitStack, count: int) -> tuple[Any, Any, Any, Any]:
         """Return two arrays of shape (count, n), each followed by its handle as (n, count)."""

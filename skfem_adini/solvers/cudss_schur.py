@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skfem_adini.solvers.cudss import CudssMatrix
+from skfem_adini.solvers.cudss import ORDER, CudssMatrix
+from skfem_adini.solvers.cudss_handles import permutation
+from skfem_adini.solvers.cudss_tree import DissectionTree
 
 Array = NDArray[np.float64]
 
 # cuDSS's numbers (cudss_data_types.h of version 1.0).
-_SCHUR_MODE = 23
-_MARKS, _SHAPE, _COMPLEMENT = 18, 19, 20
+_LEVELS, _SCHUR_MODE = 17, 23
+_MARKS, _SHAPE, _COMPLEMENT, _TREE = 18, 19, 20, 21
 FORWARD, BACKWARD = 0b11_0000, 0b1_1000_0000
 
 
@@ -32,8 +34,9 @@ class CudssSchur(CudssMatrix):
         positive definite.
     chosen
         Ascending indices of the unknowns to keep, shape (k,), fewer than n.
-    order
-        Order of elimination, shape (n,), the chosen unknowns last; None as for `CudssMatrix`.
+    tree
+        Order of elimination and its blocks, the chosen unknowns last and ascending. cuDSS finds
+        one of its own if None, or if the blocks do not separate the unknowns of A.
     hybrid_memory
         As for `CudssMatrix`.
 
@@ -53,14 +56,15 @@ class CudssSchur(CudssMatrix):
     """
 
     def __init__(
-        self, A: Any, chosen: ArrayLike, order: ArrayLike | None = None,
+        self, A: Any, chosen: ArrayLike, tree: DissectionTree | None = None,
         hybrid_memory: bool | int = False,
     ) -> None:  # fmt: skip
         self._marks = np.zeros(A.shape[0], dtype=np.int32)
         self._marks[np.asarray(chosen)] = 1
         self._count = int(self._marks.sum())
-        super().__init__(A, True, False, order, hybrid_memory)
-        self._given = A, chosen, order, hybrid_memory
+        self._tree = tree
+        super().__init__(A, True, False, None, hybrid_memory)
+        self._given = A, chosen, tree, hybrid_memory
         self.complement = self._complement()
 
     def refactor(self, A: Any) -> None:
@@ -81,6 +85,10 @@ class CudssSchur(CudssMatrix):
 
     def _prepare(self) -> None:
         self._cudss.put(_MARKS, self._marks)
+        if self._tree is not None and self._tree.separates(self._cudss.xp, *self._cudss.pattern):
+            self._cudss.put(ORDER, permutation(self._tree.order, self._n))
+            self._cudss.put(_TREE, self._tree.sizes.astype(np.int32))
+            self._cudss.configure(_LEVELS, ctypes.c_int(self._tree.levels))
 
     def _more_bytes(self) -> int:
         return 8 * self._count**2

@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from fake_cudss import FakeCudss
+from scipy import sparse
 from skfem import (
     ElementHex1,
     ElementQuad1,
@@ -17,12 +18,14 @@ from skfem import (
 from contact import ContactProblem, CutBody, ElasticBody, InputError, LoadStepper, Plane
 from contact.arrays.dense_arrays import DeviceMatrix, HostArrays
 from contact.condensation import condense as condense_module
-from contact.condensation import device_choice, device_schur
+from contact.condensation import device_choice, device_schur, elimination_order
 from contact.condensation.device_schur import DeviceSchur
 from contact.condensation.schur import SuperLUSchur
 from contact.errors import ContactError, MissingDependency
 from skfem_adini import ElementHexAdini, ElementQuadAdini
 from skfem_adini.solvers import cudss, cudss_handles, cudss_library, cudss_memory
+from skfem_adini.solvers.cudss_schur import CudssSchur
+from skfem_adini.solvers.cudss_tree import DissectionTree
 
 
 class Elsewhere(HostArrays):
@@ -57,14 +60,14 @@ def on_host(array):
     return array.get() if hasattr(array, "get") else array
 
 
-def box_body(make, element, **material):
+def box_body(make, element, cells=None, **material):
     dim = element().dim
-    ticks = [np.linspace(0.0, 1.0, 4 if dim == 3 else 9)] * dim
+    ticks = [np.linspace(0.0, 1.0, 1 + (cells or (3 if dim == 3 else 8)))] * dim
     return ElasticBody.from_mesh(make.box(element, *ticks), element(), **material)
 
 
-def held(make, element, unit=1.0):
-    body = box_body(make, element, E=2.0 * unit, nu=0.3)
+def held(make, element, unit=1.0, cells=None):
+    body = box_body(make, element, cells, E=2.0 * unit, nu=0.3)
     last = "xyz"[body.dim - 1]
     body.fix("top", last, -0.05).fix("top", "x", lambda x: 0.02 + 0.01 * x[0])
     return ContactProblem(body, "bottom", bowl, 0.3)
@@ -291,15 +294,57 @@ def test_free_rows_are_taken_on_the_device_where_unknowns_are_dofs(engine, make,
     taken = []
     of_selection = DeviceSchur.of_selection.__func__
 
-    def noted(cls, stiffness, free, unit, boundary):
+    def noted(cls, stiffness, free, *others):
         taken.append(free)
-        return of_selection(cls, stiffness, free, unit, boundary)
+        return of_selection(cls, stiffness, free, *others)
 
     monkeypatch.setattr(DeviceSchur, "of_selection", classmethod(noted))
     pose, element = CASES[case]
     pose(make, element).condense(device="cuda")
     (free,) = taken
     assert (np.diff(free) > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("element", "cells"),
+    [(ElementQuadAdini, 64), (ElementTriP2, 72), (ElementHex1, 20), (ElementTetP2, 9)],
+)
+def test_a_dissection_of_the_mesh_is_handed_over(engine, make, element, cells, monkeypatch):
+    if engine is not None:  # which is slow, and knows no smallest tree
+        cells = 9 if element().dim == 2 else 5
+        monkeypatch.setattr(elimination_order, "_FEWEST", 0)
+        monkeypatch.setattr(elimination_order, "_FLATTEST", 2)
+    problem = held(make, element, cells=cells)
+    condensed = problem.condense(device="cuda")
+    there = problem.solve()
+    here = held(make, element, cells=cells).solve()
+    np.testing.assert_allclose(there.mu, here.mu, rtol=0, atol=1e-10 * here.mu.max())
+    np.testing.assert_allclose(there.u, here.u, rtol=0, atol=1e-9 * np.abs(here.u).max())
+    if engine is None:
+        return
+    kept = condensed.parts[0]._boundary
+    (order,), (sizes,) = engine.orders, engine.trees
+    np.testing.assert_array_equal(np.sort(order), np.arange(order.size))
+    np.testing.assert_array_equal(order[-kept.size :], kept)
+    assert sizes.sum() == order.size
+    assert sizes.min() > 0
+    assert engine.keys[17] == np.log2(sizes.size + 1)
+
+
+def test_a_tree_that_does_not_separate_is_not_handed_over(engine):
+    A = 9.0 * np.eye(7) + np.diag(np.ones(6), 1) + np.diag(np.ones(6), -1)
+    tree = DissectionTree(np.array([0, 1, 2, 4, 5, 3, 6]), np.array([3, 2, 2]))
+    far = A.copy()
+    far[0, 5] = far[5, 0] = 1.0  # joins two leaves
+    A[3, 6] = A[6, 3] = A[2, 6] = A[6, 2] = 1.0  # joins with the root
+    for matrix, trees in ((A, 1), (far, 0)):
+        factor = CudssSchur(sparse.csr_array(matrix), [6], tree)
+        inner = np.linalg.solve(matrix[:6, :6], matrix[:6, 6:])
+        exact = matrix[6:, 6:] - matrix[6:, :6] @ inner
+        np.testing.assert_allclose(on_host(factor.complement), exact, atol=1e-14)
+        if engine is not None:
+            assert len(engine.trees) == trees
+            engine.trees.clear()
 
 
 @pytest.mark.parametrize("element", [ElementQuadAdini, ElementHex1])

@@ -21,16 +21,19 @@ def grid(*counts):
         high = np.take(number, range(1, counts[axis]), axis).ravel()
         pairs.append((low, high))
     head, tail = np.hstack(pairs)
-    half = sparse.coo_array((np.ones(head.size), (head, tail)), shape=(number.size,) * 2)
-    return sparse.csr_array(half + half.T), points
+    return points, np.array([head, tail])
 
 
 def mesh_graph(mesh):
-    groups = mesh.t
-    rows = np.repeat(groups, groups.shape[0], axis=0).ravel()
-    columns = np.tile(groups, (groups.shape[0], 1)).ravel()
-    graph = sparse.coo_array((np.ones(rows.size), (rows, columns)), shape=(mesh.p.shape[1],) * 2)
-    return sparse.csr_array(graph), mesh.p
+    return mesh.p, mesh.t
+
+
+def adjacency(points, cells):
+    """The graph whose edges join vertices of one cell."""
+    rows = np.repeat(cells, cells.shape[0], axis=0).ravel()
+    columns = np.tile(cells, (cells.shape[0], 1)).ravel()
+    n = points.shape[1]
+    return sparse.csr_array(sparse.coo_array((np.ones(rows.size), (rows, columns)), shape=(n, n)))
 
 
 def unstructured():
@@ -43,9 +46,9 @@ def unstructured():
 
 
 def two_pieces():
-    graph, points = grid(9, 7)
-    both = sparse.block_diag((graph, graph), format="csr")
-    return sparse.csr_array(both), np.hstack([points, points + np.array([[20.0], [0.0]])])
+    points, edges = grid(9, 7)
+    other = points + np.array([[20.0], [0.0]])
+    return np.hstack([points, other]), np.hstack([edges, edges + points.shape[1]])
 
 
 GRAPHS = {
@@ -54,10 +57,10 @@ GRAPHS = {
     "unstructured": unstructured,
     "tetrahedra": lambda: mesh_graph(MeshTet().refined(2)),
     "two-pieces": two_pieces,
-    "no-edges": lambda: (sparse.csr_array((30, 30)), np.random.default_rng(0).random((2, 30))),
-    "all-at-one-point": lambda: (grid(5, 5)[0], np.zeros((2, 25))),
+    "no-edges": lambda: (np.random.default_rng(0).random((2, 30)), np.empty((2, 0), dtype=int)),
+    "all-at-one-point": lambda: (np.zeros((2, 25)), grid(5, 5)[1]),
     "on-a-line": lambda: grid(40),
-    "single-vertex": lambda: (sparse.csr_array((1, 1)), np.zeros((2, 1))),
+    "single-vertex": lambda: (np.zeros((2, 1)), np.empty((2, 0), dtype=int)),
     "two-vertices": lambda: grid(2, 1),
 }
 
@@ -75,23 +78,50 @@ def factor_nnz(graph, order):
 @pytest.mark.parametrize("name", GRAPHS)
 @pytest.mark.parametrize("leaf_size", [1, 6, 50])
 def test_is_a_permutation(name, leaf_size):
-    graph, points = GRAPHS[name]()
-    order = nested_dissection(graph, points, leaf_size)
-    assert np.array_equal(np.sort(order), np.arange(graph.shape[0]))
+    points, cells = GRAPHS[name]()
+    dissection = nested_dissection(points, cells, leaf_size)
+    assert np.array_equal(np.sort(dissection.order), np.arange(points.shape[1]))
+    for depth in range(1, dissection.levels + 2):
+        order, block = dissection.breadth_first(depth)
+        assert np.array_equal(np.sort(order), np.arange(points.shape[1]))
+        assert np.all(np.diff(block[order]) >= 0)
+        assert block.min() >= 0
+        assert block.max() <= 2**depth - 2
+
+
+@pytest.mark.parametrize("name", GRAPHS)
+def test_blocks_touch_what_they_must_not_only_through_their_ancestors(name):
+    """Neighbours lie in one block, or one in a separator of a set that holds the other."""
+    points, cells = GRAPHS[name]()
+    dissection = nested_dissection(points, cells, 2)
+    graph = adjacency(points, cells).tocoo()
+    for depth in range(1, dissection.levels + 2):
+        block = dissection.breadth_first(depth)[1]
+        level, place = [], []
+        for b in block:  # leaves first: level depth - 1, then each level above
+            l = depth - 1
+            while b >= 1 << l:
+                b, l = b - (1 << l), l - 1
+            level.append(l)
+            place.append(b)
+        for i, j in zip(graph.row, graph.col, strict=True):
+            up, down = (i, j) if level[i] <= level[j] else (j, i)
+            assert place[down] >> (level[down] - level[up]) == place[up]
 
 
 @pytest.mark.parametrize("k", [15, 31])
 def test_first_separator_is_the_middle_line(k):
-    graph, points = grid(k + 2, k)  # longest along the first coordinate
-    order = nested_dissection(graph, points)
+    points, edges = grid(k + 2, k)  # longest along the first coordinate
+    order = nested_dissection(points, edges).order
     assert np.array_equal(np.unique(points[0, order[-k:]]), [(k + 1) / 2])
 
 
 @pytest.mark.parametrize("name", ["grid", "grid-3d", "unstructured", "tetrahedra"])
 def test_separators_separate(name):
     """Without a small share of the last vertices, no connected piece is larger than 60 %."""
-    graph, points = GRAPHS[name]()
-    order, n = nested_dissection(graph, points), graph.shape[0]
+    points, cells = GRAPHS[name]()
+    graph = adjacency(points, cells)
+    order, n = nested_dissection(points, cells).order, points.shape[1]
     for last in range(n):
         rest = order[: n - last]
         _, piece = connected_components(graph[rest][:, rest], directed=False)
@@ -108,8 +138,9 @@ def test_fill_on_a_grid():
     fill, natural = [], []
     sizes = (15, 31, 63)
     for k in sizes:
-        graph, points = grid(k, k)
-        fill.append(factor_nnz(graph, nested_dissection(graph, points)))
+        points, cells = grid(k, k)
+        graph = adjacency(points, cells)
+        fill.append(factor_nnz(graph, nested_dissection(points, cells).order))
         natural.append(factor_nnz(graph, np.arange(k * k)))
     assert fill[-1] < 0.4 * natural[-1]
     order_of_growth = np.polyfit(np.log(np.square(sizes)), np.log(fill), 1)[0]
@@ -120,9 +151,9 @@ def test_fill_on_a_grid():
 
 @pytest.mark.parametrize("name", ["grid", "unstructured", "tetrahedra", "two-pieces"])
 def test_fill_beats_natural_and_random_order(name):
-    graph, points = GRAPHS[name]()
-    n = graph.shape[0]
-    fill = factor_nnz(graph, nested_dissection(graph, points))
+    points, cells = GRAPHS[name]()
+    graph, n = adjacency(points, cells), points.shape[1]
+    fill = factor_nnz(graph, nested_dissection(points, cells).order)
     assert fill < factor_nnz(graph, np.random.default_rng(0).permutation(n))
     assert fill < factor_nnz(graph, np.lexsort(points))
 
@@ -131,6 +162,6 @@ def test_fill_beats_natural_and_random_order(name):
 def test_coordinates_only_choose_where_to_cut(element, make):
     """Scaling and shifting the points changes nothing."""
     ticks = np.linspace(0, 1, 5)
-    graph, points = mesh_graph(make.box(element, *(ticks,) * element().dim))
-    order = nested_dissection(graph, points)
-    assert np.array_equal(nested_dissection(graph, 8.0 * points + 2.0), order)
+    points, cells = mesh_graph(make.box(element, *(ticks,) * element().dim))
+    order = nested_dissection(points, cells, 1).order
+    assert np.array_equal(nested_dissection(8.0 * points + 2.0, cells, 1).order, order)
