@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 # The tests run side by side, one process a core; more BLAS threads would only get in their way.
 # Each process takes neighbouring tests (worksteal), so that few kernels are compiled twice.
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
+# Processes find what others compiled, of tests with their assertions above all: without, each compiles it anew.
+unexport PYTHONDONTWRITEBYTECODE
 EXAMPLES := $(addprefix run-,$(notdir $(wildcard examples/*.py)))
 
 # A part of a lane, and where the clock ends it: make test-slow PYTEST="--shard=0/12 --start-within=200"

@@ -1,5 +1,6 @@
 """Hypothesis profiles: `ci` is the fast lane, `slow` runs with `make test-slow`."""
 
+import gc
 import os
 import sys
 import time
@@ -39,6 +40,23 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     """A limited lane counts from here."""
     config.started = time.monotonic()
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Files of other parts are not imported."""
+    shard = config.getoption("--shard")
+    if shard and config.getoption("--whole-files") and collection_path.name.startswith("test_"):
+        part, parts = map(int, shard.split("/"))
+        name = collection_path.relative_to(config.rootpath).as_posix()
+        if zlib.crc32(name.encode()) % parts != part:
+            return True
+    return None
+
+
+def pytest_collection_finish():
+    """What was collected stays: the garbage collector need not go through it at every test."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_runtest_setup(item):
