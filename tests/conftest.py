@@ -97,17 +97,22 @@ def _take_shard(config, items, part, parts):
 
 
 def _mark_unsampled(items):
-    """Of the tests of a function marked `sampled(n)` all but each n-th become slow ones."""
+    """Of the fast tests of a function marked `sampled(n)` all but each n-th become slow ones.
+
+    CI_TURN, which CI sets to the number of commits, says from which of them on: n turns take all.
+    """
+    turn = int(os.environ.get("CI_TURN", 0))
     functions = {}
     for item in items:
         marker = item.get_closest_marker("sampled")
-        if marker:
+        if marker and not item.get_closest_marker("slow"):
             functions.setdefault(item.nodeid.split("[")[0], (marker.args[0], []))[1].append(item)
     for every, found in functions.values():
         # In a fixed order without pattern: strides would meet the same element again and again.
         found.sort(key=lambda item: zlib.crc32(item.nodeid.encode()))
+        first = turn % min(every, len(found))
         for k, item in enumerate(found):
-            if k % every:
+            if (k - first) % every:
                 item.add_marker(pytest.mark.slow)
 
 

@@ -24,20 +24,39 @@ CODE = {
     for page in PAGES
     if page not in TUTORIALS
     for k, code in enumerate(blocks(page))
-} | {page.stem: "\n".join(blocks(page)) for page in TUTORIALS if blocks(page)}
+}
+LESSONS = {page.stem: "\n".join(blocks(page)) for page in TUTORIALS if blocks(page)}
 
 
-@pytest.mark.parametrize("name", CODE)
-def test_code_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+def run(name: str, code: str, capsys: pytest.CaptureFixture[str]) -> None:
     import matplotlib.pyplot as plt
 
-    if "petsc4py" in CODE[name]:
-        pytest.importorskip("petsc4py", reason="the block is about PETSc")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(ROOT / "examples")
-    exec(compile(CODE[name], f"{name}.md", "exec"), {"__name__": name})
+    exec(compile(code, f"{name}.md", "exec"), {"__name__": name})
     plt.close("all")
     assert "False" not in capsys.readouterr().out
+
+
+@pytest.fixture
+def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Somewhere to write, with the examples at hand."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(ROOT / "examples")
+
+
+@pytest.mark.usefixtures("reader")
+@pytest.mark.parametrize("name", CODE)
+def test_code_runs(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    if "petsc4py" in CODE[name]:
+        pytest.importorskip("petsc4py", reason="the block is about PETSc")
+    run(name, CODE[name], capsys)
+
+
+# The build of the site, which CI makes each time, runs them all and fails where one does.
+@pytest.mark.sampled(3)
+@pytest.mark.usefixtures("reader")
+@pytest.mark.parametrize("name", LESSONS)
+def test_tutorials_run(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    run(name, LESSONS[name], capsys)
 
 
 def test_first_result_is_as_long_as_promised() -> None:

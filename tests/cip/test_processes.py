@@ -91,6 +91,7 @@ VELOCITIES = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("how", ["pickle", "deepcopy"])
 @pytest.mark.parametrize("kind", VELOCITIES)
 def test_velocities_and_solvers_survive(kind, how):

@@ -64,6 +64,7 @@ assert right(inherited.solve().u, u) and right(factors.solve(b), x)
 """
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("layer", ["GNU", "INTEL"])
 def test_a_forked_process_solves_with_what_it_inherits(layer):
     """With libgomp, whose threads are lost in a fork, children waited for them for ever."""

@@ -93,6 +93,7 @@ def same(result, reference, Q, shift, length, E, tol):
     assert np.abs(one - two).max() < 10 * tol * np.abs(two).max()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("law", "friction"), [("coulomb", 0.0), ("coulomb", 0.4), ("tresca", 0.4)])
 @pytest.mark.parametrize("element", PLANAR)
 def test_rotation(element, law, friction, home):
@@ -110,6 +111,7 @@ def test_rotation(element, law, friction, home):
     check()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("element", PLANAR)
 def test_shift(element, home):
     reference = home(element)

@@ -195,6 +195,7 @@ CALLS = {
 _OF_MANY_CELLS = {"layer cells", "layers lengths"}
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", CALLS)
 def test_odd_arguments(name, solved):
     """Whatever comes out is typed; what is taken is taken as it is."""

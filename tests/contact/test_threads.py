@@ -91,6 +91,7 @@ def test_one_problem_of_two_bodies_solved_by_many(solver):
     assert all(same(expected, found) for found in (*together, *apart))
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("element", PLANE + SOLID, ids=lambda e: e.__name__)
 @pytest.mark.filterwarnings("ignore::contact.ContactWarning")

@@ -237,7 +237,7 @@ def run(make, seed, thorough=True):
     assert np.abs(result.resultant - force).max() < 1e-6 * max(np.abs(force).max(), 1e-6 * unit)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("seed", range(40))
 def test_random_problem(seed, make):
     run(make, seed, thorough=False)

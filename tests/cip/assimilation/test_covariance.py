@@ -20,6 +20,7 @@ def dense(B):
     return S @ S.T
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", GRIDS)
 @pytest.mark.parametrize("profile", ["cubic", "quintic"])
 def test_variances_are_exact_and_the_root_has_its_transpose(name, profile):

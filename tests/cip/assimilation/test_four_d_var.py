@@ -92,6 +92,7 @@ def kalman(solver, background, B, sensors, Q):
     return x, start, P0, cost
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", SCHEMES)
 @pytest.mark.parametrize("weak", [False, True], ids=["strong", "weak"])
 def test_it_is_the_kalman_filter_and_smoother(name, weak):
@@ -136,8 +137,12 @@ def test_fewer_combinations_never_promise_more(rank):
     assert part.complete
 
 
+@pytest.mark.slow
 def test_deviations_are_those_of_the_errors():
-    """Calibration: truths drawn from the prior, the same noise as assumed."""
+    """Calibration: truths drawn from the prior, the same noise as assumed.
+
+    The fast lane has the exact deviations, those of the smoother in dense matrices.
+    """
     solver, background, B, plan, Q = problem("cubic", dropouts=0.0)
     ratios, chi = [], []
     for seed in range(40):
@@ -192,6 +197,7 @@ def test_an_unknown_speed_and_start():
     ).explained
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("profile", ["adini", "bicubic"])
 def test_the_linearisation_of_a_window(profile):
     """Start, parameters and model errors together: the transpose, and Taylor's remainder."""

@@ -37,6 +37,7 @@ def check(compile_cuda, architecture, kernel, form="advection", uneven=False, **
 PATHS = [("cubic", None, 1), ("adini", None, 2), ("cubic", None, 3)]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     KIND, [kernel for kernel in KERNELS if kernel[3] == "stored" or kernel[:3] in PATHS]
 )
@@ -60,12 +61,15 @@ def test_every_kernel_compiles(compile_cuda, profile, limiter, dim, feet, archit
         check(compile_cuda, architecture, kernel, uneven=True)
 
 
-@pytest.mark.sampled(3)
-@pytest.mark.parametrize(("dim", "profile"), [(1, "cubic"), (2, "adini")])
-def test_snapshots_and_parameters_compile(compile_cuda, dim, profile):
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize(
+    ("dim", "profile", "degree"),
+    [(1, "cubic", 5), (2, "adini", 3), pytest.param(2, "adini", 5, marks=pytest.mark.slow)],
+)
+def test_snapshots_and_parameters_compile(compile_cuda, dim, profile, degree):
     """Splines and named parameters as arguments of the kernel."""
     grid = Grid([(0, 1)] * dim, (8,) * dim, periodic=True)
-    winds = Velocity.from_snapshots([0, 1], np.zeros((2, dim, *grid.nodes)), grid)
+    winds = Velocity.from_snapshots([0, 1], np.zeros((2, dim, *grid.nodes)), grid, degree)
     named = Velocity.from_expression(*["a*cos(t)"] * dim, parameters={"a": 1.0})
     for velocity in (winds, named):
         (stage,) = Solver(grid, velocity, profile=profile)._stages

@@ -183,7 +183,7 @@ def test_parameters_are_arguments_of_the_kernel(tmp_path):
     assert len(sources) == 1
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("dim", "profile", "degree"),
     [

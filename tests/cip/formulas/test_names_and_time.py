@@ -27,6 +27,7 @@ def by_name(x, *, time=0.0):
     return np.cos(time) + 0 * np.where(x > 3, x, 1.0)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("c", [default, third, by_name, [default]])
 @pytest.mark.parametrize("steady", [None, False])
 def test_a_default_for_t_is_no_steady_velocity(c, steady):

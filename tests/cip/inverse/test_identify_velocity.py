@@ -22,6 +22,7 @@ def relative(found, c):
     return np.linalg.norm(found.values - exact) / np.linalg.norm(exact)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("noise", "bound", "kind"),
     [

@@ -38,6 +38,7 @@ FIELDS = {1: "sin(2*pi*x1)", 2: "sin(2*pi*x1)*cos(2*pi*x2)"}
 amplitude = st.floats(-0.4, 0.4)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("dim", "profile", "form", "flow"), CASES)
 @few_examples
 @given(a=amplitude, b=amplitude, d=amplitude, dt=st.floats(0.01, 0.09), seed=st.integers(0, 99))

@@ -196,6 +196,7 @@ FIRST_ORDER = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("element", FIRST_ORDER)
 def test_elements_that_lock_say_so(element, make):
     """By a quarter at least at .499, on few cells; the warning names the way out."""

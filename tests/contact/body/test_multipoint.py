@@ -238,6 +238,7 @@ def wavy(element, share, n=64, unit=1.0):
     return ContactProblem(body, "bottom", gap), mean
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("element", [ElementQuad1, ElementQuad2, ElementQuadAdini])
 @pytest.mark.parametrize("unit", [1.0, 1e-3])
 def test_contact_with_a_wave_has_the_pressure_of_westergaard(element, unit):

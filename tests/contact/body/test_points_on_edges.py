@@ -57,7 +57,7 @@ def plate(kind, ratio, moved=0.0):
     return (mesh if kind is type(mesh) else kind.from_mesh(mesh)), turn
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize(("ratio", "moved"), [(1e2, 0.0), (1e6, 0.0), (1e5, 100.0)])
 @pytest.mark.parametrize(("kind", "element"), KINDS)
 def test_vertices_and_middles(kind, element, ratio, moved):

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::contact.ContactWarning")
 elements = pytest.mark.parametrize("element", SOLID, ids=lambda e: e.__name__)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("condensed", [True, False])
 @pytest.mark.parametrize("law", ["coulomb", "tresca"])
 @elements
@@ -30,6 +30,7 @@ def test_cones_agree(element, law, condensed):
     assert check.multipliers < 1e-3
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("condensed", [True, False])
 @elements
 def test_osqp_agrees_without_friction(element, condensed):

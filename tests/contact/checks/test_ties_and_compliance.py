@@ -50,6 +50,7 @@ def test_units_do_not_matter(condensed):
     assert cross_check(small, small.solve(), condensed=condensed).verdict == "agrees"
 
 
+@pytest.mark.sampled(3)
 @ways
 @pytest.mark.parametrize("element", SOLID, ids=lambda e: e.__name__)
 def test_clarabel_agrees_on_compliant_surfaces_in_space(element, condensed):
@@ -70,6 +71,7 @@ def sandwich(element, friction):
     return ContactProblem([top, middle, low], [*pairs, Tie(middle, "bottom", low, "top")])
 
 
+@pytest.mark.sampled(2)
 @ways
 @pytest.mark.parametrize("element", [ElementHex1, ElementTetP2], ids=lambda e: e.__name__)
 def test_ties_in_space(element, condensed):

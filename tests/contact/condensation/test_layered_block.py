@@ -194,6 +194,7 @@ def test_contact_free_of_its_supports_is_named():
         ContactProblem(turned.load("top", (0.0, 1.0)), "bottom", 0.0).solve()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("case", CASES)
 def test_a_tolerance_below_rounding_is_refused(case):
     block, obstacle, friction = case(16)
@@ -238,6 +239,7 @@ def test_one_condensation_serves_every_load():
     assert problem.solve(start=first).contact_force > first.contact_force
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("law", ["coulomb", "tresca", None])
 @pytest.mark.parametrize("case", CASES)
 def test_newton_for_devices_finds_what_the_host_finds(case, law):

@@ -71,6 +71,7 @@ def test_in_the_plane(sides, fixed, top, element):
     compare(pressed(block, top))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("top", ["moved", "loaded"])
 @pytest.mark.parametrize(
     "sides", ["periodic", ("x", "y"), ("periodic", "y"), ("x", "periodic"), ("x", "xz")]
@@ -106,6 +107,7 @@ def test_plane_stress_many_layers_and_a_stiff_coating():
     compare(pressed(block, "moved"), lambda x: 0.005 + 0.02 * (x[0] - 0.3) ** 2)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("functional", [None, "nodal"])
 @pytest.mark.parametrize(
     ("sides", "fixed", "top"),

@@ -75,7 +75,7 @@ def test_newton_is_quadratic_over_many_facets(element: Any) -> None:
     assert np.hypot(force[0], force[1]) / force[2] == pytest.approx(0.3, rel=0.06)
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(9)
 @elements
 def test_without_friction_the_path_does_not_matter(element: Any) -> None:
     there, _, one = slider(element, friction=0.0)

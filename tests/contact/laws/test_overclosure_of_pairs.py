@@ -21,7 +21,7 @@ def solved(element, law, friction, overclosure):
     return posed(element, pose, friction=friction, law=law, overclosure=overclosure)[0].solve()
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(7)
 @laws
 @elements
 def test_stiff_surfaces_tend_to_hard_contact(element, law, friction):
@@ -37,6 +37,7 @@ def test_stiff_surfaces_tend_to_hard_contact(element, law, friction):
     assert max(off[-1], pressure[-1]) <= 1e-8
 
 
+@pytest.mark.sampled(4)
 @laws
 @elements
 def test_newton_is_quadratic(element, law, friction):

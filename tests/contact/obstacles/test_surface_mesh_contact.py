@@ -51,6 +51,7 @@ def floor(dim, unit=1.0, slope=0.0):
     return SurfaceMesh(points, facets), Plane(unit * middle, turn[:, -1])
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("unit", [1.0, 1e-3, 1e3])
 @pytest.mark.parametrize("element", [*PLANE_AND_BFS, *SOLID], ids=lambda e: e.__name__)
 def test_a_box_presses_as_its_plane(make, element, unit):
@@ -67,6 +68,7 @@ def test_a_box_presses_as_its_plane(make, element, unit):
         assert max(ours.kkt.values()) <= 1e-10
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("closest", [False, True])
 @pytest.mark.parametrize(
     "element",

@@ -39,7 +39,7 @@ def slid(element, one, two, friction, way):
     return pressed(upper, lower, RADIUS, friction).solve(), P  # the top is as wide as 2 FAR
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(
     ("one", "two"), [(SOFT, STIFF), (STIFF, SOFT)], ids=["on soft", "on stiff"]
@@ -82,6 +82,7 @@ def pushed_together(element, cells, P, friction=0.6):
     return pressed(upper, lower.fix("bottom", "y"), RADIUS, friction).solve()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("element", [ElementQuad2, ElementQuadAdini], ids=lambda e: e.__name__)
 def test_friction_of_pressed_bodies_beside_a_fine_mesh(element):
     """20 cells a half-width beside 60 of another element, both tractions; and the zones scale."""

@@ -64,7 +64,7 @@ def acting(share, F, up):
     return WEIGHT * c + H * s, H * c - WEIGHT * s
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("up", [True, False])
 @pytest.mark.parametrize("F", [0.1, 0.2, 0.3])
 @elements

@@ -70,7 +70,7 @@ JOINTS = {
 }
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(9)
 @elements
 @pytest.mark.parametrize("side", ["first", "second"])
 @pytest.mark.parametrize(
@@ -108,6 +108,7 @@ def slit(mesh, low, high):
     return opened.with_boundaries(ends | {"upper lip": lips[up], "lower lip": lips[~up]})
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("low", "high"), [(-1.0, 0.6), (0.05, 0.9)], ids=["open", "inner"])
 @elements
 def test_a_slit_that_sticks(element, low, high, make):

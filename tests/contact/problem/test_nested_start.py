@@ -40,6 +40,7 @@ def blocks():
     return problems
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("friction", FRICTION)
 def test_few_steps_at_any_size(blocks, friction):
     """Cold and nested, each mesh from the one before; both give the one solution."""

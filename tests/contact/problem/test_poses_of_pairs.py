@@ -79,7 +79,7 @@ def test_the_pair_sticks_slips_and_opens(element, upright):
     assert status == {Status.OPEN, Status.SLIP, Status.STICK}
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize(("law", "friction"), LAWS)
 @everything
 def test_rigid_motion(element, law, friction, upright):
@@ -166,7 +166,7 @@ def heated(element, pose, functional):
     return ContactProblem([upper, lower], [tie]), upper, lower
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("functional", [None, "standard", "hat"])
 @everything
 def test_ties_of_heated_anisotropic_bodies(element, functional):

@@ -53,6 +53,7 @@ CASES = [  # with the error allowed at 12 facets a quarter
 ]
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("multipliers", ["first", "second"])
 @pytest.mark.parametrize(("element", "curved", "bound"), CASES)
 def test_pressure(element, curved, bound, multipliers, make):

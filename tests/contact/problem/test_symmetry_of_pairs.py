@@ -80,7 +80,7 @@ def compare(part, whole, tol):
     assert max(result.kkt.values()) <= 1e-10
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("functional", [None, "standard", "hat"])
 @pytest.mark.parametrize("element", ELEMENTS, ids=lambda e: e.__name__)
 def test_contact_with_friction(element, functional, make):
@@ -92,6 +92,7 @@ def test_contact_with_friction(element, functional, make):
         compare(solved(make, element, parts, Pair, functional), whole, tol)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("functional", [None, "standard", "hat"])
 @pytest.mark.parametrize(
     "element", [ElementTetP1, ElementTetP2, ElementHex1, ElementHex2], ids=lambda e: e.__name__

@@ -90,6 +90,7 @@ def run(element, multipliers, places):
         assert moved <= 1e-9
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("multipliers", ["first", "second"])
 @pytest.mark.parametrize("element", PLANE_AND_BFS, ids=lambda e: e.__name__)
 def test_some_places(element, multipliers):

@@ -105,7 +105,7 @@ def shifts(seed, count, slivers):
     return found
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("multipliers", ["first", "second"])
 @pytest.mark.parametrize("element", SOLID, ids=lambda e: e.__name__)
 def test_in_space(element, multipliers):

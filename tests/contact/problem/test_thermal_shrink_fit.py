@@ -67,6 +67,7 @@ CASES = [
 ]
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("plane", ["strain", "stress"])
 @pytest.mark.parametrize(("element", "curved", "bound", "order"), CASES)
 def test_pressure(element, curved, bound, order, plane):

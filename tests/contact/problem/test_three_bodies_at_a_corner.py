@@ -47,7 +47,7 @@ def corner(make, element, counts, kinds, friction):
     return ContactProblem([left, right, top], pairs), (left, right, top)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(7)
 @pytest.mark.filterwarnings("ignore::contact.ContactWarning")
 @pytest.mark.parametrize(
     ("kinds", "friction"),

@@ -42,7 +42,7 @@ def meeting(element, kinds, cells, friction=0.3):
     return ContactProblem([base, left, right], pairs)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(7)
 @cells
 @kinds
 @elements

@@ -22,6 +22,7 @@ def rotation(rng, dim):
     return Q * np.sign(np.linalg.det(Q))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("friction", [0.0, 0.6])
 @pytest.mark.parametrize("element", ELEMENTS, ids=lambda e: e.__name__)
 def test_gap_closed_exactly(element, friction, make):

@@ -33,6 +33,7 @@ def stacked(element, other, n, m, **more):
     return upper, box(other, (m, m + 1, 2), **more)
 
 
+@pytest.mark.sampled(4)
 @elements
 @pytest.mark.parametrize(("n", "m"), [(1, 3), (3, 4), (4, 2)])
 @pytest.mark.parametrize("friction", [0.0, 0.3])

@@ -37,6 +37,7 @@ def test_load_at_the_friction_limit(element, length, E, make):
         pushed(make, element, 0.51, length=length, E=E).solve()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("law", ["coulomb", "tresca"])
 @pytest.mark.parametrize("element", [ElementQuad1, ElementHex1])
 def test_loads_beside_the_friction_limit(element, law, make):

@@ -62,6 +62,7 @@ ELEMENTS = [ElementTriP2, ElementQuad1, ElementQuad2, ElementQuadAdini]
 elements = pytest.mark.parametrize("element", ELEMENTS, ids=lambda e: e.__name__)
 
 
+@pytest.mark.sampled(4)
 @elements
 @pytest.mark.parametrize("multipliers", ["first", "second"])
 @pytest.mark.parametrize(("share", "unit", "tol"), [(0.3, 1e-3, 0.012), (0.7, 1e3, 0.006)])

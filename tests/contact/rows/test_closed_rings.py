@@ -41,6 +41,7 @@ def ring(element, n):
     return ElasticBody.from_mesh(mesh, element(), E=1.0, nu=NU)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("element", PLANE)
 def test_shaft_and_housing(element, tmp_path):
     facets, found = [6, 12, 24], []

@@ -131,6 +131,7 @@ def test_weights_sum_to_the_boundary(make, case, curved, seed, digits, angle):
     assert rows.weights.min() > 0
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     "exponent",
     [

@@ -59,7 +59,7 @@ def quick(element, law):
     return element in PLANE or (element is ElementHexAdini and law == "tresca")
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize(
     ("element", "functional", "law"),
     [

@@ -97,6 +97,7 @@ def test_roller(element, curved):
     assert order(facets, found) > 1.2
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("curved", [False, True])
 @pytest.mark.parametrize(
     ("element", "cells"), [(ElementQuad1, None), (ElementTriP1, CROSSED)], ids=["Q1", "crossed P1"]

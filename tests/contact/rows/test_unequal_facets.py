@@ -82,6 +82,7 @@ def error(exact, *case, **more):
     return float(np.sqrt(np.sum(w * off**2) / w.sum()))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("element", PLANE)
 def test_one_beside_two(element, exact):
     """Rms over four meshes whose facets lie differently about the edge of the zone.

@@ -18,6 +18,7 @@ CASES = [
 ]
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("by", ["displacement", "force"])
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize(("shape", "nu", "friction", "law"), CASES)
@@ -50,6 +51,7 @@ def test_forces_are_those_of_the_dense_solver(shape, nu, friction, law, sign, by
         assert result.motion == pytest.approx(ground.components(dim)[0][:dim])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("law", ["coulomb", "tresca"])
 @pytest.mark.parametrize("shape", [(24,), (6, 7)])
 def test_history_equals_dense_steps(shape, law):

@@ -19,6 +19,7 @@ CASES = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("make", CASES.values(), ids=CASES)
 def test_fields_are_those_of_the_sparse_body(make):
     block = make()

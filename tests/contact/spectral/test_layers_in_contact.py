@@ -57,6 +57,7 @@ def adini(n=16):
     ), Cylinder((0.5, -0.3), 0.3)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("friction", [0.0, 0.3, 0.9])
 @pytest.mark.parametrize("make", [plane, space, adini, rollers, held, mixed, box, adini_on_rollers])
 def test_pressure_and_shear_are_those_of_the_sparse_path(make, friction):

@@ -72,7 +72,7 @@ def mean_of(values, weights):
     return np.sum(values * weights, axis=across, keepdims=True) / weights.sum()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("make", CASES.values(), ids=CASES)
 def test_every_level_is_that_of_the_sparse_body(make):
     block = make()

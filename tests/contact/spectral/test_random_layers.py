@@ -42,6 +42,7 @@ def difference(seed):
     return kind, np.abs(result.forces - wanted).max() / np.abs(wanted).max()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("seed", [65, 1000, 1003, 1006, 1012, 1019, 1013, 1020, 1023])
 def test_forces_are_those_of_the_sparse_path(seed):
     assert difference(seed)[1] < 1e-9

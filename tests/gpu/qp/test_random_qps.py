@@ -44,6 +44,7 @@ def run(seeds, n_max, storage=np.asarray):
     return given_up
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("seeds", [range(k, k + 100) for k in range(0, 500, 100)], ids=str)
 def test_random_problems(seeds):
     # Every kind is met in small sizes; larger ones are drawn where seeds begin with 3.

@@ -27,7 +27,7 @@ SPACES = list(spaces())
 SIZES = (1, 2, 3, 5)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize(("name", "mesh", "element", "form"), SPACES, ids=[s[0] for s in SPACES])
 def test_matrices_products_and_loads_are_the_serial_ones(
@@ -61,6 +61,7 @@ def test_every_dof_has_one_owner_and_numbers_are_consecutive(size: int) -> None:
     assert [first for first, *_ in found] == np.cumsum([0, *[c for _, c, _ in found]])[:-1].tolist()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("size", [1, 3])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_mesh_its_maker_and_a_grid_give_one_space(size: int, dim: int) -> None:

@@ -5,6 +5,7 @@ import pytest
 from skfem import ElementVector, InteriorFacetBasis
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("vector", [False, True], ids=["scalar", "vector"])
 def test_jumps_of_random_fields(any_cells, adini, vector):
     element = ElementVector(adini(any_cells)) if vector else adini(any_cells)

@@ -23,6 +23,7 @@ def benchmark():
 ORDERS = {"Adini": 4, "QuadP(2)": 3, "QuadP(3)": 4, "TriP3": 4, "BFS": 4, "Argyris": 6}
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("problem", ["poisson", "elasticity"])
 @pytest.mark.parametrize("name", ORDERS)
 def test_orders_of_smooth_problems(benchmark, name, problem):

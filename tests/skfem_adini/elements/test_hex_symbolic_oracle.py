@@ -55,6 +55,7 @@ CELLS = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", CELLS)
 def test_functions_equal_the_symbolic_dual_basis(name):
     coefficients, jacobian = dual_basis(CELLS[name])

@@ -65,6 +65,7 @@ def symbolic_functions(corners):
     return functions, gradients
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", CELLS)
 def test_physical_functions_equal_the_symbolic_dual_basis(name):
     corners = CELLS[name]

@@ -29,6 +29,7 @@ def test_rigid_motions_of_any_quadrilaterals(any_quads):
     np.testing.assert_allclose(K @ modes, 0, atol=1e-12 * abs(K).max())
 
 
+@pytest.mark.sampled(3)
 def test_rigid_motions_of_any_bricks(any_hexes):
     basis = Basis(any_hexes, ElementVector(ElementHexAdini()), intorder=4)
     modes = near_null_space(basis).modes

@@ -44,6 +44,7 @@ def test_moments_cancel_across_a_gap(element, gap):
     assert abs(found.rows.weights.sum() - q.w.sum()) <= 1e-13
 
 
+@pytest.mark.sampled(3)
 @elements
 @pytest.mark.parametrize("gap", [0.0, 0.02])
 def test_cells_of_second_order_are_covered_up_to_their_edges(element, gap):

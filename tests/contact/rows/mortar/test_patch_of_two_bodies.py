@@ -75,7 +75,7 @@ def imbalance(pair, boundaries, angle, size, covered, kind):
     return worst
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("kind", [None, "standard", "hat"])
 @pytest.mark.parametrize("multipliers", ["upper", "lower"])
 @pytest.mark.parametrize("angle", [0.0, 0.37])

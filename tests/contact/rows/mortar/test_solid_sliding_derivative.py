@@ -56,6 +56,7 @@ def state(element, place, gap=0.002):
     return interface, fields, ways, rng
 
 
+@pytest.mark.sampled(3)
 @elements
 @pytest.mark.parametrize("place", [None, bent, tilted], ids=["flat", "bent", "tilted"])
 def test_derivatives_of_gap_slip_and_forces(element, place):
