@@ -34,12 +34,9 @@ def pytest_addoption(parser):
     """Parts of the suite, for lanes whose time is limited."""
     parser.addoption("--shard", help="K/N: the K-th of N parts of the tests, from 0 on")
     parser.addoption("--whole-files", action="store_true", help="shards of files, not of tests")
-    parser.addoption("--start-within", type=float, help="seconds after which no test is started")
-
-
-def pytest_configure(config):
-    """A limited lane counts from here."""
-    config.started = time.monotonic()
+    parser.addoption(
+        "--start-within", type=float, help="seconds after collection in which tests are started"
+    )
 
 
 def pytest_ignore_collect(collection_path, config):
@@ -53,8 +50,12 @@ def pytest_ignore_collect(collection_path, config):
     return None
 
 
-def pytest_collection_finish():
-    """What was collected stays: the garbage collector need not go through it at every test."""
+def pytest_collection_finish(session):
+    """A limited lane counts from here, however long collection took.
+
+    What was collected stays: the garbage collector need not go through it at every test.
+    """
+    session.config.started = time.monotonic()
     gc.collect()
     gc.freeze()
 
