@@ -322,7 +322,7 @@ class CudaEngine(Engine):
         if not self._refine(stage, t, dt, attempt):
             return None
         count = self._counts[stage.part(dt)][1]
-        return StageFeet(feet, [None], t + stage.begin * dt, t_end, count)
+        return StageFeet(feet, [None], t + stage.begin * dt, t_end, (count,))
 
     def _table(self, stage: Stage) -> list[Any]:
         """The numbers of a velocity from snapshots on the device, if it is one."""

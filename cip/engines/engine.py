@@ -119,7 +119,7 @@ class Engine:
         """The moments after a stage of the step [t, t + dt].
 
         With `homogeneous` data on walls are taken as zero: the stage then is linear in `data`. To
-        `kept` the feet are added, on the CPU, if the kernel of the stage computes them itself.
+        `kept` the feet are added, on the CPU, unless those of a steady velocity are cached anyway.
         """
         out = self.empty(data)
         m, new = data.reshape(-1), out.reshape(-1)
@@ -133,9 +133,11 @@ class Engine:
             if self._refine(stage, t, dt, attempt):
                 if kept is not None:
                     count, begin = self._counts[stage.part(dt)][1], t + stage.begin * dt
-                    kept.append(StageFeet(room[0], [None], begin, t_end, count))
+                    kept.append(StageFeet(room[0], [None], begin, t_end, (count,)))
                 return out
         feet = self.feet(stage, t, dt)
+        if kept is not None and not self.setting.steady:
+            kept.append(feet)
         self.launch(stage, m, new, feet.data)
         for correction in stage.corrections(feet):
             if not homogeneous:
@@ -199,7 +201,8 @@ class Engine:
             return None
         count = self._counts[stage.part(dt)][1]
         exits: list[Any] = [None] * len(feet)
-        return StageFeet(feet.reshape(-1), exits, t + stage.begin * dt, t_end, count)
+        counts = (count,) * len(feet)
+        return StageFeet(feet.reshape(-1), exits, t + stage.begin * dt, t_end, counts)
 
     def _refine(self, stage: Stage, t: float, dt: float, attempt: Callable[[int], int]) -> bool:
         """Call attempt(count) with more and more sub-steps until no path returns `COARSE`.

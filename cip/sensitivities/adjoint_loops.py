@@ -8,12 +8,12 @@ import numpy as np
 
 from cip.engines.cpu_loops import address, at_addresses, share
 from cip.engines.path_loops import foot_room
-from cip.grid import Grid
 from cip.jit import Array, Index, Out, loop_over
-from cip.profiles.catalogue import CONSERVATIVE
 from cip.profiles.records import Line
+from cip.sensitivities.blocks import Block, blocks_of
 from cip.sensitivities.mass_derivatives import add_whole_cells, integral_weights
 from cip.sensitivities.node_adjoint import pull_kernel
+from cip.stages.stage import Stage
 
 # Strips do not depend on the number of threads, so that neither does the rounding of sums.
 _STRIPS = 4
@@ -60,17 +60,12 @@ def run_sweep(
                 g[c * size + o] += here[c]
 
 
-def pull_back(
-    grid: Grid, profile: str, advect: bool, z: Array, weight: Array, feet: Array, g: Array,
-    axis: int | None,
-) -> Array:  # fmt: skip
+def pull_back(stage: Stage, z: Array, weight: Array, feet: Array, g: Array) -> Array:
     """The transposed update of all nodes.
 
     Parameters
     ----------
-    grid : Grid
-    profile, advect, axis
-        As for `pull_kernel`.
+    stage : Stage
     z : ndarray, shape (moments, nodes)
         The old moments; they matter for `g` alone.
     weight : ndarray, shape (moments, nodes)
@@ -83,26 +78,36 @@ def pull_back(
     -------
     ndarray, shape (moments, nodes)
     """
-    size, means = grid.size, weight[-1]
-    if profile in CONSERVATIVE:
-        weight = np.concatenate([weight[:-1], integral_weights(grid, means)[None]])
-    pull_one = pull_kernel(profile, advect, grid.dim, axis)
-    strides = [size // int(np.prod(grid.nodes[: axis + 1])) for axis in range(grid.dim)]
+    back = np.empty_like(weight)
+    for block in blocks_of(stage):
+        own = block.components
+        back[block.rows] = _of_block(block, z, weight[block.rows], feet[own], g[own])
+    return back
+
+
+def _of_block(block: Block, z: Array, weight: Array, feet: Array, g: Array) -> Array:
+    """The weights of the old moments of a block from those of the new ones."""
+    stage, grid, read = block.stage, block.stage.grid, block.read(z)
+    size, means, axis = grid.size, weight[-1], stage.axis or 0
+    if stage.conservative:
+        weight = np.concatenate([weight[:-1], integral_weights(grid, axis, means)[None]])
+    pull_one = pull_kernel(*block.scheme)
+    strides = [size // int(np.prod(grid.nodes[: one + 1])) for one in range(grid.dim)]
     lines = [
         tuple(Line(np.asarray(h, dtype=float), 0, stride, n, int(periodic)))
         for h, stride, n, periodic in zip(
             grid.widths, strides, grid.nodes, grid.periodic, strict=True
         )
     ]
-    if axis is None and grid.dim == 2:
+    if stage.axis is None:
         run, rows = loop_over(run_plane, pull=pull_one), grid.nodes[0]
     else:
-        run, lines = loop_over(run_sweep, pull=pull_one), [lines[axis or 0]]
-        rows = size // strides[axis or 0]
+        run, lines = loop_over(run_sweep, pull=pull_one), [lines[axis]]
+        rows = size // strides[axis]
     strips = max(1, min(_STRIPS, rows, size // _NODES_A_STRIP))
     cuts = [rows * strip // strips for strip in range(strips + 1)]
-    sums = np.zeros((strips, *weight.shape))
-    flat = [np.ascontiguousarray(array).reshape(-1) for array in (z, weight, feet)]
+    sums = np.zeros((strips, *read.shape))
+    flat = [np.ascontiguousarray(array).reshape(-1) for array in (read, weight, feet)]
 
     def work(first: int, last: int) -> None:
         for strip in range(first, last):
@@ -113,6 +118,6 @@ def pull_back(
 
     share(work, strips, size)
     back = np.asarray(sums[0] if strips == 1 else sums.sum(axis=0))
-    if profile in CONSERVATIVE:
-        add_whole_cells(grid, feet[0], means, back[-1])
-    return back
+    if stage.conservative:
+        add_whole_cells(grid, axis, feet[0], means, back[-1])
+    return np.asarray(block.read_transposed(back))

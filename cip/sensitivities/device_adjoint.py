@@ -19,6 +19,7 @@ from cip.engines.path_kernel import FOOT_ROOM
 from cip.formulas.snapshots import snapshots_of
 from cip.grid import Grid
 from cip.profiles import line_profiles, records
+from cip.sensitivities.blocks import Block, blocks_of
 from cip.sensitivities.mass_derivatives import integral_weights, per_width, whole_cells
 from cip.sensitivities.node_adjoint import pull_source
 from cip.sensitivities.path_adjoint import parameter_gradient, trail_length, unwind_source
@@ -70,9 +71,10 @@ def gather_all(stage: Stage, index: str) -> str:
     them ``shares, owners, wholes``: what the new cells give to old ones that they contain.
     """
     grid, update = stage.grid, _update(stage)
-    moments = len(update.outputs)
+    moments = update.moments
     constants, place, lines = node_place(stage)
     widths, uneven = _widths(grid)
+    axis = stage.axis or 0
     arguments = [
         "const real* __restrict__ parts", "const index* __restrict__ order",
         "const index* __restrict__ starts", "real* __restrict__ out",
@@ -83,7 +85,7 @@ def gather_all(stage: Stage, index: str) -> str:
         body += [*widths, lines, *_sums_of_a_sweep(stage, update)]
         arguments += uneven
     else:
-        body += _sums_at_corners(grid, update)
+        body += _sums_at_corners(stage, update)
     if stage.conservative:
         arguments += [
             "const real* __restrict__ shares", "const index* __restrict__ owners",
@@ -92,27 +94,29 @@ def gather_all(stage: Stage, index: str) -> str:
         body += [
             *widths,
             "    for (index p = wholes[o]; p < wholes[o + 1]; p++)",
-            f"        sum{moments - 1} += shares[owners[p]] * WIDTH(h0, o);",
+            f"        sum{moments - 1} += shares[owners[p]] * WIDTH(h{axis}, i);",
         ]
     body += [f"    out[(index){q} * size + o] = sum{q};" for q in range(moments)]
     return _kernel(constants, code, arguments, body, index, all(grid.uniform))
 
 
-def _sums_at_corners(grid: Grid, update: Traced) -> list[str]:
+def _sums_at_corners(stage: Stage, update: Traced) -> list[str]:
     """Code that adds up what feet in the cells around a node give to it as one of their corners."""
-    body = []
+    grid, body = stage.grid, []
     for corner, sides in enumerate(update.corners):
         inside, names = [], []
-        for axis, side in enumerate(sides):
-            node, length = "ij"[axis], f"(index){grid.nodes[axis]}"
-            lower = f"c{corner}_{axis}"
+        for q, (axis, side) in enumerate(zip(stage.moving, sides, strict=True)):
+            node, length = "ij"[q], f"(index){grid.nodes[axis]}"
+            lower = f"c{corner}_{q}"
             names.append(lower)
             body.append(f"    index {lower} = {node} - {side};")
             if side and grid.periodic[axis]:
                 body.append(f"    if ({lower} < 0) {lower} += {length};")
             elif side:
                 inside.append(f"{lower} >= 0")
-        cell = f"{names[0]} * (index){grid.nodes[1]} + {names[1]}" if grid.dim == 2 else names[0]
+        cell = f"base + {names[0]} * inner"
+        if stage.axis is None:
+            cell = f"{names[0]} * ny + {names[1]}"
         body += [
             f"    if ({' && '.join(inside) or '1'}) {{",
             *_sums_of_a_cell(cell, [("1", corner)], update),
@@ -231,12 +235,12 @@ class DeviceAdjoint:
         self._xp, self._engine, self._stage = cupy, engine, stage
         grid, index = stage.grid, engine._index
         self._size, self._whole = grid.size, engine._whole
-        self._parts = len(_update(stage).reads)
+        self._parts, self._blocks = len(_update(stage).reads), blocks_of(stage, cupy)
         self._pull = compiled(pull_all(stage, index))
         self._gather = compiled(gather_all(stage, index))
 
     def pull_back(
-        self, z: Array, weight: Array, feet: Array, g: Array, order: Any = None
+        self, z: Array, weight: Array, feet: Array, g: Array, orders: Any = None
     ) -> tuple[Array, Any]:
         """As `cip.sensitivities.adjoint_loops.pull_back`, of arrays on the device.
 
@@ -244,29 +248,45 @@ class DeviceAdjoint:
         ----------
         z, weight, feet, g
             As there.
-        order : optional
+        orders : optional
             What an earlier call with these feet returned besides.
 
         Returns
         -------
         ndarray, shape (moments, nodes)
-        order
-            The nodes sorted by the cells of their feet.
+        orders
+            For each block of feet the nodes sorted by the cells of their feet.
         """
-        xp, size, grid = self._xp, self._size, self._stage.grid
+        out, found = self._xp.empty_like(weight), []
+        for block, order in zip(self._blocks, orders or [None] * len(self._blocks), strict=True):
+            own = block.components
+            back, order = self._of_block(block, z, weight[block.rows], feet[own], g[own], order)
+            if len(self._blocks) == 1:
+                return back, [order]
+            out[block.rows] = back
+            found.append(order)
+        return out, found
+
+    def _of_block(
+        self, block: Block, z: Array, weight: Array, feet: Array, g: Array, order: Any
+    ) -> tuple[Array, Any]:
+        """The weights of the old moments of a block, and the order of its nodes."""
+        xp, size, stage = self._xp, self._size, self._stage
+        read, axis = xp.ascontiguousarray(block.read(z)), stage.axis or 0
         parts = xp.empty(self._parts * size)
         cells = xp.empty(size, self._whole)
-        out, weights, shares = xp.empty_like(weight), weight, []
-        if self._stage.conservative:
-            shares = [per_width(grid, weight[-1], xp)]
-            weights = xp.concatenate([weight[:-1], integral_weights(grid, weight[-1], xp)[None]])
+        out, weights, shares = xp.empty_like(read), weight, []
+        if stage.conservative:
+            shares = [per_width(stage.grid, axis, weight[-1], xp)]
+            integrals = integral_weights(stage.grid, axis, weight[-1], xp)
+            weights = xp.concatenate([weight[:-1], integrals[None]])
         widths = self._engine._widths
-        self._start(self._pull, z, weights, parts, g, feet, cells, *widths)
+        self._start(self._pull, read, weights, parts, g, feet, cells, *widths)
         if order is None:
             order = self._order(cells, feet)
-        more = widths if shares or _update(self._stage).around else []
+        more = widths if shares or _update(stage).around else []
         self._start(self._gather, parts, *order[:2], out, *shares, *order[2:], *more)
-        return out, order
+        return block.read_transposed(out), order
 
     def _order(self, cells: Array, feet: Array) -> tuple[Array, ...]:
         """Nodes sorted by the cells of their feet and where each cell begins among them.
@@ -279,26 +299,35 @@ class DeviceAdjoint:
         found = (keys % size).astype(self._whole), starts.astype(self._whole)
         if not self._stage.conservative:
             return found
-        owner, whole = whole_cells(self._stage.grid, feet[0].get())
+        owner, whole = whole_cells(self._stage.grid, self._stage.axis or 0, feet[0].get())
         sort = np.argsort(whole, kind="stable")
         wholes = np.searchsorted(whole[sort], np.arange(size + 1))
         return *found, *(xp.asarray(one.astype(self._whole)) for one in (owner[sort], wholes))
 
     def parameter_gradient(self, feet: StageFeet, g: Array) -> Any:
         """As `cip.sensitivities.path_adjoint.parameter_gradient`, of `g` on the device."""
-        stage, xp, engine = self._stage, self._xp, self._engine
+        stage = self._stage
         if not all(c.exact for c in stage.velocity) or snapshots_of(stage.velocity) is not None:
             return parameter_gradient(stage, feet, g.get())
-        inside = feet.interior(self._size)
+        found = np.zeros(len(stage.system.parameters))
+        for block in self._blocks:
+            found += self._gradient(block, feet, g[block.components])
+        return found
+
+    def _gradient(self, block: Block, feet: StageFeet, g: Array) -> Any:
+        """What the feet of a block give to the gradient in the parameters."""
+        stage, xp, engine = self._stage, self._xp, self._engine
+        inside, count = feet.interior(self._size, block.number), feet.substeps[block.number]
         if not inside.all():
             g = xp.where(xp.asarray(inside), g, 0.0)
-        most = 1 << (feet.substeps - 1).bit_length()  # one kernel serves all numbers up to this
+        most = 1 << (count - 1).bit_length()  # one kernel serves all numbers up to this
         kernel = compiled(unwind_all(stage, most, engine._index))
         values = xp.asarray(np.array(stage.parameters, dtype=float))
         threads = max(1, min(self._size, _THREADS, _NUMBERS // len(values)))
         gradients = xp.empty((len(values), threads))
-        step = (feet.t_end - feet.t_start) / feet.substeps
-        arguments = [g, *engine._lines, feet.t_end, step, self._whole(feet.substeps)]
+        lines = [xp.asarray(line) for line in stage.lines(block.bits)]
+        step = (feet.t_end - feet.t_start) / count
+        arguments = [g, *lines, feet.t_end, step, self._whole(count)]
         arguments += [values, gradients, self._whole(threads)]
         kernel((-(-threads // 128),), (128,), tuple(arguments))
         return gradients.sum(axis=1).get()

@@ -44,10 +44,10 @@ class DeviceWindow(Window):
         return self._stages[id(stage)]
 
     def _pull_back(self, n: int, z: Any, weight: Any, feet: Any, g: Any) -> Any:
-        order = self._orders.get(self._key(n))
-        back, order = self._on_device(n).pull_back(z, weight, feet, g, order)
+        orders = self._orders.get(self._key(n))
+        back, orders = self._on_device(n).pull_back(z, weight, feet, g, orders)
         if self._steady:
-            self._orders[self._key(n)] = order
+            self._orders[self._key(n)] = orders
         return back
 
     def _gradient(self, n: int, feet: StageFeet, g: Any) -> Any:

@@ -15,7 +15,8 @@ import numpy as np
 from cip.characteristics.feet import integrate
 from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
 from cip.formulas.expression import COORDINATES, Expression, constant, variable
-from cip.stages.stage import Stage, StageFeet
+from cip.sensitivities.blocks import Block
+from cip.stages.stage import StageFeet
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -61,23 +62,24 @@ def _along(system: System, rate: Expression, own: list[Jet], name: str) -> Expre
     return total
 
 
-def foot_derivatives(stage: Stage, feet: StageFeet) -> Array:
+def foot_derivatives(block: Block, feet: StageFeet) -> Array:
     """Derivatives of the components of the feet, shape (parameters, components, nodes).
 
     Displacements are in units of length here, not in cells.
 
     Parameters
     ----------
-    stage : Stage
-        Of a velocity with formulas.
+    block : Block
+        Of a stage of a velocity with formulas.
     feet : StageFeet
         With the number of sub-steps that led to them, which is kept.
     """
+    stage = block.stage
     system = Extended(stage.system)
     length = feet.t_end - feet.t_start
-    points = stage.points(0)
+    points = stage.points(block.bits)
     arguments = (stage.grid, stage.velocity, system, points, feet.t_end, length)
-    jets = integrate(*arguments, substeps=feet.substeps).jets
+    jets = integrate(*arguments, substeps=feet.substeps[block.number]).jets
     count = len(stage.system.jets)
     place = {jet: q for q, jet in enumerate(stage.system.jets)}
     found = np.empty((len(system.parameters), len(stage.jets), stage.grid.size))

@@ -58,8 +58,9 @@ def pull_source(update: Traced, apart: bool = False) -> str:
     if update.around:
         ends += [f"n{q}" for q in range(4)]
         code.append(f"    {', '.join([*ends[2:], *update.around])} = around(x, k0)")
+    if dim == 1:
         code += [f"    {end} = x.first + {end} * x.stride" for end in ends]
-    if dim == 2:
+    else:
         code += [f"    {end} = {end} * y.n" for end in ends]
     for q, name in enumerate(update.feet):
         code.append(f"    {name} = feet[{dim + q} * stride + first]")
@@ -85,9 +86,13 @@ def _corner(*sides: int) -> str:
 @cache
 def pull_kernel(profile: str, advect: bool, dim: int, axis: int | None) -> Any:
     """The compiled kernel `pull` of a profile; parameters as for `slopes_in_foot`."""
+    return _compiled(pull_source(traced(profile, advect, dim, axis)))
+
+
+@cache
+def _compiled(source: str) -> Any:
     from cip.profiles import line_profiles
 
-    source = pull_source(traced(profile, advect, dim, axis))
     namespace: dict[str, Any] = {name: getattr(np, name) for name in RULES}
     namespace.update(Real=Real, Index=Index, Array=Array, Out=Out, Line=Line)
     namespace.update(locate=line_profiles.locate, around=line_profiles.around)

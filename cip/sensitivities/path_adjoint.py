@@ -40,6 +40,7 @@ from cip.formulas.reverse_mode import gradient
 from cip.formulas.snapshots import snapshots_of
 from cip.formulas.straight_line_code import numpy_function, statements
 from cip.jit import Array, Index, Out, Real, generated, loop_over
+from cip.sensitivities.blocks import blocks_of
 from cip.stages.stage import Stage, StageFeet
 
 # Strips do not depend on the number of threads, so that neither does the rounding of sums.
@@ -63,15 +64,19 @@ def parameter_gradient(stage: Stage, feet: StageFeet, g: Any) -> Any:
     feet : StageFeet
         With the number of sub-steps that led to them.
     g : ndarray, shape (components, nodes)
-        Derivatives with respect to the components of the feet, displacements as lengths. Those of
-        paths that begin on a wall are left out.
+        Derivatives with respect to the components of the feet of all blocks, displacements as
+        lengths. Those of paths that begin on a wall are left out.
     """
     compiled = all(c.exact for c in stage.velocity) and snapshots_of(stage.velocity) is None
-    points = [x.ravel() for x in stage.points(0)]
-    if feet.bounded:  # beyond the wall the velocity need not be defined
-        inside = feet.interior(stage.grid.size)
-        points, g = [x[inside] for x in points], g[:, inside]
-    return (_by_numba if compiled else _by_numpy)(stage, feet, points, g)
+    found = np.zeros(len(stage.system.parameters))
+    for block in blocks_of(stage):
+        points, own = [x.ravel() for x in stage.points(block.bits)], g[block.components]
+        if feet.bounded:  # beyond the wall the velocity need not be defined
+            inside = feet.interior(stage.grid.size, block.number)
+            points, own = [x[inside] for x in points], own[:, inside]
+        count = feet.substeps[block.number]
+        found += (_by_numba if compiled else _by_numpy)(stage, feet, count, points, own)
+    return found
 
 
 def _pulled(system: System) -> list[Expression]:
@@ -105,7 +110,7 @@ def _component(jet: Jet) -> Expression:
     return E * first[0] if len(axes) == 1 else E * (variable(jet.name) + first[0] * first[1])
 
 
-def _by_numpy(stage: Stage, feet: StageFeet, points: list[Any], g: Any) -> Any:
+def _by_numpy(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: Any) -> Any:
     """For velocities known by their values."""
     system, length = stage.system, feet.t_end - feet.t_start
     jets = [jet.name for jet in system.jets]
@@ -126,13 +131,13 @@ def _by_numpy(stage: Stage, feet: StageFeet, points: list[Any], g: Any) -> Any:
         part = slice(first, first + _CHUNK)
         base = [x[part] for x in points]
         y = np.repeat(start[:, None], base[0].size, axis=1)
-        run = _Chunk(system, rates, pull, base, feet.t_end, length / feet.substeps)
+        run = _Chunk(system, rates, pull, base, feet.t_end, length / count)
         trail = []
-        for n in range(feet.substeps):
+        for n in range(count):
             y, stages = run.forward(y, n)
             trail.append(stages)
         slopes = _rows(seed(*y, *g[:, part]), y.shape)
-        for n in range(feet.substeps - 1, -1, -1):
+        for n in range(count - 1, -1, -1):
             slopes, more = run.backward(slopes, trail[n], n)
             found += more
     return found
@@ -306,9 +311,9 @@ def _kernel(source: str) -> Any:
     return generated(source, names, namespace, __file__)
 
 
-def _by_numba(stage: Stage, feet: StageFeet, points: list[Any], g: Any) -> Any:
+def _by_numba(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: Any) -> Any:
     """For formulas."""
-    system, size, count = stage.system, points[0].size, feet.substeps
+    system, size = stage.system, points[0].size
     run = loop_over(run_nodes, unwind=_kernel(unwind_source(system, tuple(stage.jets))))
     points = [np.ascontiguousarray(x) for x in points]
     points += [np.zeros(size)] * (3 - stage.grid.dim)

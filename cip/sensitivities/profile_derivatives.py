@@ -17,7 +17,7 @@ import numpy as np
 
 from cip.formulas.expression import Expression, variable
 from cip.formulas.straight_line_code import numpy_function
-from cip.profiles.catalogue import CONSERVATIVE, line_jets, moments, plane_jets
+from cip.profiles.catalogue import CONSERVATIVE, carries_slopes, line_jets, moments, plane_jets
 from cip.profiles.records import Foot, Limits, Line, Means, Update
 
 # Nodes in each direction of the grid on which a kernel is traced; its cell is the first one. They
@@ -57,6 +57,11 @@ class Traced:
     feet: tuple[str, ...]
     sources: tuple[tuple[int, int], ...]
     around: tuple[str, ...] = ()
+
+    @property
+    def moments(self) -> int:
+        """Number of old moments that are read, some of which may be none of the new ones."""
+        return 1 + max(q for q, _ in self.sources)
 
     @property
     def corners(self) -> tuple[tuple[int, ...], ...]:
@@ -99,7 +104,6 @@ def slopes_in_foot(
     Parameters
     ----------
     profile : {"cubic", "quintic", "csl2", "csl4", "adini", "bicubic"}
-        Conservative ones on lines.
     advect : bool
     dim : int
         Of the grid.
@@ -120,29 +124,39 @@ def slopes_in_foot(
 def traced(profile: str, advect: bool, dim: int, axis: int | None) -> Traced:
     """The update of a profile; parameters as for `slopes_in_foot`.
 
-    In place of the mean of a conservative profile the last output is the integral of the old
-    profile from the left end of the cell to the foot.
+    A conservative profile updates a pair (value, mean) along lines (`cip.sensitivities.blocks`),
+    with the slopes between them if it is csl4. In place of the mean the last output is the integral
+    of the old profile from the left end of the cell to the foot.
     """
+    if profile in CONSERVATIVE:
+        slopes, line = int(profile == "csl4"), Line(_Widths(0), 0, 1, _NODES[0], 0)
+        outputs = _conservative(profile, carries_slopes(profile, dim), line)
+        return _at_corners(1, outputs, 2 + slopes, len(line_jets(profile, dim, axis or 0, advect)))
     if axis is not None and dim > 1:
         return _sweep(profile, advect, dim, axis)
     outputs = _outputs(profile, advect, dim)
     jets = plane_jets(profile, advect) if dim == 2 else line_jets(profile, 1, 0, advect)
+    return _at_corners(dim, outputs, len(outputs), len(jets))
+
+
+def _at_corners(dim: int, outputs: list[Expression], reads: int, components: int) -> Traced:
+    """An update that reads so many moments at all corners of a cell."""
     corners = [int(np.ravel_multi_index(corner, _NODES[:dim])) for corner in CORNERS[dim]]
     size = int(np.prod(_NODES[:dim]))
     return Traced(
         dim,
         tuple(outputs),
-        tuple(f"m{q * size + corner}" for q in range(len(outputs)) for corner in corners),
+        tuple(f"m{q * size + corner}" for q in range(reads) for corner in corners),
         tuple(f"s{axis}" for axis in range(dim)),
         tuple(f"h{axis}" for axis in range(dim)),
-        tuple(f"f{q}" for q in range(dim, len(jets))),
-        tuple((q, role) for q in range(len(outputs)) for role in range(len(corners))),
+        tuple(f"f{q}" for q in range(dim, components)),
+        tuple((q, role) for q in range(reads) for role in range(len(corners))),
     )
 
 
 def _sweep(profile: str, advect: bool, dim: int, axis: int) -> Traced:
     """The update of a node in a sweep: the ends of the cell are nodes 0 and 1, 2 to 5 around it."""
-    names, size = _plain_kernels(), AROUND + 4
+    names, size = plain_kernels(), AROUND + 4
     names["locate"] = lambda i, d, n, periodic: (0, 1, variable("s0"))
     places = tuple(f"a{q}" for q in range(4))
     nodes = range(AROUND, AROUND + 4)
@@ -169,39 +183,35 @@ def _sweep(profile: str, advect: bool, dim: int, axis: int) -> Traced:
 
 def _outputs(profile: str, advect: bool, dim: int) -> list[Expression]:
     """The new moments of node 0 whose foot lies in the first cell, as formulas."""
-    names = _plain_kernels()
+    names = plain_kernels()
     names["locate"] = lambda i, d, n, periodic: (0, 1, variable(f"s{_NODES.index(n)}"))
     out = _Symbols("o")
     foot = Foot(_Symbols("f"), 1, 0)
     size = int(np.prod(_NODES[:dim]))
     lines = [Line(_Widths(axis), 0, 1, _NODES[axis], 0) for axis in range(dim)]
-    if profile in CONSERVATIVE:
-        return _conservative(names["profile"], profile, foot, lines[0])
     update = Update(size, dim, 0, int(advect))
     node = (0,) * (1 + dim)  # its index in the arrays and along each line
     names[f"node_{profile}"](_Symbols("m"), out, foot, *lines, update, *node, 0)
     return [out.written[size * q] for q in range(len(moments(profile, dim)))]
 
 
-def _conservative(profile: Any, name: str, foot: Foot, line: Line) -> list[Expression]:
-    """The new value (and slope) and, in place of the mean, the integral up to the foot.
+def _conservative(name: str, carried: bool, line: Line) -> list[Expression]:
+    """The new value (and slope if it is `carried`) and, for the mean, the integral up to the foot.
 
     `cip.sensitivities.mass_derivatives` leads from these integrals to the means.
     """
-    carried = len(moments(name, 1)) == 3
-    size = line.n
-    means = Means(0, size, (1 + carried) * size, int(carried))
+    quartic, size, foot = name == "csl4", line.n, _Symbols("f")
+    means = Means(0, size, (1 + quartic) * size, int(quartic))
     limits = Limits(0, 0.0, 0.0, 0.0)
-    value, slope, mass = profile(
-        _Symbols("m"), line, means, 0, variable("s0"), 4 if carried else 2, limits
+    value, slope, mass = plain_kernels()["profile"](
+        _Symbols("m"), line, means, 0, variable("s0"), 4 if quartic else 2, limits
     )
-    J = foot.feet[1]
-    if not carried:
-        return [J * value, mass]
-    return [J * value, J * J * slope + foot.feet[2] * value, mass]
+    J = foot[1]
+    slopes = [J * J * slope + foot[2] * value] if carried else []
+    return [J * value, *slopes, mass]
 
 
-def _plain_kernels() -> dict[str, Any]:
+def plain_kernels() -> dict[str, Any]:
     """The kernels by their names, as plain Python that calls one another."""
     from cip.profiles import (
         conservative_kernels,

@@ -10,11 +10,13 @@ carried forward together with them; the moments follow from the formulas of `cip
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from cip.characteristics.feet import Exits, time_scale
+from cip.characteristics.flow_derivatives import System
 from cip.formulas.expression import COORDINATES, Expression, constant, variable
 from cip.formulas.straight_line_code import numpy_function
 from cip.stages.stage import Correction, Stage, StageFeet
@@ -25,46 +27,69 @@ _SHIFT = (0.0, 0.5, 0.5, 1.0)
 _WEIGHT = (1.0, 2.0, 2.0, 1.0)
 
 
-def wall_derivatives(stage: Stage, feet: StageFeet) -> list[Correction]:
+class WallDerivatives:
     """The derivatives of `Stage.corrections` in the stage's `wall_parameters`.
+
+    Their formulas are derived once for each wall and serve all steps.
 
     Parameters
     ----------
     stage : Stage
-    feet : StageFeet
-        With the number of sub-steps that led to them.
-
-    Returns
-    -------
-    list of Correction
-        Their values have shape (parameters, places).
     """
-    names = stage.wall_parameters
-    if not feet.bounded or not names:
-        return []
-    wall, found = stage.wall_moments(feet.t_end), []
-    for block, exits in zip(stage.blocks, feet.exits, strict=True):
-        if exits is None:
-            continue
-        slopes = _exit_derivatives(stage, feet, block, exits)
+
+    def __init__(self, stage: Stage) -> None:
+        self._stage, self._steps = stage, _Steps(stage)
+        self._walls: dict[tuple[int, int], _Wall] = {}
+
+    def of(self, feet: StageFeet) -> list[Correction]:
+        """Those of a step.
+
+        Parameters
+        ----------
+        feet : StageFeet
+            Of the stage, with the numbers of sub-steps that led to them.
+
+        Returns
+        -------
+        list of Correction
+            Their values have shape (parameters, places).
+        """
+        stage, found = self._stage, list[Correction]()
+        if not feet.bounded or not stage.wall_parameters:
+            return []
+        for block, exits, count in zip(stage.blocks, feet.exits, feet.substeps, strict=True):
+            if exits is not None:
+                slopes = self._steps.exit_derivatives(feet, block, exits, count)
+                found += self._placed(feet, block, exits, slopes)
+        return found
+
+    def _placed(self, feet: StageFeet, block: int, exits: Exits, slopes: Array) -> list[Correction]:
+        """The derivatives of what the paths of a block of feet bring from all walls."""
+        stage, shape = self._stage, (len(self._stage.wall_parameters), exits.nodes.size)
         # Parameters that only the data hold do not move the paths.
-        more = np.zeros((len(slopes), len(names) - slopes.shape[1], exits.nodes.size))
+        more = np.zeros((len(slopes), shape[0] - slopes.shape[1], shape[1]))
         slopes = np.concatenate([slopes, more], axis=1)
-        count = len(names), exits.nodes.size
-        flux = np.zeros(count) if stage.conservative else None
-        values: Array = np.zeros((count[0], 0, count[1]))
+        flux = np.zeros(shape) if stage.conservative else None
+        values: Array = np.zeros((shape[0], 0, shape[1]))
         for axis, side in stage.walls:
             on = (exits.axis == axis) & (exits.side == side)
-            if on.any():
-                part = _Wall(stage, wall, axis, side, exits, feet, slopes, on)
-                moments = part.moments()
-                if not values.size:
-                    values = np.zeros((count[0], len(moments), count[1]))
-                values[..., on] = np.moveaxis(moments, 0, 1)
-                if flux is not None:
-                    flux[:, on] = part.flux()
-        found += stage.placed(block, exits.nodes, values, flux)
-    return found
+            if not on.any():
+                continue
+            wall = self._wall(axis, side, feet.t_end)
+            paths = _Paths(stage.system, axis, exits, feet, slopes, on)
+            moments = wall.moments(paths)
+            if not values.size:
+                values = np.zeros((shape[0], len(moments), shape[1]))
+            values[..., on] = np.moveaxis(moments, 0, 1)
+            if flux is not None:
+                flux[:, on] = wall.flux(paths)
+        return stage.placed(block, exits.nodes, values, flux)
+
+    def _wall(self, axis: int, side: int, t: float) -> _Wall:
+        if (axis, side) not in self._walls:
+            wall = self._stage.wall_moments(t)
+            self._walls[axis, side] = _Wall(self._stage, wall, axis, side)
+        return self._walls[axis, side]
 
 
 def _along(node: Expression, names: Sequence[str]) -> Expression:
@@ -75,135 +100,161 @@ def _along(node: Expression, names: Sequence[str]) -> Expression:
     return total
 
 
-class _Wall:
-    """The paths that begin on one wall, with their derivatives `slopes` in the parameters."""
+class _Paths:
+    """The paths of a step that begin on one wall, with their derivatives `slopes`."""
 
     def __init__(
-        self, stage: Stage, wall: WallMoments, axis: int, side: int, exits: Exits,
-        feet: StageFeet, slopes: Array, on: Any,
-    ) -> None:  # fmt: skip
-        self.system, self.wall, self.place = stage.system, wall, (axis, side)
-        self.parameters = stage.wall_parameters
+        self, system: System, axis: int, exits: Exits, feet: StageFeet, slopes: Array, on: Any
+    ) -> None:
         self.feet, self.ages = feet, exits.ages[on]
         self.middle = 0.5 * (feet.t_start + feet.t_end)
-        self.names = [*COORDINATES, *(jet.name for jet in self.system.jets)]
         self.point = [x[on] for x in exits.points]
         self.point += [np.zeros(())] * (3 - len(self.point))
-        self.jets = [exits.jets[jet][on] for jet in self.system.jets]
+        self.jets = [exits.jets[jet][on] for jet in system.jets]
         self.slopes = slopes[..., on]
         # Along the wall the place changes as the displacement; normal to it not at all.
         self.moves: list[Any] = [0.0, 0.0, 0.0]
-        for q, s in enumerate(self.system.moving):
+        for q, s in enumerate(system.moving):
             if s != axis:
                 self.moves[s] = self.slopes[q]
 
-    def moments(self) -> Array:
-        """Derivatives of the new moments, shape (moments, parameters, paths)."""
-        nodes = self.wall.formulas(*self.place)
-        function = self._directional(nodes)
-        t = self.feet.t_end - self.ages
-        moves = [*self.moves, self.slopes[-1], *self.slopes[:-1], *_units(len(self.parameters))]
-        rows = function(*self.point, t, *self.jets, self.middle, *moves)
-        return _rows(rows, self.slopes.shape[1:])
+    def along(self, function: Any, t: Any, d_time: Any) -> Sequence[Any]:
+        """What a function from `_Wall.directional` gives at time t, which changes by `d_time`."""
+        units = _units(self.slopes.shape[1])
+        moves = [*self.moves, d_time, *self.slopes[:-1], *units]
+        found: Sequence[Any] = function(*self.point, t, *self.jets, self.middle, *moves)
+        return found
 
-    def flux(self) -> Array:
+
+class _Wall:
+    """The derived formulas of what comes in through one wall."""
+
+    def __init__(self, stage: Stage, wall: WallMoments, axis: int, side: int) -> None:
+        self._wall, self._place = wall, (axis, side)
+        self._parameters = stage.wall_parameters
+        self._names = [*COORDINATES, *(jet.name for jet in stage.system.jets)]
+
+    def moments(self, paths: _Paths) -> Array:
+        """Derivatives of the new moments, shape (moments, parameters, paths)."""
+        t = paths.feet.t_end - paths.ages
+        rows = paths.along(self._moments, t, paths.slopes[-1])
+        return _rows(rows, paths.slopes.shape[1:])
+
+    def flux(self, paths: _Paths) -> Array:
         """Derivatives of the integral of the influx until each path begins."""
-        node = self.wall.influx(*self.place)
-        functions = self.wall.functions(*self.place, [node])
-        rate = numpy_function([node], [*COORDINATES, MIDDLE], functions)
-        slope = self._directional([node])
-        start, d_end = self.feet.t_start, self.slopes[-1]
-        length = (self.feet.t_end - self.ages) - start
+        rate, slope = self._influx
+        start, d_end = paths.feet.t_start, paths.slopes[-1]
+        length = (paths.feet.t_end - paths.ages) - start
         places, weights = np.polynomial.legendre.leggauss(8)
         total = np.zeros(d_end.shape)
         for place, weight in zip(places, weights, strict=True):
             part = 0.5 * (1.0 + place)
             t = start + part * length
-            (value,) = rate(*self.point, t, self.middle)
-            moves = [*self.moves, part * d_end, *self.slopes[:-1]]
-            moves += _units(len(self.parameters))
-            (change,) = slope(*self.point, t, *self.jets, self.middle, *moves)
+            (value,) = rate(*paths.point, t, paths.middle)
+            (change,) = paths.along(slope, t, part * d_end)
             total += 0.5 * weight * (d_end * value + length * change)
         return total
 
+    @cached_property
+    def _moments(self) -> Any:
+        return self._directional(self._wall.formulas(*self._place))
+
+    @cached_property
+    def _influx(self) -> tuple[Any, Any]:
+        node = self._wall.influx(*self._place)
+        functions = self._wall.functions(*self._place, [node])
+        rate = numpy_function([node], [*COORDINATES, MIDDLE], functions)
+        return rate, self._directional([node])
+
     def _directional(self, nodes: list[Expression]) -> Any:
-        moved = [*self.names, *self.parameters]
+        moved = [*self._names, *self._parameters]
         changes = [_along(node, moved) for node in nodes]
-        functions = self.wall.functions(*self.place, changes)
-        arguments = [*self.names, MIDDLE, *(f"d_{name}" for name in moved)]
+        functions = self._wall.functions(*self._place, changes)
+        arguments = [*self._names, MIDDLE, *(f"d_{name}" for name in moved)]
         return numpy_function(changes, arguments, functions)
-
-
-def _exit_derivatives(stage: Stage, feet: StageFeet, block: int, exits: Exits) -> Array:
-    """Derivatives in the parameters of the unknowns on the wall and, last, of the time there.
-
-    Shape (unknowns + 1, parameters, paths).
-    """
-    system, length = stage.system, feet.t_end - feet.t_start
-    base = [x.ravel()[exits.nodes] for x in stage.points(block)]
-    run = _Steps(stage, base, feet.t_end)
-    step = length / feet.substeps
-    # The sub-step in which each path meets the wall; only its length depends on parameters.
-    last = np.minimum((exits.ages / step).astype(np.int64), feet.substeps - 1)
-    start = np.array([system.start(jet) for jet in system.jets])
-    y = np.repeat(start[:, None], exits.nodes.size, axis=1)
-    slopes = np.zeros((len(y), len(system.parameters) + 1, exits.nodes.size))
-    for n in range(int(last.max()) + 1):
-        own = np.clip(exits.ages - n * step, 0.0, step)
-        change = np.zeros(slopes.shape[1:])
-        change[-1] = last == n
-        y, slopes = run.advance(y, slopes, n * step, own, change)
-    normal = np.array([system.moving.index(int(axis)) for axis in exits.axis])
-    across = slopes[normal, :, np.arange(normal.size)].T
-    with np.errstate(all="ignore"):  # `State.require_finite` reports what is not finite
-        own_change = np.where(across[:-1] == 0.0, 0.0, -across[:-1] / across[-1])
-    found = slopes[:, :-1] + slopes[:, -1:] * own_change
-    return np.concatenate([found, -own_change[None]])
 
 
 class _Steps:
     """Runge-Kutta steps of own lengths, with the derivatives of their results carried forward."""
 
-    def __init__(self, stage: Stage, base: list[Array], t_end: float) -> None:
-        self.system, self.base, self.t_end = stage.system, base, t_end
-        system, grid = stage.system, stage.grid
-        exact = all(c.exact for c in stage.velocity)
-        clock = 1.0 if exact else time_scale(grid, stage.velocity, t_end)
-        steps = (*grid.spacing, *([1.0] * (3 - grid.dim)), clock)
-        names = [*COORDINATES, *(jet.name for jet in system.jets)]
-        moved = [*names, *system.parameters]
-        changes = [_along(rate, moved) for rate in system.rates]
-        functions: dict[str, Any] = {}
-        for c in stage.velocity:
-            functions.update(c.functions([*system.rates, *changes], steps))
-        self.rates = numpy_function(system.rates, names, functions)
-        self.changes = numpy_function(changes, [*names, *(f"d_{n}" for n in moved)], functions)
+    def __init__(self, stage: Stage) -> None:
+        self.stage, self.system = stage, stage.system
+        names = [*COORDINATES, *(jet.name for jet in stage.system.jets)]
+        moved = [*names, *stage.system.parameters]
+        self._changes = [_along(rate, moved) for rate in stage.system.rates]
+        self._arguments = names, [*names, *(f"d_{name}" for name in moved)]
+        self._exact = all(c.exact for c in stage.velocity)
+        self._functions: tuple[Any, Any] | None = None
 
-    def advance(
-        self, y: Array, slopes: Array, tau: float, own: Array, change: Array
-    ) -> tuple[Array, Array]:
-        """The unknowns after steps of lengths `own`, whose derivatives are `change`."""
+    def _rates(self, t: float) -> tuple[Any, Any]:
+        """The rates and their changes; steps of difference quotients depend on the time t."""
+        if self._functions is None or not self._exact:
+            stage, rates, changes = self.stage, self.system.rates, self._changes
+            clock = 1.0 if self._exact else time_scale(stage.grid, stage.velocity, t)
+            steps = (*stage.grid.spacing, *([1.0] * (3 - stage.grid.dim)), clock)
+            functions: dict[str, Any] = {}
+            for c in stage.velocity:
+                functions.update(c.functions([*rates, *changes], steps))
+            names, more = self._arguments
+            self._functions = (
+                numpy_function(rates, names, functions),
+                numpy_function(changes, more, functions),
+            )
+        return self._functions
+
+    def exit_derivatives(self, feet: StageFeet, block: int, exits: Exits, substeps: int) -> Array:
+        """Derivatives in the parameters of the unknowns on the wall and, last, of the time there.
+
+        Shape (unknowns + 1, parameters, paths).
+        """
+        system, length = self.system, feet.t_end - feet.t_start
+        base = [x.ravel()[exits.nodes] for x in self.stage.points(block)]
+        functions, step = self._rates(feet.t_end), length / substeps
+        # The sub-step in which each path meets the wall; only its length depends on parameters.
+        last = np.minimum((exits.ages / step).astype(np.int64), substeps - 1)
+        start = np.array([system.start(jet) for jet in system.jets])
+        y = np.repeat(start[:, None], exits.nodes.size, axis=1)
+        slopes = np.zeros((len(y), len(system.parameters) + 1, exits.nodes.size))
+        for n in range(int(last.max()) + 1):
+            own = np.clip(exits.ages - n * step, 0.0, step)
+            change = np.zeros(slopes.shape[1:])
+            change[-1] = last == n
+            y, slopes = self._advance(
+                functions, base, y, slopes, feet.t_end - n * step, own, change
+            )
+        normal = np.array([system.moving.index(int(axis)) for axis in exits.axis])
+        across = slopes[normal, :, np.arange(normal.size)].T
+        with np.errstate(all="ignore"):  # `State.require_finite` reports what is not finite
+            own_change = np.where(across[:-1] == 0.0, 0.0, -across[:-1] / across[-1])
+        found = slopes[:, :-1] + slopes[:, -1:] * own_change
+        return np.concatenate([found, -own_change[None]])
+
+    def _advance(
+        self, functions: tuple[Any, Any], base: list[Array], y: Array, slopes: Array, begin: float,
+        own: Array, change: Array,
+    ) -> tuple[Array, Array]:  # fmt: skip
+        """The unknowns after steps back from `begin` of lengths `own`, which change by `change`."""
+        rates, changes = functions
         k, dk = np.zeros_like(y), np.zeros_like(slopes)
         total, d_total = np.zeros_like(y), np.zeros_like(slopes)
         units = _units(len(self.system.parameters), 1)
         for shift, weight in zip(_SHIFT, _WEIGHT, strict=True):
             at = y + shift * own * k
             d_at = slopes + shift * (change * k[:, None] + own * dk)
-            point, moves = self._point(at, d_at)
-            t = self.t_end - tau - shift * own
-            k = _rows(self.rates(*point, t, *at), y.shape[1:])
+            point, moves = self._point(base, at, d_at)
+            t = begin - shift * own
+            k = _rows(rates(*point, t, *at), y.shape[1:])
             dk = _rows(
-                self.changes(*point, t, *at, *moves, -shift * change, *d_at, *units),
-                slopes.shape[1:],
+                changes(*point, t, *at, *moves, -shift * change, *d_at, *units), slopes.shape[1:]
             )
             total, d_total = total + weight * k, d_total + weight * dk
         return y + own / 6.0 * total, slopes + (change * total[:, None] + own * d_total) / 6.0
 
-    def _point(self, at: Array, d_at: Array) -> tuple[list[Any], list[Any]]:
-        point: list[Any] = [*self.base, *([np.zeros(())] * (3 - len(self.base)))]
+    def _point(self, base: list[Array], at: Array, d_at: Array) -> tuple[list[Any], list[Any]]:
+        point: list[Any] = [*base, *([np.zeros(())] * (3 - len(base)))]
         moves: list[Any] = [0.0, 0.0, 0.0]
         for q, axis in enumerate(self.system.moving):
-            point[axis], moves[axis] = self.base[axis] + at[q], d_at[q]
+            point[axis], moves[axis] = base[axis] + at[q], d_at[q]
         return point, moves
 
 

@@ -23,12 +23,9 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
 from cip.errors import InputError, NotSupported
-from cip.profiles.catalogue import CONSERVATIVE
-from cip.profiles.locate_nodes import cells_of, nodes_around
-from cip.sensitivities.foot_derivatives import foot_derivatives
-from cip.sensitivities.mass_derivatives import mean_changes
-from cip.sensitivities.profile_derivatives import CORNERS, slopes_in_foot, traced
-from cip.sensitivities.wall_derivatives import wall_derivatives
+from cip.sensitivities.blocks import blocks_of
+from cip.sensitivities.parameter_part import ParameterPart
+from cip.sensitivities.wall_derivatives import WallDerivatives
 from cip.sources.half_step import HalfStep
 from cip.stages.stage import Correction, Stage, StageFeet
 from cip.stages.state import State, on_host
@@ -37,76 +34,6 @@ Array = Any  # arrays of NumPy or CuPy
 # Bytes that the states of a window may take without being asked for: states between checkpoints
 # cost another run, which is a quarter of a gradient.
 KEPT = 2**30
-
-
-@dataclass(frozen=True)
-class ParameterPart:
-    """The derivative of one stage's new moments with respect to the velocity's parameters.
-
-    Attributes
-    ----------
-    stage : Stage
-    nodes : ndarray of int, shape (roles, nodes)
-        The nodes at the corners of the cell of each foot and, in a sweep, around it.
-    cell : ndarray, shape (rows, nodes)
-        The place of each foot in its cell, the widths of the cell, places of nodes around it.
-    feet : ndarray, shape (components - directions, nodes)
-        Components of the feet after the displacements.
-    by_parameter : ndarray, shape (parameters, components, nodes)
-        Derivatives of the components; of displacements in the unit of the place in the cell.
-    """
-
-    stage: Stage
-    nodes: np.ndarray[Any, np.dtype[np.int64]]
-    cell: Array
-    feet: Array
-    by_parameter: Array
-
-    @classmethod
-    def of(cls, stage: Stage, feet: StageFeet, xp: Any = np) -> ParameterPart:
-        """That of a stage, from the feet that the stage itself uses.
-
-        It is made on the host; `xp` is the module of its arrays, NumPy or CuPy.
-        """
-        grid, moving = stage.grid, stage.moving
-        components = np.asarray(on_host(feet.data), dtype=float).reshape(-1, grid.size)
-        found = [cells_of(grid, axis, components[q]) for q, axis in enumerate(moving)]
-        widths = [grid.widths[axis][cells[0]] for axis, cells in zip(moving, found, strict=True)]
-        cell = [*(cells[2] for cells in found), *widths]
-        if stage.axis is None or grid.dim == 1:
-            nodes = [
-                np.ravel_multi_index([found[q][side] for q, side in enumerate(sides)], grid.nodes)
-                for sides in CORNERS[grid.dim]
-            ]
-        else:
-            more, places = nodes_around(grid, stage.axis, found[0][0])
-            stride = int(np.prod(grid.nodes[stage.axis + 1 :]))
-            first = np.arange(grid.size) - np.indices(grid.nodes)[stage.axis].ravel() * stride
-            nodes = [first + one * stride for one in (*found[0][:2], *more)]
-            cell += list(places)
-        by_parameter = foot_derivatives(stage, feet)
-        by_parameter[:, : len(moving)] /= np.stack(widths)
-        by_parameter[..., ~feet.interior(grid.size)] = 0.0
-        arrays = np.stack(nodes), np.stack(cell), components[len(moving) :], by_parameter
-        return cls(stage, *(xp.asarray(one) for one in arrays))
-
-    def along(self, z: Array, direction: Array, xp: Any = np) -> Array:
-        """Change of the new moments, shape (moments, nodes), for a change of the parameters.
-
-        `xp` is the module of all arrays, NumPy or CuPy.
-        """
-        stage = self.stage
-        scheme = stage.profile, stage.advect, stage.grid.dim, stage.axis
-        old = [z[q][self.nodes[role]] for q, role in traced(*scheme).sources]
-        values = slopes_in_foot(*scheme)(*self.cell, *self.feet, *old)
-        rows = xp.empty((len(values), z.shape[1]))
-        for row, value in zip(rows, values, strict=True):
-            row[:] = value
-        change = xp.einsum("pcn,p->cn", self.by_parameter, direction)
-        found = xp.einsum("qcn,cn->qn", rows.reshape(len(z), *change.shape), change)
-        if stage.conservative:
-            found[-1] = mean_changes(stage.grid, found[-1], xp)
-        return found
 
 
 @dataclass(frozen=True)
@@ -180,6 +107,7 @@ class Window:
         self._xp: Any = np
         self._kept: dict[Any, Any] = {}
         self._marks: dict[int, State] = {}
+        self._on_walls: dict[Stage, WallDerivatives] = {}
 
     def follow(self) -> State:
         """Take the steps, keep the states at the checkpoints, and return the last state."""
@@ -210,18 +138,23 @@ class Window:
             self._kept[key] = make(self._moves[n].stage, self._feet(n))
         return self._kept[key]
 
-    def _part(self, n: int) -> ParameterPart:
-        found: ParameterPart = self._once(n, self._steady, self._new_part)
+    def _parts(self, n: int) -> list[ParameterPart]:
+        found: list[ParameterPart] = self._once(n, self._steady, self._new_parts)
         return found
 
-    def _new_part(self, stage: Stage, feet: StageFeet) -> ParameterPart:
-        return ParameterPart.of(stage, feet, self._xp)
+    def _new_parts(self, stage: Stage, feet: StageFeet) -> list[ParameterPart]:
+        return [ParameterPart.of(block, feet, self._xp) for block in blocks_of(stage, self._xp)]
 
     def _walls(self, n: int) -> list[Correction]:
         data = self._moves[n].stage.walls.values()
         steady = self._steady and all(formula.exact and formula.steady for formula in data)
-        found: list[Correction] = self._once(n, steady, wall_derivatives) if data else []
+        found: list[Correction] = self._once(n, steady, self._new_walls) if data else []
         return found
+
+    def _new_walls(self, stage: Stage, feet: StageFeet) -> list[Correction]:
+        if stage not in self._on_walls:
+            self._on_walls[stage] = WallDerivatives(stage)
+        return self._on_walls[stage].of(feet)
 
     def _flat(self, data: Any) -> Array:
         """Moments or components of feet, a row each."""
@@ -263,7 +196,9 @@ class Window:
         if isinstance(move, HalfStep):
             return found + move.along(state.data, own).ravel()
         if own.any():
-            found += self._part(n).along(self._flat(state.data), xp.asarray(own), xp).ravel()
+            z, by = self._flat(state.data), xp.asarray(own)
+            for part in self._parts(n):
+                found.reshape(z.shape)[part.block.rows] += part.along(z, by, xp)
         for wall in self._walls(n):
             # Each place occurs once, so the order of additions is fixed.
             xp.add.at(found, xp.asarray(wall.places), xp.asarray(on_walls @ wall.values))
@@ -315,9 +250,7 @@ class Window:
         """The transposed update of move n; `cip.sensitivities.adjoint_loops.pull_back`."""
         from cip.sensitivities.adjoint_loops import pull_back
 
-        stage = self._moves[n].stage
-        scheme = stage.grid, stage.profile, stage.advect
-        return pull_back(*scheme, z, weight, feet, g, stage.axis)
+        return pull_back(self._moves[n].stage, z, weight, feet, g)
 
     def _gradient(self, n: int, feet: StageFeet, g: Array) -> Any:
         """What derivatives in the feet of move n give to the parameters of its stage."""
@@ -338,24 +271,19 @@ def names_of(variables: Iterable[str]) -> list[str]:
     return [name.removeprefix("p_") for name in variables]
 
 
-def check_differentiable(profile: str, limiter: str | None, dim: int) -> None:
+def check_differentiable(profile: str, limiter: str | None) -> None:
     """Raise unless the scheme has derivatives that this package knows.
 
     Raises
     ------
     NotSupported
-        A profile or limiter with kinks, or conservative sweeps of a splitting.
+        A profile or limiter with kinks.
     """
     if limiter is not None:
         raise NotSupported(f"limiter: {limiter!r} is not differentiable; take limiter=None")
     if profile in ("linear", "piecewise_linear", "smoothed"):
         raise NotSupported(
             f"profile: {profile!r} is not differentiable in the feet; take 'cubic' or 'quintic'"
-        )
-    if profile in CONSERVATIVE and dim > 1:
-        raise NotSupported(
-            f"profile: derivatives of {profile!r} in {dim} dimensions are not implemented; take "
-            "'cubic' or 'quintic', or 'csl2' and 'csl4' on lines"
         )
 
 

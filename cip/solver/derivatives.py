@@ -29,7 +29,7 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None) -> LinearO
     """
     if not isinstance(run, Trajectory):
         raise InputError(f"run: expected what solver.run returned, got {type(run).__name__}")
-    check_differentiable(solver.profile, solver.limiter, solver.grid.dim)
+    check_differentiable(solver.profile, solver.limiter)
     if solver.dtype != np.float64:
         raise InputError("dtype: derivatives need a solver with dtype=float64")
     start, times = run[0], [float(t) for t in run.times[1:]]
@@ -109,7 +109,7 @@ class Replay:
 
         As many as take no more than `FEET` bytes; at least those of `least` moves.
         """
-        components = max(len(stage.jets) for stage in self.solver._stages)
+        components = max(len(stage.blocks) * len(stage.jets) for stage in self.solver._stages)
         size = components * self.solver.grid.size * 8
         self._kept = max(least, FEET // size)
 

@@ -305,8 +305,8 @@ class Solver(Parametrised):
         """The derivative of a run's last state in its first one and in the solver's parameters.
 
         It is that of the discrete steps with the sub-steps that the characteristics took, exact to
-        rounding (`cip.sensitivities.window`); for cubic, quintic, adini and bicubic, csl2 and csl4
-        on lines, with sources, decay, and what enters through walls. If a foot lies on the edge of
+        rounding (`cip.sensitivities.window`); for cubic, quintic, csl2, csl4, adini and bicubic,
+        with sources, decay, and what enters through walls. If a foot lies on the edge of
         a cell, where derivatives of the profile may jump, one side is taken. A uniform velocity
         takes one sub-step: for changes that are not uniform dt should be short there.
 

@@ -51,15 +51,15 @@ class StageFeet:
         For each block, `Exits` or None.
     t_start, t_end : float
         Times between which the characteristics were followed.
-    substeps : int
-        Number of sub-steps, of the last block.
+    substeps : tuple of int
+        For each block the number of sub-steps.
     """
 
     data: Any
     exits: list[Exits | None] = field(default_factory=list)
     t_start: float = 0.0
     t_end: float = 0.0
-    substeps: int = 0
+    substeps: tuple[int, ...] = ()
 
     @property
     def bounded(self) -> bool:
@@ -158,26 +158,31 @@ class Stage:
 
     def points(self, block: int) -> list[Array]:
         """Coordinates of the points whose feet make a block: nodes, or middles of cells across."""
+        return list(np.meshgrid(*self.lines(block), indexing="ij"))
+
+    def lines(self, block: int) -> list[Array]:
+        """Coordinates of these points in each direction."""
         lines = []
         for axis, line in enumerate(self.grid.coordinates):
             if self.conservative and axis != self.axis and block >> axis & 1:
                 width = np.append(self.grid.widths[axis], self.grid.widths[axis][-1])[: line.size]
                 line = np.minimum(line + 0.5 * width, self.grid.bounds[axis][1])
             lines.append(line)
-        return list(np.meshgrid(*lines, indexing="ij"))
+        return lines
 
     def feet(self, t: float, dt: float) -> StageFeet:
         """Integrate the characteristics of this part of the step [t, t + dt]."""
         t_start, t_end = t + self.begin * dt, t + self.end * dt
         length = (self.end - self.begin) * dt
-        rows, exits = [], []
+        rows, exits, substeps = [], [], []
         for block in self.blocks:
             points = self.points(block)
             found = integrate(self.grid, self.velocity, self.system, points, t_end, length)
             check_inside(self.grid, found.exits, set(self.walls), t_end)
             rows.extend(self._components(found.jets, points))
             exits.append(found.exits)
-        return StageFeet(np.concatenate(rows), exits, t_start, t_end, found.substeps)
+            substeps.append(found.substeps)
+        return StageFeet(np.concatenate(rows), exits, t_start, t_end, tuple(substeps))
 
     def _components(self, jets: dict[Jet, Array], points: list[Array]) -> list[Array]:
         """The jets in the order of the kernels, displacements in cells, log det made det."""

@@ -5,7 +5,6 @@ import pytest
 
 from cip import Grid, Solver, Source, Velocity
 
-PROFILES = [("cubic", 1), ("quintic", 1), ("adini", 2), ("bicubic", 2)]
 BOX, NODES = [(0, 1), (0, 1.5), (0, 1.2)], {1: (41,), 2: (31, 24), 3: (9, 8, 7)}
 START = {
     1: "1.2 + sin(2*pi*x1)",
@@ -20,7 +19,10 @@ FLOWS = {
     "inflow": ["0.7*cos(3*x1) + a*x1*cos(t)", "0.3 + b*x1*cos(t)", "b - a*x3"],
 }
 DIRECT = [("cubic", 1), ("quintic", 1), ("csl2", 1), ("csl4", 1), ("adini", 2), ("bicubic", 2)]
-SPLIT = [("cubic", 2), ("quintic", 2), ("cubic", 3), ("quintic", 3)]
+SPLIT = [
+    *(("cubic", 2), ("quintic", 2), ("cubic", 3), ("quintic", 3)),
+    *(("csl2", 2), ("csl4", 2), ("csl2", 3), ("csl4", 3)),
+]
 FAST = ("cubic", 1, "inflow", True, "advection")
 
 

@@ -12,6 +12,7 @@ FAST = [("cubic", 1, True), ("csl4", 1, False), ("adini", 2, True), ("cubic", 3,
 PROFILES = [
     *(("cubic", 1), ("quintic", 1), ("csl2", 1), ("csl4", 1), ("adini", 2), ("bicubic", 2)),
     *(("cubic", 2), ("quintic", 2), ("cubic", 3), ("quintic", 3)),
+    *(("csl2", 2), ("csl4", 2), ("csl2", 3), ("csl4", 3)),
 ]
 CASES = [
     pytest.param(*case, periodic, marks=[pytest.mark.slow] * ((*case, periodic) not in FAST))

@@ -79,8 +79,9 @@ def test_compiled_code_and_numpy_agree(form):
     feet = solver.feet(stage, 0.3, 0.05)
     g = np.random.default_rng(8).standard_normal((len(stage.jets), grid.size))
     points = [x.ravel() for x in stage.points(0)]
-    found = path_adjoint._by_numba(stage, feet, points, g)
-    np.testing.assert_allclose(found, path_adjoint._by_numpy(stage, feet, points, g), rtol=1e-12)
+    arguments = stage, feet, feet.substeps[0], points, g
+    found = path_adjoint._by_numba(*arguments)
+    np.testing.assert_allclose(found, path_adjoint._by_numpy(*arguments), rtol=1e-12)
     assert np.abs(found).min() > 0
 
 

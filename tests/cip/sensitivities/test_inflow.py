@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cip import Covariance, Grid, Sensors, Solver, Velocity, four_d_var, identify_velocity
+from cip.sensitivities import wall_derivatives
 
 
 def opaque(x, t):
@@ -108,6 +109,21 @@ def test_the_state_part_does_not_see_the_data(profile):
     found = solver.tangent(run) @ np.append(change, [0, 0])
     error = np.abs(found - difference.ravel()) / scales(run)
     assert error.max() < 1e-12
+
+
+def test_formulas_of_walls_are_derived_once_for_all_steps(monkeypatch):
+    derived, along = [], wall_derivatives._along
+    monkeypatch.setattr(wall_derivatives, "_along", lambda *of: derived.append(of) or along(*of))
+    counts = []
+    for dt in (0.1, 0.02):
+        derived.clear()
+        solver, run = solved(
+            Grid((0, 1), 12), *LINES["unsteady"][:1], "cubic", "advection", 0.7, dt
+        )
+        gradient = solver.adjoint(run) @ np.ones(run.final.data.size)
+        assert np.any(gradient[-2:])
+        counts.append(len(derived))
+    assert counts[0] == counts[1] > 0
 
 
 def test_the_closed_form_of_a_wave_that_enters():

@@ -6,7 +6,7 @@ from derivative_checks import dot_test, few_examples, parameter_error, scales, t
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cip import Grid, NotSupported, Solver, State, Velocity
+from cip import Grid, Solver, State, Velocity
 
 LINE = np.linspace(0, 1, 9)
 PLANE = Grid.from_coordinates(LINE + 0.01 * np.sin(2 * np.pi * LINE), LINE**1.1, periodic=True)
@@ -15,7 +15,7 @@ SPACE = Grid([(0, 1)] * 3, (6, 5, 7), periodic=(True, True, False))
 FLOWS = {
     "plane": (PLANE, ("a + b*sin(2*pi*x2 + t)", "b*cos(2*pi*x1) + 0.7*a")),
     "walls": (OPEN, ("a + b*sin(2*pi*x2 + t)*x1", "b*cos(3*x1) - a")),
-    "space": (SPACE, ("a + b*sin(2*pi*x2)", "b*cos(2*pi*x1) + a*x3", "a*0.5 + b*x1")),
+    "space": (SPACE, ("a + b*sin(2*pi*x2)", "b*cos(2*pi*x1 + 0.3) + a*x3", "a*0.5 + b*x1")),
 }
 SLOW = pytest.mark.slow
 CASES = [
@@ -26,6 +26,12 @@ CASES = [
     pytest.param("walls", "cubic", "advection", marks=SLOW),
     pytest.param("space", "cubic", "advection", marks=SLOW),
     pytest.param("space", "quintic", "transport", marks=SLOW),
+    pytest.param("plane", "csl2", "advection", marks=SLOW),
+    pytest.param("plane", "csl4", "advection", marks=SLOW),
+    pytest.param("walls", "csl2", "advection", marks=SLOW),
+    ("walls", "csl4", "advection"),
+    pytest.param("space", "csl2", "advection", marks=SLOW),
+    pytest.param("space", "csl4", "advection", marks=SLOW),
 ]
 every_case = pytest.mark.parametrize(("flow", "profile", "form"), CASES)
 
@@ -64,16 +70,21 @@ def test_the_taylor_remainder_is_of_order_two(flow, profile, form, equal_substep
     assert abs(taylor_order(solver, run, {"a": 0.6, "b": -0.8}, sizes) - 2.0) <= 0.05
 
 
-def test_the_state_part_is_the_run_itself():
-    run = solved("plane", "cubic", "transport")[1]
+@pytest.mark.parametrize("case", [("plane", "cubic", "transport"), ("plane", "csl4", "advection")])
+def test_the_state_part_is_the_run_itself(case):
+    run = solved(*case)[1]
     change = np.random.default_rng(6).standard_normal(run[0].data.shape)
-    solver, other = solved("plane", "cubic", "transport", change)
+    solver, other = solved(*case, change)
     found = solver.tangent(other) @ np.append(change, [0, 0])
     assert np.max(np.abs(found - other.final.data.ravel()) / scales(other)) < 1e-12
 
 
-def test_conservative_sweeps_are_refused():
-    grid = Grid([(0, 1)] * 2, (8, 8), periodic=True)
-    solver = Solver(grid, (1.0, 0.0), "advection", "csl2", splitting="strang")
-    with pytest.raises(NotSupported, match="profile: derivatives of 'csl2' in 2 dimensions"):
-        solver.tangent(solver.run(solver.state(0.0), 0.1, dt=0.1))
+@pytest.mark.parametrize("profile", ["csl2", "csl4"])
+def test_the_integral_does_not_change_with_the_flow(profile):
+    solver, run = solved("plane", profile, "advection")
+    size, volume = run[0].data.size, np.multiply.outer(*PLANE.widths)
+    for direction in np.eye(2):
+        new = solver.tangent(run) @ np.append(np.zeros(size), direction)
+        moved = new.reshape(run[0].data.shape)[-1] * volume
+        assert np.abs(moved).max() > 1e-3
+        assert abs(moved.sum()) < 1e-14
