@@ -32,8 +32,10 @@ def real_array(value: Any, name: str) -> NDArray[Any]:
 
 
 def real_number(value: Any, name: str) -> float:
-    """One real number, which may be infinite or NaN."""
+    """One real number, which may be infinite or NaN; True and False are none."""
     array = real_array(value, name)
+    if array.dtype.kind == "b":
+        raise InputError(f"{name}: expected a number, got {value!r}")
     if array.ndim:
         raise InputError(f"{name}: expected one number, got shape {array.shape}")
     return float(array)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cip.errors import InputError, MissingDependency
+from cip.formulas.seconds import seconds
 from cip.grid import AXES
 from cip.output.whole_file import write_whole
 
@@ -68,21 +69,24 @@ def sensors_dataset(points: Array, times: Array, values: Array, deviations: Arra
     return xarray.Dataset(data, {"t": times, **places})
 
 
-def parts_of_dataset(dataset: Any) -> tuple[Any, Any, Any, Any]:
+def parts_of_dataset(dataset: Any, since: Any) -> tuple[Any, Any, Any, Any]:
     """Points, times, values and deviations of a dataset; deviations may lack dimensions.
+
+    Dates become seconds since the date `since`.
 
     Raises
     ------
     InputError
-        A variable or coordinate is missing, or has other dimensions.
+        A variable or coordinate is missing, or has other dimensions; as `seconds`.
     """
     try:
         points = [dataset[name].values for name in AXES if name in dataset.coords]
         value, deviation = dataset["value"].transpose("t", "sensor"), dataset["deviation"]
         spread = (deviation + 0.0 * value.fillna(0.0)).transpose("t", "sensor").values
-        return points, dataset["t"].values, value.values, spread
+        times = dataset["t"].values
     except (KeyError, ValueError, TypeError, AttributeError) as error:
         raise InputError(
             "dataset: expected variables value and deviation over t and sensor, and coordinates "
             f"x, y, z along sensor: {error}"
         ) from error
+    return points, seconds(times, "dataset: 't'", since), value.values, spread

@@ -67,9 +67,7 @@ class Sensors:
 
     Attributes
     ----------
-    points : ndarray, shape (dim, m)
-    times : ndarray, shape (k,)
-    values, deviations : ndarray, shape (k, m)
+    points, times, values, deviations : ndarray, shapes (dim, m), (k,), (k, m) and (k, m)
 
     Raises
     ------
@@ -371,13 +369,16 @@ class Sensors:
         return sensors_dataset(self.points, self.times, self.values, self.deviations)
 
     @classmethod
-    def from_xarray(cls, dataset: Any) -> Sensors:
+    def from_xarray(cls, dataset: Any, since: Any = None) -> Sensors:
         """Sensors from a Dataset with variables and coordinates named as by `to_xarray`.
 
         Parameters
         ----------
         dataset : xarray.Dataset
-            Dimensions ``t`` and ``sensor`` in any order; ``deviation`` may lack one or both.
+            Dimensions ``t`` and ``sensor`` in any order; ``deviation`` may lack one or both. Dates
+            and timedelta64 become seconds.
+        since : datetime64, datetime or str, optional
+            The date of time 0; default the first in ``t``. That of winds is the first of theirs.
 
         Returns
         -------
@@ -386,9 +387,9 @@ class Sensors:
         Raises
         ------
         InputError
-            A variable or coordinate is missing, or has other dimensions.
+            A variable or coordinate is missing, or of other dimensions or type; `since` is no date.
         """
-        return cls(*parts_of_dataset(dataset))
+        return cls(*parts_of_dataset(dataset, since))
 
     def _require(self, grid: Grid) -> None:
         if not isinstance(grid, Grid):

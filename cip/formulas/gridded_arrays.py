@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cip.errors import InputError
+from cip.formulas.seconds import seconds
 from cip.grid import Grid
 from cip.reals import real_array
 
@@ -72,7 +73,11 @@ def gridded_arrays(
             line = np.append(line, 2.0 * line[-1] - line[-2])
         lines.append(line)
     y, z = (*lines[1:], None, None)[:2]
-    return _seconds(data, time), values, Grid.from_coordinates(lines[0], y, z, closed)
+    return (
+        seconds(data[time].values, f"winds: {time!r}"),
+        values,
+        Grid.from_coordinates(lines[0], y, z, closed),
+    )
 
 
 def _names(given: Any, label: str) -> tuple[str, ...]:
@@ -97,18 +102,3 @@ def _closed(periodic: Any, count: int) -> list[bool]:
 def _reals(data: Any, name: str, *dims: str) -> Array:
     """A variable or coordinate as real numbers."""
     return real_array(data[name].transpose(*dims).values, f"winds: {name!r}").astype(float)
-
-
-def _seconds(data: Any, name: str) -> Array:
-    """The coordinate of time as numbers."""
-    found = np.asarray(data[name].values)
-    if found.dtype.kind == "M":
-        found = (found - found[0]) / np.timedelta64(1, "s")
-    elif found.dtype.kind == "m":
-        found = found / np.timedelta64(1, "s")
-    elif found.dtype.kind not in "fiu":
-        raise InputError(
-            f"winds: {name!r} holds {found.dtype}, expected numbers, datetime64 or timedelta64; "
-            "convert dates of other calendars to seconds before"
-        )
-    return found.astype(float)

@@ -81,6 +81,8 @@ CASES = {
     "bounds of the limiter": (lambda: line(bounds=(1, 0)), "low must be below high"),
     "wall": (lambda: Solver(Grid((0, 1), 8), 1.0, boundary={"left": 0}), "'left' is no wall"),
     "wall of a periodic direction": (lambda: line(boundary={"x-": 0}), "periodic there"),
+    "source that is no number": (lambda: line(source=True), "source: .*, got True"),
+    "decay that is no number": (lambda: line(decay=False), "decay: .*, got False"),
     "grid": (lambda: Solver(np.linspace(0, 1), 1.0), "grid: expected a Grid"),
     "velocity of t that is not said to be": (
         lambda: moved(lambda x, t: np.cos(t) + 0 * x),

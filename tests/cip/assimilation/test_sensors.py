@@ -1,5 +1,7 @@
 """Sensors: rows beside the profile itself, transposes, files, dropouts, and what is refused."""
 
+from datetime import datetime
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from cip.output.sample import sample
 from cip.output.sample_rows import sample_rows
 from cip.profiles.catalogue import moments
 
+HALF_MINUTE = np.timedelta64(30, "s")
 LINE = np.linspace(0, 1, 14)
 UNEVEN = LINE + 0.02 * np.sin(2 * np.pi * LINE)
 GRIDS = {
@@ -102,6 +105,29 @@ def test_files_and_xarray_lose_nothing(tmp_path):
     assert dict(dataset.sizes) == {"t": 2, "sensor": 5}
     one = dataset.assign(deviation=0.5)
     assert np.all(Sensors.from_xarray(one).deviations == 0.5)
+
+
+def test_dates_of_a_dataset_become_seconds():
+    pytest.importorskip("xarray")
+    sensors = Sensors([0.2, 0.7], [0.0, 90.0], [[1.0, np.nan], [2.0, 3.0]], 0.1)
+    dates = np.datetime64("2010-05-04T12:00", "ns") + np.array([0, 90], "timedelta64[s]")
+    dated = sensors.to_xarray().assign_coords(t=dates)
+    found = Sensors.from_xarray(dated)
+    for name in ("points", "times", "values", "deviations"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(sensors, name))
+    for since in ("2010-05-04T11:59:30", datetime(2010, 5, 4, 11, 59, 30), dates[0] - HALF_MINUTE):
+        assert Sensors.from_xarray(dated, since).times.tolist() == [30.0, 120.0]
+    lasting = sensors.to_xarray().assign_coords(t=dates - dates[0] + HALF_MINUTE)
+    assert Sensors.from_xarray(lasting).times.tolist() == [30.0, 120.0]
+    for since in ("noon", 12, np.datetime64("NaT")):
+        with pytest.raises(InputError, match="since: expected a date such as"):
+            Sensors.from_xarray(dated, since)
+    with pytest.raises(InputError, match="since: dataset: 't' holds float64, no dates"):
+        Sensors.from_xarray(sensors.to_xarray(), "2010-05-04")
+    with pytest.raises(InputError, match="times: expected finite times"):
+        Sensors.from_xarray(dated.assign_coords(t=[dates[0], np.datetime64("NaT")]))
+    with pytest.raises(InputError, match=r"'t' holds object.*convert dates of other calendars"):
+        Sensors.from_xarray(dated.assign_coords(t=["noon", datetime.now]))
 
 
 def test_some_of_them():

@@ -1,0 +1,57 @@
+"""Dates and durations as seconds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cip.errors import InputError
+
+Array = NDArray[np.float64]
+_SECOND = np.timedelta64(1, "s")
+
+
+def seconds(times: Any, name: str, since: Any = None) -> Array:
+    """Times as numbers: dates in seconds since one of them, durations in seconds, numbers as given.
+
+    Parameters
+    ----------
+    times : array_like
+        Numbers, datetime64 or timedelta64.
+    name : str
+        What messages call them.
+    since : datetime64, datetime or str, optional
+        The date of time 0, as ``"2010-05-04T12:00"``; default the first of the dates.
+
+    Raises
+    ------
+    InputError
+        Times of another type; `since` that is no date, or given with times that are none.
+    """
+    found = np.asarray(times)
+    if since is not None and found.dtype.kind != "M":
+        raise InputError(f"since: {name} holds {found.dtype}, no dates; leave since out")
+    if found.dtype.kind == "M":
+        found = (found - (found.flat[0] if since is None else _date(since))) / _SECOND
+    elif found.dtype.kind == "m":
+        found = found / _SECOND
+    elif found.dtype.kind not in "fiu":
+        raise InputError(
+            f"{name} holds {found.dtype}, expected numbers, datetime64 or timedelta64; "
+            "convert dates of other calendars to seconds before"
+        )
+    return found.astype(float)
+
+
+def _date(since: Any) -> np.datetime64:
+    try:
+        found = np.datetime64(since, "ns")
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"since: expected a date such as '2010-05-04T12:00', got {since!r}: {error}"
+        ) from error
+    if isinstance(since, int | np.integer) or np.isnat(found):
+        raise InputError(f"since: expected a date such as '2010-05-04T12:00', got {since!r}")
+    return found
