@@ -10,10 +10,9 @@ from cip.engines.cpu_loops import address, at_addresses, share
 from cip.engines.path_loops import foot_room
 from cip.jit import Array, Index, Out, loop_over
 from cip.profiles.records import Line
-from cip.sensitivities.blocks import Block, blocks_of
+from cip.sensitivities.blocks import Block
 from cip.sensitivities.mass_derivatives import add_whole_cells, integral_weights
 from cip.sensitivities.node_adjoint import pull_kernel
-from cip.stages.stage import Stage
 
 # Strips do not depend on the number of threads, so that neither does the rounding of sums.
 _STRIPS = 4
@@ -60,12 +59,13 @@ def run_sweep(
                 g[c * size + o] += here[c]
 
 
-def pull_back(stage: Stage, z: Array, weight: Array, feet: Array, g: Array) -> Array:
+def pull_back(blocks: list[Block], z: Array, weight: Array, feet: Array, g: Array) -> Array:
     """The transposed update of all nodes.
 
     Parameters
     ----------
-    stage : Stage
+    blocks : list of Block
+        Of a stage.
     z : ndarray, shape (moments, nodes)
         The old moments; they matter for `g` alone.
     weight : ndarray, shape (moments, nodes)
@@ -79,7 +79,7 @@ def pull_back(stage: Stage, z: Array, weight: Array, feet: Array, g: Array) -> A
     ndarray, shape (moments, nodes)
     """
     back = np.empty_like(weight)
-    for block in blocks_of(stage):
+    for block in blocks:
         own = block.components
         back[block.rows] = _of_block(block, z, weight[block.rows], feet[own], g[own])
     return back

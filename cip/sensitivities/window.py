@@ -23,7 +23,7 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
 from cip.errors import InputError, NotSupported
-from cip.sensitivities.blocks import blocks_of
+from cip.sensitivities.blocks import Block, blocks_of
 from cip.sensitivities.parameter_part import ParameterPart
 from cip.sensitivities.wall_derivatives import WallDerivatives
 from cip.sources.half_step import HalfStep
@@ -107,6 +107,7 @@ class Window:
         self._xp: Any = np
         self._kept: dict[Any, Any] = {}
         self._marks: dict[int, State] = {}
+        self._blocks: dict[Stage, list[Block]] = {}
         self._on_walls: dict[Stage, WallDerivatives] = {}
 
     def follow(self) -> State:
@@ -143,7 +144,12 @@ class Window:
         return found
 
     def _new_parts(self, stage: Stage, feet: StageFeet) -> list[ParameterPart]:
-        return [ParameterPart.of(block, feet, self._xp) for block in blocks_of(stage, self._xp)]
+        return [ParameterPart.of(block, feet, self._xp) for block in self._blocks_of(stage)]
+
+    def _blocks_of(self, stage: Stage) -> list[Block]:
+        if stage not in self._blocks:
+            self._blocks[stage] = blocks_of(stage, self._xp)
+        return self._blocks[stage]
 
     def _walls(self, n: int) -> list[Correction]:
         data = self._moves[n].stage.walls.values()
@@ -250,7 +256,7 @@ class Window:
         """The transposed update of move n; `cip.sensitivities.adjoint_loops.pull_back`."""
         from cip.sensitivities.adjoint_loops import pull_back
 
-        return pull_back(self._moves[n].stage, z, weight, feet, g)
+        return pull_back(self._blocks_of(self._moves[n].stage), z, weight, feet, g)
 
     def _gradient(self, n: int, feet: StageFeet, g: Array) -> Any:
         """What derivatives in the feet of move n give to the parameters of its stage."""
