@@ -35,6 +35,7 @@ CASES = [
     for name, flow in (LINES if dim == 1 else PLANES).items()
 ]  # fmt: skip
 FIELDS = {1: "sin(2*pi*x1)", 2: "sin(2*pi*x1)*cos(2*pi*x2)"}
+SLOW = pytest.mark.slow
 amplitude = st.floats(-0.4, 0.4)
 
 
@@ -53,12 +54,16 @@ def test_the_adjoint_is_the_transpose(dim, profile, form, flow, a, b, d, dt, see
     assert dot_test(solver, run, rng) <= 1e-13
 
 
-@pytest.mark.parametrize("stream", [False, True])
-def test_many_coefficients_of_splines(stream):
+@pytest.mark.parametrize(
+    ("stream", "profile"),
+    [(False, "adini"), (True, "adini"), pytest.param(True, "csl4", marks=SLOW)],
+)
+def test_many_coefficients_of_splines(stream, profile):
     grid = Grid([(0, 1)] * 2, (14, 13), periodic=True)
     start = (lambda x, y: np.sin(2 * np.pi * x) * np.cos(2 * np.pi * y) / 6) if stream else 0.5
     velocity = SplineVelocity(grid, (7, 6), start=start, stream=stream)
-    solver = Solver(grid, velocity, profile="adini")
+    split = {"splitting": "strang", "form": "advection"} if profile == "csl4" else {}
+    solver = Solver(grid, velocity, profile=profile, **split)
     run = solver.run(solver.state(FIELDS[2]), 0.1, dt=0.04)
     assert len(velocity.names) == (42 if stream else 84)
     assert dot_test(solver, run, np.random.default_rng(7)) <= 1e-13

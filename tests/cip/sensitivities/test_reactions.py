@@ -79,10 +79,13 @@ def test_all_parameters_against_differences_on_lines(profile, periodic, equal_su
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("profile", "periodic", "dim"),
-    [("adini", False, 2), ("bicubic", False, 2), ("bicubic", True, 2), ("cubic", True, 3)],
+    [
+        *(("adini", False, 2), ("bicubic", False, 2), ("bicubic", True, 2), ("cubic", True, 3)),
+        *(("csl2", True, 3), ("csl4", True, 2)),
+    ],
 )
 def test_planes_and_space(profile, periodic, dim, equal_substeps):
-    split = "strang" if profile == "cubic" else None
+    split = None if profile in ("adini", "bicubic") else "strang"
     solver, run = solved(profile, periodic, dim, SOURCE, split)
     assert dot_test(solver, run, np.random.default_rng(1)) <= 1e-13
     assert parameter_error(solver, run) < 5e-9
