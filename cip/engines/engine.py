@@ -115,11 +115,13 @@ class Engine:
         dt: float,
         homogeneous: bool = False,
         kept: list[StageFeet] | None = None,
+        known: StageFeet | None = None,
     ) -> Any:
         """The moments after a stage of the step [t, t + dt].
 
         With `homogeneous` data on walls are taken as zero: the stage then is linear in `data`. To
         `kept` the feet are added, on the CPU, unless those of a steady velocity are cached anyway.
+        Feet that are `known` are not computed again, unless by the kernel that takes the step.
         """
         out = self.empty(data)
         m, new = data.reshape(-1), out.reshape(-1)
@@ -135,7 +137,7 @@ class Engine:
                     count, begin = self._counts[stage.part(dt)][1], t + stage.begin * dt
                     kept.append(StageFeet(room[0], [None], begin, t_end, (count,)))
                 return out
-        feet = self.feet(stage, t, dt)
+        feet = self.feet(stage, t, dt) if known is None else known
         if kept is not None and not self.setting.steady:
             kept.append(feet)
         self.launch(stage, m, new, feet.data)

@@ -124,8 +124,9 @@ class Replay:
             return State(state.grid, state.profile, data, state.t)
         if not new:
             self._recall(n)
-        kept: list[StageFeet] | None = None if n in self._feet or not self._kept else []
-        data = kernels.apply(move.stage, state.data, move.t, move.dt, homogeneous, kept)
+        known = self._feet.get(n)
+        kept: list[StageFeet] | None = None if known is not None or not self._kept else []
+        data = kernels.apply(move.stage, state.data, move.t, move.dt, homogeneous, kept, known)
         if kept:
             while len(self._feet) >= self._kept:
                 self._feet.pop(next(iter(self._feet)))
