@@ -2,6 +2,9 @@
 
 import numpy as np
 import pytest
+from derivative_checks import few_examples
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from cip import Grid, Solver, Source, Velocity
 
@@ -44,10 +47,10 @@ def data_of(dim, flow, form, split):
     return "1 + sin(3*t)" if dim == 1 else "1 + sin(3*t)*cos(x2 - x1)"
 
 
-def solved(profile, dim, flow, steady, form, backend):
+def solved(profile, dim, flow, steady, form, backend, a=0.21, b=0.13, dt=0.06):
     """A solver and a run of five steps, the last one shorter."""
     texts = [text.replace("*cos(t)", "") if steady else text for text in FLOWS[flow][:dim]]
-    values = {"a": 0.21, "b": 0.13} if dim > 1 else {"a": 0.21}
+    values = {"a": a, "b": b} if dim > 1 else {"a": a}
     velocity = Velocity.from_expression(*texts, parameters=values)
     split = dim > 1 and profile not in ("adini", "bicubic")
     boundary, splitting = data_of(dim, flow, form, split), "strang" if split else None
@@ -55,7 +58,7 @@ def solved(profile, dim, flow, steady, form, backend):
         grid_of(dim, flow), velocity, form, profile, splitting=splitting, boundary=boundary,
         backend=backend,
     )  # fmt: skip
-    return solver, solver.run(solver.state(START[dim]), 0.27, dt=0.06)
+    return solver, solver.run(solver.state(START[dim]), 0.27, dt=dt)
 
 
 def schemes():
@@ -73,6 +76,26 @@ SCHEMES = [pytest.param(*one, marks=[pytest.mark.slow] * (one != FAST)) for one 
 def test_operators_are_those_of_the_cpu(cupy, monkeypatch, profile, dim, flow, steady, form):
     scheme = profile, dim, flow, steady, form
     compare(cupy, monkeypatch, solved(*scheme, "cpu"), solved(*scheme, "cupy"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("profile", "dim"), DIRECT + SPLIT)
+@settings(few_examples, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    a=st.floats(0.05, 0.3), b=st.floats(-0.2, 0.2), dt=st.floats(0.04, 0.28),
+    seed=st.integers(0, 99),
+)  # fmt: skip
+def test_the_adjoint_is_the_transpose(cupy, profile, dim, a, b, dt, seed):
+    form = "advection" if profile.startswith("csl") else "transport"
+    scheme = profile, dim, "periodic", False, form
+    solver, run = solved(*scheme, "cupy", a, b, dt)
+    tangent, adjoint, rng = solver.tangent(run), solver.adjoint(run), np.random.default_rng(seed)
+    change, weight = (rng.standard_normal(size) for size in tangent.shape[::-1])
+    new = (tangent @ cupy.asarray(change)).get()
+    gradient = (adjoint @ cupy.asarray(weight)).get()
+    size = np.abs(weight) @ np.abs(new) + np.abs(change) @ np.abs(gradient)
+    assert np.any(gradient[run[0].data.size :])
+    assert abs(weight @ new - change @ gradient) <= 1e-13 * size
 
 
 @pytest.mark.slow
@@ -116,13 +139,15 @@ def compare(cupy, monkeypatch, of_host, of_device):
 
 
 @pytest.mark.slow
-def test_remainder_is_of_second_order(cupy):
+@pytest.mark.parametrize("profile", ["adini", "csl4"])
+def test_remainder_is_of_second_order(cupy, profile):
     """The change of a functional less its derivative falls with the square of the change."""
 
     def end(a):
         grid = Grid([(0, 1)] * 2, (40, 40), periodic=True)
         flow = Velocity.from_expression("0.3 + a*sin(2*pi*x2)", "0.2", parameters={"a": a})
-        solver = Solver(grid, flow, profile="adini", backend="cupy")
+        split = {"splitting": "strang", "form": "advection"} if profile == "csl4" else {}
+        solver = Solver(grid, flow, profile=profile, backend="cupy", **split)
         run = solver.run(solver.state("sin(2*pi*x1)*cos(2*pi*x2)"), 0.1, dt=0.02)
         return solver, run
 
