@@ -7,9 +7,12 @@ The block of `contact_block.py` (Coulomb, friction .9) as a `LayeredBlock` of n 
 * cuda: from the input (lengths, layers, load) to the certified result, by stage, against the
   floating-point operations that the condensation needs (symmetric products counted half) at the
   rate of a dense product measured in the same run; memory is what CuPy's pool holds at the end.
+* waves: the same block by cosines and sines, ``path="fourier"``, on either device, by stage:
+  input, condensation, contact, displacement of all unknowns (found twice: once it is refined) with
+  its way to the host, and the certificate of the displacement that is delivered.
 
-    python benchmarks/contact_layers.py --device cpu --sizes 64 128 256
-    python benchmarks/contact_layers.py --device cuda --sizes 256 512 1024 2048
+    python benchmarks/contact_layers.py --device cpu --sizes 64 128 256 --waves 512 1024
+    python benchmarks/contact_layers.py --device cuda --sizes 256 512 1024 2048 --waves 1024 2048
 """
 
 from __future__ import annotations
@@ -28,15 +31,17 @@ from contact import ContactProblem, ContactResult, LayeredBlock
 GAP, FRICTION = 0.03, 0.9
 
 
-def block(n: int) -> LayeredBlock:
+def block(n: int, path: str | None = None) -> LayeredBlock:
     """Unit square, top held along x and pressed, sides held along y."""
-    return LayeredBlock(1.0, [(1.0, n, 2.0, 0.3)], sides="y", top="x").load("top", (0.0, -1.0))
+    return LayeredBlock(1.0, [(1.0, n, 2.0, 0.3)], sides="y", top="x", path=path).load(
+        "top", (0.0, -1.0)
+    )
 
 
 def operations(problem: ContactProblem) -> dict[str, float]:
     """Floating-point operations of the condensation, from the sizes of its matrices."""
     condensed = problem.condense()
-    factor: Any = condensed._factor
+    factor: Any = condensed.parts[0]._factor
     plus, minus = factor._plus.size, factor._minus.size
     m, kept, rest = plus + minus, factor._kept.size, factor._rest.size
     rows = condensed.B.shape[0]
@@ -50,10 +55,12 @@ def operations(problem: ContactProblem) -> dict[str, float]:
     return {"slabs": slabs, "boundary": bottom + compliance, "total": slabs + bottom + compliance}
 
 
-def whole(n: int, device: str) -> tuple[dict[str, float], ContactProblem, ContactResult]:
+def whole(
+    n: int, device: str, path: str | None = None
+) -> tuple[dict[str, float], ContactProblem, ContactResult]:
     """From the input to the certified result; seconds of each part."""
     begin = time.perf_counter()
-    problem = ContactProblem(block(n), "bottom", GAP, FRICTION)
+    problem = ContactProblem(block(n, path), "bottom", GAP, FRICTION)
     rows = time.perf_counter()
     problem.condense(device)._arrays.synchronize()
     condensed = time.perf_counter()
@@ -140,6 +147,54 @@ def on_device(n: int, repeats: int, rate: float) -> dict[str, Any]:
     return row
 
 
+def by_waves(n: int, device: str, repeats: int) -> dict[str, Any]:
+    """Medians of the stages of a block that transforms condense."""
+    runs = []
+    for _ in range(repeats):
+        parts, problem, result = whole(n, device, "fourier")
+        assert problem.condense().path == "fourier"
+        begin = time.perf_counter()
+        kkt = max(result.kkt.values())
+        parts["certificate"] = time.perf_counter() - begin
+        parts["displacement"] = 2.0 * recovery(problem, result)
+        parts["contact"] = parts["solve"] - parts["certificate"] - parts["displacement"]
+        runs.append(parts)
+    row = {
+        "n": n,
+        "unknowns": int(problem.body.f.size - problem.body.prescribed[0].size),
+        "seconds": middle(runs),
+        "spread": [min(r["total"] for r in runs), max(r["total"] for r in runs)],
+        "history": [f"{line.phase} {line.active}" for line in result.history],
+        "contact_force": result.contact_force,
+        "kkt": kkt,
+    }
+    if device == "cuda":
+        import cupy
+
+        row["device_bytes"] = cupy.get_default_memory_pool().total_bytes()
+    print(
+        f"waves, n = {n}: {row['unknowns']} unknowns, "
+        + ", ".join(f"{name} {value:.3f}" for name, value in row["seconds"].items())
+        + f" s, kkt {kkt:.1e}, {len(result.history)} steps",
+        flush=True,
+    )
+    return row
+
+
+def recovery(problem: ContactProblem, result: ContactResult) -> float:
+    """Seconds to find the displacement of all unknowns from the contact forces, on the host."""
+    condensed = problem.condense()
+    load = condensed.placed(result.system.load)
+    reduced = condensed.reduce(load) - condensed.B.T @ (
+        condensed.points.stacked(result.mu, result.t)
+    )
+    begin = time.perf_counter()
+    u = condensed.fetched(condensed.expand(load, condensed.flexed(reduced)))
+    seconds = time.perf_counter() - begin
+    assert abs(u - result.u).max() < 1e-8 * abs(result.u).max()
+    return seconds
+
+
 def product_rate(n: int = 8192, repeats: int = 5) -> float:
     """Operations a second of a dense product on the device."""
     import cupy
@@ -157,10 +212,11 @@ def product_rate(n: int = 8192, repeats: int = 5) -> float:
 
 
 def main(argv: list[str] | None = None) -> dict[str, Any]:
-    """Run, print, write the part of benchmarks/results/contact_layers.json that was measured."""
+    """Run, print, write the parts of benchmarks/results/contact_layers.json that were measured."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--device", choices=["cpu", "cuda"], default="cpu")
-    parser.add_argument("--sizes", type=int, nargs="+", default=[64, 128, 256])
+    parser.add_argument("--sizes", type=int, nargs="*", default=[64, 128, 256])
+    parser.add_argument("--waves", type=int, nargs="*", default=[512], help="sizes by transforms")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--no-peer", action="store_true", help="leave PARDISO out")
     parser.add_argument("--output", type=Path, default=Path(__file__).parent / "results")
@@ -182,7 +238,12 @@ def main(argv: list[str] | None = None) -> dict[str, Any]:
     options.output.mkdir(parents=True, exist_ok=True)
     path = options.output / "contact_layers.json"
     record = json.loads(path.read_text()) if path.exists() else {"benchmark": "contact_layers"}
-    record[options.device] = part
+    if options.sizes:
+        record[options.device] = part
+    if options.waves:
+        whole(32, options.device, "fourier")
+        waves = [by_waves(n, options.device, options.repeats) for n in options.waves]
+        record[f"waves_{options.device}"] = {**part, "rows": waves}
     path.write_text(json.dumps(record, indent=1) + "\n")
     print(f"written to {path.name}")
     return record

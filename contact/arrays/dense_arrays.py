@@ -79,6 +79,11 @@ class HostArrays:
         lower = dsyrk(1.0, A, trans=1, lower=1)
         return mirrored(lower)
 
+    def congruent(self, B: Any, A: Any) -> Any:
+        """``B A B^T`` for a sparse matrix B of the host and a symmetric A on the device."""
+        half = np.asarray(B @ A)
+        return symmetric(B @ half.T)
+
     def bordered(self, W: Any, rows: Any, added: Any, border: Any) -> Any:
         """``[[W[rows, rows] + diag(added), border], [0, 0]]``, a new square matrix.
 
@@ -214,6 +219,15 @@ class DeviceArrays(HostArrays):
         """``A^T A``, both triangles."""
         return A.T @ A
 
+    def congruent(self, B: Any, A: Any) -> Any:
+        """``B A B^T`` for a sparse matrix B of the host and a symmetric A on the device."""
+        from cupyx.scipy.sparse import (  # type: ignore[import-not-found, unused-ignore]
+            csr_matrix,
+        )
+
+        on_device = csr_matrix(B)
+        return symmetric(on_device @ (on_device @ A).T)
+
     def bordered(self, W: Any, rows: Any, added: Any, border: Any) -> Any:
         """``[[W[rows, rows] + diag(added), border], [0, 0]]``, a new square matrix."""
         xp: Any = self.xp
@@ -274,6 +288,11 @@ class DeviceMatrix:
     def diagonal(self) -> Any:
         """The diagonal, on the host."""
         return self.arrays.get(self.values.diagonal())
+
+
+def symmetric(A: Any) -> Any:
+    """A matrix that rounding alone makes unsymmetric, without that."""
+    return 0.5 * (A + A.T)
 
 
 def mirrored(lower: Any) -> Any:

@@ -295,6 +295,19 @@ class Solid(Portable, ABC):
     def total(self, forces: Array) -> Array:
         """Resultant of forces on all dofs, shape (dim,); of a ring along its axis only."""
 
+    def placed(self, v: Any) -> Any:
+        """A vector of all dofs where the body computes: in the memory of its device."""
+        return v
+
+    def contact_forces(self, rows: Any, mu: Array, t: Array) -> Any:
+        """``G^T mu + T^T t`` on all dofs, where the body computes, from `ContactRows`."""
+        return rows.G.T @ mu + rows.T.T @ t.ravel()
+
+    def in_unknowns(self, rows: sparse.csr_array) -> sparse.csr_array:
+        """Rows given on all dofs, on the free unknowns."""
+        own: Any = self
+        return sparse.csr_array(rows @ own.constraint[0])
+
     def dot(self, a: Array, b: Array) -> float:
         """Inner product of two vectors of all dofs."""
         return float(a @ b)

@@ -31,23 +31,35 @@ class CondensedBodies:
     parts: tuple[CondensedBody, ...]
     _unit: float  # of a motion a, in physical displacements
 
-    def unbalanced(self, load: Array, u: Array, mu: Array, t: Array) -> Array | None:
-        """Forces on free dofs that nothing balances, where a step of refinement is worth it."""
-        rest = load - (self.rows.G.T @ mu + self.rows.T.T @ t.ravel())
+    def unbalanced(self, load: Any, u: Any, mu: Array, t: Array) -> Any:
+        """Forces on free dofs that nothing balances, or None where refinement gains nothing.
+
+        Loads and displacements of all dofs are given and returned where the body computes, see
+        `Solid.placed`.
+        """
+        rest = load - self.body.contact_forces(self.rows, mu, t)
         each = [
             part.unbalanced(r, v)
             for part, r, v in zip(self.parts, self._split(rest), self._split(u), strict=True)
         ]
         if all(left is None for left in each):
             return None
-        return np.concatenate(
+        return together(
             [
                 np.zeros(part.body.f.size) if left is None else left
                 for part, left in zip(self.parts, each, strict=True)
             ]
         )
 
-    def _split(self, v: Array) -> list[Array]:
+    def placed(self, v: Array) -> Any:
+        """A vector of all dofs where a single body computes; on the host for several."""
+        return self.parts[0].placed(v) if len(self.parts) == 1 else v
+
+    def fetched(self, v: Any) -> Array:
+        """A vector of all dofs on the host."""
+        return v if isinstance(v, np.ndarray) else np.asarray(self.parts[0].arrays.get(v))
+
+    def _split(self, v: Any) -> list[Any]:
         """Values on all dofs, body by body."""
         return [v[own] for own in self.body.slices]
 
@@ -105,12 +117,12 @@ class CondensedBodies:
     def expand(self, load: Array, z_b: Array) -> Array:
         """Displacement of all dofs from the contact boundary's unknowns."""
         trios = zip(self.parts, self._split(load), self._of_boundary(z_b), strict=True)
-        return np.concatenate([part.expand(own, z) for part, own, z in trios])
+        return together([part.expand(own, z) for part, own, z in trios])
 
     def moved(self, forces: Array, z_b: Array) -> Array:
         """Displacement of all dofs under forces on them and supports at rest."""
         trios = zip(self.parts, self._split(forces), self._of_boundary(z_b), strict=True)
-        return np.concatenate([part.moved(own, z) for part, own, z in trios])
+        return together([part.moved(own, z) for part, own, z in trios])
 
     def rigid_motion(self, a: Array) -> tuple[str, Array]:
         """Name and all dofs of the bodies' part of a motion a of the boundary problem.
@@ -131,3 +143,8 @@ class CondensedBodies:
         """The rigid motions a of each body."""
         ends = np.cumsum([part.N.shape[1] for part in self.parts])
         return np.split(a[: ends[-1]], ends[:-1])
+
+
+def together(each: list[Any]) -> Any:
+    """Values on all dofs from those of each body; of one body they may lie on a device."""
+    return each[0] if len(each) == 1 else np.concatenate(each)

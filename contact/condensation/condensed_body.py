@@ -108,7 +108,11 @@ class CondensedBody:
             N, R = np.linalg.qr(N)
             modes = np.linalg.solve(R.T, modes.T).T
         self.N, self.modes = N, modes
-        self._L, self.thin = held_factor(self.arrays, self.scaled_schur, N)
+        self._invert()
+
+    def _invert(self) -> None:
+        """Prepare products with the inverse of the stiffness, whose free motions springs hold."""
+        self._L, self.thin = held_factor(self.arrays, self.scaled_schur, self.N)
 
     def compliance(self) -> Any:
         """``B S_b^-1 B^T`` on the device, shape (n, n)."""
@@ -134,6 +138,10 @@ class CondensedBody:
     def stiffness(self) -> Array:
         """Schur complement S_b of the contact boundary's unknowns, shape (nb, nb)."""
         return np.asarray(self.arrays.get(self.scaled_schur()))
+
+    def placed(self, v: Any) -> Any:
+        """A vector of all dofs where this condensation and its body compute."""
+        return v
 
     def prescribed(self) -> Array:
         """The prescribed displacements on all dofs, zero elsewhere."""

@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 from contact.arrays.blas_threads import one_blas_thread
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condense import condense
-from contact.condensation.condensed_bodies import CondensedBodies
+from contact.condensation.condensed_bodies import CondensedBodies, together
 from contact.condensation.condensed_body import BodyRows
 from contact.condensation.point_rows import PointRows
 from contact.errors import ContactError, Infeasible, InputError
@@ -169,7 +169,7 @@ class CondensedContact(CondensedBodies):
         return sparse.csr_array(rows.G[live_n]), sparse.csr_array(tangents[seen])
 
     def _prescribe(self, body: Any) -> None:
-        u0, rows = np.concatenate([part.prescribed() for part in self.parts]), self.rows
+        u0, rows = together([part.prescribed() for part in self.parts]), self.rows
         self.body: Any = body
         self._fixed_normal = rows.G @ u0
         self._fixed_tangent = (rows.T @ u0).reshape(rows.gap.size, body.dim - 1)

@@ -54,7 +54,7 @@ class CondensedLayers(CondensedBody):
             self._boundary = np.flatnonzero(np.isin(own % PER_NODE, kinds))
         self.path = "slabs" if body.path is None else body.path
         self.B = sparse.csr_array(B[:, self._boundary])
-        self._per_length = per_length[self._boundary]
+        self._per_length, self._kinds = per_length[self._boundary], own[self._boundary] % PER_NODE
         self._factor: Any = FACTORS[self.path](body, free, own[self._boundary], arrays)
         bottom, everywhere = self._free_motions()
         self._refuse(unseen_motion(everywhere, bottom[self._boundary]))
@@ -64,11 +64,11 @@ class CondensedLayers(CondensedBody):
     def _prescribe(self, body: Any) -> None:
         self.body = body
         dofs, values = body.prescribed
-        self._u0 = np.zeros(body.f.size) if values.any() else None
-        self._lifted = None
-        if self._u0 is not None:
-            self._u0[dofs] = values
-            self._lifted = body.stiffness @ self._u0
+        self._u0 = self._lifted = None
+        if values.any():
+            u0 = self.arrays.xp.zeros(body.f.size)
+            u0[self.placed(dofs)] = self.placed(values)
+            self._u0, self._lifted = u0, body.stiffness @ u0
 
     def _free_motions(self) -> tuple[Array, Array]:
         """Free rigid motions: on the free unknowns of the bottom row, and on all dofs."""
@@ -89,6 +89,31 @@ class CondensedLayers(CondensedBody):
         everywhere[held] = 0.0
         return free, everywhere
 
+    def _invert(self) -> None:
+        """By waves, whose inverses are the compliance; by a factor where they are not definite."""
+        moves = np.abs(self.N).max(axis=1, initial=0.0)
+        free = np.unique(self._kinds[moves > RIGID * moves.max(initial=0.0)])
+        self._by_waves = (
+            self.body.path is not None and free.size == self.N.shape[1] and self._factor.hold(free)
+        )
+        self.thin, self._modes = False, self.placed(self.modes)
+        if not self._by_waves:
+            super()._invert()
+
+    def compliance(self) -> Any:
+        """``B S_b^-1 B^T`` on the device, shape (n, n)."""
+        if not self._by_waves:
+            return super().compliance()
+        per_length = sparse.diags_array(1.0 / self._per_length)
+        return self.arrays.congruent(sparse.csr_array(self.B @ per_length), self._factor.compliance)
+
+    def flexed(self, r: Array) -> Array:
+        """Displacement of the boundary's unknowns under forces r on them."""
+        if not self._by_waves:
+            return super().flexed(r)
+        flexed: Array = self._factor.flexed(r / self._per_length) / self._per_length
+        return flexed
+
     def _in_unknowns(self, rows: BodyRows) -> sparse.csr_array:
         size = self.body.row_size
         lowest = BodyRows(rows.normal[:, :size], rows.tangential[:, :size])
@@ -99,25 +124,43 @@ class CondensedLayers(CondensedBody):
         own: Array = (rows[:, : self.body.row_size] @ self._P)[:, self._boundary].toarray()
         return own
 
-    def carried(self, forces: Array) -> Array:
+    def placed(self, v: Any) -> Any:
+        """A vector in the memory of the device, where the body computes from now on."""
+        self.body.compute_with(self.arrays)
+        return self.body.placed(v)
+
+    def prescribed(self) -> Array:
+        """The prescribed displacements on all dofs, zero elsewhere, on the host."""
+        return np.asarray(self.arrays.get(super().prescribed()))
+
+    def reduce(self, load: Any) -> Array:
+        """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        return super().reduce(self.placed(load))
+
+    def expand(self, load: Any, z_b: Array) -> Any:
+        """Displacement of all dofs from the contact boundary's unknowns, where the load lies."""
+        u = super().expand(self.placed(load), z_b)
+        return self.arrays.get(u) if isinstance(load, np.ndarray) else u
+
+    def carried(self, forces: Any) -> Array:
         """Forces on all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
         carried: Array = self._per_length * self._factor.reduce(forces)
         return carried
 
-    def moved(self, forces: Array, z_b: Array) -> Array:
+    def moved(self, forces: Any, z_b: Array) -> Any:
         """Displacement of all dofs under forces on them and supports at rest."""
-        u: Array = self._factor.expand(forces, self._per_length * z_b)
-        return u
+        return self._factor.expand(forces, self._per_length * z_b)
 
-    def unbalanced(self, rest: Array, u: Array) -> Array:
+    def unbalanced(self, rest: Any, u: Any) -> Any:
         """Residual forces on free dofs, for one step of iterative refinement.
 
         The stiffness of a slab of n rows for smooth motions is 1/n^2 of its largest entries:
         rounding of these leaves a residual of n^2 machine precisions. The product with the
         stiffness, cell by cell, has no such error.
         """
-        left: Array = rest - self.body.stiffness @ u
-        left[self.body.prescribed[0]] = 0.0
+        left = rest - self.body.stiffness @ u
+        held = self.body.prescribed[0]
+        left[held if isinstance(left, np.ndarray) else self.placed(held)] = 0.0
         return left
 
     def motion_of(self, motion: Array) -> tuple[str, Array]:
@@ -139,8 +182,9 @@ class CondensedLayers(CondensedBody):
 
     def resultants(self, load: Array) -> Array:
         """Work of a load on the rigid motions, from the load itself, not from its elimination."""
-        work: Array = self.modes.T @ load
-        return work
+        if not self.modes.shape[1]:
+            return np.zeros(0)
+        return np.asarray(self.arrays.get(self._modes.T @ self.placed(load)))
 
     def scaled_schur(self) -> Any:
         """S_b on the device, a copy."""

@@ -222,8 +222,11 @@ class SlabDoubling:
         reduced = bottom[self._kept] - self._Y.T @ bottom[self._rest]
         return np.asarray(k.get(reduced))
 
-    def expand(self, load: Array, z_b: Array) -> Array:
-        """All dofs, shape (rows * width,), from the kept unknowns; zero where not free."""
+    def expand(self, load: Any, z_b: Array) -> Any:
+        """All dofs, shape (rows * width,), from the kept unknowns, where the load lies.
+
+        Zero where not free.
+        """
         k, xp = self.arrays, self.arrays.xp
         w = self._forward(load)
         split = self._plus.size
@@ -243,21 +246,23 @@ class SlabDoubling:
                 _recover(k, fold, level, z)
         full = xp.zeros((self.rows, self.width))
         full[:, self._order] = xp.hstack(z)
-        return np.asarray(k.get(full)).ravel()
+        return k.get(full).ravel() if isinstance(load, np.ndarray) else full.ravel()
 
-    def _forward(self, load: Array) -> Pair:
+    def _forward(self, load: Any) -> Pair:
         """Eliminate a load: in each row what `expand` needs, in row 0 the load carried to it.
 
         The result for the last load is cached: `reduce` and `expand` both need it.
         """
-        if self._last is not None and np.array_equal(self._last[0], load):
-            return self._last[1]
         k, xp = self.arrays, self.arrays.xp
+        load = xp.asarray(load)
+        if self._last is not None and bool(xp.array_equal(self._last[0], load)):
+            return self._last[1]
         rows = load.reshape(self.rows, self.width)
-        loaded = np.flatnonzero(rows.any(axis=1))
+        at = xp.flatnonzero(rows.any(axis=1))
+        loaded = np.asarray(k.get(at))
         f = tuple(xp.zeros((self.rows, part.size)) for part in (self._plus, self._minus))
         for part, own in zip(f, (self._plus, self._minus), strict=True):
-            part[xp.asarray(loaded)] = xp.asarray(rows[np.ix_(loaded, own)])
+            part[at] = rows[at[:, None], xp.asarray(own)]
         split = self._plus.size
         for fold in self.folds:
             low, high = fold.row, fold.row + fold.height

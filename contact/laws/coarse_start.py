@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
+from contact.arrays.dense_arrays import arrays_of
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.laws.friction import Coulomb, Friction, Tresca
 
@@ -64,16 +66,18 @@ class CoarseProblem:
 
         used = np.argsort(row, kind="stable")[np.count_nonzero(row < 0) :]
         first = np.flatnonzero(np.diff(row[used], prepend=-1))
-        W = np.add.reduceat(fine.W[np.ix_(used, used)], first, axis=0)
-        W = np.add.reduceat(W, first, axis=1)
-        compliance = np.where(there, W.diagonal()[number], 0.0).sum(axis=1)
+        arrays = arrays_of(fine.W)
+        ones = np.ones(used.size), (row[used], used)
+        sums = sparse.csr_array(ones, shape=(first.size, row.size))
+        W = arrays.congruent(sums, arrays.values(fine.W))
+        compliance = np.where(there, arrays.get(W.diagonal())[number], 0.0).sum(axis=1)
         scale = np.sqrt(compliance / np.maximum(there.sum(axis=1), 1))  # one a coarse point
         scale = np.where(scale > 0, scale, 1.0)
         share = np.empty(first.size)
         share[number[there]] = 1.0 / np.broadcast_to(scale[:, None], there.shape)[there]
         gap = np.bincount(group, np.where(fine.can_touch, fine.gap, 0.0), count) / scale
         problem = BoundaryProblem(
-            W=W * share * share[:, None],
+            W=arrays.matrix(W * arrays.put(share) * arrays.put(share)[:, None]),
             v0=np.add.reduceat(fine.v0[used], first) * share,
             C=np.add.reduceat(fine.C[used], first, axis=0) * share[:, None],
             s=fine.s,

@@ -92,10 +92,12 @@ def solve_boundary(
     tol, newton = options.tol * INNER, options.method == "newton"
     if newton and isinstance(problem.W, DeviceMatrix) and problem.compliance is None:
         limit = options.max_iterations
-        with suppress(NotConverged, LinAlgError):
-            return device_newton(
-                problem, friction, start, tol=tol, max_iterations=limit, report=report
-            ), 0.0
+        coarse = _from_coarse(problem, friction, options, report) if start is None else None
+        for first in (start,) if coarse is None else (coarse, None):
+            with suppress(NotConverged, LinAlgError):
+                return device_newton(
+                    problem, friction, first, tol=tol, max_iterations=limit, report=report
+                ), 0.0
     if newton and start is None:
         start = _from_coarse(problem, friction, options, report)
         if start is not None and isinstance(friction, Coulomb):

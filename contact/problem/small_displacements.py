@@ -19,7 +19,7 @@ def warn_of_large_displacements(result: ContactResult) -> None:
     body = result.system.body
     size = body.extent
     reach = body.reach(result.u)
-    if reach > size + 2.0 * body.reach(body.constraint[1]):
+    if reach > size and reach > size + 2.0 * body.reach(body.constraint[1]):
         warnings.warn(
             f"displacements reach {reach:.3g}, {reach / size:.3g} times the size of the body: the "
             "theory is that of small displacements; check the units of E and of the loads, the "

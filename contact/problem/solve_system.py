@@ -94,11 +94,12 @@ def _solved(
             raise undetermined(condensed, endless)
         return forces, slack, condensed.recover(load, boundary, forces)
 
+    load = condensed.placed(system.load)
     try:
-        forces, slack, state = solved(system.load, start, report)
-        rest = condensed.unbalanced(system.load, *state)
+        forces, slack, state = solved(load, start, report)
+        rest = condensed.unbalanced(load, *state)
         if rest is not None:  # one step of iterative refinement
-            forces, slack, state = solved(system.load + rest, forces, lambda line: None)
+            forces, slack, state = solved(load + rest, forces, lambda line: None)
     except QPInfeasible as error:
         raise driven(condensed, error.certificate) from error
     except QPInputError as error:
@@ -115,7 +116,15 @@ def _solved(
         raise NotConverged(f"{error}{more}", tuple(history)) from error
     (u, mu, t), motion = state, condensed.obstacle_motion(system.motion, forces)
     result = ContactResult(
-        system, u, mu, t, options.method, tuple(history), motion, options.tol, slack
+        system,
+        condensed.fetched(u),
+        mu,
+        t,
+        options.method,
+        tuple(history),
+        motion,
+        options.tol,
+        slack,
     )
     if condensed.slender and fits(condensed) and options.method in STIFF:
         return refined(system, condensed, options, result, report, history)

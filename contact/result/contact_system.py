@@ -127,11 +127,11 @@ class ContactSystem:
             obstacles are driven by forces, also ``obstacle``: their residual force divided by the
             sum of moduli.
         """
-        rows = self.rows
-        contact = rows.G.T @ mu + rows.T.T @ t.ravel()
-        unbalanced, cancelling = self.body.equilibrium(u, contact, self.load)
+        rows, (here, load) = self.rows, map(self.body.placed, (u, self.load))
+        contact = self.body.contact_forces(rows, mu, t)
+        unbalanced, cancelling = self.body.equilibrium(here, contact, load)
         # Where forces cancel and nothing moves, displacements are the rounding of what they cause.
-        length = max(self.body.reach(u), self.body.give(contact)) or 1.0
+        length = max(self.body.reach(here), self.body.give(contact)) or 1.0
         # Forces below the rounding of those that cancel inside have no digits: a body moved by its
         # supports until it just touches has no others.
         noise = _NOISE * cancelling
@@ -147,8 +147,8 @@ class ContactSystem:
         returned = t - project(t + size / length * u_t, g)
         result = {
             "equilibrium": unbalanced / (cancelling or 1.0),
-            "balance": self._unbalanced(u, contact),
-            "support": self.body.support_error(u) / length,
+            "balance": self._unbalanced(here, contact, load),
+            "support": self.body.support_error(here) / length,
             "penetration": _largest(np.maximum(through, 0.0)) / length,
             "sign": _beyond(-mu[free], noise) / size,
             "complementarity": _largest(
@@ -185,7 +185,7 @@ class ContactSystem:
             "complementarity": _largest(np.maximum(-off, 0.0)) / size,
         }
 
-    def _unbalanced(self, u: Array, contact: Array) -> float:
+    def _unbalanced(self, u: Any, contact: Any, load: Any) -> float:
         """Residual of the resultant of all forces on a body, the largest of all bodies.
 
         This is checked in addition to `equilibrium`, which in slender cells is relative to forces
@@ -194,9 +194,7 @@ class ContactSystem:
         errors of that motion: they are relative to those that a thousandth of it would cause.
         """
         pairs = zip(self.body.bodies, self.body.slices, strict=True)
-        return max(
-            _unbalanced_body(body, u[own], contact[own], self.load[own]) for body, own in pairs
-        )
+        return max(_unbalanced_body(body, u[own], contact[own], load[own]) for body, own in pairs)
 
     def _unbalanced_obstacle(self, motion: ObstacleMotion, mu: Array, t: Array) -> float:
         """Residual forces on free motions, relative to all contact forces times their arms.
@@ -216,13 +214,14 @@ class ContactSystem:
         return 0.5 * self.body.dot(u, self.body.stiffness @ u) - self.body.dot(self.load, u)
 
 
-def _unbalanced_body(body: Any, u: Array, contact: Array, load: Array) -> float:
-    loads = body.total(np.abs(load))
-    given = loads + body.total(np.abs(contact))
+def _unbalanced_body(body: Any, u: Any, contact: Any, load: Any) -> float:
+    u, contact, load = map(body.placed, (u, contact, load))
+    loads = body.total(abs(load))
+    given = loads + body.total(abs(contact))
     if not np.any(given):  # supports alone hold each other
         return 0.0
     reactions = body.at_supports(body.internal(u) + contact - load)
-    size = _largest(given + body.total(np.abs(reactions)))
+    size = _largest(given + body.total(abs(reactions)))
     left = _largest(body.total(load + reactions - contact)) / size
     if left > _DIGITS and not np.any(loads):  # supports alone cause the forces
         left /= max(1.0, _TRAVEL * body.reach(u) / (body.deformation(u) or 1e-300))

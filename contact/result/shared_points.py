@@ -60,7 +60,7 @@ def _dependent(body: Any, rows: sparse.csr_array) -> bool:
     live = np.flatnonzero(body.live(rows))
     if not live.size:
         return False
-    B: Any = rows[live] @ body.constraint[0]
+    B: Any = body.in_unknowns(rows[live])
     size = norms(sparse.csr_array(B.T))
     B = B @ sparse.diags_array(1.0 / np.where(size > 0.0, size, 1.0))  # whatever their units
     B = sparse.diags_array(1.0 / norms(sparse.csr_array(B))) @ B

@@ -49,12 +49,14 @@ class LateralWaves:
     shape : tuple of int
         Waves in each direction.
     mirrored : tuple of bool
+    odd, xp
+        As given.
     """
 
     def __init__(
         self, cells: Sequence[int], odd: Sequence[NDArray[np.bool_] | None], xp: Any
     ) -> None:
-        self.cells, self.odd, self._xp = tuple(cells), tuple(odd), xp
+        self.cells, self.odd, self.xp = tuple(cells), tuple(odd), xp
         self.mirrored = tuple(parity is not None for parity in odd)
         self._turning = [axis for axis, twice in enumerate(self.mirrored) if not twice]
         self.points = tuple(n + twice for n, twice in zip(cells, self.mirrored, strict=True))
@@ -66,7 +68,7 @@ class LateralWaves:
     @property
     def steps(self) -> list[Any]:
         """Change of phase over a cell of the waves of each direction, one-dimensional arrays."""
-        xp, steps = self._xp, []
+        xp, steps = self.xp, []
         for axis, n in enumerate(self.cells):
             if self.mirrored[axis]:
                 steps.append(xp.pi / n * xp.arange(n + 1))
@@ -99,7 +101,7 @@ class LateralWaves:
 
     @cached_property
     def _ends(self) -> Grid:
-        ends = self._xp.ones(self.points)
+        ends = self.xp.ones(self.points)
         for axis, twice in enumerate(self.mirrored):
             if twice:
                 at: Any = [slice(None)] * len(self.points)
@@ -118,7 +120,7 @@ class LateralWaves:
                 values = self._mirrored(_series, values, parity[chosen], axis)
         if not self._turning:
             return values
-        return fft_of(self._xp).rfftn(values, axes=[axis + 1 for axis in self._turning])
+        return fft_of(self.xp).rfftn(values, axes=[axis + 1 for axis in self._turning])
 
     def inverse(self, waves: Any, first: int = 0, kinds: Any = None) -> Grid:
         """Values on the nodes, shape (m, *points, ...), the inverse of `forward`."""
@@ -126,7 +128,7 @@ class LateralWaves:
         if self._turning:
             size = [self.cells[axis] for axis in self._turning]
             axes = [axis + 1 for axis in self._turning]
-            values = fft_of(self._xp).irfftn(waves, s=size, axes=axes)
+            values = fft_of(self.xp).irfftn(waves, s=size, axes=axes)
         for axis, parity in enumerate(self.odd):
             if parity is not None:
                 values = self._mirrored(_sum, values, parity[chosen], axis)
@@ -144,8 +146,20 @@ class LateralWaves:
                 np.moveaxis(zero, axis, 0)[[0, -1]] = True
         return zero
 
+    def missing(self, kinds: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Waves that the given unknowns do not have because they are odd, (m, *shape), on the host.
+
+        These are the constant and the shortest one.
+        """
+        none = np.zeros((kinds.size, *self.shape), dtype=bool)
+        for axis, parity in enumerate(self.odd):
+            if parity is not None:
+                for end in (0, -1):
+                    np.moveaxis(none, axis + 1, 1)[parity[kinds], end] = True
+        return none
+
     def _mirrored(self, transform: Any, values: Grid, parity: Any, axis: int) -> Grid:
-        xp = self._xp
+        xp = self.xp
         parts = [transform(xp.moveaxis(part, axis, -1), bool(odd), self.cells[axis])
                  for part, odd in zip(values, parity, strict=False)]  # fmt: skip
         return xp.moveaxis(xp.stack(parts), -1, axis + 1)

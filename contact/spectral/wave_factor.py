@@ -18,26 +18,54 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact.spectral.images import dense_matrix
 from contact.spectral.lateral_waves import LateralWaves
 from contact.spectral.slab_symbols import Slab, joined
-from contact.spectral.transforms import host
+from contact.spectral.transforms import host, namespace
 
 Array = NDArray[np.float64]
 Waves = Any  # arrays of NumPy or CuPy, shape (waves, r, ...)
-_COLUMNS = 256  # unit displacements that are transformed at a time
+
+
+class Middle(NamedTuple):
+    """The plane between two equal slabs: its compliance, and what moves of the outer planes do."""
+
+    inverse: Waves
+    below: Waves  # M^-1 Q^H
+    above: Waves  # M^-1 Q
+
+    @classmethod
+    def of(cls, slab: Slab) -> Middle:
+        """Between two of these slabs."""
+        inverse = namespace(slab.P).linalg.inv(slab.R + slab.P)
+        inverse = 0.5 * (inverse + _adjoint(inverse))
+        return cls(inverse, inverse @ _adjoint(slab.Q), inverse @ slab.Q)
 
 
 class Piece(NamedTuple):
-    """A slab of 2^m layers: those of its halves, its lowest plane, the stiffness M on its top."""
+    """A slab of 2^m layers with the planes between those of its halves, and what holds its top.
 
-    powers: list[Slab]
+    Attributes
+    ----------
+    middles : tuple of Middle
+        The finest first.
+    row : int
+        Number of its lowest plane.
+    inverse : Waves
+        Compliance of the free unknowns of its top, all above included.
+    below : Waves
+        What they do, in minus signs, where the lowest plane moves.
+    """
+
+    middles: tuple[Middle, ...]
     row: int
-    M: Waves
+    inverse: Waves
+    below: Waves
 
     @property
     def height(self) -> int:
         """Number of layers of cells."""
-        return 1 << (len(self.powers) - 1)
+        return 1 << len(self.middles)
 
 
 class WaveFactor:
@@ -67,8 +95,6 @@ class WaveFactor:
     ----------
     boundary : ndarray of int
         The kept unknowns that no side holds, ascending.
-    schur : array, shape (nb, nb)
-        Their stiffness, on the device.
     """
 
     def __init__(
@@ -81,7 +107,7 @@ class WaveFactor:
         xp: Any,
         lengths: Array | None = None,
     ) -> None:
-        self._lateral, self._xp = lateral, xp
+        self._lateral, self.xp = lateral, xp
         turn = np.array([1, 1j, -1, -1j])[turns % 4]
         self._turn = xp.asarray(turn.real if all(lateral.mirrored) else turn)
         self._loose = xp.asarray(loose)
@@ -98,19 +124,21 @@ class WaveFactor:
         outer = self._face[:, self._rest[:, None], self._kept]
         self._across = xp.linalg.solve(inner, outer) if self._rest.size else outer
         symbol = self._face[:, self._kept[:, None], self._kept] - _adjoint(outer) @ self._across
-        self.schur = self._assembled(0.5 * (symbol + _adjoint(symbol)))
-        self._last: tuple[Array, Any] | None = None
+        self._symbol = 0.5 * (symbol + _adjoint(symbol))
+        self._inverse: Waves = None
+        self._last: tuple[Any, Any] | None = None
 
     def _folded(self, layers: Sequence[tuple[Slab, int]]) -> Waves:
         """Fold all pieces from the top; returns the stiffness on the lowest plane."""
-        xp, above = self._xp, None
+        xp, above = self.xp, None
         self.pieces: list[Piece] = []
         row = self.rows - 1
         for cell, count in reversed(layers):
-            powers = [cell]
-            while 2 << (len(powers) - 1) <= count:
-                powers.append(joined(powers[-1], powers[-1]))
-            for level, slab in enumerate(powers):
+            slab, middles = cell, []
+            for level in range(count.bit_length()):
+                if level:
+                    middles.append(Middle.of(slab))
+                    slab = joined(slab, slab)
                 if not count >> level & 1:
                     continue
                 row -= 1 << level
@@ -119,26 +147,75 @@ class WaveFactor:
                     coupling = slab.Q[:, :, self._loose]
                 else:
                     M, coupling = slab.R + above, slab.Q
-                above = slab.P
-                if M.shape[1]:
-                    above = slab.P - coupling @ xp.linalg.solve(M, _adjoint(coupling))
-                    above = 0.5 * (above + _adjoint(above))
-                self.pieces.append(Piece(powers[: level + 1], row, M))
+                inverse = xp.linalg.inv(M) if M.shape[1] else M
+                below = inverse @ _adjoint(coupling)
+                above = slab.P - coupling @ below
+                above = 0.5 * (above + _adjoint(above))
+                self.pieces.append(Piece(tuple(middles), row, inverse, below))
         return above
 
-    def _assembled(self, symbol: Waves) -> Any:
+    @property
+    def schur(self) -> Any:
+        """Stiffness of the boundary, on the device, shape (nb, nb)."""
+        return self._dense(self._symbol, forces=True)
+
+    def hold(self, free: NDArray[np.intp]) -> bool:
+        """Invert the stiffness wave by wave; springs hold the means that nothing else holds.
+
+        Parameters
+        ----------
+        free : ndarray of int
+            Unknowns of a node whose mean is a free motion.
+
+        Returns
+        -------
+        bool
+            Whether it is positive definite; else there is no compliance.
+        """
+        kinds, symbol = host(self._kept), np.array(host(self._symbol))
+        of_mean = np.flatnonzero(np.isin(kinds, free))
+        symbol[0, of_mean, of_mean] += np.trace(symbol.mean(axis=0)) / kinds.size
+        at, k = np.nonzero(self._lateral.missing(kinds).reshape(kinds.size, -1).T)
+        symbol[at, k], symbol[at, :, k], symbol[at, k, k] = 0.0, 0.0, 1.0
+        try:
+            np.linalg.cholesky(symbol)
+        except np.linalg.LinAlgError:
+            return False
+        inverse = np.linalg.inv(symbol)
+        self._inverse = self.xp.asarray(0.5 * (inverse + inverse.transpose(0, 2, 1)))
+        return True
+
+    @property
+    def compliance(self) -> Any:
+        """The inverse of the stiffness that `hold` holds, on the device, shape (nb, nb)."""
+        return self._dense(self._inverse, forces=False)
+
+    def flexed(self, r: Array) -> Array:
+        """The product of the compliance and forces on the boundary, shape (nb,)."""
+        size = 1.0 / self._lengths
+        doubled = self._kept_grid(r) / self._lateral.weights[..., None, None]
+        waves = self._inverse @ self._in_waves(doubled, self._kept, size)
+        return self._of_kept(self._on_grid(waves, self._kept, size))
+
+    def _kept_grid(self, values: Array) -> Any:
+        """Values of the boundary on all nodes, shape (*points, m, 1), on the device."""
+        whole = np.zeros(free_size(self._lateral, self._kept))
+        whole[self._own] = values
+        return self.xp.asarray(whole).reshape(*self._lateral.points, self._kept.size, 1)
+
+    def _of_kept(self, grid: Any) -> Array:
+        return np.asarray(host(grid)).reshape(-1)[self._own]
+
+    def _dense(self, symbol: Waves, forces: bool) -> Any:
         """The dense matrix of a symbol, of the kept unknowns of all nodes that are not held."""
-        xp, count = self._xp, self._own.size
-        dense = xp.empty((count, count))
-        for first in range(0, count, _COLUMNS):
-            columns = self._own[first : first + _COLUMNS]
-            unit = np.zeros((free_size(self._lateral, self._kept), columns.size))
-            unit[columns, np.arange(columns.size)] = 1.0
-            grid = xp.asarray(unit).reshape(*self._lateral.points, self._kept.size, -1)
-            waves = symbol @ self._in_waves(grid, self._kept, self._lengths)
-            forces = self._on_grid(waves, self._kept, self._lengths)
-            flat = self._halved(forces).reshape(-1, columns.size)
-            dense[:, first : first + columns.size] = flat[xp.asarray(self._own)]
+        kinds, own = host(self._kept), self.xp.asarray(self._own)
+        size = self._lengths[self._kept]
+        scaled = symbol * (size[:, None] * size) if forces else symbol / (size[:, None] * size)
+        dense = dense_matrix(scaled, self._lateral, self._turn, kinds, forces)
+        count = dense.shape[0] * dense.shape[1]
+        dense = dense.reshape(count, count)
+        if own.size < count:
+            dense = dense[own[:, None], own]
         return 0.5 * (dense + dense.T)
 
     def _in_waves(self, grid: Any, kinds: Any, times: Any) -> Waves:
@@ -146,14 +223,14 @@ class WaveFactor:
 
         Each unknown of a node is multiplied by its entry of `times`.
         """
-        xp = self._xp
+        xp = self.xp
         waves = self._lateral.forward(xp.moveaxis(grid, -2, 0), kinds=host(kinds))
         flat = xp.moveaxis(waves.reshape(waves.shape[0], -1, waves.shape[-1]), 0, 1)
         return (xp.conj(self._turn) * times)[kinds][:, None] * flat
 
     def _on_grid(self, waves: Waves, kinds: Any, times: Any) -> Any:
         """The values of such waves, each unknown of a node multiplied by its entry of `times`."""
-        xp = self._xp
+        xp = self.xp
         turned = xp.moveaxis((self._turn * times)[kinds][:, None] * waves, 1, 0)
         shaped = turned.reshape(waves.shape[1], *self._lateral.shape, waves.shape[2])
         return xp.moveaxis(self._lateral.inverse(shaped, kinds=host(kinds)), 0, -2)
@@ -161,21 +238,19 @@ class WaveFactor:
     def _halved(self, forces: Any) -> Any:
         return forces * self._lateral.weights[..., None, None]
 
-    def reduce(self, load: Array) -> Array:
-        """Carry a load of all unknowns to the kept ones, shape (nb,)."""
+    def reduce(self, load: Any) -> Array:
+        """Carry a load of all unknowns to the kept ones, shape (nb,), on the host."""
         f = self._forward(load)[:, :, 0]
         down = f[:, self._kept] - (_adjoint(self._across) @ f[:, self._rest, None])[..., 0]
-        grid = self._halved(self._on_grid(down[..., None], self._kept, self._lengths))
-        return np.asarray(host(grid)).reshape(-1)[self._own]
+        return self._of_kept(
+            self._halved(self._on_grid(down[..., None], self._kept, self._lengths))
+        )
 
-    def expand(self, load: Array, z_b: Array) -> Array:
-        """All unknowns, shape (rows * nodes * r,), from the kept ones."""
-        xp = self._xp
+    def expand(self, load: Any, z_b: Array) -> Any:
+        """All unknowns, shape (rows * nodes * r,), from the kept ones; where the load lies."""
+        xp = self.xp
         u = self._forward(load).copy()
-        values = np.zeros(free_size(self._lateral, self._kept))
-        values[self._own] = z_b
-        grid = xp.asarray(values).reshape(*self._lateral.points, self._kept.size, 1)
-        lowest = self._in_waves(grid, self._kept, self._lengths)[..., 0]
+        lowest = self._in_waves(self._kept_grid(z_b), self._kept, self._lengths)[..., 0]
         inner = self._face[:, self._rest[:, None], self._rest]
         if self._rest.size:
             force = u[:, self._rest, 0]
@@ -185,56 +260,53 @@ class WaveFactor:
         for q in range(len(self.pieces) - 1, -1, -1):
             self._recover(q, u)
         full = self._on_grid(u, xp.arange(self._r), 1.0 / self._lengths)  # (*points, r, rows)
-        return np.asarray(host(xp.moveaxis(full, -1, 0))).ravel()
+        u = xp.moveaxis(full, -1, 0).ravel()
+        return host(u) if namespace(load) is np else u
 
-    def _forward(self, load: Array) -> Waves:
+    def _forward(self, load: Any) -> Waves:
         """Eliminate a load: what `expand` needs on each plane, on the lowest one what arrives.
 
         Of the last load the result is kept: `reduce` and `expand` both need it.
         """
-        if self._last is not None and np.array_equal(self._last[0], load):
+        xp = self.xp
+        if self._last is not None and bool(xp.array_equal(self._last[0], xp.asarray(load))):
             return self._last[1]
-        xp = self._xp
-        grid = xp.asarray(load).reshape(self.rows, *self._lateral.points, self._r)
+        given = xp.array(load)
+        grid = given.reshape(self.rows, *self._lateral.points, self._r)
         doubled = xp.moveaxis(grid, 0, -1) / self._lateral.weights[..., None, None]
         f = self._in_waves(doubled, xp.arange(self._r), 1.0 / self._lengths)
         f = xp.ascontiguousarray(f)
         for q, piece in enumerate(self.pieces):
             low, high = piece.row, piece.row + piece.height
-            for level, slab in enumerate(piece.powers[:-1]):
+            for level, between in enumerate(piece.middles):
                 bottom, middle, top = _planes(piece, level)
-                M = slab.R + slab.P
-                w = xp.linalg.solve(M, f[:, :, middle])
-                f[:, :, middle] = w
-                f[:, :, top] -= _adjoint(slab.Q) @ w
-                f[:, :, bottom] -= slab.Q @ w
-            free, slab = self._free(q), piece.powers[-1]
+                own = xp.ascontiguousarray(f[:, :, middle])
+                f[:, :, top] -= _adjoint(between.above) @ own
+                f[:, :, bottom] -= _adjoint(between.below) @ own
+                f[:, :, middle] = between.inverse @ own
+            free = self._free(q)
+            own = f[:, free, high, None]
+            f[:, :, low] -= (_adjoint(piece.below) @ own)[..., 0]
             above = xp.zeros_like(f[:, :, high])
-            if piece.M.shape[1]:
-                w = xp.linalg.solve(piece.M, f[:, free, high, None])
-                above[:, free] = w[..., 0]
-                f[:, :, low] -= (slab.Q[:, :, free] @ w)[..., 0]
+            above[:, free] = (piece.inverse @ own)[..., 0]
             f[:, :, high] = above
-        self._last = load.copy(), f
+        self._last = given, f
         return f
 
     def _recover(self, q: int, u: Waves) -> None:
         """Displacement of the planes of a piece above its lowest one."""
-        xp, piece, free = self._xp, self.pieces[q], self._free(q)
+        xp, piece = self.xp, self.pieces[q]
         low, high = piece.row, piece.row + piece.height
-        slab = piece.powers[-1]
-        if piece.M.shape[1]:
-            pull = _adjoint(slab.Q[:, :, free]) @ u[:, :, low, None]
-            u[:, free, high] -= xp.linalg.solve(piece.M, pull)[..., 0]
-        for level in range(len(piece.powers) - 2, -1, -1):
-            slab = piece.powers[level]
+        u[:, self._free(q), high] -= (piece.below @ u[:, :, low, None])[..., 0]
+        for level in range(len(piece.middles) - 1, -1, -1):
             bottom, middle, top = _planes(piece, level)
-            pull = _adjoint(slab.Q) @ u[:, :, bottom] + slab.Q @ u[:, :, top]
-            u[:, :, middle] -= xp.linalg.solve(slab.R + slab.P, pull)
+            between = piece.middles[level]
+            u[:, :, middle] -= between.below @ xp.ascontiguousarray(u[:, :, bottom])
+            u[:, :, middle] -= between.above @ xp.ascontiguousarray(u[:, :, top])
 
     def _free(self, q: int) -> Any:
         """Free unknowns of the top of a piece."""
-        return self._loose if q == 0 else self._xp.arange(self._r)
+        return self._loose if q == 0 else self.xp.arange(self._r)
 
 
 def free_size(lateral: LateralWaves, kept: Any) -> int:

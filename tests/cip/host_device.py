@@ -53,6 +53,8 @@ class Array(np.lib.mixins.NDArrayOperatorsMixin):
 
     def __getattr__(self, name):
         found = getattr(self._host, name)
+        if isinstance(found, np.ndarray):
+            return Array(found)
         return _wrapped(found) if callable(found) else found
 
     def __getitem__(self, key):

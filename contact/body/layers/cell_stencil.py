@@ -23,25 +23,26 @@ class CellStencil:
     layers : list of CellRows
         From the bottom up.
     arrays : HostArrays
-        Where to compute; vectors are passed from the host and returned there.
+        Where to compute; products are returned where the vectors lie.
     """
 
     def __init__(self, columns: int, layers: list[CellRows], arrays: HostArrays) -> None:
         self.columns, self.layers, self.arrays = columns, layers, arrays
 
-    def __matmul__(self, u: Array) -> Array:
+    def __matmul__(self, u: Any) -> Any:
         """Forces of all dofs."""
         on_device = self.arrays.xp.asarray(u).reshape(-1, self.columns + 1, PER_NODE)
-        return np.asarray(self.arrays.get(self._apply(on_device, absolute=False))).ravel()
+        force = self._apply(on_device, absolute=False).ravel()
+        return self.arrays.get(force) if isinstance(u, np.ndarray) else force
 
     def residual(
-        self, u: Array, external: Array, size: Array, held: NDArray[np.int64], cell: float
+        self, u: Any, external: Any, size: Any, held: NDArray[np.int64], cell: float
     ) -> tuple[float, float]:
         """Largest component of ``S u + external`` and of ``|S| |u| + size`` at the free dofs.
 
         Parameters
         ----------
-        u, external, size : ndarray, shape (ndofs,)
+        u, external, size : arrays, shape (ndofs,), on the host or the device
         held : ndarray of int
             Dofs that do not count.
         cell : float

@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 from skfem.element import Element
 
-from contact.arrays.dense_arrays import HostArrays, arrays_on
 from contact.body.boundary_names import select_components
 from contact.body.constitutive import IsotropicLaw
 from contact.body.elastic_body import ElasticBody, Field
+from contact.body.layers.block_vectors import BlockVectors
 from contact.body.layers.bottom_row import LowestRow
-from contact.body.layers.cell_stencil import CellStencil
 from contact.body.layers.edges import SIDES, built_edge, prescribed_on_edges, strip
 from contact.body.layers.evaluation import located, shape_functions
 from contact.body.layers.layers import (
@@ -35,7 +34,6 @@ from contact.body.layers.layers import (
 from contact.body.layers.meshed_block import meshed_block
 from contact.body.layers.mirrored import elastic_of, hold, vanishing
 from contact.body.material import checked_plane
-from contact.body.solid import Solid
 from contact.body.supports import live_rows
 from contact.errors import InputError
 from contact.settled import settled
@@ -47,7 +45,7 @@ _GIVEN = ("plane", "layers", "lengths", "sides", "top", "width", "height", "colu
 
 
 @settled("make a new LayeredBlock", *_GIVEN)
-class LayeredBlock(Solid):
+class LayeredBlock(BlockVectors):
     """A rectangle of horizontal layers, each of equal Adini cells and of one material.
 
     The same body as an `ElasticBody` on the same mesh (`elastic` builds it), but without a Basis
@@ -104,7 +102,6 @@ class LayeredBlock(Solid):
 
     _ANEW, _KEPT = ("stiffness", "_edges", "arrays"), ("prescribed", "trace")
     _IDENTITY = "cell_bodies"
-    arrays = HostArrays()
 
     def __new__(
         cls, lengths: Any = None, layers: Any = None, sides: Any = None, top: str | None = None, *,
@@ -298,17 +295,6 @@ class LayeredBlock(Solid):
         own = sparse.csr_array(rows[:, : self.trace.f.size])
         return live_rows(own, self.trace.constraint[0], self.trace.lengths)
 
-    def compute_on(self, device: str) -> HostArrays:
-        """Apply the stiffness on "cpu" or "cuda" from now on; return the arrays of that device."""
-        self.arrays = arrays_on(device)
-        self.__dict__.pop("stiffness", None)
-        return self.arrays
-
-    @cached_property
-    def stiffness(self) -> CellStencil:
-        """S as ``S @ u``, cell by cell; no matrix is built."""
-        return CellStencil(self.columns, self.cell_rows, self.arrays)
-
     @property
     def cell_rows(self) -> list[CellRows]:
         """Element matrix and number of cell rows of each layer, from the bottom up."""
@@ -333,36 +319,9 @@ class LayeredBlock(Solid):
         other.f, other.prescribed = f, (dofs, u0[dofs])
         return other
 
-    def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
-        """Largest residual force at a free dof, and the largest sum of the terms' moduli there."""
-        return self.stiffness.residual(
-            u, contact - load, np.abs(load), self.prescribed[0], self.cell_size
-        )
-
-    def reach(self, u: Array) -> float:
-        """Largest displacement at a node."""
-        return float(np.abs(u.reshape(-1, PER_NODE)[:, :2]).max())
-
-    def deformation(self, u: Array) -> float:
-        """Largest part of a displacement that no rigid motion explains, by numbers x + i y."""
-        v = u.reshape(self.node_rows, -1, PER_NODE)[..., :2] @ np.array([1.0, 1j])
-        v, z = v - v.mean(), (self.x - self.x.mean()) + 1j * (self.y - self.y.mean())[:, None]
-        return float(np.abs(v - 1j * z * (np.vdot(z, v).imag / np.vdot(z, z).real)).max())
-
-    def support_error(self, u: Array) -> float:
-        """Largest deviation from a prescribed displacement; derivatives are times their length."""
-        dofs, values = self.prescribed
-        length = np.where(dofs % PER_NODE < 2, 1.0, self.cell_size)
-        return float(np.abs(length * (u[dofs] - values)).max(initial=0.0))
-
-    def at_supports(self, forces: Array) -> Array:
-        """The part of forces on all dofs that acts where a displacement is prescribed."""
-        dofs, _ = self.prescribed
-        return np.asarray(np.bincount(dofs, forces[dofs], forces.size), dtype=np.float64)
-
-    def total(self, forces: Array) -> Array:
-        """Resultant of forces on all dofs, shape (2,)."""
-        return np.array([forces[0::PER_NODE].sum(), forces[1::PER_NODE].sum()])
+    def in_unknowns(self, rows: sparse.csr_array) -> sparse.csr_array:
+        """Rows given on all dofs, of which they take those of the `trace`, on its unknowns."""
+        return sparse.csr_array(rows[:, : self.trace.f.size] @ self.trace.constraint[0])
 
     def displacement(self, u: Array, points: Array) -> Array:
         """Displacement at points, by the element's own interpolation, shape (2, npoints)."""
