@@ -15,6 +15,7 @@ class FakeCudss:
         self.estimates = [0] * 16
         self.phases = []  # what was executed
         self.orders, self.trees = [], []  # what was handed over
+        self.devices, self.installed = None, None  # of a handle for several, how many there are
         self.during = {}  # what happens while a phase runs, by its number
 
     def __getattr__(self, name):
@@ -40,6 +41,14 @@ class FakeCudss:
     def _cudssCreate(self, out):
         self._open(out)
 
+    def _cudssCreateMg(self, out, count, indices):
+        self.devices = list(indices)
+        assert len(self.devices) == count
+        if self.installed is not None and max(self.devices) >= self.installed:
+            return 3  # invalid value
+        self._open(out)
+        return 0
+
     def _cudssConfigCreate(self, out):
         self._open(out)
 
@@ -48,6 +57,10 @@ class FakeCudss:
         self._open(out, {})
 
     def _cudssConfigSet(self, config, key, value, size):
+        if key == 22:
+            self.keys[key] = list(value._obj)
+            assert size.value == 4 * len(self.keys[key])
+            return
         assert size.value == (8 if key == 12 else 4)
         self.keys[key] = value._obj.value
 
@@ -97,6 +110,12 @@ class FakeCudss:
             self.during[phase]()
         if self.alive[data.value]["interrupt"][0]:
             return 5  # execution failed
+        if self.devices is not None:
+            # The configuration must name the devices of the handle; no Schur mode, no repetition.
+            assert self.keys[21] == len(self.devices)
+            assert self.keys[22] == self.devices
+            if self.keys.get(23) or self.keys[24] or self.keys.get(11):
+                return 4
         if self.keys[24] and self.keys.get(11):
             return 4  # no hybrid memory in the deterministic mode
         if self.keys[24] and (self.keys[5] > 0 or columns > 1):

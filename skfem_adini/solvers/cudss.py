@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import threading
 import weakref
+from collections.abc import Iterable
 from contextlib import ExitStack
 from typing import Any
 
@@ -12,9 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skfem_adini.errors import AdiniError, InputError
-from skfem_adini.solvers.cudss_handles import CudssHandles, permutation
-from skfem_adini.solvers.cudss_library import CudssError, device_arrays
-from skfem_adini.solvers.cudss_memory import check_memory, free_memory, memory
+from skfem_adini.solvers.cudss_handles import CudssHandles, on_device, permutation
+from skfem_adini.solvers.cudss_library import CudssError, chosen_devices, device_arrays
+from skfem_adini.solvers.cudss_memory import (
+    check_memory,
+    free_memories,
+    free_memory,
+    memory,
+)
 from skfem_adini.solvers.device_triangle import DeviceTriangle
 
 Array = NDArray[np.float64]
@@ -53,13 +59,18 @@ class CudssMatrix:
     hybrid_memory
         Keep the factors in the memory of the host, and a part of them on the device: of as many
         bytes as the number says, or as cuDSS decides if True. Not deterministic.
+    devices
+        Numbers of the devices that share the factors, the first of which holds the matrix; None for
+        the present device. They are for what one device cannot hold, and hardly faster. Not
+        deterministic.
 
     Raises
     ------
     MissingDependency
         cuDSS, CuPy or a device is not there, or cuDSS has another major version.
     InputError
-        `order` is no permutation, or `hybrid_memory` is asked for with `deterministic`.
+        `order` is no permutation, `devices` are no numbers of devices that are there, or
+        `hybrid_memory` or `devices` are asked for with `deterministic` or with each other.
     DeviceMemory
         The factors will not fit into the device; nothing was factored.
     CudssError
@@ -72,22 +83,25 @@ class CudssMatrix:
 
     def __init__(
         self, A: Any, definite: bool, deterministic: bool = True, order: ArrayLike | None = None,
-        hybrid_memory: bool | int = False,
+        hybrid_memory: bool | int = False, devices: Iterable[int] | None = None,
     ) -> None:  # fmt: skip
-        if hybrid_memory and deterministic:
-            raise InputError("hybrid_memory: cuDSS has no deterministic mode with it")
-        self._given: tuple[Any, ...] = A, definite, deterministic, order, hybrid_memory
+        _refuse(deterministic, hybrid_memory, devices)
+        self._given: tuple[Any, ...] = A, definite, deterministic, order, hybrid_memory, devices
         self._A, self._deterministic, self._hybrid = A, deterministic, hybrid_memory
         self._n, self._lock, self._factored = A.shape[0], threading.Lock(), False
         order = None if order is None else permutation(order, self._n)
-        self._triangle = DeviceTriangle(device_arrays(), A)
-        with ExitStack() as opened:
+        xp = device_arrays()
+        self._devices = chosen_devices(xp, devices)
+        with self._home(), ExitStack() as opened:
+            before = free_memories(xp, self._devices)
+            self._triangle = DeviceTriangle(xp, A)
             arrays = self._triangle.arrays(A)
-            self._cudss = CudssHandles(opened, arrays, definite, self._settings())
+            self._cudss = CudssHandles(opened, arrays, definite, self._settings(), self._devices)
             if order is not None:
                 self._cudss.put(ORDER, order)
             self._prepare()
             self._factor(ANALYSIS, FACTORISATION)
+            self._used = _taken(before, free_memories(xp, self._devices))
             weakref.finalize(self, self._cudss.release, opened.pop_all())
 
     def refactor(self, A: Any) -> None:
@@ -106,14 +120,22 @@ class CudssMatrix:
             The factorisation fails; there are no factors then.
         """
         self._cudss.here()
-        with self._lock:
+        with self._lock, self._home():
             self._cudss.set_values(self._triangle.values(A))
             self._given, self._A = (A, *self._given[1:]), A
             self._factor(REFACTORISATION)
 
-    def statistics(self) -> dict[str, int]:
-        """Entries of the factors, and the most bytes of the device and of the host."""
-        return {"entries": self._cudss.get(_FILL, ctypes.c_int64()).value, **memory(self._cudss)}
+    def statistics(self) -> dict[str, Any]:
+        """Entries of the factors, and the most bytes of the device and of the host.
+
+        These are cuDSS's estimates. "used" is what the matrix and its factors took of each device.
+        """
+        entries = self._cudss.get(_FILL, ctypes.c_int64()).value
+        return {"entries": entries, **memory(self._cudss), "used": self._used}
+
+    def _home(self) -> Any:
+        """Return the context of the device that holds the matrix."""
+        return on_device(device_arrays(), self._devices)
 
     def _settings(self) -> dict[int, Any]:
         """Return the settings of cuDSS by their numbers."""
@@ -140,7 +162,7 @@ class CudssMatrix:
             for phase in phases:
                 self._cudss.execute(phase, x, b, long=True)
                 if phase == ANALYSIS:
-                    check_memory(self._cudss, bool(self._hybrid), self._more_bytes())
+                    check_memory(self._cudss, bool(self._hybrid), self._more_bytes(), self._devices)
         if pivot := self._cudss.get(_INFO, ctypes.c_int(0)).value:
             raise CudssError("cudssExecute", pivot, pivot=True)
         self._factored = True
@@ -154,7 +176,7 @@ class CudssMatrix:
         self._cudss.here()
         count = loads.shape[1]
         x = np.empty((count, self._n))
-        with self._lock, ExitStack() as columns:
+        with self._lock, self._home(), ExitStack() as columns:
             if not self._factored:
                 raise AdiniError("cuDSS: the last factorisation did not end; call refactor")
             right, b_handle, left, x_handle = self._cudss.columns(columns, together)
@@ -172,6 +194,19 @@ class CudssMatrix:
     def __reduce__(self) -> tuple[Any, ...]:
         """Return the matrix: a copy factors it again."""
         return type(self), self._given
+
+
+def _refuse(deterministic: bool, hybrid_memory: bool | int, devices: Any) -> None:
+    for name, given in (("hybrid_memory", hybrid_memory), ("devices", devices is not None)):
+        if given and deterministic:
+            raise InputError(f"{name}: cuDSS has no deterministic mode with it")
+    if hybrid_memory and devices is not None:
+        raise InputError("hybrid_memory: it is for one device; leave out devices")
+
+
+def _taken(before: list[int] | None, after: list[int] | None) -> tuple[int, ...]:
+    """Return the bytes of each device that are no longer free; none where there is no device."""
+    return tuple(b - a for b, a in zip(before or (), after or (), strict=True))
 
 
 class Cudss(CudssMatrix):

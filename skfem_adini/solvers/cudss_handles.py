@@ -25,7 +25,7 @@ from skfem_adini.solvers.cudss_library import (
 _INT32, _FLOAT64 = 10, 1
 _SYMMETRIC, _SPD = 1, 3
 _UPPER, _ZERO_BASED, _COLUMN_MAJOR = 2, 0, 0
-_INTERRUPT = 23
+_INTERRUPT, _DEVICES, _WHICH = 23, 21, 22
 
 
 class CudssHandles:
@@ -38,17 +38,28 @@ class CudssHandles:
     definite
         Whether the matrix is positive definite.
     settings
-        Number of each setting of cuDSS, and its value as a ctypes number.
+        Number of each setting of cuDSS, and its value as a ctypes number or array.
+    devices
+        Numbers of the devices that share the factors, the first of which holds the arrays; None
+        for the present device alone.
     """
 
-    def __init__(self, opened: ExitStack, arrays: Any, definite: bool, settings: Any) -> None:
+    def __init__(
+        self, opened: ExitStack, arrays: Any, definite: bool, settings: Any,
+        devices: tuple[int, ...] | None = None,
+    ) -> None:  # fmt: skip
         self.library, self.xp = load_cudss(), device_arrays()
         self._process, self._flag = os.getpid(), np.zeros(1, dtype=np.int32)
-        self._device = self.xp.cuda.Device() if hasattr(self.xp, "cuda") else nullcontext()
+        self._device = on_device(self.xp, devices)
         self._kept: list[Any] = [arrays]  # what cuDSS holds by its address
         indptr, indices, data = arrays
         self.n = len(indptr) - 1
-        self._handle = self.create(opened, "cudssCreate", "cudssDestroy")
+        create: str = "cudssCreate"
+        numbers: tuple[Any, ...] = ()
+        if devices is not None:
+            create, numbers = "cudssCreateMg", (len(devices), _numbers(devices))
+            settings = {**settings, _DEVICES: ctypes.c_int(len(devices)), _WHICH: numbers[1]}
+        self._handle = self.create(opened, create, "cudssDestroy", *numbers)
         layer = threading_layer()
         if layer is not None:
             self._call("cudssSetThreadingLayer", self._handle, os.fsencode(layer))
@@ -102,10 +113,13 @@ class CudssHandles:
         return self.create(opened, "cudssMatrixCreateDn", "cudssMatrixDestroy", *layout)
 
     def create(self, opened: ExitStack, create: str, destroy: str, *data: Any) -> Any:
-        """Return a new handle, which `opened` destroys."""
+        """Return a new handle, which `opened` destroys, also one that comes with an error."""
         handle = ctypes.c_void_p()
-        self._call(create, ctypes.byref(handle), *data)
-        opened.callback(getattr(self.library, destroy), handle)
+        try:
+            self._call(create, ctypes.byref(handle), *data)
+        finally:
+            if handle.value:
+                opened.callback(getattr(self.library, destroy), handle)
         return handle
 
     def put(self, key: int, array: Any) -> None:
@@ -191,6 +205,17 @@ def pointer(array: Any) -> Any:
     """Return the address of an array."""
     interface = getattr(array, "__cuda_array_interface__", None) or array.__array_interface__
     return ctypes.c_void_p(interface["data"][0])
+
+
+def on_device(xp: Any, devices: tuple[int, ...] | None) -> Any:
+    """Return the context in which CuPy works on the first of the devices, or on the present one."""
+    if not hasattr(xp, "cuda"):
+        return nullcontext()
+    return xp.cuda.Device(*(devices or ())[:1])
+
+
+def _numbers(devices: tuple[int, ...]) -> Any:
+    return (ctypes.c_int * len(devices))(*devices)
 
 
 def permutation(order: ArrayLike, n: int) -> NDArray[np.int32]:

@@ -6,10 +6,11 @@ import ctypes
 import functools
 import importlib
 import importlib.util
+import operator
 from pathlib import Path
 from typing import Any
 
-from skfem_adini.errors import AdiniError, MissingDependency
+from skfem_adini.errors import AdiniError, InputError, MissingDependency
 
 # The numbers of the other file are those of this major version; those of 0.x differ.
 _VERSION = 1
@@ -80,6 +81,45 @@ class DeviceMemory(CudssError):
 
 def _gib(size: int) -> str:
     return f"{size / 2**30:.3g} GiB"
+
+
+def chosen_devices(xp: Any, devices: Any) -> tuple[int, ...] | None:
+    """Return the numbers of devices that share a factorisation, as a tuple.
+
+    Parameters
+    ----------
+    xp
+        NumPy or CuPy.
+    devices
+        Different numbers, counted from 0; None for the present device.
+
+    Raises
+    ------
+    InputError
+        They are no such numbers, or a device is not there.
+    """
+    if devices is None:
+        return None
+    try:
+        numbers = tuple(operator.index(device) for device in devices)
+    except TypeError:
+        numbers = ()
+    if not numbers or min(numbers) < 0 or len(set(numbers)) < len(numbers):
+        raise InputError(
+            f"devices={devices!r}: expected different numbers of CUDA devices, (0, 1) for instance"
+        )
+    count = device_count(xp)
+    if count is not None and max(numbers) >= count:
+        raise InputError(
+            f"devices={devices!r}: device {max(numbers)} is not there, {count} answer; take "
+            f"numbers below {count}"
+        )
+    return numbers
+
+
+def device_count(xp: Any) -> int | None:
+    """Return how many CUDA devices answer; None for NumPy, which has none."""
+    return int(xp.cuda.runtime.getDeviceCount()) if hasattr(xp, "cuda") else None
 
 
 def device_arrays() -> Any:

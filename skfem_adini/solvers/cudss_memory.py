@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from typing import Any
 
+from skfem_adini.solvers.cudss_handles import on_device
 from skfem_adini.solvers.cudss_library import DeviceMemory
 
 # cuDSS's number of the estimates, how many they are, and which of them are the largest use of the
@@ -13,7 +14,9 @@ _ESTIMATES, _COUNT = 13, 16
 _PEAK, _HOST, _HYBRID = 1, 3, 4
 
 
-def check_memory(cudss: Any, hybrid: bool, more: int) -> None:
+def check_memory(
+    cudss: Any, hybrid: bool, more: int, devices: tuple[int, ...] | None = None
+) -> None:
     """Raise if the factorisation needs more memory than is free; call it after the analysis.
 
     Parameters
@@ -24,14 +27,17 @@ def check_memory(cudss: Any, hybrid: bool, more: int) -> None:
         Whether the factors may lie on the host.
     more
         Bytes on the device that are needed beside the factors.
+    devices
+        Numbers of the devices that share the factors; what is free on all of them counts.
 
     Raises
     ------
     DeviceMemory
     """
-    free = free_memory(cudss.xp)
-    if free is None:
+    each = free_memories(cudss.xp, devices)
+    if each is None:
         return
+    free = sum(each)
     estimates = _estimates(cudss)
     least = int(estimates[_HYBRID]) + more
     needed = least if hybrid else int(estimates[_PEAK]) + more
@@ -47,6 +53,18 @@ def memory(cudss: Any) -> dict[str, int]:
 
 def _estimates(cudss: Any) -> Any:
     return cudss.get(_ESTIMATES, (ctypes.c_int64 * _COUNT)())
+
+
+def free_memories(xp: Any, devices: tuple[int, ...] | None) -> list[int] | None:
+    """Bytes that are free on each of the devices; None where there is no device."""
+    found = []
+    for device in devices or (None,):
+        with on_device(xp, None if device is None else (device,)):
+            free = free_memory(xp)
+        if free is None:
+            return None
+        found.append(free)
+    return found
 
 
 def free_memory(xp: Any) -> int | None:

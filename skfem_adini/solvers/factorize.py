@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, Literal, Protocol, get_args
 
@@ -58,6 +58,7 @@ def factorize(
     max_iterations: int = 500,
     order: ArrayLike | None = None,
     hybrid_memory: bool | int = False,
+    devices: Iterable[int] | None = None,
 ) -> Factorization:
     r"""Factor a symmetric sparse matrix once, for any number of solves.
 
@@ -92,6 +93,10 @@ def factorize(
         For ``"cudss"``: keep the factors in the memory of the host, and a part of them on the
         device: of as many bytes as the number says, or as cuDSS decides if True. Slower, for
         factors that do not fit; equal calls may then differ in the last bits.
+    devices
+        For ``"cudss"``: numbers of the CUDA devices that share the factors, ``(0, 1)`` for
+        instance, where one cannot hold them; equal calls may then differ in the last bits. None:
+        the present device.
 
     Returns
     -------
@@ -106,8 +111,9 @@ def factorize(
     InputError
         A is not real, square, finite and symmetric, or singular, or (PARDISO, cuDSS) not definite;
         a load that is not finite; a pattern in ``refactor`` that is not that of A; `order` that is
-        no permutation; `order` or `hybrid_memory` for another solver than cuDSS; ``"amg"`` without
-        a fitting `near_null`, with `definite` false, or a `tol` that is not in (0, 1).
+        no permutation; `devices` that are not there; `order`, `hybrid_memory` or `devices` for
+        another solver than cuDSS, or the last two together; ``"amg"`` without a fitting
+        `near_null`, with `definite` false, or a `tol` that is not in (0, 1).
     MissingDependency
         PARDISO, pyamg or cuDSS was asked for and is not installed, or there is no device for cuDSS.
     AdiniError
@@ -139,8 +145,9 @@ def factorize(
         raise InputError(f"solver: expected one of {get_args(Solver)}, got {solver!r}")
     if solver == "pardiso" and not has_pardiso():
         raise MissingDependency("PARDISO needs pypardiso: pip install 'skfem-adini[mkl]'")
-    if solver != "cudss" and (order is not None or hybrid_memory):
-        raise InputError(f"order, hybrid_memory: for solver='cudss', not {solver!r}")
+    options = {"order": order, "hybrid_memory": hybrid_memory, "devices": devices}
+    if solver != "cudss" and (order is not None or hybrid_memory or devices is not None):
+        raise InputError(f"{', '.join(options)}: for solver='cudss', not {solver!r}")
     A = _checked(A)
     scale = _scale(A, definite)
     scaled = _scaled(A, scale)
@@ -152,8 +159,7 @@ def factorize(
                 f"and {max_iterations!r}"
             )
         return _Scaled(Multigrid(scaled, modes, tol, max_iterations), scale, A, definite)
-    options = {"order": order, "hybrid_memory": hybrid_memory} if solver == "cudss" else {}
-    factors = _direct(solver)(scaled, definite, **options)
+    factors = _direct(solver)(scaled, definite, **(options if solver == "cudss" else {}))
     _probe(factors, scaled, definite)
     return _Scaled(factors, scale, A, definite)
 
@@ -313,11 +319,13 @@ class _Cudss:
     iterations = 0
 
     def __init__(
-        self, A: Any, definite: bool, order: ArrayLike | None, hybrid_memory: bool | int
-    ) -> None:
+        self, A: Any, definite: bool, order: ArrayLike | None, hybrid_memory: bool | int,
+        devices: Iterable[int] | None,
+    ) -> None:  # fmt: skip
         self._definite = definite
         with self._typed():
-            self._cudss = Cudss(A, definite, not hybrid_memory, order, hybrid_memory)
+            repeats = not hybrid_memory and devices is None
+            self._cudss = Cudss(A, definite, repeats, order, hybrid_memory, devices)
 
     def refactor(self, A: Any) -> None:
         with self._typed():

@@ -173,11 +173,80 @@ def test_factors_on_the_host(engine, hybrid):
 
 
 def test_options_of_cudss_are_refused_elsewhere():
-    for option in ({"order": [0, 1, 2]}, {"hybrid_memory": True}):
+    for option in ({"order": [0, 1, 2]}, {"hybrid_memory": True}, {"devices": (0, 1)}):
         with pytest.raises(InputError, match="for solver='cudss', not 'superlu'"):
             factorize(matrix(3, True), solver="superlu", **option)
     with pytest.raises(InputError, match="deterministic"):
         cudss.Cudss(matrix(3, True), True, hybrid_memory=True)
+    with pytest.raises(InputError, match="devices: cuDSS has no deterministic mode"):
+        cudss.Cudss(matrix(3, True), True, devices=(0, 1))
+    with pytest.raises(InputError, match="hybrid_memory: it is for one device"):
+        factorize(matrix(3, True), solver="cudss", hybrid_memory=True, devices=(0, 1))
+
+
+def test_several_devices_share_the_factors(fake):
+    A, exact = matrix(40, True), np.random.default_rng(3).uniform(-1, 1, (40, 3))
+    factors = factorize(A, solver="cudss", devices=(1, 0))
+    np.testing.assert_allclose(factors.solve(A @ exact), exact, atol=1e-12)
+    assert fake.devices == [1, 0]
+    assert (fake.keys[21], fake.keys[22], fake.keys[24]) == (2, [1, 0], 0)
+    assert "cudssCreate" not in fake.calls
+    factors.refactor(2 * A)
+    copied = pickle.loads(pickle.dumps(factors))
+    for one in (factors, copied):
+        np.testing.assert_allclose(one.solve(A @ exact), exact / 2, atol=1e-12)
+    del factors, copied, one
+    gc.collect()
+    assert fake.alive == {}
+
+
+@pytest.mark.parametrize("devices", [(), (0, 0), (-1,), (0.5,), 3, "ab"])
+def test_devices_that_are_no_numbers_of_devices(fake, devices):
+    with pytest.raises(InputError, match=r"devices=.*: expected different numbers"):
+        factorize(matrix(5, True), solver="cudss", devices=devices)
+    assert fake.calls == []
+
+
+def test_a_device_that_is_not_there(fake, monkeypatch):
+    fake.installed = 2
+    with pytest.raises(cudss_library.CudssError, match=r"cudssCreateMg .* invalid value"):
+        factorize(matrix(5, True), solver="cudss", devices=(0, 2))
+    monkeypatch.setattr(cudss_library, "device_count", lambda xp: 2)
+    with pytest.raises(InputError, match="device 2 is not there, 2 answer; take numbers below 2"):
+        factorize(matrix(5, True), solver="cudss", devices=(0, 2))
+    assert fake.alive == {}
+
+
+@pytest.mark.parametrize("call", ["cudssCreateMg", "cudssConfigSet", "cudssExecute"])
+def test_handles_of_several_devices_are_freed_after_an_error(fake, call):
+    fake.fail[call] = 6
+    with pytest.raises(cudss_library.CudssError, match=f"{call} .* internal error"):
+        factorize(matrix(5, True), solver="cudss", devices=(0, 1))
+    assert fake.alive == {}
+
+
+def test_a_handle_that_comes_with_an_error_is_freed(fake):
+    opened = fake._cudssCreateMg
+
+    def half_open(*arguments):
+        opened(*arguments)
+        return 2
+
+    fake._cudssCreateMg = half_open
+    with pytest.raises(cudss_library.CudssError, match="allocation failed"):
+        factorize(matrix(5, True), solver="cudss", devices=(0, 1))
+    assert fake.alive == {}
+
+
+def test_the_memory_of_all_devices_counts(fake, monkeypatch):
+    fake.estimates[1] = 6 * 2**30
+    monkeypatch.setattr(cudss_memory, "free_memory", lambda xp: 4 * 2**30)
+    with pytest.raises(cudss_library.DeviceMemory, match="4 GiB are free"):
+        factorize(matrix(5, True), solver="cudss")
+    factorize(matrix(5, True), solver="cudss", devices=(0, 1))
+    fake.estimates[1] = 9 * 2**30
+    with pytest.raises(cudss_library.DeviceMemory, match="8 GiB are free"):
+        factorize(matrix(5, True), solver="cudss", devices=(0, 1))
 
 
 @pytest.mark.parametrize(
@@ -204,7 +273,12 @@ def test_factors_that_do_not_fit_are_foreseen(fake, monkeypatch, free, hybrid, r
 def test_statistics(fake):
     fake.estimates[1], fake.estimates[3] = 7, 8
     factors = cudss.Cudss(matrix(5, True), True)
-    assert factors.statistics() == {"entries": 15, "device": 7, "host": 8}
+    assert factors.statistics() == {
+        "entries": 15,
+        "device": 7,
+        "host": 8,
+        "used": (),
+    }
 
 
 @pytest.fixture
@@ -350,6 +424,8 @@ def test_a_restricted_matrix_is_that_of_the_host(fake):
         triangle.arrays(restricted), (expected.indptr, expected.indices, expected.data), strict=True
     ):
         np.testing.assert_array_equal(ours, theirs)
+    for x in (rng.uniform(-1, 1, 20), rng.uniform(-1, 1, (20, 2))):
+        np.testing.assert_allclose(restricted @ x, restricted.on_host() @ x, atol=1e-12)
     with pytest.raises(InputError, match="not in the places"):
         triangle.values(Restricted(A, free[1:], scale[1:]))
     S = CudssSchur(restricted, [3, 5]).complement
