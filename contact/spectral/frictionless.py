@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from contact.arrays.namespace import host
 from contact.errors import Infeasible, NotConverged
 from contact.laws.iteration import Iteration, Report
 from contact.spectral.grid_problem import Grid, GridProblem
 from contact.spectral.normal_problem import NormalProblem
-from contact.spectral.transforms import host
 
 _LOOSEST = 1e-2  # accuracy of conjugate gradients on the first sets
 _COARSE = 0.1  # what may be off on coarser grids

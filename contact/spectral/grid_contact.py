@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from contact.arrays.namespace import host
 from contact.errors import Infeasible, InputError, NotConverged, evaluated, numbers
 from contact.laws.iteration import Iteration
 from contact.obstacles.rigid import Rigid
@@ -21,7 +22,6 @@ from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import GridProblem
 from contact.spectral.grid_result import GridResult, certified
 from contact.spectral.proximal_point import proximal_point
-from contact.spectral.transforms import host
 
 Array = NDArray[np.float64]
 

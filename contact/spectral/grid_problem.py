@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from contact.arrays.namespace import namespace
 from contact.spectral.grid_compliance import GridCompliance
-from contact.spectral.transforms import namespace
 
 Grid = Any  # an array of NumPy or CuPy
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from contact.arrays.namespace import host
 from contact.errors import InputError, MissingDependency, NotConverged
 from contact.laws.iteration import Iteration
 from contact.laws.status import Status
@@ -16,7 +17,6 @@ from contact.spectral.contact_edge import ContactEdge, contact_edge
 from contact.spectral.friction_newton import GridFriction
 from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import Grid, GridProblem, project
-from contact.spectral.transforms import host
 
 Array = NDArray[np.float64]
 

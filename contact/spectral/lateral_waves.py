@@ -24,8 +24,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from contact.arrays.namespace import namespace
 from contact.spectral.real_symbol import RealSymbol
-from contact.spectral.transforms import fft_of, namespace
+from contact.spectral.transforms import fft_of
 
 Grid = Any  # an array of NumPy or CuPy, shape (m, nx[, ny]) or (nx[, ny])
 

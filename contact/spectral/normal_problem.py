@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from contact.arrays.namespace import namespace
 from contact.spectral.grid_problem import Grid, GridProblem
 from contact.spectral.normal_filter import NormalFilter
-from contact.spectral.transforms import namespace
 
 
 @dataclass(frozen=True)

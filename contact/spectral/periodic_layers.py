@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from skfem import MeshHex, MeshQuad
 from skfem.element import Element
 
+from contact.arrays.namespace import host
 from contact.body.boundary_names import select_components
 from contact.body.elastic_body import ElasticBody
 from contact.body.layers.lateral_sides import adrift, odd_unknowns, read_sides
@@ -31,7 +32,6 @@ from contact.spectral.layer_arguments import (
 )
 from contact.spectral.real_symbol import RealSymbol
 from contact.spectral.slab_symbols import cell
-from contact.spectral.transforms import host
 from contact.spectral.wave_cells import parities
 
 Array = NDArray[np.float64]

@@ -18,10 +18,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact.arrays.namespace import host, namespace
 from contact.spectral.images import dense_matrix
 from contact.spectral.lateral_waves import LateralWaves
 from contact.spectral.slab_symbols import Slab, joined
-from contact.spectral.transforms import host, namespace
 
 Array = NDArray[np.float64]
 Waves = Any  # arrays of NumPy or CuPy, shape (waves, r, ...)

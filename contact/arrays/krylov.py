@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.spectral.transforms import host, namespace
+from contact.arrays.namespace import host, namespace
 
 Operator = Callable[[Any], Any]
 _ROWS = 8  # vectors of the basis that are multiplied at once
