@@ -321,7 +321,7 @@ def regular(x: Any, info: int = 0) -> Any:
 
 def arrays_of(W: Any) -> HostArrays:
     """The arrays among which a matrix lies that `HostArrays.matrix` returned."""
-    return W.arrays if isinstance(W, DeviceMatrix) else HostArrays()
+    return getattr(W, "arrays", None) or HostArrays()
 
 
 def arrays_on(device: str) -> HostArrays:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Sequence
 from functools import singledispatch
+from typing import Any
 
 from contact.arrays.dense_arrays import arrays_on
 from contact.body.basis_solid import BasisSolid
@@ -10,10 +13,17 @@ from contact.body.distributed_body import DistributedBody
 from contact.body.layers.layered_block import LayeredBlock
 from contact.body.solid import Solid
 from contact.condensation.condensed_body import BodyRows, CondensedBody
+from contact.condensation.device_choice import Device
 from contact.condensation.distributed import CondensedDistributed
 from contact.condensation.layers import CondensedLayers
+from contact.condensation.solved_body import SolvedBody
 from contact.condensation.sparse import SparseBody
 from contact.errors import InputError
+
+_log = logging.getLogger(__name__)
+# Contact rows up to which the compliance is a dense matrix: of this many it takes 5 GB. Where it is
+# made of columns, each of which costs a solution, Krylov's method needs fewer of them from here on.
+MOST_ROWS, MOST_COLUMNS = 25_000, 5_000
 
 
 @singledispatch
@@ -43,11 +53,73 @@ def condense(body: Solid, rows: BodyRows, solver: str, device: str) -> Condensed
 def _by_factorisation(body: BasisSolid, rows: BodyRows, solver: str, device: str) -> CondensedBody:
     if device == "cpu":
         return SparseBody(body, rows, solver)
-    if solver != "auto":
-        raise InputError(
-            f"solver={solver!r}: with device={device!r} a body is factored by cuDSS; leave 'auto'"
-        )
+    if solver != "auto":  # beside a body of layers
+        raise _refused(solver, device)
     return SparseBody(body, rows, arrays=arrays_on(device))
+
+
+def solved(body: BasisSolid, rows: BodyRows, solver: str, device: Device) -> SolvedBody:
+    """A body of which nothing is eliminated; its compliance follows from solutions.
+
+    Parameters
+    ----------
+    body : BasisSolid
+    rows : BodyRows
+    solver : {"auto", "pardiso", "superlu"}
+    device : {"cpu", "cuda"} or tuple of str
+        Of several devices that share the factors, "cuda:0" and so on.
+    """
+    if device == "cpu":
+        return SolvedBody(body, rows, solver)
+    several = None if isinstance(device, str) else tuple(int(word[5:]) for word in device)
+    return SolvedBody(body, rows, arrays=arrays_on("cuda"), devices=several)
+
+
+def way_of(bodies: Sequence[Solid], rows: int, solver: str, device: Device) -> tuple[Any, bool]:
+    """How bodies are condensed, `condense` or `solved`, and whether their compliance is dense.
+
+    Parameters
+    ----------
+    bodies : sequence of Solid
+    rows : int
+        Contact rows, the order of the compliance.
+    solver : {"auto", "pardiso", "superlu"}
+    device : {"cpu", "cuda"} or tuple of str
+
+    Raises
+    ------
+    InputError
+        Several devices for a body without an assembled stiffness, or a solver of the host for
+        one with it.
+    """
+    assembled = all(isinstance(body, BasisSolid) for body in bodies)
+    if assembled and device != "cpu" and solver != "auto":
+        raise _refused(solver, device)
+    if not isinstance(device, str):
+        if not assembled:
+            raise InputError(f"device={device!r}: several devices take bodies with a Basis alone")
+        if rows <= MOST_COLUMNS:
+            return solved, True
+    elif not assembled or (rows <= MOST_ROWS and _fits(rows, device)):
+        return condense, True
+    _log.info(
+        "%d contact rows: their compliance is not made dense; Newton's steps are solved by "
+        "Krylov's method, whose products are solutions by the factors of the bodies",
+        rows,
+    )
+    return solved, False
+
+
+def _fits(rows: int, device: str) -> bool:
+    """Whether the dense compliance and the complement that it is made of fit into a device."""
+    room = None if device == "cpu" else arrays_on(device).room()
+    return room is None or 16 * rows**2 <= room
+
+
+def _refused(solver: str, device: Device) -> InputError:
+    return InputError(
+        f"solver={solver!r}: with device={device!r} a body is factored by cuDSS; leave 'auto'"
+    )
 
 
 @condense.register(LayeredBlock)

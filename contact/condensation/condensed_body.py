@@ -33,6 +33,11 @@ class BodyRows:
     tangential: sparse.csr_array
     keep: sparse.csr_array | None = None
 
+    @property
+    def count(self) -> int:
+        """Number of rows, k + l."""
+        return int(self.normal.shape[0] + self.tangential.shape[0])
+
 
 class CondensedBody:
     """The Schur complement S_b of a body's unknowns in contact rows, factored once.
@@ -113,6 +118,11 @@ class CondensedBody:
     def _invert(self) -> None:
         """Prepare products with the inverse of the stiffness, whose free motions springs hold."""
         self._L, self.thin = held_factor(self.arrays, self.scaled_schur, self.N)
+
+    @property
+    def order(self) -> int:
+        """Order of the largest dense matrix."""
+        return max(self.B.shape)
 
     def compliance(self) -> Any:
         """``B S_b^-1 B^T`` on the device, shape (n, n)."""

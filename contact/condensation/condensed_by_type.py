@@ -6,13 +6,14 @@ from typing import Any
 
 from contact.body.distributed_body import DistributedBody
 from contact.condensation.condensed_contact import CondensedContact
+from contact.condensation.device_choice import Device
 from contact.condensation.primal import PrimalContact
 from contact.errors import InputError
 from contact.rows.contact_rows import ContactRows
 
 
 def condensed_contact(
-    body: Any, rows: ContactRows, solver: str = "auto", device: str = "cpu"
+    body: Any, rows: ContactRows, solver: str = "auto", device: Device = "cpu"
 ) -> CondensedContact:
     """The contact rows of bodies, reduced to the contact boundary where that is possible.
 

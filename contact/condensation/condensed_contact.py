@@ -13,9 +13,11 @@ from scipy.linalg import block_diag
 
 from contact.arrays.blas_threads import one_blas_thread
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
-from contact.condensation.condense import condense
+from contact.condensation.condense import way_of
 from contact.condensation.condensed_bodies import CondensedBodies, together
 from contact.condensation.condensed_body import BodyRows
+from contact.condensation.device_choice import Device
+from contact.condensation.factor_compliance import FactorCompliance, guessed_diagonal
 from contact.condensation.point_rows import PointRows
 from contact.errors import ContactError, Infeasible, InputError
 from contact.obstacles.rigid import ObstacleMotion
@@ -43,8 +45,9 @@ class CondensedContact(CondensedBodies):
     rows : ContactRows
     solver : {"auto", "pardiso", "superlu"}
         Sparse factorisation; see `contact.condensation.schur`.
-    device : {"cpu", "cuda"}
-        Where S_b and W are computed and the boundary problem is solved.
+    device : {"cpu", "cuda"} or tuple of str
+        Where S_b and W are computed and the boundary problem is solved; ("cuda:0", "cuda:1") for
+        devices that share the factors.
     keep : csr_array, shape (1, ndofs), optional
         Has entries at dofs that are kept for other rows, see `touched_by`.
 
@@ -93,6 +96,8 @@ class CondensedContact(CondensedBodies):
     """
 
     _arrays: Any
+    _W: Any
+    _dense = True
     _keeps_stiff = True
 
     def __init__(
@@ -100,13 +105,18 @@ class CondensedContact(CondensedBodies):
         body: Any,
         rows: ContactRows,
         solver: str = "auto",
-        device: str = "cpu",
+        device: Device = "cpu",
         keep: sparse.csr_array | None = None,
     ) -> None:
         of_bodies = self._take(body, rows, keep)
+        way, self._dense = way_of(body.bodies, of_bodies[0].count, solver, device)
+        if "thesis" in rows.functional.split(",") and not self._dense:
+            raise InputError(
+                "functional 'thesis': it needs the dense compliance, which does not fit; choose "
+                "another functional"
+            )
         self.parts = tuple(
-            condense(one, own, solver, device)
-            for one, own in zip(body.bodies, of_bodies, strict=True)
+            way(one, own, solver, device) for one, own in zip(body.bodies, of_bodies, strict=True)
         )
         self._finish(body)
 
@@ -184,7 +194,20 @@ class CondensedContact(CondensedBodies):
         return other
 
     def _condense(self) -> None:
-        """Compute the compliance of the rows, the sum of those of the bodies."""
+        """The compliance of the rows, the sum of those of the bodies."""
+        if self._dense:
+            self._add_up()
+        else:
+            guess = guessed_diagonal(self.parts)
+            self._scale = self.points.lengths(guess)
+            self._W = FactorCompliance(self.parts, self._scale)
+        # With this factor the balance of loads is in the units of scaled forces.
+        self._unit = float(np.mean(self._scale))
+        self.N = block_diag(*[part.N for part in self.parts]) * self._unit
+        self._C = (self.B @ self.N) / self._scale[:, None]
+
+    def _add_up(self) -> None:
+        """Compute the dense compliance, in the units of each point's own."""
         arrays = self._arrays = self.parts[0].arrays
         self._refuse_large(arrays.room())
         W = self.parts[0].compliance()
@@ -198,14 +221,10 @@ class CondensedContact(CondensedBodies):
         W /= arrays.put(scale)
         W /= arrays.put(scale)[:, None]
         self._W = arrays.matrix(W)
-        # With this factor the balance of loads is in the units of scaled forces.
-        self._unit = float(np.mean(scale))
-        self.N = block_diag(*[part.N for part in self.parts]) * self._unit
-        self._C = (self.B @ self.N) / scale[:, None]
 
     def _refuse_large(self, room: int | None) -> None:
         """Raise a `ContactError` where the compliance and what it is made of exceed the room."""
-        n, unknowns = self.B.shape[0], max(part.B.shape[1] for part in self.parts)
+        n, unknowns = self.B.shape[0], max(part.order for part in self.parts)
         needed = 8 * n * (n + unknowns)
         if room is not None and needed > room:
             fits = int(n * np.sqrt(room / needed))
@@ -219,7 +238,7 @@ class CondensedContact(CondensedBodies):
     @property
     def size(self) -> int:
         """Order of the largest dense matrix."""
-        return max(self.B.shape[0], *(part.B.shape[1] for part in self.parts))
+        return max(part.order for part in self.parts)
 
     @property
     def unknowns(self) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from typing import Any
 
 from contact.arrays.dense_arrays import arrays_on
@@ -12,34 +13,47 @@ from contact.condensation.device_schur import missing_for_cudss
 from contact.errors import InputError, MissingDependency
 
 _log = logging.getLogger(__name__)
+Device = str | tuple[str, ...]  # "cpu", "cuda", or "cuda:0" and so on for several
 # Unknowns from which a device is quicker in a fresh process: there its libraries take three seconds
 # to start, and SuperLU about as long for so many unknowns in the plane.
 LARGE = 100_000
 
 
-def chosen_device(device: Any, body: Any, solver: str) -> str | None:
+def chosen_device(device: Any, body: Any, solver: str) -> Device | None:
     """Check the word for a device, and choose one for "auto", which is logged with its reason.
 
     Parameters
     ----------
-    device : {"cpu", "cuda", "auto", None}
+    device : {"cpu", "cuda", "auto", None} or sequence of str
+        "cuda:0" and so on for several devices that share the factors.
     body : Solid or Bodies
     solver : str
 
     Raises
     ------
     InputError
-        Another word.
+        Another word, or the same device twice.
     """
     if device is None:
         return None
+    if isinstance(device, (tuple, list)) and device:
+        words = tuple(device)
+        if len(set(words)) == len(words) and all(_names_one(word) for word in words):
+            return words
     if not (isinstance(device, str) and device in ("cpu", "cuda", "auto")):
-        raise InputError(f"device={device!r}: expected 'cpu', 'cuda' or 'auto'")
+        raise InputError(
+            f"device={device!r}: expected 'cpu', 'cuda', 'auto', or several devices as "
+            "('cuda:0', 'cuda:1')"
+        )
     if device != "auto":
         return device
     found, why = choose_device(body, solver)
     _log.info("%s: %s", found, why)
     return found
+
+
+def _names_one(word: Any) -> bool:
+    return isinstance(word, str) and re.fullmatch(r"cuda:(0|[1-9][0-9]*)", word) is not None
 
 
 def choose_device(body: Any, solver: str) -> tuple[str, str]:

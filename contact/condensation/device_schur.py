@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import logging
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.condensation.schur import ForwardCache, Vector, not_definite
-from contact.errors import ContactError, MissingDependency
+from contact.errors import ContactError, InputError, MissingDependency
+from skfem_adini import InputError as NoDevice
 from skfem_adini import MissingDependency as NoCudss
 from skfem_adini.solvers.cudss_library import (
     CudssError,
@@ -23,6 +25,7 @@ from skfem_adini.solvers.cudss_tree import DissectionTree
 from skfem_adini.solvers.device_triangle import Restricted
 
 _log = logging.getLogger(__name__)
+Factors = TypeVar("Factors")
 
 
 class DeviceSchur(ForwardCache):
@@ -58,12 +61,10 @@ class DeviceSchur(ForwardCache):
         tree: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None,
     ) -> None:
         self._boundary = boundary
-        try:
-            self._cudss = _factored(stiffness, boundary, tree and DissectionTree(*tree))
-        except NoCudss as error:
-            raise MissingDependency(f"device='cuda': {error}") from error
-        except CudssError as error:
-            raise (not_definite() if error.pivot else ContactError(str(error))) from error
+        separated = tree and DissectionTree(*tree)
+        self._cudss = on_device(
+            lambda hybrid: CudssSchur(stiffness, boundary, separated, hybrid_memory=hybrid)
+        )
 
     @classmethod
     def of_selection(
@@ -113,17 +114,33 @@ class DeviceSchur(ForwardCache):
         return {name: value for name, value in vars(self).items() if name != "_known"}
 
 
-def _factored(
-    stiffness: Any, boundary: NDArray[np.int64], tree: DissectionTree | None
-) -> CudssSchur:
-    """Factors on the device, or on the host where they do not fit and cuDSS can do with less."""
+def on_device(factored: Callable[[bool], Factors]) -> Factors:
+    """Factors on the device, or on the host where they do not fit and cuDSS can do with less.
+
+    Parameters
+    ----------
+    factored : callable
+        Factors, with hybrid memory or without it.
+
+    Raises
+    ------
+    InputError, MissingDependency, ContactError
+        As for `DeviceSchur`.
+    """
     try:
-        return CudssSchur(stiffness, boundary, tree)
-    except DeviceMemory as error:
-        if error.hybrid is None:
-            raise
-        _log.info("hybrid memory: %s", error)
-    return CudssSchur(stiffness, boundary, tree, hybrid_memory=True)
+        try:
+            return factored(False)
+        except DeviceMemory as error:
+            if error.hybrid is None:
+                raise
+            _log.info("hybrid memory: %s", error)
+        return factored(True)
+    except NoCudss as error:
+        raise MissingDependency(f"device='cuda': {error}") from error
+    except NoDevice as error:
+        raise InputError(f"device: {error}") from error
+    except CudssError as error:
+        raise (not_definite() if error.pivot else ContactError(str(error))) from error
 
 
 def missing_for_cudss() -> str | None:

@@ -15,16 +15,13 @@ from contact.condensation.boundary_problem import BoundaryProblem, Forces
 from contact.condensation.condensed_contact import CondensedContact
 from contact.condensation.distributed import CondensedDistributed
 from contact.condensation.rows_as_unknowns import rows_as_unknowns
+from contact.condensation.solved_body import ROW_COMPLIANCE
 from contact.errors import InputError
 from contact.obstacles.rigid import ObstacleMotion
 from contact.rows.contact_rows import ContactRows
 from skfem_adini.distributed import AlteredSystem
 
 Array = NDArray[np.float64]
-
-# Compliance of a contact row times the diagonal entry of its unknown: on uniform meshes it is
-# between 1.3 and 4. It is a constant of the method, not of the result.
-_COMPLIANCE = 2.0
 
 
 @dataclass(frozen=True)
@@ -97,7 +94,7 @@ class PrimalContact(CondensedContact):
         body, z, B = part.body, part.body.unknowns, sparse.csr_array(self.B)
         self._arrays = part.arrays
         diagonal = z.collected(part._at, _diagonal(part.S, z))
-        compliance = _COMPLIANCE * (B.multiply(B) @ (1.0 / diagonal))
+        compliance = ROW_COMPLIANCE * (B.multiply(B) @ (1.0 / diagonal))
         self._scale = scale = self.points.lengths(compliance)
         B = sparse.csr_array(sparse.diags_array(1.0 / scale) @ B)
         pivots, change, back = rows_as_unknowns(B)

@@ -11,7 +11,7 @@ from scipy import sparse
 from contact.arrays.blas_threads import one_blas_thread
 from contact.arrays.dense_arrays import HostArrays
 from contact.body.free_motions import free_motions, unseen_motion
-from contact.condensation.condensed_body import BodyRows, CondensedBody
+from contact.condensation.condensed_body import Array, BodyRows, CondensedBody
 from contact.condensation.device_schur import DeviceSchur
 from contact.condensation.elimination_order import elimination_order, elimination_tree
 from contact.condensation.schur import schur_factor
@@ -56,14 +56,22 @@ class SparseBody(CondensedBody):
         self.B = sparse.csr_array(B[:, self._boundary])
         modes = free_motions(body) / unit[:, None]
         self._refuse(unseen_motion(modes, modes[self._boundary]))
+        self._on_device = arrays is not None
+        self._eliminate(B, modes, S, free, unit, solver)
+
+    def _eliminate(
+        self, B: sparse.csr_array, modes: Array, S: sparse.csr_array, free: Any, unit: Array,
+        solver: str,
+    ) -> None:  # fmt: skip
+        """Factor what is not the boundary's, and then the boundary's complement."""
         with one_blas_thread(max(self.B.shape)):
-            if strains_can_be_factored(body, unit.size):
-                self._factor, change, back = factor_of_strains(body, self._P, self._boundary)
+            if strains_can_be_factored(self.body, unit.size):
+                self._factor, change, back = factor_of_strains(self.body, self._P, self._boundary)
                 self._P = sparse.csr_array(self._P @ change)
                 self.B = sparse.csr_array(B @ change[:, self._boundary])
                 modes = back @ modes
             else:
-                self._factor = self._factored(S, free, unit, solver, arrays is not None)
+                self._factor = self._factored(S, free, unit, solver)
             self._hold(modes[self._boundary], modes)
 
     def _prescribe(self, body: Any) -> None:
@@ -72,19 +80,27 @@ class SparseBody(CondensedBody):
         self._u0 = u0
         self._lifted = body.internal(u0) if u0.any() else None
 
-    def _factored(
-        self, S: sparse.csr_array, free: Any, unit: Any, solver: str, on_device: bool
-    ) -> Any:
+    def _factored(self, S: sparse.csr_array, free: Any, unit: Array, solver: str) -> Any:
         """Factor ``D S D``, or the same of the free rows and columns of S."""
         b, inner = self._boundary, self._boundary.size < unit.size
-        if on_device and inner and free is not None and (np.diff(free) > 0).all():
+        if self._on_device and inner and can_be_restricted(free):
             return DeviceSchur.of_selection(S, free, unit, b, elimination_tree(self.body, b))
-        S = sparse.csr_array(S if free is None else S[free][:, free])
-        S.data *= np.repeat(unit, np.diff(S.indptr))
-        S.data *= unit[S.indices]
-        if on_device and inner:
-            return DeviceSchur(S, b)
-        return schur_factor(S, b, partial(elimination_order, self.body), solver)
+        if self._on_device and inner:
+            return DeviceSchur(scaled(S, free, unit), b)
+        return schur_factor(scaled(S, free, unit), b, partial(elimination_order, self.body), solver)
+
+
+def can_be_restricted(free: Any) -> bool:
+    """Whether a device takes the free rows and columns itself: their numbers ascend."""
+    return free is not None and bool((np.diff(free) > 0).all())
+
+
+def scaled(S: sparse.csr_array, free: Any, unit: Array) -> sparse.csr_array:
+    """``D S D``, or the same of the free rows and columns of S; D is the diagonal matrix unit."""
+    S = sparse.csr_array(S if free is None else S[free][:, free])
+    S.data *= np.repeat(unit, np.diff(S.indptr))
+    S.data *= unit[S.indices]
+    return S
 
 
 def _selected(P: sparse.csr_array) -> Any:

@@ -11,6 +11,7 @@ from scipy.linalg import LinAlgError
 
 from contact.arrays.dense_arrays import DeviceMatrix
 from contact.condensation.boundary_problem import BoundaryProblem, Forces
+from contact.condensation.factor_compliance import FactorCompliance
 from contact.condensation.primal import PrimalProblem
 from contact.errors import ContactError, InputError, NotConverged
 from contact.laws.active_set import signorini
@@ -23,6 +24,7 @@ from contact.laws.iteration import Iteration, Report, outer_step
 from contact.laws.load_balance import check_held
 from contact.laws.options import Options
 from contact.laws.primal_newton import primal_newton
+from contact.laws.product_newton import product_newton
 from contact.laws.proximal_point import proximal_point
 from contact.laws.semismooth_newton import semismooth_newton
 from contact.laws.tresca_loop import tresca_loop
@@ -89,6 +91,8 @@ def solve_boundary(
         return primal_newton(problem, friction, options, start, report), 0.0
     _refuse(problem, options)
     check_held(problem, friction)
+    if isinstance(problem.W, FactorCompliance):
+        return product_newton(problem, friction, options, start, report), 0.0
     tol, newton = options.tol * INNER, options.method == "newton"
     if newton and isinstance(problem.W, DeviceMatrix) and problem.compliance is None:
         limit = options.max_iterations
@@ -132,6 +136,11 @@ def solve_boundary(
 
 def _refuse(problem: BoundaryProblem, options: Options) -> None:
     """Raise an `InputError` for a method that does not take the problem."""
+    if isinstance(problem.W, FactorCompliance) and options.method != "newton":
+        raise InputError(
+            f"method={options.method!r}: the compliance of {problem.v0.size} contact rows is "
+            "applied by the factor of the body, which 'newton' alone takes"
+        )
     use = "use 'newton', 'pdas' or 'tresca_loop'"
     if options.method == "fixed_point" and problem.ties.any():
         raise InputError(

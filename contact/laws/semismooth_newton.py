@@ -43,10 +43,13 @@ from numpy.typing import NDArray
 
 from contact.arrays.dense_arrays import HostArrays, arrays_of
 from contact.condensation.boundary_problem import Array, BoundaryProblem, Forces
-from contact.laws.friction import Coulomb, Friction
+from contact.condensation.factor_compliance import FactorCompliance
+from contact.laws.friction import Friction
 from contact.laws.iteration import Iteration, Report
+from contact.laws.product_step import ProductSystem
 from contact.laws.progress import NEAR, Progress
 from contact.laws.residual import residual
+from contact.laws.slip_law import SlipLaw
 from contact.laws.zones import Zones
 
 # Compliance that acts on the change of the forces; that of each row is one. It makes the step
@@ -163,25 +166,24 @@ def newton_step(
         added[:n_n] += zones.slope[zones.active]
         rhs[:n_n] -= zones.opening[zones.active]
     rhs[:n] += PROXIMAL * problem.forces(now.mu, now.t)[rows]
-    A = arrays.bordered(problem.W, rows, added, -C)
-
     # At slipping points the linearised law replaces the equation for u_t.
     place = np.full(tangent.shape, -1)
     place[rubbing] = n_n + np.arange(rows_t.size)
     normal_place = np.full(zones.active.size, -1)
     normal_place[zones.active] = np.arange(n_n)
-    _impose_slip(arrays, A, rhs, now, zones, place, normal_place, friction, form)
+    law = SlipLaw.of(now, zones, friction, form)
+    at, of_normal = place[law.points], normal_place[law.points]
+    _impose_bound(rhs, law, at)
 
+    balance = np.zeros((k, n + k))
     if k:
         # The balance of loads.
         springs = np.full(k, weak * float(np.abs(problem.C).max()) ** 2)
-        balance = np.zeros((k, n + k))
         balance[:, :n] = C.T
         if problem.K is not None:
             springs[np.diag(problem.K) > 0] = 0.0  # elastic motions have their own stiffness
             balance[:, n:] = problem.K
         balance[:, n:] += np.diag(springs)
-        A[n:] = arrays.xp.asarray(balance)
         rhs[n:] = problem.s + springs * now.a if anchored else problem.s
     mu, t = problem.zeros()
     if n + k == 0:
@@ -189,67 +191,71 @@ def newton_step(
     last = np.concatenate((problem.forces(now.mu, now.t)[rows], now.a))
     # Solve for the change: its rounding error is relative to its own size, and the next step
     # corrects it.
-    left = rhs - arrays.get(A @ arrays.xp.asarray(last))
-    definite = k == 0 and not zones.slip.any()
-    solution = last + arrays.solve_square(A, left, definite)
+    if isinstance(problem.W, FactorCompliance):
+        system = ProductSystem(problem.W, rows, added, C, balance)
+        if law.points.size:
+            system.impose(law, at, of_normal, form == "damped")
+        solution = last + system.solve(rhs - system @ last)
+    else:
+        A = arrays.bordered(problem.W, rows, added, -C)
+        _impose_slip(arrays, A, law, at, of_normal, form)
+        if k:
+            A[n:] = arrays.xp.asarray(balance)
+        left = rhs - arrays.get(A @ arrays.xp.asarray(last))
+        definite = k == 0 and not zones.slip.any()
+        solution = last + arrays.solve_square(A, left, definite)
     mu[zones.active] = solution[:n_n]
     t[rubbing] = solution[n_n:n]
     return Forces(mu, t, solution[n:])
 
 
+def _impose_bound(rhs: Array, law: SlipLaw, at: NDArray[np.int64]) -> None:
+    """Overwrite the right sides of slipping points, which hold their displacement."""
+    live = at >= 0
+    v_rhs = np.where(live, rhs[np.where(live, at, 0)], 0.0)
+    new = np.einsum("pij,pj->pi", law.of_v, v_rhs) + law.bound[:, None] * law.direction
+    rhs[at[live]] = new[live]
+
+
 def _impose_slip(
     arrays: HostArrays,
     A: Any,
-    rhs: Array,
-    now: Forces,
-    zones: Zones,
-    place: NDArray[np.int64],
-    normal_place: NDArray[np.int64],
-    friction: Friction,
+    law: SlipLaw,
+    at: NDArray[np.int64],
+    of_normal: NDArray[np.int64],
     form: str,
 ) -> None:
     """Overwrite the displacement rows of slipping points by their linearised friction law.
 
-    Each such row contains v = v0 - W l + C a as ``A x - rhs = -v``. The law of a point is ``own t -
-    of_v v = bound * direction``; the bound is g or, for Coulomb's law, the unknown F mu.
-    """
-    points = np.flatnonzero(zones.slip)
-    if points.size == 0:
-        return
-    dim_t = place.shape[1]
-    q, g = zones.q[points], zones.g[points]
-    length = np.linalg.norm(q, axis=1)
-    b = q / length[:, None]
-    identity = np.eye(dim_t)
-    if form == "radial":
-        P = (g / length)[:, None, None] * (identity - b[:, :, None] * b[:, None, :])
-        own, of_v, direction = identity - P, P, b
-    else:
-        a = now.t[points] / np.maximum(g, np.linalg.norm(now.t[points], axis=1))[:, None]
-        own = np.broadcast_to(identity, (points.size, dim_t, dim_t))
-        of_v = (g / (length - g))[:, None, None] * (identity - a[:, :, None] * b[:, None, :])
-        direction = a
-    at = place[points]  # (p, dim_t), -1 for a prescribed tangent
-    live = at >= 0
-    safe = np.where(live, at, 0)
-    v_rhs = np.where(live, rhs[safe], 0.0)
-    new_rhs = np.einsum("pij,pj->pi", of_v, v_rhs)
-    if not isinstance(friction, Coulomb):
-        new_rhs += g[:, None] * direction
-    rhs[at[live]] = new_rhs[live]
+    Each such row contains v = v0 - W l + C a as ``A x - rhs = -v``.
 
-    put, every = arrays.xp.asarray, np.arange(points.size)
+    Parameters
+    ----------
+    arrays : HostArrays
+    A : array, shape (n + k, n + k)
+    law : SlipLaw
+    at : ndarray of int, shape (p, dim - 1)
+        Rows of the points' tangents, -1 for a prescribed one.
+    of_normal : ndarray of int, shape (p,)
+        Columns of their normal forces.
+    form : {"radial", "damped"}
+    """
+    if law.points.size == 0:
+        return
+    live, dim_t = at >= 0, at.shape[1]
+    safe = np.where(live, at, 0)
+    put, every = arrays.xp.asarray, np.arange(law.points.size)
     if dim_t > 1 or form != "radial":
         v_rows = put(live[:, :, None]) * A[put(safe)]  # -v = A x - rhs
-        new_rows = arrays.xp.einsum("pij,pjn->pin", put(of_v), v_rows)
+        new_rows = arrays.xp.einsum("pij,pjn->pin", put(law.of_v), v_rows)
     else:
-        new_rows = arrays.xp.zeros((points.size, dim_t, A.shape[1]))
+        new_rows = arrays.xp.zeros((law.points.size, dim_t, A.shape[1]))
     for i in range(dim_t):
         for j in range(dim_t):
             both = live[:, i] & live[:, j]
-            new_rows[put(every[both]), i, put(at[both, j])] += put(own[both, i, j])
-        if isinstance(friction, Coulomb):
-            new_rows[put(every), i, put(normal_place[points])] -= put(
-                friction.coefficient[points] * direction[:, i]
-            )
+            new_rows[put(every[both]), i, put(at[both, j])] += put(law.own[both, i, j])
+        bound = law.coefficient != 0
+        new_rows[put(every[bound]), i, put(of_normal[bound])] -= put(
+            (law.coefficient * law.direction[:, i])[bound]
+        )
     A[put(at[live])] = new_rows[put(live)]

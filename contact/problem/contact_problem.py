@@ -15,7 +15,7 @@ from contact.body.solid import Solid
 from contact.body.surface import Surface
 from contact.condensation.condensed_by_type import condensed_contact
 from contact.condensation.condensed_contact import CondensedContact
-from contact.condensation.device_choice import chosen_device
+from contact.condensation.device_choice import Device, chosen_device
 from contact.errors import InputError
 from contact.laws.iteration import Iteration
 from contact.laws.options import Options
@@ -109,7 +109,7 @@ class ContactProblem(Portable):
     """
 
     _ANEW, _FUNCTIONS = ("_condensed",), ("_laws",)
-    _condensed: tuple[str, Any, CondensedContact] | None = None
+    _condensed: tuple[Device, Any, CondensedContact] | None = None
 
     def __init__(
         self,
@@ -250,15 +250,15 @@ class ContactProblem(Portable):
         laws = self.overclosure
         return ContactSystem(body, rows, body.f, self.law, friction, slip_from, motion, laws)
 
-    def condense(self, device: str | None = None) -> CondensedContact:
+    def condense(self, device: str | Sequence[str] | None = None) -> CondensedContact:
         """Factor once; the result is kept and serves every later `solve`.
 
         Parameters
         ----------
-        device : {"cpu", "cuda", "auto"}, optional
-            Where to condense and to solve; default: where it was done before, or "cpu". "cuda"
-            needs CuPy and, but for a `LayeredBlock`, cuDSS; "auto" takes it where it is there and
-            pays. The choice and its reason are logged.
+        device : {"cpu", "cuda", "auto"} or sequence of str, optional
+            Where to condense and solve; default: as before, or "cpu". "cuda" needs CuPy and, but
+            for a `LayeredBlock`, cuDSS; "auto" takes it where it is there and pays, and logs why.
+            ``("cuda:0", "cuda:1")`` shares the factors of bodies with a Basis among devices.
 
         Returns
         -------

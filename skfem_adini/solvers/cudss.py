@@ -228,6 +228,10 @@ class Cudss(CudssMatrix):
             x, residual = np.where(falls, corrected, x), np.where(falls, left, residual)
         return np.ascontiguousarray(x).reshape(b.shape)
 
+    def once(self, b: Array) -> Array:
+        """Return what the factors alone make of loads (n,) or (n, loads), without corrections."""
+        return np.ascontiguousarray(self._direct(b.reshape(self._n, -1))).reshape(b.shape)
+
     def _direct(self, loads: Array) -> Array:
         """Solve for loads (n, loads) by the factors alone."""
         together = 1 if self._deterministic else loads.shape[1]

@@ -1,0 +1,61 @@
+"""Factors of the whole stiffness on one CUDA device or on several, by cuDSS."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from contact.condensation.condensed_body import Array
+from contact.condensation.device_schur import on_device
+from skfem_adini.solvers.cudss import Cudss
+from skfem_adini.solvers.device_triangle import Restricted
+
+
+class DeviceFactor:
+    """Factors of a positive definite matrix, for solutions.
+
+    Parameters
+    ----------
+    stiffness : csr_array or Restricted, shape (n, n)
+        Symmetric and positive definite.
+    devices : tuple of int, optional
+        Devices that share the factors; None for the present one, where equal calls give equal bits.
+
+    Raises
+    ------
+    InputError
+        The matrix is not positive definite, or a device is not there.
+    MissingDependency
+        cuDSS, CuPy or a device is not there.
+    ContactError
+        cuDSS fails, for lack of memory say.
+
+    Notes
+    -----
+    Factors that will not fit into one device lie on the host, which is logged.
+    """
+
+    def __init__(self, stiffness: Any, devices: tuple[int, ...] | None) -> None:
+        def factored(hybrid: bool) -> Cudss:
+            repeats = devices is None and not hybrid
+            return Cudss(stiffness, True, repeats, hybrid_memory=hybrid, devices=devices)
+
+        self._cudss = on_device(factored)
+
+    @classmethod
+    def of_selection(
+        cls, stiffness: Any, free: Any, unit: Array, devices: tuple[int, ...] | None
+    ) -> DeviceFactor:
+        """The factor of ``D K[free][:, free] D``; see `DeviceSchur.of_selection`."""
+        return cls(Restricted(stiffness, free, unit), devices)
+
+    def solve(self, loads: Array) -> Array:
+        """Solutions for loads (n,) or (n, count), each corrected by its residual."""
+        return self._cudss.solve(loads)
+
+    def once(self, loads: Array) -> Array:
+        """Solutions by the factors alone, which lack a digit or two of those of `solve`."""
+        return self._cudss.once(loads)
+
+    def statistics(self) -> dict[str, Any]:
+        """See `skfem_adini.solvers.cudss.CudssMatrix.statistics`."""
+        return self._cudss.statistics()

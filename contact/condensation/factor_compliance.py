@@ -1,0 +1,79 @@
+"""The compliance of contact rows as an operator: a product takes a solution of each body."""
+
+from __future__ import annotations
+
+from copy import copy
+from typing import Any
+
+import numpy as np
+
+from contact.arrays.dense_arrays import HostArrays
+from contact.condensation.boundary_problem import Array
+
+_SAMPLES = 16  # rows whose compliance is computed
+
+
+def guessed_diagonal(parts: tuple[Any, ...]) -> Array:
+    """About the compliance of each row under a force of its own, shape (n,).
+
+    The shares of the rows come from the diagonals of the stiffness, their common factor from some
+    rows. It scales the problem, and changes no result.
+    """
+    guess = np.asarray(sum(part.row_compliance() for part in parts))
+    live = np.flatnonzero(guess > 0)
+    some = live[np.unique(np.linspace(0, live.size - 1, _SAMPLES).astype(np.int64))]
+    unit = np.zeros((guess.size, some.size))
+    unit[some, np.arange(some.size)] = 1.0
+    true = sum(part.yielded(unit) for part in parts)[some, np.arange(some.size)]
+    return guess * float(np.exp(np.mean(np.log(true / guess[some]))))
+
+
+class ProductArrays(HostArrays):
+    """The arrays of the host, with a compliance that is no array."""
+
+    def shifted(self, W: FactorCompliance, shift: float) -> FactorCompliance:
+        """``W + shift I``."""
+        return W.shifted(shift)
+
+
+class FactorCompliance:
+    """The matrix W of a `BoundaryProblem`, of which only products with vectors are known.
+
+    Parameters
+    ----------
+    parts : tuple of SolvedBody
+        The bodies, whose compliances add.
+    scale : ndarray, shape (n,)
+        Physical over scaled displacement of each row.
+    """
+
+    __array_ufunc__ = None  # leave products with an array on the left to __rmatmul__
+    arrays = ProductArrays()
+
+    def __init__(self, parts: tuple[Any, ...], scale: Array) -> None:
+        self._parts, self._scale, self._shift = parts, scale, 0.0
+        self.shape = scale.size, scale.size
+        # The residual and the zones of a step ask for one product; it is never modified.
+        self._last: tuple[Array, Array] | None = None
+
+    def __matmul__(self, forces: Array) -> Array:
+        if forces.ndim > 1:
+            return np.stack([self @ column for column in forces.T], axis=1)
+        last = self._last
+        if last is not None and np.array_equal(last[0], forces):
+            return last[1] + self._shift * forces
+        physical = forces / self._scale
+        moved = sum(part.yielded(physical) for part in self._parts) / self._scale
+        self._last = forces.copy(), moved
+        return np.asarray(moved + self._shift * forces)
+
+    __rmatmul__ = __matmul__
+
+    def shifted(self, shift: float) -> FactorCompliance:
+        """``W + shift I``."""
+        other = copy(self)
+        other._shift = self._shift + shift
+        return other
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Any:
+        return np.asarray(self @ np.eye(self.shape[0]), dtype=dtype)

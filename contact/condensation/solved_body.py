@@ -1,0 +1,171 @@
+"""A body of which nothing is eliminated: its compliance follows from solutions of all of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import qr
+
+from contact.arrays.dense_arrays import HostArrays
+from contact.condensation.condensed_body import Array, BodyRows
+from contact.condensation.device_factor import DeviceFactor
+from contact.condensation.schur import not_definite
+from contact.condensation.sparse import SparseBody, can_be_restricted, scaled
+from contact.errors import ContactError, MissingDependency
+from skfem_adini import InputError as MatrixInputError
+from skfem_adini import MissingDependency as NoPackage
+from skfem_adini import factorize
+
+# Compliance of a contact row times the stiffness of its unknown: on uniform meshes it is between
+# 1.3 and 4. It scales the unknowns of a method, and changes no result.
+ROW_COMPLIANCE = 2.0
+_TOGETHER = 32  # columns of the compliance that are solved for together
+_DENSE = 8000  # unknowns up to which the stiffness is offered as a dense matrix
+
+
+class SolvedBody(SparseBody):
+    """A body whose boundary's unknowns are all of its unknowns, so that no complement is needed.
+
+    Its compliance is ``B S^-1 B^T``, by columns or applied to forces. Free rigid motions N, with
+    S N = 0, are held: ``(S + rho N N^T)^-1 = S^+ + N N^T / rho``, where the pseudo-inverse S^+
+    comes from a factor of S with springs on as many unknowns as there are motions. Forces without
+    their part along N leave these springs at rest.
+
+    Parameters
+    ----------
+    body : BasisSolid
+    rows : BodyRows
+    solver : {"auto", "pardiso", "superlu"}
+        On the host.
+    arrays : HostArrays, optional
+        Where a dense compliance lies; if it is given, a device factors.
+    devices : tuple of int, optional
+        Devices that share the factors.
+
+    Attributes
+    ----------
+    diagonal : ndarray, shape (n,)
+        Of the scaled stiffness.
+    """
+
+    thin = False
+
+    def __init__(
+        self, body: Any, rows: BodyRows, solver: str = "auto", arrays: HostArrays | None = None,
+        devices: tuple[int, ...] | None = None,
+    ) -> None:  # fmt: skip
+        self._devices = devices
+        super().__init__(body, rows, solver, arrays)
+
+    def _eliminate(
+        self, B: sparse.csr_array, modes: Array, S: sparse.csr_array, free: Any, unit: Array,
+        solver: str,
+    ) -> None:  # fmt: skip
+        touched, k = self._boundary, modes.shape[1]
+        self._boundary, self.B = np.arange(unit.size), B
+        self.diagonal = unit**2 * (S.diagonal() if free is None else S.diagonal()[free])
+        self.N = self.modes = np.linalg.qr(modes)[0] if k else modes
+        self._factor, self._soft = _Whole(S, free, unit), 0.0
+        if not k and self._on_device and can_be_restricted(free):
+            self._solver: Any = DeviceFactor.of_selection(S, free, unit, self._devices)
+            return
+        held = scaled(S, free, unit)
+        if k:
+            of_touched, springs = self.N[touched], np.zeros(unit.size)
+            self._soft = k / float((of_touched**2).sum())
+            springs[touched[qr(of_touched.T, mode="economic", pivoting=True)[2][:k]]] = 1.0
+            held = sparse.csr_array(held + sparse.diags_array(springs))
+        self._solver = (
+            DeviceFactor(held, self._devices) if self._on_device else _on_host(held, solver)
+        )
+
+    @property
+    def order(self) -> int:
+        """Order of the largest dense matrix."""
+        return self.B.shape[0]
+
+    def statistics(self) -> dict[str, Any]:
+        """Entries and bytes of the factors on devices, see `DeviceFactor`; empty on the host."""
+        found: dict[str, Any] = getattr(self._solver, "statistics", dict)()
+        return found
+
+    def compliance(self) -> Any:
+        """``B S^-1 B^T`` where the arrays lie, by columns, shape (n, n)."""
+        n = self.B.shape[0]
+        W, columns = np.zeros((n, n), order="F"), sparse.csc_array(self.B.T)
+        for i in range(0, n, _TOGETHER):
+            part = slice(i, i + _TOGETHER)
+            W[:, part] = self.B @ self._held(columns[:, part].toarray(), self._once)
+        return self.arrays.put(0.5 * (W + W.T))
+
+    def row_compliance(self) -> Array:
+        """A guess of the diagonal of the compliance, shape (n,)."""
+        return np.asarray(ROW_COMPLIANCE * (self.B.multiply(self.B) @ (1.0 / self.diagonal)))
+
+    def yielded(self, forces: Array) -> Array:
+        """``B S^-1 B^T`` times forces on the rows, shape (n,).
+
+        The last displacement of a solution is corrected, see `flexed`; Newton's steps need less.
+        """
+        moved: Array = self.B @ self._held(self.B.T @ forces, self._once)
+        return moved
+
+    def flexed(self, r: Array) -> Array:
+        """Displacement of all unknowns under forces r on them."""
+        return self._held(r, self._solver.solve)
+
+    @property
+    def _once(self) -> Callable[[Array], Array]:
+        """Solutions without corrections, where there is a choice."""
+        once: Callable[[Array], Array] = getattr(self._solver, "once", self._solver.solve)
+        return once
+
+    def _held(self, forces: Array, solve: Callable[[Array], Array]) -> Array:
+        """``(S + rho N N^T)^-1`` times forces (n,) or (n, count)."""
+        if not self.N.shape[1]:
+            return np.asarray(solve(forces))
+        N, along = self.N, self.N.T @ forces
+        z = solve(forces - N @ along)
+        return np.asarray(z - N @ (N.T @ z) + N @ (self._soft * along))
+
+    def scaled_schur(self) -> Any:
+        """The stiffness as a dense matrix, a copy, of small bodies alone."""
+        if self.B.shape[1] > _DENSE:
+            raise ContactError(
+                f"the stiffness of {self.B.shape[1]} unknowns is not made dense; condense with a "
+                "dense boundary problem, on one device or the host"
+            )
+        return super().scaled_schur()
+
+
+def _on_host(stiffness: sparse.csr_array, solver: str) -> Any:
+    """Factors by a solver of the host."""
+    try:
+        return factorize(stiffness, solver=solver)  # type: ignore[arg-type]
+    except NoPackage as error:
+        raise MissingDependency(str(error)) from error
+    except MatrixInputError as error:
+        raise not_definite() from error
+
+
+@dataclass(frozen=True)
+class _Whole:
+    """A `contact.condensation.schur.SchurFactor` of a matrix in which nothing is eliminated."""
+
+    matrix: sparse.csr_array
+    free: Any
+    unit: Array
+
+    @property
+    def schur(self) -> Array:
+        return np.asarray(scaled(self.matrix, self.free, self.unit).toarray())
+
+    def reduce(self, load: Array) -> Array:
+        return load
+
+    def expand(self, load: Array, z_b: Array) -> Array:
+        return z_b
