@@ -3,5 +3,5 @@
 In: a body and its contact rows.
 Out: a `BoundaryProblem`: a few dense arrays, all the data that the contact laws need.
 Start: `condense` chooses by the body's type: `sparse` takes one factorisation, `layers` slab
-doubling.
+doubling; `solved_body` eliminates nothing, for several devices and for many contact rows.
 """
