@@ -195,6 +195,7 @@ class CondensedContact(CondensedBodies):
 
     def _condense(self) -> None:
         """The compliance of the rows, the sum of those of the bodies."""
+        self._arrays = self.parts[0].arrays
         if self._dense:
             self._add_up()
         else:
@@ -208,7 +209,7 @@ class CondensedContact(CondensedBodies):
 
     def _add_up(self) -> None:
         """Compute the dense compliance, in the units of each point's own."""
-        arrays = self._arrays = self.parts[0].arrays
+        arrays = self._arrays
         self._refuse_large(arrays.room())
         W = self.parts[0].compliance()
         for part in self.parts[1:]:

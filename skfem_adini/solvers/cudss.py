@@ -93,7 +93,7 @@ class CudssMatrix:
         xp = device_arrays()
         self._devices = chosen_devices(xp, devices)
         with self._home(), ExitStack() as opened:
-            before = free_memories(xp, self._devices)
+            before = self._free(xp)
             self._triangle = DeviceTriangle(xp, A)
             arrays = self._triangle.arrays(A)
             self._cudss = CudssHandles(opened, arrays, definite, self._settings(), self._devices)
@@ -101,7 +101,7 @@ class CudssMatrix:
                 self._cudss.put(ORDER, order)
             self._prepare()
             self._factor(ANALYSIS, FACTORISATION)
-            self._used = _taken(before, free_memories(xp, self._devices))
+            self._used = tuple(b - a for b, a in zip(before, self._free(xp), strict=True))
             weakref.finalize(self, self._cudss.release, opened.pop_all())
 
     def refactor(self, A: Any) -> None:
@@ -128,10 +128,15 @@ class CudssMatrix:
     def statistics(self) -> dict[str, Any]:
         """Entries of the factors, and the most bytes of the device and of the host.
 
-        These are cuDSS's estimates. "used" is what the matrix and its factors took of each device.
+        These are cuDSS's estimates. "used" is what the matrix and its factors took of each of
+        several devices.
         """
         entries = self._cudss.get(_FILL, ctypes.c_int64()).value
         return {"entries": entries, **memory(self._cudss), "used": self._used}
+
+    def _free(self, xp: Any) -> list[int]:
+        """Return the bytes that are free on each of several devices; empty for one."""
+        return [] if self._devices is None else free_memories(xp, self._devices) or []
 
     def _home(self) -> Any:
         """Return the context of the device that holds the matrix."""
@@ -202,11 +207,6 @@ def _refuse(deterministic: bool, hybrid_memory: bool | int, devices: Any) -> Non
             raise InputError(f"{name}: cuDSS has no deterministic mode with it")
     if hybrid_memory and devices is not None:
         raise InputError("hybrid_memory: it is for one device; leave out devices")
-
-
-def _taken(before: list[int] | None, after: list[int] | None) -> tuple[int, ...]:
-    """Return the bytes of each device that are no longer free; none where there is no device."""
-    return tuple(b - a for b, a in zip(before or (), after or (), strict=True))
 
 
 class Cudss(CudssMatrix):

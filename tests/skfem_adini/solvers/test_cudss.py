@@ -243,7 +243,11 @@ def test_the_memory_of_all_devices_counts(fake, monkeypatch):
     monkeypatch.setattr(cudss_memory, "free_memory", lambda xp: 4 * 2**30)
     with pytest.raises(cudss_library.DeviceMemory, match="4 GiB are free"):
         factorize(matrix(5, True), solver="cudss")
-    factorize(matrix(5, True), solver="cudss", devices=(0, 1))
+    free = iter([7, 6, 4, 4, 5, 4])  # GiB of each of two before, at the estimate, and after
+    monkeypatch.setattr(cudss_memory, "free_memory", lambda xp: next(free) * 2**30)
+    shared = cudss.Cudss(matrix(5, True), True, False, devices=(0, 1))
+    assert shared.statistics()["used"] == (2 * 2**30, 2 * 2**30)
+    monkeypatch.setattr(cudss_memory, "free_memory", lambda xp: 4 * 2**30)
     fake.estimates[1] = 9 * 2**30
     with pytest.raises(cudss_library.DeviceMemory, match="8 GiB are free"):
         factorize(matrix(5, True), solver="cudss", devices=(0, 1))
