@@ -99,19 +99,24 @@ class SolvedBody(SparseBody):
         W, columns = np.zeros((n, n), order="F"), sparse.csc_array(self.B.T)
         for i in range(0, n, _TOGETHER):
             part = slice(i, i + _TOGETHER)
-            W[:, part] = self.B @ self._held(columns[:, part].toarray(), self._once)
+            W[:, part] = self.B @ self._held(columns[:, part].toarray(), self._solver.solve)
         return self.arrays.put(0.5 * (W + W.T))
 
     def row_compliance(self) -> Array:
         """A guess of the diagonal of the compliance, shape (n,)."""
         return np.asarray(ROW_COMPLIANCE * (self.B.multiply(self.B) @ (1.0 / self.diagonal)))
 
-    def yielded(self, forces: Array) -> Array:
-        """``B S^-1 B^T`` times forces on the rows, shape (n,).
+    def yielded(self, forces: Array, corrected: bool = True) -> Array:
+        """``B S^-1 B^T`` times forces on the rows, (n,) or (n, count).
 
-        The last displacement of a solution is corrected, see `flexed`; Newton's steps need less.
+        Parameters
+        ----------
+        forces : ndarray
+        corrected : bool
+            Whether solutions are corrected by their residuals.
         """
-        moved: Array = self.B @ self._held(self.B.T @ forces, self._once)
+        solve = self._solver.solve if corrected else self._once
+        moved: Array = self.B @ self._held(self.B.T @ forces, solve)
         return moved
 
     def flexed(self, r: Array) -> Array:

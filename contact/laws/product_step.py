@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -78,16 +79,19 @@ class ProductSystem:
         self._extra = extra.matrix()
 
     def __matmul__(self, x: Array) -> Array:
+        return self._times(x, self._W.__matmul__)
+
+    def _times(self, x: Array, compliance: Callable[[Array], Array]) -> Array:
         n = self._rows.size
         forces = np.zeros(self._W.shape[0])
         forces[self._rows] = x[:n]
-        moved = (self._W @ forces)[self._rows] + self._added * x[:n] - self._C @ x[n:]
+        moved = compliance(forces)[self._rows] + self._added * x[:n] - self._C @ x[n:]
         if self._of_rows is not None:
             moved = self._of_rows @ moved + self._extra @ x[:n]
         return np.concatenate((moved, self._balance @ x))
 
     def solve(self, right: Array) -> Array:
-        """A step towards the solution, from zero."""
+        """A step towards the solution, from zero; its products are quick ones."""
         unit = np.ones(right.size)
         n, k = self._rows.size, len(self._balance)
         if k:  # motions and their balance in the units of forces and displacements
@@ -96,7 +100,7 @@ class ProductSystem:
         weight = self._weight * unit
 
         def product(y: Array) -> Array:
-            return np.asarray(weight * (self @ (unit * y)))
+            return np.asarray(weight * self._times(unit * y, self._W.quickly))
 
         step, _ = gmres(product, weight * right, lambda y: y, _REDUCTION, _MOST, _BASIS)
         return np.asarray(unit * step)

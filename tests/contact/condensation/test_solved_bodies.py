@@ -186,6 +186,15 @@ def test_a_device_without_room_applies_the_compliance(make, several, monkeypatch
     agree(result, held(make, ElementQuad1).solve())
 
 
+@pytest.mark.parametrize("error", [1e-9, 1e-12])
+def test_solutions_that_lack_digits_cost_steps_alone(make, several, products, error):
+    """Newton's residuals come from corrected solutions, its linear systems from quick ones."""
+    several.error = error
+    result, _ = solved(held(make, ElementQuad1), TWO)
+    assert {line.phase for line in result.history} <= {"frictionless", "newton"}
+    agree(result, held(make, ElementQuad1).solve())
+
+
 def test_other_methods_are_refused(make, products):
     problem = held(make, ElementQuad1)
     with pytest.raises(InputError, match=r"method='pdas': the compliance of .* 'newton' alone"):
