@@ -16,7 +16,7 @@ from contact.condensation.factor_compliance import FactorCompliance, guessed_dia
 from contact.condensation.solved_body import SolvedBody
 from contact.errors import ContactError
 from skfem_adini import ElementQuadAdini
-from skfem_adini.solvers import cudss, cudss_handles
+from skfem_adini.solvers import cudss, cudss_handles, cudss_library
 from tests.contact.condensation.device_cases import CASES, Elsewhere, bowl, box_body, floating, held
 
 TWO = ("cuda:0", "cuda:1")
@@ -84,6 +84,23 @@ def test_on_devices_by_products(make, several, products, pose, device):
     assert by_products
     assert several.devices == (None if device == "cuda" else [0, 1])
     agree(result, pose(make, ElementQuad1).solve())
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("case", ["Adini", "Hex1", "floating Hex1"])
+@pytest.mark.parametrize("columns", [0, 5000])
+def test_on_all_devices_that_are_there(make, case, columns, monkeypatch):
+    try:
+        cupy = cudss_library.device_arrays()
+        cudss_library.load_cudss()
+    except ImportError:
+        pytest.skip("cuDSS, CuPy or a CUDA device is not there")
+    monkeypatch.setattr(condense_module, "MOST_COLUMNS", columns)
+    pose, element = CASES[case]
+    words = tuple(f"cuda:{i}" for i in range(cudss_library.device_count(cupy)))
+    result, by_products = solved(pose(make, element), words)
+    assert by_products == (columns == 0)
+    agree(result, pose(make, element).solve())
 
 
 @pytest.mark.parametrize("element", [ElementQuadAdini, ElementHex1])
