@@ -9,6 +9,8 @@ from scipy import sparse
 from skfem import (
     ElementHex1,
     ElementQuad1,
+    ElementTetP2,
+    ElementTriP2,
     MeshQuad,
 )
 
