@@ -19,7 +19,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from contact_device import FRICTION, bowl, difference, posed
+from contact_device import FRICTION, bowl, difference, mesh_of, posed
 from machine import describe
 
 from contact import ContactProblem, ContactResult
@@ -107,7 +107,7 @@ def on_gpus(body: Any, n: int, gpus: int) -> tuple[dict[str, Any], ContactResult
 def row_of(n: int, counts: list[int], folder: Path, keep: Any) -> None:
     """Measure one cube on each number of GPUs; they must find the same."""
     begin = time.perf_counter()
-    body = posed("hex1", n, folder).body
+    body = posed("hex1", mesh_of("hex1", n, folder)).body
     _ = body.stiffness
     before, first = time.perf_counter() - begin, None
     for gpus in counts:

@@ -75,7 +75,8 @@ class CudssHandles:
         self._matrix = self.create(
             opened, "cudssMatrixCreateCsr", "cudssMatrixDestroy", n, n, nnz, *pointers, *types
         )
-        self.put(_INTERRUPT, self._flag)
+        if devices is None:  # cuDSS supports no interrupt of several devices
+            self.put(_INTERRUPT, self._flag)
 
     def here(self) -> None:
         """Raise in a forked process, which has no device."""
