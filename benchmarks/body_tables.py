@@ -220,3 +220,31 @@ def contact_device(record: Record) -> str:
     )
     note = "The second of two runs in a process. "
     return f"{table}\n\n{note}{source('contact_device', record, device=record['device'])}"
+
+
+def contact_gpus(record: Record) -> str:
+    """A cube whose factors several GPUs share."""
+
+    def each(gigabytes: list[float]) -> str:
+        return ", ".join(f"{size:.0f}" for size in gigabytes)
+
+    table = rows_of(
+        "trilinear bricks | unknowns | contact rows | GPUs | factors, GB of each GPU "
+        "| at the peak | condensation | contact, certified | solutions | residual",
+        (
+            (
+                f"{row['n']} in each direction",
+                f"{row['unknowns']:,}",
+                f"{row['rows']:,}",
+                f"{row['gpus']}",
+                each(row["factor GB"]),
+                each(row["peak GB"]),
+                f"{row['condensation']:.1f} s",
+                f"{row['contact']:.1f} s",
+                f"{row['solutions']}",
+                f"{row['residual']:.0e}",
+            )
+            for row in record["rows"]
+        ),
+    )
+    return f"{table}\n\n{source('contact_gpus', record, device=record['device'])}"
