@@ -21,7 +21,6 @@ from skfem_adini.solvers.cudss_library import (
     load_cudss,
 )
 from skfem_adini.solvers.cudss_schur import CudssSchur
-from skfem_adini.solvers.cudss_tree import DissectionTree
 from skfem_adini.solvers.device_triangle import Restricted
 
 _log = logging.getLogger(__name__)
@@ -61,9 +60,8 @@ class DeviceSchur(ForwardCache):
         tree: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None,
     ) -> None:
         self._boundary = boundary
-        separated = tree and DissectionTree(*tree)
         self._cudss = on_device(
-            lambda hybrid: CudssSchur(stiffness, boundary, separated, hybrid_memory=hybrid)
+            lambda hybrid: CudssSchur(stiffness, boundary, tree, hybrid_memory=hybrid)
         )
 
     @classmethod

@@ -91,7 +91,10 @@ def nested_dissection(points: NDArray[np.float64], cells: Index, leaf_size: int 
     """
     n = points.shape[1]
     levels = max(0, int(np.ceil(np.log2(max(cells.shape[1], 1) / leaf_size))))
-    leaf = _leaves(sum(points[:, row] for row in cells) / max(len(cells), 1), levels)
+    middles = np.zeros((len(points), cells.shape[1]))
+    for row in cells:
+        middles += points[:, row] / len(cells)
+    leaf = _leaves(middles, levels)
     first, last = np.full(n, 1 << levels), np.full(n, -1)
     for row in cells:
         np.minimum.at(first, row, leaf)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skfem_adini.solvers.cudss import ORDER, CudssMatrix
 from skfem_adini.solvers.cudss_handles import permutation
-from skfem_adini.solvers.cudss_tree import DissectionTree
+from skfem_adini.solvers.cudss_tree import DissectionTree, Index
 
 Array = NDArray[np.float64]
 
@@ -35,8 +35,9 @@ class CudssSchur(CudssMatrix):
     chosen
         Ascending indices of the unknowns to keep, shape (k,), fewer than n.
     tree
-        Order of elimination and its blocks, the chosen unknowns last and ascending. cuDSS finds
-        one of its own if None, or if the blocks do not separate the unknowns of A.
+        Order of elimination and sizes of its blocks, as of
+        `skfem_adini.solvers.cudss_tree.DissectionTree`, the chosen unknowns last and ascending.
+        cuDSS finds one of its own if None, or if the blocks do not separate the unknowns of A.
     hybrid_memory
         As for `CudssMatrix`.
 
@@ -56,13 +57,13 @@ class CudssSchur(CudssMatrix):
     """
 
     def __init__(
-        self, A: Any, chosen: ArrayLike, tree: DissectionTree | None = None,
+        self, A: Any, chosen: ArrayLike, tree: tuple[Index, Index] | None = None,
         hybrid_memory: bool | int = False,
     ) -> None:  # fmt: skip
         self._marks = np.zeros(A.shape[0], dtype=np.int32)
         self._marks[np.asarray(chosen)] = 1
         self._count = int(self._marks.sum())
-        self._tree = tree
+        self._tree = tree and DissectionTree(*tree)
         super().__init__(A, True, False, None, hybrid_memory)
         self._given = A, chosen, tree, hybrid_memory
         self.complement = self._complement()
