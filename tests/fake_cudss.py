@@ -108,7 +108,10 @@ class FakeCudss:
         self.alive[data.value]["upper"] = n * (n + 1) // 2  # entries of its dense factor
         if phase in self.during:
             self.during[phase]()
-        if self.alive[data.value]["interrupt"][0]:
+        interrupt = self.alive[data.value].get("interrupt", [0])
+        if self.devices is not None and "interrupt" in self.alive[data.value]:
+            return 4  # not supported for several devices
+        if interrupt[0]:
             return 5  # execution failed
         if self.devices is not None:
             # The configuration must name the devices of the handle; no Schur mode, no repetition.

@@ -39,7 +39,8 @@ class CudssMatrix:
 
     The memory is released with the object, also when its construction fails. Threads that share an
     object take turns. A copy or pickle factors again; a forked process cannot use the device.
-    Ctrl-C ends an analysis or a factorisation; the object then needs `refactor`.
+    Ctrl-C ends an analysis or a factorisation, of several devices only when it is done; the object
+    then needs `refactor`.
 
     The binding is by ctypes because nvmath-python, which has one, needs a version of cuDSS before
     1.0, whose numbers differ.
