@@ -200,7 +200,7 @@ class BasisSolid(Solid):
         sums = np.where(self._are_values, forces, 0.0).reshape(-1, self.dim).sum(axis=0)
         if self.is_ring:
             sums[0] = 0.0
-        return np.asarray(sums)
+        return sums if np.all(np.isfinite(forces)) else np.full(self.dim, np.nan)
 
     def mean_dilatation(self, u: Array) -> Array | None:
         """Mean div u of each cell, shape (ncells,), with mean dilatation; else None."""

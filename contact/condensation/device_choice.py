@@ -38,7 +38,7 @@ def chosen_device(device: Any, body: Any, solver: str) -> Device | None:
         return None
     if isinstance(device, (tuple, list)) and device:
         words = tuple(device)
-        if len(set(words)) == len(words) and all(_names_one(word) for word in words):
+        if all(_names_one(word) for word in words) and len(set(words)) == len(words):
             return words
     if not (isinstance(device, str) and device in ("cpu", "cuda", "auto")):
         raise InputError(
