@@ -34,6 +34,8 @@ def start(module: str, size: int, *arguments: str, timeout: float = 240.0) -> An
         OMPI_ALLOW_RUN_AS_ROOT="1",
         OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1",
         OMPI_MCA_rmaps_base_oversubscribe="1",
+        # Beside other work on few cores, who waits must let the others go on.
+        OMPI_MCA_mpi_yield_when_idle="1",
         OMPI_MCA_btl_vader_single_copy_mechanism="none",
         OMP_NUM_THREADS="1",
         OPENBLAS_NUM_THREADS="1",
