@@ -247,4 +247,5 @@ def contact_gpus(record: Record) -> str:
             for row in record["rows"]
         ),
     )
-    return f"{table}\n\n{source('contact_gpus', record, device=record['device'])}"
+    cards = source("contact_gpus", record, device=record["device"], count="one and two")
+    return f"{table}\n\n{cards}"

@@ -15,7 +15,9 @@ def rows_of(header: str, rows: Iterable[Sequence[object]]) -> str:
     return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
 
 
-def source(script: str, record: Record, *packages: str, device: str = "") -> str:
+def source(
+    script: str, record: Record, *packages: str, device: str = "", count: str = "one"
+) -> str:
     """Return where the figures come from: script, machine, commit, versions."""
     machine = record["machine"]
     versions = {"Python": machine["python"], **machine["versions"]}
@@ -27,7 +29,7 @@ def source(script: str, record: Record, *packages: str, device: str = "") -> str
     cores = f"{machine['cores']} core" + "s" * (machine["cores"] > 1)
     where = f"{cores} ({machine['processor']})"
     if device:
-        where = f"one {device}, {machine['cores']} host cores"
+        where = f"{count} {device}, {machine['cores']} host cores"
     changed = machine.get("changed_files", 0)
     commit = f"commit {machine['commit']}" + (f" and {changed} changed files" if changed else "")
     return f"*`benchmarks/{script}.py`, {where}, {commit}; {listed}.*"
