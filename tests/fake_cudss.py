@@ -5,6 +5,8 @@ import ctypes
 import numpy as np
 from scipy import sparse
 
+from skfem_adini.solvers import cudss, cudss_handles
+
 
 class FakeCudss:
     """Functions of cuDSS 1.0 on the memory of the host."""
@@ -17,6 +19,14 @@ class FakeCudss:
         self.orders, self.trees = [], []  # what was handed over
         self.devices, self.installed = None, None  # of a handle for several, how many there are
         self.during = {}  # what happens while a phase runs, by its number
+
+    def installed(self, monkeypatch):
+        """This library in the place of cuDSS, with NumPy in that of CuPy."""
+        monkeypatch.setattr(cudss_handles, "load_cudss", lambda: self)
+        monkeypatch.setattr(cudss_handles, "device_arrays", lambda: np)
+        monkeypatch.setattr(cudss, "device_arrays", lambda: np)
+        monkeypatch.setattr(cudss_handles, "threading_layer", lambda: None)
+        return self
 
     def __getattr__(self, name):
         if not name.startswith("cudss"):

@@ -76,6 +76,11 @@ def nested_dissection(points: NDArray[np.float64], cells: Index, leaf_size: int 
     leaf_size : int
         Sets are cut until they have about so many cells.
 
+    Returns
+    -------
+    Dissection
+        Of the n vertices; those without cells are in a leaf.
+
     References
     ----------
     A. George, Nested dissection of a regular finite element mesh, SIAM J. Numer. Anal. 10 (1973).

@@ -1,11 +1,10 @@
 """A device, or a library that imitates cuDSS on the host."""
 
-import numpy as np
 import pytest
 from fake_cudss import FakeCudss
 
 from contact.condensation import condense as condense_module
-from skfem_adini.solvers import cudss, cudss_handles, cudss_library
+from skfem_adini.solvers import cudss_library
 from tests.contact.condensation.device_cases import Elsewhere
 
 
@@ -18,10 +17,5 @@ def engine(request, monkeypatch):
         except ImportError:
             pytest.skip("cuDSS, CuPy or a CUDA device is not there")
         return None
-    library = FakeCudss()
-    monkeypatch.setattr(cudss_handles, "load_cudss", lambda: library)
-    monkeypatch.setattr(cudss_handles, "device_arrays", lambda: np)
-    monkeypatch.setattr(cudss, "device_arrays", lambda: np)
-    monkeypatch.setattr(cudss_handles, "threading_layer", lambda: None)
     monkeypatch.setattr(condense_module, "arrays_on", lambda device: Elsewhere())
-    return library
+    return FakeCudss().installed(monkeypatch)

@@ -16,7 +16,7 @@ from contact.condensation.factor_compliance import FactorCompliance, guessed_dia
 from contact.condensation.solved_body import SolvedBody
 from contact.errors import ContactError
 from skfem_adini import ElementQuadAdini
-from skfem_adini.solvers import cudss, cudss_handles, cudss_library
+from skfem_adini.solvers import cudss_library
 from tests.contact.condensation.device_cases import CASES, Elsewhere, bowl, box_body, floating, held
 
 TWO = ("cuda:0", "cuda:1")
@@ -25,13 +25,8 @@ TWO = ("cuda:0", "cuda:1")
 @pytest.fixture
 def several(monkeypatch):
     """Devices that share factors, imitated."""
-    library = FakeCudss()
-    monkeypatch.setattr(cudss_handles, "load_cudss", lambda: library)
-    monkeypatch.setattr(cudss_handles, "device_arrays", lambda: np)
-    monkeypatch.setattr(cudss, "device_arrays", lambda: np)
-    monkeypatch.setattr(cudss_handles, "threading_layer", lambda: None)
     monkeypatch.setattr(condense_module, "arrays_on", lambda device: Elsewhere())
-    return library
+    return FakeCudss().installed(monkeypatch)
 
 
 @pytest.fixture

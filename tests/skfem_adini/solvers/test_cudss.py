@@ -33,12 +33,7 @@ def _device():
 
 @pytest.fixture
 def fake(monkeypatch):
-    library = FakeCudss()
-    monkeypatch.setattr(cudss_handles, "load_cudss", lambda: library)
-    monkeypatch.setattr(cudss_handles, "device_arrays", lambda: np)
-    monkeypatch.setattr(cudss, "device_arrays", lambda: np)
-    monkeypatch.setattr(cudss_handles, "threading_layer", lambda: None)
-    return library
+    return FakeCudss().installed(monkeypatch)
 
 
 @pytest.fixture(params=["fake", pytest.param("device", marks=pytest.mark.gpu)])
