@@ -20,7 +20,7 @@ class FakeCudss:
         self.devices, self.installed = None, None  # of a handle for several, how many there are
         self.during = {}  # what happens while a phase runs, by its number
 
-    def installed(self, monkeypatch):
+    def put_in_place(self, monkeypatch):
         """This library in the place of cuDSS, with NumPy in that of CuPy."""
         monkeypatch.setattr(cudss_handles, "load_cudss", lambda: self)
         monkeypatch.setattr(cudss_handles, "device_arrays", lambda: np)

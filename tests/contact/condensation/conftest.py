@@ -18,4 +18,4 @@ def engine(request, monkeypatch):
             pytest.skip("cuDSS, CuPy or a CUDA device is not there")
         return None
     monkeypatch.setattr(condense_module, "arrays_on", lambda device: Elsewhere())
-    return FakeCudss().installed(monkeypatch)
+    return FakeCudss().put_in_place(monkeypatch)

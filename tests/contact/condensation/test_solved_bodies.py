@@ -26,7 +26,7 @@ TWO = ("cuda:0", "cuda:1")
 def several(monkeypatch):
     """Devices that share factors, imitated."""
     monkeypatch.setattr(condense_module, "arrays_on", lambda device: Elsewhere())
-    return FakeCudss().installed(monkeypatch)
+    return FakeCudss().put_in_place(monkeypatch)
 
 
 @pytest.fixture

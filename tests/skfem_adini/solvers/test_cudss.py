@@ -33,7 +33,7 @@ def _device():
 
 @pytest.fixture
 def fake(monkeypatch):
-    return FakeCudss().installed(monkeypatch)
+    return FakeCudss().put_in_place(monkeypatch)
 
 
 @pytest.fixture(params=["fake", pytest.param("device", marks=pytest.mark.gpu)])
