@@ -130,6 +130,8 @@ def column_lengths(P: sparse.csr_array, of_dof: Array) -> Array:
 
 def _mixed(columns: sparse.csc_array, of_dof: Array) -> NDArray[np.bool_]:
     """Columns that hold dofs of several lengths."""
+    if columns.nnz == columns.shape[1]:  # none of them is empty
+        return np.zeros(columns.nnz, dtype=bool)
     of_entry = of_dof[columns.indices]
     start = columns.indptr[:-1]
     first = np.repeat(of_entry[start], np.diff(columns.indptr))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -33,26 +35,26 @@ def rigid_modes(body: Discretised) -> Array:
     basis = body.basis
     entity, points, cells = dof_entities(basis)
     pieces, piece = _pieces(cells, points.shape[1])
-    kind = dof_kinds(basis)
-    dim, ndofs = basis.elem.dim, basis.N
-    component = np.arange(ndofs) % dim
-    modes = []
-    for k in range(pieces):
-        inside = piece[entity] == k
-        if body.is_ring:
-            modes.append(inside * (component == 1) * (kind == _VALUE) * 1.0)
-            continue
-        x = basis.doflocs - _middle(points[:, piece == k])[:, None]
-        modes += [inside * (component == c) * (kind == _VALUE) * 1.0 for c in range(dim)]
-        for a in range(dim):
-            for b in range(a + 1, dim):
-                rotation = np.zeros(ndofs)
-                for moving, along, sign in ((a, b, -1.0), (b, a, 1.0)):
-                    here = inside & (component == moving)
-                    rotation += here * (kind == _VALUE) * sign * x[along]
-                    rotation += here * (kind == along) * sign
-                modes.append(rotation)
-    return np.array(modes).T
+    kind, dim = dof_kinds(basis), basis.elem.dim
+    each = 1 if body.is_ring else dim * (dim + 1) // 2
+    modes = np.zeros((pieces, each, basis.N))
+    for k, own in enumerate(modes):
+        middle = _middle(points[:, piece == k])
+        for c in range(dim):  # of dofs that move along x_c
+            mine = slice(c, None, dim)
+            inside = piece[entity[mine]] == k
+            value = inside & (kind[mine] == _VALUE)
+            if body.is_ring:
+                own[0, mine] = value * (c == 1.0)
+                continue
+            own[c, mine] = value
+            for number, (a, b) in enumerate(combinations(range(dim), 2), dim):
+                if c in (a, b):
+                    along, sign = (b, -1.0) if c == a else (a, 1.0)
+                    x = basis.doflocs[along, mine] - middle[along]
+                    slope = inside & (kind[mine] == along)
+                    own[number, mine] = sign * (value * x + slope)
+    return np.asarray(modes.reshape(-1, basis.N).T)
 
 
 def rigid_field(body: Discretised, centre: Array) -> Array:

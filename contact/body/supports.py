@@ -27,8 +27,23 @@ def live_rows(
     ndarray of bool, shape (nrows,)
     """
     of_dof, of_free = lengths
-    left = rows @ P @ sparse.diags_array(1.0 / of_free)
-    return norms(left) > 1e-9 * norms(rows @ sparse.diags_array(1.0 / of_dof))
+    left = scaled_columns(sparse.csr_array(rows @ P), 1.0 / of_free)
+    return norms(left) > 1e-9 * norms(scaled_columns(rows, 1.0 / of_dof))
+
+
+def scaled_columns(matrix: sparse.csr_array, by: Array) -> sparse.csr_array:
+    """The matrix times a diagonal one, whose pattern is not computed anew."""
+    parts = matrix.data * by[matrix.indices], matrix.indices, matrix.indptr
+    return sparse.csr_array(parts, shape=matrix.shape)
+
+
+def selected(P: sparse.csr_array) -> NDArray[np.integer] | None:
+    """The dof of each free unknown where unknowns are dofs, shape (nfree,); else None."""
+    if P.nnz != P.shape[1] or not np.all(P.data == 1.0):
+        return None
+    dofs = np.empty(P.nnz, dtype=P.indices.dtype)
+    dofs[P.indices] = np.flatnonzero(np.diff(P.indptr))
+    return dofs
 
 
 def norms(rows: sparse.csr_array) -> Array:

@@ -11,11 +11,14 @@ from scipy import sparse
 from contact.arrays.blas_threads import one_blas_thread
 from contact.arrays.dense_arrays import HostArrays
 from contact.body.free_motions import free_motions, unseen_motion
+from contact.body.supports import scaled_columns, selected
 from contact.condensation.condensed_body import Array, BodyRows, CondensedBody
 from contact.condensation.device_schur import DeviceSchur
 from contact.condensation.elimination_order import elimination_order, elimination_tree
 from contact.condensation.schur import schur_factor
 from contact.condensation.strain_factor import factor_of_strains, strains_can_be_factored
+
+_FEW = 8  # part of the dofs from which the whole stiffness times a displacement is as quick
 
 
 class SparseBody(CondensedBody):
@@ -42,7 +45,7 @@ class SparseBody(CondensedBody):
         self.arrays = arrays or HostArrays()
         self.slender = body.slender
         P, _ = body.constraint
-        free = _selected(P)
+        free = selected(P)
         S = body.stiffness if free is not None else sparse.csr_array(P.T @ body.stiffness @ P)
         # Scale the unknowns to unit stiffness: the magnitudes of values and derivatives, and of
         # directions, then depend neither on the unit of length nor on the aspect ratio of cells.
@@ -50,7 +53,7 @@ class SparseBody(CondensedBody):
         diagonal = S.diagonal() if free is None else body.diagonal[free]
         exponent = np.round(-0.5 * np.log2(np.where(diagonal > 0, diagonal, 1.0)))
         unit = np.ldexp(1.0, exponent.astype(np.int64))
-        self._P = sparse.csr_array(P @ sparse.diags_array(unit))
+        self._P = scaled_columns(P, unit)
         self._prescribe(body)
         B = self._touch(rows)
         self.B = sparse.csr_array(B[:, self._boundary])
@@ -78,7 +81,7 @@ class SparseBody(CondensedBody):
         u0 = body.constraint[1]
         self.body = body
         self._u0 = u0
-        self._lifted = body.internal(u0) if u0.any() else None
+        self._lifted = _forces_of(body, u0) if u0.any() else None
 
     def _factored(self, S: sparse.csr_array, free: Any, unit: Array, solver: str) -> Any:
         """Factor ``D S D``, or the same of the free rows and columns of S."""
@@ -88,6 +91,14 @@ class SparseBody(CondensedBody):
         if self._on_device and inner:
             return DeviceSchur(scaled(S, free, unit), b)
         return schur_factor(scaled(S, free, unit), b, partial(elimination_order, self.body), solver)
+
+
+def _forces_of(body: Any, u0: Array) -> Array:
+    """Internal forces of a displacement, from the columns of the stiffness where it is not zero."""
+    moved = np.flatnonzero(u0)
+    if body.slender or moved.size > u0.size // _FEW:
+        return np.asarray(body.internal(u0))
+    return np.asarray(body.stiffness[moved].T @ u0[moved])
 
 
 def can_be_restricted(free: Any) -> bool:
@@ -101,9 +112,3 @@ def scaled(S: sparse.csr_array, free: Any, unit: Array) -> sparse.csr_array:
     S.data *= np.repeat(unit, np.diff(S.indptr))
     S.data *= unit[S.indices]
     return S
-
-
-def _selected(P: sparse.csr_array) -> Any:
-    """The dof of each unknown where unknowns are dofs, else None."""
-    plain = P.nnz == P.shape[1] and np.all(P.data == 1.0)
-    return P.tocsc().indices if plain else None
