@@ -36,7 +36,8 @@ class DeferredBasis(CellBasis):
         )
         self.tind = None
         self.nelems = mesh.nelements
-        self.elem.gbasis(self.mapping, self.X[:, :1], 0)
+        of_component = elem.elem if isinstance(elem, ElementVector) else elem
+        of_component.gbasis(self.mapping, self.X[:, :1], 0)
 
     @cached_property
     def doflocs(self) -> NDArray[np.float64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
@@ -94,9 +95,15 @@ def _middle(points: Array) -> Array:
 
 def dof_kinds(basis: Basis) -> NDArray[np.int64]:
     """-1 for a value, i for the derivative along x_i, -2 for a mixed second derivative."""
-    dofs = basis.dofs
-    kind = np.full(basis.N, -2, dtype=np.int64)
-    names = iter(basis.elem.dofnames)
+    kind = np.full(basis.N, _MIXED, dtype=np.int64)
+    for row, of_row in _kinds_of_rows(basis):
+        kind[row] = of_row
+    return kind
+
+
+def _kinds_of_rows(basis: Basis) -> Iterator[tuple[NDArray[np.int32], int]]:
+    """Dofs of each kind at the entities of a mesh."""
+    dofs, names = basis.dofs, iter(basis.elem.dofnames)
     for table in (dofs.nodal_dofs, dofs.facet_dofs, dofs.edge_dofs, dofs.interior_dofs):
         for row in () if table is None else table:
             name = next(names).split("^")[0]
@@ -105,8 +112,7 @@ def dof_kinds(basis: Basis) -> NDArray[np.int64]:
                     f"element {type(basis.elem.elem).__name__}: its dof {name!r} is neither a "
                     "value, a first derivative nor u_xy, which contact needs for rigid motions"
                 )
-            kind[row] = _KINDS[name]
-    return kind
+            yield row, _KINDS[name]
 
 
 def value_dofs(body: Discretised) -> NDArray[np.bool_]:
@@ -122,8 +128,11 @@ def dof_lengths(body: Discretised) -> Array:
     basis = body.basis
     volume = basis.volume if isinstance(basis, DeferredBasis) else float(basis.dx.sum())
     cell = (volume / basis.mesh.nelements) ** (1 / basis.elem.dim)
-    kind = dof_kinds(basis)
-    return np.where(kind == _VALUE, 1.0, np.where(kind == _MIXED, cell**2, cell))
+    lengths = np.ones(basis.N)
+    for row, kind in _kinds_of_rows(basis):
+        if kind != _VALUE:
+            lengths[row] = cell**2 if kind == _MIXED else cell
+    return lengths
 
 
 def describe_motion(body: Discretised, u: Array) -> str:
