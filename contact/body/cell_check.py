@@ -9,6 +9,7 @@ from skfem import Basis, MappingIsoparametric, Mesh
 
 from contact.body.deferred_basis import DeferredBasis
 from contact.body.jacobians import chunks, determinants, is_straight, jacobians
+from contact.body.mesh_facets import number_facets
 from contact.errors import InputError
 from contact.facet_basis import places_on_facets
 from skfem_adini.arguments.kept_functions import functions_of_another_mesh
@@ -28,6 +29,7 @@ def check_cells(mesh: Mesh) -> None:
             f"mesh: {np.sum(~sound)} cells are flat, not convex or folded (first: "
             f"{int(np.argmin(sound))}); order their vertices cyclically and untangle them"
         )
+    number_facets(mesh)
     _check_beside(mesh)
 
 

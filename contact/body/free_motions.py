@@ -34,6 +34,8 @@ def free_motions(body: Any) -> Array:
     at_supports = np.vstack([held[held.any(axis=1)], np.zeros((size.size, size.size))])
     _, singular, V = np.linalg.svd(at_supports / size, full_matrices=False)
     plain = reduced_echelon(V[singular < RIGID] / size)
+    if not len(plain):
+        return np.zeros((P.shape[1], 0))
     free: Array = body.picked.T @ (modes @ plain.T) if dofs is None else modes[dofs] @ plain.T
     return free
 
