@@ -126,11 +126,12 @@ def dof_lengths(body: Discretised) -> Array:
     Shape (ndofs,); 1 for values. Residuals and norms over dofs of several kinds use these units.
     """
     basis = body.basis
-    volume = basis.volume if isinstance(basis, DeferredBasis) else float(basis.dx.sum())
-    cell = (volume / basis.mesh.nelements) ** (1 / basis.elem.dim)
     lengths = np.ones(basis.N)
-    for row, kind in _kinds_of_rows(basis):
-        if kind != _VALUE:
+    slopes = [pair for pair in _kinds_of_rows(basis) if pair[1] != _VALUE]
+    if slopes:
+        volume = basis.volume if isinstance(basis, DeferredBasis) else float(basis.dx.sum())
+        cell = (volume / basis.mesh.nelements) ** (1 / basis.elem.dim)
+        for row, kind in slopes:
             lengths[row] = cell**2 if kind == _MIXED else cell
     return lengths
 
