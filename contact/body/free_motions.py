@@ -30,7 +30,7 @@ def free_motions(body: Any) -> Array:
     else:
         fixed = np.diff(P.indptr) == 0
         held = of_dof[fixed, None] * modes[fixed]
-    size = np.sqrt(np.square(of_dof * modes.T).sum(axis=1))
+    size = np.sqrt(np.einsum("i,ki,ki->k", of_dof * of_dof, modes.T, modes.T))
     at_supports = np.vstack([held[held.any(axis=1)], np.zeros((size.size, size.size))])
     _, singular, V = np.linalg.svd(at_supports / size, full_matrices=False)
     plain = reduced_echelon(V[singular < RIGID] / size)

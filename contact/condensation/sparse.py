@@ -18,8 +18,6 @@ from contact.condensation.elimination_order import elimination_order, eliminatio
 from contact.condensation.schur import schur_factor
 from contact.condensation.strain_factor import factor_of_strains, strains_can_be_factored
 
-_FEW = 8  # part of the dofs from which the whole stiffness times a displacement is as quick
-
 
 class SparseBody(CondensedBody):
     """A body with a Basis; its stiffness matrix is factored by a sparse solver.
@@ -81,7 +79,7 @@ class SparseBody(CondensedBody):
         u0 = body.constraint[1]
         self.body = body
         self._u0 = u0
-        self._lifted = _forces_of(body, u0) if u0.any() else None
+        self._lifted = body.internal(u0) if u0.any() else None
 
     def _factored(self, S: sparse.csr_array, free: Any, unit: Array, solver: str) -> Any:
         """Factor ``D S D``, or the same of the free rows and columns of S."""
@@ -91,14 +89,6 @@ class SparseBody(CondensedBody):
         if self._on_device and inner:
             return DeviceSchur(scaled(S, free, unit), b)
         return schur_factor(scaled(S, free, unit), b, partial(elimination_order, self.body), solver)
-
-
-def _forces_of(body: Any, u0: Array) -> Array:
-    """Internal forces of a displacement, from the columns of the stiffness where it is not zero."""
-    moved = np.flatnonzero(u0)
-    if body.slender or moved.size > u0.size // _FEW:
-        return np.asarray(body.internal(u0))
-    return np.asarray(body.stiffness[moved].T @ u0[moved])
 
 
 def can_be_restricted(free: Any) -> bool:
