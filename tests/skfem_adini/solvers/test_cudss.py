@@ -9,6 +9,8 @@ import pickle
 import signal
 import threading
 import time
+from contextlib import nullcontext
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -267,6 +269,29 @@ def test_factors_that_do_not_fit_are_foreseen(fake, monkeypatch, free, hybrid, r
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
     monkeypatch.setattr(cudss_memory, "free_memory", lambda xp: 6 * 2**30)
     factorize(matrix(5, True), solver="cudss", hybrid_memory=hybrid)
+
+
+class _Device:
+    """What the foresight of memory asks of CuPy, for four bytes that nobody keeps and two kept."""
+
+    def __init__(self):
+        self.released = False
+        self.cuda = SimpleNamespace(
+            Device=nullcontext,
+            runtime=SimpleNamespace(memGetInfo=lambda: (4 + 2 * self.released, 8)),
+        )
+
+    def get_default_memory_pool(self):
+        return SimpleNamespace(free_all_blocks=lambda: setattr(self, "released", True))
+
+
+@pytest.mark.parametrize(("needed", "released", "fits"), [(4, 0, 1), (5, 1, 1), (7, 1, 0)])
+def test_memory_that_cupy_keeps_is_released_where_it_is_needed(needed, released, fits):
+    device = _Device()
+    handles = SimpleNamespace(xp=device, get=lambda key, out: [0, needed - 1] + [0] * 14)
+    with nullcontext() if fits else pytest.raises(cudss_library.DeviceMemory):
+        cudss_memory.check_memory(handles, hybrid=False, more=1)
+    assert device.released == released
 
 
 def test_statistics(fake):
