@@ -67,12 +67,12 @@ class Counted:
 
     def __getattr__(self, name: str) -> Any:
         method = getattr(self._factors, name)
-        if name not in ("once", "solve"):
+        if name not in ("at", "once", "solve"):
             return method
 
-        def timed(loads: Any) -> Any:
+        def timed(*given: Any) -> Any:
             begin = time.perf_counter()
-            found = method(loads)
+            found = method(*given)
             self.count += 1
             self.seconds += time.perf_counter() - begin
             return found

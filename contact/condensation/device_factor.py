@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.condensation.condensed_body import Array
 from contact.condensation.device_schur import on_device
 from skfem_adini.solvers.cudss import Cudss
 from skfem_adini.solvers.device_triangle import Restricted
+
+Index = NDArray[np.int64]
 
 
 class DeviceFactor:
@@ -60,6 +64,10 @@ class DeviceFactor:
     def solve(self, loads: Array) -> Array:
         """Solutions for loads (n,) or (n, count), each corrected by its residual."""
         return self._cudss.solve(loads)
+
+    def at(self, places: Index, loads: Array, corrected: bool) -> Array:
+        """Solutions at some unknowns (k,) for loads on them, (k,) or (k, count)."""
+        return self._cudss.at(places, loads, corrected)
 
     def once(self, loads: Array) -> Array:
         """Solutions by the factors alone, which lack a digit or two of those of `solve`."""

@@ -68,7 +68,8 @@ class SolvedBody(SparseBody):
         solver: str,
     ) -> None:  # fmt: skip
         touched, k = self._boundary, modes.shape[1]
-        self._boundary, self.B = np.arange(unit.size), B
+        self._boundary = np.arange(unit.size)
+        self._take(B)
         self.diagonal = unit**2 * (S.diagonal() if free is None else S.diagonal()[free])
         self.N = self.modes = np.linalg.qr(modes)[0] if k else modes
         self._factor, self._soft = _Whole(S, free, unit), 0.0
@@ -88,6 +89,18 @@ class SolvedBody(SparseBody):
             if self._on_device
             else _on_host(held, solver)
         )
+
+    def touched_by(self, rows: BodyRows) -> SolvedBody:
+        """The same factorisation for other rows."""
+        other = super().touched_by(rows)
+        assert isinstance(other, SolvedBody)
+        other._take(other.B)
+        return other
+
+    def _take(self, B: sparse.csr_array) -> None:
+        """Take over the rows, on all unknowns and on those that they touch."""
+        self.B, self._touched = B, np.unique(B.indices).astype(np.int64)
+        self._of_touched = sparse.csr_array(B[:, self._touched])
 
     @property
     def order(self) -> int:
@@ -123,6 +136,10 @@ class SolvedBody(SparseBody):
         corrected : bool
             Whether solutions are corrected by their residuals.
         """
+        if self._on_device and not self.N.shape[1]:
+            loads = self._of_touched.T @ forces
+            yielded: Array = self._of_touched @ self._solver.at(self._touched, loads, corrected)
+            return yielded
         solve = self._solver.solve if corrected else self._once
         moved: Array = self.B @ self._held(self.B.T @ forces, solve)
         return moved

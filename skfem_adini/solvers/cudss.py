@@ -235,6 +235,30 @@ class Cudss(CudssMatrix):
         """Return what the factors alone make of loads (n,) or (n, loads), without corrections."""
         return self._solutions(b, 0)
 
+    def at(self, places: Any, loads: Array, corrected: bool = True) -> Array:
+        """Return solutions at some unknowns for loads on the same, without vectors of all others.
+
+        Parameters
+        ----------
+        places
+            Their numbers, shape (k,).
+        loads
+            Shape (k,) or (k, count), as the result.
+        corrected
+            Whether solutions are corrected by their residuals.
+        """
+        some, xp = loads.reshape(len(places), -1), self._cudss.xp
+        found = np.empty(some.shape)
+        with self._factors():
+            chosen = xp.asarray(places)
+            for i in range(0, some.shape[1], _TOGETHER):
+                part = xp.asarray(np.ascontiguousarray(some[:, i : i + _TOGETHER].T))
+                whole = xp.zeros((len(part), self._n))
+                whole[:, chosen] = part
+                x = self._corrected(whole, _CORRECTIONS if corrected else 0)
+                found[:, i : i + _TOGETHER] = self._on_host(x[:, chosen]).T
+        return found.reshape(loads.shape)
+
     def _solutions(self, b: Array, corrections: int) -> Array:
         """Solve on the device, for some loads at a time."""
         loads, xp = b.reshape(self._n, -1), self._cudss.xp

@@ -377,6 +377,16 @@ def test_the_columns_of_several_loads_are_those_of_each_alone(engine):
     np.testing.assert_array_equal(factors.solve(b), alone)
 
 
+@pytest.mark.parametrize("corrected", [True, False])
+@pytest.mark.parametrize("count", [None, 1, 40])
+def test_solutions_at_some_unknowns(engine, corrected, count):
+    A, places = matrix(60, True), np.array([2, 3, 31, 59])
+    loads = np.random.default_rng(3).uniform(-1, 1, (4,) if count is None else (4, count))
+    expected = np.linalg.inv(A.toarray())[np.ix_(places, places)] @ loads
+    found = cudss.Cudss(A, True).at(places, loads, corrected)
+    np.testing.assert_allclose(found, expected, atol=1e-14)
+
+
 @pytest.mark.parametrize("kind", ["full", "diagonal", "one"])
 @pytest.mark.parametrize("count", [1, 3])
 def test_products_by_the_upper_triangle(engine, kind, count):
