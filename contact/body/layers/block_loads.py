@@ -62,8 +62,9 @@ class BlockLoads(Solid):
             f = np.zeros(self.ndofs)  # pages that nobody writes to cost nothing
             f[acting] = self._f[acting]
             acting = np.unique(np.concatenate([acting, *[dofs for dofs, _ in loads]]))
-        for dofs, forces in loads:
-            f[dofs] += forces
+        with np.errstate(over="ignore"):
+            for dofs, forces in loads:
+                f[dofs] += forces
         if not all(np.all(np.isfinite(f[dofs])) for dofs, _ in loads):
             raise InputError("f: the loads add up to values that are not finite")
         f.flags.writeable = acting is None

@@ -93,6 +93,14 @@ def test_adini_bricks(sides):
     compare(pressed(block, "loaded"), lambda x: 0.3 * hill(x), functional="centroid")
 
 
+@pytest.mark.parametrize("element", [ElementHex1(), ElementHexAdini()])
+@pytest.mark.parametrize("cells", [(1, 1), (1, 3), (3, 1)])
+def test_one_cell_between_mirrored_sides(element, cells):
+    more = {"cells": cells, "element": element, "path": "fourier"}
+    block = LayeredBlock((0.5, 1.0), COATED, ("x", "y"), "x", **more)
+    compare(block.load("top", (0.0, 0.0, -0.1)), lambda x: 0.003 * x[0] ** 2 + 0.002 * x[1])
+
+
 @pytest.mark.parametrize("functional", ["gauss", "nodal"])
 def test_other_functionals_and_laws(functional):
     block = LayeredBlock(1.3, COATED, "periodic", "x", columns=10)
