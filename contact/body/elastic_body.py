@@ -273,7 +273,8 @@ class ElasticBody(CoupledBody, HeatedBody):
         if self.is_ring:
             refuse_axis(self.mesh, facets)
         degree = 2 * element.maxdeg + _OF_RADII * self.is_ring
-        basis = facet_basis(self.mesh, element, facets, intorder=degree)
+        dofs = self.basis.dofs
+        basis = facet_basis(self.mesh, element, facets, intorder=degree, dofs=dofs)
         self.f = self.f + self._load_vector(basis, traction, "traction")
         return self
 

@@ -29,7 +29,7 @@ class BlockLoads(Solid):
     """
 
     arrays = HostArrays()
-    _acting: NDArray[np.int64] | None  # dofs that may be loaded, ascending; None: any
+    _acting: NDArray[np.int64] | None = None  # dofs that may be loaded, ascending; None: any
 
     def _unload(self, size: int) -> None:
         """No load on so many dofs."""
