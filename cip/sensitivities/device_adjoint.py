@@ -284,10 +284,10 @@ class DeviceAdjoint:
         found = (keys % size).astype(self._whole), starts.astype(self._whole)
         if not self._stage.conservative:
             return found
-        owner, whole = whole_cells(self._stage.grid, self._stage.axis or 0, feet[0].get())
-        sort = np.argsort(whole, kind="stable")
-        wholes = np.searchsorted(whole[sort], np.arange(size + 1))
-        return *found, *(xp.asarray(one.astype(self._whole)) for one in (owner[sort], wholes))
+        owner, whole = whole_cells(self._stage.grid, self._stage.axis or 0, feet[0], xp)
+        pairs = xp.sort(whole * size + owner)
+        wholes = xp.searchsorted(pairs, xp.arange(size + 1, dtype=np.int64) * size)
+        return *found, (pairs % size).astype(self._whole), wholes.astype(self._whole)
 
     def parameter_gradient(self, feet: StageFeet, g: Array) -> Any:
         """As `cip.sensitivities.path_adjoint.parameter_gradient`, of `g` on the device."""
