@@ -51,7 +51,7 @@ class CondensedBodies:
             return None
         return together(
             [
-                np.zeros(part.body.f.size) if left is None else left
+                np.zeros(part.body.ndofs) if left is None else left
                 for part, left in zip(self.parts, each, strict=True)
             ]
         )
@@ -139,7 +139,7 @@ class CondensedBodies:
             if own.size and own.any():
                 found.append(part.motion_of(part.modes @ (self._unit * own)))
             else:
-                found.append(("", np.zeros(part.body.f.size)))
+                found.append(("", np.zeros(part.body.ndofs)))
         reaches = [b.reach(u) for b, (_, u) in zip(self.body.bodies, found, strict=True)]
         k = int(np.argmax(reaches))
         return self.body.said_of(k, found[k][0]), np.concatenate([u for _, u in found])

@@ -156,7 +156,7 @@ class CondensedBody:
 
     def prescribed(self) -> Array:
         """The prescribed displacements on all dofs, zero elsewhere."""
-        return np.zeros(self.body.f.size) if self._u0 is None else self._u0
+        return np.zeros(self.body.ndofs) if self._u0 is None else self._u0
 
     def reduce(self, load: Array) -> Array:
         """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""

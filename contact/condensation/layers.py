@@ -42,7 +42,7 @@ class CondensedLayers(CondensedBody):
         size, held = body.row_size, body.prescribed[0]
         free = np.ones((2, size), dtype=bool)  # of all node rows but the top, and of the top
         free[0, held[held < size]] = False
-        top = body.f.size - size
+        top = body.ndofs - size
         free[1, held[held >= top] - top] = False
         own = np.flatnonzero(free[0])
         per_length = 1.0 / np.tile([1.0, 1.0, *[body.cell_size] * 4], body.columns + 1)[own]
@@ -66,7 +66,7 @@ class CondensedLayers(CondensedBody):
         dofs, values = body.prescribed
         self._u0 = self._lifted = None
         if values.any():
-            u0 = self.arrays.xp.zeros(body.f.size)
+            u0 = self.arrays.xp.zeros(body.ndofs)
             u0[self.placed(dofs)] = self.placed(values)
             self._u0, self._lifted = u0, body.stiffness @ u0
 
@@ -131,7 +131,10 @@ class CondensedLayers(CondensedBody):
 
     def prescribed(self) -> Array:
         """The prescribed displacements on all dofs, zero elsewhere, on the host."""
-        return np.asarray(self.arrays.get(super().prescribed()))
+        dofs, values = self.body.prescribed
+        u0 = np.zeros(self.body.ndofs)
+        u0[dofs] = values
+        return u0
 
     def reduce(self, load: Any) -> Array:
         """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
@@ -175,7 +178,7 @@ class CondensedLayers(CondensedBody):
     def _of_all_dofs(self, rigid: Array) -> Array:
         """A rigid motion, or several as columns, on every dof of the block."""
         if not rigid.size:
-            return np.zeros((self.body.f.size, *rigid.shape[1:]))
+            return np.zeros((self.body.ndofs, *rigid.shape[1:]))
         x = np.tile(np.repeat(self.body.x, PER_NODE), self.body.node_rows)
         y = np.repeat(self.body.y, self.body.row_size)
         return _motions(x, y, self.body) @ rigid

@@ -26,6 +26,7 @@ from contact.problem.small_displacements import warn_of_large_displacements
 from contact.problem.stiffness_form import fits, refined, solved_stiffly
 from contact.result.certify import certify
 from contact.result.contact_result import ContactResult
+from contact.result.contact_state import ContactState
 from contact.result.contact_system import ContactSystem
 from gpu import Infeasible as QPInfeasible
 from gpu import InputError as QPInputError
@@ -120,27 +121,20 @@ def _solved(
         more = doubt(condensed, _boundary_problem(system, condensed, system.load), friction)
         raise NotConverged(f"{error}{more}", tuple(history)) from error
     (u, mu, t), motion = state, condensed.obstacle_motion(system.motion, forces)
-    result = ContactResult(
-        system,
-        condensed.fetched(u),
-        mu,
-        t,
-        options.method,
-        tuple(history),
-        motion,
-        options.tol,
-        slack,
+    found = ContactState(  # displacements lie where they were computed
+        system, u, mu, t, options.method, tuple(history), motion, options.tol, slack
     )
+    result = ContactResult(**vars(replace(found, u=condensed.fetched(u))))
     if condensed.slender and fits(condensed) and options.method in STIFF:
         return refined(system, condensed, options, result, report, history)
     try:
-        certify(result, options.tol, slack)
+        certify(found, options.tol, slack)
     except NotConverged:
         if whole and options.method in STIFF:
             with suppress(NotConverged, LinAlgError):
                 return solved_stiffly(system, condensed, options, result, report, history)
         raise
-    warn_of_large_displacements(result)
+    warn_of_large_displacements(found)
     result.keep_facts_of_many()
     return result
 

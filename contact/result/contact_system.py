@@ -65,8 +65,8 @@ class ContactSystem:
         w : ndarray, shape (k,), or None
             Motions of the obstacles.
         """
-        u_n = np.asarray(self.rows.G @ u)
-        u_t = np.asarray(self.rows.T @ u).reshape(u_n.size, -1)
+        u_n = self.body.at_points(self.rows.G, u)
+        u_t = self.body.at_points(self.rows.T, u).reshape(u_n.size, -1)
         if self.motion is None or w is None:
             return u_n, u_t
         w_n, w_t = self.motion.displacement(w)

@@ -25,8 +25,8 @@ def built_edge(block: Any, name: str) -> tuple[ElasticBody, NDArray[np.int64]]:
         at = slice(-2, None) if name == "top" else slice(0, 2)
         cell = block.cell_bodies[-1 if name == "top" else 0]
         row = strip(block, grid(block.x, y[at]), cell, intorder=1)
-        start = block.f.size - row.f.size if name == "top" else 0
-        return row, start + np.arange(row.f.size)
+        start = block.ndofs - row.ndofs if name == "top" else 0
+        return row, start + np.arange(row.ndofs)
     i = np.array([0, 1] if name == "left" else [block.columns - 1, block.columns])
     nodes = (block.columns + 1) * np.arange(y.size)[:, None] + i
     dofs = PER_NODE * nodes.ravel()[:, None] + np.arange(PER_NODE)
