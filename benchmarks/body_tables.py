@@ -210,7 +210,7 @@ def contact_device(record: Record) -> str:
                 f"{names[row['body']]}, {row['n']}",
                 f"{row['unknowns']:,}",
                 f"{row['boundary']:,}",
-                "device" if row["device"] == "cuda" else record["host solver"],
+                _where(row, record),
                 *(f"{row['seconds'][part]:.2f} s" for part in parts),
                 f"**{row['total']:.1f} s**",
                 f"{row['residual']:.0e}",
@@ -220,6 +220,13 @@ def contact_device(record: Record) -> str:
     )
     note = "The second of two runs in a process. "
     return f"{table}\n\n{note}{source('contact_device', record, device=record['device'])}"
+
+
+def _where(row: Record, record: Record) -> str:
+    """Where a body was solved, and whether a repetition gave the same bits."""
+    if row["device"] == "cuda":
+        return "device, the same bits twice" if row.get("identical") else "device"
+    return str(record["host solver"])
 
 
 def contact_gpus(record: Record) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.body.dof_entities import dof_entities
-from contact.condensation.dissection import Dissection, nested_dissection
+from contact.condensation.dissection import Dissection, counted_order, nested_dissection
 
 Index = NDArray[np.int64]
 # Levels of the tree that cuDSS gets: its own have ten. With fewer than six its factorisation is
@@ -22,7 +22,7 @@ def elimination_order(body: Any) -> Index:
     entity, dissection = _dissected(body)
     rank = np.empty_like(dissection.part)
     rank[dissection.order] = np.arange(rank.size)
-    return np.argsort(rank[entity], kind="stable")
+    return counted_order(rank[entity], rank.size)
 
 
 def elimination_tree(body: Any, kept: Index) -> tuple[Index, Index] | None:
@@ -54,8 +54,7 @@ def elimination_tree(body: Any, kept: Index) -> tuple[Index, Index] | None:
             rank = np.empty_like(order)
             rank[order] = np.arange(order.size)
             # Ranks ascend with the blocks; those that are kept stay in their own order.
-            steps = np.argsort(np.where(last, order.size, rank[entity]), kind="stable")
-            return steps, sizes
+            return counted_order(np.where(last, order.size, rank[entity]), order.size + 1), sizes
     return None
 
 

@@ -11,6 +11,7 @@ from scipy import sparse
 from contact.arrays.blas_threads import one_blas_thread
 from contact.arrays.dense_arrays import HostArrays
 from contact.body.free_motions import free_motions, unseen_motion
+from contact.body.supports import scaled_columns, selected
 from contact.condensation.condensed_body import Array, BodyRows, CondensedBody
 from contact.condensation.device_schur import DeviceSchur
 from contact.condensation.elimination_order import elimination_order, elimination_tree
@@ -46,7 +47,7 @@ class SparseBody(CondensedBody):
         self.arrays = arrays or HostArrays()
         self.slender = body.slender
         P, _ = body.constraint
-        free = _selected(P)
+        free = selected(P)
         S = body.stiffness if free is not None else sparse.csr_array(P.T @ body.stiffness @ P)
         # Scale the unknowns to unit stiffness: the magnitudes of values and derivatives, and of
         # directions, then depend neither on the unit of length nor on the aspect ratio of cells.
@@ -54,7 +55,7 @@ class SparseBody(CondensedBody):
         diagonal = S.diagonal() if free is None else body.diagonal[free]
         exponent = np.round(-0.5 * np.log2(np.where(diagonal > 0, diagonal, 1.0)))
         unit = np.ldexp(1.0, exponent.astype(np.int64))
-        self._P = sparse.csr_array(P @ sparse.diags_array(unit))
+        self._P = scaled_columns(P, unit)
         self.body = body
         B = self._touch(rows)
         self.B = sparse.csr_array(B[:, self._boundary])
@@ -134,9 +135,3 @@ def scaled(S: sparse.csr_array, free: Any, unit: Array) -> sparse.csr_array:
     S.data *= np.repeat(unit, np.diff(S.indptr))
     S.data *= unit[S.indices]
     return S
-
-
-def _selected(P: sparse.csr_array) -> Any:
-    """The dof of each unknown where unknowns are dofs, else None."""
-    plain = P.nnz == P.shape[1] and np.all(P.data == 1.0)
-    return P.tocsc().indices if plain else None

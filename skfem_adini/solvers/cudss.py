@@ -5,8 +5,8 @@ from __future__ import annotations
 import ctypes
 import threading
 import weakref
-from collections.abc import Iterable
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,7 @@ ANALYSIS, FACTORISATION, REFACTORISATION, SOLUTION = 0b11, 0b100, 0b1000, 0b11_1
 # Corrections of a solution by its residual, as many as PARDISO makes. cuDSS makes none in its
 # deterministic mode, and solves for one load at a time there.
 _CORRECTIONS = 2
+_TOGETHER = 32  # solutions of `congruence` at a time, where there may be several
 
 
 class CudssMatrix:
@@ -179,12 +180,9 @@ class CudssMatrix:
 
     def _run(self, phase: int, loads: Array, together: int) -> Array:
         """Return what a phase makes of loads (n, loads), so many at a time."""
-        self._cudss.here()
         count = loads.shape[1]
         x = np.empty((count, self._n))
-        with self._lock, self._home(), ExitStack() as columns:
-            if not self._factored:
-                raise AdiniError("cuDSS: the last factorisation did not end; call refactor")
+        with self._factors(), ExitStack() as columns:
             right, b_handle, left, x_handle = self._cudss.columns(columns, together)
             for i in range(0, count, together):
                 part = slice(i, i + together)
@@ -192,6 +190,15 @@ class CudssMatrix:
                 self._cudss.execute(phase, x_handle, b_handle)
                 x[part] = self._on_host(left)
         return x.T
+
+    @contextmanager
+    def _factors(self) -> Iterator[None]:
+        """Hold the factors, and make the device present on which they are."""
+        self._cudss.here()
+        with self._lock, self._home():
+            if not self._factored:
+                raise AdiniError("cuDSS: the last factorisation did not end; call refactor")
+            yield
 
     @staticmethod
     def _on_host(array: Any) -> Any:
@@ -232,6 +239,32 @@ class Cudss(CudssMatrix):
     def once(self, b: Array) -> Array:
         """Return what the factors alone make of loads (n,) or (n, loads), without corrections."""
         return np.ascontiguousarray(self._direct(b.reshape(self._n, -1))).reshape(b.shape)
+
+    def congruence(self, rows: Any) -> Any:
+        """Return ``R A^-1 R^T`` on the device, shape (k, k), by the factors alone.
+
+        Parameters
+        ----------
+        rows
+            Sparse matrix R by rows, shape (k, n); each row takes a solution.
+        """
+        xp, k = device_arrays(), rows.shape[0]
+        together = 1 if self._deterministic else max(1, min(_TOGETHER, k))
+        touched, at = np.unique(rows.indices, return_inverse=True)
+        row = np.repeat(np.arange(k), np.diff(rows.indptr))
+        with self._factors(), ExitStack() as columns:
+            load, b, left, x = self._cudss.columns(columns, together)
+            places, kept, values = map(xp.asarray, (rows.indices, touched, rows.data))
+            moved, R = xp.empty((k, touched.size)), xp.zeros((k, touched.size))
+            for i in range(0, k, together):
+                part = slice(*rows.indptr[[i, min(i + together, k)]].tolist())
+                load.fill(0.0)
+                load[xp.asarray(row[part] - i), places[part]] = values[part]
+                self._cudss.execute(SOLUTION, x, b)
+                moved[i : i + together] = left[: k - i, kept]
+            R[xp.asarray(row), xp.asarray(at)] = values
+            product = moved @ R.T
+            return 0.5 * (product + product.T)
 
     def _direct(self, loads: Array) -> Array:
         """Solve for loads (n, loads) by the factors alone."""

@@ -221,7 +221,10 @@ def _numbers(devices: tuple[int, ...]) -> Any:
 
 def permutation(order: ArrayLike, n: int) -> NDArray[np.int32]:
     """Return an order as cuDSS takes it."""
-    given = np.asarray(order)
-    if given.shape != (n,) or not np.array_equal(np.sort(given), np.arange(n)):
+    given, seen = np.asarray(order), np.zeros(n, dtype=bool)
+    if given.shape == (n,) and np.all((given >= 0) & (given < n)):
+        numbers = np.ascontiguousarray(given, dtype=np.int32)
+        seen[numbers] = np.equal(numbers, given)
+    if not seen.all():
         raise InputError(f"order: expected the numbers 0 to {n - 1}, each once")
-    return np.ascontiguousarray(given, dtype=np.int32)
+    return numbers

@@ -130,9 +130,10 @@ class DeviceTriangle:
 
 def _parts(A: Any) -> tuple[Any, Any, Any]:
     """Return the whole matrix by rows, what remains of it, and the scale; None for all and 1."""
-    if isinstance(A, Restricted):
-        return sparse.csr_array(A.matrix), A.free, A.scale
-    return sparse.csr_array(A), None, None
+    whole = A.matrix if isinstance(A, Restricted) else A
+    if not isinstance(whole, sparse.csr_array):  # a copy would not know that it is canonical
+        whole = sparse.csr_array(whole)
+    return (whole, A.free, A.scale) if isinstance(A, Restricted) else (whole, None, None)
 
 
 def _on_host(A: Any) -> Any:

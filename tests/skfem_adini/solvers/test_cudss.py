@@ -351,6 +351,21 @@ def test_the_columns_of_several_loads_are_those_of_each_alone(engine):
     np.testing.assert_array_equal(factors.solve(b), alone)
 
 
+@pytest.mark.parametrize("deterministic", [True, False])
+@pytest.mark.parametrize("rows", [1, 32, 75])
+def test_congruence(engine, deterministic, rows):
+    A, rng = matrix(80, True), np.random.default_rng(7)
+    R = sparse.csr_array(sparse.random_array((rows, 80), density=0.05, rng=rng))
+    W = cudss.Cudss(A, True, deterministic).congruence(R)
+    W = W.get() if hasattr(W, "get") else W
+    np.testing.assert_array_equal(W, W.T)
+    expected = R @ np.linalg.solve(A.toarray(), R.toarray().T)
+    np.testing.assert_allclose(W, expected, atol=1e-13 * np.abs(expected).max())
+    if engine is not None:
+        together = 1 if deterministic else min(rows, 32)
+        assert engine.solved == [together] * -(-rows // together)
+
+
 @pytest.mark.parametrize("error", [0.0, 1e-6, 0.5, 3.0])
 def test_corrections_lower_the_residual_or_stop(fake, error):
     A, exact = matrix(40, True), np.random.default_rng(6).uniform(-1, 1, (40, 2))
