@@ -72,6 +72,7 @@ def _floor(S):
     return max(1e-12, 16 * np.finfo(float).eps * condition)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("case", "n"),
     [
