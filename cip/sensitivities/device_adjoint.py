@@ -223,6 +223,7 @@ class DeviceAdjoint:
         self._parts, self._blocks = len(update_of(stage).reads), blocks_of(stage, cupy)
         self._pull = compiled(pull_all(stage, index))
         self._gather = compiled(gather_all(stage, index))
+        self._unwind: dict[int, Any] = {}
 
     def pull_back(
         self, z: Array, weight: Array, feet: Array, g: Array, orders: Any = None
@@ -306,7 +307,8 @@ class DeviceAdjoint:
         if not inside.all():
             g = xp.where(xp.asarray(inside), g, 0.0)
         most = 1 << (count - 1).bit_length()  # one kernel serves all numbers up to this
-        kernel = compiled(unwind_all(stage, most, engine._index))
+        if most not in self._unwind:
+            self._unwind[most] = compiled(unwind_all(stage, most, engine._index))
         values = xp.asarray(np.array(stage.parameters, dtype=float))
         threads = max(1, min(self._size, _THREADS, _NUMBERS // len(values)))
         gradients = xp.empty((len(values), threads))
@@ -314,5 +316,5 @@ class DeviceAdjoint:
         step = (feet.t_end - feet.t_start) / count
         arguments = [g, *lines, feet.t_end, step, self._whole(count)]
         arguments += [values, gradients, self._whole(threads)]
-        kernel((-(-threads // 128),), (128,), tuple(arguments))
+        self._unwind[most]((-(-threads // 128),), (128,), tuple(arguments))
         return gradients.sum(axis=1).get()

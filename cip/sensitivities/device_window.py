@@ -31,13 +31,12 @@ class DeviceWindow(Window):
         self._pushes: dict[Stage, DevicePush] = {}
         self._orders: dict[Any, Any] = {}
 
-    def operator(self) -> Any:
-        """The derivative as a linear operator of CuPy (`cupyx.scipy.sparse.linalg`)."""
+    def _linear(self, tangent: Any, adjoint: Any, columns: int) -> Any:
+        """An operator of CuPy."""
         from cupyx.scipy.sparse.linalg import LinearOperator
 
-        size = self._start.data.size
-        shape = (size, size + len(self.parameters))
-        return LinearOperator(shape, self._tangent, rmatvec=self._adjoint, dtype=np.float64)
+        shape = (self._start.data.size, columns)
+        return LinearOperator(shape, tangent, rmatvec=adjoint, dtype=np.float64)
 
     def _on_device(self, n: int) -> DeviceAdjoint:
         stage = self._moves[n].stage

@@ -123,8 +123,23 @@ class Window:
     def operator(self) -> LinearOperator:
         """The derivative as a linear operator; its transpose is the adjoint."""
         size = self._start.data.size
-        shape = (size, size + len(self.parameters))
-        return LinearOperator(shape, self._tangent, rmatvec=self._adjoint, dtype=np.float64)
+        return self._linear(self._tangent, self._adjoint, size + len(self.parameters))
+
+    def state_operator(self) -> LinearOperator:
+        """That in the first state alone, without the states that derivatives in parameters need."""
+        held = np.zeros(len(self.parameters))
+
+        def tangent(x: Any) -> Array:
+            return self._tangent(self._xp.append(self._given(x), self._xp.asarray(held)))
+
+        def adjoint(x: Any) -> Array:
+            return self._adjoint(x, held=True)[: self._start.data.size]
+
+        return self._linear(tangent, adjoint, self._start.data.size)
+
+    def _linear(self, tangent: Any, adjoint: Any, columns: int) -> Any:
+        shape = (self._start.data.size, columns)
+        return LinearOperator(shape, tangent, rmatvec=adjoint, dtype=np.float64)
 
     def _key(self, n: int) -> Any:
         """Moves with the same key have the same feet where the velocity is steady."""
@@ -231,14 +246,15 @@ class Window:
         feet = self._flat(self._feet(n).data)
         return push_forward(self._blocks_of(self._moves[n].stage), z, feet, changes)
 
-    def _adjoint(self, x: Any) -> Array:
-        xp, shape = self._xp, self._start.data.shape
+    def _adjoint(self, x: Any, held: bool = False) -> Array:
+        """The transpose; with zeros for the parameters where they are `held`."""
+        xp, shape, varies = self._xp, self._start.data.shape, self._varies and not held
         weight = self._flat(self._given(x)).copy()
         found, segment = np.zeros(len(self.parameters)), list[State]()
         gathered: dict[Any, tuple[int, StageFeet, Array]] = {}
         for n in range(len(self._moves) - 1, -1, -1):
             move, z = self._moves[n], weight
-            if self._varies:
+            if varies:
                 first = n - n % self.every
                 if n == len(self._moves) - 1 or (n + 1) % self.every == 0:
                     segment = self._states(self._marks[first], first, n)
@@ -246,10 +262,11 @@ class Window:
             if isinstance(move, HalfStep):
                 back, more = move.pull_back(z.reshape(shape), weight.reshape(shape))
                 weight = self._flat(back)
-                found[self._columns[n]] += more
+                if not held:
+                    found[self._columns[n]] += more
                 continue
             stage, feet, columns = move.stage, self._feet(n), self._wall_columns[n]
-            if columns and feet.bounded:
+            if columns and feet.bounded and not held:
                 for wall in self._walls(n):
                     own = weight.ravel()[xp.asarray(wall.places)]
                     found[columns] += wall.values @ on_host(own)
@@ -261,9 +278,10 @@ class Window:
             # once, to the sum over these moves.
             _, _, g = gathered.setdefault(self._key(n), (n, feet, xp.zeros(components.shape)))
             weight = self._pull_back(n, z, weight, components, g)
-            if not self._steady:
+            if not (self._steady or held):
                 self._spread(gathered, found)
-        self._spread(gathered, found)
+        if not held:
+            self._spread(gathered, found)
         return xp.concatenate([weight.ravel(), xp.asarray(found)])
 
     def _spread(self, gathered: dict[Any, tuple[int, StageFeet, Array]], found: Array) -> None:

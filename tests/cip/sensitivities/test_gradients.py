@@ -28,19 +28,15 @@ SCHEMES = [
     (2, "bicubic", "transport"),
 ]
 CASES = [
-    pytest.param(
-        dim, profile, form, flow, id=f"{profile}, {name}",
-        marks=[pytest.mark.slow] * (name != "unsteady" and profile in ("quintic", "bicubic")),
-    )
+    pytest.param(dim, profile, form, flow, id=f"{profile}, {name}")
     for dim, profile, form in SCHEMES
     for name, flow in (LINES if dim == 1 else PLANES).items()
-]  # fmt: skip
+]
 FIELDS = {1: "sin(2*pi*x1)", 2: "sin(2*pi*x1)*cos(2*pi*x2)"}
-SLOW = pytest.mark.slow
 amplitude = st.floats(-0.4, 0.4)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(("dim", "profile", "form", "flow"), CASES)
 @few_examples
 @given(a=amplitude, b=amplitude, d=amplitude, dt=st.floats(0.01, 0.09), seed=st.integers(0, 99))
@@ -55,10 +51,8 @@ def test_the_adjoint_is_the_transpose(dim, profile, form, flow, a, b, d, dt, see
     assert dot_test(solver, run, rng) <= 1e-13
 
 
-@pytest.mark.parametrize(
-    ("stream", "profile"),
-    [(False, "adini"), (True, "adini"), pytest.param(True, "csl4", marks=SLOW)],
-)
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize(("stream", "profile"), [(False, "adini"), (True, "adini"), (True, "csl4")])
 def test_many_coefficients_of_splines(stream, profile):
     grid = Grid([(0, 1)] * 2, (14, 13), periodic=True)
     start = (lambda x, y: np.sin(2 * np.pi * x) * np.cos(2 * np.pi * y) / 6) if stream else 0.5
@@ -131,6 +125,7 @@ def test_a_tangent_of_many_nodes_is_the_difference_quotient():
     assert dot_test(solver, run, np.random.default_rng(3)) <= 1e-13
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("shape", "profile"), [((100_000,), "cubic"), ((300, 300), "adini")])
 def test_threads_give_the_same_bits(shape, profile, monkeypatch):
     texts = ("a + b*sin(2*pi*x1 + t)", "b*cos(2*pi*x1)")[: len(shape)]
@@ -148,6 +143,7 @@ def test_threads_give_the_same_bits(shape, profile, monkeypatch):
     np.testing.assert_array_equal(found[0], found[2])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("feet", [0, 2**16])
 def test_feet_that_are_not_kept_are_computed_again(feet, monkeypatch):
     """One set of feet has 3 x 31 x 8 bytes: none but the last is kept, or all."""

@@ -33,6 +33,7 @@ def on_host(array):
     return array.get() if hasattr(array, "get") else array
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("case", CASES)
 def test_results_of_the_device_are_those_of_the_host(engine, make, case):
     pose, element = CASES[case]
@@ -223,6 +224,7 @@ def test_free_rows_are_taken_on_the_device_where_unknowns_are_dofs(engine, make,
     assert (np.diff(free) > 0).all()
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("element", "cells"),
     [(ElementQuadAdini, 64), (ElementTriP2, 72), (ElementHex1, 20), (ElementTetP2, 9)],
