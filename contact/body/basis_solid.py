@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.arrays.dense_arrays import HostArrays
+from contact.arrays.row_blocks import diagonal
 from contact.body.axisymmetry import with_hoop
 from contact.body.basis_vectors import BasisVectors, KeptVectors
 from contact.body.cell_finder import find_cells, places_in
@@ -137,7 +138,7 @@ class BasisSolid(Solid):
         """Diagonal of the stiffness matrix, shape (ndofs,)."""
         S = self.stiffness
         if self._diagonal is None or self._diagonal[0] is not S:
-            self._diagonal = S, S.diagonal()
+            self._diagonal = S, diagonal(S)
         return self._diagonal[1]
 
     @property

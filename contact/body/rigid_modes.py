@@ -82,7 +82,7 @@ def rigid_field(body: Discretised, centre: Array) -> Array:
 def _pieces(cells: NDArray[np.int64], count: int) -> tuple[int, NDArray[np.int32]]:
     """Number of connected pieces of the mesh, and the piece of each entity."""
     first = np.repeat(cells[:1], cells.shape[0] - 1, axis=0).ravel()
-    ones = np.ones(first.size, dtype=np.int8)
+    ones = np.ones(first.size)
     links = sparse.coo_array((ones, (first, cells[1:].ravel())), shape=(count, count))
     found: tuple[int, NDArray[np.int32]] = connected_components(links.tocsr(), directed=False)
     return found

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.body.dof_entities import dof_entities
+from contact.body.supports import selected
 from contact.condensation.dissection import Dissection, counted_order, nested_dissection
 
 Index = NDArray[np.int64]
@@ -61,6 +62,8 @@ def elimination_tree(body: Any, kept: Index) -> tuple[Index, Index] | None:
 def _dissected(body: Any) -> tuple[Index, Dissection]:
     """The entity of each free unknown, and the dissection of all entities."""
     entity, points, cells = dof_entities(body.basis)
-    picked = body.picked.tocsc()
-    leading = picked.indices[picked.indptr[:-1]]
+    leading = selected(body.picked)
+    if leading is None:
+        picked = body.picked.tocsc()
+        leading = picked.indices[picked.indptr[:-1]]
     return entity[leading], nested_dissection(points, cells)

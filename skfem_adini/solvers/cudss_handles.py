@@ -89,10 +89,10 @@ class CudssHandles:
             opened.close()
 
     @property
-    def pattern(self) -> tuple[Any, Any]:
-        """Row starts and columns of the upper triangle, on the device."""
-        starts, columns, _ = self._kept[0]
-        return starts, columns
+    def triangle(self) -> tuple[Any, Any, Any]:
+        """Row starts, columns and values of the upper triangle, on the device."""
+        starts, columns, values = self._kept[0]
+        return starts, columns, values
 
     def configure(self, key: int, value: Any) -> None:
         """Change a setting of cuDSS to a number of ctypes."""

@@ -36,13 +36,6 @@ class Restricted:
         """Rows and columns that remain."""
         return self.free.size, self.free.size
 
-    def __matmul__(self, x: Any) -> Any:
-        """Return the product with vectors (n,) or (n, count), without forming the matrix."""
-        scale = self.scale if x.ndim == 1 else self.scale[:, None]
-        whole = np.zeros((self.matrix.shape[0], *x.shape[1:]))
-        whole[self.free] = scale * x
-        return scale * (self.matrix @ whole)[self.free]
-
     def on_host(self) -> Any:
         """The same matrix of SciPy."""
         D = sparse.diags_array(self.scale)
