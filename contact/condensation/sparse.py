@@ -17,6 +17,8 @@ from contact.condensation.elimination_order import elimination_order, eliminatio
 from contact.condensation.schur import schur_factor
 from contact.condensation.strain_factor import factor_of_strains, strains_can_be_factored
 
+_MANY = 8  # rows of the stiffness are copied where there are fewer than one in so many
+
 
 class SparseBody(CondensedBody):
     """A body with a Basis; its stiffness matrix is factored by a sparse solver.
@@ -51,13 +53,18 @@ class SparseBody(CondensedBody):
         exponent = np.round(-0.5 * np.log2(np.where(diagonal > 0, diagonal, 1.0)))
         unit = np.ldexp(1.0, exponent.astype(np.int64))
         self._P = sparse.csr_array(P @ sparse.diags_array(unit))
-        self._prescribe(body)
+        self.body = body
         B = self._touch(rows)
         self.B = sparse.csr_array(B[:, self._boundary])
         modes = free_motions(body) / unit[:, None]
         self._refuse(unseen_motion(modes, modes[self._boundary]))
         self._on_device = arrays is not None
         self._eliminate(B, modes, S, free, unit, solver)
+        if self._on_device:
+            # Kept here, so that it leaves the device together with the factors.
+            compliance = 8 * self.B.shape[0] * (self.B.shape[0] + self.order)
+            self._vectors = body.compute_with(self.arrays, compliance)
+        self._prescribe(body)
 
     def _eliminate(
         self, B: sparse.csr_array, modes: Array, S: sparse.csr_array, free: Any, unit: Array,
@@ -78,7 +85,7 @@ class SparseBody(CondensedBody):
         u0 = body.constraint[1]
         self.body = body
         self._u0 = u0
-        self._lifted = body.internal(u0) if u0.any() else None
+        self._lifted = forces_of_supports(body, u0) if u0.any() else None
 
     def _factored(self, S: sparse.csr_array, free: Any, unit: Array, solver: str) -> Any:
         """Factor ``D S D``, or the same of the free rows and columns of S."""
@@ -88,6 +95,15 @@ class SparseBody(CondensedBody):
         if self._on_device and inner:
             return DeviceSchur(scaled(S, free, unit), b)
         return schur_factor(scaled(S, free, unit), b, partial(elimination_order, self.body), solver)
+
+
+def forces_of_supports(body: Any, u0: Array) -> Array:
+    """Internal forces of prescribed displacements, which are zero but at few dofs."""
+    moved = np.flatnonzero(u0)
+    if body.slender or _MANY * moved.size > u0.size:
+        return np.asarray(body.internal(u0))
+    forces: Array = body.stiffness[moved].T @ u0[moved]
+    return forces
 
 
 def can_be_restricted(free: Any) -> bool:

@@ -128,7 +128,7 @@ class ContactSystem:
             sum of moduli.
         """
         rows, (here, load) = self.rows, map(self.body.placed, (u, self.load))
-        contact = self.body.contact_forces(rows, mu, t)
+        contact = self.body.placed(self.body.contact_forces(rows, mu, t))
         unbalanced, cancelling = self.body.equilibrium(here, contact, load)
         # Where forces cancel and nothing moves, displacements are the rounding of what they cause.
         length = max(self.body.reach(here), self.body.give(contact)) or 1.0
