@@ -68,6 +68,7 @@ class CondensedBody:
     slender: bool = False
     thin: bool
     path = "sparse"  # how the complement is computed: "sparse", "slabs" or "fourier"
+    always_refined = True  # or only where the forces of a displacement are out of balance
     serial = True  # a second thread of BLAS gains nothing, see `CondensedContact.blas_threads`
     _P: sparse.csr_array
     _factor: Any
@@ -187,7 +188,7 @@ class CondensedBody:
         return u
 
     def unbalanced(self, rest: Array, u: Array) -> Array | None:
-        """Forces on free dofs that nothing balances, where a step of refinement is worth it.
+        """Forces on free dofs that nothing balances; None where refinement gains nothing.
 
         Parameters
         ----------

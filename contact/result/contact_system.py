@@ -185,6 +185,12 @@ class ContactSystem:
             "complementarity": _largest(np.maximum(-off, 0.0)) / size,
         }
 
+    def balance(self, u: Any, mu: Array, t: Array) -> float:
+        """The residual ``balance`` of `kkt`, of a displacement wherever it lies."""
+        here, load = map(self.body.placed, (u, self.load))
+        contact = self.body.placed(self.body.contact_forces(self.rows, mu, t))
+        return self._unbalanced(here, contact, load)
+
     def _unbalanced(self, u: Any, contact: Any, load: Any) -> float:
         """Residual of the resultant of all forces on a body, the largest of all bodies.
 
