@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
+from cip.characteristics.flow_derivatives import Jet, System
 from cip.engines.cpu_loops import address, share
 from cip.engines.path_kernel import kinds
 from cip.engines.snapshot_kernel import with_names
@@ -31,7 +31,6 @@ from cip.formulas.expression import (
     COORDINATES,
     RULES,
     Expression,
-    apply,
     constant,
     ordered,
     variable,
@@ -41,6 +40,7 @@ from cip.formulas.snapshots import snapshots_of
 from cip.formulas.straight_line_code import numpy_function, statements
 from cip.jit import Array, Index, Out, Real, generated, loop_over
 from cip.sensitivities.blocks import blocks_of
+from cip.sensitivities.path_tangent import component
 from cip.stages.stage import Stage, StageFeet
 
 # Strips do not depend on the number of threads, so that neither does the rounding of sums.
@@ -94,20 +94,8 @@ def _seeds(system: System, wanted: tuple[Jet, ...]) -> list[Expression]:
     """Derivatives with respect to the unknowns of the sum of g0, g1, ... times the components."""
     total = constant(0.0)
     for q, jet in enumerate(wanted):
-        total = total + variable(f"g{q}") * _component(jet)
+        total = total + variable(f"g{q}") * component(jet)
     return gradient(total, [jet.name for jet in system.jets])
-
-
-def _component(jet: Jet) -> Expression:
-    """A component of the foot in the unknowns: det(dX/dx) = exp(l) and its derivatives."""
-    if jet.component < 3:
-        return variable(jet.name)
-    E = apply("exp", variable(LOG_DETERMINANT.name))
-    axes = [axis for axis in range(3) for _ in range(jet.orders[axis])]
-    first = [variable(LOG_DETERMINANT.along(axis).name) for axis in axes]
-    if not axes:
-        return E
-    return E * first[0] if len(axes) == 1 else E * (variable(jet.name) + first[0] * first[1])
 
 
 def _by_numpy(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: Any) -> Any:

@@ -24,7 +24,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from cip.errors import InputError, NotSupported
 from cip.sensitivities.blocks import Block, blocks_of
-from cip.sensitivities.parameter_part import ParameterPart
+from cip.sensitivities.path_tangent import PathTangent
 from cip.sensitivities.wall_derivatives import WallDerivatives
 from cip.sources.half_step import HalfStep
 from cip.stages.stage import Correction, Stage, StageFeet
@@ -108,6 +108,7 @@ class Window:
         self._kept: dict[Any, Any] = {}
         self._marks: dict[int, State] = {}
         self._blocks: dict[Stage, list[Block]] = {}
+        self._on_paths: dict[Stage, PathTangent] = {}
         self._on_walls: dict[Stage, WallDerivatives] = {}
 
     def follow(self) -> State:
@@ -138,13 +139,6 @@ class Window:
         if key not in self._kept:
             self._kept[key] = make(self._moves[n].stage, self._feet(n))
         return self._kept[key]
-
-    def _parts(self, n: int) -> list[ParameterPart]:
-        found: list[ParameterPart] = self._once(n, self._steady, self._new_parts)
-        return found
-
-    def _new_parts(self, stage: Stage, feet: StageFeet) -> list[ParameterPart]:
-        return [ParameterPart.of(block, feet, self._xp) for block in self._blocks_of(stage)]
 
     def _blocks_of(self, stage: Stage) -> list[Block]:
         if stage not in self._blocks:
@@ -180,10 +174,11 @@ class Window:
         change = State(state.grid, state.profile, x[:size].reshape(state.data.shape).copy())
         given = on_host(x[size:])
         varies = self._varies and given.any()
+        known: dict[Any, Array] = {}
         for n in range(len(self._moves)):
             # The scheme is linear in the moments.
             new = self._advance(n, change, True)
-            more = self._along(n, state, given)
+            more = self._along(n, state, given, known)
             if more is not None:
                 data = new.data + more.reshape(new.data.shape)
                 new = State(state.grid, state.profile, data, new.t)
@@ -192,8 +187,13 @@ class Window:
             change = new
         return change.data.ravel()
 
-    def _along(self, n: int, state: State, direction: Array) -> Array | None:
-        """The change of the moments after move n for a change of all parameters; None for none."""
+    def _along(
+        self, n: int, state: State, direction: Array, known: dict[Any, Array]
+    ) -> Array | None:
+        """The change of the moments after move n for a change of all parameters; None for none.
+
+        `known` holds the changes of the feet of a steady velocity.
+        """
         own, on_walls = direction[self._columns[n]], direction[self._wall_columns[n]]
         if not (own.any() or on_walls.any()):
             return None
@@ -202,13 +202,34 @@ class Window:
         if isinstance(move, HalfStep):
             return found + move.along(state.data, own).ravel()
         if own.any():
-            z, by = self._flat(state.data), xp.asarray(own)
-            for part in self._parts(n):
-                found.reshape(z.shape)[part.block.rows] += part.along(z, by, xp)
+            key = self._key(n)
+            if key not in known:
+                known[key] = self._foot_changes(n, own)
+            more = self._push_forward(n, self._flat(state.data), known[key])
+            found += more.ravel()
+            if not self._steady:
+                known.clear()
         for wall in self._walls(n):
             # Each place occurs once, so the order of additions is fixed.
             xp.add.at(found, xp.asarray(wall.places), xp.asarray(on_walls @ wall.values))
         return found
+
+    def _foot_changes(self, n: int, direction: Array) -> Array:
+        """The changes of the feet of move n along a direction of its parameters."""
+        stage = self._moves[n].stage
+        if stage not in self._on_paths:
+            self._on_paths[stage] = self._new_tangent(stage)
+        return self._on_paths[stage].along(self._blocks_of(stage), self._feet(n), direction)
+
+    def _new_tangent(self, stage: Stage) -> PathTangent:
+        return PathTangent(stage)
+
+    def _push_forward(self, n: int, z: Array, changes: Array) -> Array:
+        """The change of the new moments of move n with its feet."""
+        from cip.sensitivities.tangent_loops import push_forward
+
+        feet = self._flat(self._feet(n).data)
+        return push_forward(self._blocks_of(self._moves[n].stage), z, feet, changes)
 
     def _adjoint(self, x: Any) -> Array:
         xp, shape = self._xp, self._start.data.shape

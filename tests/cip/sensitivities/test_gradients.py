@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cip import Grid, Solver, SplineVelocity, Velocity
-from cip.sensitivities import path_adjoint
+from cip.sensitivities import path_adjoint, path_tangent
+from cip.sensitivities.blocks import blocks_of
 
 LINES = {
     "steady": (True, ("a + b*sin(2*pi*x1) + d*cos(4*pi*x1)",)),
@@ -88,6 +89,46 @@ def test_compiled_code_and_numpy_agree(form):
     found = path_adjoint._by_numba(*arguments)
     np.testing.assert_allclose(found, path_adjoint._by_numpy(*arguments), rtol=1e-12)
     assert np.abs(found).min() > 0
+
+
+@pytest.mark.parametrize(("shape", "profile"), [((60,), "quintic"), ((9, 8), "bicubic")])
+def test_changes_of_feet_compiled_and_by_numpy_agree(shape, profile, monkeypatch):
+    """Feet and, of the plane, the logarithm of their determinant; along two parameters at once."""
+    phase = "2*pi*x1" + " + x2" * (len(shape) - 1)
+    texts = (f"a + b*sin({phase} + t)*exp(a*x1)", f"b*cos({phase})/(2 + a)")[: len(shape)]
+    velocity = Velocity.from_expression(*texts, parameters={"a": 0.4, "b": 0.2})
+    grid = Grid([(-1, 1), (0, 1)][: len(shape)], shape, periodic=(False, True)[: len(shape)])
+    solver = Solver(grid, velocity, "advection", profile, boundary=0.0)
+    (stage,) = solver._stages
+    feet, found = solver.feet(stage, 0.3, 0.05), []
+    for least in (0, 10**9):
+        monkeypatch.setattr(path_tangent, "_COMPILE_FROM", least)
+        tangent = path_tangent.PathTangent(stage)
+        found.append(tangent.along(blocks_of(stage), feet, np.array([0.7, -1.3])))
+    assert feet.bounded
+    assert not found[0][:, ~feet.interior(grid.size)].any()
+    scale = np.abs(found[1]).max(axis=1, keepdims=True)
+    assert scale.min() > 0
+    np.testing.assert_allclose(found[0] / scale, found[1] / scale, rtol=0, atol=1e-13)
+
+
+def test_a_tangent_of_many_nodes_is_the_difference_quotient():
+    """Of so many that the changes of feet are compiled; steps of a steady flow share them."""
+    values = np.array([0.6, 0.2])
+
+    def final(a, b):
+        flow = Velocity.from_expression("a + b*sin(2*pi*x1)", parameters={"a": a, "b": b})
+        solver = Solver(Grid([(0, 1)], (30_000,), periodic=True), flow, profile="cubic")
+        return solver, solver.run(solver.state("sin(2*pi*x1)"), 3e-4, dt=1e-4)
+
+    solver, run = final(*values)
+    direction, size = np.array([0.3, -0.8]), run[0].data.size
+    change = solver.tangent(run) @ np.concatenate([np.zeros(size), direction])
+    ends = [final(*(values + side * 1e-4 * direction))[1].final.data for side in (1, -1)]
+    expected = ((ends[0] - ends[1]) / 2e-4)[0]
+    bound = 1e-7 * np.abs(expected).max()
+    np.testing.assert_allclose(change.reshape(2, -1)[0], expected, rtol=0, atol=bound)
+    assert dot_test(solver, run, np.random.default_rng(3)) <= 1e-13
 
 
 @pytest.mark.parametrize(("shape", "profile"), [((100_000,), "cubic"), ((300, 300), "adini")])
