@@ -121,20 +121,20 @@ def _solved(
         more = doubt(condensed, _boundary_problem(system, condensed, system.load), friction)
         raise NotConverged(f"{error}{more}", tuple(history)) from error
     (u, mu, t), motion = state, condensed.obstacle_motion(system.motion, forces)
-    found = ContactState(  # displacements lie where they were computed
+    answer = ContactState(  # displacements lie where they were computed
         system, u, mu, t, options.method, tuple(history), motion, options.tol, slack
     )
-    result = ContactResult(**vars(replace(found, u=condensed.fetched(u))))
+    result = ContactResult(**vars(replace(answer, u=condensed.fetched(u))))
     if condensed.slender and fits(condensed) and options.method in STIFF:
         return refined(system, condensed, options, result, report, history)
     try:
-        certify(found, options.tol, slack)
+        certify(answer, options.tol, slack)
     except NotConverged:
         if whole and options.method in STIFF:
             with suppress(NotConverged, LinAlgError):
                 return solved_stiffly(system, condensed, options, result, report, history)
         raise
-    warn_of_large_displacements(found)
+    warn_of_large_displacements(answer)
     result.keep_facts_of_many()
     return result
 
