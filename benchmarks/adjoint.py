@@ -12,7 +12,9 @@ between them, the transposed steps, and the derivatives of the feet. For each ca
   tangent in parameters differentiates feet on the host.
 
     python benchmarks/adjoint.py --json benchmarks/results/adjoint.json
-    python benchmarks/adjoint.py --device cuda --json benchmarks/results/adjoint_cuda.json
+    python benchmarks/adjoint.py --device cuda --json benchmarks/results/adjoint.json
+
+The file keeps what was measured in the other place.
 """
 
 from __future__ import annotations
@@ -127,14 +129,21 @@ def dot_test(solver: Solver, place: Callable[[Any], Any]) -> float:
     return abs(float(weight @ found - change @ gradient)) / size
 
 
-def kept(path: Path | None, profiles: list[str] | None) -> list[dict[str, Any]]:
-    """The rows of a file for other profiles than those that are measured, of this commit."""
-    if path is None or profiles is None or not path.exists():
+def kept(stored: dict[str, Any], profiles: list[str] | None) -> list[dict[str, Any]]:
+    """The stored rows for other profiles than those that are measured, of this commit."""
+    if profiles is None or not stored or stored["machine"]["commit"] != describe()["commit"]:
         return []
-    record = json.loads(path.read_text())
-    if record["machine"]["commit"] != describe()["commit"]:
-        return []
-    return [row for row in record["rows"] if row["profile"] not in profiles]
+    return [row for row in stored["rows"] if row["profile"] not in profiles]
+
+
+def joined(record: dict[str, Any], part: dict[str, Any], cuda: bool) -> dict[str, Any]:
+    """A record with a new part: of the processor, or of the device below the key ``cuda``."""
+    if not cuda:
+        return part | {key: record[key] for key in ("cuda",) if key in record}
+    import cupy
+
+    name = cupy.cuda.runtime.getDeviceProperties(0)["name"].decode()
+    return record | {"cuda": part | {"device": {"name": name}}}
 
 
 def main() -> None:
@@ -151,7 +160,9 @@ def main() -> None:
     schemes = [(1, nodes[1], "cubic"), (1, nodes[1], "quintic")]
     schemes += [(2, nodes[2], profile) for profile in ("adini", "bicubic", "csl2", "csl4")]
     schemes += [(3, nodes[3], profile) for profile in ("cubic", "csl4")]
-    rows = kept(options.json, options.profiles)
+    known = options.json is not None and options.json.exists()
+    record = json.loads(options.json.read_text()) if known else {}
+    rows = kept(record.get("cuda", {}) if cuda else record, options.profiles)
     for scheme in schemes:
         if options.profiles and scheme[2] not in options.profiles:
             continue
@@ -166,8 +177,8 @@ def main() -> None:
                 flush=True,
             )
     if options.json:
-        record = {"machine": describe(), "repeats": options.repeats, "rows": rows}
-        options.json.write_text(json.dumps(record, indent=1) + "\n")
+        part = {"machine": describe(), "repeats": options.repeats, "rows": rows}
+        options.json.write_text(json.dumps(joined(record, part, cuda), indent=1) + "\n")
 
 
 if __name__ == "__main__":
