@@ -141,11 +141,11 @@ def _growth(found: Record) -> str:
     text = (
         f"Between the two largest cubes a product grows as (n^2 log n)^{grown['product']:.2f}"
         + ("" if over_all is None else f", over all of them as (n^2 log n)^{over_all:.2f}")
-        + f"; twice as many layers add {1e3 * grown['doubling']:.2g} ms to condensation"
+        + f"; twice as many layers add {max(0.0, 1e3 * grown['doubling']):.2g} ms to condensation"
     )
     if "power of depth" not in grown:
         return text + "."
-    depths = ", ".join(f"{row['rows']:,} layers {row['condense']:.2f} s" for row in found["depths"])
+    depths = ", ".join(f"{row['rows']:,} layers {row['condense']:.2g} s" for row in found["depths"])
     n = found["depths"][0]["n"]
     return (
         f"{text}, which grows as the depth to the power {grown['power of depth']:.2f} "
@@ -210,7 +210,7 @@ def contact_device(record: Record) -> str:
                 f"{names[row['body']]}, {row['n']}",
                 f"{row['unknowns']:,}",
                 f"{row['boundary']:,}",
-                "device" if row["device"] == "cuda" else record["host solver"],
+                _where(row, record),
                 *(f"{row['seconds'][part]:.2f} s" for part in parts),
                 f"**{row['total']:.1f} s**",
                 f"{row['residual']:.0e}",
@@ -222,11 +222,18 @@ def contact_device(record: Record) -> str:
     return f"{table}\n\n{note}{source('contact_device', record, device=record['device'])}"
 
 
+def _where(row: Record, record: Record) -> str:
+    """Where a body was solved, and whether a repetition gave the same bits."""
+    if row["device"] == "cuda":
+        return "device, the same bits twice" if row.get("identical") else "device"
+    return str(record["host solver"])
+
+
 def contact_gpus(record: Record) -> str:
     """A cube whose factors several GPUs share."""
 
     def each(gigabytes: list[float]) -> str:
-        return ", ".join(f"{size:.0f}" for size in gigabytes)
+        return ", ".join(f"{size:.2g}" for size in gigabytes)
 
     table = rows_of(
         "trilinear bricks | unknowns | contact rows | GPUs | factors, GB of each GPU "
@@ -247,5 +254,9 @@ def contact_gpus(record: Record) -> str:
             for row in record["rows"]
         ),
     )
-    cards = source("contact_gpus", record, device=record["device"], count="one and two")
+    counts = [("one", 1), ("two", 2), ("four", 4)]
+    *first, last = [word for word, n in counts if any(row["gpus"] == n for row in record["rows"])]
+    cards = source(
+        "contact_gpus", record, device=record["device"], count=f"{', '.join(first)} and {last}"
+    )
     return f"{table}\n\n{cards}"

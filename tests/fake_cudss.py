@@ -14,6 +14,9 @@ class FakeCudss:
     def __init__(self):
         self.alive, self.calls, self.fail, self.keys = {}, [], {}, {}
         self.solved, self.error = [], 0.0  # columns of each solution, error of each solution
+        self.jitter = (
+            0.0  # by how much results vary from call to call but in the deterministic mode
+        )
         self.estimates = [0] * 16
         self.phases = []  # what was executed
         self.orders, self.trees = [], []  # what was handed over
@@ -142,7 +145,8 @@ class FakeCudss:
         elif phase == 1008:
             self.solved.append(columns)
             noise = 1 + self.error * np.sin(np.arange(len(A)))[:, None]
-            self.alive[x.value][...] = noise * np.linalg.solve(A, self.alive[b.value])
+            solution = noise * np.linalg.solve(A, self.alive[b.value])
+            self.alive[x.value][...] = solution if self.keys[24] else solution * self._varied()
         else:
             assert phase == 3
         return 0
@@ -159,7 +163,8 @@ class FakeCudss:
             if not self.info:
                 L = np.linalg.cholesky(P[:m, :m])
                 kept["factor"] = L, np.linalg.solve(L, P[:m, m:])
-                kept["complement"] = P[m:, m:] - kept["factor"][1].T @ kept["factor"][1]
+                carried = kept["factor"][1].T @ kept["factor"][1]
+                kept["complement"] = (P[m:, m:] - carried) * self._varied()
         elif phase == 48:
             L, Y = kept["factor"]
             x[:m] = np.linalg.solve(L, b[order[:m]])
@@ -171,6 +176,10 @@ class FakeCudss:
         else:
             assert phase == 3
         return 0
+
+    def _varied(self):
+        """A factor that is another one at each call."""
+        return 1 + self.jitter * len(self.phases)
 
     def _cudssDataGet(self, handle, data, key, out, size, written):
         if key == 19:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg.blas import dgemm, dsyrk, dtrsm
 from scipy.linalg.lapack import dgesv, dpotrf
 
+from contact.arrays.sparse_rows import DeviceRows, SparseRows
 from contact.errors import InputError, MissingDependency
 
 
@@ -36,6 +37,10 @@ class HostArrays:
     def dense(self, matrix: Any) -> Any:
         """A sparse matrix of the host as a dense one."""
         return matrix.toarray(order="F")
+
+    def rows(self, matrix: Any) -> SparseRows:
+        """A sparse matrix of the host for products with vectors where these arrays lie."""
+        return SparseRows(matrix)
 
     def matrix(self, W: Any) -> Any:
         """A symmetric matrix in a form that NumPy code can use."""
@@ -98,7 +103,8 @@ class HostArrays:
         n, k = border.shape
         A = xp.zeros((n + k, n + k), order="F")  # as LAPACK takes it
         at, i = xp.asarray(rows), xp.arange(n)
-        A[:n, :n] = self.values(W).take(at, axis=0).take(at, axis=1)
+        # W lies by columns: entries of one column are gathered together.
+        A[:n, :n] = self.values(W).T[at[:, None], at].T
         A[i, i] += xp.asarray(added)
         A[:n, n:] = xp.asarray(border)
         return A
@@ -182,6 +188,10 @@ class DeviceArrays(HostArrays):
         )
         return flat.reshape((rows, columns), order="F")
 
+    def rows(self, matrix: Any) -> SparseRows:
+        """A sparse matrix of the host for products with vectors on the device."""
+        return DeviceRows(matrix, self.xp)
+
     def matrix(self, W: Any) -> Any:
         """A symmetric matrix in a form that NumPy code can use."""
         return DeviceMatrix(self, W)
@@ -221,12 +231,20 @@ class DeviceArrays(HostArrays):
 
     def congruent(self, B: Any, A: Any) -> Any:
         """``B A B^T`` for a sparse matrix B of the host and a symmetric A on the device."""
-        from cupyx.scipy.sparse import (  # type: ignore[import-not-found, unused-ignore]
-            csr_matrix,
-        )
+        return symmetric(self._rows_times(B, self._rows_times(B, A).T))
 
-        on_device = csr_matrix(B)
-        return symmetric(on_device @ (on_device @ A).T)
+    def _rows_times(self, B: Any, A: Any) -> Any:
+        """``B A`` for a sparse B of the host, entry after entry of its rows.
+
+        Products of cuSPARSE may differ in the last bits from call to call.
+        """
+        put, counts = self.xp.asarray, np.diff(B.indptr)
+        product = self.xp.zeros((B.shape[0], A.shape[1]))
+        for k in range(int(counts.max(initial=0))):
+            rows = np.flatnonzero(counts > k)
+            at = B.indptr[rows] + k
+            product[put(rows)] += put(B.data[at])[:, None] * A[put(B.indices[at])]
+        return product
 
     def bordered(self, W: Any, rows: Any, added: Any, border: Any) -> Any:
         """``[[W[rows, rows] + diag(added), border], [0, 0]]``, a new square matrix."""

@@ -9,6 +9,7 @@ from skfem import Basis, MappingIsoparametric, Mesh
 
 from contact.body.deferred_basis import DeferredBasis
 from contact.body.jacobians import chunks, determinants, is_straight, jacobians
+from contact.body.mesh_facets import number_facets
 from contact.errors import InputError
 from contact.facet_basis import places_on_facets
 from skfem_adini.arguments.kept_functions import functions_of_another_mesh
@@ -28,6 +29,7 @@ def check_cells(mesh: Mesh) -> None:
             f"mesh: {np.sum(~sound)} cells are flat, not convex or folded (first: "
             f"{int(np.argmin(sound))}); order their vertices cyclically and untangle them"
         )
+    number_facets(mesh)
     _check_beside(mesh)
 
 
@@ -58,9 +60,7 @@ def _check_beside(mesh: Mesh) -> None:
         )
     inner = np.flatnonzero(mesh.f2t[1] >= 0)
     on_one_side = _on_one_side if is_straight(mesh) else _normals_agree
-    folded = inner[
-        np.concatenate([[], *(on_one_side(mesh, inner[some]) for some in chunks(inner.size))]) > 0
-    ]
+    folded = inner[on_one_side(mesh, inner) > 0]
     if folded.size:
         one, two = mesh.f2t[:, folded[0]]
         raise InputError(
@@ -73,16 +73,23 @@ def _on_one_side(mesh: Mesh, facets: NDArray[np.int64]) -> NDArray[np.float64]:
     """Positive where the middles of both cells lie on one side of the plane in a facet's middle.
 
     From the middle of a facet, the middle of a straight cell lies in the direction of the opposite
-    vertex or facet: that in which the mapping's normal derivative points.
+    vertex or facet: that in which the mapping's normal derivative points. Differences of vertices
+    come before their sums, whose rounding would be that of the distance from the origin.
     """
-    corners = mesh.p[:, mesh.facets[:, facets]]
-    corners = corners - corners[:, :1]
-    normal = _normal_of_ring(corners)
-    first, middle = mesh.p[:, mesh.facets[0, facets]], corners.mean(axis=1)
+    to_middle = np.empty((mesh.dim(), mesh.nelements))  # from the first vertex of each cell
+    for some in chunks(mesh.nelements):
+        x = mesh.p[:, mesh.t[:, some]]
+        to_middle[:, some] = (x - x[:, :1]).mean(axis=1)
     product = np.ones(facets.size)
-    for side in (0, 1):
-        cell = mesh.p[:, mesh.t[:, mesh.f2t[side, facets]]] - first[:, None]
-        product *= np.sign(np.sum(normal * (cell.mean(axis=1) - middle), axis=0))
+    for some in chunks(facets.size):
+        here = facets[some]
+        corners = mesh.p[:, mesh.facets[:, here]]
+        first, corners = corners[:, 0], corners - corners[:, :1]
+        normal, middle = _normal_of_ring(corners), corners.mean(axis=1)
+        for side in (0, 1):
+            cell = mesh.f2t[side, here]
+            way = (mesh.p[:, mesh.t[0, cell]] - first) + to_middle[:, cell]
+            product[some] *= np.sign(np.sum(normal * (way - middle), axis=0))
     return product
 
 
@@ -99,14 +106,17 @@ def _normal_of_ring(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 def _normals_agree(mesh: Mesh, facets: NDArray[np.int64]) -> NDArray[np.float64]:
     """Product of the outward normals of both cells in the middle of curved facets."""
     mapping = MappingIsoparametric(mesh, mesh.elem(), mesh.bndelem)  # whose tables go with it
-    middle = mesh.brefdom.p.mean(axis=1)[:, None]
-    ours, theirs = (
-        mapping.normals(
-            places_on_facets(mesh, facets, middle, side), mesh.f2t[side, facets], facets, mesh.t2f
-        )[..., 0]
-        for side in (0, 1)
-    )
-    return np.asarray(np.sum(ours * theirs, axis=0))
+    middle, product = mesh.brefdom.p.mean(axis=1)[:, None], np.empty(facets.size)
+    for some in chunks(facets.size):
+        here = facets[some]
+        ours, theirs = (
+            mapping.normals(
+                places_on_facets(mesh, here, middle, side), mesh.f2t[side, here], here, mesh.t2f
+            )[..., 0]
+            for side in (0, 1)
+        )
+        product[some] = np.sum(ours * theirs, axis=0)
+    return product
 
 
 def check_basis(basis: Basis) -> None:

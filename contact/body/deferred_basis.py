@@ -36,16 +36,24 @@ class DeferredBasis(CellBasis):
         )
         self.tind = None
         self.nelems = mesh.nelements
-        self.elem.gbasis(self.mapping, self.X[:, :1], 0)
+        of_component = elem.elem if isinstance(elem, ElementVector) else elem
+        of_component.gbasis(self.mapping, self.X[:, :1], 0)
 
     @cached_property
     def doflocs(self) -> NDArray[np.float64]:
         """Places of the dofs, shape (dim, ndofs); the components of a vector share one."""
         k = self.elem.dim if isinstance(self.elem, ElementVector) else 1
-        places = self.mapping.F(self.elem.doflocs[::k].T)
-        found = np.zeros((len(places), self.N))
-        for i, dofs in enumerate(self.dofs.element_dofs):
-            found[:, dofs] = places[..., i // k]
+        found, at = np.zeros((self.mesh.dim(), self.N)), self.elem.doflocs[::k]
+        nodal, corners = self.dofs.nodal_dofs, self.mesh.refdom.p.T
+        done = nodal.shape[0] // k * len(corners)  # places in a cell, those of vertices first
+        if np.array_equal(at[:done], np.repeat(corners, nodal.shape[0] // k, axis=0)):
+            found[:, nodal] = self.mesh.p[:, None, : nodal.shape[1]]
+        else:
+            done = 0
+        if done < len(at):
+            places = self.mapping.F(at[done:].T)
+            for i, dofs in enumerate(self.dofs.element_dofs[k * done :]):
+                found[:, dofs] = places[..., i // k]
         return found
 
     @cached_property

@@ -185,12 +185,12 @@ def stiffness_matrix(
         parts = [local for _, local in _local_matrices(classes.part, lam, mu, mean_dilatation)]
         # Exactly symmetric: other solvers converge on it where rounding had broken the symmetry.
         whole = np.concatenate(parts)
-        return sparse.csr_array(classes.matrix(0.5 * (whole + whole.transpose(0, 2, 1))))
+        return _as_array(classes.matrix(0.5 * (whole + whole.transpose(0, 2, 1))))
     # Means of a cell are no products of gradients.
     straight = None if mean_dilatation else AffineCells.of(basis)
     if straight is not None:
         tensor = isotropic_tensor(lame_lambda, lame_mu, basis.mesh.dim())
-        return sparse.csr_array(straight.matrix(tensor))
+        return _as_array(straight.matrix(tensor))
     total = sparse.csr_array((basis.N, basis.N))
     for cells, local in _local_matrices(basis, lame_lambda, lame_mu, mean_dilatation):
         total = total + _scattered(basis, cells, local)
@@ -257,7 +257,7 @@ def tensor_stiffness(basis: Basis, tensor: NDArray[np.float64]) -> sparse.csr_ar
     csr_array, shape (ndofs, ndofs)
     """
     if (straight := AffineCells.of(basis)) is not None:
-        return sparse.csr_array(straight.matrix(tensor))
+        return _as_array(straight.matrix(tensor))
     dim, n_cells = basis.mesh.dim(), len(basis.dx)
     constant = tensor if tensor.ndim == 5 else tensor[..., None]
     C = np.broadcast_to(constant, (*tensor.shape[:4], n_cells))[..., None, None]
@@ -291,6 +291,13 @@ def _empty_blocks(basis: Basis, cells: slice) -> NDArray[np.float64]:
     dim = basis.mesh.dim()
     n_local = basis.Nbfun // dim
     return np.empty((cells.stop - cells.start, n_local, dim, n_local, dim))
+
+
+def _as_array(matrix: sparse.csr_matrix) -> sparse.csr_array:
+    """The same entries, still known to be sorted: to look is a pass over all of them."""
+    result = sparse.csr_array(matrix)
+    result.has_canonical_format = matrix.has_canonical_format
+    return result
 
 
 def _scattered(basis: Basis, cells: slice, local: NDArray[np.float64]) -> sparse.csr_array:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from contact.body.cell_finder import CURVED_MESHES
 from contact.body.rigid_modes import reduced_echelon
+from contact.body.supports import selected
 from contact.body.vector_element import DEFAULT_ELEMENT
 from contact.errors import Unbounded
 
@@ -22,15 +23,20 @@ def free_motions(body: Any) -> Array:
 
     Shape (nfree, k); translations are separated from rotations where possible.
     """
-    modes = body.rigid
-    P, picked = body.constraint[0], body.picked
-    of_dof = body.lengths[0][:, None]
-    held = of_dof * (modes - P @ (picked.T @ modes))
-    size = np.linalg.norm(of_dof * modes, axis=0)
+    P, modes, of_dof = body.constraint[0], body.rigid, body.lengths[0]
+    dofs = selected(P)
+    if dofs is None:
+        held = of_dof[:, None] * (modes - P @ (body.picked.T @ modes))
+    else:
+        fixed = np.diff(P.indptr) == 0
+        held = of_dof[fixed, None] * modes[fixed]
+    size = np.sqrt(np.einsum("i,ki,ki->k", of_dof * of_dof, modes.T, modes.T))
     at_supports = np.vstack([held[held.any(axis=1)], np.zeros((size.size, size.size))])
     _, singular, V = np.linalg.svd(at_supports / size, full_matrices=False)
     plain = reduced_echelon(V[singular < RIGID] / size)
-    free: Array = picked.T @ (modes @ plain.T)
+    if not len(plain):
+        return np.zeros((P.shape[1], 0))
+    free: Array = body.picked.T @ (modes @ plain.T) if dofs is None else modes[dofs] @ plain.T
     return free
 
 

@@ -111,6 +111,8 @@ def coupled(
 
 def picked_by(P: sparse.csr_array, of_dof: Array) -> sparse.csr_array:
     """E with ``E^T P = I``: P itself where its columns hold dofs of one kind only."""
+    if _single(P):
+        return P
     mixed = _mixed(sparse.csc_array(P), of_dof)
     if not mixed.any():
         return P
@@ -123,9 +125,22 @@ def picked_by(P: sparse.csr_array, of_dof: Array) -> sparse.csr_array:
 
 def column_lengths(P: sparse.csr_array, of_dof: Array) -> Array:
     """Length that makes each free unknown a displacement: that of its dofs, 1 if they differ."""
+    if _single(P):
+        lengths = np.empty(P.nnz)
+        lengths[P.indices] = np.repeat(of_dof, np.diff(P.indptr))
+        return lengths
     columns = sparse.csc_array(P)
     first: Array = of_dof[columns.indices[columns.indptr[:-1]]]
     return np.where(_mixed(columns, of_dof), 1.0, first)
+
+
+def _single(P: sparse.csr_array) -> bool:
+    """Whether each free unknown is a multiple of one dof."""
+    if P.nnz != P.shape[1]:
+        return False
+    filled = np.zeros(P.shape[1], dtype=bool)
+    filled[P.indices] = True
+    return bool(filled.all())
 
 
 def _mixed(columns: sparse.csc_array, of_dof: Array) -> NDArray[np.bool_]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import combinations
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -33,26 +36,26 @@ def rigid_modes(body: Discretised) -> Array:
     basis = body.basis
     entity, points, cells = dof_entities(basis)
     pieces, piece = _pieces(cells, points.shape[1])
-    kind = dof_kinds(basis)
-    dim, ndofs = basis.elem.dim, basis.N
-    component = np.arange(ndofs) % dim
-    modes = []
-    for k in range(pieces):
-        inside = piece[entity] == k
-        if body.is_ring:
-            modes.append(inside * (component == 1) * (kind == _VALUE) * 1.0)
-            continue
-        x = basis.doflocs - _middle(points[:, piece == k])[:, None]
-        modes += [inside * (component == c) * (kind == _VALUE) * 1.0 for c in range(dim)]
-        for a in range(dim):
-            for b in range(a + 1, dim):
-                rotation = np.zeros(ndofs)
-                for moving, along, sign in ((a, b, -1.0), (b, a, 1.0)):
-                    here = inside & (component == moving)
-                    rotation += here * (kind == _VALUE) * sign * x[along]
-                    rotation += here * (kind == along) * sign
-                modes.append(rotation)
-    return np.array(modes).T
+    kind, dim = dof_kinds(basis), basis.elem.dim
+    each = 1 if body.is_ring else dim * (dim + 1) // 2
+    modes = np.zeros((pieces, each, basis.N))
+    for k, own in enumerate(modes):
+        middle = _middle(points[:, piece == k])
+        for c in range(dim):  # of dofs that move along x_c
+            mine = slice(c, None, dim)
+            inside = piece[entity[mine]] == k
+            value = inside & (kind[mine] == _VALUE)
+            if body.is_ring:
+                own[0, mine] = value * (c == 1.0)
+                continue
+            own[c, mine] = value
+            for number, (a, b) in enumerate(combinations(range(dim), 2), dim):
+                if c in (a, b):
+                    along, sign = (b, -1.0) if c == a else (a, 1.0)
+                    x = basis.doflocs[along, mine] - middle[along]
+                    slope = inside & (kind[mine] == along)
+                    own[number, mine] = sign * (value * x + slope)
+    return np.asarray(modes.reshape(-1, basis.N).T)
 
 
 def rigid_field(body: Discretised, centre: Array) -> Array:
@@ -79,7 +82,7 @@ def rigid_field(body: Discretised, centre: Array) -> Array:
 def _pieces(cells: NDArray[np.int64], count: int) -> tuple[int, NDArray[np.int32]]:
     """Number of connected pieces of the mesh, and the piece of each entity."""
     first = np.repeat(cells[:1], cells.shape[0] - 1, axis=0).ravel()
-    ones = np.ones(first.size, dtype=np.int8)
+    ones = np.ones(first.size)
     links = sparse.coo_array((ones, (first, cells[1:].ravel())), shape=(count, count))
     found: tuple[int, NDArray[np.int32]] = connected_components(links.tocsr(), directed=False)
     return found
@@ -92,9 +95,15 @@ def _middle(points: Array) -> Array:
 
 def dof_kinds(basis: Basis) -> NDArray[np.int64]:
     """-1 for a value, i for the derivative along x_i, -2 for a mixed second derivative."""
-    dofs = basis.dofs
-    kind = np.full(basis.N, -2, dtype=np.int64)
-    names = iter(basis.elem.dofnames)
+    kind = np.full(basis.N, _MIXED, dtype=np.int64)
+    for row, of_row in _kinds_of_rows(basis):
+        kind[row] = of_row
+    return kind
+
+
+def _kinds_of_rows(basis: Basis) -> Iterator[tuple[NDArray[np.int32], int]]:
+    """Dofs of each kind at the entities of a mesh."""
+    dofs, names = basis.dofs, iter(basis.elem.dofnames)
     for table in (dofs.nodal_dofs, dofs.facet_dofs, dofs.edge_dofs, dofs.interior_dofs):
         for row in () if table is None else table:
             name = next(names).split("^")[0]
@@ -103,8 +112,7 @@ def dof_kinds(basis: Basis) -> NDArray[np.int64]:
                     f"element {type(basis.elem.elem).__name__}: its dof {name!r} is neither a "
                     "value, a first derivative nor u_xy, which contact needs for rigid motions"
                 )
-            kind[row] = _KINDS[name]
-    return kind
+            yield row, _KINDS[name]
 
 
 def value_dofs(body: Discretised) -> NDArray[np.bool_]:
@@ -118,10 +126,14 @@ def dof_lengths(body: Discretised) -> Array:
     Shape (ndofs,); 1 for values. Residuals and norms over dofs of several kinds use these units.
     """
     basis = body.basis
-    volume = basis.volume if isinstance(basis, DeferredBasis) else float(basis.dx.sum())
-    cell = (volume / basis.mesh.nelements) ** (1 / basis.elem.dim)
-    kind = dof_kinds(basis)
-    return np.where(kind == _VALUE, 1.0, np.where(kind == _MIXED, cell**2, cell))
+    lengths = np.ones(basis.N)
+    slopes = [pair for pair in _kinds_of_rows(basis) if pair[1] != _VALUE]
+    if slopes:
+        volume = basis.volume if isinstance(basis, DeferredBasis) else float(basis.dx.sum())
+        cell = (volume / basis.mesh.nelements) ** (1 / basis.elem.dim)
+        for row, kind in slopes:
+            lengths[row] = cell**2 if kind == _MIXED else cell
+    return lengths
 
 
 def describe_motion(body: Discretised, u: Array) -> str:

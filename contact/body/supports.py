@@ -27,13 +27,48 @@ def live_rows(
     ndarray of bool, shape (nrows,)
     """
     of_dof, of_free = lengths
-    left = rows @ P @ sparse.diags_array(1.0 / of_free)
-    return norms(left) > 1e-9 * norms(rows @ sparse.diags_array(1.0 / of_dof))
+    left = scaled_columns(few_times(rows, P), 1.0 / of_free)
+    return norms(left) > 1e-9 * norms(scaled_columns(rows, 1.0 / of_dof))
+
+
+def scaled_columns(matrix: sparse.csr_array, by: Array) -> sparse.csr_array:
+    """The matrix times a diagonal one, whose pattern is not computed anew."""
+    parts = matrix.data * by[matrix.indices], matrix.indices, matrix.indptr
+    return sparse.csr_array(parts, shape=matrix.shape)
+
+
+def few_times(rows: sparse.csr_array, P: sparse.csr_array) -> sparse.csr_array:
+    """``rows @ P`` for few rows of few entries, without work for each column of P.
+
+    Parameters
+    ----------
+    rows : csr_array, shape (nrows, ndofs)
+    P : csr_array, shape (ndofs, nfree)
+    """
+    touched, at = np.unique(rows.indices, return_inverse=True)
+    part = sparse.csr_array(P[touched])
+    seen, to = np.unique(part.indices, return_inverse=True)
+    few = sparse.csr_array((rows.data, at, rows.indptr), shape=(rows.shape[0], touched.size))
+    small = few @ sparse.csr_array((part.data, to, part.indptr), shape=(touched.size, seen.size))
+    parts = small.data, seen[small.indices], small.indptr
+    product = sparse.csr_array(parts, shape=(rows.shape[0], P.shape[1]))
+    product.sort_indices()
+    return product
+
+
+def selected(P: sparse.csr_array) -> NDArray[np.integer] | None:
+    """The dof of each free unknown where unknowns are dofs, shape (nfree,); else None."""
+    if P.nnz != P.shape[1] or not np.all(P.data == 1.0):
+        return None
+    dofs = np.empty(P.nnz, dtype=P.indices.dtype)
+    dofs[P.indices] = np.flatnonzero(np.diff(P.indptr))
+    return dofs
 
 
 def norms(rows: sparse.csr_array) -> Array:
     """Euclidean norms of the rows."""
-    return np.sqrt(np.asarray(rows.multiply(rows).sum(axis=1), dtype=float).ravel())
+    owner = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
+    return np.sqrt(np.bincount(owner, np.square(rows.data), rows.shape[0]))
 
 
 def in_order(P: sparse.csr_array) -> sparse.csr_array:

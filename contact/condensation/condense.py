@@ -24,6 +24,7 @@ _log = logging.getLogger(__name__)
 # Contact rows up to which the compliance is a dense matrix: of this many it takes 5 GB. Where it is
 # made of columns, each of which costs a solution, Krylov's method needs fewer of them from here on.
 MOST_ROWS, MOST_COLUMNS = 25_000, 5_000
+MOST_ALONE = 1_500  # the same where a device solves for one column at a time, deterministically
 
 
 @singledispatch
@@ -58,7 +59,9 @@ def _by_factorisation(body: BasisSolid, rows: BodyRows, solver: str, device: str
     return SparseBody(body, rows, arrays=arrays_on(device))
 
 
-def solved(body: BasisSolid, rows: BodyRows, solver: str, device: Device) -> SolvedBody:
+def solved(
+    body: BasisSolid, rows: BodyRows, solver: str, device: Device, deterministic: bool = False
+) -> SolvedBody:
     """A body of which nothing is eliminated; its compliance follows from solutions.
 
     Parameters
@@ -68,15 +71,31 @@ def solved(body: BasisSolid, rows: BodyRows, solver: str, device: Device) -> Sol
     solver : {"auto", "pardiso", "superlu"}
     device : {"cpu", "cuda"} or tuple of str
         Of several devices that share the factors, "cuda:0" and so on.
+    deterministic : bool
+        Whether a device refuses what it cannot do in the same bits at each call.
     """
     if device == "cpu":
         return SolvedBody(body, rows, solver)
     several = None if isinstance(device, str) else tuple(int(word[5:]) for word in device)
-    return SolvedBody(body, rows, arrays=arrays_on("cuda"), devices=several)
+    return SolvedBody(
+        body, rows, arrays=arrays_on("cuda"), devices=several, deterministic=deterministic
+    )
 
 
-def way_of(bodies: Sequence[Solid], rows: int, solver: str, device: Device) -> tuple[Any, bool]:
-    """How bodies are condensed, `condense` or `solved`, and whether their compliance is dense.
+def repeatable(body: Solid, rows: BodyRows, solver: str, device: str) -> CondensedBody:
+    """A body on a device in the same bits at each call.
+
+    cuDSS has no deterministic Schur complement: bodies with a Basis take solutions.
+    """
+    if isinstance(body, BasisSolid):
+        return solved(body, rows, solver, device, deterministic=True)
+    return condense(body, rows, solver, device)
+
+
+def way_of(
+    bodies: Sequence[Solid], rows: int, solver: str, device: Device, deterministic: bool
+) -> tuple[Any, bool]:
+    """The function that condenses bodies, and whether their compliance is dense.
 
     Parameters
     ----------
@@ -85,21 +104,30 @@ def way_of(bodies: Sequence[Solid], rows: int, solver: str, device: Device) -> t
         Contact rows, the order of the compliance.
     solver : {"auto", "pardiso", "superlu"}
     device : {"cpu", "cuda"} or tuple of str
+    deterministic : bool
+        Whether equal calls are to give equal bits on a device.
 
     Raises
     ------
     InputError
-        Several devices for a body without an assembled stiffness, or a solver of the host for
-        one with it.
+        Several devices for a body without an assembled stiffness or with `deterministic`, or a
+        solver of the host for a body with such a stiffness.
     """
+    way: Any = solved
     assembled = all(isinstance(body, BasisSolid) for body in bodies)
     if assembled and device != "cpu" and solver != "auto":
         raise _refused(solver, device)
     if not isinstance(device, str):
         if not assembled:
             raise InputError(f"device={device!r}: several devices take bodies with a Basis alone")
+        if deterministic:
+            raise InputError("deterministic: cuDSS has no such mode on several devices; take one")
         if rows <= MOST_COLUMNS:
             return solved, True
+    elif deterministic and device == "cuda":
+        way = repeatable
+        if not assembled or rows <= MOST_ALONE:
+            return way, True
     elif not assembled or (rows <= MOST_ROWS and _fits(rows, device)):
         return condense, True
     _log.info(
@@ -107,7 +135,7 @@ def way_of(bodies: Sequence[Solid], rows: int, solver: str, device: Device) -> t
         "Krylov's method, whose products are solutions by the factors of the bodies",
         rows,
     )
-    return solved, False
+    return way, False
 
 
 def _fits(rows: int, device: str) -> bool:

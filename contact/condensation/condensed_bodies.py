@@ -31,6 +31,11 @@ class CondensedBodies:
     parts: tuple[CondensedBody, ...]
     _unit: float  # of a motion a, in physical displacements
 
+    @property
+    def always_refined(self) -> bool:
+        """Whether each displacement gets a step of refinement, that of some body at least."""
+        return any(part.always_refined for part in self.parts)
+
     def unbalanced(self, load: Any, u: Any, mu: Array, t: Array) -> Any:
         """Forces on free dofs that nothing balances, or None where refinement gains nothing.
 

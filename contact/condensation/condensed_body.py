@@ -13,6 +13,7 @@ from scipy import sparse
 from contact.arrays.dense_arrays import HostArrays
 from contact.body.free_motions import not_held
 from contact.body.rigid_modes import describe_motion
+from contact.body.supports import few_times
 from contact.condensation.held_factor import held_factor
 
 Array = NDArray[np.float64]
@@ -68,6 +69,7 @@ class CondensedBody:
     slender: bool = False
     thin: bool
     path = "sparse"  # how the complement is computed: "sparse", "slabs" or "fourier"
+    always_refined = True  # or only where the forces of a displacement are out of balance
     serial = True  # a second thread of BLAS gains nothing, see `CondensedContact.blas_threads`
     _P: sparse.csr_array
     _factor: Any
@@ -93,9 +95,7 @@ class CondensedBody:
         return B
 
     def _in_unknowns(self, rows: BodyRows) -> sparse.csr_array:
-        normal, tangential = (
-            sparse.csr_array(part @ self._P) for part in (rows.normal, rows.tangential)
-        )
+        normal, tangential = (few_times(part, self._P) for part in (rows.normal, rows.tangential))
         tangential.eliminate_zeros()
         return sparse.csr_array(sparse.vstack([normal, tangential], format="csr"))
 
@@ -187,7 +187,7 @@ class CondensedBody:
         return u
 
     def unbalanced(self, rest: Array, u: Array) -> Array | None:
-        """Forces on free dofs that nothing balances, where a step of refinement is worth it.
+        """Forces on free dofs that nothing balances; None where refinement gains nothing.
 
         Parameters
         ----------

@@ -13,13 +13,17 @@ from contact.rows.contact_rows import ContactRows
 
 
 def condensed_contact(
-    body: Any, rows: ContactRows, solver: str = "auto", device: Device = "cpu"
+    body: Any,
+    rows: ContactRows,
+    solver: str = "auto",
+    device: Device = "cpu",
+    deterministic: bool = False,
 ) -> CondensedContact:
     """The contact rows of bodies, reduced to the contact boundary where that is possible.
 
     Parameters
     ----------
-    body, rows, solver, device
+    body, rows, solver, device, deterministic
         As for `CondensedContact`.
 
     Raises
@@ -35,4 +39,4 @@ def condensed_contact(
             "backend='krylov': bodies that touch each other are condensed; take "
             "DistributedBody(..., backend='auto') or 'mumps'"
         )
-    return CondensedContact(body, rows, solver, device)
+    return CondensedContact(body, rows, solver, device, deterministic=deterministic)

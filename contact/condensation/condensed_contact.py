@@ -50,6 +50,8 @@ class CondensedContact(CondensedBodies):
         devices that share the factors.
     keep : csr_array, shape (1, ndofs), optional
         Has entries at dofs that are kept for other rows, see `touched_by`.
+    deterministic : bool
+        Whether equal calls give equal bits on a device.
 
     Attributes
     ----------
@@ -107,9 +109,11 @@ class CondensedContact(CondensedBodies):
         solver: str = "auto",
         device: Device = "cpu",
         keep: sparse.csr_array | None = None,
+        deterministic: bool = False,
     ) -> None:
         of_bodies = self._take(body, rows, keep)
-        way, self._dense = way_of(body.bodies, of_bodies[0].count, solver, device)
+        count = of_bodies[0].count
+        way, self._dense = way_of(body.bodies, count, solver, device, deterministic)
         if "thesis" in rows.functional.split(",") and not self._dense:
             raise InputError(
                 "functional 'thesis': it needs the dense compliance, which does not fit; choose "

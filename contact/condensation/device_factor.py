@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from scipy import sparse
+
 from contact.condensation.condensed_body import Array
 from contact.condensation.device_schur import on_device
 from skfem_adini.solvers.cudss import Cudss
@@ -18,7 +20,10 @@ class DeviceFactor:
     stiffness : csr_array or Restricted, shape (n, n)
         Symmetric and positive definite.
     devices : tuple of int, optional
-        Devices that share the factors; None for the present one, where equal calls give equal bits.
+        Devices that share the factors; None for the present one, where equal calls give equal bits
+        as long as the factors fit.
+    deterministic : bool
+        Refuse factors that do not fit.
 
     Raises
     ------
@@ -31,22 +36,26 @@ class DeviceFactor:
 
     Notes
     -----
-    Factors that will not fit into one device lie on the host, which is logged.
+    Factors that will not fit into one device lie on the host, which is logged, unless this is
+    refused.
     """
 
-    def __init__(self, stiffness: Any, devices: tuple[int, ...] | None) -> None:
+    def __init__(
+        self, stiffness: Any, devices: tuple[int, ...] | None, deterministic: bool = False
+    ) -> None:
         def factored(hybrid: bool) -> Cudss:
             repeats = devices is None and not hybrid
             return Cudss(stiffness, True, repeats, hybrid_memory=hybrid, devices=devices)
 
-        self._cudss = on_device(factored)
+        self._cudss = on_device(factored, hybrid=not deterministic)
 
     @classmethod
     def of_selection(
-        cls, stiffness: Any, free: Any, unit: Array, devices: tuple[int, ...] | None
-    ) -> DeviceFactor:
+        cls, stiffness: Any, free: Any, unit: Array, devices: tuple[int, ...] | None,
+        deterministic: bool = False,
+    ) -> DeviceFactor:  # fmt: skip
         """The factor of ``D K[free][:, free] D``; see `DeviceSchur.of_selection`."""
-        return cls(Restricted(stiffness, free, unit), devices)
+        return cls(Restricted(stiffness, free, unit), devices, deterministic)
 
     def solve(self, loads: Array) -> Array:
         """Solutions for loads (n,) or (n, count), each corrected by its residual."""
@@ -55,6 +64,10 @@ class DeviceFactor:
     def once(self, loads: Array) -> Array:
         """Solutions by the factors alone, which lack a digit or two of those of `solve`."""
         return self._cudss.once(loads)
+
+    def congruence(self, rows: sparse.csr_array) -> Any:
+        """``R A^-1 R^T`` on the device for sparse rows R; see `skfem_adini.solvers.cudss.Cudss`."""
+        return self._cudss.congruence(rows)
 
     def statistics(self) -> dict[str, Any]:
         """See `skfem_adini.solvers.cudss.CudssMatrix.statistics`."""

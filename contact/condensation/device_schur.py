@@ -112,13 +112,15 @@ class DeviceSchur(ForwardCache):
         return {name: value for name, value in vars(self).items() if name != "_known"}
 
 
-def on_device(factored: Callable[[bool], Factors]) -> Factors:
+def on_device(factored: Callable[[bool], Factors], hybrid: bool = True) -> Factors:
     """Factors on the device, or on the host where they do not fit and cuDSS can do with less.
 
     Parameters
     ----------
     factored : callable
         Factors, with hybrid memory or without it.
+    hybrid : bool
+        Whether factors may lie on the host.
 
     Raises
     ------
@@ -129,7 +131,7 @@ def on_device(factored: Callable[[bool], Factors]) -> Factors:
         try:
             return factored(False)
         except DeviceMemory as error:
-            if error.hybrid is None:
+            if error.hybrid is None or not hybrid:
                 raise
             _log.info("hybrid memory: %s", error)
         return factored(True)

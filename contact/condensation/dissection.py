@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 Index = NDArray[np.int64]
 _STEPS = 2.0**26  # coordinates this part of a body's size apart are one: rounding differs less
@@ -58,7 +59,15 @@ class Dissection:
         part = self.part >> (height - self.height)
         before = (2 << (self.levels - cut)) - (2 << (self.levels - height))
         block = before + part
-        return self.order[np.argsort(block[self.order], kind="stable")], block
+        order = self.order
+        return order[counted_order(block[order], (1 << depth) - 1)], block
+
+
+def counted_order(keys: NDArray[np.integer], count: int) -> Index:
+    """``numpy.argsort(keys, kind="stable")`` of many whole numbers below a count, by counting."""
+    places = keys, np.arange(keys.size)
+    table = sparse.coo_array((np.ones(keys.size, dtype=bool), places), shape=(count, keys.size))
+    return np.asarray(table.tocsr().indices, dtype=np.int64)
 
 
 def nested_dissection(points: NDArray[np.float64], cells: Index, leaf_size: int = 8) -> Dissection:
@@ -117,28 +126,37 @@ def _leaves(middles: NDArray[np.float64], levels: int) -> Index:
         return leaf
     low = middles.min(axis=1, keepdims=True)
     size = float((middles - low).max()) or 1.0
-    steps = np.rint((middles - low) / size * _STEPS).astype(np.int64)
-    by_axis = np.argsort(steps, axis=1, kind="stable")
-    rank = np.empty_like(by_axis)
-    np.put_along_axis(rank, by_axis, np.arange(n)[None], axis=1)
-    everything = np.arange(n)
-    for level in range(levels):
-        count = np.bincount(leaf, minlength=1 << level)
-        stop = np.cumsum(count)
-        start, filled = stop - count, count > 0
-        by_set = np.argsort(leaf, kind="stable")
-        extent = np.zeros((len(steps), count.size), dtype=np.int64)
-        for bound, sign in ((np.maximum, 1), (np.minimum, -1)):
-            extent[:, filled] += sign * bound.reduceat(steps[:, by_set], start[filled], axis=1)
-        axis = np.argmax(extent, axis=0)
-        # One sort by set and by rank along the set's axis; the cell is found from its rank.
-        places = np.sort(leaf * n + rank[axis[leaf], everything])
-        sets = places // n
-        cell = by_axis[axis[sets], places - sets * n]
-        where = steps[axis[sets], cell]
-        cuts = np.flatnonzero(np.diff(where, prepend=where[:1]))
-        leaf[cell] = 2 * sets + (everything >= _nearest(cuts, start, stop)[sets])
+    steps = np.rint((middles - low) / size * _STEPS).astype(np.int32)
+    # Cells by their set, and within it by each coordinate: halves of a set need no sort again.
+    orders = [np.argsort(own, kind="stable").astype(np.int32) for own in steps]
+    place, in_second = np.arange(n, dtype=np.int32), np.empty(n, dtype=bool)
+    start, stop = np.zeros(1, dtype=np.int64), np.full(1, n)
+    for _ in range(levels):
+        first, last = np.minimum(start, n - 1), np.maximum(stop - 1, 0)
+        pairs = list(zip(steps, orders, strict=True))
+        extent = [own[order[last]] - own[order[first]] for own, order in pairs]
+        axis = np.argmax(np.where(stop > start, extent, 0), axis=0).astype(np.int8)
+        along = np.repeat(axis, stop - start)
+        cell = _chosen(along, orders)
+        where = _chosen(along, [own[cell] for own in steps])
+        cuts = np.flatnonzero(where[1:] != where[:-1]) + 1
+        cut = _nearest(cuts, start, stop)
+        second = place >= np.repeat(cut, stop - start)
+        in_second[cell], before = second, ~second
+        for order in orders:
+            moves = in_second[order]
+            order[before], order[second] = order[~moves], order[moves]
+        start, stop = np.column_stack([start, cut]).ravel(), np.column_stack([cut, stop]).ravel()
+    leaf[orders[0]] = np.repeat(np.arange(start.size), stop - start)
     return leaf
+
+
+def _chosen(axis: NDArray[np.int8], rows: list[NDArray[np.int32]]) -> NDArray[np.int32]:
+    """From the row of its axis, each entry; `numpy.choose` is slower for so few rows."""
+    found = rows[0].copy()
+    for k in range(1, len(rows)):
+        np.copyto(found, rows[k], where=axis == k)
+    return found
 
 
 def _nearest(cuts: Index, start: Index, stop: Index) -> Index:

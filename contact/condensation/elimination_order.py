@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.body.dof_entities import dof_entities
-from contact.condensation.dissection import Dissection, nested_dissection
+from contact.body.supports import selected
+from contact.condensation.dissection import Dissection, counted_order, nested_dissection
 
 Index = NDArray[np.int64]
 # Levels of the tree that cuDSS gets: its own have ten. With fewer than six its factorisation is
@@ -22,7 +23,7 @@ def elimination_order(body: Any) -> Index:
     entity, dissection = _dissected(body)
     rank = np.empty_like(dissection.part)
     rank[dissection.order] = np.arange(rank.size)
-    return np.argsort(rank[entity], kind="stable")
+    return counted_order(rank[entity], rank.size)
 
 
 def elimination_tree(body: Any, kept: Index) -> tuple[Index, Index] | None:
@@ -54,14 +55,15 @@ def elimination_tree(body: Any, kept: Index) -> tuple[Index, Index] | None:
             rank = np.empty_like(order)
             rank[order] = np.arange(order.size)
             # Ranks ascend with the blocks; those that are kept stay in their own order.
-            steps = np.argsort(np.where(last, order.size, rank[entity]), kind="stable")
-            return steps, sizes
+            return counted_order(np.where(last, order.size, rank[entity]), order.size + 1), sizes
     return None
 
 
 def _dissected(body: Any) -> tuple[Index, Dissection]:
     """The entity of each free unknown, and the dissection of all entities."""
     entity, points, cells = dof_entities(body.basis)
-    picked = body.picked.tocsc()
-    leading = picked.indices[picked.indptr[:-1]]
+    leading = selected(body.picked)
+    if leading is None:
+        picked = body.picked.tocsc()
+        leading = picked.indices[picked.indptr[:-1]]
     return entity[leading], nested_dissection(points, cells)

@@ -45,6 +45,8 @@ class SolvedBody(SparseBody):
         Where a dense compliance lies; if it is given, a device factors.
     devices : tuple of int, optional
         Devices that share the factors.
+    deterministic : bool
+        Whether one device is to give equal bits in equal calls, or else to refuse.
 
     Attributes
     ----------
@@ -56,9 +58,9 @@ class SolvedBody(SparseBody):
 
     def __init__(
         self, body: Any, rows: BodyRows, solver: str = "auto", arrays: HostArrays | None = None,
-        devices: tuple[int, ...] | None = None,
+        devices: tuple[int, ...] | None = None, deterministic: bool = False,
     ) -> None:  # fmt: skip
-        self._devices = devices
+        self._devices, self._deterministic = devices, deterministic
         super().__init__(body, rows, solver, arrays)
 
     def _eliminate(
@@ -71,7 +73,9 @@ class SolvedBody(SparseBody):
         self.N = self.modes = np.linalg.qr(modes)[0] if k else modes
         self._factor, self._soft = _Whole(S, free, unit), 0.0
         if not k and self._on_device and can_be_restricted(free):
-            self._solver: Any = DeviceFactor.of_selection(S, free, unit, self._devices)
+            self._solver: Any = DeviceFactor.of_selection(
+                S, free, unit, self._devices, self._deterministic
+            )
             return
         held = scaled(S, free, unit)
         if k:
@@ -80,7 +84,9 @@ class SolvedBody(SparseBody):
             springs[touched[qr(of_touched.T, mode="economic", pivoting=True)[2][:k]]] = 1.0
             held = sparse.csr_array(held + sparse.diags_array(springs))
         self._solver = (
-            DeviceFactor(held, self._devices) if self._on_device else _on_host(held, solver)
+            DeviceFactor(held, self._devices, self._deterministic)
+            if self._on_device
+            else _on_host(held, solver)
         )
 
     @property
@@ -95,6 +101,8 @@ class SolvedBody(SparseBody):
 
     def compliance(self) -> Any:
         """``B S^-1 B^T`` where the arrays lie, by columns, shape (n, n)."""
+        if self._on_device and self._devices is None and not self.N.shape[1]:
+            return self._solver.congruence(self.B)
         n = self.B.shape[0]
         W, columns = np.zeros((n, n), order="F"), sparse.csc_array(self.B.T)
         for i in range(0, n, _TOGETHER):

@@ -29,7 +29,7 @@ from contact.problem.solve_system import solve_system
 from contact.result.contact_result import ContactResult
 from contact.result.contact_system import ContactSystem
 from contact.rows.contact_boundaries import ContactBoundaries
-from contact.rows.contact_rows import ContactRows
+from contact.rows.contact_rows import ContactRows, refuse_other_points
 from contact.rows.interfaces import Interfaces
 from contact.rows.pairs import Pair, between, given_pairs
 from contact.settled import settled
@@ -109,7 +109,7 @@ class ContactProblem(Portable):
     """
 
     _ANEW, _FUNCTIONS = ("_condensed",), ("_laws",)
-    _condensed: tuple[Device, Any, CondensedContact] | None = None
+    _condensed: tuple[Device, bool, Any, CondensedContact] | None = None
 
     def __init__(
         self,
@@ -245,12 +245,14 @@ class ContactProblem(Portable):
             motion = self.boundaries.motion(obstacle)
         friction = self.friction * rows.weights if self.law == "tresca" else self.friction
         if after is not None:
-            _check_same(rows, after.system.rows)
+            refuse_other_points(rows, after.system.rows)
         slip_from = None if after is None else np.where(rows.ties[:, None], 0.0, after.slip)
         laws = self.overclosure
         return ContactSystem(body, rows, body.loads, self.law, friction, slip_from, motion, laws)
 
-    def condense(self, device: str | Sequence[str] | None = None) -> CondensedContact:
+    def condense(
+        self, device: str | Sequence[str] | None = None, deterministic: bool | None = None
+    ) -> CondensedContact:
         """Factor once; the result is kept and serves every later `solve`.
 
         Parameters
@@ -259,6 +261,10 @@ class ContactProblem(Portable):
             Where to condense and solve; default: as before, or "cpu". "cuda" needs CuPy and, but
             for a `LayeredBlock`, cuDSS; "auto" takes it where it is there and pays, and logs why.
             ``("cuda:0", "cuda:1")`` shares the factors of bodies with a Basis among devices.
+        deterministic : bool, optional
+            Whether equal calls give equal bits on the same device; default: as before, or False.
+            cuDSS has no deterministic Schur complement: a body with a Basis is then solved for
+            contact forces one by one, which takes longer. On the host it changes nothing.
 
         Returns
         -------
@@ -267,7 +273,8 @@ class ContactProblem(Portable):
         Raises
         ------
         InputError
-            An unknown device, a body that it does not take, or a contact boundary fixed entirely.
+            An unknown device, a body that it does not take, several devices with `deterministic`,
+            or a contact boundary fixed entirely.
         Unbounded
             A piece of the body is neither fixed nor connected to the contact boundary.
         MissingDependency
@@ -275,12 +282,15 @@ class ContactProblem(Portable):
         """
         self._follow_body()
         device = chosen_device(device, self.body, self.solver)
+        if not isinstance(deterministic, bool | None):
+            raise InputError(f"deterministic={deterministic!r}: expected True, False or None")
         kept, material = self._condensed, self.body.materials
-        if kept is None or not _same(kept[1], material) or device not in (None, kept[0]):
-            where = device or ("cpu" if kept is None else kept[0])
-            kept = where, material, condensed_contact(self.body, self.rows, self.solver, where)
-            self._condensed = kept
-        return kept[2]
+        before, same_bits = ("cpu", False) if kept is None else kept[:2]
+        where = device or before, same_bits if deterministic is None else deterministic
+        if kept is None or kept[:2] != where or not _same(kept[2], material):
+            made = condensed_contact(self.body, self.rows, self.solver, *where)
+            kept = self._condensed = *where, material, made
+        return kept[3]
 
     def solve(
         self,
@@ -381,20 +391,3 @@ class ContactProblem(Portable):
 
 def _same(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
     return all(a is b for a, b in zip(one, other, strict=True))
-
-
-def _check_same(rows: ContactRows, of_last: ContactRows) -> None:
-    """Raise an `InputError` unless the last step has the same contact points and tangents."""
-    if of_last.T is rows.T:
-        return
-    # Places and tangents are the same if they differ by rounding, 1e-9, only.
-    size = float(np.ptp(rows.x_nominal, axis=1).max())
-    for name, ours, theirs, unit in (
-        ("places", rows.x_nominal, of_last.x_nominal, size),
-        ("tangents", rows.tangents, of_last.tangents, 1.0),
-    ):
-        if ours.shape != theirs.shape or np.abs(ours - theirs).max() > 1e-9 * unit:
-            raise InputError(
-                f"after: a result whose {of_last.gap.size} contact points have other {name} than "
-                f"the {rows.gap.size} of this problem is no step of its history"
-            )

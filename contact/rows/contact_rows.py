@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.errors import InputError
+
 Array = NDArray[np.float64]
 
 
@@ -65,3 +67,20 @@ class ContactRows:
     def ties(self) -> NDArray[np.bool_]:
         """The mask `bonded`, all False where it is empty, shape (m,)."""
         return self.bonded if self.bonded.size else np.zeros(self.gap.size, dtype=bool)
+
+
+def refuse_other_points(rows: ContactRows, of_last: ContactRows) -> None:
+    """Raise an `InputError` unless the last step has the same contact points and tangents."""
+    if of_last.T is rows.T:
+        return
+    # Places and tangents are the same if they differ by rounding, 1e-9, only.
+    size = float(np.ptp(rows.x_nominal, axis=1).max())
+    for name, ours, theirs, unit in (
+        ("places", rows.x_nominal, of_last.x_nominal, size),
+        ("tangents", rows.tangents, of_last.tangents, 1.0),
+    ):
+        if ours.shape != theirs.shape or np.abs(ours - theirs).max() > 1e-9 * unit:
+            raise InputError(
+                f"after: a result whose {of_last.gap.size} contact points have other {name} than "
+                f"the {rows.gap.size} of this problem is no step of its history"
+            )

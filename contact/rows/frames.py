@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from contact.body.supports import norms
+from contact.body.supports import few_times, norms
 from contact.rows.outline import NEARLY
 
 Array = NDArray[np.float64]
@@ -90,7 +90,9 @@ def within_supports(B: sparse.csr_array, normals: Array, P: sparse.csr_array) ->
     for c in range(dim):
         axis = np.zeros_like(normals)
         axis[c] = 1.0
-        held = norms(directed(B, axis) @ P) <= 1e-9 * norms(B)  # prescribed, up to rounding
+        held = norms(few_times(directed(B, axis), P)) <= 1e-9 * norms(
+            B
+        )  # prescribed, up to rounding
         turned[c, held & (np.abs(normals[c]) < NEARLY)] = 0.0
     return turned / np.linalg.norm(turned, axis=0)
 
@@ -107,7 +109,7 @@ def along_supports(B: sparse.csr_array, tangents: Array, P: sparse.csr_array) ->
         As for `within_supports`.
     tangents : ndarray, shape (3, 2, m)
     """
-    rows = [directed(B, tangents[:, j]) @ P for j in (0, 1)]
+    rows = [few_times(directed(B, tangents[:, j]), P) for j in (0, 1)]
     a, b, c = (
         np.asarray(rows[i].multiply(rows[j]).sum(axis=1)).ravel()
         for i, j in ((0, 0), (0, 1), (1, 1))

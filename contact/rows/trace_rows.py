@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from skfem import FacetBasis
 
-from contact.body.supports import norms
+from contact.body.supports import few_times, norms
 from contact.rows.frames import directed, turned_tangents
 from contact.rows.outline import Outline
 from contact.rows.shares import Shares
@@ -137,7 +137,7 @@ class TraceRows:
         rows = _chosen(sharp, directed(self.scalar, tangents), rows)
         # Rows that vanish, up to rounding, in the free unknowns: supports fix this direction.
         straight, P = directed(self.supported, tangents), self.outline.body.constraint[0]
-        return _chosen(norms(straight @ P) <= 1e-9 * norms(straight), straight, rows)
+        return _chosen(norms(few_times(straight, P)) <= 1e-9 * norms(straight), straight, rows)
 
     @property
     def dim(self) -> int:
@@ -153,8 +153,8 @@ class TraceRows:
         column = np.broadcast_to(components * self.dofs[None, :, None] + component, shape)
         size = self.shares.weights.size, components * body.scalar_dofs.N
         place = number.ravel(), column.ravel()
-        total = sparse.coo_array((values.ravel(), place), shape=size).tocsr()
-        result = sparse.csr_array(sparse.diags_array(1.0 / self.shares.weights) @ total)
+        result = sparse.csr_array(sparse.coo_array((values.ravel(), place), shape=size))
+        result.data *= np.repeat(1.0 / self.shares.weights, np.diff(result.indptr))
         # Drop rounding: a direction along an axis has no other component.
         length = body.lengths[0][body.dim * (result.indices // components)]
         result.data[np.abs(result.data) < 1e-11 * length] = 0.0
@@ -166,7 +166,7 @@ def _chosen(
     where: NDArray[np.bool_], rows: sparse.csr_array, other: sparse.csr_array
 ) -> sparse.csr_array:
     """Rows of the first matrix where chosen, else of the second."""
-    pick, leave = (sparse.diags_array(part.astype(float)) for part in (where, ~where))
-    result = sparse.csr_array(pick @ rows + leave @ other)
+    both = sparse.csr_array(sparse.vstack([rows, other], format="csr"))
+    result = sparse.csr_array(both[np.arange(where.size) + np.where(where, 0, where.size)])
     result.eliminate_zeros()
     return result

@@ -6,6 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from skfem_adini.assembly.csr_scatter import index_type
 from skfem_adini.conditions.boundary_edges import Array, BoundaryEdges, Indices
 
 Mask = NDArray[np.bool_]
@@ -78,12 +79,13 @@ class TraceDirections:
     ) -> sp.csc_array:
         """Return unit columns for single dofs, then the chosen axes of the gradients."""
         vertex, _ = np.nonzero(chosen)
-        count = len(single) + len(vertex)
-        rows = np.concatenate([single, gradient[vertex].ravel()])
-        columns = np.concatenate(
-            [np.arange(len(single)), np.repeat(np.arange(len(single), count), self.dim)]
+        places, entries = gradient[vertex], axes[chosen]
+        filled = entries != 0
+        ends = len(single) + np.cumsum(filled.sum(axis=1))
+        data = np.concatenate([np.ones(len(single)), entries[filled]])
+        kind = index_type(data.size, self.dofs.size)
+        rows = np.concatenate([single, places[filled]], dtype=kind, casting="unsafe")
+        starts = np.concatenate(
+            [np.arange(len(single) + 1, dtype=kind), ends], dtype=kind, casting="unsafe"
         )
-        entries = np.concatenate([np.ones(len(single)), axes[chosen].ravel()])
-        matrix = sp.csc_array((entries, (rows, columns)), shape=(self.dofs.size, count))
-        matrix.eliminate_zeros()
-        return matrix
+        return sp.csc_array((data, rows, starts), shape=(self.dofs.size, len(single) + len(vertex)))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import ctypes
 import threading
 import weakref
-from collections.abc import Iterable
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from skfem_adini.solvers.cudss_memory import (
     free_memory,
     memory,
 )
+from skfem_adini.solvers.device_product import DeviceProduct
 from skfem_adini.solvers.device_triangle import DeviceTriangle
 
 Array = NDArray[np.float64]
@@ -32,6 +33,7 @@ ANALYSIS, FACTORISATION, REFACTORISATION, SOLUTION = 0b11, 0b100, 0b1000, 0b11_1
 # Corrections of a solution by its residual, as many as PARDISO makes. cuDSS makes none in its
 # deterministic mode, and solves for one load at a time there.
 _CORRECTIONS = 2
+_TOGETHER = 32  # loads that are on the device at a time
 
 
 class CudssMatrix:
@@ -88,7 +90,7 @@ class CudssMatrix:
     ) -> None:  # fmt: skip
         _refuse(deterministic, hybrid_memory, devices)
         self._given: tuple[Any, ...] = A, definite, deterministic, order, hybrid_memory, devices
-        self._A, self._deterministic, self._hybrid = A, deterministic, hybrid_memory
+        self._deterministic, self._hybrid = deterministic, hybrid_memory
         self._n, self._lock, self._factored = A.shape[0], threading.Lock(), False
         order = None if order is None else permutation(order, self._n)
         xp = device_arrays()
@@ -123,7 +125,7 @@ class CudssMatrix:
         self._cudss.here()
         with self._lock, self._home():
             self._cudss.set_values(self._triangle.values(A))
-            self._given, self._A = (A, *self._given[1:]), A
+            self._given = A, *self._given[1:]
             self._factor(REFACTORISATION)
 
     def statistics(self) -> dict[str, Any]:
@@ -177,21 +179,26 @@ class CudssMatrix:
         """Return the memory that results take beside the factors."""
         return 0
 
-    def _run(self, phase: int, loads: Array, together: int) -> Array:
-        """Return what a phase makes of loads (n, loads), so many at a time."""
+    def _executed(self, phase: int, loads: Any, together: int) -> Any:
+        """Return what a phase makes of loads (count, n) on the device, so many at a time."""
+        made = self._cudss.xp.empty_like(loads)
+        with ExitStack() as columns:
+            right, b, left, x = self._cudss.columns(columns, together)
+            for i in range(0, len(loads), together):
+                some = loads[i : i + together]
+                right[: len(some)] = some
+                self._cudss.execute(phase, x, b)
+                made[i : i + together] = left[: len(some)]
+        return made
+
+    @contextmanager
+    def _factors(self) -> Iterator[None]:
+        """Hold the factors, and make the device present on which they are."""
         self._cudss.here()
-        count = loads.shape[1]
-        x = np.empty((count, self._n))
-        with self._lock, self._home(), ExitStack() as columns:
+        with self._lock, self._home():
             if not self._factored:
                 raise AdiniError("cuDSS: the last factorisation did not end; call refactor")
-            right, b_handle, left, x_handle = self._cudss.columns(columns, together)
-            for i in range(0, count, together):
-                part = slice(i, i + together)
-                right[...] = self._cudss.xp.asarray(np.ascontiguousarray(loads[:, part].T))
-                self._cudss.execute(phase, x_handle, b_handle)
-                x[part] = self._on_host(left)
-        return x.T
+            yield
 
     @staticmethod
     def _on_host(array: Any) -> Any:
@@ -213,27 +220,71 @@ def _refuse(deterministic: bool, hybrid_memory: bool | int, devices: Any) -> Non
 class Cudss(CudssMatrix):
     """Factors of a symmetric matrix on a CUDA device, for solutions; see `CudssMatrix`."""
 
+    _product: DeviceProduct | None = None
+
+    def refactor(self, A: Any) -> None:
+        """Factor a matrix with the same pattern; the analysis is kept."""
+        self._product = None
+        super().refactor(A)
+
     def solve(self, b: Array) -> Array:
         """Return the solution for one load (n,) or several (n, loads)."""
-        loads = b.reshape(self._n, -1)
-        if loads.shape[1] == 0:
-            return np.zeros(b.shape)
-        x = self._direct(loads)
-        residual = loads - self._A @ x
-        for _ in range(_CORRECTIONS):
-            corrected = x + self._direct(residual)
-            left = loads - self._A @ corrected
-            falls = np.abs(left).max(axis=0) < np.abs(residual).max(axis=0)
-            if not falls.any():
-                break
-            x, residual = np.where(falls, corrected, x), np.where(falls, left, residual)
-        return np.ascontiguousarray(x).reshape(b.shape)
+        return self._solutions(b, _CORRECTIONS)
 
     def once(self, b: Array) -> Array:
         """Return what the factors alone make of loads (n,) or (n, loads), without corrections."""
-        return np.ascontiguousarray(self._direct(b.reshape(self._n, -1))).reshape(b.shape)
+        return self._solutions(b, 0)
 
-    def _direct(self, loads: Array) -> Array:
-        """Solve for loads (n, loads) by the factors alone."""
-        together = 1 if self._deterministic else loads.shape[1]
-        return self._run(SOLUTION, loads, together)
+    def _solutions(self, b: Array, corrections: int) -> Array:
+        """Solve on the device, for some loads at a time."""
+        loads, xp = b.reshape(self._n, -1), self._cudss.xp
+        found = np.empty(loads.shape[::-1])
+        with self._factors():
+            for i in range(0, loads.shape[1], _TOGETHER):
+                some = xp.asarray(np.ascontiguousarray(loads[:, i : i + _TOGETHER].T))
+                found[i : i + _TOGETHER] = self._on_host(self._corrected(some, corrections))
+        return np.ascontiguousarray(found.T).reshape(b.shape)
+
+    def _corrected(self, loads: Any, corrections: int) -> Any:
+        """Return solutions for loads (count, n), corrected while their residuals fall."""
+        xp, together = self._cudss.xp, 1 if self._deterministic else len(loads)
+        x = self._executed(SOLUTION, loads, together)
+        if not corrections:
+            return x
+        A = self._product = self._product or DeviceProduct(xp, *self._cudss.triangle)
+        residual = loads - A @ x
+        for _ in range(corrections):
+            corrected = x + self._executed(SOLUTION, residual, together)
+            left = loads - A @ corrected
+            falls = abs(left).max(axis=1) < abs(residual).max(axis=1)
+            if not bool(falls.any()):
+                break
+            x = xp.where(falls[:, None], corrected, x)
+            residual = xp.where(falls[:, None], left, residual)
+        return x
+
+    def congruence(self, rows: Any) -> Any:
+        """Return ``R A^-1 R^T`` on the device, shape (k, k), by the factors alone.
+
+        Parameters
+        ----------
+        rows
+            Sparse matrix R by rows, shape (k, n); each row takes a solution.
+        """
+        xp, k = device_arrays(), rows.shape[0]
+        together = 1 if self._deterministic else max(1, min(_TOGETHER, k))
+        touched, at = np.unique(rows.indices, return_inverse=True)
+        row = np.repeat(np.arange(k), np.diff(rows.indptr))
+        with self._factors(), ExitStack() as columns:
+            load, b, left, x = self._cudss.columns(columns, together)
+            places, kept, values = map(xp.asarray, (rows.indices, touched, rows.data))
+            moved, R = xp.empty((k, touched.size)), xp.zeros((k, touched.size))
+            for i in range(0, k, together):
+                part = slice(*rows.indptr[[i, min(i + together, k)]].tolist())
+                load.fill(0.0)
+                load[xp.asarray(row[part] - i), places[part]] = values[part]
+                self._cudss.execute(SOLUTION, x, b)
+                moved[i : i + together] = left[: k - i, kept]
+            R[xp.asarray(row), xp.asarray(at)] = values
+            product = moved @ R.T
+            return 0.5 * (product + product.T)

@@ -89,10 +89,10 @@ class CudssHandles:
             opened.close()
 
     @property
-    def pattern(self) -> tuple[Any, Any]:
-        """Row starts and columns of the upper triangle, on the device."""
-        starts, columns, _ = self._kept[0]
-        return starts, columns
+    def triangle(self) -> tuple[Any, Any, Any]:
+        """Row starts, columns and values of the upper triangle, on the device."""
+        starts, columns, values = self._kept[0]
+        return starts, columns, values
 
     def configure(self, key: int, value: Any) -> None:
         """Change a setting of cuDSS to a number of ctypes."""
@@ -221,7 +221,10 @@ def _numbers(devices: tuple[int, ...]) -> Any:
 
 def permutation(order: ArrayLike, n: int) -> NDArray[np.int32]:
     """Return an order as cuDSS takes it."""
-    given = np.asarray(order)
-    if given.shape != (n,) or not np.array_equal(np.sort(given), np.arange(n)):
+    given, seen = np.asarray(order), np.zeros(n, dtype=bool)
+    if given.shape == (n,) and np.all((given >= 0) & (given < n)):
+        numbers = np.ascontiguousarray(given, dtype=np.int32)
+        seen[numbers] = np.equal(numbers, given)
+    if not seen.all():
         raise InputError(f"order: expected the numbers 0 to {n - 1}, each once")
-    return np.ascontiguousarray(given, dtype=np.int32)
+    return numbers

@@ -34,13 +34,15 @@ def check_memory(
     ------
     DeviceMemory
     """
+    estimates = _estimates(cudss)
+    least = int(estimates[_HYBRID]) + more
+    needed = least if hybrid else int(estimates[_PEAK]) + more
+    if devices is None and needed <= _unused(cudss.xp):
+        return
     each = free_memories(cudss.xp, devices)
     if each is None:
         return
     free = sum(each)
-    estimates = _estimates(cudss)
-    least = int(estimates[_HYBRID]) + more
-    needed = least if hybrid else int(estimates[_PEAK]) + more
     if needed > free:
         raise DeviceMemory(needed, free, None if hybrid or least > free else least, more)
 
@@ -53,6 +55,14 @@ def memory(cudss: Any) -> dict[str, int]:
 
 def _estimates(cudss: Any) -> Any:
     return cudss.get(_ESTIMATES, (ctypes.c_int64 * _COUNT)())
+
+
+def _unused(xp: Any) -> int:
+    """Bytes of the device that nobody keeps; -1 where there is no device.
+
+    To release what CuPy keeps takes milliseconds, and so does to allocate it again.
+    """
+    return int(xp.cuda.runtime.memGetInfo()[0]) if hasattr(xp, "cuda") else -1
 
 
 def free_memories(xp: Any, devices: tuple[int, ...] | None) -> list[int] | None:

@@ -75,18 +75,26 @@ class CudssSchur(CudssMatrix):
 
     def forward(self, load: Array) -> Array:
         """Eliminate a load (n,): in an order of cuDSS, the carried chosen part in the last k."""
-        return self._run(FORWARD, load[:, None], 1)[:, 0]
+        return self._one(FORWARD, load)
 
     def backward(self, halfway: Array) -> Array:
         """Solve for all unknowns (n,) after `forward`, values of the chosen ones in the last k."""
-        return self._run(BACKWARD, halfway[:, None], 1)[:, 0]
+        return self._one(BACKWARD, halfway)
+
+    def _one(self, phase: int, load: Array) -> Array:
+        """Return what a phase makes of one load (n,)."""
+        with self._factors():
+            made = self._executed(phase, self._cudss.xp.asarray(load[None]), 1)
+            return np.asarray(self._on_host(made)[0])
 
     def _settings(self) -> dict[int, Any]:
         return {**super()._settings(), _SCHUR_MODE: ctypes.c_int(1)}
 
     def _prepare(self) -> None:
         self._cudss.put(_MARKS, self._marks)
-        if self._tree is not None and self._tree.separates(self._cudss.xp, *self._cudss.pattern):
+        if self._tree is not None and self._tree.separates(
+            self._cudss.xp, *self._cudss.triangle[:2]
+        ):
             self._cudss.put(ORDER, permutation(self._tree.order, self._n))
             self._cudss.put(_TREE, self._tree.sizes.astype(np.int32))
             self._cudss.configure(_LEVELS, ctypes.c_int(self._tree.levels))

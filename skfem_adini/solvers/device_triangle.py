@@ -36,13 +36,6 @@ class Restricted:
         """Rows and columns that remain."""
         return self.free.size, self.free.size
 
-    def __matmul__(self, x: Any) -> Any:
-        """Return the product with vectors (n,) or (n, count), without forming the matrix."""
-        scale = self.scale if x.ndim == 1 else self.scale[:, None]
-        whole = np.zeros((self.matrix.shape[0], *x.shape[1:]))
-        whole[self.free] = scale * x
-        return scale * (self.matrix @ whole)[self.free]
-
     def on_host(self) -> Any:
         """The same matrix of SciPy."""
         D = sparse.diags_array(self.scale)
@@ -130,9 +123,10 @@ class DeviceTriangle:
 
 def _parts(A: Any) -> tuple[Any, Any, Any]:
     """Return the whole matrix by rows, what remains of it, and the scale; None for all and 1."""
-    if isinstance(A, Restricted):
-        return sparse.csr_array(A.matrix), A.free, A.scale
-    return sparse.csr_array(A), None, None
+    whole = A.matrix if isinstance(A, Restricted) else A
+    if not isinstance(whole, sparse.csr_array):  # a copy would not know that it is canonical
+        whole = sparse.csr_array(whole)
+    return (whole, A.free, A.scale) if isinstance(A, Restricted) else (whole, None, None)
 
 
 def _on_host(A: Any) -> Any:

@@ -59,6 +59,7 @@ def _compare(block, obstacle, friction, **more):
     return ours, sparse
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("case", "n"),
     [

@@ -54,6 +54,7 @@ def pressed(block, top):
     return block
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("element", [None, ElementQuad1(), ElementQuadBFS()])
 @pytest.mark.parametrize(
     ("sides", "fixed", "top"),
@@ -83,6 +84,7 @@ def test_in_space(sides, top):
     compare(pressed(block, top), lambda x: 0.7 * hill(x))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("sides", [("periodic", "y"), ("x", "yx"), ("yz", "periodic")])
 def test_adini_bricks(sides):
     block = LayeredBlock(
@@ -199,6 +201,7 @@ def _agree(seed):
     compare(block, ground, friction)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("seed", range(12))
 def test_random_blocks(seed):
     _agree(seed)
