@@ -141,11 +141,11 @@ def _growth(found: Record) -> str:
     text = (
         f"Between the two largest cubes a product grows as (n^2 log n)^{grown['product']:.2f}"
         + ("" if over_all is None else f", over all of them as (n^2 log n)^{over_all:.2f}")
-        + f"; twice as many layers add {1e3 * grown['doubling']:.2g} ms to condensation"
+        + f"; twice as many layers add {max(0.0, 1e3 * grown['doubling']):.2g} ms to condensation"
     )
     if "power of depth" not in grown:
         return text + "."
-    depths = ", ".join(f"{row['rows']:,} layers {row['condense']:.2f} s" for row in found["depths"])
+    depths = ", ".join(f"{row['rows']:,} layers {row['condense']:.2g} s" for row in found["depths"])
     n = found["depths"][0]["n"]
     return (
         f"{text}, which grows as the depth to the power {grown['power of depth']:.2f} "
@@ -233,7 +233,7 @@ def contact_gpus(record: Record) -> str:
     """A cube whose factors several GPUs share."""
 
     def each(gigabytes: list[float]) -> str:
-        return ", ".join(f"{size:.0f}" for size in gigabytes)
+        return ", ".join(f"{size:.2g}" for size in gigabytes)
 
     table = rows_of(
         "trilinear bricks | unknowns | contact rows | GPUs | factors, GB of each GPU "
@@ -254,5 +254,9 @@ def contact_gpus(record: Record) -> str:
             for row in record["rows"]
         ),
     )
-    cards = source("contact_gpus", record, device=record["device"], count="one and two")
+    counts = [("one", 1), ("two", 2), ("four", 4)]
+    *first, last = [word for word, n in counts if any(row["gpus"] == n for row in record["rows"])]
+    cards = source(
+        "contact_gpus", record, device=record["device"], count=f"{', '.join(first)} and {last}"
+    )
     return f"{table}\n\n{cards}"

@@ -30,7 +30,7 @@ def adjoint(record: Record) -> str:
         (
             (
                 where,
-                row["profile"],
+                f"{row['profile']}, {row['dim']}-D",
                 f"{row['nodes']:,}",
                 "c(x)" if row["steady"] else "c(x, t)",
                 row["parameters"],

@@ -131,12 +131,13 @@ def periodic(record: Record) -> str:
         ),
         (
             f"Johnson's two waves in light contact, {light['points'][1]} and "
-            f"{light['points'][2]} points a period (68 and 136 a wave)",
+            f"{light['points'][2]} points a period (64 and 128 a wave)",
             "; ".join(
                 f"rms pressure error {errors[0]:.1e} ({errors[1]:.1e} by forces alone)"
                 for errors in light["errors"][1:]
-            ),
-            "1.3e-3, 1e-3",
+            )
+            + f"; order {light['orders'][0]:.1f}",
+            "1e-3, 4e-4, 1.7 to 2.6",
         ),
         (
             f"Hertz' ball in a period of 7 radii, {ball['points'][0]} points a period",

@@ -9,7 +9,9 @@ tends to the solution of the discrete Riccati equation
 
 Cayley's transform, xi = (x_n + x_n+1) / sqrt 2 and eta = (x_n+1 - x_n) / sqrt 2, turns it into a
 continuous one with the same solution, which `lqe` solves and certifies (Mehrmann, SIAM J. Matrix
-Anal. Appl. 17, 1996, treats the transform). SciPy's discrete solver is shown beside it.
+Anal. Appl. 17, 1996, treats the transform). SciPy's discrete solver is shown beside it. The truth
+is no run of the model: in the time tau that the flow takes from 0 to x it is a Fourier series,
+which every step shifts.
 
     python examples/cip_gain.py --cells 40 --output out
 """
@@ -21,12 +23,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import solve_discrete_are
 
 from cip import Covariance, Grid, Sensors, Solver, State, Velocity
 from gpu import lqe
 
 STEP = 0.1
+SENSORS = np.array([0.11, 0.33, 0.62, 0.85])
 
 
 def matrices(cells: int) -> tuple[Solver, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -36,7 +41,7 @@ def matrices(cells: int) -> tuple[Solver, np.ndarray, np.ndarray, np.ndarray, np
     size = 2 * cells
     units = np.eye(size).reshape(size, 2, cells)
     M = np.stack([solver.step(State(grid, "cubic", u), STEP).data.ravel() for u in units], axis=1)
-    H = Sensors([0.11, 0.33, 0.62, 0.85], [STEP]).rows(grid, "cubic").toarray()
+    H = Sensors(SENSORS, [STEP]).rows(grid, "cubic").toarray()
     errors = Covariance.diffusion(grid, "cubic", deviation=0.1, length=0.2)
     return solver, M, H, errors.root @ np.eye(cells), 0.05**2 * np.eye(4)
 
@@ -51,6 +56,32 @@ def stationary_covariance(M: Any, H: Any, S: Any, R: Any) -> tuple[np.ndarray, A
     return np.asarray(found.S), found
 
 
+class Truth:
+    """The exact field: coefficients of exp(2 pi i k tau / T), with T the period of the flow."""
+
+    def __init__(self) -> None:
+        self.period, self.waves = 1 / np.sqrt(1 - 0.3**2), np.fft.fftfreq(256, 1 / 256)
+        times = np.arange(256) / 256 * self.period
+        self.places = solve_ivp(
+            lambda _, x: 1 + 0.3 * np.sin(2 * np.pi * x), (0, self.period), [0.0], "DOP853", times,
+            rtol=1e-11, atol=1e-12,
+        ).y[0]  # fmt: skip
+        self.coefficients = np.zeros(256, dtype=complex)
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """Rows that map the coefficients to the values at increasing points in [0, 1)."""
+        times = solve_ivp(
+            lambda x, _: [1 / (1 + 0.3 * np.sin(2 * np.pi * x))], (0, 1), [0.0], "DOP853", points,
+            rtol=1e-11, atol=1e-12,
+        ).y[0]  # fmt: skip
+        return np.exp(2j * np.pi / self.period * np.multiply.outer(times, self.waves))
+
+    def step(self, error: CubicHermiteSpline) -> None:
+        """Let the flow act for a step, then add an error."""
+        self.coefficients *= np.exp(-2j * np.pi * self.waves * STEP / self.period)
+        self.coefficients += np.fft.fft(error(self.places)) / 256
+
+
 def main(argv: list[str] | None = None) -> dict[str, Any]:
     """Compute the gain, filter with it, print and draw the errors."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -63,14 +94,21 @@ def main(argv: list[str] | None = None) -> dict[str, Any]:
     K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
     after = P - K @ H @ P
     rng = np.random.default_rng(1)
-    x, estimate, errors = np.zeros(len(M)), np.zeros(len(M)), []
+    truth, estimate, errors = Truth(), np.zeros(len(M)), []
+    (x,) = solver.grid.coordinates
+    nodes, sensors = truth.at(x), truth.at(SENSORS)
     for _ in range(400):
-        x = M @ x + S @ rng.standard_normal(S.shape[1])
+        values, slopes = (S @ rng.standard_normal(S.shape[1])).reshape(2, -1)
+        truth.step(
+            CubicHermiteSpline(
+                np.append(x, 1.0), *np.pad((values, slopes), ((0, 0), (0, 1)), mode="wrap")
+            )
+        )
         forecast = State(solver.grid, "cubic", estimate.reshape(2, -1))
         estimate = solver.step(forecast, STEP).data.ravel()
-        report = H @ x + np.sqrt(np.diag(R)) * rng.standard_normal(len(R))
+        report = (sensors @ truth.coefficients).real + np.sqrt(np.diag(R)) * rng.standard_normal(4)
         estimate = estimate + K @ (report - H @ estimate)
-        errors.append((estimate - x)[: options.cells])
+        errors.append(estimate[: options.cells] - (nodes @ truth.coefficients).real)
     found = {
         "to SciPy": float(np.abs(P - peer).max() / np.abs(peer).max()),
         "slowest": float(np.abs(np.linalg.eigvals(M - M @ K @ H)).max()),

@@ -71,6 +71,7 @@ def pytest_runtest_setup(item):
 def pytest_collection_modifyitems(config, items):
     """Samples and shards where they are asked for; tests marked `gpu` need a device, and say so."""
     _mark_unsampled(items)
+    _mark_out_of_turn(items)
     shard = config.getoption("--shard")
     if shard:
         _take_shard(config, items, *map(int, shard.split("/")))
@@ -110,11 +111,21 @@ def _mark_unsampled(items):
             functions.setdefault(item.nodeid.split("[")[0], (marker.args[0], []))[1].append(item)
     for every, found in functions.values():
         # In a fixed order without pattern: strides would meet the same element again and again.
-        found.sort(key=lambda item: zlib.crc32(item.nodeid.encode()))
+        # Functions with the same parameters take the same ones and share what these compile.
+        found.sort(key=lambda item: zlib.crc32(item.nodeid.partition("[")[2].encode()))
         first = turn % min(every, len(found))
         for k, item in enumerate(found):
             if (k - first) % every:
                 item.add_marker(pytest.mark.slow)
+
+
+def _mark_out_of_turn(items):
+    """Tests marked `turns(n)` are slow ones in all but each n-th turn of CI."""
+    turn = int(os.environ.get("CI_TURN", 0))
+    for item in items:
+        marker = item.get_closest_marker("turns")
+        if marker and (zlib.crc32(item.nodeid.encode()) + turn) % marker.args[0]:
+            item.add_marker(pytest.mark.slow)
 
 
 def _no_device():

@@ -44,8 +44,15 @@ def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("reader")
-@pytest.mark.parametrize("name", CODE)
-def test_code_runs(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("name", [name for name in CODE if name.startswith("README")])
+def test_code_of_the_readme_runs(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    run(name, CODE[name], capsys)
+
+
+@pytest.mark.sampled(4)
+@pytest.mark.usefixtures("reader")
+@pytest.mark.parametrize("name", [name for name in CODE if not name.startswith("README")])
+def test_code_of_the_pages_runs(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     if "petsc4py" in CODE[name]:
         pytest.importorskip("petsc4py", reason="the block is about PETSc")
     run(name, CODE[name], capsys)

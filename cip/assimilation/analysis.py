@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cip.formulas.velocity import Velocity
+from cip.output.state_dataset import state_dataset
 from cip.stages.state import State
 
 Array = NDArray[np.float64]
@@ -91,6 +93,28 @@ class Analysis:
             f"{self.states[-1].t:.6g}, {self.reports} reports, chi-square "
             f"{2.0 * self.cost:.4g}, {self.degrees_of_freedom:.1f} degrees of freedom seen)"
         )
+
+    def to_xarray(self) -> Any:
+        """An xarray.Dataset: each moment over t and the coordinates, and what is estimated.
+
+        ``deviation`` is that of the values at the start; ``parameter_value`` and
+        ``parameter_deviation`` are over the names of the parameters.
+
+        Returns
+        -------
+        xarray.Dataset
+
+        Raises
+        ------
+        MissingDependency
+            xarray is not installed.
+        """
+        found = state_dataset(self.states)
+        found["deviation"] = (found["u"].dims[1:], self.deviations)
+        found = found.assign_coords(parameter=np.array(list(self.parameters), dtype=str))
+        found["parameter_value"] = (["parameter"], list(self.parameters.values()))
+        found["parameter_deviation"] = (["parameter"], list(self.parameter_deviations.values()))
+        return found
 
     @property
     def start(self) -> State:

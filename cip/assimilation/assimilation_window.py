@@ -16,6 +16,7 @@ from cip.characteristics.feet import check_step
 from cip.errors import InputError
 from cip.output.trajectory import Trajectory
 from cip.reals import real_number
+from cip.solver.derivatives import derivative
 from cip.solver.solver import Solver
 from cip.stages.state import State
 
@@ -119,9 +120,9 @@ class AssimilationWindow:
 
     def linearised(self, path: Path) -> Linearised:
         """The derivative of the reports in the control at a path."""
-        tangents = [path.solver.tangent(run) for run in path.runs]
         return Linearised(
-            self.layout, self.covariance, self.errors, self.reports, tangents, self._columns,
+            self.layout, self.covariance, self.errors, self.reports,
+            [derivative(path.solver, run) for run in path.runs], self._columns,
             self.spreads, self.first, path.solver._kernels.xp,
         )  # fmt: skip
 

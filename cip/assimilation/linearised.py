@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from cip.assimilation.covariance import Covariance
 from cip.assimilation.sensors import Reports
+from cip.sensitivities.window import Window
 from cip.stages.state import on_host
 
 Array = NDArray[np.float64]
@@ -71,14 +73,17 @@ class Readings:
 class Linearised:
     r"""The operator :math:`A = R^{-1/2} H M S` of a window and its transpose.
 
+    Its columns for the parameters are computed once, by a tangent run of the window for each, and
+    kept; all others are applied by tangent and adjoint runs in the state alone.
+
     Parameters
     ----------
     layout : Layout
     background : Covariance
     errors : sequence of Covariance or None
     reports : Reports
-    tangents : sequence of LinearOperator
-        For each interval; columns are the moments, then the solver's parameters.
+    derivatives : sequence of Window
+        For each interval, of its run.
     columns : ndarray of int
         Which of the solver's parameters vary.
     spreads : ndarray
@@ -95,7 +100,7 @@ class Linearised:
         background: Covariance,
         errors: Sequence[Covariance | None],
         reports: Reports,
-        tangents: Sequence[LinearOperator],
+        derivatives: Sequence[Window],
         columns: NDArray[np.int64],
         spreads: Array,
         first: bool,
@@ -103,7 +108,8 @@ class Linearised:
     ) -> None:
         self._xp, self._layout = xp, layout
         self._background, self._errors = background, errors
-        self._tangents, self._columns, self._spreads = tangents, columns, spreads
+        self._derivatives, self._columns, self._spreads = derivatives, columns, spreads
+        self._runs = [one.state_operator() for one in derivatives]
         found: list[Readings | None] = [
             Readings(rows, deviation, xp)
             for rows, deviation in zip(reports.operators, reports.deviations, strict=True)
@@ -112,7 +118,6 @@ class Linearised:
         self._readings = found if first else [None, *found]
         self.reports = sum(len(one) for one in reports.deviations)
         self._size = background.root.shape[0]
-        self._parameters = tangents[0].shape[1] - self._size if tangents else 0
 
     def operator(self) -> LinearOperator:
         """A as a linear operator."""
@@ -121,26 +126,39 @@ class Linearised:
 
     def forward(self, control: Any) -> Array:
         """The change of all reports, over their deviations."""
-        control, found = np.ravel(control), []
-        for readings, change in zip(self._readings, self.states(control), strict=True):
-            if readings is not None:
-                found.append(readings.of(change))
-        return np.concatenate(found)
-
-    def states(self, control: Array) -> list[Any]:
-        """The change of the states at the start and at the end of each interval."""
-        xp, moved = self._xp, np.zeros(self._parameters)
-        moved[self._columns] = self._spreads * control[self._layout.parameters]
+        xp, control = self._xp, np.ravel(control)
         change = xp.asarray(self._background.root.matvec(control[self._layout.background]))
         states = [change]
-        for k, tangent in enumerate(self._tangents):
-            change = xp.asarray(tangent.matvec(xp.concatenate([change, xp.asarray(moved)])))
+        for k, run in enumerate(self._runs):
+            change = xp.asarray(run.matvec(change))
             error = self._errors[k]
             if error is not None:
                 own = error.root.matvec(control[self._layout.errors[k]])
                 change = change + xp.asarray(own)
             states.append(change)
-        return states
+        return self._read(states) + self.by_parameters @ control[self._layout.parameters]
+
+    @cached_property
+    def by_parameters(self) -> Array:
+        """The columns of A for the parameters, shape (reports, parameters)."""
+        xp, found = self._xp, np.empty((self.reports, self._columns.size))
+        if not self._columns.size:
+            return found
+        operators = [one.operator() for one in self._derivatives]
+        for column, place, spread in zip(found.T, self._columns, self._spreads, strict=True):
+            moved = np.zeros(len(self._derivatives[0].parameters))
+            moved[place] = spread
+            states = [xp.zeros(self._size)]
+            for one in operators:
+                given = xp.concatenate([states[-1], xp.asarray(moved)])
+                states.append(xp.asarray(one.matvec(given)))
+            column[:] = self._read(states)
+        return found
+
+    def _read(self, states: list[Any]) -> Array:
+        """The reports of the states at the start and at the end of each interval."""
+        pairs = zip(self._readings, states, strict=True)
+        return np.concatenate([one.of(state) for one, state in pairs if one is not None])
 
     def backward(self, reports: Any) -> Array:
         """The transpose of `forward`."""
@@ -149,7 +167,7 @@ class Linearised:
         parts = np.split(weights, np.cumsum(counts)[:-1])
         found = np.zeros(self._layout.size)
         back = self._xp.zeros(self._size)
-        for k in range(len(self._tangents), -1, -1):
+        for k in range(len(self._runs), -1, -1):
             readings = self._readings[k]
             if readings is not None:
                 readings.add_to(back, parts[k])
@@ -158,9 +176,7 @@ class Linearised:
             error = self._errors[k - 1]
             if error is not None:
                 found[self._layout.errors[k - 1]] = error.root.rmatvec(on_host(back))
-            given = self._xp.asarray(self._tangents[k - 1].rmatvec(back))
-            by_parameter = on_host(given[self._size :])[self._columns]
-            found[self._layout.parameters] += self._spreads * by_parameter
-            back = given[: self._size]
+            back = self._xp.asarray(self._runs[k - 1].rmatvec(back))
         found[self._layout.background] = self._background.root.rmatvec(on_host(back))
+        found[self._layout.parameters] = self.by_parameters.T @ weights
         return found

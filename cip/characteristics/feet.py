@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,6 +83,7 @@ def integrate(
     dt: float,
     tolerance: float = TOLERANCE,
     substeps: int | None = None,
+    numbers: Mapping[str, float] | None = None,
 ) -> Feet:
     r"""Follow the characteristics through `points` from `t_end` back to `t_end` - `dt`.
 
@@ -105,6 +106,8 @@ def integrate(
     tolerance : float
     substeps : int, optional
         Take this number of sub-steps and estimate no error.
+    numbers : dict, optional
+        Values of variables in the system's rates that the velocity does not have.
 
     Returns
     -------
@@ -122,7 +125,7 @@ def integrate(
     exact = all(formula.exact for formula in formulas)
     clock = 1.0 if exact else time_scale(grid, formulas, t_end)
     steps = (*grid.spacing, *([1.0] * (3 - grid.dim)), clock)
-    functions = {}
+    functions: dict[str, Any] = dict(numbers or {})
     for formula in formulas:
         functions.update(formula.functions(system.rates, steps))
     rates = system.evaluator(functions)

@@ -137,12 +137,12 @@ def _rate_functions(system: System, splines: Layout | None) -> list[str]:
         lines += [*weight_source(splines, *lists), ""]
     return [
         *lines,
-        *_rate_function("rates", system.rates, [*jets, *system.parameters], splines),
-        *_rate_function("velocity", first, system.parameters, splines),
+        *rate_function("rates", system.rates, [*jets, *system.parameters], splines),
+        *rate_function("velocity", first, system.parameters, splines),
     ]
 
 
-def _rate_function(
+def rate_function(
     name: str, rates: Sequence[Expression], more: Sequence[str], splines: Layout | None
 ) -> list[str]:
     """A function of x1, x2, x3, t and `more`; where there are splines also of their room."""
@@ -176,8 +176,18 @@ def _substep(system: System, splines: Layout | None) -> list[str]:
     lines += [f"        {_defect(q, 'a')}" for q in moving]
     for q in moving:
         lines += [f"    o{q} = y{q}", f"    g{q} = a{q}"]
-    for stage in (1, 2, 3):
-        lines += _stage(system, stage, splines)
+    return [*lines, *_later_stages(system, splines)]
+
+
+def runge_kutta(system: System, splines: Layout | None = None) -> list[str]:
+    """Code of sub-step n of the classical Runge-Kutta method, which moves y0, y1, ..."""
+    first = ["s = t - n * step", *_stage(system, 0, splines)]
+    return [*first, *_later_stages(system, splines)]
+
+
+def _later_stages(system: System, splines: Layout | None) -> list[str]:
+    """Code of the stages after the first one, and of their sum."""
+    lines = [line for stage in (1, 2, 3) for line in _stage(system, stage, splines)]
     for q in range(len(system.jets)):
         total = f"a{q} + 2.0 * b{q} + 2.0 * c{q} + d{q}"
         lines.append(f"y{q} = y{q} + step * (1.0 / 6.0) * ({total})")

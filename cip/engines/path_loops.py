@@ -46,13 +46,14 @@ def compiled(grid: Grid, stage: Stage) -> tuple[Any, Any]:
     """The compiled kernel `path` of a stage, and the array for its last argument `box`."""
     box = box_of(grid, stage.system, stage.limit, float(np.finfo(float).eps))
     field = snapshots_of(stage.velocity)
-    path = _path(path_source(stage.system, stage.jets, box, constant=False, field=field))
+    path = kernel_of(path_source(stage.system, stage.jets, box, constant=False, field=field))
     table = np.empty(0) if field is None else field.table
     return path, np.concatenate([box, stage.parameters, table])
 
 
 @cache
-def _path(source: str) -> Any:
+def kernel_of(source: str) -> Any:
+    """The last function of a source, compiled."""
     namespace: dict[str, Any] = {name: getattr(np, name) for name in RULES}
     namespace.update(Real=Real, Index=Index, Array=Array, Out=Out)
     namespace.update(nan=math.nan, inf=math.inf, abs=abs, floor=math.floor)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +10,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cip.errors import InputError, MissingDependency
+from cip.errors import InputError
 from cip.output.sample import sample
+from cip.output.state_dataset import state_dataset
 from cip.output.whole_file import write_whole
 from cip.profiles.catalogue import moments
 from cip.stages.state import State
@@ -182,29 +182,10 @@ class Trajectory:
         MissingDependency
             xarray is not installed.
         """
-        try:
-            xarray = importlib.import_module("xarray")
-        except ImportError as error:
-            raise MissingDependency(
-                "to_xarray needs xarray: pip install 'skfem-adini[io]'"
-            ) from error
-        first = self.states[0]
-        grid = first.grid
-        axes = ["x", "y", "z"][: grid.dim]
-        data, coordinates = {}, {"t": self.times}
-        coordinates.update(zip(axes, grid.coordinates, strict=True))
-        for moment in moments(first.profile, grid.dim):
-            places = list(axes)
-            for axis in moment.averaged:
-                places[axis] += "_cell"
-                coordinates[places[axis]] = grid.edges[axis][:-1] + 0.5 * grid.widths[axis]
-            values = np.stack([state[moment.name] for state in self.states])
-            data[moment.name] = (["t", *places], values)
-        found = self.diagnostics
+        found, of = state_dataset(self.states), self.diagnostics
         for name in ("mass", "total_variation", "minimum", "maximum", "l1", "l2"):
-            data[name] = (["t"], getattr(found, name))
-        attributes = {"profile": first.profile, "form": self.solver.form, "dt": self.dt}
-        return xarray.Dataset(data, coordinates, attributes)
+            found[name] = (["t"], getattr(of, name))
+        return found.assign_attrs(form=self.solver.form, dt=self.dt)
 
     def to_pyvista(self, place: int = -1) -> Any:
         """One snapshot as a pyvista grid, a periodic direction closed by its first nodes again.

@@ -11,6 +11,7 @@ from cip.engines.path_loops import foot_room
 from cip.jit import Array, Index, Out, loop_over
 from cip.profiles.records import Line
 from cip.sensitivities.blocks import Block
+from cip.sensitivities.grid_lines import lines_of
 from cip.sensitivities.mass_derivatives import add_whole_cells, integral_weights
 from cip.sensitivities.node_adjoint import pull_kernel
 
@@ -92,18 +93,12 @@ def _of_block(block: Block, z: Array, weight: Array, feet: Array, g: Array) -> A
     if stage.conservative:
         weight = np.concatenate([weight[:-1], integral_weights(grid, axis, means)[None]])
     pull_one = pull_kernel(*block.scheme)
-    strides = [size // int(np.prod(grid.nodes[: one + 1])) for one in range(grid.dim)]
-    lines = [
-        tuple(Line(np.asarray(h, dtype=float), 0, stride, n, int(periodic)))
-        for h, stride, n, periodic in zip(
-            grid.widths, strides, grid.nodes, grid.periodic, strict=True
-        )
-    ]
+    lines = lines_of(grid)
     if stage.axis is None:
         run, rows = loop_over(run_plane, pull=pull_one), grid.nodes[0]
     else:
         run, lines = loop_over(run_sweep, pull=pull_one), [lines[axis]]
-        rows = size // strides[axis]
+        rows = size // lines[0][2]
     strips = max(1, min(_STRIPS, rows, size // _NODES_A_STRIP))
     cuts = [rows * strip // strips for strip in range(strips + 1)]
     sums = np.zeros((strips, *read.shape))

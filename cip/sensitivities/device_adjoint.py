@@ -13,17 +13,23 @@ from typing import Any
 
 import numpy as np
 
-from cip.engines.cuda_engine import compiled, indices_of, kernel_head, node_place
+from cip.engines.cuda_engine import compiled, node_place
 from cip.engines.cuda_source import translate
 from cip.engines.path_kernel import FOOT_ROOM
 from cip.formulas.snapshots import snapshots_of
-from cip.grid import Grid
 from cip.profiles import line_profiles, records
 from cip.sensitivities.blocks import Block, blocks_of
+from cip.sensitivities.device_kernel import (
+    kernel_text,
+    launch,
+    point_of,
+    update_of,
+    widths_of,
+)
 from cip.sensitivities.mass_derivatives import integral_weights, per_width, whole_cells
 from cip.sensitivities.node_adjoint import pull_source
 from cip.sensitivities.path_adjoint import parameter_gradient, trail_length, unwind_source
-from cip.sensitivities.profile_derivatives import Traced, traced
+from cip.sensitivities.profile_derivatives import Traced
 from cip.stages.stage import Stage, StageFeet
 
 Array = Any  # arrays of CuPy
@@ -38,10 +44,10 @@ def pull_all(stage: Stage, index: str) -> str:
     ``run(m, w, parts, g, feet, cells, widths...)`` adds the derivatives with respect to the
     components of the feet to `g` and writes the cell of each foot, by its lower corner.
     """
-    grid, update = stage.grid, _update(stage)
+    grid, update = stage.grid, update_of(stage)
     constants, place, lines = node_place(stage)
     code = translate([records, line_profiles, pull_source(update, apart=True)], "pull")
-    widths, uneven = _widths(grid)
+    widths, uneven = widths_of(grid)
     axes, nodes = "xy"[: update.dim], "ij"[: update.dim]
     locate = [
         f"    index k{a}, r{a}; real s{a}; locate({i}, feet[{a} * size + o], {x}.n, {x}.periodic, "
@@ -61,7 +67,7 @@ def pull_all(stage: Stage, index: str) -> str:
         "const real* __restrict__ m", "const real* __restrict__ w", "real* __restrict__ parts",
         "real* __restrict__ g", "const real* __restrict__ feet", "index* cells", *uneven,
     ]  # fmt: skip
-    return _kernel(constants, code, arguments, body, index, all(grid.uniform))
+    return kernel_text(constants, code, arguments, body, index, grid)
 
 
 def gather_all(stage: Stage, index: str) -> str:
@@ -70,10 +76,10 @@ def gather_all(stage: Stage, index: str) -> str:
     Sweeps have the widths of cells as further arguments; conservative profiles too, and before
     them ``shares, owners, wholes``: what the new cells give to old ones that they contain.
     """
-    grid, update = stage.grid, _update(stage)
+    grid, update = stage.grid, update_of(stage)
     moments = update.moments
     constants, place, lines = node_place(stage)
-    widths, uneven = _widths(grid)
+    widths, uneven = widths_of(grid)
     axis = stage.axis or 0
     arguments = [
         "const real* __restrict__ parts", "const index* __restrict__ order",
@@ -97,7 +103,7 @@ def gather_all(stage: Stage, index: str) -> str:
             f"        sum{moments - 1} += shares[owners[p]] * WIDTH(h{axis}, i);",
         ]
     body += [f"    out[(index){q} * size + o] = sum{q};" for q in range(moments)]
-    return _kernel(constants, code, arguments, body, index, all(grid.uniform))
+    return kernel_text(constants, code, arguments, body, index, grid)
 
 
 def _sums_at_corners(stage: Stage, update: Traced) -> list[str]:
@@ -175,9 +181,7 @@ def unwind_all(stage: Stage, count: int, index: str) -> str:
     """
     grid, system = stage.grid, stage.system
     code = translate([unwind_source(system, tuple(stage.jets))], "unwind")
-    x = ["(real)0"] * 3
-    for axis, node in enumerate(indices_of(grid)):
-        x[axis] = f"line{axis}[{node}]"
+    x, lines = point_of(grid)
     parameters = len(system.parameters)
     # Paths that begin on walls have no weight, and no velocity beyond these.
     weighs = " || ".join(f"g[(index){q} * {grid.size} + o] != 0" for q in range(len(stage.jets)))
@@ -194,30 +198,11 @@ def unwind_all(stage: Stage, count: int, index: str) -> str:
     ]
     arguments = [
         "const real* __restrict__ g",
-        *(f"const real* __restrict__ line{axis}" for axis in range(grid.dim)),
+        *lines,
         "const real t", "const real step", "const index count",
         "const real* __restrict__ values", "real* __restrict__ gradients", "const index threads",
     ]  # fmt: skip
-    return _kernel([], code, arguments, body, index, all(grid.uniform))
-
-
-def _update(stage: Stage) -> Traced:
-    return traced(stage.profile, stage.advect, stage.grid.dim, stage.axis)
-
-
-def _kernel(
-    constants: list[str], code: str, arguments: list[str], body: list[str], index: str, even: bool
-) -> str:
-    head = f'extern "C" __global__ void run({", ".join(arguments)}) {{'
-    return "\n".join([kernel_head("double", index, even), *constants, code, head, *body, "}", ""])
-
-
-def _widths(grid: Grid) -> tuple[list[str], list[str]]:
-    """Code of the widths of equal cells, or the arguments that hold those of others."""
-    if all(grid.uniform):
-        widths = enumerate(float(width[0]) for width in grid.widths)
-        return [f"    const real h{axis} = (real){width!r};" for axis, width in widths], []
-    return [], [f"const real* __restrict__ h{axis}" for axis in range(grid.dim)]
+    return kernel_text([], code, arguments, body, index, grid)
 
 
 class DeviceAdjoint:
@@ -235,9 +220,10 @@ class DeviceAdjoint:
         self._xp, self._engine, self._stage = cupy, engine, stage
         grid, index = stage.grid, engine._index
         self._size, self._whole = grid.size, engine._whole
-        self._parts, self._blocks = len(_update(stage).reads), blocks_of(stage, cupy)
+        self._parts, self._blocks = len(update_of(stage).reads), blocks_of(stage, cupy)
         self._pull = compiled(pull_all(stage, index))
         self._gather = compiled(gather_all(stage, index))
+        self._unwind: dict[int, Any] = {}
 
     def pull_back(
         self, z: Array, weight: Array, feet: Array, g: Array, orders: Any = None
@@ -281,11 +267,11 @@ class DeviceAdjoint:
             integrals = integral_weights(stage.grid, axis, weight[-1], xp)
             weights = xp.concatenate([weight[:-1], integrals[None]])
         widths = self._engine._widths
-        self._start(self._pull, read, weights, parts, g, feet, cells, *widths)
+        launch(self._pull, stage, read, weights, parts, g, feet, cells, *widths)
         if order is None:
             order = self._order(cells, feet)
-        more = widths if shares or _update(stage).around else []
-        self._start(self._gather, parts, *order[:2], out, *shares, *order[2:], *more)
+        more = widths if shares or update_of(stage).around else []
+        launch(self._gather, stage, parts, *order[:2], out, *shares, *order[2:], *more)
         return block.read_transposed(out), order
 
     def _order(self, cells: Array, feet: Array) -> tuple[Array, ...]:
@@ -299,10 +285,10 @@ class DeviceAdjoint:
         found = (keys % size).astype(self._whole), starts.astype(self._whole)
         if not self._stage.conservative:
             return found
-        owner, whole = whole_cells(self._stage.grid, self._stage.axis or 0, feet[0].get())
-        sort = np.argsort(whole, kind="stable")
-        wholes = np.searchsorted(whole[sort], np.arange(size + 1))
-        return *found, *(xp.asarray(one.astype(self._whole)) for one in (owner[sort], wholes))
+        owner, whole = whole_cells(self._stage.grid, self._stage.axis or 0, feet[0], xp)
+        pairs = xp.sort(whole * size + owner)
+        wholes = xp.searchsorted(pairs, xp.arange(size + 1, dtype=np.int64) * size)
+        return *found, (pairs % size).astype(self._whole), wholes.astype(self._whole)
 
     def parameter_gradient(self, feet: StageFeet, g: Array) -> Any:
         """As `cip.sensitivities.path_adjoint.parameter_gradient`, of `g` on the device."""
@@ -321,7 +307,8 @@ class DeviceAdjoint:
         if not inside.all():
             g = xp.where(xp.asarray(inside), g, 0.0)
         most = 1 << (count - 1).bit_length()  # one kernel serves all numbers up to this
-        kernel = compiled(unwind_all(stage, most, engine._index))
+        if most not in self._unwind:
+            self._unwind[most] = compiled(unwind_all(stage, most, engine._index))
         values = xp.asarray(np.array(stage.parameters, dtype=float))
         threads = max(1, min(self._size, _THREADS, _NUMBERS // len(values)))
         gradients = xp.empty((len(values), threads))
@@ -329,12 +316,5 @@ class DeviceAdjoint:
         step = (feet.t_end - feet.t_start) / count
         arguments = [g, *lines, feet.t_end, step, self._whole(count)]
         arguments += [values, gradients, self._whole(threads)]
-        kernel((-(-threads // 128),), (128,), tuple(arguments))
+        self._unwind[most]((-(-threads // 128),), (128,), tuple(arguments))
         return gradients.sum(axis=1).get()
-
-    def _start(self, kernel: Any, *arguments: Any) -> None:
-        if self._stage.axis is None:
-            nx, ny = self._stage.grid.nodes
-            kernel((-(-ny // 64), -(-nx // 4)), (64, 4), arguments)
-        else:
-            kernel((-(-self._size // 256),), (256,), arguments)

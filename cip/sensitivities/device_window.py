@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 
 from cip.sensitivities.device_adjoint import DeviceAdjoint
+from cip.sensitivities.device_tangent import DevicePathTangent, DevicePush
 from cip.sensitivities.window import Window
-from cip.stages.stage import StageFeet
+from cip.stages.stage import Stage, StageFeet
 
 
 class DeviceWindow(Window):
     """As `Window`, with vectors of CuPy.
 
-    Derivatives of feet for the tangent, and of what enters through walls, are made on the host.
+    Derivatives of what enters through walls are made on the host.
 
     Parameters
     ----------
@@ -27,15 +28,15 @@ class DeviceWindow(Window):
         super().__init__(*arguments)
         self._xp, self._engine = engine.xp, engine
         self._stages: dict[int, DeviceAdjoint] = {}
+        self._pushes: dict[Stage, DevicePush] = {}
         self._orders: dict[Any, Any] = {}
 
-    def operator(self) -> Any:
-        """The derivative as a linear operator of CuPy (`cupyx.scipy.sparse.linalg`)."""
+    def _linear(self, tangent: Any, adjoint: Any, columns: int) -> Any:
+        """An operator of CuPy."""
         from cupyx.scipy.sparse.linalg import LinearOperator
 
-        size = self._start.data.size
-        shape = (size, size + len(self.parameters))
-        return LinearOperator(shape, self._tangent, rmatvec=self._adjoint, dtype=np.float64)
+        shape = (self._start.data.size, columns)
+        return LinearOperator(shape, tangent, rmatvec=adjoint, dtype=np.float64)
 
     def _on_device(self, n: int) -> DeviceAdjoint:
         stage = self._moves[n].stage
@@ -52,3 +53,13 @@ class DeviceWindow(Window):
 
     def _gradient(self, n: int, feet: StageFeet, g: Any) -> Any:
         return self._on_device(n).parameter_gradient(feet, g)
+
+    def _new_tangent(self, stage: Stage) -> DevicePathTangent:
+        return DevicePathTangent(self._engine, stage)
+
+    def _push_forward(self, n: int, z: Any, changes: Any) -> Any:
+        stage = self._moves[n].stage
+        if stage not in self._pushes:
+            self._pushes[stage] = DevicePush(self._engine, stage)
+        feet = self._flat(self._feet(n).data)
+        return self._pushes[stage].forward(self._blocks_of(stage), z, feet, changes)

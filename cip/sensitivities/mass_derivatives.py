@@ -44,31 +44,37 @@ def add_whole_cells(grid: Grid, axis: int, displacement: Array, weight: Array, b
     """
     owner, whole = whole_cells(grid, axis, displacement)
     given = np.bincount(whole, per_width(grid, axis, weight)[owner], grid.size)
-    back += given * width_at(grid, axis)
+    back += _times(grid, axis, given, _widths(grid, axis))
 
 
-def whole_cells(grid: Grid, axis: int, displacement: Array) -> tuple[Array, Array]:
+def whole_cells(grid: Grid, axis: int, displacement: Array, xp: Any = np) -> tuple[Array, Array]:
     """The new cells whose means contain whole old ones, and these, for all such pairs.
 
     Parameters
     ----------
     grid, axis, displacement
         As for `add_whole_cells`.
+    xp : module
+        That of the displacement, NumPy or CuPy.
     """
     n, cells = grid.nodes[axis], grid.cells[axis]
-    lines = np.moveaxis(np.arange(grid.size).reshape(grid.nodes), axis, -1).reshape(-1, n)
-    ends = np.floor(np.moveaxis(displacement.reshape(grid.nodes), axis, -1).reshape(-1, n))
-    first = np.arange(n + 1) + np.concatenate([ends, ends[:, :1]], axis=1).astype(np.int64)
+    lines = xp.moveaxis(xp.arange(grid.size).reshape(grid.nodes), axis, -1).reshape(-1, n)
+    ends = xp.floor(xp.moveaxis(displacement.reshape(grid.nodes), axis, -1).reshape(-1, n))
+    first = xp.arange(n + 1) + xp.concatenate([ends, ends[:, :1]], axis=1).astype(np.int64)
     if not grid.periodic[axis]:
-        first = np.clip(first, 0, cells - 1)
+        first = xp.clip(first, 0, cells - 1)
     first, end = first[:, :cells], first[:, 1 : cells + 1]
-    lengths = np.where(end == first, 0, np.maximum(end - first, 1)).ravel()
-    total = int(lengths.sum())
-    starts = np.repeat(first.ravel() - (np.cumsum(lengths) - lengths), lengths)
-    owner = np.repeat(lines[:, :cells].ravel(), lengths)
-    line = np.repeat(np.repeat(lines[:, 0], cells), lengths)
+    lengths = xp.where(end == first, 0, xp.maximum(end - first, 1)).ravel()
+    stops = xp.cumsum(lengths)
+    pairs = xp.arange(int(stops[-1]))
+    if xp is np:
+        cell = np.repeat(np.arange(stops.size), lengths)
+    else:  # which repeats entries by counts on the host alone
+        cell = xp.searchsorted(stops, pairs, side="right")
+    inside = pairs - (stops - lengths)[cell]
     stride = int(np.prod(grid.nodes[axis + 1 :]))
-    return owner, line + (starts + np.arange(total)) % n * stride
+    whole = lines[cell // cells, 0] + (first.ravel()[cell] + inside) % n * stride
+    return lines[:, :cells].ravel()[cell], whole
 
 
 def per_width(grid: Grid, axis: int, values: Array, xp: Any = np) -> Array:
@@ -76,14 +82,20 @@ def per_width(grid: Grid, axis: int, values: Array, xp: Any = np) -> Array:
 
     `xp` is the module of the values, NumPy or CuPy.
     """
-    width = width_at(grid, axis)
-    return values * xp.asarray(np.divide(1.0, width, np.zeros_like(width), where=width > 0.0))
+    width = _widths(grid, axis)
+    inverse = np.divide(1.0, width, np.zeros_like(width), where=width > 0.0)
+    return _times(grid, axis, values, xp.asarray(inverse))
 
 
-def width_at(grid: Grid, axis: int) -> Array:
-    """The width of the cell that begins at each node along an axis; 0 where none begins."""
+def _widths(grid: Grid, axis: int) -> Array:
+    """The width of the cell that begins at each node of a line; 0 where none begins."""
     width = np.zeros(grid.nodes[axis])
     width[: grid.cells[axis]] = grid.widths[axis]
+    return width
+
+
+def _times(grid: Grid, axis: int, values: Array, line: Array) -> Array:
+    """Values of shape (nodes,) times those of an entry of each node of a line along the axis."""
     shape = [1] * grid.dim
-    shape[axis] = width.size
-    return np.broadcast_to(width.reshape(shape), grid.nodes).ravel()
+    shape[axis] = -1
+    return (values.reshape(grid.nodes) * line.reshape(shape)).ravel()

@@ -18,12 +18,14 @@ from __future__ import annotations
 
 import math
 import re
-from functools import cache
+from collections.abc import Callable
+from functools import cache, wraps
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
+from cip.characteristics.flow_derivatives import Jet, System
 from cip.engines.cpu_loops import address, share
 from cip.engines.path_kernel import kinds
 from cip.engines.snapshot_kernel import with_names
@@ -31,7 +33,6 @@ from cip.formulas.expression import (
     COORDINATES,
     RULES,
     Expression,
-    apply,
     constant,
     ordered,
     variable,
@@ -41,6 +42,7 @@ from cip.formulas.snapshots import snapshots_of
 from cip.formulas.straight_line_code import numpy_function, statements
 from cip.jit import Array, Index, Out, Real, generated, loop_over
 from cip.sensitivities.blocks import blocks_of
+from cip.sensitivities.path_tangent import component
 from cip.stages.stage import Stage, StageFeet
 
 # Strips do not depend on the number of threads, so that neither does the rounding of sums.
@@ -79,6 +81,21 @@ def parameter_gradient(stage: Stage, feet: StageFeet, g: Any) -> Any:
     return found
 
 
+def _once_a_system(make: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of a system and more that is evaluated once as long as the system lives."""
+    known: WeakKeyDictionary[System, dict[Any, Any]] = WeakKeyDictionary()
+
+    @wraps(make)
+    def found(system: System, *more: Any) -> Any:
+        own = known.setdefault(system, {})
+        if more not in own:
+            own[more] = make(system, *more)
+        return own[more]
+
+    return found
+
+
+@_once_a_system
 def _pulled(system: System) -> list[Expression]:
     """``f_y^T b`` for all unknowns, then ``f_p^T b``, with b in variables b0, b1, ..."""
     total = constant(0.0)
@@ -94,20 +111,8 @@ def _seeds(system: System, wanted: tuple[Jet, ...]) -> list[Expression]:
     """Derivatives with respect to the unknowns of the sum of g0, g1, ... times the components."""
     total = constant(0.0)
     for q, jet in enumerate(wanted):
-        total = total + variable(f"g{q}") * _component(jet)
+        total = total + variable(f"g{q}") * component(jet)
     return gradient(total, [jet.name for jet in system.jets])
-
-
-def _component(jet: Jet) -> Expression:
-    """A component of the foot in the unknowns: det(dX/dx) = exp(l) and its derivatives."""
-    if jet.component < 3:
-        return variable(jet.name)
-    E = apply("exp", variable(LOG_DETERMINANT.name))
-    axes = [axis for axis in range(3) for _ in range(jet.orders[axis])]
-    first = [variable(LOG_DETERMINANT.along(axis).name) for axis in axes]
-    if not axes:
-        return E
-    return E * first[0] if len(axes) == 1 else E * (variable(jet.name) + first[0] * first[1])
 
 
 def _by_numpy(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: Any) -> Any:
@@ -186,6 +191,7 @@ def _rows(values: Any, shape: tuple[int, ...]) -> Any:
     return found
 
 
+@_once_a_system
 def unwind_source(system: System, wanted: tuple[Jet, ...]) -> str:
     """Source of the kernels `rates`, `pull` and ``unwind`` of one node.
 
@@ -195,7 +201,7 @@ def unwind_source(system: System, wanted: tuple[Jet, ...]) -> str:
     exponentials and so on that the rates and their derivatives share, which take most of the time.
     """
     m, jets = len(system.jets), [jet.name for jet in system.jets]
-    kept = _functions(_pulled(system), m)
+    kept = _kept(system)
     width = m + len(kept)
     seeds = {f"l{q}": part for q, part in enumerate(_seeds(system, wanted))}
     place = {axis: q for q, axis in enumerate(system.moving)}
@@ -282,13 +288,18 @@ def _rates_and_pull(system: System, kept: list[Expression]) -> list[str]:
 def trail_length(system: System, count: int) -> int:
     """Numbers that `unwind` needs for `count` sub-steps."""
     m = len(system.jets)
-    return 4 * count * (m + len(_functions(_pulled(system), m))) + 3 * m
+    return 4 * count * (m + len(_kept(system))) + 3 * m
 
 
-def _functions(pulled: list[Expression], unknowns: int) -> list[Expression]:
+@_once_a_system
+def _kept(system: System) -> list[Expression]:
     """Functions in the reverse formulas that do not depend on the variables b."""
-    later = {f"b{q}" for q in range(unknowns)}
-    return [node for node in ordered(pulled) if node.op in RULES and not later & node.variables()]
+    later = {f"b{q}" for q in range(len(system.jets))}
+    return [
+        node
+        for node in ordered(_pulled(system))
+        if node.op in RULES and not later & node.variables()
+    ]
 
 
 def run_nodes(

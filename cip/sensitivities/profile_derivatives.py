@@ -7,7 +7,6 @@ corners of the cell, and polynomials in the place in it. Their derivatives are t
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from types import FunctionType
@@ -16,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from cip.formulas.expression import Expression, variable
-from cip.formulas.straight_line_code import numpy_function
 from cip.profiles.catalogue import CONSERVATIVE, carries_slopes, line_jets, moments, plane_jets
 from cip.profiles.records import Foot, Limits, Line, Means, Update
 
@@ -92,14 +90,12 @@ class _Widths:
 
 
 @cache
-def slopes_in_foot(
-    profile: str, advect: bool, dim: int, axis: int | None
-) -> Callable[..., tuple[Any, ...]]:
-    """The derivatives of the new moments with respect to the foot, as a function of arrays.
+def traced(profile: str, advect: bool, dim: int, axis: int | None) -> Traced:
+    """The update of a profile.
 
-    ``slopes(*place, *width, *around, *feet, *m)`` gives for each new moment those in the place and
-    in the components after the displacements, in one flat tuple; `m` are the old moments in the
-    order of `Traced.sources`. `place` and `width` have an entry for each direction of motion.
+    A conservative profile updates a pair (value, mean) along lines (`cip.sensitivities.blocks`),
+    with the slopes between them if it is csl4. In place of the mean the last output is the integral
+    of the old profile from the left end of the cell to the foot.
 
     Parameters
     ----------
@@ -109,24 +105,6 @@ def slopes_in_foot(
         Of the grid.
     axis : int or None
         Direction of a sweep.
-    """
-    update = traced(profile, advect, dim, axis)
-    slopes = [
-        output.derivative(name)
-        for output in update.outputs
-        for name in (*update.places, *update.feet)
-    ]
-    names = [*update.places, *update.widths, *update.around, *update.feet, *update.reads]
-    return numpy_function(slopes, names)
-
-
-@cache
-def traced(profile: str, advect: bool, dim: int, axis: int | None) -> Traced:
-    """The update of a profile; parameters as for `slopes_in_foot`.
-
-    A conservative profile updates a pair (value, mean) along lines (`cip.sensitivities.blocks`),
-    with the slopes between them if it is csl4. In place of the mean the last output is the integral
-    of the old profile from the left end of the cell to the foot.
     """
     if profile in CONSERVATIVE:
         slopes, line = int(profile == "csl4"), Line(_Widths(0), 0, 1, _NODES[0], 0)

@@ -24,7 +24,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from cip.errors import InputError, NotSupported
 from cip.sensitivities.blocks import Block, blocks_of
-from cip.sensitivities.parameter_part import ParameterPart
+from cip.sensitivities.path_tangent import PathTangent
 from cip.sensitivities.wall_derivatives import WallDerivatives
 from cip.sources.half_step import HalfStep
 from cip.stages.stage import Correction, Stage, StageFeet
@@ -108,6 +108,7 @@ class Window:
         self._kept: dict[Any, Any] = {}
         self._marks: dict[int, State] = {}
         self._blocks: dict[Stage, list[Block]] = {}
+        self._on_paths: dict[Stage, PathTangent] = {}
         self._on_walls: dict[Stage, WallDerivatives] = {}
 
     def follow(self) -> State:
@@ -122,8 +123,23 @@ class Window:
     def operator(self) -> LinearOperator:
         """The derivative as a linear operator; its transpose is the adjoint."""
         size = self._start.data.size
-        shape = (size, size + len(self.parameters))
-        return LinearOperator(shape, self._tangent, rmatvec=self._adjoint, dtype=np.float64)
+        return self._linear(self._tangent, self._adjoint, size + len(self.parameters))
+
+    def state_operator(self) -> LinearOperator:
+        """That in the first state alone, without the states that derivatives in parameters need."""
+        held = np.zeros(len(self.parameters))
+
+        def tangent(x: Any) -> Array:
+            return self._tangent(self._xp.append(self._given(x), self._xp.asarray(held)))
+
+        def adjoint(x: Any) -> Array:
+            return self._adjoint(x, held=True)[: self._start.data.size]
+
+        return self._linear(tangent, adjoint, self._start.data.size)
+
+    def _linear(self, tangent: Any, adjoint: Any, columns: int) -> Any:
+        shape = (self._start.data.size, columns)
+        return LinearOperator(shape, tangent, rmatvec=adjoint, dtype=np.float64)
 
     def _key(self, n: int) -> Any:
         """Moves with the same key have the same feet where the velocity is steady."""
@@ -138,13 +154,6 @@ class Window:
         if key not in self._kept:
             self._kept[key] = make(self._moves[n].stage, self._feet(n))
         return self._kept[key]
-
-    def _parts(self, n: int) -> list[ParameterPart]:
-        found: list[ParameterPart] = self._once(n, self._steady, self._new_parts)
-        return found
-
-    def _new_parts(self, stage: Stage, feet: StageFeet) -> list[ParameterPart]:
-        return [ParameterPart.of(block, feet, self._xp) for block in self._blocks_of(stage)]
 
     def _blocks_of(self, stage: Stage) -> list[Block]:
         if stage not in self._blocks:
@@ -180,10 +189,11 @@ class Window:
         change = State(state.grid, state.profile, x[:size].reshape(state.data.shape).copy())
         given = on_host(x[size:])
         varies = self._varies and given.any()
+        known: dict[Any, Array] = {}
         for n in range(len(self._moves)):
             # The scheme is linear in the moments.
             new = self._advance(n, change, True)
-            more = self._along(n, state, given)
+            more = self._along(n, state, given, known)
             if more is not None:
                 data = new.data + more.reshape(new.data.shape)
                 new = State(state.grid, state.profile, data, new.t)
@@ -192,8 +202,13 @@ class Window:
             change = new
         return change.data.ravel()
 
-    def _along(self, n: int, state: State, direction: Array) -> Array | None:
-        """The change of the moments after move n for a change of all parameters; None for none."""
+    def _along(
+        self, n: int, state: State, direction: Array, known: dict[Any, Array]
+    ) -> Array | None:
+        """The change of the moments after move n for a change of all parameters; None for none.
+
+        `known` holds the changes of the feet of a steady velocity.
+        """
         own, on_walls = direction[self._columns[n]], direction[self._wall_columns[n]]
         if not (own.any() or on_walls.any()):
             return None
@@ -202,22 +217,44 @@ class Window:
         if isinstance(move, HalfStep):
             return found + move.along(state.data, own).ravel()
         if own.any():
-            z, by = self._flat(state.data), xp.asarray(own)
-            for part in self._parts(n):
-                found.reshape(z.shape)[part.block.rows] += part.along(z, by, xp)
+            key = self._key(n)
+            if key not in known:
+                known[key] = self._foot_changes(n, own)
+            more = self._push_forward(n, self._flat(state.data), known[key])
+            found += more.ravel()
+            if not self._steady:
+                known.clear()
         for wall in self._walls(n):
             # Each place occurs once, so the order of additions is fixed.
             xp.add.at(found, xp.asarray(wall.places), xp.asarray(on_walls @ wall.values))
         return found
 
-    def _adjoint(self, x: Any) -> Array:
-        xp, shape = self._xp, self._start.data.shape
+    def _foot_changes(self, n: int, direction: Array) -> Array:
+        """The changes of the feet of move n along a direction of its parameters."""
+        stage = self._moves[n].stage
+        if stage not in self._on_paths:
+            self._on_paths[stage] = self._new_tangent(stage)
+        return self._on_paths[stage].along(self._blocks_of(stage), self._feet(n), direction)
+
+    def _new_tangent(self, stage: Stage) -> PathTangent:
+        return PathTangent(stage)
+
+    def _push_forward(self, n: int, z: Array, changes: Array) -> Array:
+        """The change of the new moments of move n with its feet."""
+        from cip.sensitivities.tangent_loops import push_forward
+
+        feet = self._flat(self._feet(n).data)
+        return push_forward(self._blocks_of(self._moves[n].stage), z, feet, changes)
+
+    def _adjoint(self, x: Any, held: bool = False) -> Array:
+        """The transpose; with zeros for the parameters where they are `held`."""
+        xp, shape, varies = self._xp, self._start.data.shape, self._varies and not held
         weight = self._flat(self._given(x)).copy()
         found, segment = np.zeros(len(self.parameters)), list[State]()
         gathered: dict[Any, tuple[int, StageFeet, Array]] = {}
         for n in range(len(self._moves) - 1, -1, -1):
             move, z = self._moves[n], weight
-            if self._varies:
+            if varies:
                 first = n - n % self.every
                 if n == len(self._moves) - 1 or (n + 1) % self.every == 0:
                     segment = self._states(self._marks[first], first, n)
@@ -225,10 +262,11 @@ class Window:
             if isinstance(move, HalfStep):
                 back, more = move.pull_back(z.reshape(shape), weight.reshape(shape))
                 weight = self._flat(back)
-                found[self._columns[n]] += more
+                if not held:
+                    found[self._columns[n]] += more
                 continue
             stage, feet, columns = move.stage, self._feet(n), self._wall_columns[n]
-            if columns and feet.bounded:
+            if columns and feet.bounded and not held:
                 for wall in self._walls(n):
                     own = weight.ravel()[xp.asarray(wall.places)]
                     found[columns] += wall.values @ on_host(own)
@@ -240,9 +278,10 @@ class Window:
             # once, to the sum over these moves.
             _, _, g = gathered.setdefault(self._key(n), (n, feet, xp.zeros(components.shape)))
             weight = self._pull_back(n, z, weight, components, g)
-            if not self._steady:
+            if not (self._steady or held):
                 self._spread(gathered, found)
-        self._spread(gathered, found)
+        if not held:
+            self._spread(gathered, found)
         return xp.concatenate([weight.ravel(), xp.asarray(found)])
 
     def _spread(self, gathered: dict[Any, tuple[int, StageFeet, Array]], found: Array) -> None:

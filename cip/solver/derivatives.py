@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator
 
 from cip.errors import InputError
 from cip.output.trajectory import Trajectory
@@ -19,8 +18,8 @@ from cip.stages.state import State
 FEET = 2**28
 
 
-def derivative(solver: Any, run: Trajectory, checkpoints: int | None) -> LinearOperator:
-    """The derivative of a run as an operator.
+def derivative(solver: Any, run: Trajectory, checkpoints: int | None = None) -> Window:
+    """The derivative of a run; its `operator` is that of `Solver.tangent`.
 
     Parameters
     ----------
@@ -48,7 +47,7 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None) -> LinearO
     window = _device_window(kernels, *arguments) if solver.backend == "cupy" else Window(*arguments)
     if not bool((window.follow().data == kernels.place(run.final).data).all()):
         raise InputError("run: it is not a run of this solver, whose steps end elsewhere")
-    return window.operator()
+    return window
 
 
 def _device_window(*arguments: Any) -> Window:

@@ -342,7 +342,7 @@ class Solver(Parametrised):
         >>> bool(abs(by_speed[0] - np.pi) < 1e-4)
         True
         """
-        return derivative(self, run, checkpoints)
+        return derivative(self, run, checkpoints).operator()
 
     def adjoint(self, run: Trajectory, checkpoints: int | None = None) -> LinearOperator:
         """The transpose of `tangent`, which gives gradients at a cost that does not grow with N.
@@ -365,7 +365,7 @@ class Solver(Parametrised):
         >>> (solver.adjoint(run) @ run.final.data.ravel()).shape
         (64,)
         """
-        return derivative(self, run, checkpoints).T
+        return derivative(self, run, checkpoints).operator().T
 
     def _accept(self, state: State) -> None:
         check_state(state, self.grid, self.profile)

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg.blas import dgemm, dsyrk, dtrsm
 from scipy.linalg.lapack import dgesv, dpotrf
 
+from contact.arrays.sparse_rows import DeviceRows, SparseRows
 from contact.errors import InputError, MissingDependency
 
 
@@ -36,6 +37,10 @@ class HostArrays:
     def dense(self, matrix: Any) -> Any:
         """A sparse matrix of the host as a dense one."""
         return matrix.toarray(order="F")
+
+    def rows(self, matrix: Any) -> SparseRows:
+        """A sparse matrix of the host for products with vectors where these arrays lie."""
+        return SparseRows(matrix)
 
     def matrix(self, W: Any) -> Any:
         """A symmetric matrix in a form that NumPy code can use."""
@@ -98,7 +103,8 @@ class HostArrays:
         n, k = border.shape
         A = xp.zeros((n + k, n + k), order="F")  # as LAPACK takes it
         at, i = xp.asarray(rows), xp.arange(n)
-        A[:n, :n] = self.values(W).take(at, axis=0).take(at, axis=1)
+        # W lies by columns: entries of one column are gathered together.
+        A[:n, :n] = self.values(W).T[at[:, None], at].T
         A[i, i] += xp.asarray(added)
         A[:n, n:] = xp.asarray(border)
         return A
@@ -181,6 +187,10 @@ class DeviceArrays(HostArrays):
             entries.data
         )
         return flat.reshape((rows, columns), order="F")
+
+    def rows(self, matrix: Any) -> SparseRows:
+        """A sparse matrix of the host for products with vectors on the device."""
+        return DeviceRows(matrix, self.xp)
 
     def matrix(self, W: Any) -> Any:
         """A symmetric matrix in a form that NumPy code can use."""

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.arrays.dense_arrays import HostArrays
 from contact.arrays.row_blocks import diagonal
 from contact.body.axisymmetry import with_hoop
+from contact.body.basis_vectors import BasisVectors, KeptVectors
 from contact.body.cell_finder import find_cells, places_in
 from contact.body.cell_strains import has_slender_cells, internal_forces
 from contact.body.constitutive import StressLaw
@@ -37,11 +40,9 @@ class BasisSolid(Solid):
     dilatation: str
     _live: tuple[sparse.csr_array, sparse.csr_array, NDArray[np.bool_]] | None = None
     _diagonal: tuple[sparse.csr_array, Array] | None = None
-    _forces: tuple[sparse.csr_array, Array, Array] | None = None
     _picked: tuple[sparse.csr_array, sparse.csr_array] | None = None
     _portable: PortableBasis
-    _ANEW = ("stiffness", "absolute_stiffness", "lengths", "_live", "_picked",
-             "_diagonal", "_forces", "_rigid")  # fmt: skip
+    _ANEW = ("stiffness", "lengths", "_live", "_picked", "_diagonal", "_kept", "_rigid")
     _KEPT: ClassVar[tuple[str, ...]] = ("constraint",)
     _values: NDArray[np.bool_] | None = None
     _slender: bool | None = None
@@ -60,11 +61,6 @@ class BasisSolid(Solid):
             ...
 
         @property
-        def absolute_stiffness(self) -> sparse.csr_array:
-            """|S| entry by entry."""
-            ...
-
-        @property
         def constraint(self) -> tuple[sparse.csr_array, Array]:
             """P and u0 of u = P z + u0."""
             ...
@@ -76,7 +72,7 @@ class BasisSolid(Solid):
 
     def snapshot(self) -> Self:
         """A copy for a result, which shares the matrices."""
-        _ = self.stiffness, self.absolute_stiffness, self.lengths
+        _ = self.vectors
         return super().snapshot()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -104,17 +100,38 @@ class BasisSolid(Solid):
             self._live = rows, P, live_rows(rows, P, self.lengths)
         return self._live[2]
 
-    def equilibrium(self, u: Array, contact: Array, load: Array) -> tuple[float, float]:
-        """Largest residual force at a free dof, and the largest sum of the terms' moduli there."""
-        P, _ = self.constraint
-        _, lengths = self.lengths
-        force = self.internal(u) + contact - load
-        terms = self.absolute_stiffness @ np.abs(u) + np.abs(load)
-        return _largest(P.T @ force / lengths), _largest(abs(P.T @ terms) / lengths)
+    @cached_property
+    def _kept(self) -> KeptVectors:
+        return KeptVectors()
 
-    def give(self, forces: Array) -> float:
+    @property
+    def vectors(self) -> BasisVectors:
+        """What computes with vectors of all dofs, shared by all copies of the body."""
+        return self._kept.of(self)
+
+    def compute_with(self, arrays: HostArrays, beside: int = 0) -> BasisVectors:
+        """Compute where the arrays lie, if that fits, for as long as the returned object is kept.
+
+        Parameters
+        ----------
+        arrays : HostArrays
+        beside : int
+            Bytes that must stay free there.
+        """
+        return self._kept.on(arrays, self, beside)
+
+    def placed(self, v: Any) -> Any:
+        """A vector of all dofs where the body computes: in the memory of its device."""
+        return self.vectors.placed(v)
+
+    def equilibrium(self, u: Any, contact: Any, load: Any) -> tuple[float, float]:
+        """Largest residual force at a free dof, and the largest sum of the terms' moduli there."""
+        u, contact, load = map(self.placed, (u, contact, load))
+        return self.vectors.equilibrium(self.internal(u) + contact - load, u, load)
+
+    def give(self, forces: Any) -> float:
         """Largest displacement that one of the forces would cause if all other dofs were fixed."""
-        return _largest(forces * self.lengths[0] / self.diagonal)
+        return self.vectors.give(self.placed(forces))
 
     @property
     def diagonal(self) -> Array:
@@ -140,25 +157,23 @@ class BasisSolid(Solid):
             self._picked = P, picked_by(P, dof_lengths(self))
         return self._picked[1]
 
-    def internal(self, u: Array) -> Array:
+    def internal(self, u: Any) -> Any:
         """Internal forces S u, without the mean translations, which would only add rounding.
 
-        Slender cells: from the strains, see `contact.body.cell_strains`.
+        Slender cells: from the strains, see `contact.body.cell_strains`. They lie where u does, and
+        nobody may change them.
         """
-        S, known = self.stiffness, self._forces
-        if known is None or known[0] is not S or not np.array_equal(known[1], u):
-            known = self._forces = S, u.copy(), self._internal(u)
-        return known[2].copy()
-
-    def _internal(self, u: Array) -> Array:
+        vectors = self.vectors
+        here = vectors.placed(u)
         if self.slender:
-            return internal_forces(self, u)
-        at_rest, values = u.copy(), self._are_values
-        for c in (1,) if self.is_ring else range(self.dim):
-            own = values & (np.arange(u.size) % self.dim == c)
-            at_rest[own] -= u[own].mean()
-        forces: Array = self.stiffness @ at_rest
-        return forces
+            strained = internal_forces
+            on_host = vectors.arrays.get
+            forces = vectors.remembered(
+                here, lambda: vectors.placed(strained(self, np.asarray(on_host(here))))
+            )
+        else:
+            forces = vectors.forces(here)
+        return vectors.returned(forces, u)
 
     @property
     def slender(self) -> bool:
@@ -168,40 +183,32 @@ class BasisSolid(Solid):
         return self._slender
 
     @property
-    def _are_values(self) -> NDArray[np.bool_]:
+    def are_values(self) -> NDArray[np.bool_]:
+        """Dofs that are displacements, not derivatives, shape (ndofs,)."""
         if self._values is None:
             self._values = value_dofs(self)
         return self._values
 
-    def reach(self, u: Array) -> float:
+    def reach(self, u: Any) -> float:
         """Largest displacement at a node; if all are zero, largest derivative times its length."""
-        return _largest(u[self._are_values]) or _largest(self.lengths[0] * u)
+        return self.vectors.reach(self.placed(u))
 
-    def deformation(self, u: Array) -> float:
+    def deformation(self, u: Any) -> float:
         """Largest part of a displacement that no rigid motion explains, in the units of `reach`."""
-        lengths = self.lengths[0]
-        modes = self.rigid * lengths[:, None]
-        modes /= np.linalg.norm(modes, axis=0)
-        motion = np.linalg.lstsq(modes, lengths * u, rcond=None)[0]
-        return _largest(lengths * u - modes @ motion)
+        return self.vectors.deformation(self.placed(u), self.rigid)
 
-    def support_error(self, u: Array) -> float:
+    def support_error(self, u: Any) -> float:
         """Largest deviation from a prescribed displacement; derivatives are times their length."""
-        P, u0 = self.constraint
-        return _largest(self.lengths[0] * (u - u0 - P @ (self.picked.T @ (u - u0))))
+        return self.vectors.support_error(self.placed(u), self.placed(self.constraint[1]))
 
-    def at_supports(self, forces: Array) -> Array:
+    def at_supports(self, forces: Any) -> Any:
         """The part of forces on all dofs that acts where a displacement is prescribed."""
-        P, _ = self.constraint
-        part: Array = forces - self.picked @ (P.T @ forces)
-        return part
+        vectors = self.vectors
+        return vectors.returned(vectors.at_supports(vectors.placed(forces)), forces)
 
-    def total(self, forces: Array) -> Array:
+    def total(self, forces: Any) -> Array:
         """Resultant of forces on all dofs, shape (dim,); of a ring along its axis only."""
-        sums = np.where(self._are_values, forces, 0.0).reshape(-1, self.dim).sum(axis=0)
-        if self.is_ring:
-            sums[0] = 0.0
-        return sums if np.all(np.isfinite(forces)) else np.full(self.dim, np.nan)
+        return self.vectors.total(self.placed(forces))
 
     def mean_dilatation(self, u: Array) -> Array | None:
         """Mean div u of each cell, shape (ncells,), with mean dilatation; else None."""
@@ -278,7 +285,3 @@ class BasisSolid(Solid):
     def cells_of(self, points: Array) -> NDArray[np.int64]:
         """Number of the cell that each point lies in, shape (npoints,)."""
         return find_cells(self.mesh, points)
-
-
-def _largest(x: Any) -> float:
-    return float(np.abs(x).max(initial=0.0))

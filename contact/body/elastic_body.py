@@ -178,12 +178,6 @@ class ElasticBody(CoupledBody, HeatedBody):
         return self.law.stiffness(self.basis, self.dilatation == "mean")
 
     @cached_property
-    def absolute_stiffness(self) -> sparse.csr_array:
-        """``|S|`` entry by entry, against which residuals are judged; shares its pattern with S."""
-        S = self.stiffness
-        return sparse.csr_array((np.abs(S.data), S.indices, S.indptr), shape=S.shape)
-
-    @cached_property
     def scalar_dofs(self) -> Any:
         """Dof numbering of the scalar element; vector dof = dim * scalar dof + component."""
         from skfem.assembly import Dofs
@@ -273,7 +267,8 @@ class ElasticBody(CoupledBody, HeatedBody):
         if self.is_ring:
             refuse_axis(self.mesh, facets)
         degree = 2 * element.maxdeg + _OF_RADII * self.is_ring
-        basis = facet_basis(self.mesh, element, facets, intorder=degree)
+        dofs = self.basis.dofs
+        basis = facet_basis(self.mesh, element, facets, intorder=degree, dofs=dofs)
         self.f = self.f + self._load_vector(basis, traction, "traction")
         return self
 
@@ -375,7 +370,7 @@ class ElasticBody(CoupledBody, HeatedBody):
         f, u0 : ndarray, shape (ndofs,)
             u0 takes the place of ``constraint[1]``; the supported dofs are the same.
         """
-        _ = self.stiffness, self.absolute_stiffness, self.lengths
+        _ = self.vectors
         other = copy(self)
         other.f, other.constraint = f, (self.constraint[0], u0)
         return other

@@ -60,8 +60,7 @@ class MaterialBody(BasisSolid):
             derived = {"lam": None, "mu": None, "law": self._anisotropic(new)}
         self._material = new
         self.__dict__.update(derived)
-        for matrix in ("stiffness", "absolute_stiffness"):
-            self.__dict__.pop(matrix, None)
+        self.__dict__.pop("stiffness", None)
 
     def _isotropic(self, new: dict[str, Any]) -> dict[str, Any]:
         """Check E and nu, which become read-only arrays, and return what follows from them."""

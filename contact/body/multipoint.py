@@ -156,11 +156,11 @@ def _groups(A: sparse.csr_array) -> list[tuple[Index, Index]]:
     """Equations and unknowns of each independent group."""
     m = A.shape[0]
     graph: Any = sparse.block_array([[None, A], [A.T, None]], format="csr")
-    count, label = connected_components(graph, directed=False)
-    order = np.argsort(label, kind="stable")
-    bounds = np.searchsorted(label[order], np.arange(1, count))
-    parts = [part for part in np.split(order, bounds) if part[0] < m and part[-1] >= m]
-    return [(part[part < m], part[part >= m] - m) for part in parts]
+    _, label = connected_components(graph, directed=False)
+    linked = np.flatnonzero(np.isin(label, label[:m]))  # most unknowns stand alone
+    order = linked[np.argsort(label[linked], kind="stable")]
+    parts = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+    return [(part[part < m], part[part >= m] - m) for part in parts if part.size > 1]
 
 
 def _solve(A: Array, right: Array) -> tuple[Array, Array, Array]:

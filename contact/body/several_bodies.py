@@ -81,8 +81,13 @@ class Bodies(Solid):
     @property
     def slices(self) -> tuple[slice, ...]:
         """Where the dofs of each body stand among all dofs."""
-        ends = np.cumsum([body.f.size for body in self._bodies]).tolist()
+        ends = np.cumsum([body.ndofs for body in self._bodies]).tolist()
         return tuple(slice(a, b) for a, b in zip([0, *ends], ends, strict=False))
+
+    @property
+    def ndofs(self) -> int:
+        """Number of dofs of all bodies."""
+        return sum(body.ndofs for body in self._bodies)
 
     @property
     def extent(self) -> float:

@@ -54,7 +54,7 @@ class Solid(Portable, ABC):
         element = vars(self).get("element")
         of = f" of {type(element).__name__}" if element is not None else ""
         kind = self.plane if self.is_ring else f"{self.dim}-D"
-        return f"{type(self).__name__}({kind}, {self.f.size} unknowns{of})"
+        return f"{type(self).__name__}({kind}, {self.ndofs} unknowns{of})"
 
     @property
     def is_ring(self) -> bool:
@@ -82,6 +82,10 @@ class Solid(Portable, ABC):
 
     @f.setter
     def f(self, value: Array) -> None:
+        self._f = self._checked_load(value)
+
+    def _checked_load(self, value: Array) -> Array:
+        """A copy of a load vector; an `InputError` unless it holds a finite number for each dof."""
         given = numbers("f", value)
         expected = self._f.shape if "_f" in self.__dict__ else given.shape
         if given.shape != expected or given.ndim != 1 or not np.all(np.isfinite(given)):
@@ -89,7 +93,17 @@ class Solid(Portable, ABC):
                 f"f: expected finite numbers of shape {expected}, one a dof, got shape "
                 f"{given.shape}" + ("" if np.all(np.isfinite(given)) else " with NaN or infinity")
             )
-        self._f = given
+        return given
+
+    @property
+    def loads(self) -> Array:
+        """The load on every dof, to be read only, shape (ndofs,)."""
+        return self.f
+
+    @property
+    def ndofs(self) -> int:
+        """Number of dofs."""
+        return int(self._f.size)
 
     def check_unchanged(self) -> None:
         """Raise an `InputError` if the loads were edited in place to values that are not finite."""
@@ -215,7 +229,7 @@ class Solid(Portable, ABC):
     @property
     def slices(self) -> tuple[slice, ...]:
         """Where the dofs of each of the `bodies` stand among all dofs."""
-        return (slice(0, self._f.size),)
+        return (slice(0, self.ndofs),)
 
     @property
     def extent(self) -> float:
@@ -302,6 +316,10 @@ class Solid(Portable, ABC):
     def contact_forces(self, rows: Any, mu: Array, t: Array) -> Any:
         """``G^T mu + T^T t`` on all dofs, where the body computes, from `ContactRows`."""
         return rows.G.T @ mu + rows.T.T @ t.ravel()
+
+    def at_points(self, rows: sparse.csr_array, u: Any) -> Array:
+        """The product of contact rows, shape (n, ndofs), and a displacement where it lies."""
+        return np.asarray(rows @ u)
 
     def in_unknowns(self, rows: sparse.csr_array) -> sparse.csr_array:
         """Rows given on all dofs, on the free unknowns."""

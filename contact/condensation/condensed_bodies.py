@@ -31,6 +31,11 @@ class CondensedBodies:
     parts: tuple[CondensedBody, ...]
     _unit: float  # of a motion a, in physical displacements
 
+    @property
+    def always_refined(self) -> bool:
+        """Whether each displacement gets a step of refinement, that of some body at least."""
+        return any(part.always_refined for part in self.parts)
+
     def unbalanced(self, load: Any, u: Any, mu: Array, t: Array) -> Any:
         """Forces on free dofs that nothing balances, or None where refinement gains nothing.
 
@@ -46,7 +51,7 @@ class CondensedBodies:
             return None
         return together(
             [
-                np.zeros(part.body.f.size) if left is None else left
+                np.zeros(part.body.ndofs) if left is None else left
                 for part, left in zip(self.parts, each, strict=True)
             ]
         )
@@ -134,7 +139,7 @@ class CondensedBodies:
             if own.size and own.any():
                 found.append(part.motion_of(part.modes @ (self._unit * own)))
             else:
-                found.append(("", np.zeros(part.body.f.size)))
+                found.append(("", np.zeros(part.body.ndofs)))
         reaches = [b.reach(u) for b, (_, u) in zip(self.body.bodies, found, strict=True)]
         k = int(np.argmax(reaches))
         return self.body.said_of(k, found[k][0]), np.concatenate([u for _, u in found])

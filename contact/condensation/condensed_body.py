@@ -69,6 +69,7 @@ class CondensedBody:
     slender: bool = False
     thin: bool
     path = "sparse"  # how the complement is computed: "sparse", "slabs" or "fourier"
+    always_refined = True  # or only where the forces of a displacement are out of balance
     serial = True  # a second thread of BLAS gains nothing, see `CondensedContact.blas_threads`
     _P: sparse.csr_array
     _factor: Any
@@ -154,7 +155,7 @@ class CondensedBody:
 
     def prescribed(self) -> Array:
         """The prescribed displacements on all dofs, zero elsewhere."""
-        return np.zeros(self.body.f.size) if self._u0 is None else self._u0
+        return np.zeros(self.body.ndofs) if self._u0 is None else self._u0
 
     def reduce(self, load: Array) -> Array:
         """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
@@ -186,7 +187,7 @@ class CondensedBody:
         return u
 
     def unbalanced(self, rest: Array, u: Array) -> Array | None:
-        """Forces on free dofs that nothing balances, where a step of refinement is worth it.
+        """Forces on free dofs that nothing balances; None where refinement gains nothing.
 
         Parameters
         ----------

@@ -179,7 +179,11 @@ class CondensedContact(CondensedBodies):
         seen = self._stiff.ravel() | live_t
         number = live_n.sum() + np.cumsum(seen) - 1
         self.points = PointRows(normal, np.where(seen, number, -1).reshape(alive.shape))
-        tangents = sparse.csr_array(sparse.diags_array(live_t.astype(float)) @ rows.T)
+        # A product with a diagonal would make vectors of all columns, the dofs of the body.
+        of_entry = np.repeat(live_t.astype(float), np.diff(rows.T.indptr))
+        tangents = sparse.csr_array(
+            (of_entry * rows.T.data, rows.T.indices, rows.T.indptr), shape=rows.T.shape
+        )
         return sparse.csr_array(rows.G[live_n]), sparse.csr_array(tangents[seen])
 
     def _prescribe(self, body: Any) -> None:

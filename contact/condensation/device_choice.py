@@ -68,7 +68,7 @@ def choose_device(body: Any, solver: str) -> tuple[str, str]:
         return "cpu", "a DistributedBody is condensed on the processes of the host"
     if solver != "auto":
         return "cpu", f"solver={solver!r} runs on the host"
-    unknowns = body.f.size
+    unknowns = body.ndofs
     if unknowns < LARGE:
         return "cpu", f"{unknowns} unknowns are fewer than {LARGE}, from which a device pays"
     try:

@@ -42,7 +42,7 @@ class CondensedLayers(CondensedBody):
         size, held = body.row_size, body.prescribed[0]
         free = np.ones((2, size), dtype=bool)  # of all node rows but the top, and of the top
         free[0, held[held < size]] = False
-        top = body.f.size - size
+        top = body.ndofs - size
         free[1, held[held >= top] - top] = False
         own = np.flatnonzero(free[0])
         per_length = 1.0 / np.tile([1.0, 1.0, *[body.cell_size] * 4], body.columns + 1)[own]
@@ -56,27 +56,32 @@ class CondensedLayers(CondensedBody):
         self.B = sparse.csr_array(B[:, self._boundary])
         self._per_length, self._kinds = per_length[self._boundary], own[self._boundary] % PER_NODE
         self._factor: Any = FACTORS[self.path](body, free, own[self._boundary], arrays)
-        bottom, everywhere = self._free_motions()
-        self._refuse(unseen_motion(everywhere, bottom[self._boundary]))
+        bottom, plain = self._free_motions()
+        of_unit = self._motion_sizes()[:, None]
+        unseen = unseen_motion(of_unit * plain, bottom[self._boundary])
+        self._refuse(None if unseen is None else unseen / of_unit[:, 0])
         with one_blas_thread(max(self.B.shape)):
-            self._hold(bottom[self._boundary], everywhere)
+            self._hold(bottom[self._boundary], plain)
 
     def _prescribe(self, body: Any) -> None:
         self.body = body
         dofs, values = body.prescribed
         self._u0 = self._lifted = None
         if values.any():
-            u0 = self.arrays.xp.zeros(body.f.size)
+            u0 = self.arrays.xp.zeros(body.ndofs)
             u0[self.placed(dofs)] = self.placed(values)
             self._u0, self._lifted = u0, body.stiffness @ u0
 
     def _free_motions(self) -> tuple[Array, Array]:
-        """Free rigid motions: on the free unknowns of the bottom row, and on all dofs."""
+        """Free rigid motions: on the free unknowns of the bottom row, and of which they consist.
+
+        These are both translations and the rotation about the middle, shape (3, k).
+        """
         body = self.body
         held = body.prescribed[0]
         node, kind = np.divmod(held, PER_NODE)
         j, i = np.divmod(node, body.columns + 1)
-        self._all = _motions(np.repeat(body.x, PER_NODE), 0.0, body)
+        of_bottom = _motions(np.repeat(body.x, PER_NODE), 0.0, body)
         of_held = _motions(body.x[i], body.y[j], body, kind)
         length = np.where(kind < 2, 1.0, body.cell_size)[:, None]
         # Scales that give each motion unit displacement: the rotation has it at the corners.
@@ -84,10 +89,18 @@ class CondensedLayers(CondensedBody):
         scaled = np.vstack((length * of_held / size, np.zeros((3, 3))))
         _, singular, V = np.linalg.svd(scaled, full_matrices=False)
         plain = reduced_echelon(V[singular < RIGID * np.sqrt(max(held.size, 1))] / size).T
-        free: Array = self._P.T @ (self._all @ plain) / (self._P**2).sum(axis=0)[:, None]
-        everywhere = self._of_all_dofs(plain)
-        everywhere[held] = 0.0
-        return free, everywhere
+        free: Array = self._P.T @ (of_bottom @ plain) / (self._P**2).sum(axis=0)[:, None]
+        return free, plain
+
+    def _motion_sizes(self) -> Array:
+        """Norms of the translations and the rotation on all dofs, shape (3,)."""
+        x, y = self._about_middle()
+        turn = x.size * np.sum(y**2) + y.size * np.sum(x**2) + 2.0 * x.size * y.size
+        return np.sqrt([x.size * y.size, x.size * y.size, turn])
+
+    def _about_middle(self) -> tuple[Array, Array]:
+        """Coordinates of the columns and rows of nodes, from the middle of the body."""
+        return self.body.x - 0.5 * self.body.width, self.body.y - 0.5 * self.body.height
 
     def _invert(self) -> None:
         """By waves, whose inverses are the compliance; by a factor where they are not definite."""
@@ -96,7 +109,7 @@ class CondensedLayers(CondensedBody):
         self._by_waves = (
             self.body.path is not None and free.size == self.N.shape[1] and self._factor.hold(free)
         )
-        self.thin, self._modes = False, self.placed(self.modes)
+        self.thin = False
         if not self._by_waves:
             super()._invert()
 
@@ -131,7 +144,11 @@ class CondensedLayers(CondensedBody):
 
     def prescribed(self) -> Array:
         """The prescribed displacements on all dofs, zero elsewhere, on the host."""
-        return np.asarray(self.arrays.get(super().prescribed()))
+        dofs, values = self.body.prescribed
+        u0 = np.zeros(self.body.ndofs)
+        if values.any():
+            u0[dofs] = values
+        return u0
 
     def reduce(self, load: Any) -> Array:
         """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
@@ -164,27 +181,27 @@ class CondensedLayers(CondensedBody):
         return left
 
     def motion_of(self, motion: Array) -> tuple[str, Array]:
-        """Name and all dofs of a rigid motion given on them."""
-        body = self.body
-        # It is identified by its displacement of the bottom row.
-        seen, free = motion[: body.row_size], np.diff(self._P.indptr) > 0
-        rigid: Any = np.linalg.lstsq(self._all[free], seen[free], rcond=None)[0]
-        name = describe_motion(body.trace, rigid_modes(body.trace) @ _about(rigid, body))
-        return name, self._of_all_dofs(rigid)
-
-    def _of_all_dofs(self, rigid: Array) -> Array:
-        """A rigid motion, or several as columns, on every dof of the block."""
-        if not rigid.size:
-            return np.zeros((self.body.f.size, *rigid.shape[1:]))
-        x = np.tile(np.repeat(self.body.x, PER_NODE), self.body.node_rows)
-        y = np.repeat(self.body.y, self.body.row_size)
-        return _motions(x, y, self.body) @ rigid
+        """Name and all dofs of two translations and a rotation about the middle, shape (3,)."""
+        body, (x, y) = self.body, self._about_middle()
+        name = describe_motion(body.trace, rigid_modes(body.trace) @ _about(motion, body))
+        u = np.zeros((y.size, x.size, PER_NODE))
+        u[..., 0] = motion[0] - motion[2] * y[:, None]
+        u[..., 1] = motion[1] + motion[2] * x
+        u[..., 3], u[..., 4] = motion[2], -motion[2]
+        return name, u.ravel()
 
     def resultants(self, load: Array) -> Array:
         """Work of a load on the rigid motions, from the load itself, not from its elimination."""
         if not self.modes.shape[1]:
             return np.zeros(0)
-        return np.asarray(self.arrays.get(self._modes.T @ self.placed(load)))
+        xp, (x, y) = self.arrays.xp, map(self.arrays.xp.asarray, self._about_middle())
+        f = self.placed(load).copy()
+        f[xp.asarray(self.body.prescribed[0])] = 0.0
+        f = f.reshape(y.size, x.size, PER_NODE)
+        turn = x @ f[..., 1].sum(axis=0) - y @ f[..., 0].sum(axis=1)
+        turn += f[..., 3].sum() - f[..., 4].sum()
+        work = xp.stack((f[..., 0].sum(), f[..., 1].sum(), turn))
+        return np.asarray(self.modes.T @ self.arrays.get(work))
 
     def scaled_schur(self) -> Any:
         """S_b on the device, a copy."""

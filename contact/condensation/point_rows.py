@@ -40,12 +40,13 @@ class PointRows:
         All rows of a point have the same value, so that its friction ball remains a ball. Rows
         without compliance do not count in the mean; where a point has no other, the value is one.
         """
+        rows = np.column_stack((self.normal, self.tangent))
+        own = np.where(rows >= 0, compliance[rows], 0.0)
+        count = np.maximum((own > 0).sum(axis=1), 1)
+        total = np.where(own > 0, own, 0.0).sum(axis=1)
         lengths = np.ones(compliance.size)
-        for rows in np.column_stack((self.normal, self.tangent)):
-            live = rows[rows >= 0]
-            own = compliance[live][compliance[live] > 0]
-            if own.size:
-                lengths[live] = np.sqrt(own.mean())
+        of_point = np.where(total > 0, np.sqrt(total / count), 1.0)
+        lengths[rows[rows >= 0]] = np.broadcast_to(of_point[:, None], rows.shape)[rows >= 0]
         return lengths
 
     def of_points(self, of_rows: Array) -> Array:

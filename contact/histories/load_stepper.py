@@ -313,8 +313,10 @@ class LoadStepper(LoadProgram):
         return self._advance(last, middle, end, halvings - 1)
 
     def _small_step(self, last: ContactResult | None, begin: float, end: float) -> ContactResult:
-        problem, system = self.problem, self._system_at(end, last)
-        condensed = problem.condense().under(system.body)
+        problem = self.problem
+        condensed = problem.condense()  # from now on the body computes where it was condensed
+        system = self._system_at(end, last)
+        condensed = condensed.under(system.body)
         start = last if last is None else self._extrapolated(last, begin, end)
         obstacle = problem.obstacle if self._obstacle is None else self._obstacle(end)
         result = problem.solve_system(system, condensed, self.options, start)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from os import PathLike, fspath
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from contact.errors import InputError
 Array = NDArray[np.float64]
 
 TABLES = (".txt", ".csv", ".dat", ".asc")
+_WHOLE = re.compile(r"[+-]?\d+(?:[eE][+-]?\d+)?")
+_WITH_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _UNEVEN = 0.2  # differences of spacings over their mean that rounded coordinates may have
 FORMATS = (".npy", *TABLES, ".xyz", ".png")
 
@@ -53,13 +56,41 @@ def _array(place: Path) -> Array:
 
 
 def _table(place: Path) -> Array:
-    """One row of numbers a line, between blanks, commas or semicolons; # begins a comment."""
-    text = place.read_text().replace(",", " ").replace(";", " ")
-    lines = [line for line in text.splitlines() if line.partition("#")[0].strip()]
+    """One row of numbers a line, between blanks, commas or semicolons; # begins a comment.
+
+    A comma is the decimal mark where other marks part the numbers.
+    """
+    text = [line.partition("#")[0].strip() for line in place.read_text().splitlines()]
+    lines = [line for line in text if line]
     if not lines:
         raise ValueError("it holds no numbers")
-    rows = np.loadtxt(lines, ndmin=2)
+    comma = "." if _decimal_commas(lines) else " "
+    rows = np.loadtxt([line.replace(",", comma).replace(";", " ") for line in lines], ndmin=2)
     return np.asarray(rows[:, 0] if rows.shape[1] == 1 else rows)
+
+
+def _decimal_commas(lines: list[str]) -> bool:
+    """Whether commas stand in numbers and not between them.
+
+    Raises
+    ------
+    ValueError
+        They may mean either.
+    """
+    parts = [part for line in lines for part in line.replace(";", " ").split()]
+    inside = [bool(_WITH_COMMA.fullmatch(part)) for part in parts]
+    if not any(inside):
+        return False
+    points, semicolons = (any(mark in line for line in lines) for mark in ".;")
+    if points and not semicolons:
+        return False
+    plain = all(own or _WHOLE.fullmatch(part) for own, part in zip(inside, parts, strict=True))
+    if plain and len(parts) > len(lines):
+        return True
+    raise ValueError(
+        "its commas may be decimal marks or part the numbers; write decimal points, or a blank "
+        "after each comma that parts numbers"
+    )
 
 
 def _points(place: Path) -> Array:

@@ -149,9 +149,10 @@ class Rough:
         ----------
         path : str or path
             Tables (`.txt`, `.csv`, `.dat`, `.asc`) hold a row of numbers a line, which runs along
-            the last axis; `.xyz` files hold a line x y height for each point of a grid, of which
-            the heights are taken; grey values of a `.png` lie between 0 and 1, the first axis of
-            the surface runs to the right and the second up.
+            the last axis, with decimal commas if blanks or semicolons part the numbers; `.xyz`
+            files hold a line x y height for each point of a grid, of which the heights are taken;
+            grey values of a `.png` lie between 0 and 1, the first axis of the surface runs to the
+            right and the second up.
         lengths : float or sequence of float
         scale : float
             Unit of the file's heights in that of the body: 1e-9 for nm and a body in m.

@@ -248,7 +248,7 @@ class ContactProblem(Portable):
             refuse_other_points(rows, after.system.rows)
         slip_from = None if after is None else np.where(rows.ties[:, None], 0.0, after.slip)
         laws = self.overclosure
-        return ContactSystem(body, rows, body.f, self.law, friction, slip_from, motion, laws)
+        return ContactSystem(body, rows, body.loads, self.law, friction, slip_from, motion, laws)
 
     def condense(
         self, device: str | Sequence[str] | None = None, deterministic: bool | None = None

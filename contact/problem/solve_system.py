@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from contact.problem.small_displacements import warn_of_large_displacements
 from contact.problem.stiffness_form import fits, refined, solved_stiffly
 from contact.result.certify import certify
 from contact.result.contact_result import ContactResult
+from contact.result.contact_state import ContactState
 from contact.result.contact_system import ContactSystem
 from gpu import Infeasible as QPInfeasible
 from gpu import InputError as QPInputError
@@ -34,6 +36,9 @@ Array = NDArray[np.float64]
 STIFF = ("newton", "pdas", "tresca_loop")  # methods that may fall back on the stiffness form
 # If at least so many iterations are allowed, a failure is not due to that limit.
 THOROUGH = 50
+# Part of the tolerance of the certificate up to which the forces of a displacement may be out of
+# balance before it is refined: a digit is left for what rounding does elsewhere.
+RESERVE = 0.1
 
 
 def solve_system(
@@ -83,8 +88,11 @@ def _solved(
     # Layers have no assembled stiffness matrix.
     whole = all(isinstance(body, BasisSolid) for body in system.body.bodies)
 
-    def solved(load: Array, warm: ContactResult | Forces | None, line: Report) -> Any:
+    def solved(
+        load: Array, warm: ContactResult | Forces | None, line: Report, s: Array | None = None
+    ) -> _Solution:
         boundary = _boundary_problem(system, condensed, load)
+        boundary = boundary if s is None else replace(boundary, s=s)
         if isinstance(warm, ContactResult):
             warm = start_forces(warm, system, boundary, scale)
         with one_blas_thread(condensed.size):
@@ -92,14 +100,12 @@ def _solved(
         endless = undetermined_slip(boundary, friction, forces.mu, forces.t)
         if endless is not None:
             raise undetermined(condensed, endless)
-        return forces, slack, condensed.recover(load, boundary, forces)
+        return _Solution(forces, slack, condensed.recover(load, boundary, forces), boundary.s)
 
     load = condensed.placed(system.load)
     try:
-        forces, slack, state = solved(load, start, report)
-        rest = condensed.unbalanced(load, *state)
-        if rest is not None:  # one step of iterative refinement
-            forces, slack, state = solved(load + rest, forces, lambda line: None)
+        found = solved(load, start, report)
+        forces, slack, state, _ = _refined(found, system, condensed, load, options.tol, solved)
     except QPInfeasible as error:
         raise driven(condensed, error.certificate) from error
     except QPInputError as error:
@@ -115,29 +121,55 @@ def _solved(
         more = doubt(condensed, _boundary_problem(system, condensed, system.load), friction)
         raise NotConverged(f"{error}{more}", tuple(history)) from error
     (u, mu, t), motion = state, condensed.obstacle_motion(system.motion, forces)
-    result = ContactResult(
-        system,
-        condensed.fetched(u),
-        mu,
-        t,
-        options.method,
-        tuple(history),
-        motion,
-        options.tol,
-        slack,
+    answer = ContactState(  # displacements lie where they were computed
+        system, u, mu, t, options.method, tuple(history), motion, options.tol, slack
     )
+    result = ContactResult(**vars(replace(answer, u=condensed.fetched(u))))
     if condensed.slender and fits(condensed) and options.method in STIFF:
         return refined(system, condensed, options, result, report, history)
     try:
-        certify(result, options.tol, slack)
+        certify(answer, options.tol, slack)
     except NotConverged:
         if whole and options.method in STIFF:
             with suppress(NotConverged, LinAlgError):
                 return solved_stiffly(system, condensed, options, result, report, history)
         raise
-    warn_of_large_displacements(result)
+    warn_of_large_displacements(answer)
     result.keep_facts_of_many()
     return result
+
+
+class _Solution(NamedTuple):
+    """Forces of the boundary problem, violation of the laws, (u, mu, t), and the loads balanced."""
+
+    forces: Forces
+    slack: float
+    state: tuple[Any, Array, Array]
+    s: Array
+
+
+def _refined(
+    found: _Solution,
+    system: ContactSystem,
+    condensed: CondensedContact,
+    load: Array,
+    tol: float,
+    solved: Callable[..., _Solution],
+) -> _Solution:
+    """The solution after one step of iterative refinement, where that is needed and helps.
+
+    Its contact forces balance the loads themselves: the sum of what is left is rounding.
+    """
+    always = condensed.always_refined
+    before = np.inf if always else system.balance(*found.state)
+    rest = condensed.unbalanced(load, *found.state) if before > RESERVE * tol else None
+    if rest is None:
+        return found
+    with suppress(NotConverged, QPNotConverged):
+        better = solved(load + rest, found.forces, lambda line: None, found.s)
+        if always or system.balance(*better.state) < before:
+            return better
+    return found
 
 
 def _boundary_problem(

@@ -65,8 +65,8 @@ class ContactSystem:
         w : ndarray, shape (k,), or None
             Motions of the obstacles.
         """
-        u_n = np.asarray(self.rows.G @ u)
-        u_t = np.asarray(self.rows.T @ u).reshape(u_n.size, -1)
+        u_n = self.body.at_points(self.rows.G, u)
+        u_t = self.body.at_points(self.rows.T, u).reshape(u_n.size, -1)
         if self.motion is None or w is None:
             return u_n, u_t
         w_n, w_t = self.motion.displacement(w)
@@ -128,7 +128,7 @@ class ContactSystem:
             sum of moduli.
         """
         rows, (here, load) = self.rows, map(self.body.placed, (u, self.load))
-        contact = self.body.contact_forces(rows, mu, t)
+        contact = self.body.placed(self.body.contact_forces(rows, mu, t))
         unbalanced, cancelling = self.body.equilibrium(here, contact, load)
         # Where forces cancel and nothing moves, displacements are the rounding of what they cause.
         length = max(self.body.reach(here), self.body.give(contact)) or 1.0
@@ -184,6 +184,12 @@ class ContactSystem:
             "penetration": _largest(np.maximum(off, 0.0)) / size,
             "complementarity": _largest(np.maximum(-off, 0.0)) / size,
         }
+
+    def balance(self, u: Any, mu: Array, t: Array) -> float:
+        """The residual ``balance`` of `kkt`, of a displacement wherever it lies."""
+        here, load = map(self.body.placed, (u, self.load))
+        contact = self.body.placed(self.body.contact_forces(self.rows, mu, t))
+        return self._unbalanced(here, contact, load)
 
     def _unbalanced(self, u: Any, contact: Any, load: Any) -> float:
         """Residual of the resultant of all forces on a body, the largest of all bodies.

@@ -83,25 +83,26 @@ def in_order(outline: Outline, nominal: Array, number: Index, count: int) -> Ind
     for f, (a, b) in enumerate(ends.T.tolist()):
         at.setdefault(a, []).append(f)
         at.setdefault(b, []).append(f)
-    place = np.full(count, np.inf)
-    left = set(range(length.size))
-    arc = 0.0
+    left, lengths, (start, end) = set(range(length.size)), length.tolist(), ends.tolist()
+    arc, walk = 0.0, []
     starts = [v for v, around in at.items() if len(around) == 1]
     starts.sort(key=lambda v: tuple(mesh.p[:, v]))
     while left:
-        closed = int(ends[0, min(left)])
-        vertex: int = next((v for v in starts if at[v][0] in left), closed)
+        vertex = next((v for v in starts if at[v][0] in left), start[min(left)])
         while True:
             ahead = [f for f in at[vertex] if f in left]
             if not ahead:
                 break
             f = ahead[0]
             left.discard(f)
-            forward = ends[0, f] == vertex
-            s = nominal[f] if forward else 1.0 - nominal[f]
-            used = number[f] >= 0
-            place[number[f][used]] = np.minimum(place[number[f][used]], arc + (s * length[f])[used])
-            arc += length[f]
-            vertex = int(ends[1, f] if forward else ends[0, f])
+            forward = start[f] == vertex
+            walk.append((f, arc, forward))
+            arc += lengths[f]
+            vertex = end[f] if forward else start[f]
         arc += 1e-9 * length.sum()  # keeps separate pieces apart where one ends as the next starts
+    facets, before, forwards = map(np.array, zip(*walk, strict=True))
+    s = np.where(forwards[:, None], nominal[facets], 1.0 - nominal[facets])
+    places, points = before[:, None] + s * length[facets, None], number[facets]
+    place = np.full(count, np.inf)
+    np.minimum.at(place, points[points >= 0], places[points >= 0])
     return np.argsort(place, kind="stable")

@@ -327,7 +327,30 @@ def _with_friction(
         if not law.coulomb:
             return proximal_point(problem, law, start, tol=tol, report=report)
     now = start
-    for _ in range(_LOOPS):
-        given = GridFriction(law.bound(problem.xp.maximum(now[0][0], 0.0)), False)
-        now = friction_newton(problem, given, now, tol=1e-6, phase="tresca", report=report)
-    return friction_newton(problem, law, now, tol=tol, report=report)
+    try:
+        for _ in range(_LOOPS):
+            given = GridFriction(law.bound(problem.xp.maximum(now[0][0], 0.0)), False)
+            now = friction_newton(problem, given, now, tol=1e-6, phase="tresca", report=report)
+        return friction_newton(problem, law, now, tol=tol, report=report)
+    except NotConverged:
+        _check_drag(problem, law, start)
+        raise
+
+
+def _check_drag(problem: GridProblem, law: GridFriction, start: Any) -> None:
+    """Raise an `Infeasible` where the force along the surface is beyond that of sliding."""
+    along = np.nan_to_num(problem.force) * (np.arange(len(problem.force)) > 0)
+    drag = float(np.linalg.norm(along))
+    if drag == 0:
+        return
+    far = 10 * drag / problem.scale_along  # further than all the force would move a single point
+    force = np.where(np.arange(along.size) > 0, np.nan, problem.force)
+    v0 = problem.v0 + problem.moved(far / drag * along)
+    sliding = GridProblem(problem.compliance, v0, problem.gap, force)
+    forces, _ = friction_newton(sliding, law, start, tol=1e-6)
+    held = float(sliding.sums(forces) @ along) / drag
+    if drag >= held * (1 - 1e-6):
+        raise Infeasible(
+            f"obstacle: the force {drag:.6g} along the surface is beyond the friction, which "
+            f"holds {held:.6g} where all points slide; let it move by a displacement"
+        )

@@ -12,6 +12,8 @@ from contact.errors import InputError, numbers
 from contact.spectral.filtered_compliance import FilteredCompliance
 from contact.spectral.real_symbol import RealSymbol
 
+_RANGE = 1e100  # determinants of three components are products of three stiffnesses
+
 
 class HalfSpace(FilteredCompliance):
     r"""An elastic half space (2-D: half plane in plane strain) whose loads repeat periodically.
@@ -101,6 +103,7 @@ class HalfSpace(FilteredCompliance):
         self.contact_modulus = float(young / (1 - ratio**2))
         self.constant = np.zeros(dim, dtype=bool)
         self.initial = xp.zeros((dim, *self.shape))
+        _check_range(E, float(young), self.spacing, max(sides))
         symbol = _symbol(self.shape, self.spacing, float(young), float(ratio), self.normal)
         turns = (self.normal == 0).astype(int).tolist()
         compliance = RealSymbol.of(xp.asarray(symbol), turns)
@@ -116,6 +119,19 @@ class HalfSpace(FilteredCompliance):
     def __repr__(self) -> str:
         """Say how many points there are."""
         return f"HalfSpace({' x '.join(map(str, self.shape))} points)"
+
+
+def _check_range(given: Any, E: float, spacing: Sequence[float], period: float) -> None:
+    """Raise an `InputError` where products of stiffnesses leave the range of numbers."""
+    with np.errstate(over="ignore", under="ignore"):
+        k = np.array([1.0 / np.float64(period), 1.0 / min(spacing)])
+        sizes = np.r_[k, np.float64(E) * k * np.prod(spacing)]
+    if not np.all((sizes > 1 / _RANGE) & (sizes < _RANGE)):
+        raise InputError(
+            f"E={given!r}: with points {min(spacing):.3g} apart on a period of {period:.3g} the "
+            "stiffness of a point, or its cube, is beyond the range of numbers; choose other "
+            "units of length or force"
+        )
 
 
 def _symbol(

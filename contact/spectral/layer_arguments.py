@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.body.elastic_body import ElasticBody
+from contact.body.layers.lateral_sides import Sides
 from contact.body.layers.layers import Layer
 from contact.body.rigid_modes import dof_kinds
 from contact.errors import InputError
@@ -50,14 +51,17 @@ def read_base(base: Any) -> tuple[float, float]:
     return base[0], base[1]
 
 
-def read_cells(cells: Any, lateral: int) -> tuple[int, ...]:
-    """Numbers of cells in the lateral directions.
+def read_cells(cells: Any, sides: Sides) -> tuple[int, ...]:
+    """Numbers of cells in the lateral directions: one at least, between periodic sides two.
 
     Raises
     ------
     InputError
     """
-    given = np.atleast_1d(cells)
-    if given.shape != (lateral,) or given.dtype.kind not in "iu" or np.any(given < 2):
-        raise InputError(f"cells={cells!r}: expected {lateral} whole numbers from 2")
+    given, least = np.atleast_1d(cells), [2 if fixed is None else 1 for fixed in sides]
+    if given.shape != (len(sides),) or given.dtype.kind not in "iu" or np.any(given < least):
+        raise InputError(
+            f"cells={cells!r}: expected {len(sides)} whole numbers from "
+            + (", ".join(map(str, least)) if len(set(least)) > 1 else str(least[0]))
+        )
     return tuple(map(int, given))

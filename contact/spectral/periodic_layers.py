@@ -145,8 +145,8 @@ class PeriodicLayers(FilteredCompliance):
         if given.shape not in ((1,), (2,)) or not np.all(np.isfinite(given) & (given > 0)):
             raise InputError(f"lengths={lengths!r}: expected one or two positive numbers")
         self.lengths, self.dim = tuple(map(float, given)), given.size + 1
-        self.cells, self.sides = read_cells(cells, given.size), sides
-        self._sides = read_sides(sides, self.dim)
+        self._sides, self.sides = read_sides(sides, self.dim), sides
+        self.cells = read_cells(cells, self._sides)
         self.spacing = tuple(np.divide(self.lengths, self.cells).tolist())
         refuse_rings(plane, self.dim)
         self.layers, self.plane = read_layers(layers), plane

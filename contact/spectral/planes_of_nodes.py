@@ -107,7 +107,7 @@ def _loose(
     of_z = np.zeros(shape, dtype=bool)
     of_z.ravel()[column[free]] = True
     held = np.stack([lateral.held(k) for k in range(r)], axis=-1)
-    loose = np.flatnonzero(of_z[-1][~held.any(axis=-1)].any(axis=0)) if r else np.arange(0)
+    loose = np.flatnonzero((of_z[-1] & ~held).reshape(-1, r).any(axis=0))
     expected = np.broadcast_to(~held, shape).copy()
     expected[-1][..., np.setdiff1d(np.arange(r), loose)] = False
     if not np.array_equal(of_z, expected):

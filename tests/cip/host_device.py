@@ -69,6 +69,9 @@ class Array(np.lib.mixins.NDArrayOperatorsMixin):
     def __float__(self):
         return float(self._host)
 
+    def __int__(self):
+        return int(self._host)
+
     def __bool__(self):
         return bool(self._host)
 

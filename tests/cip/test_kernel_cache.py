@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from cip import Grid, Solver, Velocity, jit
 from cip.engines import cpu_loops, line_blocks, path_loops, plane_blocks
 from cip.profiles import line_kernels
@@ -32,6 +34,7 @@ print(len(compiled))
 """
 
 
+@pytest.mark.turns(4)
 def test_the_next_process_compiles_nothing():
     """What this process has compiled the next one finds; the listener does count."""
     grid, velocity = Grid((0, 1), 8, periodic=True), Velocity.from_expression("cos(t)")

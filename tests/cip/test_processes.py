@@ -46,6 +46,7 @@ def test_a_forked_child_steps(monkeypatch):
     assert ours.recv()
 
 
+@pytest.mark.turns(4)
 def test_two_solvers_in_two_threads_are_bit_equal_to_one(monkeypatch):
     monkeypatch.setenv("NUMBA_NUM_THREADS", "2")
     field = Velocity.from_expression("1 + 0.5*sin(2*pi*x1)*cos(t)")
@@ -108,6 +109,7 @@ def test_velocities_and_solvers_survive(kind, how):
         )
 
 
+@pytest.mark.turns(4)
 def test_planes_with_every_option_survive():
     solver = Solver(
         Grid([(0, 1), (0, 2)], (16, 12), periodic=(True, False)),

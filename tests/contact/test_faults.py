@@ -63,6 +63,7 @@ WITHOUT_SPACE = """
 """
 
 
+@pytest.mark.turns(4)
 def test_no_space_left(tmp_path):
     """A result, an animation (VTK's own writers end the process here) and a history on a full disk.
 

@@ -69,6 +69,7 @@ PROBLEMS = {
 }
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("copied", [sent, copy.deepcopy, copy.copy])
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_problems_and_results(name, copied, make):
@@ -87,6 +88,7 @@ def test_problems_and_results(name, copied, make):
     assert np.abs(copied(problem).solve().u - result.u).max() <= 1e-13 * np.abs(result.u).max()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("copied", [sent, copy.deepcopy, copy.copy])
 @pytest.mark.parametrize("make_pairs", [pair, stack, slit])
 def test_several_bodies(make_pairs, copied):
@@ -218,6 +220,7 @@ def solved(body):
     return ContactProblem(body, "bottom", slope, 0.3).solve()
 
 
+@pytest.mark.turns(4)
 def test_worker_that_is_spawned():
     """A body goes there, a result comes back."""
     mesh = MeshQuad().refined(2).with_defaults()

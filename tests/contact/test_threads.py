@@ -48,6 +48,7 @@ def test_one_condensation_for_many_loads(solver, make):
     assert all(map(same, alone, together))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_problems_of_their_own(solver, make):
     sizes = [4, 5, 6, 7] * 3
@@ -81,6 +82,7 @@ def test_a_copy_outlives_its_original(solver, make):
     assert same(fields(other.solve()), expected)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_one_problem_of_two_bodies_solved_by_many(solver):
     expected = fields(pair(solver=solver).solve())

@@ -49,6 +49,7 @@ def _relative_jacobian(mesh):
     return det / det.mean(axis=1, keepdims=True)
 
 
+@pytest.mark.turns(4)
 def test_default_size_is_graded_and_well_shaped(default):
     assert 6000 <= default.nelements <= 8000
     angles = _angles(default)

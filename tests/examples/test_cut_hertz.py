@@ -35,6 +35,7 @@ def test_pressure_has_no_oscillation(pressed):
     assert np.count_nonzero(np.diff(steps)) == 1
 
 
+@pytest.mark.turns(4)
 def test_friction_sticks_where_cattaneo_says(cut_hertz):
     """Within one contact point at each end."""
     friction = 0.3

@@ -3,6 +3,7 @@
 import pytest
 
 
+@pytest.mark.turns(4)
 def test_heat_control(example, tmp_path):
     script = example("heat_control")
     numbers = script.main(["--modes", "5", "--subspaces", "20", "40", "--output", str(tmp_path)])

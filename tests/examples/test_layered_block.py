@@ -1,8 +1,10 @@
 """The example of the layered block asserts what it shows, and what it writes can be opened."""
 
+import pytest
 import pyvista
 
 
+@pytest.mark.turns(4)
 def test_the_example_holds_and_writes_its_window(example, tmp_path):
     example("layered_block").main(tmp_path)
     grid = pyvista.read(tmp_path / "layered_block.vti")

@@ -78,6 +78,7 @@ def spectra():
     ]
 
 
+@pytest.mark.turns(4)
 def test_quadratic_programs_on_shared_factors():
     same(programs(0), times=20)  # 400 of them
 

@@ -14,6 +14,7 @@ def test_poisson_adini(tmp_path, capsys):
     assert "order" in capsys.readouterr().out
 
 
+@pytest.mark.turns(4)
 def test_hanging_nodes(tmp_path, capsys):
     uniform, refined, jump = load("hanging_nodes").main(["--output", str(tmp_path)])
     assert (tmp_path / "hanging_nodes.png").stat().st_size > 10_000
@@ -25,6 +26,7 @@ def test_hanging_nodes(tmp_path, capsys):
     assert "largest jump" in capsys.readouterr().out
 
 
+@pytest.mark.turns(4)
 def test_shape_functions(tmp_path, capsys):
     distance, entries = load("shape_functions").main(["--output", str(tmp_path)])
     assert distance < 1e-14
@@ -34,6 +36,7 @@ def test_shape_functions(tmp_path, capsys):
     assert "identity" in capsys.readouterr().out
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("solver", ["auto", "amg"])
 def test_bending(tmp_path, capsys, solver):
     """Saint-Venant's solution to round-off, and the same stress inside the cells of the file."""

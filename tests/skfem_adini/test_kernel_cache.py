@@ -68,6 +68,7 @@ def run(package, script, **environment):
     return done.stdout.split()
 
 
+@pytest.mark.turns(4)
 def test_a_changed_kernel_is_compiled_anew_with_its_callers(package):
     """The caller kept the old formula of what it calls."""
     assert run(package, KERNELS) == ["4.0", "2"]
@@ -76,6 +77,7 @@ def test_a_changed_kernel_is_compiled_anew_with_its_callers(package):
     assert run(package, KERNELS) == ["5.0", "2"]
 
 
+@pytest.mark.turns(4)
 def test_files_changed_while_a_process_runs(package):
     """What it compiles later from the code it has loaded is not kept as that of the new files."""
     change = "import pathlib; pathlib.Path(callee.__file__).write_text('def inner(x): return 7.0')"
@@ -84,6 +86,7 @@ def test_files_changed_while_a_process_runs(package):
     assert run(package, KERNELS)[0] == "7.0"
 
 
+@pytest.mark.turns(4)
 def test_damaged_files_are_compiled_anew(package):
     run(package, KERNELS)
     files = [*package.glob("__pycache__/*.nb?")]
@@ -104,6 +107,7 @@ def nowhere(package):
     return {"HOME": nothing, "XDG_CACHE_HOME": nothing, "LOCALAPPDATA": nothing}
 
 
+@pytest.mark.turns(4)
 def test_assemble_where_no_folder_can_be_written(package):
     """A RuntimeError of numba's came before: "no locator available for file"."""
     assert run(package, ASSEMBLE, **nowhere(package)) == ["1.0"]

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.arrays.dense_arrays import HostArrays, arrays_on
+from contact.body.layers.block_loads import BlockLoads
 from contact.body.layers.cell_stencil import CellStencil
 from contact.body.layers.layers import PER_NODE
-from contact.body.solid import Solid
 
 Array = NDArray[np.float64]
 
 
-class BlockVectors(Solid):
+class BlockVectors(BlockLoads):
     """What `LayeredBlock` computes with vectors of all its dofs, where its arrays lie.
 
     Attributes
@@ -31,7 +31,6 @@ class BlockVectors(Solid):
     cell_size : float
     """
 
-    arrays = HostArrays()
     columns: int
     node_rows: int
     x: Any
@@ -56,20 +55,22 @@ class BlockVectors(Solid):
         """S as ``S @ u``, cell by cell; no matrix is built."""
         return CellStencil(self.columns, self.cell_rows, self.arrays)
 
-    def placed(self, v: Any) -> Any:
-        """A vector of all dofs in the memory of the device that applies the stiffness."""
-        return self.arrays.xp.asarray(v)
-
     def contact_forces(self, rows: Any, mu: Array, t: Array) -> Any:
         """``G^T mu + T^T t`` on all dofs, where the body computes, from `ContactRows`.
 
         They act on the lowest row of cells: all others are zeros that the device makes itself.
         """
-        xp, own = self.arrays.xp, self.trace.f.size
+        xp, own = self.arrays.xp, self.trace.ndofs
         lowest = rows.G[:, :own].T @ mu + rows.T[:, :own].T @ t.ravel()
-        forces = xp.zeros(self.f.size)
+        forces = xp.zeros(self.ndofs)
         forces[:own] = xp.asarray(lowest)
         return forces
+
+    def at_points(self, rows: Any, u: Any) -> Array:
+        """The product of contact rows, which take dofs of the lowest cells, and a displacement."""
+        own = self.trace.ndofs
+        values: Array = rows[:, :own] @ self.arrays.get(u[:own])
+        return values
 
     def equilibrium(self, u: Any, contact: Any, load: Any) -> tuple[float, float]:
         """Largest residual force at a free dof, and the largest sum of the terms' moduli there."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import Basis, ElementVector, MeshQuad
 
+from contact.body.deferred_basis import DeferredBasis
 from contact.body.elastic_body import ElasticBody
 from contact.body.layers.layers import PER_NODE, grid
 from contact.body.layers.mirrored import vanishing
@@ -25,8 +26,8 @@ def built_edge(block: Any, name: str) -> tuple[ElasticBody, NDArray[np.int64]]:
         at = slice(-2, None) if name == "top" else slice(0, 2)
         cell = block.cell_bodies[-1 if name == "top" else 0]
         row = strip(block, grid(block.x, y[at]), cell, intorder=1)
-        start = block.f.size - row.f.size if name == "top" else 0
-        return row, start + np.arange(row.f.size)
+        start = block.ndofs - row.ndofs if name == "top" else 0
+        return row, start + np.arange(row.ndofs)
     i = np.array([0, 1] if name == "left" else [block.columns - 1, block.columns])
     nodes = (block.columns + 1) * np.arange(y.size)[:, None] + i
     dofs = PER_NODE * nodes.ravel()[:, None] + np.arange(PER_NODE)
@@ -36,7 +37,9 @@ def built_edge(block: Any, name: str) -> tuple[ElasticBody, NDArray[np.int64]]:
 
 def strip(block: Any, mesh: MeshQuad, cell: ElasticBody, intorder: int | None) -> ElasticBody:
     """A body of some cells of a block, without supports."""
-    basis = Basis(mesh, ElementVector(ElementQuadAdini(1)), intorder=intorder)
+    element = ElementVector(ElementQuadAdini(1))
+    # Edges serve supports and tractions, which need no shape functions inside the cells.
+    basis = Basis(mesh, element) if intorder is None else DeferredBasis(mesh, element, intorder)
     return ElasticBody(basis, E=cell.E, nu=cell.nu, plane=block.plane)
 
 

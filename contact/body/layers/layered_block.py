@@ -160,7 +160,7 @@ class LayeredBlock(BlockVectors):
             for l in self.layers
         ]
         vanishing(self, 1)  # refuses sides that the path does not serve
-        self.f: Array = np.zeros(self.node_rows * self.row_size)
+        self._unload(self.node_rows * self.row_size)
         self._supports: list[tuple[str, int, Field]] = []
         for boundary, components in zip(SIDES, (*read_sides(sides), top), strict=True):
             if components is not None:
@@ -200,11 +200,11 @@ class LayeredBlock(BlockVectors):
         traction : array of shape (2,) or callable x -> array of shape (2, ...)
             Force per area, which comes on top of earlier loads.
         """
-        f = self.f.copy()
+        found = []
         for name in self._names(boundary, (*SIDES, "bottom")):
             edge, dofs = self._edge(name)
-            f[dofs] += edge.load(edge.facets(name), traction).f
-        self.f = f
+            found.append((dofs, edge.load(edge.facets(name), traction).f))
+        self._add(found)
         return self
 
     def body_force(self, force: Field) -> Self:
@@ -287,12 +287,12 @@ class LayeredBlock(BlockVectors):
 
     def embed(self, matrix: sparse.csr_array) -> sparse.csr_array:
         """Rows given on the dofs of the bottom row of cells, extended to all dofs."""
-        shape = matrix.shape[0], self.f.size
+        shape = matrix.shape[0], self.ndofs
         return sparse.csr_array((matrix.data, matrix.indices, matrix.indptr), shape=shape)
 
     def live(self, rows: sparse.csr_array) -> NDArray[np.bool_]:
         """Rows that the supports do not fix; see `contact.body.supports.live_rows`."""
-        own = sparse.csr_array(rows[:, : self.trace.f.size])
+        own = sparse.csr_array(rows[:, : self.trace.ndofs])
         return live_rows(own, self.trace.constraint[0], self.trace.lengths)
 
     @property
@@ -308,9 +308,9 @@ class LayeredBlock(BlockVectors):
     def constraint(self) -> tuple[sparse.csr_array, Array]:
         """P and u0 of ``u = P z + u0``, as `ElasticBody.constraint`; built anew on every call."""
         dofs, values = self.prescribed
-        u0, free = np.zeros(self.f.size), np.ones(self.f.size, dtype=bool)
+        u0, free = np.zeros(self.ndofs), np.ones(self.ndofs, dtype=bool)
         u0[dofs], free[dofs] = values, False
-        return sparse.csr_array(sparse.eye_array(self.f.size, format="csc")[:, free]), u0
+        return sparse.csr_array(sparse.eye_array(self.ndofs, format="csc")[:, free]), u0
 
     def under(self, f: Array, u0: Array) -> Self:
         """The same body under other loads and other values of the same supports."""
@@ -321,7 +321,7 @@ class LayeredBlock(BlockVectors):
 
     def in_unknowns(self, rows: sparse.csr_array) -> sparse.csr_array:
         """Rows given on all dofs, of which they take those of the `trace`, on its unknowns."""
-        return sparse.csr_array(rows[:, : self.trace.f.size] @ self.trace.constraint[0])
+        return sparse.csr_array(rows[:, : self.trace.ndofs] @ self.trace.constraint[0])
 
     def displacement(self, u: Array, points: Array) -> Array:
         """Displacement at points, by the element's own interpolation, shape (2, npoints)."""

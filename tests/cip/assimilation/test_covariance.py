@@ -34,6 +34,7 @@ def test_variances_are_exact_and_the_root_has_its_transpose(name, profile):
     np.testing.assert_allclose(transposed.T, S, rtol=0, atol=1e-12 * np.abs(S).max())
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("order", [2, 3, 6])
 def test_correlations_on_the_line_beside_the_closed_form(order):
     """That of (1 - kappa d^2)^-M on the infinite line: polynomials times exponentials."""

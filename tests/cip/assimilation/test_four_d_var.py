@@ -239,6 +239,24 @@ def test_reports_of_the_start_alone():
     assert len(found.states) == 1
 
 
+def test_an_analysis_becomes_a_dataset():
+    pytest.importorskip("xarray")
+    solver, background, B, sensors, _ = problem("bicubic")
+    wind = Velocity.from_expression("a + 0*x1", "0.5*sin(2*pi*x1)", parameters={"a": 1.0})
+    solver = Solver(solver.grid, wind, profile="bicubic")
+    found = four_d_var(solver, background, B, sensors, dt=0.05, parameters={"a": 1e-3}, tol=1e-6)
+    dataset = found.to_xarray()
+    for k, state in enumerate(found.states):
+        for name in ("u", "u_x", "u_y", "u_xy"):
+            np.testing.assert_array_equal(dataset[name].isel(t=k), state[name])
+    assert dataset["t"].values.tolist() == TIMES.tolist()
+    np.testing.assert_array_equal(dataset["y"], solver.grid.coordinates[1])
+    assert dataset["deviation"].dims == ("x", "y")
+    np.testing.assert_array_equal(dataset["deviation"], found.deviations)
+    assert dataset["parameter_value"].sel(parameter="a") == found.parameters["a"]
+    assert dataset["parameter_deviation"].sel(parameter="a") == found.parameter_deviations["a"]
+
+
 def test_what_is_refused():
     solver, background, B, sensors, Q = problem("cubic")
     good = (solver, background, B, sensors)

@@ -31,6 +31,7 @@ def whirled(grid, place, turn):
 
 
 # Each formula is compiled: most stand in the slow lane.
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("place", "periodic", "unit", "t"),
     [
@@ -84,6 +85,7 @@ def squeezed(grid, place):
     return Velocity.from_expression(field), feet
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("place", "periodic", "unit"),
     [
@@ -140,6 +142,7 @@ def test_space():
     assert np.abs(exact - places).max() > 0.3
 
 
+@pytest.mark.turns(4)
 def test_velocity_whose_period_divides_the_step():
     """Sub-steps of half a step, or of a quarter, would see its crests only; its integral is 0."""
     grid = Grid((0, 1), 64, periodic=True)

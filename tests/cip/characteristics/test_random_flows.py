@@ -56,6 +56,7 @@ def test_feet_of_steep_velocities_and_long_steps(seed, dt):
     assert LOG_DETERMINANT in stage.jets
 
 
+@pytest.mark.turns(4)
 @settings(max_examples=6, deadline=None)
 @given(seed=st.integers(0, 10**6), dt=st.floats(1e-3, 50.0), single=st.booleans())
 def test_constants_and_reversal_on_uneven_grids(seed, dt, single):

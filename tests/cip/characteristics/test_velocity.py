@@ -104,6 +104,7 @@ SLOW = pytest.mark.slow
 KINDS = ["traced", pytest.param("values", marks=SLOW), "jacobian", "arrays", "expression"]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_velocity_gives_the_same_step(kind):
     grid = Grid([(0, 2 * np.pi)] * 2, (24, 24), periodic=True)
@@ -136,6 +137,7 @@ def test_every_kind_of_velocity_gives_the_same_step(kind):
     np.testing.assert_allclose(after.data, expected.data, atol=tolerance)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("stored", [True, False])
 def test_unsteady_velocity_has_order_three(stored):
     """u_t + cos(t) u_x = 0: the exact shift is sin t."""

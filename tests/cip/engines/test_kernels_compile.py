@@ -72,6 +72,7 @@ EVERY = [
 ]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("profile", "limiter", "dim", "form", "dtype"), EVERY)
 def test_stored_feet(profile, limiter, dim, form, dtype, tmp_path):
     check(solver_of(profile, limiter, dim, dtype, form=form), tmp_path)
@@ -161,6 +162,7 @@ def test_feet_computed_in_the_kernel(profile, dim, form, tmp_path):
     assert left[0] == 0
 
 
+@pytest.mark.turns(4)
 def test_parameters_are_arguments_of_the_kernel(tmp_path):
     """One compiled source for several values, each against the CPU's kernel."""
     grid = Grid((0, 1), 24, periodic=True)

@@ -138,6 +138,7 @@ def test_a_parameter_may_have_any_name():
     assert own.with_parameters(self=2.0).parameters == {"self": 2.0}
 
 
+@pytest.mark.turns(4)
 def test_names_of_unknowns_do_not_collide():
     """Parameters named as the variables of the generated code are."""
     grid = Grid((0, 1), 16, periodic=True)

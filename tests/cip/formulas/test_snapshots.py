@@ -192,6 +192,7 @@ def test_new_data_compile_nothing_and_copies_are_equal():
     np.testing.assert_array_equal(end(pickle.loads(pickle.dumps(first))), expected)
 
 
+@pytest.mark.turns(4)
 def test_periods_of_the_data_repeat():
     """A solver over two periods of the snapshots, beginning elsewhere."""
     data = Grid((0, 1), 16, periodic=True)
@@ -263,6 +264,7 @@ def test_periods_that_do_not_fit():
         Solver(Grid((0, 1.5), 8, periodic=True), velocity)
 
 
+@pytest.mark.turns(4)
 def test_times_that_the_data_do_not_cover():
     data = Grid((0, 1), 8, periodic=True)
     solver = Solver(data, Velocity.from_snapshots([0, 1], np.ones((2, 8)), data))

@@ -2,9 +2,17 @@
 
 import numpy as np
 import pytest
-from truths import snapshots
+from truths import feet, snapshots
 
-from cip import Grid, IdentifiabilityWarning, Solver, SplineVelocity, Velocity, identify_velocity
+from cip import (
+    Grid,
+    IdentifiabilityWarning,
+    Sensors,
+    Solver,
+    SplineVelocity,
+    Velocity,
+    identify_velocity,
+)
 
 TAU = 2 * np.pi
 
@@ -70,3 +78,37 @@ def test_a_stream_function():
     error = found.values - exact
     assert np.linalg.norm(error) <= 0.1 * np.linalg.norm(exact)
     assert np.mean(np.abs(error) <= 2.0 * found.value_deviations) >= 0.9
+
+
+@pytest.mark.slow
+def test_both_components():
+    """Each component by splines of its own; nothing says that the flow keeps areas."""
+    grid, c = Grid([(0, 1), (0, 1)], (16, 16), periodic=True), swirl(0.5, 0.2)
+    data = snapshots(c, (0.1, 0.2), grid, 0.01, u=tracer)
+    solver = Solver(grid, SplineVelocity(grid, 6, start=[0.1, 0.0]), profile="adini")
+    found = identify_velocity(
+        solver, solver.state(tracer), data, dt=0.1, noise=0.01, regularization="H1"
+    )
+    exact = c(*grid.mesh())
+    error = found.values - exact
+    assert np.linalg.norm(error) <= 0.05 * np.linalg.norm(exact)
+    assert np.mean(np.abs(error) <= 2.0 * found.value_deviations) >= 0.9
+
+
+def test_sensors_in_a_plane():
+    """Reports at points between the nodes, at many times: as well as their deviations say."""
+    grid = Grid([(0, 1), (0, 1)], (32, 32), periodic=True)
+    flow = Velocity.from_expression(
+        "d + s*sin(2*pi*x1 + .3)*cos(2*pi*x2)",
+        "-s*cos(2*pi*x1 + .3)*sin(2*pi*x2)",
+        parameters={"s": 0.2, "d": 0.0},
+    )
+    places, times = np.random.default_rng(3).random((2, 6)), np.arange(1, 7) * 0.04
+    ends = feet(swirl(0.5, 0.1), times, *places)
+    values = np.stack([tracer(*at) for at in ends])
+    data = Sensors(places, times, values, 0.02).perturbed(seed=4, dropouts=0.1)
+    solver = Solver(grid, flow, profile="adini")
+    found = identify_velocity(solver, solver.state(tracer), data, dt=0.04)
+    for name, value in {"s": 0.5, "d": 0.1}.items():
+        assert abs(found.parameters[name] - value) <= 4.0 * found.deviations[name] <= 0.05
+    assert found.explained

@@ -85,6 +85,7 @@ def test_deviations_are_those_of_the_normal_equations():
     assert found.deviations["a"] == pytest.approx(expected, rel=2e-3)  # error of the cubic
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("own", [False, True], ids=["Sensors", "matrices"])
 def test_sensors_at_points(own):
     """Four sensors and 25 times tell the three parameters as well as their deviations say."""
@@ -123,6 +124,7 @@ def test_masked_values_are_missing():
     assert abs(part.parameters["b"] - 0.3) <= 4.0 * part.deviations["b"]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("unit", [1e-3, 1e4])
 def test_units_do_not_matter(unit):
     """Lengths in another unit, times too, and a field too: the same velocity in these units."""
@@ -160,6 +162,7 @@ def test_bounds_hold():
     assert "b" in found.summary()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("weight", ["l-curve", "discrepancy"])
 def test_without_knowledge_of_the_noise(weight):
     solver = Solver(SHORT, SplineVelocity(SHORT, 10, 1.0))

@@ -83,6 +83,7 @@ def test_diagnostics():
     assert found.minimum[0] == pytest.approx(1)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     "profile", ["linear", "piecewise_linear", "cubic", "quintic", "csl2", "csl4"]
 )
@@ -193,6 +194,7 @@ WITHOUT_SPACE = """
 """
 
 
+@pytest.mark.turns(4)
 def test_no_space_left(tmp_path):
     """An OSError, where VTK's own writer ends the process; nothing half written stays."""
     (error,) = errors_without_space(WITHOUT_SPACE, tmp_path, 4000)
@@ -213,6 +215,7 @@ def test_xarray():
     np.testing.assert_array_equal(data["u"].isel(t=-1), run.final["u"])
 
 
+@pytest.mark.turns(4)
 def test_pictures(tmp_path):
     import matplotlib.pyplot as plt
 

@@ -25,6 +25,7 @@ def test_order_of_uniform_flow(profile, low, high):
     assert low <= order(sizes, errors) <= high
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("profile", ["csl2", "csl4"])
 def test_order_of_the_splitting(profile):
     """Rotation of a smooth bell by half a turn: the sweeps add an error of order two."""
@@ -89,6 +90,7 @@ def test_bounds_and_mass_for_random_data(seed, dt):
             assert abs(state.mass - mass) <= 1e-13
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("profile", ["csl2", "csl4"])
 def test_an_upper_bound_does_not_cut_what_a_sweep_compresses(profile):
     """A swirl there and back: between the sweeps of a step the field truly passes the bound."""

@@ -132,6 +132,7 @@ def test_bounds_and_mass_for_random_data(seed, cfl):
         assert abs(state.mass - mass) <= 1e-13
 
 
+@pytest.mark.turns(4)
 @settings(max_examples=12)
 @given(seed=st.integers(0, 10**6), dt=st.floats(0.001, 0.3))
 def test_clamp_keeps_the_range_in_two_dimensions(seed, dt):

@@ -16,18 +16,11 @@ GRIDS = {
 }
 TEXTS = ("a + b*sin(2*pi*x1)", "a*sin(5*(x1 - 0.53)) + b*cos(3*t)")
 every_profile = pytest.mark.parametrize("profile", ["csl2", "csl4"])
-FAST = (("csl2", "uneven"), ("csl4", "walls"))
-every_scheme = pytest.mark.parametrize(
-    ("profile", "grid"),
-    [
-        pytest.param(
-            profile, grid,
-            marks=[pytest.mark.slow] * ((profile, grid) not in FAST),
-        )
-        for profile in ("csl2", "csl4")
-        for grid in GRIDS
-    ],
-)  # fmt: skip
+
+
+def every_scheme(test):
+    """Each is compiled anew: one in the fast lane, another one each turn."""
+    return pytest.mark.sampled(6)(pytest.mark.parametrize("grid", GRIDS)(every_profile(test)))
 
 
 def solved(grid, text, profile, dt, a=0.9, b=0.3, start=None):
@@ -63,6 +56,7 @@ def test_the_taylor_remainder_is_of_order_two(grid, profile, equal_substeps):
     assert abs(taylor_order(solver, run, {"a": 0.6, "b": -0.8}, sizes) - 2.0) <= 0.05
 
 
+@pytest.mark.sampled(2)
 @every_profile
 def test_the_state_part_is_the_run_and_the_integral_is_kept(profile):
     solver, run = solved("periodic", TEXTS[0], profile, 0.07)

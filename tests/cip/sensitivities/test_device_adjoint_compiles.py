@@ -5,6 +5,8 @@ import pytest
 from cip import Grid, Solver, Velocity
 from cip.engines.cuda_engine import OPTIONS, feet_source
 from cip.sensitivities.device_adjoint import gather_all, pull_all, unwind_all
+from cip.sensitivities.device_tangent import push_all, tangent_all
+from cip.sensitivities.path_tangent import PathTangent
 from gpu.cuda.catalogue import ARCHITECTURES
 
 FLOW = ["0.5 + a*sin(2*pi*x1)*cos(t)", "b*cos(2*pi*x1)", "a*x2"]
@@ -39,6 +41,7 @@ def test_kernels_compile(compile_cuda, profile, dim, periodic):
     stage = stage_of(profile, dim, periodic)
     sources = [
         pull_all(stage, "int"), gather_all(stage, "long long"), unwind_all(stage, 4, "int"),
+        push_all(stage, "long long"), tangent_all(stage, PathTangent(stage).source, "int"),
         feet_source(stage, "double", "int"), feet_source(stage, "float", "long long"),
     ]  # fmt: skip
     for q, source in enumerate(sources):

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cip import Grid, Solver, SplineVelocity, Velocity
-from cip.sensitivities import path_adjoint
+from cip.sensitivities import path_adjoint, path_tangent
+from cip.sensitivities.blocks import blocks_of
 
 LINES = {
     "steady": (True, ("a + b*sin(2*pi*x1) + d*cos(4*pi*x1)",)),
@@ -27,19 +28,15 @@ SCHEMES = [
     (2, "bicubic", "transport"),
 ]
 CASES = [
-    pytest.param(
-        dim, profile, form, flow, id=f"{profile}, {name}",
-        marks=[pytest.mark.slow] * (name != "unsteady" and profile in ("quintic", "bicubic")),
-    )
+    pytest.param(dim, profile, form, flow, id=f"{profile}, {name}")
     for dim, profile, form in SCHEMES
     for name, flow in (LINES if dim == 1 else PLANES).items()
-]  # fmt: skip
+]
 FIELDS = {1: "sin(2*pi*x1)", 2: "sin(2*pi*x1)*cos(2*pi*x2)"}
-SLOW = pytest.mark.slow
 amplitude = st.floats(-0.4, 0.4)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(("dim", "profile", "form", "flow"), CASES)
 @few_examples
 @given(a=amplitude, b=amplitude, d=amplitude, dt=st.floats(0.01, 0.09), seed=st.integers(0, 99))
@@ -54,10 +51,8 @@ def test_the_adjoint_is_the_transpose(dim, profile, form, flow, a, b, d, dt, see
     assert dot_test(solver, run, rng) <= 1e-13
 
 
-@pytest.mark.parametrize(
-    ("stream", "profile"),
-    [(False, "adini"), (True, "adini"), pytest.param(True, "csl4", marks=SLOW)],
-)
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize(("stream", "profile"), [(False, "adini"), (True, "adini"), (True, "csl4")])
 def test_many_coefficients_of_splines(stream, profile):
     grid = Grid([(0, 1)] * 2, (14, 13), periodic=True)
     start = (lambda x, y: np.sin(2 * np.pi * x) * np.cos(2 * np.pi * y) / 6) if stream else 0.5
@@ -90,6 +85,47 @@ def test_compiled_code_and_numpy_agree(form):
     assert np.abs(found).min() > 0
 
 
+@pytest.mark.parametrize(("shape", "profile"), [((60,), "quintic"), ((9, 8), "bicubic")])
+def test_changes_of_feet_compiled_and_by_numpy_agree(shape, profile, monkeypatch):
+    """Feet and, of the plane, the logarithm of their determinant; along two parameters at once."""
+    phase = "2*pi*x1" + " + x2" * (len(shape) - 1)
+    texts = (f"a + b*sin({phase} + t)*exp(a*x1)", f"b*cos({phase})/(2 + a)")[: len(shape)]
+    velocity = Velocity.from_expression(*texts, parameters={"a": 0.4, "b": 0.2})
+    grid = Grid([(-1, 1), (0, 1)][: len(shape)], shape, periodic=(False, True)[: len(shape)])
+    solver = Solver(grid, velocity, "advection", profile, boundary=0.0)
+    (stage,) = solver._stages
+    feet, found = solver.feet(stage, 0.3, 0.05), []
+    for least in (0, 10**9):
+        monkeypatch.setattr(path_tangent, "_COMPILE_FROM", least)
+        tangent = path_tangent.PathTangent(stage)
+        found.append(tangent.along(blocks_of(stage), feet, np.array([0.7, -1.3])))
+    assert feet.bounded
+    assert not found[0][:, ~feet.interior(grid.size)].any()
+    scale = np.abs(found[1]).max(axis=1, keepdims=True)
+    assert scale.min() > 0
+    np.testing.assert_allclose(found[0] / scale, found[1] / scale, rtol=0, atol=1e-13)
+
+
+def test_a_tangent_of_many_nodes_is_the_difference_quotient():
+    """Of so many that the changes of feet are compiled; steps of a steady flow share them."""
+    values = np.array([0.6, 0.2])
+
+    def final(a, b):
+        flow = Velocity.from_expression("a + b*sin(2*pi*x1)", parameters={"a": a, "b": b})
+        solver = Solver(Grid([(0, 1)], (30_000,), periodic=True), flow, profile="cubic")
+        return solver, solver.run(solver.state("sin(2*pi*x1)"), 3e-4, dt=1e-4)
+
+    solver, run = final(*values)
+    direction, size = np.array([0.3, -0.8]), run[0].data.size
+    change = solver.tangent(run) @ np.concatenate([np.zeros(size), direction])
+    ends = [final(*(values + side * 1e-4 * direction))[1].final.data for side in (1, -1)]
+    expected = ((ends[0] - ends[1]) / 2e-4)[0]
+    bound = 1e-7 * np.abs(expected).max()
+    np.testing.assert_allclose(change.reshape(2, -1)[0], expected, rtol=0, atol=bound)
+    assert dot_test(solver, run, np.random.default_rng(3)) <= 1e-13
+
+
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("shape", "profile"), [((100_000,), "cubic"), ((300, 300), "adini")])
 def test_threads_give_the_same_bits(shape, profile, monkeypatch):
     texts = ("a + b*sin(2*pi*x1 + t)", "b*cos(2*pi*x1)")[: len(shape)]
@@ -107,6 +143,7 @@ def test_threads_give_the_same_bits(shape, profile, monkeypatch):
     np.testing.assert_array_equal(found[0], found[2])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("feet", [0, 2**16])
 def test_feet_that_are_not_kept_are_computed_again(feet, monkeypatch):
     """One set of feet has 3 x 31 x 8 bytes: none but the last is kept, or all."""

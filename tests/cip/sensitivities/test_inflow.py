@@ -25,7 +25,6 @@ PLANES = {
     "steady": (("a + b*x2", "1.6*a*b - 0.5*b*x1"), "sin(3*t + x1)*cos(x2)"),
     "unsteady": (("a + b*sin(x2 + 3*t)", "b*cos(2*x1) - a"), "sin(3*t + x1)*cos(x2)"),
 }
-SLOW = pytest.mark.slow
 FIELD = "sin(2*pi*x1) + 0.5"
 
 
@@ -36,16 +35,9 @@ def solved(grid, texts, profile, form, boundary, dt, a=0.9, b=0.3, t_end=0.2):
     return solver, solver.run(solver.state(FIELD), t_end, dt=dt)
 
 
-every_line = pytest.mark.parametrize(
-    "case", ["steady", "both ends", *(pytest.param(c, marks=SLOW) for c in ("unsteady", "values"))]
-)
-
-
-@every_line
-@pytest.mark.parametrize(
-    ("profile", "form"),
-    [("cubic", "advection"), pytest.param("quintic", "transport", marks=SLOW)],
-)
+@pytest.mark.sampled(8)
+@pytest.mark.parametrize("case", LINES)
+@pytest.mark.parametrize(("profile", "form"), [("cubic", "advection"), ("quintic", "transport")])
 @few_examples
 @given(
     a=st.floats(0.5, 1.5), b=st.floats(-0.4, 0.4), dt=st.floats(0.01, 0.09),
@@ -57,13 +49,14 @@ def test_the_adjoint_is_the_transpose_on_lines(profile, form, case, a, b, dt, n,
     assert dot_test(solver, run, np.random.default_rng(seed)) <= 1e-13
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("profile", "form", "case"),
     [
         ("adini", "advection", "steady"),
-        pytest.param("adini", "transport", "unsteady", marks=SLOW),
-        pytest.param("bicubic", "transport", "steady", marks=SLOW),
-        pytest.param("bicubic", "advection", "unsteady", marks=SLOW),
+        ("adini", "transport", "unsteady"),
+        ("bicubic", "transport", "steady"),
+        ("bicubic", "advection", "unsteady"),
     ],
 )
 @few_examples
@@ -82,13 +75,14 @@ CASES = [
     (1, "cubic", "advection", *LINES["steady"]),
     (1, "quintic", "transport", *LINES["both ends"]),
     (2, "adini", "advection", *PLANES["steady"]),
-    pytest.param(1, "cubic", "transport", *LINES["unsteady"], marks=SLOW),
-    pytest.param(1, "quintic", "advection", *LINES["steady"], marks=SLOW),
-    pytest.param(2, "adini", "transport", *PLANES["unsteady"], marks=SLOW),
-    pytest.param(2, "bicubic", "advection", *PLANES["steady"], marks=SLOW),
+    (1, "cubic", "transport", *LINES["unsteady"]),
+    (1, "quintic", "advection", *LINES["steady"]),
+    (2, "adini", "transport", *PLANES["unsteady"]),
+    (2, "bicubic", "advection", *PLANES["steady"]),
 ]
 
 
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize(("dim", "profile", "form", "texts", "boundary"), CASES)
 def test_the_parameters_part_against_differences(
     dim, profile, form, texts, boundary, equal_substeps
@@ -111,6 +105,7 @@ def test_the_state_part_does_not_see_the_data(profile):
     assert error.max() < 1e-12
 
 
+@pytest.mark.turns(3)
 def test_formulas_of_walls_are_derived_once_for_all_steps(monkeypatch):
     derived, along = [], wall_derivatives._along
     monkeypatch.setattr(wall_derivatives, "_along", lambda *of: derived.append(of) or along(*of))
@@ -141,6 +136,7 @@ def test_the_closed_form_of_a_wave_that_enters():
     np.testing.assert_allclose(found[entered], exact[entered], rtol=0, atol=2e-6)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("profile", ["cubic", "quintic"])
 def test_the_taylor_remainder_is_of_order_two(profile, equal_substeps):
     grid = Grid((0, 1), 40)

@@ -17,23 +17,28 @@ FLOWS = {
     "walls": (OPEN, ("a + b*sin(2*pi*x2 + t)*x1", "b*cos(3*x1) - a")),
     "space": (SPACE, ("a + b*sin(2*pi*x2)", "b*cos(2*pi*x1 + 0.3) + a*x3", "a*0.5 + b*x1")),
 }
-SLOW = pytest.mark.slow
 CASES = [
-    pytest.param("plane", "cubic", "transport", marks=SLOW),
+    ("plane", "cubic", "transport"),
     ("space", "cubic", "transport"),
-    pytest.param("walls", "cubic", "transport", marks=SLOW),
-    pytest.param("plane", "quintic", "advection", marks=SLOW),
-    pytest.param("walls", "cubic", "advection", marks=SLOW),
-    pytest.param("space", "cubic", "advection", marks=SLOW),
-    pytest.param("space", "quintic", "transport", marks=SLOW),
-    pytest.param("plane", "csl2", "advection", marks=SLOW),
-    pytest.param("plane", "csl4", "advection", marks=SLOW),
-    pytest.param("walls", "csl2", "advection", marks=SLOW),
+    ("walls", "cubic", "transport"),
+    ("plane", "quintic", "advection"),
+    ("walls", "cubic", "advection"),
+    ("space", "cubic", "advection"),
+    ("space", "quintic", "transport"),
+    ("plane", "csl2", "advection"),
+    ("plane", "csl4", "advection"),
+    ("walls", "csl2", "advection"),
     ("walls", "csl4", "advection"),
-    pytest.param("space", "csl2", "advection", marks=SLOW),
-    pytest.param("space", "csl4", "advection", marks=SLOW),
+    ("space", "csl2", "advection"),
+    ("space", "csl4", "advection"),
 ]
-every_case = pytest.mark.parametrize(("flow", "profile", "form"), CASES)
+
+
+def every_case(test):
+    """Each case is compiled anew: one in the fast lane, another one each turn."""
+    return pytest.mark.sampled(13)(
+        pytest.mark.parametrize(("flow", "profile", "form"), CASES)(test)
+    )
 
 
 def solved(flow, profile, form, start=None, a=0.6, b=0.3, dt=0.083):
@@ -70,6 +75,7 @@ def test_the_taylor_remainder_is_of_order_two(flow, profile, form, equal_substep
     assert abs(taylor_order(solver, run, {"a": 0.6, "b": -0.8}, sizes) - 2.0) <= 0.05
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("case", [("plane", "cubic", "transport"), ("plane", "csl4", "advection")])
 def test_the_state_part_is_the_run_itself(case):
     run = solved(*case)[1]
@@ -79,6 +85,7 @@ def test_the_state_part_is_the_run_itself(case):
     assert np.max(np.abs(found - other.final.data.ravel()) / scales(other)) < 1e-12
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("profile", ["csl2", "csl4"])
 def test_the_integral_does_not_change_with_the_flow(profile):
     solver, run = solved("plane", profile, "advection")

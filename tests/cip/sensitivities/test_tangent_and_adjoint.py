@@ -22,18 +22,17 @@ CASES = [
 VALUES = {"a": 0.7, "b": 0.3}
 FIELD = "sin(2*pi*x1) + 0.3*cos(4*pi*x1)"
 SCHEMES = list(product(("cubic", "quintic"), ("transport", "advection")))
-# Each velocity is compiled anew for each scheme: three pairs in the fast lane, all in the slow one.
-FAST = {(CASES[1], SCHEMES[3]), (CASES[2], SCHEMES[0]), (CASES[3], SCHEMES[0])}
-every_run = pytest.mark.parametrize(
-    ("grid", "text", "profile", "form"),
-    [
-        pytest.param(
-            *case, *scheme, id="-".join((*scheme, case[1])),
-            marks=[pytest.mark.slow] * ((case, scheme) not in FAST),
-        )
-        for case, scheme in product(CASES, SCHEMES)
-    ],
-)  # fmt: skip
+RUNS = [
+    pytest.param(*case, *scheme, id="-".join((*scheme, case[1])))
+    for case, scheme in product(CASES, SCHEMES)
+]
+
+
+def every_run(test):
+    """Each velocity is compiled anew for each scheme: two pairs in the fast lane, by turns."""
+    return pytest.mark.sampled(8)(
+        pytest.mark.parametrize(("grid", "text", "profile", "form"), RUNS)(test)
+    )
 
 
 def solved(grid, text, profile="cubic", form="transport", start=None, dt=0.03, **values):

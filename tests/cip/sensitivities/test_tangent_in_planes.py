@@ -20,22 +20,17 @@ CASES = {
 VALUES = {"a": 0.4, "b": 0.2}
 FIELD = "sin(2*pi*x1) + 0.3*cos(4*pi*x1)*sin(2*pi*x2)"
 SCHEMES = [(p, f) for p in ("adini", "bicubic") for f in ("transport", "advection")]
-# Each velocity is compiled anew for each scheme: two pairs in the fast lane, all in the slow one.
-FAST = {("mixed", SCHEMES[0]), ("uneven", SCHEMES[3])}
-every_run = pytest.mark.parametrize(
-    ("grid", "texts", "profile", "form"),
-    [
-        pytest.param(
-            *case, *scheme, id="-".join((*scheme, name)),
-            marks=[pytest.mark.slow] * ((name, scheme) not in FAST),
-        )
-        for (name, case), scheme in product(CASES.items(), SCHEMES)
-    ],
-)  # fmt: skip
-every_scheme = pytest.mark.parametrize(
-    ("profile", "form"),
-    [pytest.param(*s, marks=[pytest.mark.slow] * (s != SCHEMES[0])) for s in SCHEMES],
-)
+RUNS = [
+    pytest.param(*case, *scheme, id="-".join((*scheme, name)))
+    for (name, case), scheme in product(CASES.items(), SCHEMES)
+]
+
+
+def every_run(test):
+    """Each velocity is compiled anew for each scheme: one pair in the fast lane, by turns."""
+    return pytest.mark.sampled(12)(
+        pytest.mark.parametrize(("grid", "texts", "profile", "form"), RUNS)(test)
+    )
 
 
 def solved(grid, texts, profile, form, start=None, dt=0.07, **values):
@@ -86,7 +81,8 @@ def test_the_parameters_part_against_differences(grid, texts, profile, form, mon
         assert np.max(np.abs(found - quotient) / scale) < 1e-9
 
 
-@every_scheme
+@pytest.mark.sampled(4)
+@pytest.mark.parametrize(("profile", "form"), SCHEMES)
 def test_the_closed_form_of_a_spiral(profile, form):
     """In complex numbers dz/dt = (a + ib) z: the foot is z exp(-(a + ib) t); det = exp(-2 a t)."""
     grid, t, a, b = Grid([(-1, 1)] * 2, (48, 48)), 0.2, 0.5, 0.3

@@ -240,6 +240,7 @@ def test_bad_sources():
         Solver(plane, (1.0, 0.0), decay=1.0, **more)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("part", ["source", "decay"])
 def test_one_solver_in_many_threads_with_steps_of_many_lengths(part):
     """What was kept for one length is not taken away while another thread reads it."""

@@ -33,6 +33,7 @@ def test_mass_and_positivity():
         assert min(state[name].min() for name in state.names) >= -1e-13
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("profile", ["linear", pytest.param("cubic", marks=pytest.mark.slow)])
 def test_constants(profile):
     solver = solver_of(8, profile, "transport")

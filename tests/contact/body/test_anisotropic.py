@@ -300,6 +300,7 @@ def test_inadmissible_bodies():
         body.E = 2.0
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("angle", [0.0, np.pi / 2])
 def test_hertz_on_an_orthotropic_half_plane(angle):
     """The pressure is Hertz', with the modulus of Sih, Paris and Irwin 1965 for the same axes."""

@@ -110,6 +110,7 @@ def compliance(n, centre, spacing):
     return B @ np.linalg.solve(S, B.T), rows.gap.size
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("centre", [(0.5, 0.5), (0.508, 0.486), (0.5, 0.41 + 1e-6)])
 def test_multipliers_are_stable_whatever_the_cut(centre):
     """inf sup: W on these cells over W of the same hats on cells half the size, normal, shear.

@@ -57,6 +57,7 @@ def test_the_volume_is_that_of_all_points(mesh):
     assert abs(volume - basis.dx.sum()) < 1e-14 * volume
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("case", MESHES)
 def test_stiffness_of_classes_of_cells(case):
     mesh, element = MESHES[case]

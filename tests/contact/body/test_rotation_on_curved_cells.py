@@ -39,6 +39,7 @@ def pressed(plain, curved, element, bent=True, held=False):
     return ContactProblem(body.fix("top") if held else body, "bottom", 0.0, 0.4)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("plain", "curved", "element", "remedy"),
     [

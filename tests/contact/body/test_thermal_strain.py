@@ -48,6 +48,7 @@ def without_contact(body):
     return ContactProblem(body, "right", 1e3).solve()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("material", MATERIALS, ids=["isotropic", "orthotropic"])
 @pytest.mark.parametrize(
     ("element", "plane"),
@@ -68,6 +69,7 @@ def test_free_expansion_has_no_stress_in_the_plane(element, material, plane):
     assert result.sample(x)[:, 0] == pytest.approx(20 * x[:, 0] * expansion[: len(x)], abs=1e-12)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("units", [1.0, 1e11])
 @pytest.mark.parametrize("element", EVERY, ids=lambda e: e.__name__)
 def test_hindered_expansion(element, units):

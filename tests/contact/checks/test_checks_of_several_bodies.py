@@ -9,6 +9,7 @@ from pressed_pairs import PROBLEMS, pair, slit
 from contact import InputError, cross_check, uniqueness
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("condensed", [True, False])
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_osqp_agrees(name, condensed):

@@ -47,4 +47,6 @@ def test_the_result_of_another_bound_disagrees():
     problem, *_ = posed(SOLID[2], Pose(np.eye(3)), law="tresca")
     other, *_ = posed(SOLID[2], Pose(np.eye(3)), friction=0.2)
     wrong = replace(other.solve(), system=problem.solve().system)
-    assert cross_check(problem, wrong, "clarabel").verdict == "disagrees"
+    # Of the dense program rounding decides whether Clarabel ends at a residual of 1e-8 or 1e-6.
+    check = cross_check(problem, wrong, "clarabel", condensed=False)
+    assert check.verdict == "disagrees"

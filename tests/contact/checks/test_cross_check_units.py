@@ -55,6 +55,7 @@ def test_planar(element, kind, length, E, make):
     assert "agrees" in str(check)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("length", "E"), UNITS[::3])
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 @pytest.mark.parametrize("element", SPATIAL)
@@ -93,6 +94,7 @@ def test_certificate_is_the_same_in_all_units(element, make):
     np.testing.assert_allclose(spoiled[2], spoiled[1], rtol=1e-6)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("peer", ["osqp", "proxqp", "piqp", "clarabel"])
 @pytest.mark.parametrize("kind", ["open", "coulomb", "frictionless", "tresca"])
 @pytest.mark.parametrize(("length", "E"), [(1.0, 2.0), (1e-3, 2e11)])

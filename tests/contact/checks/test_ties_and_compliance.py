@@ -23,6 +23,7 @@ LAWS = {
 }
 
 
+@pytest.mark.sampled(4)
 @ways
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 @pytest.mark.parametrize("name", LAWS)

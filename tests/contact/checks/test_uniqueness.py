@@ -67,6 +67,7 @@ def test_several_solutions_of_one_point(friction):
         assert max(other.kkt.values()) < 1e-10
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("load", np.linspace(0, 2 * np.pi, 7)[:-1] + 0.1)
 def test_one_solution_of_one_point(load):
     """Below F*, which the compliance gives by hand, there is one solution whatever the load."""

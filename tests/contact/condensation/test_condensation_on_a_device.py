@@ -1,6 +1,7 @@
 """What the host condenses, a device condenses too; on a device or a library that imitates cuDSS."""
 
 import copy
+import gc
 import re
 
 import numpy as np
@@ -32,6 +33,7 @@ def on_host(array):
     return array.get() if hasattr(array, "get") else array
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("case", CASES)
 def test_results_of_the_device_are_those_of_the_host(engine, make, case):
     pose, element = CASES[case]
@@ -64,6 +66,22 @@ def test_one_condensation_serves_a_history(engine, make):
         assert problem.condense() is condensed
     host, there = results
     assert np.abs(there.mu - host.mu).max() <= 1e-10 * host.mu.max()
+
+
+@pytest.mark.parametrize("case", ["Hex1", "floating Adini", "pair of Quad1"])
+def test_the_certificate_is_computed_on_the_device(engine, make, case):
+    pose, element = CASES[case]
+    problem = pose(make, element)
+    where = [part.arrays for part in problem.condense(device="cuda").parts]
+    for result in (problem.solve(), LoadStepper(problem).step(1.0)):
+        bodies = result.solid.bodies
+        assert [body.vectors.arrays for body in bodies] == where
+    there = result.kkt
+    problem.condense(device="cpu")  # takes the place of the other condensation
+    gc.collect()
+    assert {type(body.vectors.arrays) for body in bodies} == {HostArrays}
+    here = result.kkt
+    assert all(abs(here[name] - there[name]) < 1e-13 for name in there)
 
 
 def test_factor_against_superlu(engine, make):
@@ -206,6 +224,7 @@ def test_free_rows_are_taken_on_the_device_where_unknowns_are_dofs(engine, make,
     assert (np.diff(free) > 0).all()
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("element", "cells"),
     [(ElementQuadAdini, 64), (ElementTriP2, 72), (ElementHex1, 20), (ElementTetP2, 9)],

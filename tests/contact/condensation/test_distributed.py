@@ -16,6 +16,7 @@ PARITY = "tests.contact.condensation.spread_parity"
 
 
 @pytest.mark.mpi
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("size", [1, 2, 3])
 def test_contact_is_that_of_one_process(size: int) -> None:
     found: Any = run(PARITY, size, "mumps")
@@ -30,6 +31,7 @@ def test_contact_is_that_of_one_process(size: int) -> None:
 
 
 @pytest.mark.mpi
+@pytest.mark.turns(2)
 def test_contact_without_condensation_is_that_of_one_process_with_it() -> None:
     found = [run(PARITY, size, "krylov") for size in (1, 2, 3)]
     for name, _ in cases():
@@ -44,6 +46,7 @@ def test_contact_without_condensation_is_that_of_one_process_with_it() -> None:
 
 
 @pytest.mark.mpi
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("size", [1, 2, 3])
 def test_two_bodies_touch_as_on_one_process(size: int) -> None:
     found: Any = run("tests.contact.condensation.spread_pairs", size)

@@ -19,6 +19,7 @@ from contact import (
 from contact.arrays.dense_arrays import arrays_on
 from contact.laws.device_newton import device_newton
 from contact.result.certify import certify
+from tests.contact.condensation.refined_solution import refined
 
 
 def _supported(n):
@@ -48,30 +49,17 @@ CASES = [_supported, _layers, _floating, _moved]
 
 
 def _compare(block, obstacle, friction, **more):
-    problem = ContactProblem(block, "bottom", obstacle, friction, **more)
-    ours = problem.solve()
-    sparse = ContactProblem(block.elastic(), "bottom", obstacle, friction, **more).solve()
-    size, limit = np.abs(sparse.mu).max(), _floor(problem.condense().parts[0]._factor.schur)
-    assert np.abs(ours.mu - sparse.mu).max() <= limit * size
-    assert np.abs(ours.t - sparse.t).max() <= limit * size
+    ours = ContactProblem(block, "bottom", obstacle, friction, **more).solve()
+    sparse = refined(block, "bottom", obstacle, friction, **more)
+    size = np.abs(sparse.mu).max()
+    assert np.abs(ours.mu - sparse.mu).max() <= 1e-12 * size
+    assert np.abs(ours.t - sparse.t).max() <= 1e-12 * size
     assert np.abs(ours.u - sparse.u).max() <= 1e-11 * np.abs(sparse.u).max()
     assert max(ours.kkt.values()) <= 1e-12
     return ours, sparse
 
 
-def _floor(S):
-    """What two factorisations may differ by in forces: rounding times the boundary's condition.
-
-    Scaled to a diagonal of ones the boundary's stiffness, rigid motions aside, has a condition of
-    four times the columns of cells. Forces differed by 3 to 5 roundings times that with 32, 64 and
-    128 columns; 16 are three times as many, and 1e-12 is 16 up to 70 columns.
-    """
-    scale = np.sqrt(np.diag(S))
-    value = np.linalg.eigvalsh(S / scale[:, None] / scale)
-    condition = value[-1] / value[value > 1e-9 * value[-1]][0]
-    return max(1e-12, 16 * np.finfo(float).eps * condition)
-
-
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("case", "n"),
     [

@@ -54,6 +54,7 @@ def pressed(block, top):
     return block
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("element", [None, ElementQuad1(), ElementQuadBFS()])
 @pytest.mark.parametrize(
     ("sides", "fixed", "top"),
@@ -83,6 +84,7 @@ def test_in_space(sides, top):
     compare(pressed(block, top), lambda x: 0.7 * hill(x))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("sides", [("periodic", "y"), ("x", "yx"), ("yz", "periodic")])
 def test_adini_bricks(sides):
     block = LayeredBlock(
@@ -91,6 +93,14 @@ def test_adini_bricks(sides):
         (1.0, 1.2), ONE, ("x", "y"), None, cells=(4, 3), element=ElementHexAdini(), path="fourier"
     )  # fmt: skip
     compare(pressed(block, "loaded"), lambda x: 0.3 * hill(x), functional="centroid")
+
+
+@pytest.mark.parametrize("element", [ElementHex1(), ElementHexAdini()])
+@pytest.mark.parametrize("cells", [(1, 1), (1, 3), (3, 1)])
+def test_one_cell_between_mirrored_sides(element, cells):
+    more = {"cells": cells, "element": element, "path": "fourier"}
+    block = LayeredBlock((0.5, 1.0), COATED, ("x", "y"), "x", **more)
+    compare(block.load("top", (0.0, 0.0, -0.1)), lambda x: 0.003 * x[0] ** 2 + 0.002 * x[1])
 
 
 @pytest.mark.parametrize("functional", ["gauss", "nodal"])
@@ -191,6 +201,7 @@ def _agree(seed):
     compare(block, ground, friction)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("seed", range(12))
 def test_random_blocks(seed):
     _agree(seed)

@@ -25,6 +25,7 @@ def held(make, element, ratio, wide, pushed, E=2.0):
     return ContactProblem(body, "bottom", 0.0)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("pushed", [True, False], ids=["pushed", "loaded"])
 @pytest.mark.parametrize("wide", [True, False], ids=["plate", "column"])
 @pytest.mark.parametrize("element", PLANE_AND_BFS)
@@ -44,6 +45,7 @@ def test_uniaxial_stress(element, wide, pushed, make):
     np.testing.assert_allclose(result.pressure, 1.0, atol=1e-12 if wide else 1e-15 * ratio**2)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("ratio", [1e4, 1e6])
 @pytest.mark.parametrize("element", PLANE_AND_BFS)
 def test_plate_held_by_contact_alone(element, ratio, make):

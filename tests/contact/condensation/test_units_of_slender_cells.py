@@ -47,12 +47,14 @@ def same(make, element, shape, ratio, units):
             assert np.abs(ours - theirs).max() <= allowed * size, (length, E)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("shape", ["held plate", "loose column"])
 @pytest.mark.parametrize("element", PLANE_AND_BFS)
 def test_plane(element, shape, make):
     same(make, element, shape, 1e4, UNITS[:1])
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("element", [ElementHex1, ElementHexAdini, ElementTetP2])
 def test_space(element, make):
     same(make, element, "loose plate", 1e4, UNITS[:1])

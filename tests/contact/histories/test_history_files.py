@@ -153,6 +153,7 @@ def first_format(folder, make):
     name.write_text(json.dumps({"format": 1, "times": about["times"], "fingerprint": "0"}))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("mix", "word"),
     [
@@ -373,6 +374,7 @@ def kill_often(processes, whole, tmp_path, kills):
     assert len(LoadHistory.load(folder)) == len(history)
 
 
+@pytest.mark.turns(4)
 def test_kills(processes, whole, tmp_path):
     kill_often(processes, whole, tmp_path, 12)
 

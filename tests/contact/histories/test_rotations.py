@@ -46,6 +46,7 @@ def rolling(unit, **more):
     return stepper
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("unit", [1.0, 1e-3])
 def test_a_roller_is_refused_by_the_angle_that_it_was_turned_by(unit):
     stepper = rolling(unit)
@@ -57,6 +58,7 @@ def test_a_roller_is_refused_by_the_angle_that_it_was_turned_by(unit):
     assert stepper.history.times.tolist() == [0.03, 0.06, 0.09]  # what was finished stays
 
 
+@pytest.mark.turns(4)
 def test_the_angle_may_be_chosen():
     with pytest.raises(InputError, match=r"largest_rotation"):
         rolling(1.0, largest_rotation=0.04).run([0.03, 0.06])

@@ -102,6 +102,7 @@ def test_small_slips_are_those_of_small_sliding() -> None:
     assert np.abs(forces[0] - forces[1]).max() <= 1e-3 * np.abs(forces[0]).max()
 
 
+@pytest.mark.turns(4)
 def test_units_do_not_matter() -> None:
     found = []
     for unit in (1.0, 1e3, 1e-3):
@@ -141,6 +142,7 @@ def test_the_work_of_the_supports_is_stored_or_rubbed_off() -> None:
     assert left[2] <= 0.02
 
 
+@pytest.mark.turns(4)
 def test_a_history_is_stored_and_resumed(tmp_path: Path) -> None:
     upper, _, stepper = slider(skfem.ElementHex1)
     times, path = [0.5, 1.0, 1.5, 2.0], tmp_path / "run"
@@ -162,6 +164,7 @@ def test_a_history_is_stored_and_resumed(tmp_path: Path) -> None:
         pushed(another, upper, 0.3, 0.1).resume(path)
 
 
+@pytest.mark.turns(4)
 def test_facets_leave_the_edge_and_then_the_body() -> None:
     upper, _, stepper = slider(skfem.ElementHex1)
     pushed(stepper, upper, 1.0)
@@ -171,6 +174,7 @@ def test_facets_leave_the_edge_and_then_the_body() -> None:
         stepper.step(4.5)
 
 
+@pytest.mark.turns(4)
 def test_a_body_that_turns_is_refused() -> None:
     upper, _, stepper = slider(skfem.ElementHex1)
     turn = lambda t: 0.2 * max(t - 1.0, 0.0)  # noqa: E731

@@ -34,6 +34,7 @@ def difference(result, reference):
     return np.abs(result.u - reference.u).max() / np.abs(reference.u).max()
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("element", "functional"), ROWS)
 @pytest.mark.parametrize(("law", "method"), OFFERED)
 def test_agreement(law, method, element, functional, make):
@@ -48,6 +49,7 @@ def test_agreement(law, method, element, functional, make):
     assert difference(result, reference) < tol
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("law", "friction"), [("tresca", 0.2), ("coulomb", 0.9)])
 def test_fixed_point_falls_to_the_solution_with_eps(law, friction, make):
     """The regularisation error is proportional to eps where points stick."""
@@ -71,6 +73,7 @@ def test_fixed_point_by_default(law, make):
     assert difference(result, reference) < 1e-4
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("eps", [1e-2, 1e-4])
 @pytest.mark.parametrize("bound", [0.02, 0.05, 0.2])
 @pytest.mark.parametrize("functional", ["bernstein", "gauss"])
@@ -138,6 +141,7 @@ def test_dissertation_iteration_stopped_after_ten_steps(iterates, make):
     assert abs(result.u[1::6].min() + 0.311533) < 2e-6
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("functional", ["bernstein", "gauss"])
 @pytest.mark.parametrize("E", [1.0, 2.0, 5.0])
 def test_three_digits_in_less_than_ten_steps(E, functional, iterates, make):

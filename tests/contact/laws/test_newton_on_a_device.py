@@ -101,6 +101,7 @@ def moved(problem):
     return here, there, system.scaled_friction(condensed.point_scale)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("case", CASES)
 def test_the_host_finds_the_same_forces(make, case, law):

@@ -135,6 +135,7 @@ def unsolved(seeds, method):
     return given_up
 
 
+@pytest.mark.turns(3)
 def test_no_wrong_answer():
     assert len(unsolved(range(500), "newton")) <= 0.001 * 500
 

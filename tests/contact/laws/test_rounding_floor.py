@@ -20,6 +20,7 @@ def stamped(make, n, friction, force):
     return ContactProblem(body, "bottom", stamp, friction)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("friction", [0.1, 0.25, 0.4, 0.9])
 @pytest.mark.parametrize("n", [6, 12, 20])
 def test_driven_stamp_takes_few_steps(n, friction, make):

@@ -27,6 +27,7 @@ def reference(make):
     return solve
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("friction", FRICTION)
 @pytest.mark.parametrize("element", ELEMENTS)
 @pytest.mark.parametrize(
@@ -110,6 +111,7 @@ def turned_problem(make, element, Q, law, friction):
     return ContactProblem(body, "bottom", obstacle, friction, law)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("law", "friction"), [(None, 0.0), ("tresca", 0.01), ("coulomb", 0.3)])
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("element", ELEMENTS)

@@ -101,6 +101,7 @@ def test_all_points_tied_is_a_saddle_point_solve(element, unit, held):
     assert np.isnan(result.zone).all()
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("method", ["newton", "pdas", "tresca_loop", "qp:osqp"])
 @pytest.mark.parametrize("law", ["coulomb", "tresca", None])
 @pytest.mark.parametrize("dim", [2, 3])

@@ -32,6 +32,7 @@ def one_by_one(corners, x, n):
     return min(enters, key=abs, default=np.inf)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
 def test_as_if_every_facet_were_tried(dim, unit):

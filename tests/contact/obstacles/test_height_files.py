@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from contact import InputError, Rough
+from contact.obstacles.height_files import read_heights
 
 
 def lines(heights, spacing=(0.25, 0.5), seed=0):
@@ -52,3 +53,20 @@ def test_what_ends_too_early_is_refused(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match="not readable as"):
         Rough.from_file(tmp_path / name, (1.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    "text", ["0,5;-1,25\n3;4e-1", "0,5 -1,25\n3 0,4", "0,5\t-1,25\n3,0\t,4", "0.5,-1.25\n3,0.4"]
+)
+def test_decimal_commas(tmp_path, text):
+    """They are known where other marks part the numbers, of which none has a point."""
+    (tmp_path / "map.csv").write_text(f"# x,y\n{text}\n")
+    found = read_heights(tmp_path / "map.csv")
+    assert np.array_equal(found, [[0.5, -1.25], [3.0, 0.4]])
+
+
+@pytest.mark.parametrize("text", ["0,5\n1,2", "1,5, 2,5\n1,0, 2,0", "1.5;2,5\n1;2"])
+def test_commas_that_may_be_decimal_marks_are_refused(tmp_path, text):
+    (tmp_path / "map.txt").write_text(text)
+    with pytest.raises(InputError, match="its commas may be decimal marks or part the numbers"):
+        Rough.from_file(tmp_path / "map.txt", (1.0, 1.0))

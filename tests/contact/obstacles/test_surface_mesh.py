@@ -37,6 +37,7 @@ def one_by_one(points, facets, x):
     return best
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_distance_as_if_every_facet_were_tried(dim):
     @given(seeds)

@@ -49,6 +49,7 @@ def block(make, element, unit=1.0):
     return body.fix("top", "xy")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("unit", [1.0, 1e-6])
 @pytest.mark.parametrize(("element", "functional"), PLANAR)
 def test_a_straight_side_is_its_coordinate(element, functional, unit, make):
@@ -68,6 +69,7 @@ def test_layers():
     np.testing.assert_allclose(arc_length(result)[0], result.x[0], atol=1e-12)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("element", "functional"), PLANAR)
 def test_runs_follow_one_another(element, functional, make):
     """Two boundaries, and one boundary of two sides: each begins where the last one ended."""

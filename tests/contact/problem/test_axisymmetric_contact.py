@@ -34,6 +34,7 @@ E, NU = 3.0, 0.3
 
 
 # Pressures of linear triangles with parallel diagonals are of first order, in any plane.
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("element", PLANE_AND_BFS[1:])
 def test_ring_on_a_shaft(element, make):
     """A ring shrunk on a rigid shaft, in the plane of r and z: Lame's pressure within 1e-3."""
@@ -321,6 +322,7 @@ def test_data_for_pictures():
     assert result.summary().count("axisymmetric") == 1
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("element", [ElementTriP1, ElementQuad2, ElementQuadAdini])
 def test_sliding_discs(element, make):
     """Steps of finite sliding keep the areas of the places before any displacement."""

@@ -54,6 +54,7 @@ def test_pressed_alone_equal_bodies_do_not_rub(run):
     assert np.sqrt(np.mean(result.shear[inside] ** 2)) <= 5e-3 * F * P0
 
 
+@pytest.mark.turns(3)
 def test_pressure_is_that_of_hertz_at_every_step(run):
     for result in run[1]:
         x = result.x[0]

@@ -61,6 +61,7 @@ def test_the_peer_agrees_at_the_tip(element):
     assert cross_check(problem, problem.solve()).verdict == "agrees"
 
 
+@pytest.mark.sampled(4)
 @elements
 @pytest.mark.parametrize("kinds", [(Tie, Pair), (Pair, Pair), (Tie, Tie)], ids=str)
 def test_two_interfaces_share_an_end(element, kinds):

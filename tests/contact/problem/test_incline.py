@@ -86,6 +86,7 @@ def test_held_below_the_limit_and_refused_above(element, F, up, make):
         ContactProblem(block, "bottom", ground.surface("top"), friction=F).solve()
 
 
+@pytest.mark.sampled(4)
 @elements
 def test_without_friction_a_thousandth_along_the_incline_is_refused(element, make):
     block, ground, *_ = bodies(make, element, WEIGHT, 1e-3)
@@ -96,6 +97,7 @@ def test_without_friction_a_thousandth_along_the_incline_is_refused(element, mak
 STIFFNESS, STROKE = 10.0, 0.01
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("F", [0.0, 0.1, 0.2, 0.3])
 @pytest.mark.parametrize(
     "element",

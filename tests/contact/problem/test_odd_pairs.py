@@ -109,6 +109,7 @@ def test_a_stiff_body_that_contact_holds_is_refused_with_the_reason(element, siz
         ContactProblem([stiff, lower], [pair]).solve()
 
 
+@pytest.mark.turns(3)
 @settings(max_examples=40, deadline=None)
 @given(
     ratio=st.sampled_from([1e-8, 1e-4, 1.0, 1e4, 1e8]),

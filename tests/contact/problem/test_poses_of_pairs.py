@@ -73,6 +73,7 @@ LAWS = [("coulomb", 0.0), ("coulomb", 0.8), ("tresca", None)]
 everything = pytest.mark.parametrize("element", PLANE + SOLID, ids=lambda e: e.__name__)
 
 
+@pytest.mark.sampled(4)
 @everything
 def test_the_pair_sticks_slips_and_opens(element, upright):
     status = set(upright(element)[0].solve().status)

@@ -64,6 +64,7 @@ def error(result, exact):
     return float(np.sqrt(np.sum(w * (result.pressure / exact - 1) ** 2) / w.sum()))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("side", ["right", "left"])
 @pytest.mark.parametrize("element", [ElementTriP2, ElementQuad2, ElementQuadAdini])
 def test_shrink_fit(element, side, make):

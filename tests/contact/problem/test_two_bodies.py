@@ -57,6 +57,7 @@ def test_a_uniform_pressure_is_carried_across_meshes_that_do_not_match(
     assert max(result.kkt.values()) <= 1e-10
 
 
+@pytest.mark.sampled(3)
 @elements
 def test_stack_of_three_on_a_rigid_plane(element):
     def layer(n, y):
@@ -76,6 +77,7 @@ def test_stack_of_three_on_a_rigid_plane(element):
         assert np.abs(result[body].balance()["residual"]).max() <= 1e-12
 
 
+@pytest.mark.turns(4)
 @pytest.mark.filterwarnings("ignore:facets in contact are up to")
 @given(
     n=st.integers(1, 9),
@@ -101,6 +103,7 @@ def test_forces_on_both_bodies_are_equal_and_opposite(n, m, shift, seed, which):
     assert max(result.kkt.values()) <= 1e-10
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("element", [ElementQuad1, ElementQuad2, ElementQuadAdini])
 @pytest.mark.parametrize("unit", [1e-6, 1e5])
 def test_unit_of_length(element, unit):

@@ -95,6 +95,7 @@ def test_random_pairs_of_elements_at_random_tilts(seed, space, make):
     uniform(result, (upper, lower), sigma, 1e-10)
 
 
+@pytest.mark.sampled(2)
 @everything
 @pytest.mark.parametrize("friction", [0.0, 0.4])
 def test_a_body_that_floats_between_two_others(element, friction, make):
@@ -128,6 +129,7 @@ def test_a_body_that_floats_between_two_others(element, friction, make):
     assert np.abs(result[middle].resultant).max() <= 1e-12
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("element", BRICKS, ids=lambda e: e.__name__)
 def test_a_floating_body_pressed_alike_from_both_sides(element, make):
     """Its plane of symmetry does not move: each half is a pair of a body and a held one."""
@@ -174,6 +176,7 @@ def along(result, chosen=slice(None)):
 YOUNG, POISSON, SHEAR = (1.0, 2.5, 4.0), (0.25, 0.1, 0.2), (0.6, 0.8, 0.5)
 
 
+@pytest.mark.sampled(5)
 @everything
 @pytest.mark.parametrize("scale", [1.0, 1e9])
 def test_an_orthotropic_block_pressed_on_another(element, scale, make):
@@ -216,6 +219,7 @@ def test_an_orthotropic_block_pressed_on_another(element, scale, make):
     assert np.abs(result.shear).max() <= 1e-8 * pressure
 
 
+@pytest.mark.sampled(4)
 @everything
 def test_heated_bodies_between_walls(element, make):
     """Held at all sides but the one where they meet: p = sum of the free expansions over give."""

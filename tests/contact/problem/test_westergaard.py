@@ -82,6 +82,7 @@ def test_light_contact(element, share, unit, tol, multipliers):
     assert max(result.kkt.values()) <= 1e-10
 
 
+@pytest.mark.sampled(4)
 @elements
 @pytest.mark.parametrize("multipliers", ["first", "second"])
 @pytest.mark.parametrize("mean", [1.0, 1.5])
@@ -96,6 +97,7 @@ def test_full_contact_between_planes_of_symmetry(element, multipliers, mean):
     assert off.max() <= (0.02 if element is ElementQuad1 else 4e-3)
 
 
+@pytest.mark.sampled(2)
 @elements
 def test_full_contact_across_the_ends_of_the_period(element):
     """The coarser mesh carries the multipliers, so that its points at both ends are independent."""

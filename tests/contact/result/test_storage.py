@@ -42,6 +42,7 @@ RESULTS = {
 
 
 # The disk has few facets, and the warning of their sagitta is right.
+@pytest.mark.sampled(3)
 @pytest.mark.filterwarnings("ignore:the pressures are")
 @pytest.mark.parametrize("name", RESULTS)
 def test_round_trip(name, tmp_path, make):

@@ -13,6 +13,7 @@ from contact.result.stored_result import problem_arrays
 FIELDS = ("u", "mu", "t", "x", "pressure", "shear", "gap", "status", "slip", "resultants", "part")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_round_trip(name, tmp_path):
     problem = PROBLEMS[name]()
@@ -115,6 +116,7 @@ def other_material(arrays):
     arrays["body/1/E"] = 1.01 * arrays["body/1/E"]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     "change",
     [

@@ -50,6 +50,7 @@ def test_ring_in_a_hole(element, curved, make):
     assert shear[-1] < (0.03 if element in LINEAR else 0.02)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("element", "curved"), [c for c in CASES if c[0] in PLANE])
 def test_ring_on_a_shaft(element, curved, make):
     """The bore, where stresses change fastest, so that linear elements need finer meshes."""
@@ -71,6 +72,7 @@ def test_solid_ring_on_a_shaft(element, curved, make):
     assert order(facets, rms) > (0.8 if element is ElementTetP1 else 1.2)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("element", "curved"), [c for c in CASES if c[0] in PLANE])
 def test_graded_facets(element, curved, make):
     """Lengths of facets in the ratio of one to a hundred."""
@@ -84,6 +86,7 @@ def test_graded_facets(element, curved, make):
     assert order(facets, rms) > 1.5
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("size", "turn"), [(1e-6, 0.0), (1e3, 0.0), (1.0, np.pi / 2)])
 @pytest.mark.parametrize(("element", "curved"), [c for c in CASES if c[0] in PLANE])
 def test_units_and_directions(element, curved, size, turn, make):
@@ -145,6 +148,7 @@ def test_thesis_points_are_refused_on_curves(make):
         ContactProblem(ring(make, ElementQuadAdini, 4), "right", -D, functional="thesis")
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("element", PLANE + SOLID)
 @pytest.mark.parametrize("n", [2, 3, 7])
 def test_hydrostatic_state_of_a_polygon(element, n, make):

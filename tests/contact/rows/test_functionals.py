@@ -112,6 +112,7 @@ def affine(x):
     return np.tensordot(np.array(rows)[: x.shape[0], : x.shape[0]], x, axes=1) + 0.1
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("boundary", ["bottom", ["bottom", "left"]], ids=["flat", "corner"])
 @pytest.mark.parametrize(("element", "functional"), FULL_RANK)
 def test_full_rank(element, functional, boundary, body_of):
@@ -186,6 +187,7 @@ def test_bernstein_coefficients_of_a_quadratic_trace(element, body_of):
     np.testing.assert_allclose(rows_of(body, "bernstein").G @ dofs, -expected, atol=1e-13)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("element", "functional", "angle"),
     turned(p for p in FULL_RANK if p != (ElementQuadAdini, "nodal")),

@@ -106,6 +106,7 @@ def measure(body, facets):
     return FacetBasis(body.mesh, body.element, facets=facets, intorder=degree).dx.sum()
 
 
+@pytest.mark.turns(4)
 @given(
     case=st.sampled_from(CASES),
     curved=st.booleans(),

@@ -94,6 +94,7 @@ def errors(result, plane="strain"):
     )
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("element", "functional"), PASSES)
 def test_uniform_pressure(element, functional, make):
     pressure, displacement = errors(squeezed(make, element, functional).solve())
@@ -110,6 +111,7 @@ def test_plane_stress(element, make):
     assert displacement < 1e-12
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("element", "functional"), [p for p in PASSES if p[0] not in HERMITE])
 def test_distorted_cells(element, functional, make):
     """Isoparametric families contain the affine fields on any mesh, hence the solution."""
@@ -119,6 +121,7 @@ def test_distorted_cells(element, functional, make):
     assert displacement < 1e-12
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("element", "functional"), PASSES)
 def test_with_sliding_friction(element, functional, make):
     """Dragged along x by its top, with friction F below: a uniform shear F p besides."""

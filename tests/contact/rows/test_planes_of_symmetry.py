@@ -85,6 +85,7 @@ def test_noise_of_any_size(element, functional, law, make):
         last = rough
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("noise", [0.0, 1e-7, 1e-2])
 @pytest.mark.parametrize("element", PLANE + SOLID)
 def test_nothing_rubs_across_a_plane_of_symmetry(element, noise, make):
@@ -104,6 +105,7 @@ def body_dim(element, make):
     return element().dim
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("law", FRICTION)
 @pytest.mark.parametrize(("element", "functional"), [c for c in CASES if c[0] in MIRRORED])
 def test_the_whole_body_says_the_same(element, functional, law, make):

@@ -34,6 +34,7 @@ def ring(straight, curved, element, n):
     return body.fix("along x", "y").fix("along y", "x")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("gap", [Cylinder, lambda *shape: ClosestPoint(Cylinder(*shape))])
 @pytest.mark.parametrize(
     "family", [(MeshQuad, MeshQuad2, ElementQuad2), (MeshTri, MeshTri2, ElementTriP2)]

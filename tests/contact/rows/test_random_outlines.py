@@ -257,6 +257,7 @@ def check_sheared_state(make, seed):
 
 
 # The last: noise turns the normal of a corner by 1e-9, of which no row may lose sight.
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("seed", [*range(20), 666])
 def test_uniform_shear(seed, make):
     """Straight sides that stick or slip under one pressure and one shear."""

@@ -134,6 +134,7 @@ def check_pressed(make, seed):
         assert np.all(fine < 1), (seed, coarse, fine)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("seed", range(12))
 def test_finer_meshes_agree(seed, make):
     """Outlines of all kinds on planes, in bores, on shafts and by numbers, under each law."""

@@ -88,6 +88,7 @@ def test_reference_is_hertz():
     assert abs(largest / (a / (2 * (1 - NU**2))) - 1) < a**2
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("element", "curved"), [c for c in CASES if c[0] is not ElementQuad1])
 def test_roller(element, curved):
     """What P1 on one diagonal is off by is its displacement's error, see the last test."""

@@ -101,6 +101,7 @@ def test_one_beside_two(element, exact):
     assert found[2] < (0.6 * found[1] if first else 0.0025)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("pattern", ["one beside four", "any"])
 @pytest.mark.parametrize("element", PLANE)
 def test_roller(element, pattern, exact):
@@ -124,6 +125,7 @@ def test_shares_of_the_mean(exact):
     assert found[1] < 0.5 * found[0]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("element", SOLID)
 def test_roller_in_space(element, exact):
     """Triangles at the ends of a slice lie unevenly about their vertices."""

@@ -224,6 +224,18 @@ def test_infeasible(force, friction, words):
         GridContact(SPACE, Rigid(0.0, force=force), friction).solve()
 
 
+@pytest.mark.parametrize("share", [0.101, 0.4])
+def test_friction_that_is_large_elsewhere(share):
+    """What holds is the friction where the pressure is, found by sliding, not the largest."""
+    x = np.arange(32) / 32
+    gap = 1e-3 * (1 - np.cos(2 * np.pi * x))
+    space, friction = HalfSpace(1.0, 32, 1.0, 0.3), np.where(abs(x - 0.5) < 0.25, 0.5, 0.1)
+    with pytest.raises(Infeasible, match=r"holds 0\.0001 where all points slide"):
+        GridContact(space, Rigid(gap, force=(share * 1e-3, 1e-3)), friction).solve()
+    less = GridContact(space, Rigid(gap, force=(0.0999e-3, 1e-3)), friction).solve()
+    assert less.resultant == pytest.approx((0.0999e-3, 1e-3))
+
+
 def test_beyond_full_contact():
     gap = 0.01 * np.random.default_rng(0).uniform(0, 1, (8, 8))
     with pytest.raises(Infeasible, match="full contact"):

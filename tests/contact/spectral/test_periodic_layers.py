@@ -8,7 +8,7 @@ import pytest
 import skfem
 from skfem import ElementHex1, ElementQuad2
 
-from contact import InputError, LayeredBlock
+from contact import GridContact, InputError, LayeredBlock, Rigid
 from contact.spectral.periodic_layers import PeriodicLayers
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
@@ -354,3 +354,19 @@ def test_bad_layers_are_named(given, message):
         PeriodicLayers(**arguments)
     with pytest.raises(InputError, match=message):
         LayeredBlock(sides="periodic", **arguments)
+
+
+@pytest.mark.parametrize("cells", [(1, 1), (1, 3), (3, 1)])
+def test_one_cell_between_rollers_is_a_column(cells):
+    """It is shortened without moving aside: the modulus is that of confined compression."""
+    layers = [(0.25, 2, 2.0, 0.2), (0.75, 3, 1.0, 0.3)]
+    more = {"sides": ("x", "y"), "top": "z", "motion": (0, 0, -0.1)}
+    block = PeriodicLayers((1.0, 2.0), layers, cells, **more)
+    give = sum(h * (1 + nu) * (1 - 2 * nu) / (E * (1 - nu)) for h, _, E, nu in layers)
+    result = GridContact(block, Rigid(0.0)).solve()
+    assert result.pressure == pytest.approx(0.1 / give, rel=1e-12)
+
+
+def test_one_cell_between_periodic_sides_is_refused():
+    with pytest.raises(InputError, match="whole numbers from 1, 2"):
+        PeriodicLayers((1.0, 1.0), [(1.0, 1, 1.0, 0.3)], (1, 1), sides=("x", "periodic"))

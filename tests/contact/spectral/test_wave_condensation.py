@@ -191,6 +191,7 @@ def test_products_of_symbols(real):
     np.testing.assert_array_equal(symbol[2, 1], N[:, 1, 2])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("unknowns", "dim", "inner"),
     [(2, 2, []), (3, 3, []), (3, 3, [3, 4]), (6, 2, [8, 9, 10, 11, 2, 3, 4, 5])],

@@ -62,6 +62,7 @@ def test_larger_problems_that_failed_once(seed):
     assert run([seed], n_max=200) == []
 
 
+@pytest.mark.turns(4)
 def test_random_sparse_problems():
     # Rounding of the factoriser decides about one: a certificate that just misses its margin.
     assert len(run(range(400, 425), 30, sparse.csr_array)) <= 1

@@ -46,6 +46,7 @@ SCALAR_QUADS = [ElementQuadAdini(), ElementQuadAdini(derivatives=2), skfem.Eleme
 SCALAR_QUADS += [skfem.ElementQuad1(), skfem.ElementQuad2(), skfem.ElementQuadP(4)]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("element", SCALAR_QUADS, ids=lambda e: type(e).__name__)
 def test_scalar_elements_on_any_quadrilaterals(any_quads, element):
     form = mass if isinstance(element, skfem.ElementQuad0) else laplace
@@ -72,6 +73,7 @@ def test_vector_elements(parallelograms, inner, form):
     assert agrees(found, asm(form, Basis(parallelograms, element)))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("element", [ElementHexAdini, skfem.ElementHex1, skfem.ElementHex2])
 def test_bricks(any_hexes, element):
     found = assemble(laplace, any_hexes, element(), fallback=False)
@@ -263,6 +265,7 @@ def test_threads_do_not_change_a_bit(threads, monkeypatch):
         np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
 
 
+@pytest.mark.turns(4)
 def test_long_integers_where_32_bits_do_not_suffice(monkeypatch):
     from skfem_adini.assembly import csr_scatter
 

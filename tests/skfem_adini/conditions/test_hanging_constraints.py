@@ -115,6 +115,7 @@ def largest_jump(mesh, element, x):
     return np.abs(sides[0] - sides[1]).max()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("vector", [False, True], ids=["scalar", "vector"])
 def test_random_fields_are_continuous(mesh, vector):
     element = ElementVector(ElementQuadAdini()) if vector else ElementQuadAdini()

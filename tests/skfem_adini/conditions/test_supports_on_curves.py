@@ -120,6 +120,7 @@ def kinked(kink, solid=False, rng=None):
     return type(mesh)(p, mesh.t).with_boundaries({"low": low})
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("solid", [False, True], ids=["quad", "hex"])
 @pytest.mark.parametrize("smooth", [False, True])
 @pytest.mark.parametrize("kink", KINKS)

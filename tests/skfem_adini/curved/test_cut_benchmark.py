@@ -18,6 +18,7 @@ def curved():
     sys.path.remove(str(BENCHMARKS))
 
 
+@pytest.mark.turns(4)
 def test_report(curved, cut_problems, tmp_path, capsys):
     np.testing.assert_allclose(curved.EXACT, cut_problems.disk_eigenvalues(10))
     arguments = ["--most", "2", "--repeats", "1", "--output", str(tmp_path)]

@@ -36,6 +36,7 @@ def disk(cut_problems):
     return errors
 
 
+@pytest.mark.turns(4)
 def test_disk_meets_its_targets(disk):
     assert disk[32][0][0] <= 3e-9
     assert disk[64][0][0] <= 5e-11
@@ -84,6 +85,7 @@ def test_ellipse(cut_problems, convergence_order):
     assert convergence_order([16, 24, 32], errors) == pytest.approx(6, abs=0.5)
 
 
+@pytest.mark.turns(4)
 def test_strongly_curved_flower_with_a_refined_boundary(cut_problems):
     """The base grid alone leaves 3.8e-5; two levels of cells at the boundary 8e-8."""
     level_set, reference = cut_problems.LEVEL_SETS["flower"], cut_problems.flower_eigenvalue()
@@ -96,6 +98,7 @@ def test_strongly_curved_flower_with_a_refined_boundary(cut_problems):
     assert errors[1] <= 1e-6
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("held", [True, False], ids=["held", "free"])
 def test_elastic_disk(cut_problems, held, convergence_order):
     """Torsion mu (j / R)^2 and breathing (lambda + 2 mu) k^2, in closed form."""

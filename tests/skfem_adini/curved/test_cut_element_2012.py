@@ -125,6 +125,7 @@ def test_opposite_vertices_and_other_meshes_are_refused(cut_problems):
         Basis(cut_problems.unit_square(8), element)
 
 
+@pytest.mark.turns(4)
 def test_example_shows_order_one_beside_order_six(tmp_path, capsys):
     found = load("curved_2012").main(["--cells", "8", "16", "32", "--output", str(tmp_path)])
     errors = {name: np.abs(values) for name, values in found.items()}

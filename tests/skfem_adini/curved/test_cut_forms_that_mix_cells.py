@@ -94,6 +94,7 @@ POINTWISE = {
 }
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("element", ELEMENTS)
 @pytest.mark.parametrize("form", ["bilinear", "load", "functional"])
 @pytest.mark.parametrize("name", POINTWISE)

@@ -60,6 +60,7 @@ def check_orders(convergence_order, cells, found):
 SLOW_NAMES = [pytest.param(name, marks=pytest.mark.slow) for name in ("mild flower", "flower")]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ["disk", "ellipse", *SLOW_NAMES])
 def test_dirichlet_orders(cut_problems, name, convergence_order):
     cells, found = [16, 24, 32, 48, 64], []
@@ -79,6 +80,7 @@ def disk_and_boundary(cut_problems, n):
     return mesh, domain, domain.boundary(ELEMENT)
 
 
+@pytest.mark.turns(4)
 def test_robin_orders(cut_problems, convergence_order):
     cells, found = [12, 16, 24, 32, 48], []
     for n in cells:
@@ -92,6 +94,7 @@ def test_robin_orders(cut_problems, convergence_order):
     check_orders(convergence_order, cells, found)
 
 
+@pytest.mark.turns(4)
 def test_neumann_and_dirichlet_on_the_parts_of_a_composition(cut_problems, convergence_order):
     """Half a disk: Dirichlet on the arc, Neumann on the chord, which ends in the arc's corners."""
     disk = LevelSet(cut_problems.LEVEL_SETS["disk"])
@@ -109,6 +112,7 @@ def test_neumann_and_dirichlet_on_the_parts_of_a_composition(cut_problems, conve
     check_orders(convergence_order, cells, found)
 
 
+@pytest.mark.turns(4)
 def test_strong_conditions_on_grid_lines_and_nitsche_on_an_arc(cut_problems, convergence_order):
     """The quarter of a disk at the corner of the mesh: the axes are grid lines."""
     cells, found = [12, 16, 24, 32, 48], []
@@ -155,6 +159,7 @@ def test_cubics_are_exact_on_a_polygon(cut_problems, stabilise):
     np.testing.assert_allclose(x[active], exact[active], atol=1e-9)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("lame", [1.5, 1e6])
 def test_nearly_incompressible_elasticity_keeps_its_order(cut_problems, lame, convergence_order):
     """u = curl of a potential is free of divergence, so the load does not depend on lambda."""

@@ -60,6 +60,7 @@ def check(errors, conditions):
     assert max(conditions["ghost"]) <= 3e3
 
 
+@pytest.mark.turns(4)
 def test_some_shifts_and_slivers(cut_problems):
     check(*run(cut_problems, 3, 2))
 

@@ -21,6 +21,7 @@ def parity(request: pytest.FixtureRequest) -> Any:
 
 
 @pytest.mark.mpi
+@pytest.mark.sampled(3)
 def test_matrices_are_the_serial_ones(parity: Any) -> None:
     assert len(parity["matrices"]) == 16
     for name, (entries, product) in parity["matrices"].items():
@@ -29,6 +30,7 @@ def test_matrices_are_the_serial_ones(parity: Any) -> None:
 
 
 @pytest.mark.mpi
+@pytest.mark.sampled(3)
 def test_solutions_are_the_serial_ones(parity: Any) -> None:
     assert len(parity["solutions"]) == 12
     for name, (error, iterations) in parity["solutions"].items():
@@ -38,6 +40,7 @@ def test_solutions_are_the_serial_ones(parity: Any) -> None:
 
 
 @pytest.mark.mpi
+@pytest.mark.sampled(3)
 def test_eigenvalues_are_scipys(parity: Any) -> None:
     found = parity["eigenvalues"]
     assert found["values"] <= 1e-10
@@ -46,11 +49,13 @@ def test_eigenvalues_are_scipys(parity: Any) -> None:
 
 
 @pytest.mark.mpi
+@pytest.mark.sampled(3)
 def test_the_schur_complement_is_the_dense_one(parity: Any) -> None:
     assert all(error <= 1e-12 for error in parity["complement"].values()), parity["complement"]
 
 
 @pytest.mark.mpi
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("what", "words"),
     [

@@ -38,6 +38,7 @@ def test_orders_of_smooth_problems(benchmark, name, problem):
     )
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", ORDERS)
 def test_order_at_the_corner(benchmark, name):
     """The regularity gives 2/3 in the energy and not more, whatever the degree."""
@@ -86,6 +87,7 @@ def test_target_and_order_of_known_sequences(benchmark):
     assert elements.before_rounding([1, 0.1, 0.2]) == 2
 
 
+@pytest.mark.turns(4)
 def test_report_and_picture(benchmark, tmp_path, capsys):
     elements, _ = benchmark
     arguments = ["--problems", "eigenvalue", "--sizes", "200", "400", "800", "--repeats", "1"]

@@ -71,6 +71,7 @@ def orders(fit, cells, meshes, *solution):
     return fit(cells, l2), fit(cells, h1)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("sheared", [False, True], ids=["bricks", "parallelepipeds"])
 def test_poisson(sheared, convergence_order):
     """On parallelepipeds the Dirichlet data come through faces in every direction."""
@@ -90,6 +91,7 @@ def test_poisson_on_finer_meshes(convergence_order):
     assert h1 == pytest.approx(3, abs=0.12)
 
 
+@pytest.mark.turns(4)
 def test_uniform_refinement_of_a_coarse_mesh_keeps_the_order(convergence_order):
     mesh = MeshHex().refined(1)
     p = mesh.p + 0.06 * np.random.default_rng(2).uniform(-1, 1, mesh.p.shape)
@@ -109,6 +111,7 @@ def frusta(n):
     return MeshHex(p, mesh.t)
 
 
+@pytest.mark.turns(4)
 def test_similar_frusta_lose_what_the_warning_says(convergence_order, caplog):
     """Seen alone with a quadratic, whose error is all due to the twist."""
     cells, exact = [4, 6, 8], (quadratic, quadratic_gradient, None)

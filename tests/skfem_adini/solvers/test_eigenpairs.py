@@ -38,6 +38,7 @@ def modes(basis, count, fixed=None):
     return lowest_eigenpairs(laplace.assemble(basis), mass.assemble(basis), count, fixed)
 
 
+@pytest.mark.turns(4)
 @needs_long_double
 def test_first_neumann_eigenvalue_to_round_off():
     """At n = 128 shift and invert alone is two orders of magnitude away from these numbers."""
@@ -62,6 +63,7 @@ def test_shift_and_invert_alone_stalls(solver):
     assert 0 < float(refine_eigenpair(basis, x[:, 1]).value / PI**2 - 1) <= 8e-15
 
 
+@pytest.mark.turns(4)
 @needs_long_double
 def test_order_six_where_double_precision_stalls():
     errors = []
@@ -120,6 +122,7 @@ def test_constant_has_no_energy_at_all(width, monkeypatch):
     assert pair.residual == 0
 
 
+@pytest.mark.turns(4)
 def test_double_precision_alone(monkeypatch):
     """Where long double is double, exact cell matrices and the subtracted mean are enough."""
     basis = square(64)
@@ -129,6 +132,7 @@ def test_double_precision_alone(monkeypatch):
     assert value / np.pi**2 - 1 == pytest.approx(4.479e-13, abs=2e-15)
 
 
+@pytest.mark.turns(4)
 @needs_long_double
 def test_cube():
     """The error of the lowest Neumann eigenvalue at n = 8 is 8.78e-8."""

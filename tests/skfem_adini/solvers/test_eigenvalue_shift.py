@@ -21,6 +21,7 @@ def pair(basis):
     return laplace.assemble(basis), mass.assemble(basis)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("solver", ["auto", "superlu"])
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("count", [1, 2, 6])

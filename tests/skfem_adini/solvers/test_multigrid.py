@@ -86,6 +86,7 @@ PROBLEMS = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("problem", PROBLEMS)
 def test_agrees_with_a_factorisation(problem):
     A, b, near_null = PROBLEMS[problem]()
@@ -98,6 +99,7 @@ def test_agrees_with_a_factorisation(problem):
     assert np.linalg.norm(scale * (b - A @ x)) <= 1e-12 * np.linalg.norm(scale * b)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("make", "cells", "most"), [(poisson, (4, 6, 9), 12), (clamped_block, (3, 5, 7), 20)]
 )
@@ -122,6 +124,7 @@ def test_unknowns_of_a_vertex_lie_in_one_block(vertex):
     assert len(set(zip(vertex, place // block, strict=True))) == len(set(vertex)) == vertices
 
 
+@pytest.mark.turns(4)
 def test_rotations_pay():
     """Without them the coarse grids do not see bending."""
     A, b, near_null = clamped_block(6)
@@ -185,6 +188,7 @@ def test_too_few_iterations_are_no_result():
         solver.solve(b)
 
 
+@pytest.mark.turns(4)
 def test_slender_body():
     """Its displacements are so large that no solver brings the residual to 1e-11 of the load."""
     A, b, near_null = clamped_block(4, lengths=(1.0, 1.0, 16.0))
@@ -200,6 +204,7 @@ def test_slender_body():
     np.testing.assert_allclose(x, expected, atol=1e-9 * np.abs(expected).max())
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("vector", [False, True], ids=["poisson", "elasticity"])
 def test_floating_bodies(vector):
     """Without supports there is a solution for balanced loads alone."""
@@ -214,6 +219,7 @@ def test_floating_bodies(vector):
         solver.solve(b + 0.1 * np.linalg.norm(b) * near_null.modes[:, 0])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("nu", "most"), [(0.45, 45), (0.49, 90)])
 def test_nearly_incompressible(nu, most):
     basis, K = bricks(5, linear_elasticity(nu / (1 - 2 * nu), 0.5), vector=True)

@@ -64,6 +64,7 @@ def test_threads_get_what_one_alone_gets(solver, definite):
     assert all(map(np.array_equal, alone, together))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("solver", DIRECT)
 def test_factors_made_and_dropped_in_threads(solver):
     """Factors of several sizes, made, used and given back at the same time."""
@@ -91,6 +92,7 @@ COPIES = {
 }
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("how", COPIES)
 @pytest.mark.parametrize(("solver", "definite"), ALL)
 def test_copies_live_on_their_own(solver, definite, how):

@@ -24,6 +24,7 @@ def benchmark():
     sys.path.remove(str(BENCHMARKS))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("problem", ["poisson", "elasticity"])
 def test_systems(benchmark, problem, monkeypatch):
     from skfem import ElementVector, MeshHex

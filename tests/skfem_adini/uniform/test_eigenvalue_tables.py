@@ -34,6 +34,7 @@ def full_tables(tmp_path_factory):
     return EXAMPLE["main"](["--output", str(tmp_path_factory.mktemp("eigenvalues"))])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("table", TABLES)
 def test_laplace_errors(tables, table):
     for mode, published in TABLES[table].items():

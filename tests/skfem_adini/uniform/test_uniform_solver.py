@@ -46,6 +46,7 @@ def problems(draw):
     return shape, lengths, k, draw(st.sampled_from([0.5, 7.0])), draw(st.integers(0, 99))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("bc", ["dirichlet", "neumann"])
 @given(problem=problems())
 def test_equals_a_sparse_solve(bc, problem):
@@ -78,6 +79,7 @@ def test_pure_neumann_problem_has_mean_zero(shape):
     assert constant @ mass.assemble(basis) @ x == pytest.approx(0, abs=2e-14)
 
 
+@pytest.mark.turns(4)
 def test_residual_on_a_fine_grid():
     """In the dofs u and h u_x; rounding of x alone leaves 1e-12 of a smooth load."""
     n = 256

@@ -59,6 +59,7 @@ def test_area_of_the_common_part_of_convex_polygons(seed, n, m):
     assert abs(found - exact) <= 1e-9
 
 
+@pytest.mark.sampled(4)
 @elements
 @pytest.mark.parametrize("place", [None, tilted], ids=["flat", "tilted"])
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
@@ -77,6 +78,7 @@ def test_integrals_over_covered_parts(element, place, unit):
         assert abs(q.w @ (a**2 * b) - exact) <= 1e-12 * exact
 
 
+@pytest.mark.sampled(4)
 @elements
 @pytest.mark.parametrize("functional", [None, "standard", "hat"])
 def test_forces_and_moments_of_normal_forces_cancel(element, functional):
@@ -117,6 +119,7 @@ def test_dual_functions_have_the_trace_as_their_partner(element):
     assert np.unique(own).size == own.size
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("element", [ElementHex2, ElementTetP2])
 def test_second_order_facets_follow_a_sphere(element):
     """Patches of two concentric spheres: area and gap converge with the order of the cells."""

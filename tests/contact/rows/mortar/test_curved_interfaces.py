@@ -88,6 +88,7 @@ def test_only_the_nearest_of_two_layers_takes_part():
             assert np.abs(found.rows.gap).max() <= 1e-14
 
 
+@pytest.mark.turns(4)
 def test_areas_of_polygons_that_hide_each_other():
     """Three layers of a random kind: areas by counting the points of a fine grid."""
     rng = np.random.default_rng(7)
@@ -134,6 +135,7 @@ def test_uniform_pressure_on_quadrilaterals_that_are_no_parallelograms(element):
         assert np.abs(force - sign * load).max() <= 1e-11 * np.abs(load).max()
 
 
+@pytest.mark.sampled(4)
 @elements
 @pytest.mark.parametrize("digits", range(1, 14, 2))
 def test_narrow_parts_carry_their_share_of_a_uniform_pressure(element, digits):

@@ -51,6 +51,7 @@ def test_matching_meshes_have_the_rows_of_each_body(element, kind):
     assert abs(found.other_T - other.T).max() < 1e-12
 
 
+@pytest.mark.turns(4)
 @settings(max_examples=60)
 @given(
     st.sampled_from(PLANE),

@@ -90,6 +90,7 @@ def test_uniform_pressure(element, n, m, angle, multipliers, kind):
     assert imbalance(pair, ends, angle, 1.0, (0.0, 1.0), kind) < 1e-11
 
 
+@pytest.mark.turns(4)
 @settings(max_examples=40)
 @given(
     st.sampled_from(PLANE),
@@ -111,6 +112,7 @@ def test_partial_coverage(one, two, kind, multipliers, n, m, shift, angle, size)
     assert imbalance(pair, ends, angle, size, covered, kind) < 1e-11
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("part", [1e-3, 1e-5, 1e-7])
 @pytest.mark.parametrize("element", PLANE)
 def test_slivers(element, part):

@@ -19,6 +19,7 @@ def arcs(element, n, m, size, curved=False):
     return one, one.facets("right"), two, two.facets("left")
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("element", PLANE)

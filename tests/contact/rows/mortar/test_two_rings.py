@@ -87,6 +87,7 @@ CASES = [
 ]
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize(("element", "curved", "bound", "order"), CASES)
 def test_shrink_fit(element, curved, bound, order, turned):

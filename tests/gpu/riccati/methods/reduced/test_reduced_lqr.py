@@ -90,6 +90,7 @@ def test_larger_heat_equations(heat_modes, N, rank):
     assert apart(plain.gain, other.gain) < 1e-10
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("mass", [False, True])
 @pytest.mark.parametrize("weight", ["number", "diagonal", "matrix", "factor"])
 def test_nonsymmetric_problems(weight, mass):

@@ -1,0 +1,200 @@
+r"""The change of feet along a direction of the velocity's parameters.
+
+With the equations :math:`y' = f(y, p)` of a foot and its derivatives, the change
+:math:`Y = (dy/dp)\,d` obeys :math:`Y' = f_y Y + f_p\,d`. A Runge-Kutta method with fixed sub-steps,
+applied to both together, gives the exact change of what it gives for y (Hairer, Norsett and Wanner,
+Solving Ordinary Differential Equations I, 1993, section I.14). The cost does not grow with the
+number of parameters.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from cip.characteristics.feet import integrate
+from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
+from cip.engines.path_kernel import rate_function, runge_kutta
+from cip.formulas.expression import COORDINATES, Expression, apply, constant, variable
+from cip.formulas.snapshots import snapshots_of
+from cip.formulas.straight_line_code import numpy_function, statements
+from cip.sensitivities.blocks import Block
+from cip.stages.stage import Stage, StageFeet
+
+Array = Any  # arrays of NumPy or CuPy
+# From this number of nodes on, compiling a system (seconds) saves time.
+_COMPILE_FROM = 20_000
+
+
+class Directional(System):
+    """A system together with the changes of its unknowns along a direction of its parameters.
+
+    Parameters
+    ----------
+    system : System
+
+    Attributes
+    ----------
+    jets : tuple of Jet
+        Those of `system`, then their changes: jets with component 4 + number, which means nothing
+        elsewhere.
+    parameters : list of str
+        Those of `system`, then their changes.
+    """
+
+    def __init__(self, system: System) -> None:
+        self.moving, self._evaluator = system.moving, None
+        self.directions = [f"d_{name}" for name in system.parameters]
+        self.parameters = [*system.parameters, *self.directions]
+        changes = tuple(Jet(4 + q, jet.orders) for q, jet in enumerate(system.jets))
+        self.changes = dict(zip(system.jets, changes, strict=True))
+        self.jets = (*system.jets, *changes)
+        # The first unknowns are displacements, which move the point x1, x2, x3.
+        names = [COORDINATES[axis] for axis in system.moving]
+        names += [jet.name for jet in system.jets[len(names) :]]
+        moves = dict(zip(names, (jet.name for jet in changes), strict=True))
+        moves.update(zip(system.parameters, self.directions, strict=True))
+        self.rates = (*system.rates, *(_along(rate, moves) for rate in system.rates))
+
+    def start(self, jet: Jet) -> float:
+        """Value at tau = 0; 0 for changes."""
+        return super().start(jet) if jet.component < 4 else 0.0
+
+    def change(self, wanted: Jet) -> Expression:
+        """The change of a component of the foot, displacements as lengths."""
+        moves = {jet.name: change.name for jet, change in self.changes.items()}
+        return _along(component(wanted), moves)
+
+
+def _along(value: Expression, moves: dict[str, str]) -> Expression:
+    """The derivative along the variables that are the changes of others."""
+    total = constant(0.0)
+    for name, change in moves.items():
+        total = total + value.derivative(name) * variable(change)
+    return total
+
+
+def component(jet: Jet) -> Expression:
+    """A component of the foot in the unknowns: det(dX/dx) = exp(l) and its derivatives."""
+    if jet.component < 3:
+        return variable(jet.name)
+    E = apply("exp", variable(LOG_DETERMINANT.name))
+    axes = [axis for axis in range(3) for _ in range(jet.orders[axis])]
+    first = [variable(LOG_DETERMINANT.along(axis).name) for axis in axes]
+    if not axes:
+        return E
+    return E * first[0] if len(axes) == 1 else E * (variable(jet.name) + first[0] * first[1])
+
+
+def tangent_source(system: Directional, wanted: tuple[Jet, ...]) -> str:
+    """Source of the kernels `rates` and ``tangent`` of one path.
+
+    ``tangent(feet, x1, x2, x3, t, step, count, box)`` writes the changes of the components and
+    returns 0; `box` holds the values of the parameters and their changes, the other arguments are
+    those of `cip.engines.path_kernel.path_source`.
+    """
+    jets = [jet.name for jet in system.jets]
+    found = {f"z{f}": system.change(jet) for f, jet in enumerate(wanted)}
+    lines = [
+        *rate_function("rates", system.rates, [*jets, *system.parameters], None),
+        "def tangent(feet: Out, x1: Real, x2: Real, x3: Real, t: Real, step: Real, count: Index, "
+        "box: Array) -> Index:",
+        *(f"    {name} = box[{q}]" for q, name in enumerate(system.parameters)),
+        *(f"    y{q} = {system.start(jet)!r}" for q, jet in enumerate(system.jets)),
+        "    for n in range(count):",
+        *(f"        {line}" for line in runge_kutta(system)),
+        *(f"    {name} = y{q}" for q, name in enumerate(jets)),
+        *statements(found),
+        *(f"    feet[{f}] = z{f}" for f in range(len(wanted))),
+        "    return 0",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+class PathTangent:
+    """The changes of the feet of a stage of a velocity with parameters.
+
+    Parameters
+    ----------
+    stage : Stage
+    """
+
+    xp: Any = np
+
+    def __init__(self, stage: Stage) -> None:
+        self._stage, self._system = stage, Directional(stage.system)
+        formula = all(c.exact for c in stage.velocity) and snapshots_of(stage.velocity) is None
+        self._compiled = formula and stage.grid.size >= _COMPILE_FROM
+
+    def along(self, blocks: list[Block], feet: StageFeet, direction: Array) -> Array:
+        """The changes of all components, shape (components, nodes), displacements as lengths.
+
+        Parameters
+        ----------
+        blocks : list of Block
+            Of the stage.
+        feet : StageFeet
+            With the numbers of sub-steps that led to them, which are kept. What begins on a wall
+            does not change here.
+        direction : ndarray, shape (parameters,)
+            The change of the system's parameters.
+        """
+        size, count = self._stage.grid.size, len(self._stage.jets)
+        found = self.xp.empty((len(blocks) * count, size))
+        for block in blocks:
+            rows = found[block.components]
+            if self._compiled:
+                values = np.array([*self._stage.parameters, *direction], dtype=float)
+                self._by_kernel(block, feet, values, rows)
+            else:
+                rows[:] = self.xp.asarray(self._by_numpy(block, feet, direction))
+            if feet.exits[block.number] is not None:
+                rows[:, self.xp.asarray(~feet.interior(size, block.number))] = 0.0
+        return found
+
+    def _step(self, block: Block, feet: StageFeet) -> tuple[float, int]:
+        """The length of the sub-steps of a block, and how many there are."""
+        count = feet.substeps[block.number]
+        return (feet.t_end - feet.t_start) / count, count
+
+    @cached_property
+    def source(self) -> str:
+        """Of the kernel ``tangent``."""
+        return tangent_source(self._system, tuple(self._stage.jets))
+
+    def _by_kernel(self, block: Block, feet: StageFeet, values: Array, out: Array) -> None:
+        """For formulas on many nodes."""
+        from cip.engines import cpu_loops, path_loops
+        from cip.jit import loop_over
+
+        stage, size = self._stage, self._stage.grid.size
+        kernel = path_loops.kernel_of(self.source)
+        run = loop_over(path_loops.run_feet, path=kernel)
+        points: list[Any] = [np.ascontiguousarray(x.ravel()) for x in stage.points(block.bits)]
+        x, y, z = points + [np.zeros(size)] * (3 - stage.grid.dim)
+        paths = tuple(path_loops.Paths(x, y, z, feet.t_end, *self._step(block, feet), values))
+        said, flat = np.empty(size, np.int64), out.reshape(-1)
+
+        def work(start: int, stop: int) -> None:
+            run(start, stop, flat, said, paths, size, len(out))
+
+        cpu_loops.share(work, size, size)
+
+    def _by_numpy(self, block: Block, feet: StageFeet, direction: Array) -> Array:
+        """For velocities known by their values, and for few nodes."""
+        stage, system = self._stage, self._system
+        length, points = feet.t_end - feet.t_start, stage.points(block.bits)
+        numbers = dict(zip(system.directions, map(np.float64, direction), strict=True))
+        jets = integrate(
+            stage.grid, stage.velocity, system, points, feet.t_end, length,
+            substeps=feet.substeps[block.number], numbers=numbers,
+        ).jets  # fmt: skip
+        changes = numpy_function(
+            [system.change(jet) for jet in stage.jets], [jet.name for jet in system.jets]
+        )
+        found = np.empty((len(stage.jets), stage.grid.size))
+        for row, value in zip(found, changes(*jets.values()), strict=True):
+            row[:] = value
+        return found

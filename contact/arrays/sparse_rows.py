@@ -1,0 +1,92 @@
+"""Products of a sparse matrix with vectors where these lie, and of the moduli of both."""
+
+from __future__ import annotations
+
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+Array = NDArray[np.float64]
+
+# Of one row; the terms are added in the order of the columns, so that equal calls give equal bits.
+_SUM = """
+double sum = 0.0;
+for (int k = start; k < end; ++k) {
+    const double term = data[k] * x[columns[k]];
+    sum += moduli ? fabs(term) : term;
+}
+y = sum;
+"""
+
+
+class SparseRows:
+    """A matrix in the memory of the host.
+
+    Parameters
+    ----------
+    matrix : sparse array, shape (n, m)
+    """
+
+    def __init__(self, matrix: Any) -> None:
+        self._matrix = matrix
+
+    def __matmul__(self, x: Any) -> Any:
+        """``A x`` for a vector, shape (n,)."""
+        return self._matrix @ x
+
+    def moduli(self, x: Any) -> Any:
+        """``|A| |x|`` for a vector, shape (n,)."""
+        return self._absolute @ np.abs(x)
+
+    @cached_property
+    def _absolute(self) -> Any:
+        """|A| with the pattern of A, which is not copied."""
+        A = self._matrix
+        return type(A)((np.abs(A.data), A.indices, A.indptr), shape=A.shape)
+
+    @staticmethod
+    def bytes(matrix: Any) -> int:
+        """Memory that the matrix takes on a device."""
+        return int(matrix.data.nbytes + 4 * (matrix.indices.size + matrix.indptr.size))
+
+
+class DeviceRows(SparseRows):
+    """A matrix in the memory of a CUDA device, with 32-bit indices; x and the products lie there.
+
+    Parameters
+    ----------
+    matrix : sparse array, shape (n, m)
+        On the host.
+    xp
+        CuPy.
+    """
+
+    def __init__(self, matrix: Any, xp: Any) -> None:
+        rows = sparse.csr_array(matrix)
+        starts = xp.asarray(rows.indptr.astype(np.int32, copy=False))
+        self._ends = starts[:-1], starts[1:]
+        self._columns = xp.asarray(rows.indices.astype(np.int32, copy=False))
+        self._data = xp.asarray(rows.data)
+
+    def __matmul__(self, x: Any) -> Any:
+        """``A x`` for a vector, shape (n,)."""
+        return _kernel()(*self._ends, self._columns, self._data, x, 0)
+
+    def moduli(self, x: Any) -> Any:
+        """``|A| |x|`` for a vector, shape (n,)."""
+        return _kernel()(*self._ends, self._columns, self._data, x, 1)
+
+
+@cache
+def _kernel() -> Any:
+    import cupy
+
+    return cupy.ElementwiseKernel(
+        "int32 start, int32 end, raw int32 columns, raw float64 data, raw float64 x, int32 moduli",
+        "float64 y",
+        _SUM,
+        "contact_sparse_rows",
+    )
