@@ -216,16 +216,26 @@ def contact_device(record: Record) -> str:
                 f"{row['residual']:.0e}",
             )
             for row in record["rows"]
+            if "history" not in row
         ),
     )
-    note = "The second of two runs in a process. "
-    return f"{table}\n\n{note}{source('contact_device', record, device=record['device'])}"
+    notes = ["The second of two runs in a process."]
+    for row in record["rows"]:
+        if "history" in row:
+            notes.append(
+                f"{row['history']} load steps of {names[row['body']]}, {row['n']}, on one "
+                f"condensation: {row['total']:.1f} s, {row['cold solves']:.1f} times a whole "
+                f"solution, with residuals up to {row['residual']:.0e}."
+            )
+    notes.append(source("contact_device", record, device=record["device"]))
+    return f"{table}\n\n{' '.join(notes)}"
 
 
 def _where(row: Record, record: Record) -> str:
     """Where a body was solved, and whether a repetition gave the same bits."""
     if row["device"] == "cuda":
-        return "device, the same bits twice" if row.get("identical") else "device"
+        alike = ", the same bits twice" if row.get("identical") else ""
+        return f"device{', deterministic' if row.get('deterministic') else ''}{alike}"
     return str(record["host solver"])
 
 

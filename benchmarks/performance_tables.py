@@ -74,9 +74,15 @@ def mkl(record: Record) -> str:
 
 
 def contact_layers(record: Record) -> str:
-    """Layered blocks by slab doubling, on a device and in NumPy."""
+    """Layered blocks by slab doubling and by waves, on a device and in NumPy."""
+    parts = [
+        (f"{where}, {path}", record[name])
+        for where, device in (("device", "cuda"), ("NumPy", "cpu"))
+        for path, name in (("slab doubling", device), ("waves", f"waves_{device}"))
+        if name in record
+    ]
     rows = []
-    for where, found in (("device", record["cuda"]), ("NumPy", record["cpu"])):
+    for where, found in parts:
         for row in found["rows"]:
             beside = row.get("over_pardiso", {}).get("total")
             rows.append(
@@ -90,10 +96,15 @@ def contact_layers(record: Record) -> str:
                 )
             )
     table = rows_of("where | cells | unknowns | input to result | over PARDISO | residual", rows)
-    ends = (
-        source("contact_layers", record["cuda"], device=record["cuda"]["device"]),
-        source("contact_layers", record["cpu"], "MKL"),
-    )
+    ends = [
+        f"{where}: "
+        + (
+            source("contact_layers", found, device=found["device"])
+            if "device" in found
+            else source("contact_layers", found, "MKL")
+        )
+        for where, found in parts
+    ]
     return "\n\n".join((table, *ends))
 
 
