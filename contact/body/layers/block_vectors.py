@@ -106,4 +106,6 @@ class BlockVectors(BlockLoads):
 
     def total(self, forces: Any) -> Array:
         """Resultant of forces on all dofs, shape (2,)."""
-        return np.array([float(forces[0::PER_NODE].sum()), float(forces[1::PER_NODE].sum())])
+        # A device adds numbers that lie side by side in a hundredth of the time.
+        parts = (self.arrays.xp.ascontiguousarray(forces[q::PER_NODE]) for q in (0, 1))
+        return np.array([float(part.sum()) for part in parts])
