@@ -83,7 +83,7 @@ def integrate(
     dt: float,
     tolerance: float = TOLERANCE,
     substeps: int | None = None,
-    numbers: Mapping[str, float] | None = None,
+    known: Mapping[str, Any] | None = None,
 ) -> Feet:
     r"""Follow the characteristics through `points` from `t_end` back to `t_end` - `dt`.
 
@@ -106,8 +106,9 @@ def integrate(
     tolerance : float
     substeps : int, optional
         Take this number of sub-steps and estimate no error.
-    numbers : dict, optional
-        Values of variables in the system's rates that the velocity does not have.
+    known : dict, optional
+        Numbers and functions in the system's rates that the velocity does not have, by their names
+        in code.
 
     Returns
     -------
@@ -125,7 +126,7 @@ def integrate(
     exact = all(formula.exact for formula in formulas)
     clock = 1.0 if exact else time_scale(grid, formulas, t_end)
     steps = (*grid.spacing, *([1.0] * (3 - grid.dim)), clock)
-    functions: dict[str, Any] = dict(numbers or {})
+    functions: dict[str, Any] = dict(known or {})
     for formula in formulas:
         functions.update(formula.functions(system.rates, steps))
     rates = system.evaluator(functions)

@@ -23,10 +23,12 @@ class Expression:
     Attributes
     ----------
     op : str
-        ``"constant"``, ``"variable"``, ``"opaque"``, an operator ``+ - * / **`` or a function.
+        ``"constant"``, ``"variable"``, ``"opaque"``, ``"linear"``, an operator ``+ - * / **`` or a
+        function.
     args : tuple of Expression
     value
-        The number, the name, or the (name, orders) of an opaque function's derivative.
+        The number, the name, or the (name, orders) of the derivative of an opaque function, or of
+        one that is linear in the arguments.
     """
 
     __slots__ = ("_derivatives", "args", "op", "value")
@@ -145,7 +147,7 @@ class Expression:
         for node in ordered([self]):
             if node.op == "variable":
                 found.add(node.value)
-            elif node.op == "opaque":
+            elif node.op in ("opaque", "linear"):
                 found.update(COORDINATES)
         return found
 
@@ -166,6 +168,16 @@ def opaque(name: str, orders: tuple[int, int, int, int]) -> Expression:
     `orders` are those of the derivative in x1, x2, x3 and t.
     """
     return Expression("opaque", (), (name, orders))
+
+
+def linear(
+    name: str, orders: tuple[int, int, int, int], coefficients: Sequence[Expression]
+) -> Expression:
+    """A partial derivative of a sum of functions ``name0, name1, ..``, each times a coefficient.
+
+    The functions are known only by their values, as that of `opaque`; so is the sum.
+    """
+    return Expression("linear", tuple(coefficients), (name, orders))
 
 
 def raised(orders: tuple[int, int, int, int], place: int) -> tuple[int, int, int, int]:
@@ -351,6 +363,12 @@ def _differentiate(node: Expression, name: str) -> Expression:
         if name not in COORDINATES:
             return constant(0.0)
         return opaque(function, raised(orders, COORDINATES.index(name)))
+    if node.op == "linear":
+        function, orders = node.value
+        if name in COORDINATES:
+            return linear(function, raised(orders, COORDINATES.index(name)), node.args)
+        place = {argument.value: q for q, argument in enumerate(node.args)}
+        return opaque(f"{function}{place[name]}", orders) if name in place else constant(0.0)
     slopes = [argument.derivative(name) for argument in node.args]
     if node.op == "+":
         return slopes[0] + slopes[1]

@@ -9,6 +9,7 @@ from cip.formulas.expression import (
     RULES,
     Expression,
     constant,
+    linear,
     opaque,
     ordered,
     raised,
@@ -17,8 +18,10 @@ from cip.formulas.expression import (
 from cip.formulas.expression import apply as function
 
 
-def gradient(output: Expression, names: Sequence[str]) -> list[Expression]:
-    """The derivatives of a formula with respect to variables.
+def gradient(
+    output: Expression, names: Sequence[str], parts: Sequence[Expression] = ()
+) -> list[Expression]:
+    """The derivatives of a formula with respect to variables, and to sub-formulas.
 
     They share their sub-formulas, so that together they take a few times the operations of the
     formula, however many variables there are (Griewank and Walther, Evaluating Derivatives, 2008,
@@ -29,6 +32,8 @@ def gradient(output: Expression, names: Sequence[str]) -> list[Expression]:
     output : Expression
     names : sequence of str
         Of the variables.
+    parts : sequence of Expression
+        Nodes of the formula.
 
     Returns
     -------
@@ -41,11 +46,12 @@ def gradient(output: Expression, names: Sequence[str]) -> list[Expression]:
     >>> [sorted(part.variables()) for part in gradient(x * y + x, ["x", "y", "z"])]
     [['y'], ['x'], []]
     """
-    nodes, wanted = ordered([output]), {variable(name) for name in names}
+    every = [*(variable(name) for name in names), *parts]
+    nodes, wanted = ordered([output]), set(every)
     moves = any(name in COORDINATES for name in names)
     active: set[Expression] = set()
     for node in nodes:
-        depends = node in wanted or (node.op == "opaque" and moves)
+        depends = node in wanted or (node.op in ("opaque", "linear") and moves)
         if depends or any(argument in active for argument in node.args):
             active.add(node)
     slopes = {output: constant(1.0)}
@@ -56,7 +62,7 @@ def gradient(output: Expression, names: Sequence[str]) -> list[Expression]:
             if argument in active or argument in wanted:
                 part = slopes[node] * partial
                 slopes[argument] = slopes[argument] + part if argument in slopes else part
-    return [slopes.get(variable(name), constant(0.0)) for name in names]
+    return [slopes.get(node, constant(0.0)) for node in every]
 
 
 def _partials(node: Expression) -> Iterator[tuple[Expression, Expression]]:
@@ -65,6 +71,12 @@ def _partials(node: Expression) -> Iterator[tuple[Expression, Expression]]:
         name, orders = node.value
         for place, coordinate in enumerate(COORDINATES):
             yield variable(coordinate), opaque(name, raised(orders, place))
+    elif node.op == "linear":
+        name, orders = node.value
+        for place, coordinate in enumerate(COORDINATES):
+            yield variable(coordinate), linear(name, raised(orders, place), node.args)
+        for place, argument in enumerate(node.args):
+            yield argument, opaque(f"{name}{place}", orders)
     elif node.op in RULES:
         yield node.args[0], RULES[node.op](node.args[0])
     elif len(node.args) == 2:

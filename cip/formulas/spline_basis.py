@@ -10,15 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cip.errors import InputError
-from cip.formulas.expression import Expression, constant, opaque, ordered
+from cip.formulas.expression import Expression, constant, linear, ordered
 from cip.formulas.formula import Formula, Orders
 from cip.formulas.parameters import parameter
 from cip.grid import Grid
 
 Array = NDArray[np.float64]
-# Begins the names of basis functions in formulas. They do not tell whose basis it is: formulas of
-# one shape share their graphs, and `SplineFormula.functions` knows the splines.
-_NAME = "spline_"
+# Begins the names of sums and, with a number behind, of basis functions in formulas. They do not
+# tell whose basis it is: formulas of one shape share their graphs, and `SplineFormula.functions`
+# knows the splines.
+_NAME = "splines_of_"
 
 
 class SplineBasis:
@@ -76,31 +77,75 @@ class SplineBasis:
             x = low + (x - low) % (high - low)
         return np.asarray(self._splines[axis](np.clip(x, low, high), nu=order))
 
-    def function(self, number: int, orders: Orders) -> Callable[..., Any]:
-        """A derivative of one of the functions, as a function of (x1, x2, x3, t).
+    def rows(self, point: tuple[Any, ...], axis: int, order: int) -> Array:
+        """Derivatives of the functions of one direction, shape (functions, points).
 
-        Values at the points of the last call are kept: an evaluation of a velocity calls all
-        functions with the same arrays.
+        Values at the points of the last call are kept: an evaluation of a velocity takes all
+        derivatives at the same arrays.
         """
+        known, rows = self._last
+        if not all(one is other for one, other in zip(known, point, strict=True)):
+            known, rows = point, {}
+            self._last = known, rows
+        if (axis, order) not in rows:
+            x = np.asarray(known[axis], dtype=float).ravel()
+            rows[axis, order] = np.ascontiguousarray(self.matrix(axis, order, x).T)
+        return rows[axis, order]
+
+    def function(self, number: int, orders: Orders) -> Callable[..., Any]:
+        """A derivative of one of the functions, as a function of (x1, x2, x3, t)."""
         places = np.unravel_index(number, self.counts)
-        wanted = [((axis, orders[axis]), int(q)) for axis, q in enumerate(places)]
 
         def values(x1: Any, x2: Any, x3: Any, t: Any) -> Any:
-            known, rows = self._last
-            if not (known[0] is x1 and known[1] is x2 and known[2] is x3):
-                known, rows = (x1, x2, x3), {}
-                self._last = known, rows
-            found: Any = None
-            for key, q in wanted:
-                row = rows.get(key)
-                if row is None:
-                    x = np.asarray(known[key[0]], dtype=float)
-                    matrix = np.ascontiguousarray(self.matrix(*key, x.ravel()).T)
-                    row = rows[key] = matrix.reshape(-1, *x.shape)
-                found = row[q] if found is None else found * row[q]
+            point = (x1, x2, x3)
+            found: Any = 1.0
+            for axis, q in enumerate(places):
+                row = self.rows(point, axis, orders[axis])[q]
+                found = found * row.reshape(np.shape(point[axis]))
             return found
 
         return values
+
+    def sum(self, coefficients: Array, orders: Orders) -> Callable[..., Any]:
+        """A derivative of the sum of all functions times coefficients of shape `counts`.
+
+        It is a function of (x1, x2, x3, t), the arrays of the basis' directions of one shape.
+        """
+        last = len(self.counts) - 1
+
+        def values(x1: Any, x2: Any, x3: Any, t: Any) -> Any:
+            point = (x1, x2, x3)
+            found: Any = coefficients @ self.rows(point, last, orders[last])
+            for axis in range(last - 1, -1, -1):
+                rows = self.rows(point, axis, orders[axis])
+                found = np.einsum("...ip,ip->...p", found, rows)
+            return found.reshape(np.shape(x1))
+
+        return values
+
+    def weighted(self, point: tuple[Any, ...], orders: Orders, weight: Array) -> Array:
+        """The transpose of `sum`: for each function its values at the points times the weights.
+
+        Parameters
+        ----------
+        point : tuple of ndarray
+            Coordinates x1, x2, x3.
+        orders : tuple of int
+        weight : ndarray
+            Of each point.
+
+        Returns
+        -------
+        ndarray, shape (functions,)
+        """
+        axes = range(len(self.counts))
+        first, *others = (self.rows(point, axis, orders[axis]) for axis in axes)
+        found = first * np.ravel(weight)
+        if not others:
+            return np.asarray(found.sum(axis=1))
+        for rows in others[:-1]:
+            found = (found[:, None] * rows).reshape(-1, rows.shape[1])
+        return np.asarray(found @ others[-1].T).ravel()
 
     def fit(self, values: Array, grid: Grid) -> Array:
         """Coefficients of the sum that is closest to nodal values on a grid, shape `counts`."""
@@ -125,6 +170,11 @@ class SplineFormula(Formula):
     sign : float
     parameters : mapping
         Values by names.
+
+    Attributes
+    ----------
+    label : str
+        The name of the sum in formulas.
     """
 
     def __init__(
@@ -135,9 +185,8 @@ class SplineFormula(Formula):
         sign: float,
         parameters: Mapping[str, float],
     ) -> None:
-        total: Expression = constant(0.0)
-        for k, name in enumerate(names):
-            total = total + parameter(name) * opaque(f"{_NAME}{k}", orders)
+        self.label = f"{_NAME}{names[0]}_"
+        total = linear(self.label, orders, [parameter(name) for name in names])
         super().__init__(constant(sign) * total, len(basis.counts), parameters=parameters)
         self.basis, self.names, self._shape = basis, tuple(names), (orders, sign)
 
@@ -154,10 +203,16 @@ class SplineFormula(Formula):
         """The numbers of the parameters and the basis functions in `nodes`, by names in code."""
         found: dict[str, Any] = dict(self.numbers)
         for node in ordered(list(nodes)):
-            if node.op == "opaque" and node.value[0].startswith(_NAME):
-                name, orders = node.value
-                label = f"{name}_{''.join(map(str, orders))}"
-                found[label] = self.basis.function(int(name.removeprefix(_NAME)), orders)
+            if node.op not in ("linear", "opaque") or not node.value[0].startswith(self.label):
+                continue
+            name, orders = node.value
+            label = f"{name}_{''.join(map(str, orders))}"
+            if node.op == "linear":
+                own = np.array([self.numbers[one.value] for one in node.args], dtype=float)
+                found[label] = self.basis.sum(own.reshape(self.basis.counts), orders)
+            else:
+                number = int(name.removeprefix(self.label))
+                found[label] = self.basis.function(number, orders)
         return found
 
 

@@ -36,7 +36,7 @@ def _number(value: float) -> str:
 
 
 def _operation(node: Expression, args: list[str]) -> str:
-    if node.op == "opaque":
+    if node.op in ("opaque", "linear"):
         function, orders = node.value
         return f"{function}_{''.join(map(str, orders))}(x1, x2, x3, t)"
     if node.op in RULES:

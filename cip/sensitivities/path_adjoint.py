@@ -42,6 +42,7 @@ from cip.formulas.snapshots import snapshots_of
 from cip.formulas.straight_line_code import numpy_function, statements
 from cip.jit import Array, Index, Out, Real, generated, loop_over
 from cip.sensitivities.blocks import blocks_of
+from cip.sensitivities.coefficient_sums import Sums
 from cip.sensitivities.path_tangent import component
 from cip.stages.stage import Stage, StageFeet
 
@@ -96,15 +97,20 @@ def _once_a_system(make: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @_once_a_system
-def _pulled(system: System) -> list[Expression]:
-    """``f_y^T b`` for all unknowns, then ``f_p^T b``, with b in variables b0, b1, ..."""
+def _pulled(
+    system: System, parameters: tuple[str, ...], sums: tuple[Expression, ...] = ()
+) -> list[Expression]:
+    """``f_y^T b`` for all unknowns, then ``f_p^T b``, with b in variables b0, b1, ...
+
+    Last come the derivatives in `sums`, nodes of the rates.
+    """
     total = constant(0.0)
     for q, rate in enumerate(system.rates):
         total = total + variable(f"b{q}") * rate
     # The first unknowns are displacements, which move the point x1, x2, x3.
     names = [COORDINATES[axis] for axis in system.moving]
     names += [jet.name for jet in system.jets[len(system.moving) :]]
-    return gradient(total, [*names, *system.parameters])
+    return gradient(total, [*names, *parameters], sums)
 
 
 def _seeds(system: System, wanted: tuple[Jet, ...]) -> list[Expression]:
@@ -119,7 +125,8 @@ def _by_numpy(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: A
     """For velocities known by their values."""
     system, length = stage.system, feet.t_end - feet.t_start
     jets = [jet.name for jet in system.jets]
-    pulled = _pulled(system)
+    sums = Sums(stage)
+    pulled = _pulled(system, sums.others, sums.nodes)
     steps = (*stage.grid.spacing, *([1.0] * (3 - stage.grid.dim)), 1.0)
     functions: dict[str, Any] = {}
     for formula in stage.velocity:
@@ -136,7 +143,7 @@ def _by_numpy(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: A
         part = slice(first, first + _CHUNK)
         base = [x[part] for x in points]
         y = np.repeat(start[:, None], base[0].size, axis=1)
-        run = _Chunk(system, rates, pull, base, feet.t_end, length / count)
+        run = _Chunk(system, sums, rates, pull, base, feet.t_end, length / count)
         trail = []
         for n in range(count):
             y, stages = run.forward(y, n)
@@ -150,9 +157,10 @@ def _by_numpy(stage: Stage, feet: StageFeet, count: int, points: list[Any], g: A
 
 class _Chunk:
     def __init__(
-        self, system: System, rates: Any, pull: Any, base: list[Any], t_end: float, step: float
-    ) -> None:
-        self.system, self.rates, self.pull = system, rates, pull
+        self, system: System, sums: Sums, rates: Any, pull: Any, base: list[Any], t_end: float,
+        step: float,
+    ) -> None:  # fmt: skip
+        self.system, self.sums, self.rates, self.pull = system, sums, rates, pull
         self.base, self.t_end, self.step = base, t_end, step
 
     def forward(self, y: Any, n: int) -> tuple[Any, list[Any]]:
@@ -170,10 +178,10 @@ class _Chunk:
         for s in (3, 2, 1, 0):
             later = _SHIFT[s + 1] * self.step * v if s < 3 else 0.0
             b = self.step / 6.0 * _WEIGHT[s] * slopes + later
-            values = self.pull(*self._point(stages[s], n, s), *stages[s], *b)
+            point = self._point(stages[s], n, s)
+            values = self.pull(*point, *stages[s], *b)
             v = _rows(values[: len(b)], slopes.shape)
-            more = values[len(b) :]
-            found += [np.sum(np.broadcast_to(part, b.shape[1:])) for part in more]
+            self.sums.add(found, point, values[len(b) :], b.shape[1:])
             total = total + v
         return slopes + total, found
 
@@ -268,7 +276,10 @@ def _rates_and_pull(system: System, kept: list[Expression]) -> list[str]:
     results = {f"r{q}": rate for q, rate in enumerate(system.rates)}
     results.update({f"e{q}": node for q, node in enumerate(kept)})
     known = {node: variable(f"e{q}") for q, node in enumerate(kept)}
-    slopes = {f"d{q}": part for q, part in enumerate(with_names(_pulled(system), known))}
+    slopes = {
+        f"d{q}": part
+        for q, part in enumerate(with_names(_pulled(system, tuple(system.parameters)), known))
+    }
     given = [*COORDINATES, *jets, *system.parameters]
     more = [*(f"b{q}" for q in range(m)), *(f"e{q}" for q in range(len(kept)))]
     head, rest = (", ".join(f"{name}: Real" for name in names) for names in (given, more))
@@ -297,7 +308,7 @@ def _kept(system: System) -> list[Expression]:
     later = {f"b{q}" for q in range(len(system.jets))}
     return [
         node
-        for node in ordered(_pulled(system))
+        for node in ordered(_pulled(system, tuple(system.parameters)))
         if node.op in RULES and not later & node.variables()
     ]
 

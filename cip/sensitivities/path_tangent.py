@@ -17,10 +17,12 @@ import numpy as np
 from cip.characteristics.feet import integrate
 from cip.characteristics.flow_derivatives import LOG_DETERMINANT, Jet, System
 from cip.engines.path_kernel import rate_function, runge_kutta
-from cip.formulas.expression import COORDINATES, Expression, apply, constant, variable
+from cip.formulas.expression import COORDINATES, Expression, apply, constant, ordered, variable
+from cip.formulas.reverse_mode import gradient
 from cip.formulas.snapshots import snapshots_of
 from cip.formulas.straight_line_code import numpy_function, statements
 from cip.sensitivities.blocks import Block
+from cip.sensitivities.coefficient_sums import changed, functions_along
 from cip.stages.stage import Stage, StageFeet
 
 Array = Any  # arrays of NumPy or CuPy
@@ -69,10 +71,18 @@ class Directional(System):
 
 
 def _along(value: Expression, moves: dict[str, str]) -> Expression:
-    """The derivative along the variables that are the changes of others."""
+    """The derivative along the variables that are the changes of others.
+
+    Coefficients of sums occur nowhere else: the changes of all of them make one sum.
+    """
+    sums = [node for node in ordered([value]) if node.op == "linear"]
+    coefficients = {one.value for node in sums for one in node.args}
     total = constant(0.0)
     for name, change in moves.items():
-        total = total + value.derivative(name) * variable(change)
+        if name not in coefficients:
+            total = total + value.derivative(name) * variable(change)
+    for node, slope in zip(sums, gradient(value, (), sums), strict=True):
+        total = total + slope * changed(node, moves)
     return total
 
 
@@ -186,10 +196,13 @@ class PathTangent:
         """For velocities known by their values, and for few nodes."""
         stage, system = self._stage, self._system
         length, points = feet.t_end - feet.t_start, stage.points(block.bits)
-        numbers = dict(zip(system.directions, map(np.float64, direction), strict=True))
+        known: dict[str, Any] = dict(
+            zip(system.directions, map(np.float64, direction), strict=True)
+        )
+        known |= functions_along(stage, system.rates, known)
         jets = integrate(
             stage.grid, stage.velocity, system, points, feet.t_end, length,
-            substeps=feet.substeps[block.number], numbers=numbers,
+            substeps=feet.substeps[block.number], known=known,
         ).jets  # fmt: skip
         changes = numpy_function(
             [system.change(jet) for jet in stage.jets], [jet.name for jet in system.jets]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from derivative_checks import dot_test, few_examples
+from derivative_checks import dot_test, few_examples, run_again, scales
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -62,6 +62,31 @@ def test_many_coefficients_of_splines(stream, profile):
     run = solver.run(solver.state(FIELDS[2]), 0.1, dt=0.04)
     assert len(velocity.names) == (42 if stream else 84)
     assert dot_test(solver, run, np.random.default_rng(7)) <= 1e-13
+
+
+@pytest.mark.parametrize("periodic", [True, False])
+def test_nodal_values_of_a_velocity(periodic):
+    """As many splines as nodes, or nearly, of both components; with inflow through walls."""
+    grid = Grid([(0, 1)] * 2, (16, 15), periodic=periodic)
+    x, y = grid.mesh()
+    start = [0.5 + 0.2 * np.sin(2 * np.pi * x + y), 0.3 + 0.2 * np.cos(2 * np.pi * y) * x]
+    velocity = SplineVelocity(grid, (16, 15) if periodic else (12, 11), start=start)
+    assert len(velocity.names) == 2 * (240 if periodic else 17 * 16)
+    boundary = None if periodic else "1 + sin(3*t)*cos(x2 - x1)"
+    solver = Solver(grid, velocity, profile="bicubic", boundary=boundary)
+    run = solver.run(solver.state(FIELDS[2]), 0.1, dt=0.04)
+    rng, size, e = np.random.default_rng(5), run.final.data.size, 1e-5
+    assert dot_test(solver, run, rng) <= 1e-13
+    direction = rng.standard_normal(len(velocity.names))
+    found = solver.tangent(run) @ np.concatenate([np.zeros(size), direction])
+    values = np.array(list(velocity.parameters.values()))
+    ends = []
+    for side in (1, -1):
+        new = dict(zip(velocity.names, values + side * e * direction, strict=True))
+        ends.append(run_again(solver, run, **new))
+    quotient, scale = (ends[0] - ends[1]) / (2 * e), scales(run)
+    assert np.abs(quotient / scale).max() > 0.01
+    np.testing.assert_allclose(found / scale, quotient / scale, rtol=0, atol=2e-6)
 
 
 @pytest.mark.sampled(2)
