@@ -77,6 +77,9 @@ def solve_cones(
     q = np.concatenate((-f, bound)) / (scale * size)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
+    # Its default stops these at 1e-13, which leaves a dense program a hundred times above it.
+    settings.iterative_refinement_reltol = settings.iterative_refinement_abstol = 1e-16
+    settings.iterative_refinement_max_iter = 50
     cones = [clarabel.ZeroConeT(e)] if e else []
     cones += [clarabel.NonnegativeConeT(m)] if m else []
     cones += [clarabel.SecondOrderConeT(1 + dim_t)] * k
