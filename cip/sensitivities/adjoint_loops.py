@@ -60,7 +60,9 @@ def run_sweep(
                 g[c * size + o] += here[c]
 
 
-def pull_back(blocks: list[Block], z: Array, weight: Array, feet: Array, g: Array) -> Array:
+def pull_back(
+    blocks: list[Block], z: Array, weight: Array, feet: Array, g: Array, pairs: list[Any]
+) -> Array:
     """The transposed update of all nodes.
 
     Parameters
@@ -74,19 +76,22 @@ def pull_back(blocks: list[Block], z: Array, weight: Array, feet: Array, g: Arra
     feet : ndarray, shape (components, nodes)
     g : ndarray, shape (components, nodes)
         To this the derivatives with respect to the components are added, displacements as lengths.
+    pairs : list
+        For each block of a conservative profile the whole cells in new ones
+        (`cip.sensitivities.mass_derivatives.whole_cells`), else None.
 
     Returns
     -------
     ndarray, shape (moments, nodes)
     """
     back = np.empty_like(weight)
-    for block in blocks:
+    for block, whole in zip(blocks, pairs, strict=True):
         own = block.components
-        back[block.rows] = _of_block(block, z, weight[block.rows], feet[own], g[own])
+        back[block.rows] = _of_block(block, z, weight[block.rows], feet[own], g[own], whole)
     return back
 
 
-def _of_block(block: Block, z: Array, weight: Array, feet: Array, g: Array) -> Array:
+def _of_block(block: Block, z: Array, weight: Array, feet: Array, g: Array, whole: Any) -> Array:
     """The weights of the old moments of a block from those of the new ones."""
     stage, grid, read = block.stage, block.stage.grid, block.read(z)
     size, means, axis = grid.size, weight[-1], stage.axis or 0
@@ -114,5 +119,5 @@ def _of_block(block: Block, z: Array, weight: Array, feet: Array, g: Array) -> A
     share(work, strips, size)
     back = np.asarray(sums[0] if strips == 1 else sums.sum(axis=0))
     if stage.conservative:
-        add_whole_cells(grid, axis, feet[0], means, back[-1])
+        add_whole_cells(grid, axis, whole, means, back[-1])
     return np.asarray(block.read_transposed(back))

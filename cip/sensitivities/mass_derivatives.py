@@ -29,20 +29,22 @@ def integral_weights(grid: Grid, axis: int, weight: Array, xp: Any = np) -> Arra
     return (xp.roll(each, 1, axis) - each).ravel()
 
 
-def add_whole_cells(grid: Grid, axis: int, displacement: Array, weight: Array, back: Array) -> None:
+def add_whole_cells(
+    grid: Grid, axis: int, pairs: tuple[Array, Array], weight: Array, back: Array
+) -> None:
     """Add to weights of the old means those that the new ones give to whole cells.
 
     Parameters
     ----------
     grid : Grid
     axis : int
-    displacement : ndarray, shape (nodes,)
-        From each node to its foot, in cells.
+    pairs : tuple of ndarray
+        From `whole_cells`.
     weight : ndarray, shape (nodes,)
         Of the new means.
     back : ndarray, shape (nodes,)
     """
-    owner, whole = whole_cells(grid, axis, displacement)
+    owner, whole = pairs
     given = np.bincount(whole, per_width(grid, axis, weight)[owner], grid.size)
     back += _times(grid, axis, given, _widths(grid, axis))
 
@@ -52,8 +54,10 @@ def whole_cells(grid: Grid, axis: int, displacement: Array, xp: Any = np) -> tup
 
     Parameters
     ----------
-    grid, axis, displacement
-        As for `add_whole_cells`.
+    grid : Grid
+    axis : int
+    displacement : ndarray, shape (nodes,)
+        From each node to its foot, in cells.
     xp : module
         That of the displacement, NumPy or CuPy.
     """

@@ -24,6 +24,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from cip.errors import InputError, NotSupported
 from cip.sensitivities.blocks import Block, blocks_of
+from cip.sensitivities.mass_derivatives import whole_cells
 from cip.sensitivities.path_tangent import PathTangent
 from cip.sensitivities.wall_derivatives import WallDerivatives
 from cip.sources.half_step import HalfStep
@@ -295,7 +296,18 @@ class Window:
         """The transposed update of move n; `cip.sensitivities.adjoint_loops.pull_back`."""
         from cip.sensitivities.adjoint_loops import pull_back
 
-        return pull_back(self._blocks_of(self._moves[n].stage), z, weight, feet, g)
+        stage = self._moves[n].stage
+        blocks = self._blocks_of(stage)
+        pairs: list[Any] = [None] * len(blocks)
+        if stage.conservative:
+            pairs = self._once(n, self._steady, self._whole_cells)
+        return pull_back(blocks, z, weight, feet, g, pairs)
+
+    def _whole_cells(self, stage: Stage, feet: StageFeet) -> list[Any]:
+        """For each block of feet the whole cells in new ones."""
+        components, axis = self._flat(feet.data), stage.axis or 0
+        first = [components[block.components][0] for block in self._blocks_of(stage)]
+        return [whole_cells(stage.grid, axis, one) for one in first]
 
     def _gradient(self, n: int, feet: StageFeet, g: Array) -> Any:
         """What derivatives in the feet of move n give to the parameters of its stage."""
