@@ -109,17 +109,19 @@ class SplineBasis:
     def sum(self, coefficients: Array, orders: Orders) -> Callable[..., Any]:
         """A derivative of the sum of all functions times coefficients of shape `counts`.
 
-        It is a function of (x1, x2, x3, t), the arrays of the basis' directions of one shape.
+        It is a function of (x1, x2, x3, t), whose arrays broadcast against each other.
         """
         last = len(self.counts) - 1
 
         def values(x1: Any, x2: Any, x3: Any, t: Any) -> Any:
             point = (x1, x2, x3)
+            if len({np.shape(x) for x in point[: last + 1]}) > 1:
+                point = (*np.broadcast_arrays(*point[: last + 1]), *point[last + 1 :])
             found: Any = coefficients @ self.rows(point, last, orders[last])
             for axis in range(last - 1, -1, -1):
                 rows = self.rows(point, axis, orders[axis])
                 found = np.einsum("...ip,ip->...p", found, rows)
-            return found.reshape(np.shape(x1))
+            return found.reshape(np.shape(point[0]))
 
         return values
 

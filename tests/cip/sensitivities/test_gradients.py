@@ -64,6 +64,19 @@ def test_many_coefficients_of_splines(stream, profile):
     assert dot_test(solver, run, np.random.default_rng(7)) <= 1e-13
 
 
+def test_sums_of_splines_at_lines_that_broadcast_and_one_by_one():
+    grid = Grid([(0, 1), (0, 2)], (9, 8), periodic=(True, False))
+    formula = SplineVelocity(grid, (7, 2), start=lambda x, y: np.sin(6 * x) * y**2).on(grid)[0]
+    basis, orders = formula.basis, (1, 2, 0, 0)
+    weights = np.array(list(formula.numbers.values()))[: basis.size]
+    x, y, zero = np.linspace(0.1, 0.9, 5)[:, None], np.linspace(0.2, 1.8, 4), np.zeros(())
+    found = basis.sum(weights.reshape(basis.counts), orders)(x, y, zero, 0.0)
+    parts = [basis.function(k, orders)(x, y, zero, 0.0) for k in range(basis.size)]
+    expected = np.tensordot(weights, np.array(parts), 1)
+    assert found.shape == (5, 4)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+
+
 @pytest.mark.parametrize("periodic", [True, False])
 def test_nodal_values_of_a_velocity(periodic):
     """As many splines as nodes, or nearly, of both components; with inflow through walls."""
