@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 from pathlib import Path
 from typing import Any
@@ -10,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cip.errors import InputError, MissingDependency
+from cip.errors import InputError
 from cip.formulas.seconds import seconds
 from cip.grid import AXES
+from cip.output.state_dataset import xarray_module
 from cip.output.whole_file import write_whole
 
 Array = NDArray[np.float64]
@@ -59,10 +59,7 @@ def sensors_dataset(points: Array, times: Array, values: Array, deviations: Arra
     MissingDependency
         xarray is not installed.
     """
-    try:
-        xarray = importlib.import_module("xarray")
-    except ImportError as error:
-        raise MissingDependency("to_xarray needs xarray: pip install 'skfem-adini[io]'") from error
+    xarray = xarray_module()
     dims = ["t", "sensor"]
     places = {name: ("sensor", x) for name, x in zip(AXES, points, strict=False)}
     data = {"value": (dims, values), "deviation": (dims, deviations)}

@@ -33,11 +33,7 @@ def state_dataset(states: Sequence[State]) -> Any:
     MissingDependency
         xarray is not installed.
     """
-    try:
-        xarray = importlib.import_module("xarray")
-    except ImportError as error:
-        raise MissingDependency("to_xarray needs xarray: pip install 'skfem-adini[io]'") from error
-    first = states[0]
+    xarray, first = xarray_module(), states[0]
     grid = first.grid
     axes = ["x", "y", "z"][: grid.dim]
     data, coordinates = {}, {"t": np.array([state.t for state in states])}
@@ -50,3 +46,17 @@ def state_dataset(states: Sequence[State]) -> Any:
         values = np.stack([state[moment.name] for state in states])
         data[moment.name] = (["t", *places], values)
     return xarray.Dataset(data, coordinates, {"profile": first.profile})
+
+
+def xarray_module() -> Any:
+    """The module xarray.
+
+    Raises
+    ------
+    MissingDependency
+        It is not installed.
+    """
+    try:
+        return importlib.import_module("xarray")
+    except ImportError as error:
+        raise MissingDependency("to_xarray needs xarray: pip install 'skfem-adini[io]'") from error
