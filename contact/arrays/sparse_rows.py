@@ -28,7 +28,14 @@ class SparseRows:
     Parameters
     ----------
     matrix : sparse array, shape (n, m)
+
+    Attributes
+    ----------
+    placed : tuple, optional
+        Row starts, columns and values on a device.
     """
+
+    placed: tuple[Any, Any, Any] | None = None
 
     def __init__(self, matrix: Any) -> None:
         self._matrix = matrix
@@ -67,17 +74,17 @@ class DeviceRows(SparseRows):
     def __init__(self, matrix: Any, xp: Any) -> None:
         rows = sparse.csr_array(matrix)
         starts = xp.asarray(rows.indptr.astype(np.int32, copy=False))
-        self._ends = starts[:-1], starts[1:]
-        self._columns = xp.asarray(rows.indices.astype(np.int32, copy=False))
-        self._data = xp.asarray(rows.data)
+        columns = xp.asarray(rows.indices.astype(np.int32, copy=False))
+        self.placed = starts, columns, xp.asarray(rows.data)
+        self._arguments = starts[:-1], starts[1:], *self.placed[1:]
 
     def __matmul__(self, x: Any) -> Any:
         """``A x`` for a vector, shape (n,)."""
-        return _kernel()(*self._ends, self._columns, self._data, x, 0)
+        return _kernel()(*self._arguments, x, 0)
 
     def moduli(self, x: Any) -> Any:
         """``|A| |x|`` for a vector, shape (n,)."""
-        return _kernel()(*self._ends, self._columns, self._data, x, 1)
+        return _kernel()(*self._arguments, x, 1)
 
 
 @cache

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.arrays.dense_arrays import HostArrays
-from contact.arrays.row_blocks import diagonal
+from contact.arrays.ranges import diagonal
+from contact.arrays.sparse_rows import SparseRows
 from contact.body.axisymmetry import with_hoop
 from contact.body.basis_vectors import BasisVectors, KeptVectors
 from contact.body.cell_finder import find_cells, places_in
@@ -109,7 +110,9 @@ class BasisSolid(Solid):
         """What computes with vectors of all dofs, shared by all copies of the body."""
         return self._kept.of(self)
 
-    def compute_with(self, arrays: HostArrays, beside: int = 0) -> BasisVectors:
+    def compute_with(
+        self, arrays: HostArrays, beside: int = 0, stiffness: SparseRows | None = None
+    ) -> BasisVectors:
         """Compute where the arrays lie, if that fits, for as long as the returned object is kept.
 
         Parameters
@@ -117,8 +120,10 @@ class BasisSolid(Solid):
         arrays : HostArrays
         beside : int
             Bytes that must stay free there.
+        stiffness : SparseRows, optional
+            That of the body, if it lies there.
         """
-        return self._kept.on(arrays, self, beside)
+        return self._kept.on(arrays, self, beside, stiffness)
 
     def placed(self, v: Any) -> Any:
         """A vector of all dofs where the body computes: in the memory of its device."""
@@ -154,7 +159,7 @@ class BasisSolid(Solid):
         """E with ``z = E^T (u - u0)``; P itself where its columns are orthonormal."""
         P = self.constraint[0]
         if self._picked is None or self._picked[0] is not P:
-            self._picked = P, picked_by(P, dof_lengths(self))
+            self._picked = P, picked_by(P, lambda: dof_lengths(self))
         return self._picked[1]
 
     def internal(self, u: Any) -> Any:

@@ -29,13 +29,16 @@ class BasisVectors:
     ----------
     body : BasisSolid
     arrays : HostArrays
+    stiffness : SparseRows, optional
+        That of the body, where the arrays lie.
     """
 
-    def __init__(self, body: Any, arrays: HostArrays) -> None:
+    def __init__(self, body: Any, arrays: HostArrays, stiffness: SparseRows | None = None) -> None:
         S, P = body.stiffness, body.constraint[0]
         self.arrays, self._of = arrays, (S, P)
         put = arrays.xp.asarray
-        self._S, self._P, self._transposed = (arrays.rows(A) for A in (S, P, P.T))
+        self._S = stiffness or arrays.rows(S)
+        self._P, self._transposed = (arrays.rows(A) for A in (P, P.T))
         self._picked, self._picks = self._P, self._transposed
         if body.picked is not P:
             self._picked, self._picks = (arrays.rows(A) for A in (body.picked, body.picked.T))
@@ -53,9 +56,10 @@ class BasisVectors:
         return self._of[0] is body.stiffness and self._of[1] is body.constraint[0]
 
     @staticmethod
-    def bytes(body: Any) -> int:
-        """Memory that vectors and matrices take on a device, about."""
-        return SparseRows.bytes(body.stiffness) + 8 * _AT_ONCE * int(body.f.size)
+    def bytes(body: Any, stiffness: SparseRows | None = None) -> int:
+        """Memory that vectors, and a stiffness that is not there, take on a device, about."""
+        matrix = 0 if stiffness else SparseRows.bytes(body.stiffness)
+        return matrix + 8 * _AT_ONCE * int(body.f.size)
 
     def placed(self, v: Any) -> Any:
         """A vector of the host or of the device where it is computed with."""
@@ -165,12 +169,14 @@ class KeptVectors:
             self._host = BasisVectors(body, HostArrays())
         return self._host
 
-    def on(self, arrays: HostArrays, body: Any, beside: int) -> BasisVectors:
+    def on(
+        self, arrays: HostArrays, body: Any, beside: int, stiffness: SparseRows | None = None
+    ) -> BasisVectors:
         """Those where the arrays lie; `of` returns them as long as somebody keeps them.
 
         On the host, which is logged, unless so many bytes beside them stay free on the device.
         """
-        room, needed = arrays.room(), BasisVectors.bytes(body) + beside
+        room, needed = arrays.room(), BasisVectors.bytes(body, stiffness) + beside
         if room is not None and needed > room:
             _log.info(
                 "the certificate is computed on the host: on the device it and the compliance take "
@@ -179,7 +185,7 @@ class KeptVectors:
                 room / 1e9,
             )
             return self.of(body)
-        there = BasisVectors(body, arrays)
+        there = BasisVectors(body, arrays, stiffness)
         self._there = weakref.ref(there)
         return there
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import skfem
 from numpy.typing import NDArray
 from skfem import Basis, MappingIsoparametric, Mesh
 
+from contact.arrays.ranges import in_ranges
 from contact.body.deferred_basis import DeferredBasis
-from contact.body.jacobians import chunks, determinants, is_straight, jacobians
+from contact.body.jacobians import determinants, is_straight, jacobians
 from contact.body.mesh_facets import number_facets
 from contact.errors import InputError
 from contact.facet_basis import places_on_facets
@@ -23,7 +26,9 @@ def check_cells(mesh: Mesh) -> None:
         raise InputError("mesh: has no cells")
     if not np.all(np.isfinite(mesh.doflocs)):
         raise InputError("mesh: has coordinates that are not finite")
-    sound = np.concatenate([_sound(mesh, cells) for cells in chunks(mesh.nelements)])
+    if not is_straight(mesh):
+        _ = mesh.dofs  # which all threads read
+    sound = np.concatenate(in_ranges(partial(_sound, mesh), mesh.nelements))
     if not np.all(sound):
         raise InputError(
             f"mesh: {np.sum(~sound)} cells are flat, not convex or folded (first: "
@@ -77,20 +82,25 @@ def _on_one_side(mesh: Mesh, facets: NDArray[np.int64]) -> NDArray[np.float64]:
     come before their sums, whose rounding would be that of the distance from the origin.
     """
     to_middle = np.empty((mesh.dim(), mesh.nelements))  # from the first vertex of each cell
-    for some in chunks(mesh.nelements):
+
+    def measure(some: slice) -> None:
         x = mesh.p[:, mesh.t[:, some]]
         to_middle[:, some] = (x - x[:, :1]).mean(axis=1)
-    product = np.ones(facets.size)
-    for some in chunks(facets.size):
-        here = facets[some]
+
+    in_ranges(measure, mesh.nelements)
+
+    def compared(some: slice) -> NDArray[np.float64]:
+        here, product = facets[some], np.ones(1)
         corners = mesh.p[:, mesh.facets[:, here]]
         first, corners = corners[:, 0], corners - corners[:, :1]
         normal, middle = _normal_of_ring(corners), corners.mean(axis=1)
         for side in (0, 1):
             cell = mesh.f2t[side, here]
             way = (mesh.p[:, mesh.t[0, cell]] - first) + to_middle[:, cell]
-            product[some] *= np.sign(np.sum(normal * (way - middle), axis=0))
-    return product
+            product = product * np.sign(np.sum(normal * (way - middle), axis=0))
+        return product
+
+    return np.concatenate([np.zeros(0), *in_ranges(compared, facets.size)])
 
 
 def _normal_of_ring(corners: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -105,18 +115,20 @@ def _normal_of_ring(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _normals_agree(mesh: Mesh, facets: NDArray[np.int64]) -> NDArray[np.float64]:
     """Product of the outward normals of both cells in the middle of curved facets."""
-    mapping = MappingIsoparametric(mesh, mesh.elem(), mesh.bndelem)  # whose tables go with it
-    middle, product = mesh.brefdom.p.mean(axis=1)[:, None], np.empty(facets.size)
-    for some in chunks(facets.size):
-        here = facets[some]
+    middle = mesh.brefdom.p.mean(axis=1)[:, None]
+
+    def compared(some: slice) -> NDArray[np.float64]:
+        # Of its own in each thread, with its tables.
+        here, mapping = facets[some], MappingIsoparametric(mesh, mesh.elem(), mesh.bndelem)
         ours, theirs = (
             mapping.normals(
                 places_on_facets(mesh, here, middle, side), mesh.f2t[side, here], here, mesh.t2f
             )[..., 0]
             for side in (0, 1)
         )
-        product[some] = np.sum(ours * theirs, axis=0)
-    return product
+        return np.asarray(np.sum(ours * theirs, axis=0))
+
+    return np.concatenate([np.zeros(0), *in_ranges(compared, facets.size)])
 
 
 def check_basis(basis: Basis) -> None:

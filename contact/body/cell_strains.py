@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import Basis, Mesh
 
+from contact.arrays.ranges import in_ranges
 from contact.body.axisymmetric_law import AxisymmetricLaw
 from contact.body.axisymmetry import forces_of_stress, strain_roots, with_hoop
 from contact.body.constitutive import IsotropicLaw, TensorLaw
 from contact.body.discretised import Elastic
-from contact.body.jacobians import chunks, cofactors, determinants, jacobians
+from contact.body.jacobians import cofactors, determinants, jacobians
 from contact.body.rigid_modes import value_dofs
 
 Array = NDArray[np.float64]
@@ -32,15 +33,16 @@ SLENDER = 300.0  # side ratio at which a product with the matrix loses five digi
 def has_slender_cells(mesh: Mesh) -> bool:
     """Whether a cell is `SLENDER` times as long as it is wide, in whatever direction."""
     middle = mesh.elem.refdom.p.mean(axis=1)[:, None]
-    for cells in chunks(mesh.nelements):
+
+    def slender(cells: slice) -> bool:
         J = jacobians(mesh, cells, middle)[..., 0]
         det, inverse = np.abs(determinants(J)), np.linalg.norm(cofactors(J), axis=(0, 1))
         # No ratio of singular values exceeds the product of the Frobenius norms of J and J^-1.
         near = np.linalg.norm(J, axis=(0, 1)) * inverse > 0.99 * SLENDER * det
         size = np.linalg.svd(J[..., near].transpose(2, 0, 1), compute_uv=False)
-        if np.any(size[:, 0] > SLENDER * size[:, -1]):
-            return True
-    return False
+        return bool(np.any(size[:, 0] > SLENDER * size[:, -1]))
+
+    return any(in_ranges(slender, mesh.nelements))
 
 
 def strain_rows(body: Elastic) -> Array:

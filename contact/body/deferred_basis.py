@@ -11,7 +11,8 @@ from skfem import CellBasis, ElementVector
 from skfem.assembly.basis.abstract_basis import AbstractBasis
 from skfem.quadrature import get_quadrature
 
-from contact.body.jacobians import chunks, determinants, is_straight, jacobians
+from contact.arrays.ranges import in_ranges
+from contact.body.jacobians import determinants, is_straight, jacobians
 
 # Of Gauss' rule with two points in each direction, exact for the determinant of straight cells.
 _ORDER_OF_VOLUME = 3
@@ -73,8 +74,11 @@ class DeferredBasis(CellBasis):
         if not is_straight(mesh):
             return float(self.dx.sum())
         X, W = get_quadrature(mesh.refdom, 0 if mesh.affine else _ORDER_OF_VOLUME)
-        parts = (determinants(jacobians(mesh, cells, X)) for cells in chunks(mesh.nelements))
-        return float(sum(np.sum(np.abs(part) @ W) for part in parts))
+
+        def part(cells: slice) -> np.floating:
+            return np.sum(np.abs(determinants(jacobians(mesh, cells, X))) @ W)
+
+        return float(sum(in_ranges(part, mesh.nelements)))
 
     def _measure(self, X: Any, W: Any) -> NDArray[np.float64]:
         return np.abs(self.mapping.detDF(X)) * np.broadcast_to(W, (self.nelems, W.size))

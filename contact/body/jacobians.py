@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 from skfem import Mesh, MeshHex, MeshQuad
 
 Array = NDArray[np.float64]
-_CHUNK = 2**15  # cells or facets that are looked at together
 
 
 def jacobians(mesh: Mesh, cells: slice, places: Array) -> Array:
@@ -60,9 +57,3 @@ def _minor(one: Array, other: Array, k: int) -> Array:
 def is_straight(mesh: Mesh) -> bool:
     """Whether the vertices alone determine the cells: simplices or Q1 cells of first order."""
     return bool(mesh.affine) or type(mesh) in (MeshQuad, MeshHex)
-
-
-def chunks(count: int) -> Iterator[slice]:
-    """Ranges of cells or facets to be looked at together."""
-    for start in range(0, count, _CHUNK):
-        yield slice(start, min(start + _CHUNK, count))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -109,10 +109,14 @@ def coupled(
     return sparse.csr_array(sparse.hstack([P @ before, new])), u0 + P @ (y / of_free)
 
 
-def picked_by(P: sparse.csr_array, of_dof: Array) -> sparse.csr_array:
-    """E with ``E^T P = I``: P itself where its columns hold dofs of one kind only."""
+def picked_by(P: sparse.csr_array, lengths: Callable[[], Array]) -> sparse.csr_array:
+    """E with ``E^T P = I``: P itself where its columns hold dofs of one kind only.
+
+    The lengths of the dofs are asked for where columns hold several.
+    """
     if _single(P):
         return P
+    of_dof = lengths()
     mixed = _mixed(sparse.csc_array(P), of_dof)
     if not mixed.any():
         return P

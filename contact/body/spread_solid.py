@@ -268,13 +268,13 @@ class SpreadSolid(Solid):
         """Largest deviation from a prescribed displacement; derivatives are times their length."""
         z = self.unknowns
         off = self.counted(u - self.constraint[1])
-        picked = picked_by(z.own, self.lengths[0][self.space.owned])
+        picked = picked_by(z.own, lambda: self.lengths[0][self.space.owned])
         return self._largest(self.lengths[0][self.space.owned] * (off - z.own @ (picked.T @ off)))
 
     def at_supports(self, forces: Array) -> Array:
         """The part of forces on all dofs that acts where a displacement is prescribed."""
         z, own = self.unknowns, self.counted(forces)
-        picked = picked_by(z.own, self.lengths[0][self.space.owned])
+        picked = picked_by(z.own, lambda: self.lengths[0][self.space.owned])
         x = np.zeros(self.space.basis.N)
         x[self.space.owned] = own - picked @ (z.own.T @ own)
         return self.of_owned(x)

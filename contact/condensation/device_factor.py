@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from contact.condensation.condensed_body import Array
-from contact.condensation.device_schur import on_device
+from contact.condensation.device_schur import Tree, on_device
 from skfem_adini.solvers.cudss import Cudss
-from skfem_adini.solvers.device_triangle import Restricted
 
 Index = NDArray[np.int64]
 
@@ -28,6 +27,8 @@ class DeviceFactor:
         as long as the factors fit.
     deterministic : bool
         Refuse factors that do not fit.
+    tree : tuple of ndarray, or callable () -> tuple of ndarray or None
+        As for `DeviceSchur`, of all unknowns; several devices find one of their own.
 
     Raises
     ------
@@ -45,21 +46,15 @@ class DeviceFactor:
     """
 
     def __init__(
-        self, stiffness: Any, devices: tuple[int, ...] | None, deterministic: bool = False
-    ) -> None:
+        self, stiffness: Any, devices: tuple[int, ...] | None, deterministic: bool = False,
+        tree: Tree = None,
+    ) -> None:  # fmt: skip
         def factored(hybrid: bool) -> Cudss:
             repeats = devices is None and not hybrid
-            return Cudss(stiffness, True, repeats, hybrid_memory=hybrid, devices=devices)
+            order = tree if devices is None else None
+            return Cudss(stiffness, True, repeats, order, hybrid, devices)
 
         self._cudss = on_device(factored, hybrid=not deterministic)
-
-    @classmethod
-    def of_selection(
-        cls, stiffness: Any, free: Any, unit: Array, devices: tuple[int, ...] | None,
-        deterministic: bool = False,
-    ) -> DeviceFactor:  # fmt: skip
-        """The factor of ``D K[free][:, free] D``; see `DeviceSchur.of_selection`."""
-        return cls(Restricted(stiffness, free, unit), devices, deterministic)
 
     def solve(self, loads: Array) -> Array:
         """Solutions for loads (n,) or (n, count), each corrected by its residual."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.condensation.scaled_stiffness import ScaledStiffness
 from contact.condensation.schur import ForwardCache, Vector, not_definite
 from contact.errors import ContactError, InputError, MissingDependency
 from skfem_adini import InputError as NoDevice
@@ -25,6 +26,8 @@ from skfem_adini.solvers.device_triangle import Restricted
 
 _log = logging.getLogger(__name__)
 Factors = TypeVar("Factors")
+Blocks = tuple[NDArray[np.int64], NDArray[np.int64]]  # an order, and the sizes of its blocks
+Tree = Blocks | Callable[[], Blocks | None] | None
 
 
 class DeviceSchur(ForwardCache):
@@ -36,8 +39,9 @@ class DeviceSchur(ForwardCache):
         Symmetric; its block without the boundary must be positive definite.
     boundary : ndarray, shape (nb,)
         Ascending indices of the unknowns to keep, fewer than n.
-    tree : tuple of ndarray, optional
-        See `contact.condensation.elimination_order.elimination_tree`.
+    tree : tuple of ndarray, or callable () -> tuple of ndarray or None
+        See `contact.condensation.elimination_order.elimination_tree`; a callable is asked when the
+        matrix is on the device.
 
     Raises
     ------
@@ -57,35 +61,12 @@ class DeviceSchur(ForwardCache):
         self,
         stiffness: sparse.csr_array | Restricted,
         boundary: NDArray[np.int64],
-        tree: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None,
+        tree: Tree = None,
     ) -> None:
         self._boundary = boundary
         self._cudss = on_device(
             lambda hybrid: CudssSchur(stiffness, boundary, tree, hybrid_memory=hybrid)
         )
-
-    @classmethod
-    def of_selection(
-        cls,
-        stiffness: sparse.csr_array,
-        free: NDArray[np.int64],
-        unit: Vector,
-        boundary: NDArray[np.int64],
-        tree: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None,
-    ) -> DeviceSchur:
-        """The factor of ``D K[free][:, free] D``, which is formed on the device alone.
-
-        Parameters
-        ----------
-        stiffness : csr_array, shape (ndofs, ndofs)
-        free : ndarray, shape (n,)
-            Ascending.
-        unit : ndarray, shape (n,)
-            Diagonal of D.
-        boundary, tree
-            As for the class.
-        """
-        return cls(Restricted(stiffness, free, unit), boundary, tree)
 
     @property
     def schur(self) -> Any:
@@ -110,6 +91,14 @@ class DeviceSchur(ForwardCache):
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the eliminated loads, which are in the order of these factors."""
         return {name: value for name, value in vars(self).items() if name != "_known"}
+
+
+def restricted(system: ScaledStiffness) -> Restricted | None:
+    """The matrix for a device, which forms it; None unless unknowns are dofs in ascending order."""
+    if system.free is None or np.any(np.diff(system.free) <= 0):
+        return None
+    placed = None if system.placed is None else system.placed.placed
+    return Restricted(system.whole, system.free, system.unit, placed)
 
 
 def on_device(factored: Callable[[bool], Factors], hybrid: bool = True) -> Factors:

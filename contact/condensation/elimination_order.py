@@ -55,7 +55,8 @@ def elimination_tree(body: Any, kept: Index) -> tuple[Index, Index] | None:
             rank = np.empty_like(order)
             rank[order] = np.arange(order.size)
             # Ranks ascend with the blocks; those that are kept stay in their own order.
-            return counted_order(np.where(last, order.size, rank[entity]), order.size + 1), sizes
+            ranks = np.where(last, order.size, rank[entity])
+            return counted_order(ranks, order.size + 1), sizes
     return None
 
 

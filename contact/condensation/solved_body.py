@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,8 +14,11 @@ from scipy.linalg import qr
 from contact.arrays.dense_arrays import HostArrays
 from contact.condensation.condensed_body import Array, BodyRows
 from contact.condensation.device_factor import DeviceFactor
+from contact.condensation.device_schur import restricted
+from contact.condensation.elimination_order import elimination_tree
+from contact.condensation.scaled_stiffness import ScaledStiffness
 from contact.condensation.schur import not_definite
-from contact.condensation.sparse import SparseBody, can_be_restricted, scaled
+from contact.condensation.sparse import SparseBody
 from contact.errors import ContactError, MissingDependency
 from skfem_adini import InputError as MatrixInputError
 from skfem_adini import MissingDependency as NoPackage
@@ -64,23 +68,24 @@ class SolvedBody(SparseBody):
         super().__init__(body, rows, solver, arrays)
 
     def _eliminate(
-        self, B: sparse.csr_array, modes: Array, S: sparse.csr_array, free: Any, unit: Array,
-        solver: str,
-    ) -> None:  # fmt: skip
+        self, B: sparse.csr_array, motions: Future[Array], system: ScaledStiffness, solver: str
+    ) -> None:
+        modes = self._seen(motions, system.unit)
         touched, k = self._boundary, modes.shape[1]
-        self._boundary = np.arange(unit.size)
+        self._boundary = np.arange(system.unit.size)
         self._take(B)
-        self.diagonal = unit**2 * (S.diagonal() if free is None else S.diagonal()[free])
+        self.diagonal = system.diagonal
         self.N = self.modes = np.linalg.qr(modes)[0] if k else modes
-        self._factor, self._soft = _Whole(S, free, unit), 0.0
-        if not k and self._on_device and can_be_restricted(free):
-            self._solver: Any = DeviceFactor.of_selection(
-                S, free, unit, self._devices, self._deterministic
-            )
+        self._factor, self._soft = _Whole(system), 0.0
+        here = None if k or not self._on_device else restricted(system)
+        if here is not None:
+            none = np.zeros(0, dtype=np.int64)
+            tree = self._beside.submit(elimination_tree, self.body, none).result
+            self._solver: Any = DeviceFactor(here, self._devices, self._deterministic, tree)
             return
-        held = scaled(S, free, unit)
+        held = system.matrix()
         if k:
-            of_touched, springs = self.N[touched], np.zeros(unit.size)
+            of_touched, springs = self.N[touched], np.zeros(system.unit.size)
             self._soft = k / float((of_touched**2).sum())
             springs[touched[qr(of_touched.T, mode="economic", pivoting=True)[2][:k]]] = 1.0
             held = sparse.csr_array(held + sparse.diags_array(springs))
@@ -186,13 +191,11 @@ def _on_host(stiffness: sparse.csr_array, solver: str) -> Any:
 class _Whole:
     """A `contact.condensation.schur.SchurFactor` of a matrix in which nothing is eliminated."""
 
-    matrix: sparse.csr_array
-    free: Any
-    unit: Array
+    system: ScaledStiffness
 
     @property
     def schur(self) -> Array:
-        return np.asarray(scaled(self.matrix, self.free, self.unit).toarray())
+        return np.asarray(self.system.matrix().toarray())
 
     def reduce(self, load: Array) -> Array:
         return load

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -11,12 +12,14 @@ from scipy import sparse
 from contact.arrays.blas_threads import one_blas_thread
 from contact.arrays.dense_arrays import HostArrays
 from contact.body.free_motions import free_motions, unseen_motion
-from contact.body.supports import scaled_columns, selected
+from contact.body.supports import scaled_columns
 from contact.condensation.condensed_body import Array, BodyRows, CondensedBody
-from contact.condensation.device_schur import DeviceSchur
+from contact.condensation.device_schur import DeviceSchur, restricted
 from contact.condensation.elimination_order import elimination_order, elimination_tree
+from contact.condensation.scaled_stiffness import ScaledStiffness
 from contact.condensation.schur import schur_factor
 from contact.condensation.strain_factor import factor_of_strains, strains_can_be_factored
+from contact.errors import ContactError
 
 _MANY = 8  # rows of the stiffness are copied where there are fewer than one in so many
 
@@ -44,45 +47,54 @@ class SparseBody(CondensedBody):
     def __init__(
         self, body: Any, rows: BodyRows, solver: str = "auto", arrays: HostArrays | None = None
     ) -> None:
-        self.arrays = arrays or HostArrays()
-        self.slender = body.slender
-        P, _ = body.constraint
-        free = selected(P)
-        S = body.stiffness if free is not None else sparse.csr_array(P.T @ body.stiffness @ P)
-        # Scale the unknowns to unit stiffness: the magnitudes of values and derivatives, and of
-        # directions, then depend neither on the unit of length nor on the aspect ratio of cells.
-        # Powers of two cause no rounding.
-        diagonal = S.diagonal() if free is None else body.diagonal[free]
-        exponent = np.round(-0.5 * np.log2(np.where(diagonal > 0, diagonal, 1.0)))
-        unit = np.ldexp(1.0, exponent.astype(np.int64))
-        self._P = scaled_columns(P, unit)
-        self.body = body
-        B = self._touch(rows)
-        self.B = sparse.csr_array(B[:, self._boundary])
-        modes = free_motions(body) / unit[:, None]
-        self._refuse(unseen_motion(modes, modes[self._boundary]))
-        self._on_device = arrays is not None
-        self._eliminate(B, modes, S, free, unit, solver)
+        self.arrays, self._on_device = arrays or HostArrays(), arrays is not None
+        self.body, self.slender = body, body.slender
+        with ThreadPoolExecutor(2) as self._beside:
+            motions = self._beside.submit(free_motions, body)
+            system = ScaledStiffness.of(body, self.arrays)
+            self._P = scaled_columns(body.constraint[0], system.unit)
+            B = self._touch(rows)
+            self.B = sparse.csr_array(B[:, self._boundary])
+            self._eliminate(B, motions, system, solver)
+        del self._beside
         if self._on_device:
             # Kept here, so that it leaves the device together with the factors.
             compliance = 8 * self.B.shape[0] * (self.B.shape[0] + self.order)
-            self._vectors = body.compute_with(self.arrays, compliance)
+            self._vectors = body.compute_with(self.arrays, compliance, system.placed)
         self._prescribe(body)
 
     def _eliminate(
-        self, B: sparse.csr_array, modes: Array, S: sparse.csr_array, free: Any, unit: Array,
-        solver: str,
-    ) -> None:  # fmt: skip
-        """Factor what is not the boundary's, and then the boundary's complement."""
+        self, B: sparse.csr_array, motions: Future[Array], system: ScaledStiffness, solver: str
+    ) -> None:
+        """Factor what is not the boundary's, and then the boundary's complement.
+
+        Free motions are computed by another thread while the library of the solver works. A motion
+        that no row sees is refused whatever becomes of the factorisation, in which rounding decides
+        whether a pivot is zero.
+        """
+        back: Any = None
         with one_blas_thread(max(self.B.shape)):
-            if strains_can_be_factored(self.body, unit.size):
-                self._factor, change, back = factor_of_strains(self.body, self._P, self._boundary)
-                self._P = sparse.csr_array(self._P @ change)
-                self.B = sparse.csr_array(B @ change[:, self._boundary])
-                modes = back @ modes
-            else:
-                self._factor = self._factored(S, free, unit, solver)
+            try:
+                if strains_can_be_factored(self.body, system.unit.size):
+                    self._factor, change, back = factor_of_strains(
+                        self.body, self._P, self._boundary
+                    )
+                    self._P = sparse.csr_array(self._P @ change)
+                    self.B = sparse.csr_array(B @ change[:, self._boundary])
+                else:
+                    self._factor = self._factored(system, solver)
+            except ContactError:
+                self._seen(motions, system.unit)
+                raise
+            modes = self._seen(motions, system.unit)
+            modes = modes if back is None else back @ modes
             self._hold(modes[self._boundary], modes)
+
+    def _seen(self, motions: Future[Array], unit: Array) -> Array:
+        """Free rigid motions of the unknowns; refused if no row sees one."""
+        modes: Array = motions.result() / unit[:, None]
+        self._refuse(unseen_motion(modes, modes[self._boundary]))
+        return modes
 
     def _prescribe(self, body: Any) -> None:
         u0 = body.constraint[1]
@@ -105,14 +117,14 @@ class SparseBody(CondensedBody):
         left: Array = body.vectors.returned(forces - body.at_supports(forces), rest)
         return left
 
-    def _factored(self, S: sparse.csr_array, free: Any, unit: Array, solver: str) -> Any:
-        """Factor ``D S D``, or the same of the free rows and columns of S."""
-        b, inner = self._boundary, self._boundary.size < unit.size
-        if self._on_device and inner and can_be_restricted(free):
-            return DeviceSchur.of_selection(S, free, unit, b, elimination_tree(self.body, b))
-        if self._on_device and inner:
-            return DeviceSchur(scaled(S, free, unit), b)
-        return schur_factor(scaled(S, free, unit), b, partial(elimination_order, self.body), solver)
+    def _factored(self, system: ScaledStiffness, solver: str) -> Any:
+        b, order = self._boundary, partial(elimination_order, self.body)
+        if not self._on_device or b.size == system.unit.size:
+            return schur_factor(system.matrix(), b, order, solver)
+        here = restricted(system)
+        if here is None:
+            return DeviceSchur(system.matrix(), b)
+        return DeviceSchur(here, b, self._beside.submit(elimination_tree, self.body, b).result)
 
 
 def forces_of_supports(body: Any, u0: Array) -> Array:
@@ -122,16 +134,3 @@ def forces_of_supports(body: Any, u0: Array) -> Array:
         return np.asarray(body.internal(u0))
     forces: Array = body.stiffness[moved].T @ u0[moved]
     return forces
-
-
-def can_be_restricted(free: Any) -> bool:
-    """Whether a device takes the free rows and columns itself: their numbers ascend."""
-    return free is not None and bool((np.diff(free) > 0).all())
-
-
-def scaled(S: sparse.csr_array, free: Any, unit: Array) -> sparse.csr_array:
-    """``D S D``, or the same of the free rows and columns of S; D is the diagonal matrix unit."""
-    S = sparse.csr_array(S if free is None else S[free][:, free])
-    S.data *= np.repeat(unit, np.diff(S.indptr))
-    S.data *= unit[S.indices]
-    return S

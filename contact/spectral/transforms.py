@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from typing import Any
 
 import numpy as np
 import scipy
 
 from contact.arrays.namespace import namespace
+from contact.arrays.ranges import cores
 
 _THREADED = 1 << 17
 
@@ -20,12 +20,6 @@ def fft_of(xp: Any) -> Any:
     import cupyx.scipy.fft
 
     return cupyx.scipy.fft
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    known = getattr(os, "sched_getaffinity", None)
-    return len(known(0)) if known else os.cpu_count() or 1
 
 
 def filtered(symbol: Any, values: Any) -> Any:

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 from contact.arrays.namespace import namespace
+from contact.arrays.ranges import cores
 from contact.spectral import wave_kernel
-from contact.spectral.transforms import cores
 from contact.spectral.wave_cells import Column, functions
 
 Waves = Any  # array of NumPy or CuPy, shape (n, n, waves), of which the upper triangle counts

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import threading
 import weakref
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
@@ -21,14 +21,17 @@ from skfem_adini.solvers.cudss_memory import (
     free_memory,
     memory,
 )
+from skfem_adini.solvers.cudss_tree import DissectionTree
 from skfem_adini.solvers.device_product import DeviceProduct
-from skfem_adini.solvers.device_triangle import DeviceTriangle
+from skfem_adini.solvers.device_triangle import DeviceTriangle, on_host_alone
 
 Array = NDArray[np.float64]
+Blocks = tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]  # of a `DissectionTree`
+Order = ArrayLike | Blocks | Callable[[], Blocks | None] | None
 
 # cuDSS's numbers (cudss_data_types.h of version 1.0; those of 0.x differ).
-_REFINEMENTS, _HYBRID_MEMORY, _MEMORY_LIMIT, _DETERMINISTIC = 5, 11, 12, 24
-_INFO, _FILL, ORDER = 0, 1, 9
+_REFINEMENTS, _HYBRID_MEMORY, _MEMORY_LIMIT, _LEVELS, _DETERMINISTIC = 5, 11, 12, 17, 24
+_INFO, _FILL, _ORDER, _TREE = 0, 1, 9, 21
 ANALYSIS, FACTORISATION, REFACTORISATION, SOLUTION = 0b11, 0b100, 0b1000, 0b11_1111_0000
 # Corrections of a solution by its residual, as many as PARDISO makes. cuDSS makes none in its
 # deterministic mode, and solves for one load at a time there.
@@ -57,8 +60,10 @@ class CudssMatrix:
         Whether equal calls give equal bits on the same device. Loads are then solved for one by
         one, else together.
     order
-        Order of elimination, shape (n,): ``order[k]`` is the unknown of step k. cuDSS computes one
-        of its own if None.
+        Order of elimination, shape (n,): ``order[k]`` is the unknown of step k. A tuple holds the
+        order and the sizes of a `DissectionTree`, which spare cuDSS the most work; it may come from
+        a callable, which is asked when the matrix is on the device. cuDSS computes an order of its
+        own if None, or if the blocks of the tree do not separate the unknowns of A.
     hybrid_memory
         Keep the factors in the memory of the host, and a part of them on the device: of as many
         bytes as the number says, or as cuDSS decides if True. Not deterministic.
@@ -85,14 +90,14 @@ class CudssMatrix:
     """
 
     def __init__(
-        self, A: Any, definite: bool, deterministic: bool = True, order: ArrayLike | None = None,
+        self, A: Any, definite: bool, deterministic: bool = True, order: Order = None,
         hybrid_memory: bool | int = False, devices: Iterable[int] | None = None,
     ) -> None:  # fmt: skip
         _refuse(deterministic, hybrid_memory, devices)
-        self._given: tuple[Any, ...] = A, definite, deterministic, order, hybrid_memory, devices
         self._deterministic, self._hybrid = deterministic, hybrid_memory
         self._n, self._lock, self._factored = A.shape[0], threading.Lock(), False
-        order = None if order is None else permutation(order, self._n)
+        if not (order is None or callable(order) or isinstance(order, tuple)):
+            order = permutation(order, self._n)
         xp = device_arrays()
         self._devices = chosen_devices(xp, devices)
         with self._home(), ExitStack() as opened:
@@ -100,9 +105,11 @@ class CudssMatrix:
             self._triangle = DeviceTriangle(xp, A)
             arrays = self._triangle.arrays(A)
             self._cudss = CudssHandles(opened, arrays, definite, self._settings(), self._devices)
-            if order is not None:
-                self._cudss.put(ORDER, order)
-            self._prepare()
+            order = order() if callable(order) else order
+            self._given: tuple[Any, ...] = (
+                on_host_alone(A), definite, deterministic, order, hybrid_memory, devices
+            )  # fmt: skip
+            self._prepare(order)
             self._factor(ANALYSIS, FACTORISATION)
             self._used = tuple(b - a for b, a in zip(before, self._free(xp), strict=True))
             weakref.finalize(self, self._cudss.release, opened.pop_all())
@@ -160,8 +167,17 @@ class CudssMatrix:
                 settings[_MEMORY_LIMIT] = ctypes.c_int64(max(limit, 1))
         return settings
 
-    def _prepare(self) -> None:
-        """Hand over what else the analysis needs."""
+    def _prepare(self, order: Any) -> None:
+        """Hand over what else the analysis needs, an order above all."""
+        if not isinstance(order, tuple):
+            if order is not None:
+                self._cudss.put(_ORDER, order)
+            return
+        tree = DissectionTree(*order)
+        if tree.separates(self._cudss.xp, *self._cudss.triangle[:2]):
+            self._cudss.put(_ORDER, permutation(tree.order, self._n))
+            self._cudss.put(_TREE, tree.sizes.astype(np.int32))
+            self._cudss.configure(_LEVELS, ctypes.c_int(tree.levels))
 
     def _factor(self, *phases: int) -> None:
         self._factored = False

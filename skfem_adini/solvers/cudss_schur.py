@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skfem_adini.solvers.cudss import ORDER, CudssMatrix
-from skfem_adini.solvers.cudss_handles import permutation
-from skfem_adini.solvers.cudss_tree import DissectionTree, Index
+from skfem_adini.solvers.cudss import CudssMatrix, Order
 
 Array = NDArray[np.float64]
 
 # cuDSS's numbers (cudss_data_types.h of version 1.0).
-_LEVELS, _SCHUR_MODE = 17, 23
-_MARKS, _SHAPE, _COMPLEMENT, _TREE = 18, 19, 20, 21
+_SCHUR_MODE = 23
+_MARKS, _SHAPE, _COMPLEMENT = 18, 19, 20
 FORWARD, BACKWARD = 0b11_0000, 0b1_1000_0000
 
 
@@ -35,9 +33,7 @@ class CudssSchur(CudssMatrix):
     chosen
         Ascending indices of the unknowns to keep, shape (k,), fewer than n.
     tree
-        Order of elimination and sizes of its blocks, as of
-        `skfem_adini.solvers.cudss_tree.DissectionTree`, the chosen unknowns last and ascending.
-        cuDSS finds one of its own if None, or if the blocks do not separate the unknowns of A.
+        As the order of `CudssMatrix`, the chosen unknowns last and ascending.
     hybrid_memory
         As for `CudssMatrix`.
 
@@ -57,15 +53,14 @@ class CudssSchur(CudssMatrix):
     """
 
     def __init__(
-        self, A: Any, chosen: ArrayLike, tree: tuple[Index, Index] | None = None,
+        self, A: Any, chosen: ArrayLike, tree: Order = None,
         hybrid_memory: bool | int = False,
     ) -> None:  # fmt: skip
         self._marks = np.zeros(A.shape[0], dtype=np.int32)
         self._marks[np.asarray(chosen)] = 1
         self._count = int(self._marks.sum())
-        self._tree = tree and DissectionTree(*tree)
-        super().__init__(A, True, False, None, hybrid_memory)
-        self._given = A, chosen, tree, hybrid_memory
+        super().__init__(A, True, False, tree, hybrid_memory)
+        self._given = self._given[0], chosen, self._given[3], hybrid_memory
         self.complement = self._complement()
 
     def refactor(self, A: Any) -> None:
@@ -90,14 +85,9 @@ class CudssSchur(CudssMatrix):
     def _settings(self) -> dict[int, Any]:
         return {**super()._settings(), _SCHUR_MODE: ctypes.c_int(1)}
 
-    def _prepare(self) -> None:
+    def _prepare(self, order: Any) -> None:
         self._cudss.put(_MARKS, self._marks)
-        if self._tree is not None and self._tree.separates(
-            self._cudss.xp, *self._cudss.triangle[:2]
-        ):
-            self._cudss.put(ORDER, permutation(self._tree.order, self._n))
-            self._cudss.put(_TREE, self._tree.sizes.astype(np.int32))
-            self._cudss.configure(_LEVELS, ctypes.c_int(self._tree.levels))
+        super()._prepare(order)
 
     def _more_bytes(self) -> int:
         return 8 * self._count**2

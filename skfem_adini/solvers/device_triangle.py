@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,11 +25,14 @@ class Restricted:
         Ascending numbers of the rows and columns that remain, shape (n,).
     scale
         Diagonal of D, shape (n,).
+    placed
+        Row starts, columns and values of A, where they lie on the device already.
     """
 
     matrix: Any
     free: NDArray[np.integer]
     scale: NDArray[np.float64]
+    placed: tuple[Any, Any, Any] | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -65,7 +68,7 @@ class DeviceTriangle:
         if not whole.has_canonical_format:
             return
         n = A.shape[0]
-        starts, columns = xp.asarray(whole.indptr), xp.asarray(whole.indices)
+        starts, columns = (_placed(xp, A, part) for part in ("indptr", "indices"))
         rows = xp.searchsorted(starts[1:], xp.arange(whole.nnz, dtype=starts.dtype), side="right")
         if self._free is not None:
             number = xp.full(whole.shape[0], -1, dtype=np.int32)
@@ -111,7 +114,7 @@ class DeviceTriangle:
         xp = self._xp
         if self._taken is None:
             return xp.asarray(upper_triangle(_on_host(A)).data.astype(np.float64))
-        values = xp.asarray(whole.data)[self._taken].astype(np.float64, copy=False)
+        values = _placed(xp, A, "data")[self._taken].astype(np.float64, copy=False)
         if scale is not None:
             places = xp.arange(values.size, dtype=np.int32)
             rows = xp.searchsorted(self._starts[1:], places, side="right")
@@ -127,6 +130,18 @@ def _parts(A: Any) -> tuple[Any, Any, Any]:
     if not isinstance(whole, sparse.csr_array):  # a copy would not know that it is canonical
         whole = sparse.csr_array(whole)
     return (whole, A.free, A.scale) if isinstance(A, Restricted) else (whole, None, None)
+
+
+def _placed(xp: Any, A: Any, part: str) -> Any:
+    """Return row starts, columns or values of the whole matrix on the device."""
+    if isinstance(A, Restricted) and A.placed is not None:
+        return A.placed[("indptr", "indices", "data").index(part)]
+    return xp.asarray(getattr(_parts(A)[0], part))
+
+
+def on_host_alone(A: Any) -> Any:
+    """Return the matrix without its arrays on the device."""
+    return replace(A, placed=None) if isinstance(A, Restricted) else A
 
 
 def _on_host(A: Any) -> Any:

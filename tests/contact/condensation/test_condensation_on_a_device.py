@@ -211,13 +211,13 @@ def test_auto_names_what_is_missing(make, monkeypatch):
 def test_free_rows_are_taken_on_the_device_where_unknowns_are_dofs(engine, make, case, monkeypatch):
     """Of every element, also where essential conditions list derivatives after values."""
     taken = []
-    of_selection = DeviceSchur.of_selection.__func__
+    build = DeviceSchur.__init__
 
-    def noted(cls, stiffness, free, *others):
-        taken.append(free)
-        return of_selection(cls, stiffness, free, *others)
+    def noted(self, stiffness, *others):
+        taken.append(stiffness.free)
+        build(self, stiffness, *others)
 
-    monkeypatch.setattr(DeviceSchur, "of_selection", classmethod(noted))
+    monkeypatch.setattr(DeviceSchur, "__init__", noted)
     pose, element = CASES[case]
     pose(make, element).condense(device="cuda")
     (free,) = taken

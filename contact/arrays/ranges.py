@@ -1,0 +1,65 @@
+"""Work on ranges of rows, cells or facets, by several threads where there is much of it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+Found = TypeVar("Found")
+_MOST_THREADS = 8  # more share the bandwidth of the memory
+_OF_A_THREAD = 4_000_000  # entries that are worth one: SciPy looks at them in a few milliseconds
+_TOGETHER = 2**13  # cells or facets whose arrays stay in the cache of a core
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    known = getattr(os, "sched_getaffinity", None)
+    return len(known(0)) if known else os.cpu_count() or 1
+
+
+def in_ranges(work: Callable[[slice], Found], count: int, together: int = _TOGETHER) -> list[Found]:
+    """What ``work(range)`` returns for ranges that cover 0 to count, in their order.
+
+    NumPy and SciPy let other threads run while they work on the arrays of a range.
+
+    Parameters
+    ----------
+    work : callable
+    count : int
+    together : int
+        Largest range.
+    """
+    ranges = [slice(at, min(at + together, count)) for at in range(0, count, together)]
+    threads = min(cores(), _MOST_THREADS, len(ranges))
+    if threads < 2:
+        return [work(some) for some in ranges]
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(work, ranges))
+
+
+def diagonal(matrix: sparse.csr_array) -> NDArray[Any]:
+    """``matrix.diagonal()``; SciPy looks at all entries, and lets other threads run meanwhile.
+
+    Parameters
+    ----------
+    matrix : csr_array, shape (n, n)
+    """
+    n = matrix.shape[0]
+    threads = min(cores(), _MOST_THREADS, matrix.nnz // _OF_A_THREAD)
+    if threads < 2:
+        return np.asarray(matrix.diagonal())
+
+    def part(some: slice) -> NDArray[Any]:
+        starts = matrix.indptr[some.start : some.stop + 1]
+        here = slice(starts[0], starts[-1])
+        entries = matrix.data[here], matrix.indices[here], starts - starts[0]
+        rows = sparse.csr_array(entries, shape=(some.stop - some.start, n))
+        return np.asarray(rows.diagonal(some.start))
+
+    return np.concatenate(in_ranges(part, n, -(-n // threads)))

@@ -1,0 +1,69 @@
+"""The stiffness of the free unknowns, scaled to a unit diagonal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from contact.arrays.dense_arrays import HostArrays
+from contact.arrays.sparse_rows import SparseRows
+from contact.body.supports import selected
+
+Array = NDArray[np.float64]
+_SMALL = 16  # a stiffness stays on a device if it takes less than one in so many of the free bytes
+
+
+@dataclass(frozen=True)
+class ScaledStiffness:
+    """``D S D``, or the same of the free rows and columns of S.
+
+    Attributes
+    ----------
+    whole : csr_array
+        S.
+    free : ndarray, shape (n,), or None
+        Rows and columns of S that remain; None for all.
+    unit : ndarray, shape (n,)
+        Diagonal of D. The magnitudes of values and derivatives, and of directions, then depend
+        neither on the unit of length nor on the aspect ratio of cells. Powers of two cause no
+        rounding.
+    placed : SparseRows, optional
+        S where dense matrices lie, if it is that of the body and there is room.
+    """
+
+    whole: sparse.csr_array
+    free: NDArray[np.integer] | None
+    unit: Array
+    placed: SparseRows | None = None
+
+    @classmethod
+    def of(cls, body: Any, arrays: HostArrays) -> ScaledStiffness:
+        """The stiffness of a body in its free unknowns z of ``u = P z + u0``."""
+        P, S = body.constraint[0], body.stiffness
+        free = selected(P)
+        if free is None:
+            S = sparse.csr_array(P.T @ S @ P)
+        diagonal = S.diagonal() if free is None else body.diagonal[free]
+        exponent = np.round(-0.5 * np.log2(np.where(diagonal > 0, diagonal, 1.0)))
+        unit, room = np.ldexp(1.0, exponent.astype(np.int64)), arrays.room()
+        roomy = free is not None and room is not None and _SMALL * SparseRows.bytes(S) < room
+        return cls(S, free, unit, arrays.rows(S) if roomy else None)
+
+    @property
+    def diagonal(self) -> Array:
+        """Diagonal of ``D S D``, shape (n,)."""
+        own = self.whole.diagonal()
+        found: Array = self.unit**2 * (own if self.free is None else own[self.free])
+        return found
+
+    def matrix(self) -> sparse.csr_array:
+        """``D S D`` on the host."""
+        S = self.whole if self.free is None else self.whole[self.free][:, self.free]
+        S = sparse.csr_array(S, copy=self.free is None)
+        S.data *= np.repeat(self.unit, np.diff(S.indptr))
+        S.data *= self.unit[S.indices]
+        return S
