@@ -21,7 +21,7 @@ from contact_device import mesh_of, posed
 from machine import describe
 from scipy import sparse
 
-from contact.condensation.elimination_order import elimination_tree
+from contact.condensation.elimination_order import dissected, elimination_tree
 from skfem_adini.solvers.cudss_library import device_arrays
 from skfem_adini.solvers.cudss_schur import CudssSchur
 
@@ -32,7 +32,7 @@ def inner_problem(problem: Any) -> tuple[Any, Any, Any, float]:
     S = sparse.csr_array(part._P.T @ problem.body.stiffness @ part._P)
     S.sort_indices()
     begin = time.perf_counter()
-    tree = elimination_tree(problem.body, part._boundary)
+    tree = elimination_tree(dissected(problem.body), part._boundary)
     seconds = time.perf_counter() - begin
     return S, part._boundary, tree, seconds
 

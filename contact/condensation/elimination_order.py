@@ -20,18 +20,21 @@ _FEWEST = 20_000  # unknowns below which cuDSS has its own order in milliseconds
 
 def elimination_order(body: Any) -> Index:
     """Free unknowns in the nested-dissection order of their mesh entities, shape (n,)."""
-    entity, dissection = _dissected(body)
+    entity, dissection = dissected(body)
     rank = np.empty_like(dissection.part)
     rank[dissection.order] = np.arange(rank.size)
     return counted_order(rank[entity], rank.size)
 
 
-def elimination_tree(body: Any, kept: Index) -> tuple[Index, Index] | None:
+def elimination_tree(
+    parts: tuple[Index, Dissection] | None, kept: Index
+) -> tuple[Index, Index] | None:
     """An order of elimination of the free unknowns by levels, in the blocks of a binary tree.
 
     Parameters
     ----------
-    body : BasisSolid
+    parts : tuple, optional
+        What `dissected_if_large` returned.
     kept : ndarray, shape (nb,)
         Ascending numbers of unknowns that come last, as a part of the last block.
 
@@ -42,9 +45,9 @@ def elimination_tree(body: Any, kept: Index) -> tuple[Index, Index] | None:
     sizes : ndarray, shape (2**levels - 1,)
         Unknowns in each block. None instead of both for small bodies, and where one is empty.
     """
-    if body.constraint[0].shape[1] < _FEWEST:
+    if parts is None:
         return None
-    entity, dissection = _dissected(body)
+    entity, dissection = parts
     last = np.zeros(entity.size, dtype=bool)
     last[kept] = True
     for depth in range(min(_DEEPEST, dissection.levels + 1), _FLATTEST - 1, -1):
@@ -60,7 +63,12 @@ def elimination_tree(body: Any, kept: Index) -> tuple[Index, Index] | None:
     return None
 
 
-def _dissected(body: Any) -> tuple[Index, Dissection]:
+def dissected_if_large(body: Any) -> tuple[Index, Dissection] | None:
+    """As `dissected`; None for a body of so few unknowns that cuDSS is quick without it."""
+    return dissected(body) if body.constraint[0].shape[1] >= _FEWEST else None
+
+
+def dissected(body: Any) -> tuple[Index, Dissection]:
     """The entity of each free unknown, and the dissection of all entities."""
     entity, points, cells = dof_entities(body.basis)
     leading = selected(body.picked)

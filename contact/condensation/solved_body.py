@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,10 +11,10 @@ from scipy import sparse
 from scipy.linalg import qr
 
 from contact.arrays.dense_arrays import HostArrays
+from contact.condensation.beside import Beside
 from contact.condensation.condensed_body import Array, BodyRows
 from contact.condensation.device_factor import DeviceFactor
 from contact.condensation.device_schur import restricted
-from contact.condensation.elimination_order import elimination_tree
 from contact.condensation.scaled_stiffness import ScaledStiffness
 from contact.condensation.schur import not_definite
 from contact.condensation.sparse import SparseBody
@@ -68,9 +67,9 @@ class SolvedBody(SparseBody):
         super().__init__(body, rows, solver, arrays)
 
     def _eliminate(
-        self, B: sparse.csr_array, motions: Future[Array], system: ScaledStiffness, solver: str
+        self, B: sparse.csr_array, beside: Beside, system: ScaledStiffness, solver: str
     ) -> None:
-        modes = self._seen(motions, system.unit)
+        modes = self._seen(beside, system.unit)
         touched, k = self._boundary, modes.shape[1]
         self._boundary = np.arange(system.unit.size)
         self._take(B)
@@ -79,8 +78,7 @@ class SolvedBody(SparseBody):
         self._factor, self._soft = _Whole(system), 0.0
         here = None if k or not self._on_device else restricted(system)
         if here is not None:
-            none = np.zeros(0, dtype=np.int64)
-            tree = self._beside.submit(elimination_tree, self.body, none).result
+            tree = beside.tree(np.zeros(0, dtype=np.int64))
             self._solver: Any = DeviceFactor(here, self._devices, self._deterministic, tree)
             return
         held = system.matrix()

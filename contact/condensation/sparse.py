@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -11,11 +10,12 @@ from scipy import sparse
 
 from contact.arrays.blas_threads import one_blas_thread
 from contact.arrays.dense_arrays import HostArrays
-from contact.body.free_motions import free_motions, unseen_motion
+from contact.body.free_motions import unseen_motion
 from contact.body.supports import scaled_columns
+from contact.condensation.beside import Beside
 from contact.condensation.condensed_body import Array, BodyRows, CondensedBody
 from contact.condensation.device_schur import DeviceSchur, restricted
-from contact.condensation.elimination_order import elimination_order, elimination_tree
+from contact.condensation.elimination_order import elimination_order
 from contact.condensation.scaled_stiffness import ScaledStiffness
 from contact.condensation.schur import schur_factor
 from contact.condensation.strain_factor import factor_of_strains, strains_can_be_factored
@@ -49,14 +49,12 @@ class SparseBody(CondensedBody):
     ) -> None:
         self.arrays, self._on_device = arrays or HostArrays(), arrays is not None
         self.body, self.slender = body, body.slender
-        with ThreadPoolExecutor(2) as self._beside:
-            motions = self._beside.submit(free_motions, body)
+        with Beside(body, self._on_device) as beside:
             system = ScaledStiffness.of(body, self.arrays)
             self._P = scaled_columns(body.constraint[0], system.unit)
             B = self._touch(rows)
             self.B = sparse.csr_array(B[:, self._boundary])
-            self._eliminate(B, motions, system, solver)
-        del self._beside
+            self._eliminate(B, beside, system, solver)
         if self._on_device:
             # Kept here, so that it leaves the device together with the factors.
             compliance = 8 * self.B.shape[0] * (self.B.shape[0] + self.order)
@@ -64,7 +62,7 @@ class SparseBody(CondensedBody):
         self._prescribe(body)
 
     def _eliminate(
-        self, B: sparse.csr_array, motions: Future[Array], system: ScaledStiffness, solver: str
+        self, B: sparse.csr_array, beside: Beside, system: ScaledStiffness, solver: str
     ) -> None:
         """Factor what is not the boundary's, and then the boundary's complement.
 
@@ -82,17 +80,17 @@ class SparseBody(CondensedBody):
                     self._P = sparse.csr_array(self._P @ change)
                     self.B = sparse.csr_array(B @ change[:, self._boundary])
                 else:
-                    self._factor = self._factored(system, solver)
+                    self._factor = self._factored(beside, system, solver)
             except ContactError:
-                self._seen(motions, system.unit)
+                self._seen(beside, system.unit)
                 raise
-            modes = self._seen(motions, system.unit)
+            modes = self._seen(beside, system.unit)
             modes = modes if back is None else back @ modes
             self._hold(modes[self._boundary], modes)
 
-    def _seen(self, motions: Future[Array], unit: Array) -> Array:
+    def _seen(self, beside: Beside, unit: Array) -> Array:
         """Free rigid motions of the unknowns; refused if no row sees one."""
-        modes: Array = motions.result() / unit[:, None]
+        modes: Array = beside.motions() / unit[:, None]
         self._refuse(unseen_motion(modes, modes[self._boundary]))
         return modes
 
@@ -117,14 +115,14 @@ class SparseBody(CondensedBody):
         left: Array = body.vectors.returned(forces - body.at_supports(forces), rest)
         return left
 
-    def _factored(self, system: ScaledStiffness, solver: str) -> Any:
+    def _factored(self, beside: Beside, system: ScaledStiffness, solver: str) -> Any:
         b, order = self._boundary, partial(elimination_order, self.body)
         if not self._on_device or b.size == system.unit.size:
             return schur_factor(system.matrix(), b, order, solver)
         here = restricted(system)
         if here is None:
             return DeviceSchur(system.matrix(), b)
-        return DeviceSchur(here, b, self._beside.submit(elimination_tree, self.body, b).result)
+        return DeviceSchur(here, b, beside.tree(b))
 
 
 def forces_of_supports(body: Any, u0: Array) -> Array:
