@@ -9,8 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.arrays.ranges import diagonal
+
 Array = NDArray[np.float64]
 
+_DIAGONAL = """
+double sum = 0.0;
+for (int k = start; k < end; ++k) {
+    sum += columns[k] == i ? data[k] : 0.0;
+}
+y = sum;
+"""
 # Of one row; the terms are added in the order of the columns, so that equal calls give equal bits.
 _SUM = """
 double sum = 0.0;
@@ -43,6 +52,10 @@ class SparseRows:
     def __matmul__(self, x: Any) -> Any:
         """``A x`` for a vector, shape (n,)."""
         return self._matrix @ x
+
+    def diagonal(self) -> Any:
+        """Diagonal of a square matrix, shape (n,), where products lie."""
+        return diagonal(self._matrix)
 
     def moduli(self, x: Any) -> Any:
         """``|A| |x|`` for a vector, shape (n,)."""
@@ -82,6 +95,10 @@ class DeviceRows(SparseRows):
         """``A x`` for a vector, shape (n,)."""
         return _kernel()(*self._arguments, x, 0)
 
+    def diagonal(self) -> Any:
+        """Diagonal of a square matrix, shape (n,), on the device."""
+        return _of_diagonal()(*self._arguments)
+
     def moduli(self, x: Any) -> Any:
         """``|A| |x|`` for a vector, shape (n,)."""
         return _kernel()(*self._arguments, x, 1)
@@ -96,4 +113,16 @@ def _kernel() -> Any:
         "float64 y",
         _SUM,
         "contact_sparse_rows",
+    )
+
+
+@cache
+def _of_diagonal() -> Any:
+    import cupy
+
+    return cupy.ElementwiseKernel(
+        "int32 start, int32 end, raw int32 columns, raw float64 data",
+        "float64 y",
+        _DIAGONAL,
+        "contact_diagonal",
     )

@@ -44,7 +44,7 @@ class BasisVectors:
             self._picked, self._picks = (arrays.rows(A) for A in (body.picked, body.picked.T))
         self._lengths, self._free_lengths = map(put, body.lengths)
         self._values = put(body.are_values.reshape(-1, body.dim))
-        self._diagonal = put(body.diagonal)
+        self._diagonal = stiffness.diagonal() if stiffness else put(body.diagonal)
         # Those components along which a translation is rigid.
         self._moved = put(np.arange(body.dim) == 1 if body.is_ring else np.ones(body.dim, bool))
         self._count = self._values.sum(axis=0)

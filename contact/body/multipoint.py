@@ -131,7 +131,9 @@ def column_lengths(P: sparse.csr_array, of_dof: Array) -> Array:
     """Length that makes each free unknown a displacement: that of its dofs, 1 if they differ."""
     if _single(P):
         lengths = np.empty(P.nnz)
-        lengths[P.indices] = np.repeat(of_dof, np.diff(P.indptr))
+        entries = np.diff(P.indptr)
+        alone = entries.max(initial=0) <= 1  # as everywhere but at couplings, and soon told
+        lengths[P.indices] = of_dof[entries > 0] if alone else np.repeat(of_dof, entries)
         return lengths
     columns = sparse.csc_array(P)
     first: Array = of_dof[columns.indices[columns.indptr[:-1]]]

@@ -61,7 +61,7 @@ def selected(P: sparse.csr_array) -> NDArray[np.integer] | None:
     if P.nnz != P.shape[1] or not np.all(P.data == 1.0):
         return None
     dofs = np.empty(P.nnz, dtype=P.indices.dtype)
-    dofs[P.indices] = np.flatnonzero(np.diff(P.indptr))
+    dofs[P.indices] = np.flatnonzero(P.indptr[1:] != P.indptr[:-1])
     return dofs
 
 

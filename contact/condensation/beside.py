@@ -1,9 +1,9 @@
-"""What other threads compute of a body while the library of a sparse solver works."""
+"""What another thread computes of a body while the library of a sparse solver works."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,9 @@ from contact.condensation.elimination_order import dissected_if_large, eliminati
 
 
 class Beside:
-    """Free rigid motions of a body, and for a device its dissection; they begin at once.
+    """For a device the dissection of a body, which begins at once, then its free rigid motions.
+
+    The solver waits for the first and not for the others.
 
     Parameters
     ----------
@@ -23,9 +25,11 @@ class Beside:
     """
 
     def __init__(self, body: Any, on_device: bool) -> None:
-        self._pool = ThreadPoolExecutor(2)
-        self._motions = self._pool.submit(free_motions, body)
+        self._pool, self._body = ThreadPoolExecutor(1), body
         self._parts = self._pool.submit(dissected_if_large, body) if on_device else None
+        self._later: Future[NDArray[np.float64]] | None = None
+        if not on_device:
+            self._begin_motions()
 
     def __enter__(self) -> Beside:
         return self
@@ -35,10 +39,16 @@ class Beside:
 
     def motions(self) -> NDArray[np.float64]:
         """See `contact.body.free_motions.free_motions`."""
-        return self._motions.result()
+        return self._begin_motions().result()
 
     def tree(self, kept: NDArray[np.int64]) -> Callable[[], Any]:
         """What waits for the tree of `contact.condensation.elimination_order.elimination_tree`."""
         parts = self._parts
         assert parts is not None
-        return self._pool.submit(lambda: elimination_tree(parts.result(), kept)).result
+        tree = self._pool.submit(lambda: elimination_tree(parts.result(), kept))
+        self._begin_motions()
+        return tree.result
+
+    def _begin_motions(self) -> Future[NDArray[np.float64]]:
+        self._later = self._later or self._pool.submit(free_motions, self._body)
+        return self._later

@@ -24,7 +24,7 @@ _log = logging.getLogger(__name__)
 # Contact rows up to which the compliance is a dense matrix: of this many it takes 5 GB. Where it is
 # made of columns, each of which costs a solution, Krylov's method needs fewer of them from here on.
 MOST_ROWS, MOST_COLUMNS = 25_000, 5_000
-MOST_ALONE = 1_500  # the same where a device solves for one column at a time, deterministically
+MOST_ALONE = 300  # the same where a device solves for one column at a time, deterministically
 
 
 @singledispatch

@@ -43,15 +43,18 @@ class ScaledStiffness:
     @classmethod
     def of(cls, body: Any, arrays: HostArrays) -> ScaledStiffness:
         """The stiffness of a body in its free unknowns z of ``u = P z + u0``."""
-        P, S = body.constraint[0], body.stiffness
+        P, S, placed = body.constraint[0], body.stiffness, None
         free = selected(P)
         if free is None:
             S = sparse.csr_array(P.T @ S @ P)
-        diagonal = S.diagonal() if free is None else body.diagonal[free]
+            diagonal = S.diagonal()
+        else:
+            room = arrays.room()
+            roomy = room is not None and _SMALL * SparseRows.bytes(S) < room
+            placed = arrays.rows(S) if roomy else None
+            diagonal = (arrays.get(placed.diagonal()) if placed else body.diagonal)[free]
         exponent = np.round(-0.5 * np.log2(np.where(diagonal > 0, diagonal, 1.0)))
-        unit, room = np.ldexp(1.0, exponent.astype(np.int64)), arrays.room()
-        roomy = free is not None and room is not None and _SMALL * SparseRows.bytes(S) < room
-        return cls(S, free, unit, arrays.rows(S) if roomy else None)
+        return cls(S, free, np.ldexp(1.0, exponent.astype(np.int64)), placed)
 
     @property
     def diagonal(self) -> Array:

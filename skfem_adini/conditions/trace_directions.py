@@ -59,7 +59,7 @@ class TraceDirections:
         weights
             One number for each seen direction: 1 for u, the eigenvalue for the gradient.
         """
-        touched = self.projector.trace(axis1=2, axis2=3) > 0
+        touched = np.einsum("cvii->cv", self.projector) > 0
         u = self.dofs[0][touched]
         gradient = self.dofs[1 : 1 + self.dim, touched].T
         eigenvalues, axes = np.linalg.eigh(self.projector[touched])
@@ -81,11 +81,12 @@ class TraceDirections:
         vertex, _ = np.nonzero(chosen)
         places, entries = gradient[vertex], axes[chosen]
         filled = entries != 0
-        ends = len(single) + np.cumsum(filled.sum(axis=1))
-        data = np.concatenate([np.ones(len(single)), entries[filled]])
-        kind = index_type(data.size, self.dofs.size)
-        rows = np.concatenate([single, places[filled]], dtype=kind, casting="unsafe")
-        starts = np.concatenate(
-            [np.arange(len(single) + 1, dtype=kind), ends], dtype=kind, casting="unsafe"
-        )
-        return sp.csc_array((data, rows, starts), shape=(self.dofs.size, len(single) + len(vertex)))
+        alone = len(single)
+        size = alone + int(filled.sum())
+        kind = index_type(size, self.dofs.size)
+        data, rows = np.ones(size), np.empty(size, dtype=kind)
+        data[alone:] = entries[filled]
+        rows[:alone], rows[alone:] = single, places[filled]
+        starts = np.arange(alone + len(vertex) + 1, dtype=kind)
+        starts[alone + 1 :] = alone + np.cumsum(filled.sum(axis=1))
+        return sp.csc_array((data, rows, starts), shape=(self.dofs.size, alone + len(vertex)))

@@ -108,7 +108,8 @@ class QuadCells:
         InputError
             A cell is degenerate, concave, self-crossing, or has a coordinate that is not a number.
         """
-        corners = [self.tangents(X, Y) for X, Y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        places = ((0, 0), (1, 0), (1, 1), (0, 1))
+        corners = [self.tangents(X, Y) for X, Y in (places[:1] if self.affine else places)]
         lengths = np.array([[np.hypot(*u), np.hypot(*v)] for u, v in corners])
         areas = np.array([u[0] * v[1] - v[0] * u[1] for u, v in corners])
         orientation = np.sign(areas.sum(axis=0))

@@ -43,8 +43,9 @@ def test_the_balance_holds_in_every_unit(unrefined, length, E):
     coarse = problem.solve()
     assert coarse.kkt["balance"] > TOL
     assert fine.kkt["balance"] < 0.1 * TOL
-    assert np.abs(fine.mu - coarse.mu).max() < 1e-11 * coarse.mu.max()
-    assert np.abs(fine.u - coarse.u).max() < 1e-11 * np.abs(coarse.u).max()
+    # The condition amplifies what rounding left there, by as much as the version's order of sums.
+    assert np.abs(fine.mu - coarse.mu).max() < 1e-10 * coarse.mu.max()
+    assert np.abs(fine.u - coarse.u).max() < 1e-10 * np.abs(coarse.u).max()
 
 
 @pytest.mark.parametrize("solver", ["superlu", "pardiso"])
