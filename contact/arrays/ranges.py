@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -39,8 +40,13 @@ def in_ranges(work: Callable[[slice], Found], count: int, together: int = _TOGET
     threads = min(cores(), _MOST_THREADS, len(ranges))
     if threads < 2:
         return [work(some) for some in ranges]
-    with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(work, ranges))
+    return list(_pool(os.getpid()).map(work, ranges))
+
+
+@cache
+def _pool(process: int) -> ThreadPoolExecutor:
+    """Threads of this process, which a forked one would not have; they wait for the next ranges."""
+    return ThreadPoolExecutor(min(cores(), _MOST_THREADS))
 
 
 def diagonal(matrix: sparse.csr_array) -> NDArray[Any]:

@@ -20,7 +20,7 @@ from contact.body.constitutive import StressLaw
 from contact.body.multipoint import picked_by
 from contact.body.rigid_modes import dof_lengths, rigid_modes, value_dofs
 from contact.body.solid import Solid
-from contact.body.supports import live_rows
+from contact.body.supports import live_rows, selected
 from contact.portable import PortableBasis
 
 if TYPE_CHECKING:
@@ -42,8 +42,9 @@ class BasisSolid(Solid):
     _live: tuple[sparse.csr_array, sparse.csr_array, NDArray[np.bool_]] | None = None
     _diagonal: tuple[sparse.csr_array, Array] | None = None
     _picked: tuple[sparse.csr_array, sparse.csr_array] | None = None
+    _chosen: tuple[sparse.csr_array, NDArray[np.integer] | None] | None = None
     _portable: PortableBasis
-    _ANEW = ("stiffness", "lengths", "_live", "_picked", "_diagonal", "_kept", "_rigid")
+    _ANEW = ("stiffness", "lengths", "_live", "_picked", "_chosen", "_diagonal", "_kept", "_rigid")
     _KEPT: ClassVar[tuple[str, ...]] = ("constraint",)
     _values: NDArray[np.bool_] | None = None
     _slender: bool | None = None
@@ -161,6 +162,14 @@ class BasisSolid(Solid):
         if self._picked is None or self._picked[0] is not P:
             self._picked = P, picked_by(P, lambda: dof_lengths(self))
         return self._picked[1]
+
+    @property
+    def chosen(self) -> NDArray[np.integer] | None:
+        """The dof of each free unknown where unknowns are dofs, shape (nfree,); else None."""
+        P = self.constraint[0]
+        if self._chosen is None or self._chosen[0] is not P:
+            self._chosen = P, selected(P)
+        return self._chosen[1]
 
     def internal(self, u: Any) -> Any:
         """Internal forces S u, without the mean translations, which would only add rounding.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from contact.arrays.dense_arrays import HostArrays
 from contact.arrays.sparse_rows import SparseRows
+from contact.body.supports import transposed
 
 Array = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -38,7 +39,7 @@ class BasisVectors:
         self.arrays, self._of = arrays, (S, P)
         put = arrays.xp.asarray
         self._S = stiffness or arrays.rows(S)
-        self._P, self._transposed = (arrays.rows(A) for A in (P, P.T))
+        self._P, self._transposed = (arrays.rows(A) for A in (P, transposed(P, body.chosen)))
         self._picked, self._picks = self._P, self._transposed
         if body.picked is not P:
             self._picked, self._picks = (arrays.rows(A) for A in (body.picked, body.picked.T))

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from contact.body.cell_finder import CURVED_MESHES
 from contact.body.rigid_modes import reduced_echelon
-from contact.body.supports import selected
 from contact.body.vector_element import DEFAULT_ELEMENT
 from contact.errors import Unbounded
 
@@ -24,7 +23,7 @@ def free_motions(body: Any) -> Array:
     Shape (nfree, k); translations are separated from rotations where possible.
     """
     P, modes, of_dof = body.constraint[0], body.rigid, body.lengths[0]
-    dofs = selected(P)
+    dofs = body.chosen
     if dofs is None:
         held = of_dof[:, None] * (modes - P @ (body.picked.T @ modes))
     else:

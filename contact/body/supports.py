@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -27,8 +29,10 @@ def live_rows(
     ndarray of bool, shape (nrows,)
     """
     of_dof, of_free = lengths
-    left = scaled_columns(few_times(rows, P), 1.0 / of_free)
-    return norms(left) > 1e-9 * norms(scaled_columns(rows, 1.0 / of_dof))
+    left, given = few_times(rows, P), rows.copy()
+    left.data /= of_free[left.indices]
+    given.data /= of_dof[given.indices]
+    return norms(left) > 1e-9 * norms(given)
 
 
 def scaled_columns(matrix: sparse.csr_array, by: Array) -> sparse.csr_array:
@@ -65,6 +69,14 @@ def selected(P: sparse.csr_array) -> NDArray[np.integer] | None:
     return dofs
 
 
+def transposed(P: sparse.csr_array, chosen: NDArray[np.integer] | None) -> Any:
+    """``P^T``, by rows without a sort where unknowns are the chosen dofs."""
+    if chosen is None:
+        return P.T
+    parts = np.ones(chosen.size), chosen, np.arange(chosen.size + 1, dtype=P.indptr.dtype)
+    return sparse.csr_array(parts, shape=P.shape[::-1])
+
+
 def norms(rows: sparse.csr_array) -> Array:
     """Euclidean norms of the rows."""
     owner = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
@@ -76,7 +88,8 @@ def in_order(P: sparse.csr_array) -> sparse.csr_array:
 
     The free rows and columns of a matrix then keep their order, which spares sorting them.
     """
-    single = bool(np.all(np.bincount(P.indices, minlength=P.shape[1]) == 1))
-    if not single or np.any(np.diff(P.indptr) > 1):
+    filled = np.zeros(P.shape[1], dtype=bool)
+    filled[P.indices] = True
+    if P.nnz != P.shape[1] or not filled.all() or np.any(np.diff(P.indptr) > 1):
         return P
     return sparse.csr_array((P.data, np.arange(P.nnz, dtype=P.indices.dtype), P.indptr), P.shape)

@@ -16,6 +16,7 @@ from contact.body.free_motions import RIGID, not_held, unseen_motion
 from contact.body.multipoint import picked_by
 from contact.body.rigid_modes import describe_motion, reduced_echelon
 from contact.condensation.condensed_body import BodyRows, CondensedBody
+from contact.condensation.scaled_stiffness import unit_of
 from contact.condensation.schur import schur_factor
 from contact.errors import InputError
 from skfem_adini import InputError as MatrixInputError
@@ -48,8 +49,7 @@ class CondensedDistributed(CondensedBody):
         z = body.unknowns
         # Scale the unknowns to unit stiffness, by powers of two.
         diagonal = self._diagonal(body)
-        exponent = np.round(-0.5 * np.log2(np.where(diagonal > 0, diagonal, 1.0)))
-        self._unit = np.ldexp(1.0, exponent.astype(np.int64))
+        self._unit = unit_of(diagonal, np)
         of_known = z.known(self._unit)
         S = sparse.csr_array(z.own.T @ body.rows @ z.all)
         S.data *= np.repeat(self._unit, np.diff(S.indptr)) * of_known[S.indices]

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.body.dof_entities import dof_entities
-from contact.body.supports import selected
 from contact.condensation.dissection import Dissection, counted_order, nested_dissection
 
 Index = NDArray[np.int64]
@@ -71,8 +70,8 @@ def dissected_if_large(body: Any) -> tuple[Index, Dissection] | None:
 def dissected(body: Any) -> tuple[Index, Dissection]:
     """The entity of each free unknown, and the dissection of all entities."""
     entity, points, cells = dof_entities(body.basis)
-    leading = selected(body.picked)
+    dissection, leading = nested_dissection(points, cells), body.chosen
     if leading is None:
         picked = body.picked.tocsc()
         leading = picked.indices[picked.indptr[:-1]]
-    return entity[leading], nested_dissection(points, cells)
+    return entity[leading], dissection

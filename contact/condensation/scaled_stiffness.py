@@ -11,7 +11,6 @@ from scipy import sparse
 
 from contact.arrays.dense_arrays import HostArrays
 from contact.arrays.sparse_rows import SparseRows
-from contact.body.supports import selected
 
 Array = NDArray[np.float64]
 _SMALL = 16  # a stiffness stays on a device if it takes less than one in so many of the free bytes
@@ -44,7 +43,7 @@ class ScaledStiffness:
     def of(cls, body: Any, arrays: HostArrays) -> ScaledStiffness:
         """The stiffness of a body in its free unknowns z of ``u = P z + u0``."""
         P, S, placed = body.constraint[0], body.stiffness, None
-        free = selected(P)
+        free = body.chosen
         if free is None:
             S = sparse.csr_array(P.T @ S @ P)
             diagonal = S.diagonal()
@@ -52,9 +51,8 @@ class ScaledStiffness:
             room = arrays.room()
             roomy = room is not None and _SMALL * SparseRows.bytes(S) < room
             placed = arrays.rows(S) if roomy else None
-            diagonal = (arrays.get(placed.diagonal()) if placed else body.diagonal)[free]
-        exponent = np.round(-0.5 * np.log2(np.where(diagonal > 0, diagonal, 1.0)))
-        return cls(S, free, np.ldexp(1.0, exponent.astype(np.int64)), placed)
+            diagonal = (placed.diagonal() if placed else body.diagonal)[arrays.xp.asarray(free)]
+        return cls(S, free, np.asarray(arrays.get(unit_of(diagonal, arrays.xp))), placed)
 
     @property
     def diagonal(self) -> Array:
@@ -70,3 +68,9 @@ class ScaledStiffness:
         S.data *= np.repeat(self.unit, np.diff(S.indptr))
         S.data *= self.unit[S.indices]
         return S
+
+
+def unit_of(diagonal: Any, xp: Any) -> Any:
+    """Powers of two next to the inverse roots of a diagonal, where it lies; 1 for no stiffness."""
+    exponent = xp.round(-0.5 * xp.log2(xp.where(diagonal > 0, diagonal, 1.0)))
+    return xp.ldexp(xp.ones_like(exponent), exponent.astype(np.int32))

@@ -48,8 +48,9 @@ class SparseBody(CondensedBody):
         self, body: Any, rows: BodyRows, solver: str = "auto", arrays: HostArrays | None = None
     ) -> None:
         self.arrays, self._on_device = arrays or HostArrays(), arrays is not None
-        self.body, self.slender = body, body.slender
+        self.body = body
         with Beside(body, self._on_device) as beside:
+            self.slender = body.slender
             system = ScaledStiffness.of(body, self.arrays)
             self._P = scaled_columns(body.constraint[0], system.unit)
             B = self._touch(rows)
