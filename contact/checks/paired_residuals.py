@@ -81,15 +81,15 @@ class PairedResiduals:
     def _contact(self, through: Array) -> dict[str, float]:
         """The contact law; on compliant surfaces how far forces are off the curve."""
         mu, size, length, free = self.mu, self.size, self.length, self.free
-        sign = {"sign": _beyond(-mu[free], self.noise) / size}
-        if self.system.overclosure:
-            return sign | self.system.off_the_curve(mu, through, size, length)
         force = np.maximum(np.abs(mu) - self.noise, 0.0) / size
-        return {
+        found = {
             "penetration": _largest(np.maximum(through, 0.0)) / length,
-            **sign,
+            "sign": _beyond(-mu[free], self.noise) / size,
             "complementarity": _largest(np.minimum(force, np.abs(through) / length)[free]),
         }
+        if self.system.overclosure:
+            found |= self.system.off_the_curve(mu, through, size, length)
+        return found
 
     def _friction(self, u_t: Pairs) -> dict[str, float]:
         """The friction law: |t| <= g, and t the projection of ``t + c u_t`` onto that."""
