@@ -12,9 +12,9 @@ from scipy import sparse
 from contact.arrays.paired_rows import blocks_times, rows_times
 from contact.arrays.pairs import Pairs
 from contact.body.basis_solid import BasisSolid
-from contact.body.cell_strains import strain_rows
 from contact.body.layers.layered_block import LayeredBlock
 from contact.body.layers.layers import PER_NODE
+from contact.checks.paired_strains import strained_forces
 from contact.errors import InputError
 
 Array = NDArray[np.float64]
@@ -86,17 +86,11 @@ class PairedBasisBody(PairedBody):
         self._transposed = sparse.csr_array(self._P.T)
 
     def internal(self, u: Array) -> Pairs:
-        """``S u`` without mean translations; in slender cells ``D^T A^T A D u``.
-
-        D takes the translation of each cell's first node from it, A are its `strain_rows`.
-        """
+        """``S u`` without mean translations, or the forces of `strained_forces`."""
         body = self.host
-        if not body.slender:
-            return rows_times(body.stiffness, Pairs.of(u) - self.host.vectors.mean_translation(u))
-        D, A = _differences(body), strain_rows(body)
-        strains = blocks_times(A, rows_times(D, u).reshape(*A.shape[::2]))
-        forces = blocks_times(A.transpose(0, 2, 1), strains)
-        return rows_times(D.T, forces.reshape(-1))
+        if body.slender:
+            return strained_forces(body, u)
+        return rows_times(body.stiffness, Pairs.of(u) - body.vectors.mean_translation(u))
 
     def unbalanced(self, forces: Pairs) -> float:
         """Largest force at a free unknown; those of derivatives are divided by their length."""
@@ -167,23 +161,6 @@ class PairedBlock(PairedBody):
     def support_error(self, u: Array) -> float:
         """Largest deviation from a prescribed displacement; derivatives are times the cell size."""
         return _largest(self._length[self._held] * (Pairs.of(u)[self._held] - self._values).rounded)
-
-
-def _differences(body: Any) -> sparse.csr_array:
-    """Displacements of each cell's dofs relative to its first node, where translations are rigid.
-
-    Shape (ncells * ndofs of a cell, ndofs). Of derivatives, and of radii, it takes them themselves.
-    """
-    dofs = body.basis.element_dofs.T
-    component = np.arange(dofs.shape[1]) % body.dim
-    relative = body.are_values[dofs] & (component == 1 if body.is_ring else True)
-    row = np.arange(dofs.size).reshape(dofs.shape)
-    first = dofs[:, component][relative]
-    entries = np.r_[np.ones(dofs.size), -np.ones(first.size)]
-    places = np.r_[row.ravel(), row[relative]], np.r_[dofs.ravel(), first]
-    D = sparse.csr_array((entries, places), shape=(dofs.size, body.ndofs))
-    D.eliminate_zeros()
-    return D
 
 
 def _largest(x: Array) -> float:

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from exact_residuals import exact_residuals
+from exact_residuals import exact_residuals, exact_strained_forces
 from families import CURVED, PLANE, PLANE_AND_BFS, SOLID
 from pressed_pairs import PROBLEMS, pair
 from rings import ring
-from skfem import ElementHex1, ElementQuad1, ElementQuad2, ElementTetP2, ElementTriP2
+from skfem import ElementHex1, ElementQuad1, ElementQuad2, ElementTetP2, ElementTriP1, ElementTriP2
 
 from contact import (
     ContactProblem,
@@ -33,6 +33,7 @@ from skfem_adini import ElementHexAdini, ElementQuadAdini
 from tests.contact.condensation.device_cases import CASES as HELD
 from tests.contact.condensation.device_cases import Elsewhere
 
+WOOD = Orthotropic(E=(3.0, 1.0, 2.0), nu=(0.2, 0.1, 0.15), G=(0.6, 0.5, 0.7))
 COATED = [(0.25, 2, 1.0, 0.4), (0.75, 3, 10.0, 0.3)]
 
 
@@ -64,9 +65,13 @@ def disk_on_axis(make):
 
 def slender(make, element, **material):
     """Cells a thousand times as wide as high; forces come from their strains."""
-    mesh = make.box(element, np.linspace(0, 1, 7), np.linspace(0, 2e-3, 3) / 3)
-    body = ElasticBody.from_mesh(mesh, element(), E=2.0, nu=0.3, **material)
-    return ContactProblem(body.load("top", (0.02, -0.1)), "bottom", 0.0, 0.4)
+    solid = element in SOLID
+    across, up = np.linspace(0, 1, 4 if solid else 7), np.linspace(0, 2e-3, 3) / 3
+    mesh = make.box(element, *([across] * (2 if solid else 1)), up)
+    material = {"E": 2.0, "nu": 0.3} | material if "material" not in material else material
+    body = ElasticBody.from_mesh(mesh, element(), **material)
+    traction = (0.02, 0.0, -0.1) if solid else (0.02 * (not body.is_ring), -0.1)
+    return ContactProblem(body.load("top", traction), "bottom", 0.0, 0.4)
 
 
 def on_curve(make):
@@ -87,8 +92,7 @@ def heated(make):
 
 def fibres(make):
     mesh = make.box(ElementQuadAdini, *[np.linspace(0, 1, 5)] * 2)
-    wood = Orthotropic(E=(3.0, 1.0, 2.0), nu=(0.2, 0.1, 0.15), G=(0.6, 0.5, 0.7))
-    body = ElasticBody.from_mesh(mesh, ElementQuadAdini(), material=wood)
+    body = ElasticBody.from_mesh(mesh, ElementQuadAdini(), material=WOOD)
     return ContactProblem(body.fix("top", "xy", -0.01), "bottom", 0.0, 0.3)
 
 
@@ -118,6 +122,12 @@ CASES = {
     "slender": lambda make: slender(make, ElementQuadAdini),
     "slender, mean dilatation": lambda make: slender(make, ElementQuad1, dilatation="mean"),
     "slender, triangles": lambda make: slender(make, ElementTriP2),
+    "slender bricks": lambda make: slender(make, ElementHex1),
+    "slender, anisotropic": lambda make: slender(make, ElementQuad2, material=WOOD),
+    "slender ring": lambda make: slender(make, ElementQuad2, plane="axisymmetric"),
+    "slender ring, mean dilatation": lambda make: slender(
+        make, ElementQuad1, plane="axisymmetric", dilatation="mean"
+    ),
     "compliant": on_curve,
     "driven": stamped,
     "heated": heated,
@@ -170,6 +180,20 @@ def test_residuals_are_those_of_the_stored_numbers(element, make):
         for name, value in exact.items():
             assert abs(found[name] - value) <= 1e-9 * value, name
             assert value > 0 or name in ("sign", "cone", "support") or size == 1e-13, name
+
+
+@pytest.mark.parametrize("element", [ElementTriP1, ElementQuad1], ids=lambda e: e.__name__)
+def test_forces_of_strains_are_exact(element, make):
+    """Of cells a million times as long as wide, against rational arithmetic."""
+    x, y = np.linspace(0, 1, 3), 1e6 * np.linspace(0, 0.5, 3)
+    body = ElasticBody.from_mesh(make.box(element, x, y), element(), E=2.0, nu=0.3)
+    rng = np.random.default_rng(6)
+    u = 1e3 + rng.standard_normal(body.ndofs)
+    exact, found = exact_strained_forces(body, u), paired_body(body).internal(u).rounded
+    size = max(abs(f) for f in exact)
+    np.testing.assert_allclose(found, exact.astype(float), rtol=1e-15, atol=1e-28 * float(size))
+    # Without them: the sums of float64 lose six digits of what its sums of moduli have.
+    assert np.abs(body.internal(u) - exact.astype(float)).max() > 1e-18 * float(size)
 
 
 def test_a_solution_is_equilibrated_to_the_rounding_of_its_displacement(make):
