@@ -127,9 +127,7 @@ class Pairs:
         other = Pairs.of(other)
         first = self.high / other.high
         rest = self - other * first
-        second = rest.high / other.high
-        third = (rest - other * second).high / other.high
-        return Pairs(*_in_order(first, second)) + third
+        return Pairs(*_in_order(first, rest.high / other.high))
 
     def sqrt(self) -> Pairs:
         """Square root of numbers that are not negative, by a step of Newton's method."""

@@ -1,10 +1,11 @@
 """The certificate in pairs of numbers: exact where float64 rounds, the same for every family."""
 
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
-from exact_residuals import exact_residuals, exact_strained_forces
+from exact_residuals import exact_block_forces, exact_residuals, exact_strained_forces
 from families import CURVED, PLANE, PLANE_AND_BFS, SOLID
 from pressed_pairs import PROBLEMS, pair
 from rings import ring
@@ -188,12 +189,23 @@ def test_forces_of_strains_are_exact(element, make):
     x, y = np.linspace(0, 1, 3), 1e6 * np.linspace(0, 0.5, 3)
     body = ElasticBody.from_mesh(make.box(element, x, y), element(), E=2.0, nu=0.3)
     rng = np.random.default_rng(6)
-    u = 1e3 + rng.standard_normal(body.ndofs)
+    u = rng.standard_normal(body.ndofs) * 10.0 ** rng.integers(-3, 4, body.ndofs)
     exact, found = exact_strained_forces(body, u), paired_body(body).internal(u).rounded
     size = max(abs(f) for f in exact)
     np.testing.assert_allclose(found, exact.astype(float), rtol=1e-15, atol=1e-28 * float(size))
     # Without them: the sums of float64 lose six digits of what its sums of moduli have.
     assert np.abs(body.internal(u) - exact.astype(float)).max() > 1e-18 * float(size)
+
+
+def test_forces_of_a_block_are_exact():
+    """Of its element matrices, against rational arithmetic."""
+    block = LayeredBlock(1.0, [(0.25, 1, 1.0, 0.4), (0.5, 2, 10.0, 0.3)], columns=3)
+    rng = np.random.default_rng(7)
+    u = rng.standard_normal(block.ndofs) * 10.0 ** rng.integers(-3, 4, block.ndofs)
+    exact, found = exact_block_forces(block, u), paired_body(block).internal(u)
+    size = max(abs(f) for f in exact)
+    for force, high, low in zip(exact, found.high, found.low, strict=True):
+        assert abs(force - Fraction(high) - Fraction(low)) <= size / 2**98
 
 
 def test_a_solution_is_equilibrated_to_the_rounding_of_its_displacement(make):
@@ -302,10 +314,11 @@ def test_friction_has_the_slack_of_its_method(lifted):
 
 def test_from_a_file_and_along_a_history(make, tmp_path):
     problem = ContactProblem(square(make, 4).fix("top", "xy"), "bottom", 0.0, 0.3)
-    stepper = LoadStepper(problem).move("top", "y", -0.05).move("top", "x", 0.02)
-    history = stepper.run([0.5, 1.0])
+    stepper = LoadStepper(problem).move("top", "y", -0.05, lambda t: min(1.0, 4 * t))
+    history = stepper.move("top", "x", 0.08, lambda t: np.sin(6 * t)).run(np.linspace(0.2, 1, 5))
     for result in history.results:
-        assert recheck(result).keys() == result.kkt.keys()
+        found = recheck(result)
+        assert all(abs(found[name] - value) < 1e-12 for name, value in result.kkt.items())
     assert history.results[-1].system.slip_from is not None
     last = history.results[-1]
     assert recheck(ContactResult.load(last.save(tmp_path / "last"))) == recheck(last)
@@ -323,6 +336,21 @@ def test_a_body_far_from_its_place(make):
     assert recheck(far, 1e-6)["equilibrium"] < 1e-15
 
 
+def test_a_body_turned_until_it_touches(make):
+    """Its forces are rounding of the motion, relative to which they are balanced."""
+
+    def move(x):
+        return np.array([-0.01 * x[1], 0.01 * x[0] - 0.03])
+
+    for element in (ElementQuad1, ElementQuad2, ElementQuadAdini):
+        body = square(make, 3, element)
+        for c in range(2):
+            body.fix("top", c, lambda x, c=c: move(x)[c])
+        result = ContactProblem(body, "bottom", lambda x: -move(x)[1], 0.6).solve()
+        assert np.abs(result.pressure).max() < 1e-11
+        assert recheck(result)["balance"] < 1e-10
+
+
 def test_the_host_computes_what_a_device_has_solved(make):
     """Vectors of the body lie elsewhere; none of them is used."""
 
@@ -335,13 +363,13 @@ def test_the_host_computes_what_a_device_has_solved(make):
     before = recheck(result)
     kept = body.compute_with(There())
     assert body.vectors is kept
-    assert body.on_host().vectors.arrays.xp is np
+    assert paired_body(body).host.vectors.arrays.xp is np
     assert body.vectors is kept
     assert recheck(result) == before
     block = layered("x").solve()
     before = recheck(block)
     block.system.body.compute_with(There())
-    assert block.system.body.on_host().arrays.xp is np
+    assert paired_body(block.system.body).host.arrays.xp is np
     assert recheck(block) == before
 
 
