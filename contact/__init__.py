@@ -7,6 +7,7 @@ from contact.body.elastic_body import ElasticBody
 from contact.body.layers.layered_block import LayeredBlock
 from contact.body.surface import Surface
 from contact.checks.cross_check import CrossCheck, cross_check
+from contact.checks.recheck import recheck
 from contact.checks.uniqueness import Uniqueness, uniqueness
 from contact.condensation.condensed_contact import CondensedContact
 from contact.errors import (
@@ -88,6 +89,7 @@ __all__ = [
     "Unbounded",
     "Uniqueness",
     "cross_check",
+    "recheck",
     "save_pvtu",
     "self_affine",
     "uniqueness",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -125,6 +126,14 @@ class BasisSolid(Solid):
             That of the body, if it lies there.
         """
         return self._kept.on(arrays, self, beside, stiffness)
+
+    def on_host(self) -> Self:
+        """The same body where nothing is computed on a device; itself if that is so already."""
+        if self.vectors.arrays.xp is np:
+            return self
+        other = copy(self)
+        del other._kept
+        return other
 
     def placed(self, v: Any) -> Any:
         """A vector of all dofs where the body computes: in the memory of its device."""

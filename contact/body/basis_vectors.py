@@ -72,7 +72,7 @@ class BasisVectors:
 
     def forces(self, u: Any) -> Any:
         """S u without the mean translations, which would only add rounding; see `remembered`."""
-        return self.remembered(u, lambda: self._S @ self._at_rest(u))
+        return self.remembered(u, lambda: self._S @ (u - self.mean_translation(u)))
 
     def remembered(self, u: Any, compute: Any) -> Any:
         """The forces of a displacement, computed unless it is the last one; nobody may change them.
@@ -89,12 +89,12 @@ class BasisVectors:
                 known[1].setflags(write=False)
         return known[1]
 
-    def _at_rest(self, u: Any) -> Any:
-        """A displacement less its mean translations."""
+    def mean_translation(self, u: Any) -> Any:
+        """The mean of a displacement along the rigid translations, on all dofs, shape (ndofs,)."""
         xp = self.arrays.xp
         at_nodes = xp.where(self._values, u.reshape(self._values.shape), 0.0)
         mean = xp.where(self._moved, at_nodes.sum(axis=0) / self._count, 0.0)
-        return u - xp.where(self._values, mean, 0.0).ravel()
+        return xp.where(self._values, mean, 0.0).ravel()
 
     def equilibrium(self, forces: Any, u: Any, load: Any) -> tuple[float, float]:
         """Largest force at a free dof, and the largest sum of the moduli of its terms there."""

@@ -58,7 +58,7 @@ def strain_rows(body: Elastic) -> Array:
     if isinstance(law, AxisymmetricLaw):
         return strain_roots(basis, *law.elastic(basis.mesh.nelements, mean))
     assert isinstance(law, IsotropicLaw | TensorLaw)
-    g, dx = _gradients(basis), basis.dx
+    g, dx = gradients(basis), basis.dx
     _, cells, _, n = g.shape
     rows = law.strain_rows(g, not mean)
     A = (np.stack(rows, axis=1) * np.sqrt(dx)[:, None, :, None, None]).reshape(cells, -1, n * dim)
@@ -72,7 +72,7 @@ def strain_rows(body: Elastic) -> Array:
 def internal_forces(body: Elastic, u: Array) -> Array:
     """Forces of a displacement on all dofs, ``S u``, shape (ndofs,)."""
     basis = body.basis
-    g, dofs, dim = _gradients(basis), basis.element_dofs.T, basis.mesh.dim()
+    g, dofs, dim = gradients(basis), basis.element_dofs.T, basis.mesh.dim()
     local = u[dofs].reshape(len(dofs), -1, dim)
     values = value_dofs(body)[dofs].reshape(local.shape)
     # Translations cause no strain; displacements from the cell's first node are exact.
@@ -102,7 +102,7 @@ def _of_positive_weights(basis: Basis) -> Basis:
     return basis
 
 
-def _gradients(basis: Basis) -> Array:
+def gradients(basis: Basis) -> Array:
     """Gradient of each scalar basis function, shape (dim, ncells, npoints, nfunctions)."""
     dim = basis.mesh.dim()
     shape = (dim, *basis.dx.shape)

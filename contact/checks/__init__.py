@@ -1,7 +1,7 @@
-"""Independent checks of a result: by other solvers, and by a search for other solutions.
+"""Independent checks of a result: by other solvers, in other arithmetic, by a search for others.
 
 In: a problem and its result.
-Out: `CrossCheck`: the difference to an independent solver; `Uniqueness`: a proof, or the other
-solutions that were found.
-Start: `cross_check`, then `uniqueness`.
+Out: `CrossCheck`: the difference to an independent solver; the residuals in pairs of numbers;
+`Uniqueness`: a proof, or the other solutions that were found.
+Start: `cross_check`, then `recheck` and `uniqueness`.
 """

@@ -38,8 +38,30 @@ def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
     InputError
         Points in contact share their unknowns, see `refuse_shared_points`.
     """
-    limits = dict.fromkeys(("cone", "slip"), tol + slack)
     kkt = state.system.kkt(state.u, state.mu, state.t, state.motion)
+    refuse_residuals(state, kkt, tol, slack)
+    refuse_shared_points(state)
+    return kkt
+
+
+def refuse_residuals(state: ContactState, kkt: dict[str, float], tol: float, slack: float) -> None:
+    """Raise unless all residuals of a state are below the tolerance.
+
+    Parameters
+    ----------
+    state : ContactState
+    kkt : dict
+        The residuals, see `ContactSystem.kkt`.
+    tol : float
+    slack : float
+        Additional tolerance of the friction law.
+
+    Raises
+    ------
+    NotConverged
+        A residual exceeds its tolerance; the message names it.
+    """
+    limits = dict.fromkeys(("cone", "slip"), tol + slack)
     missed = {name: value for name, value in kkt.items() if not value <= limits.get(name, tol)}
     if missed:
         found = ", ".join(f"{name} {value:.1e}" for name, value in missed.items())
@@ -60,8 +82,6 @@ def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
             f"the solution fails its certificate at tolerance {tol:.1e}: {found}{remedy}",
             state.history,
         )
-    refuse_shared_points(state)
-    return kkt
 
 
 def _uneven(bodies: Sequence[Any]) -> str:

@@ -22,7 +22,7 @@ _TRAVEL = 1e-3
 _DIGITS = 1e-12  # rounding of sums, below which the motion need not be looked at
 # Part of the forces that cancel inside a body below which a contact force is their rounding: that
 # at which the Newton method ends, see `contact.laws.residual.rounding`.
-_NOISE = 10 * float(np.finfo(float).eps)
+NOISE = 10 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, repr=False)
@@ -134,7 +134,7 @@ class ContactSystem:
         length = max(self.body.reach(here), self.body.give(contact)) or 1.0
         # Forces below the rounding of those that cancel inside have no digits: a body moved by its
         # supports until it just touches has no others.
-        noise = _NOISE * cancelling
+        noise = NOISE * cancelling
         size = max(_largest(mu), _largest(t), noise) or 1.0
         ties = rows.ties
         free = ~ties
@@ -160,7 +160,7 @@ class ContactSystem:
             "slip": _beyond(np.abs(returned[live]), noise) / size,
         }
         if self.overclosure:
-            result |= self._off_the_curve(mu, through, size, length)
+            result |= self.off_the_curve(mu, through, size, length)
         if ties.any():
             opened = max(_largest((u_n - rows.gap)[ties]), _largest(u_t[ties]))
             result["tie"] = opened / length
@@ -170,12 +170,19 @@ class ContactSystem:
             raise InputError("kkt: the state (u, mu, t) holds NaN")
         return result
 
-    def _off_the_curve(
+    def off_the_curve(
         self, mu: Array, closed: Array, size: float, length: float
     ) -> dict[str, float]:
         """Residuals of compliant surfaces: how much mu is less, and more, than the law's force.
 
         That is the force on the curve with the same ``mu + size / length (u_n - d)``.
+
+        Parameters
+        ----------
+        mu, closed : ndarray, shape (m,)
+            Normal forces, and ``u_n - d``.
+        size, length : float
+            Scales of forces and of lengths.
         """
         laws = self._laws(self.rows.weights, np.full(mu.size, length / size))
         free = ~self.rows.ties
@@ -229,7 +236,21 @@ def _unbalanced_body(body: Any, u: Any, contact: Any, load: Any) -> float:
     reactions = body.at_supports(body.internal(u) + contact - load)
     size = _largest(given + body.total(abs(reactions)))
     left = _largest(body.total(load + reactions - contact)) / size
-    if left > _DIGITS and not np.any(loads):  # supports alone cause the forces
+    return beside_travel(left, loads, body, u)
+
+
+def beside_travel(left: float, loads: Array, body: Any, u: Any) -> float:
+    """A residual of the balance, less where supports alone cause the forces and have moved far.
+
+    Parameters
+    ----------
+    left : float
+    loads : ndarray, shape (dim,)
+        Sums of the moduli of the applied loads.
+    body : Solid
+    u : ndarray, shape (ndofs,)
+    """
+    if left > _DIGITS and not np.any(loads):
         left /= max(1.0, _TRAVEL * body.reach(u) / (body.deformation(u) or 1e-300))
     return left
 

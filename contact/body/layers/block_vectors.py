@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,12 @@ class BlockVectors(BlockLoads):
             self.arrays = arrays
             self.__dict__.pop("stiffness", None)
         return arrays
+
+    def on_host(self) -> Self:
+        """The same block, which computes on the host."""
+        other = copy(self)
+        other.compute_on("cpu")
+        return other
 
     @cached_property
     def stiffness(self) -> CellStencil:

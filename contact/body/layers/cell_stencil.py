@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -60,29 +61,34 @@ class CellStencil:
             largest.append(float(xp.abs(force).max()))
         return largest[0], largest[1]
 
-    def _apply(self, u: Any, absolute: bool) -> Any:
-        xp, n = self.arrays.xp, self.columns
-        force = xp.zeros_like(u)
-        step = max(1, _CHUNK // n) if xp is np else u.shape[0]
-        first = 0
+    def strips(self, step: int) -> Iterator[tuple[Array, tuple[Any, ...]]]:
+        """Element matrix of so many rows of cells at a time, and where their four corners are.
+
+        The places index the first two axes of an array of the nodes; corners are ordered as in
+        `CellRows`.
+        """
+        n, first = self.columns, 0
+        left, right = slice(0, n), slice(1, n + 1)
         for layer in self.layers:
-            K = xp.asarray(np.abs(layer.stiffness) if absolute else layer.stiffness)
             for low in range(first, first + layer.height, step):
                 high = min(low + step, first + layer.height)
                 below, above = slice(low, high), slice(low + 1, high + 1)
-                corners = (
-                    (below, slice(0, n)),
-                    (below, slice(1, n + 1)),
-                    (above, slice(1, n + 1)),
-                    (above, slice(0, n)),
-                )
-                cells = xp.concatenate([u[c] for c in corners], axis=2)
-                if not absolute:
-                    # No force comes from a translation: without it, rounding is that of strains.
-                    values = cells.reshape(high - low, n, 4, PER_NODE)[..., :2]
-                    values -= values[:, :, :1].copy()
-                local = (cells.reshape(-1, 4 * PER_NODE) @ K).reshape(cells.shape)
-                for k, c in enumerate(corners):
-                    force[c] += local[:, :, PER_NODE * k : PER_NODE * (k + 1)]
+                corners = (below, left), (below, right), (above, right), (above, left)
+                yield layer.stiffness, corners
             first += layer.height
+
+    def _apply(self, u: Any, absolute: bool) -> Any:
+        xp = self.arrays.xp
+        force = xp.zeros_like(u)
+        step = max(1, _CHUNK // self.columns) if xp is np else u.shape[0]
+        for stiffness, corners in self.strips(step):
+            K = xp.asarray(np.abs(stiffness) if absolute else stiffness)
+            cells = xp.concatenate([u[c] for c in corners], axis=2)
+            if not absolute:
+                # No force comes from a translation: without it, rounding is that of strains.
+                values = cells.reshape(*cells.shape[:2], 4, PER_NODE)[..., :2]
+                values -= values[:, :, :1].copy()
+            local = (cells.reshape(-1, 4 * PER_NODE) @ K).reshape(cells.shape)
+            for k, c in enumerate(corners):
+                force[c] += local[:, :, PER_NODE * k : PER_NODE * (k + 1)]
         return force

@@ -1,0 +1,143 @@
+"""Pairs of numbers against rational arithmetic, which is exact."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import sparse
+
+from contact.arrays.paired_rows import blocks_times, rows_times
+from contact.arrays.pairs import Pairs, dot, two_product, two_sum
+
+# Products of these stay in the range of numbers, with their errors.
+SIZES = st.floats(1e-60, 1e60)
+NUMBERS = st.one_of(
+    st.just(0.0), st.builds(lambda size, sign: size * sign, SIZES, st.sampled_from((-1, 1)))
+)
+CLOSE = Fraction(1, 2**102)
+
+
+@st.composite
+def pairs(draw):
+    """A number of up to 106 bits."""
+    high = draw(NUMBERS)
+    return Pairs(*two_sum(high, draw(st.floats(-1, 1)) * np.spacing(abs(high)) / 2))
+
+
+def exact(x):
+    return Fraction(float(x.high)) + Fraction(float(x.low)) if isinstance(x, Pairs) else Fraction(x)
+
+
+def of_arrays(high, low=0.0):
+    low = np.broadcast_to(np.asarray(low, dtype=float), np.shape(high))
+    return Pairs(np.asarray(high, dtype=float), low.copy())
+
+
+@given(NUMBERS, NUMBERS)
+def test_sums_and_products_of_two_numbers_are_exact(a, b):
+    s, e = two_sum(a, b)
+    assert s == a + b
+    assert exact(s) + exact(e) == exact(a) + exact(b)
+    p, e = two_product(a, b)
+    assert p == a * b
+    assert exact(p) + exact(e) == exact(a) * exact(b)
+
+
+@given(pairs(), pairs())
+def test_operations_have_twice_the_digits(x, y):
+    a, b = exact(x), exact(y)
+    assert abs(exact(x + y) - (a + b)) <= CLOSE * abs(a + b)
+    assert abs(exact(x - y) - (a - b)) <= CLOSE * abs(a - b)
+    assert abs(exact(x * y) - a * b) <= CLOSE * abs(a * b)
+    assert exact(-x) == -a
+    assert exact(abs(x)) == abs(a)
+    if b:
+        assert abs(exact(x / y) - a / b) <= CLOSE * abs(a / b)
+
+
+@given(pairs(), NUMBERS)
+def test_numbers_on_either_side(x, number):
+    a, b = exact(x), Fraction(number)
+    number = np.float64(number)  # NumPy leaves the operation to the pair
+    for found, expected in (
+        (number + x, a + b),
+        (number - x, b - a),
+        (x - number, a - b),
+        (number * x, a * b),
+    ):
+        assert isinstance(found, Pairs)
+        assert abs(exact(found) - expected) <= CLOSE * abs(expected)
+
+
+@given(pairs())
+def test_roots(x):
+    x = abs(x)
+    root = exact(x.sqrt())
+    assert abs(root**2 - exact(x)) <= 4 * CLOSE * exact(x)
+
+
+@given(st.lists(st.tuples(NUMBERS, pairs()), max_size=40))
+def test_sums_of_products(terms):
+    a = np.array([a for a, _ in terms])
+    x = Pairs(*(np.array([getattr(x, part) for _, x in terms]) for part in ("high", "low")))
+    products = [Fraction(a) * exact(x) for a, x in terms]
+    near = 1600 * CLOSE * sum(map(abs, products))
+    assert abs(exact(dot(a, x)) - sum(products)) <= near
+    values = [exact(x) for _, x in terms]
+    assert abs(exact(x.sum()) - sum(values)) <= 1600 * CLOSE * sum(map(abs, values))
+
+
+def test_a_sum_of_which_float64_keeps_nothing():
+    a, x = np.array([1e16, 1.0, -1e16, 1e-3]), np.array([1.0, 1.0, 1.0, 1.0])
+    assert dot(a, Pairs.of(x)).rounded == 1.001
+    assert a @ x != 1.001
+
+
+def test_arrays_of_pairs():
+    high, low = np.arange(6.0).reshape(2, 3) + 1.0, np.full((2, 3), 1e-20)
+    x = of_arrays(high, low)
+    sums = x.sum(axis=1)
+    assert sums.rounded.tolist() == [6.0, 15.0]
+    np.testing.assert_allclose(sums.low, 3e-20, rtol=1e-15)
+    np.testing.assert_array_equal(x.reshape(3, 2)[1].high, [3.0, 4.0])
+    chosen = Pairs.where(high > 3, x, 0.0)
+    assert chosen.low.tolist() == [[0.0, 0.0, 0.0], [1e-20, 1e-20, 1e-20]]
+    left = high - x
+    assert isinstance(left, Pairs)
+    assert np.all(left.rounded == -1e-20)
+    with pytest.raises(ValueError, match="broadcast"):
+        x + np.zeros(4)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rows_of_a_sparse_matrix(seed):
+    """Empty rows, rows of different lengths, terms that cancel down to 1e-30 of them."""
+    rng = np.random.default_rng([22, seed])
+    A = sparse.random_array((40, 30), density=0.2, rng=rng, data_sampler=rng.standard_normal)
+    A = sparse.csr_array(A) * 10.0 ** rng.integers(-9, 9)
+    A = sparse.vstack([A, sparse.csr_array((3, 30))]).tocsr()
+    A = sparse.csr_array(A[rng.permutation(43)])
+    x = of_arrays(rng.standard_normal(30), 1e-17 * rng.standard_normal(30))
+    x = x if seed % 2 else Pairs.of(x.high)
+    # The last column cancels what the others give, up to its rounding.
+    last = -rows_times(A, x).rounded[:, None]
+    A, x = sparse.hstack([A, last]).tocsr(), of_arrays(np.r_[x.high, 1.0], np.r_[x.low, 0.0])
+    found, dense = rows_times(A, x), A.toarray()
+    for i, row in enumerate(dense):
+        terms = [Fraction(a) * exact(x[j]) for j, a in enumerate(row)]
+        assert abs(exact(found[i]) - sum(terms)) <= 1000 * CLOSE * sum(map(abs, terms))
+    assert np.abs(found.rounded).max() < 1e-15 * np.abs(dense).max()
+    same = rows_times(dense, x)
+    np.testing.assert_array_equal(same.high, found.high)
+
+
+def test_matrices_of_cells():
+    rng = np.random.default_rng(5)
+    A, x = rng.standard_normal((70, 3, 5)), of_arrays(rng.standard_normal((70, 5)), 1e-18)
+    found = blocks_times(A, x)
+    for c in (0, 31, 69):
+        for k in range(3):
+            terms = [Fraction(A[c, k, j]) * exact(x[c, j]) for j in range(5)]
+            assert abs(exact(found[c, k]) - sum(terms)) <= 100 * CLOSE * sum(map(abs, terms))
