@@ -137,6 +137,8 @@ class CondensedBody:
 
     def resultants(self, load: Array) -> Array:
         """Work of a load on the rigid motions, as it is given and not as elimination carries it."""
+        if not self.modes.shape[1]:
+            return np.zeros(0)
         work: Array = self.modes.T @ (self._P.T @ load)
         return work
 
@@ -163,8 +165,16 @@ class CondensedBody:
 
     def carried(self, forces: Array) -> Array:
         """Forces on all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
-        carried: Array = self._factor.reduce(self._P.T @ forces)
+        carried: Array = self._factor.reduce(self._gathered(forces))
         return carried
+
+    def _gathered(self, forces: Array) -> Any:
+        """``P^T f`` where the factors take it."""
+        return self._P.T @ forces
+
+    def _spread(self, z: Any) -> Array:
+        """``P z`` of what the factors return."""
+        return np.asarray(self._P @ z)
 
     @property
     def boundary_columns(self) -> sparse.csr_array:
@@ -183,8 +193,7 @@ class CondensedBody:
 
     def moved(self, forces: Array, z_b: Array) -> Array:
         """Displacement of all dofs under forces on them and supports at rest."""
-        u: Array = self._P @ self._factor.expand(self._P.T @ forces, z_b)
-        return u
+        return self._spread(self._factor.expand(self._gathered(forces), z_b))
 
     def unbalanced(self, rest: Array, u: Array) -> Array | None:
         """Forces on free dofs that nothing balances; None where refinement gains nothing.

@@ -73,20 +73,21 @@ class DeviceSchur(ForwardCache):
         """S_bb - S_bI S_II^-1 S_Ib, on the device."""
         return self._cudss.complement
 
-    def _eliminate(self, load: Vector) -> Vector:
+    def _eliminate(self, load: Any) -> Any:
         return self._cudss.forward(load)
 
-    def reduce(self, load: Vector) -> Vector:
-        """Carry a load to the boundary: f_b - S_bI S_II^-1 f_I."""
-        return self._forward(load)[load.size - self._boundary.size :].copy()
+    def reduce(self, load: Any) -> Vector:
+        """Carry a load, here or on the device, to the boundary: f_b - S_bI S_II^-1 f_I."""
+        carried = self._forward(load)[load.size - self._boundary.size :]
+        return np.array(self._cudss.on_host(carried))
 
-    def expand(self, load: Vector, z_b: Vector) -> Vector:
-        """Return all unknowns from the boundary's."""
-        halfway = self._forward(load).copy()
-        halfway[load.size - z_b.size :] = z_b
+    def expand(self, load: Any, z_b: Vector) -> Any:
+        """Return all unknowns from the boundary's, where the load lies."""
+        halfway, given = self._forward(load).copy(), self._cudss.placed(z_b)
+        halfway[load.size - z_b.size :] = given
         z = self._cudss.backward(halfway)
-        z[self._boundary] = z_b
-        return z
+        z[self._boundary] = given
+        return self._cudss.on_host(z) if isinstance(load, np.ndarray) else z
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the eliminated loads, which are in the order of these factors."""

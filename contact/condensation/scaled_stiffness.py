@@ -51,8 +51,9 @@ class ScaledStiffness:
             room = arrays.room()
             roomy = room is not None and _SMALL * SparseRows.bytes(S) < room
             placed = arrays.rows(S) if roomy else None
-            diagonal = (placed.diagonal() if placed else body.diagonal)[arrays.xp.asarray(free)]
-        return cls(S, free, np.asarray(arrays.get(unit_of(diagonal, arrays.xp))), placed)
+            diagonal = body.diagonal[free] if placed is None else placed.diagonal()[free]
+        unit = unit_of(diagonal, np if placed is None else arrays.xp)
+        return cls(S, free, np.asarray(arrays.get(unit)), placed)
 
     @property
     def diagonal(self) -> Array:

@@ -104,7 +104,8 @@ class ForwardCache:
             if np.array_equal(before, load):
                 return eliminated
         found = self._eliminate(load)
-        found.setflags(write=False)
+        if isinstance(found, np.ndarray):
+            found.setflags(write=False)
         self._known = ((load.copy(), found), *known[: KEPT - 1])
         return found
 

@@ -43,6 +43,7 @@ class SparseBody(CondensedBody):
     """
 
     always_refined = False
+    _there: tuple[Any, Any] | None = None  # on a device, dofs of unknowns and what multiplies them
 
     def __init__(
         self, body: Any, rows: BodyRows, solver: str = "auto", arrays: HostArrays | None = None
@@ -123,7 +124,23 @@ class SparseBody(CondensedBody):
         here = restricted(system)
         if here is None:
             return DeviceSchur(system.matrix(), b)
-        return DeviceSchur(here, b, beside.tree(b))
+        factor = DeviceSchur(here, b, beside.tree(b))
+        self._there = self.arrays.xp.asarray(system.free), self.arrays.put(system.unit)
+        return factor
+
+    def _gathered(self, forces: Array) -> Any:
+        if self._there is None:
+            return super()._gathered(forces)
+        dofs, unit = self._there
+        return unit * self.arrays.xp.asarray(forces)[dofs]
+
+    def _spread(self, z: Any) -> Array:
+        if self._there is None:
+            return super()._spread(z)
+        dofs, unit = self._there
+        u = self.arrays.xp.zeros(self.body.ndofs)
+        u[dofs] = unit * z
+        return np.asarray(self.arrays.get(u))
 
 
 def forces_of_supports(body: Any, u0: Array) -> Array:

@@ -216,8 +216,13 @@ class CudssMatrix:
                 raise AdiniError("cuDSS: the last factorisation did not end; call refactor")
             yield
 
+    def placed(self, array: Any) -> Any:
+        """Return an array of the device, or a copy there of one on the host."""
+        return self._cudss.xp.asarray(array)
+
     @staticmethod
-    def _on_host(array: Any) -> Any:
+    def on_host(array: Any) -> Any:
+        """Return an array of the host, or a copy there of one on a device."""
         return array.get() if hasattr(array, "get") else array
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -272,7 +277,7 @@ class Cudss(CudssMatrix):
                 whole = xp.zeros((len(part), self._n))
                 whole[:, chosen] = part
                 x = self._corrected(whole, _CORRECTIONS if corrected else 0)
-                found[:, i : i + _TOGETHER] = self._on_host(x[:, chosen]).T
+                found[:, i : i + _TOGETHER] = self.on_host(x[:, chosen]).T
         return found.reshape(loads.shape)
 
     def _solutions(self, b: Array, corrections: int) -> Array:
@@ -282,7 +287,7 @@ class Cudss(CudssMatrix):
         with self._factors():
             for i in range(0, loads.shape[1], _TOGETHER):
                 some = xp.asarray(np.ascontiguousarray(loads[:, i : i + _TOGETHER].T))
-                found[i : i + _TOGETHER] = self._on_host(self._corrected(some, corrections))
+                found[i : i + _TOGETHER] = self.on_host(self._corrected(some, corrections))
         return np.ascontiguousarray(found.T).reshape(b.shape)
 
     def _corrected(self, loads: Any, corrections: int) -> Any:

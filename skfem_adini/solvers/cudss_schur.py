@@ -7,11 +7,9 @@ from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skfem_adini.solvers.cudss import CudssMatrix, Order
-
-Array = NDArray[np.float64]
 
 # cuDSS's numbers (cudss_data_types.h of version 1.0).
 _SCHUR_MODE = 23
@@ -68,19 +66,21 @@ class CudssSchur(CudssMatrix):
         super().refactor(A)
         self.complement = self._complement()
 
-    def forward(self, load: Array) -> Array:
-        """Eliminate a load (n,): in an order of cuDSS, the carried chosen part in the last k."""
+    def forward(self, load: Any) -> Any:
+        """Eliminate a load (n,): in an order of cuDSS, the carried chosen part in the last k.
+
+        Loads lie on the host or on the device; results, here and of `backward`, on the device.
+        """
         return self._one(FORWARD, load)
 
-    def backward(self, halfway: Array) -> Array:
+    def backward(self, halfway: Any) -> Any:
         """Solve for all unknowns (n,) after `forward`, values of the chosen ones in the last k."""
         return self._one(BACKWARD, halfway)
 
-    def _one(self, phase: int, load: Array) -> Array:
+    def _one(self, phase: int, load: Any) -> Any:
         """Return what a phase makes of one load (n,)."""
         with self._factors():
-            made = self._executed(phase, self._cudss.xp.asarray(load[None]), 1)
-            return np.asarray(self._on_host(made)[0])
+            return self._executed(phase, self._cudss.xp.asarray(load)[None], 1)[0]
 
     def _settings(self) -> dict[int, Any]:
         return {**super()._settings(), _SCHUR_MODE: ctypes.c_int(1)}
