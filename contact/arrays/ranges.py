@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from threading import current_thread
 from typing import Any, TypeVar
 
 import numpy as np
@@ -15,6 +16,7 @@ from scipy import sparse
 Found = TypeVar("Found")
 _MOST_THREADS = 8  # more share the bandwidth of the memory
 _OF_A_THREAD = 4_000_000  # entries that are worth one: SciPy looks at them in a few milliseconds
+_NAME = "contact-ranges"
 _TOGETHER = 2**13  # cells or facets whose arrays stay in the cache of a core
 
 
@@ -27,7 +29,8 @@ def cores() -> int:
 def in_ranges(work: Callable[[slice], Found], count: int, together: int = _TOGETHER) -> list[Found]:
     """What ``work(range)`` returns for ranges that cover 0 to count, in their order.
 
-    NumPy and SciPy let other threads run while they work on the arrays of a range.
+    NumPy and SciPy let other threads run while they work on the arrays of a range. Work that divides
+    its range again does so in its own thread: waiting for others, it would keep one from them.
 
     Parameters
     ----------
@@ -38,7 +41,7 @@ def in_ranges(work: Callable[[slice], Found], count: int, together: int = _TOGET
     """
     ranges = [slice(at, min(at + together, count)) for at in range(0, count, together)]
     threads = min(cores(), _MOST_THREADS, len(ranges))
-    if threads < 2:
+    if threads < 2 or current_thread().name.startswith(_NAME):
         return [work(some) for some in ranges]
     return list(_pool(os.getpid()).map(work, ranges))
 
@@ -46,7 +49,7 @@ def in_ranges(work: Callable[[slice], Found], count: int, together: int = _TOGET
 @cache
 def _pool(process: int) -> ThreadPoolExecutor:
     """Threads of this process, which a forked one would not have; they wait for the next ranges."""
-    return ThreadPoolExecutor(min(cores(), _MOST_THREADS))
+    return ThreadPoolExecutor(min(cores(), _MOST_THREADS), _NAME)
 
 
 def diagonal(matrix: sparse.csr_array) -> NDArray[Any]:

@@ -36,3 +36,12 @@ def test_an_error_of_a_range_is_raised(monkeypatch):
 
     with pytest.raises(ZeroDivisionError):
         ranges.in_ranges(work, 23, 7)
+
+
+def test_ranges_of_ranges_do_not_wait_for_each_other(monkeypatch):
+    monkeypatch.setattr(ranges, "cores", lambda: 3)
+
+    def work(some):
+        return sum(ranges.in_ranges(lambda part: part.start, 23, 7))
+
+    assert ranges.in_ranges(work, 100, 2) == [42] * 50
