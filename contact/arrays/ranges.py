@@ -29,8 +29,8 @@ def cores() -> int:
 def in_ranges(work: Callable[[slice], Found], count: int, together: int = _TOGETHER) -> list[Found]:
     """What ``work(range)`` returns for ranges that cover 0 to count, in their order.
 
-    NumPy and SciPy let other threads run while they work on the arrays of a range. Work that divides
-    its range again does so in its own thread: waiting for others, it would keep one from them.
+    NumPy and SciPy let other threads run while they work on the arrays of a range. Work that
+    divides its range again does so in its own thread: waiting, it would keep one from the others.
 
     Parameters
     ----------
