@@ -51,7 +51,7 @@ class GridContact:
     ------
     InputError
         Gaps with NaN or of another shape, negative friction, an obstacle that turns; a component of
-        the body that nothing holds.
+        the body that nothing holds; sides that fix all points.
 
     References
     ----------
@@ -94,6 +94,12 @@ class GridContact:
                     f"obstacle: nothing holds the body along {'xyz'[i]}; drive the obstacle there "
                     "by a force, Rigid(obstacle, force=...)"
                 )
+        axis = int(np.argmax(np.abs(self.compliance.normal)))
+        if np.all(getattr(self.compliance, "fixed", np.zeros(3))[axis]):
+            raise InputError(
+                "compliance: its sides fix the normal displacement of every point of the grid; "
+                "take more cells"
+            )
         _ = self._gap  # its errors belong here
 
     @property
@@ -307,7 +313,7 @@ def _check_fixed(problem: GridProblem, l: Any, a: Any) -> None:
     """Raise an `Infeasible` where the obstacle enters a point that a side holds."""
     if problem.fixed is None:
         return
-    through = problem.xp.where(problem.fixed, problem.displacements(l, a)[0] - problem.gap, -np.inf)
+    through = problem.xp.where(problem.fixed[0], problem.displacements(l, a)[0] - problem.gap, -np.inf)
     deepest, place = float(through.max()), int(through.argmax())
     if deepest > 1e-10 * float(problem.xp.abs(problem.v0[0]).max() + abs(a[0])):
         point = tuple(map(int, np.unravel_index(place, problem.gap.shape)))
