@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from skfem import MeshQuad
 
 from contact.body.axisymmetry import AXISYMMETRIC
+from contact.body.elasticity import lame
 from contact.body.material import checked_plane
 from contact.errors import InputError, numbers
 
@@ -40,7 +41,7 @@ class CellRows(NamedTuple):
 
 
 def read_layers(layers: Any) -> list[Layer]:
-    """Check ``[(height, cells, E, nu), ...]``, from the bottom up; materials are checked later.
+    """Check ``[(height, cells, E, nu), ...]``, from the bottom up.
 
     Raises
     ------
@@ -61,6 +62,10 @@ def read_layers(layers: Any) -> list[Layer]:
             raise InputError(f"layers[{k}]: the height must be positive, got {height}")
         if cells < 1 or cells != int(cells):
             raise InputError(f"layers[{k}]: cells must be a whole number from 1, got {cells}")
+        try:
+            lame(E, nu)
+        except InputError as error:
+            raise InputError(f"layers[{k}]: {error}") from None
         found.append(Layer(height, int(cells), E, nu, bottom, first))
         bottom, first = bottom + height, first + int(cells)
     return found
