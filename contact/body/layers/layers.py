@@ -160,4 +160,16 @@ def grid(x: Array, y: Array) -> MeshQuad:
     i, j = np.meshgrid(np.arange(columns), np.arange(rows))
     corner = (i + (columns + 1) * j).ravel()
     t = np.vstack((corner, corner + 1, corner + columns + 2, corner + columns + 1))
-    return MeshQuad(np.vstack((X.ravel(), Y.ravel())), t, sort_t=False).with_defaults()
+    mesh = MeshQuad(np.vstack((X.ravel(), Y.ravel())), t, sort_t=False)
+    ends = {"left": (0, x[0]), "right": (0, x[-1]), "bottom": (1, y[0]), "top": (1, y[-1])}
+    return named_by_place(mesh, ends)
+
+
+def named_by_place(mesh: Any, ends: dict[str, tuple[int, float]]) -> Any:
+    """A tensor mesh with names for its sides, each the axis and the place of its vertices.
+
+    Places are exactly those of the facets' middles, however flat a cell is.
+    """
+    return mesh.with_boundaries(
+        {name: lambda x, axis=axis, at=at: x[axis] == at for name, (axis, at) in ends.items()}
+    )
