@@ -85,10 +85,12 @@ def lame(
     [1.1538, 0.7692]
     """
     modulus, ratio = numbers("E", E), numbers("nu", nu)
-    if not (np.all(np.isfinite(modulus)) and np.all(modulus > 0)):
-        raise InputError(f"E={E!r}: Young's modulus must be positive and finite")
-    if not (np.all(ratio > -1) and np.all(ratio < 0.5)):
-        raise InputError(f"nu={nu!r}: Poisson's ratio must lie in (-1, 1/2)")
+    wrong = modulus[~(np.isfinite(modulus) & (modulus > 0))]
+    if wrong.size:
+        raise InputError(f"E={wrong.flat[0]:.12g}: Young's modulus must be positive and finite")
+    wrong = ratio[~((ratio > -1) & (ratio < 0.5))]
+    if wrong.size:
+        raise InputError(f"nu={wrong.flat[0]:.12g}: Poisson's ratio must lie in (-1, 1/2)")
     if plane is not None and not (isinstance(plane, str) and plane in ("strain", "stress")):
         raise InputError(f"plane={plane!r}: expected 'strain' or 'stress'")
     lame_mu = modulus / (2 * (1 + ratio))

@@ -308,12 +308,9 @@ def evaluate_gap(obstacle: ObstacleLike, x: Array, n: Array) -> Array:
         gap = obstacle(x, n)
     else:
         gap = evaluated("obstacle", obstacle, x)
-    try:
-        gap = np.broadcast_to(gap, x.shape[1:])
-    except ValueError:
-        raise InputError(
-            f"obstacle: gap of shape {gap.shape} for points of shape {x.shape[1:]}"
-        ) from None
+    if gap.shape not in ((), x.shape[1:]):  # others would be repeated along an axis of a grid
+        raise InputError(f"obstacle: gap of shape {gap.shape} for points of shape {x.shape[1:]}")
+    gap = np.broadcast_to(gap, x.shape[1:])
     if np.any(np.isnan(gap)) or np.any(np.isneginf(gap)):
         raise InputError("obstacle: the gap holds NaN or minus infinity")
     return np.array(gap)

@@ -119,11 +119,12 @@ def friction_newton(
 
 @dataclass(frozen=True)
 class _Zones:
-    """Sets of points, the trial force of friction and its bound."""
+    """Sets of points, the trial force q = t + c v of friction with its c, and its bound."""
 
     active: Grid
     stick: Grid
     slip: Grid
+    c: Any
     q: Grid
     g: Grid
 
@@ -133,9 +134,14 @@ class _Zones:
         trial = xp.where(problem.can_touch, l[0] + c[0] * (v[0] - problem.gap), -np.inf)
         active = trial > 0
         g = friction.bound(xp.where(active, trial, 0.0))
-        q = l[1:] + c[1] * v[1:]
+        along = c[1]
+        if problem.swept is not None:  # the c with which they slip from the first step on
+            most = 4.0 * (g + xp.sqrt((l[1:] ** 2).sum(axis=0)))
+            moves = xp.where(problem.swept > 0, problem.swept, 1.0)
+            along = c[1] + xp.where(problem.swept > 0, most / moves, 0.0)
+        q = l[1:] + along * v[1:]
         length = xp.sqrt((q * q).sum(axis=0))
-        return cls(active, (g > 0) & (length <= g), (g > 0) & (length > g), q, g)
+        return cls(active, (g > 0) & (length <= g), (g > 0) & (length > g), along, q, g)
 
 
 def _step(
@@ -232,7 +238,7 @@ class _System:
         c, zones, xp = self.problem.scale, self.zones, self.problem.xp
         out = xp.zeros_like(x)
         out[0] = xp.where(zones.active, -c[0] * v[0], 0.0)
-        out[1:] = xp.where(zones.stick, -c[1] * v[1:], 0.0) + self._slip(x, c[1] * v[1:])
+        out[1:] = xp.where(zones.stick, -c[1] * v[1:], 0.0) + self._slip(x, zones.c * v[1:])
         return out
 
     def _slip(self, x: Grid, cv: Grid) -> Grid:
@@ -278,6 +284,8 @@ class _System:
         held[0] /= problem.scale[0]
         held[1:] /= problem.scale[1]
         x = xp.where(self.held, problem.S(held), 0.0)
+        if problem.fixed is not None:  # forces there move nothing; they balance those of a motion
+            x = xp.where(self.held & problem.fixed, y, x)
         rest = self.zones.slip & ~self.held[1]
         own = xp.where(rest, self.own, 1.0)
         x[1:] += xp.where(rest, (y[1:] + self.along * self.of_normal * x[0]) / own, 0.0)

@@ -51,7 +51,7 @@ class GridContact:
     ------
     InputError
         Gaps with NaN or of another shape, negative friction, an obstacle that turns; a component of
-        the body that nothing holds.
+        the body that nothing holds; sides that fix all points.
 
     References
     ----------
@@ -82,6 +82,11 @@ class GridContact:
     def __post_init__(self) -> None:
         if not isinstance(self.law, str) or self.law not in ("coulomb", "tresca"):
             raise InputError(f"law={self.law!r}: expected 'coulomb' or 'tresca'")
+        if not all(hasattr(self.compliance, name) for name in ("shape", "constant", "initial")):
+            raise InputError(
+                f"compliance: expected HalfSpace(...), PeriodicLayers(...) or another "
+                f"GridCompliance, got {type(self.compliance).__name__}; ContactProblem takes bodies"
+            )
         rigid = self._rigid
         if rigid.rotation is not None or rigid.moment is not None:
             raise InputError("obstacle: a periodic one does not turn; leave rotation and moment")
@@ -94,6 +99,12 @@ class GridContact:
                     f"obstacle: nothing holds the body along {'xyz'[i]}; drive the obstacle there "
                     "by a force, Rigid(obstacle, force=...)"
                 )
+        axis = int(np.argmax(np.abs(self.compliance.normal)))
+        if np.all(getattr(self.compliance, "fixed", np.zeros(3))[axis]):
+            raise InputError(
+                "compliance: its sides fix the normal displacement of every point of the grid; "
+                "take more cells"
+            )
         _ = self._gap  # its errors belong here
 
     @property
@@ -307,7 +318,9 @@ def _check_fixed(problem: GridProblem, l: Any, a: Any) -> None:
     """Raise an `Infeasible` where the obstacle enters a point that a side holds."""
     if problem.fixed is None:
         return
-    through = problem.xp.where(problem.fixed, problem.displacements(l, a)[0] - problem.gap, -np.inf)
+    through = problem.xp.where(
+        problem.fixed[0], problem.displacements(l, a)[0] - problem.gap, -np.inf
+    )
     deepest, place = float(through.max()), int(through.argmax())
     if deepest > 1e-10 * float(problem.xp.abs(problem.v0[0]).max() + abs(a[0])):
         point = tuple(map(int, np.unravel_index(place, problem.gap.shape)))
@@ -321,20 +334,35 @@ def _with_friction(
     problem: GridProblem, law: GridFriction, start: Any, tol: float, report: Any
 ) -> Any:
     """Newton's method; where it stalls, proximal points (Tresca) or solves with given friction."""
+    if not law.coulomb:
+        return _with_given_friction(problem, law, start, tol, report)
     try:
         return friction_newton(problem, law, start, tol=tol, report=report)
     except NotConverged:
-        if not law.coulomb:
-            return proximal_point(problem, law, start, tol=tol, report=report)
-    now = start
+        now = start
     try:
         for _ in range(_LOOPS):
             given = GridFriction(law.bound(problem.xp.maximum(now[0][0], 0.0)), False)
-            now = friction_newton(problem, given, now, tol=1e-6, phase="tresca", report=report)
+            now = _with_given_friction(problem, given, now, 1e-6, report, "tresca")
         return friction_newton(problem, law, now, tol=tol, report=report)
     except NotConverged:
         _check_drag(problem, law, start)
         raise
+
+
+def _with_given_friction(
+    problem: GridProblem,
+    law: GridFriction,
+    start: Any,
+    tol: float,
+    report: Any,
+    phase: str = "newton",
+) -> Any:
+    """Newton's method for Tresca's law; where it stalls, proximal points."""
+    try:
+        return friction_newton(problem, law, start, tol=tol, phase=phase, report=report)
+    except NotConverged:
+        return proximal_point(problem, law, start, tol=tol, report=report)
 
 
 def _check_drag(problem: GridProblem, law: GridFriction, start: Any) -> None:

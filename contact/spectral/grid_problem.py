@@ -12,6 +12,7 @@ from contact.arrays.namespace import namespace
 from contact.spectral.grid_compliance import GridCompliance
 
 Grid = Any  # an array of NumPy or CuPy
+_UNMOVED = 1e-14  # motion over the largest displacement: rounding
 
 
 @dataclass(frozen=True)
@@ -103,36 +104,52 @@ class GridProblem:
     @cached_property
     def scale_normal(self) -> float:
         """Normal force per displacement of a point alone."""
-        alone = self.xp.zeros_like(self.gap)
-        alone[self._inside] = 1.0
-        return 1.0 / float(self.W_normal(alone)[self._inside])
+        alone, middle = self.xp.zeros_like(self.gap), self._middle
+        alone[middle] = 1.0
+        return 1.0 / float(self.W_normal(alone)[middle])
 
     @cached_property
     def scale_along(self) -> float:
-        """Tangential force per displacement of a point alone, of both directions the mean."""
-        own = []
+        """Tangential force per displacement of a point alone, the mean of directions not fixed."""
+        own, middle = [], self._middle
         for i in range(1, len(self.v0)):
+            if self.fixed is not None and bool(self.fixed[(i, *middle)]):
+                continue
             alone = self.xp.zeros_like(self.v0)
-            alone[(i, *self._inside)] = 1.0
-            own.append(float(self.W(alone)[(i, *self._inside)]))
-        return 1.0 / float(np.mean(own))
+            alone[(i, *middle)] = 1.0
+            own.append(float(self.W(alone)[(i, *middle)]))
+        return 1.0 / float(np.mean(own)) if own else self.scale_normal
 
     @property
-    def _inside(self) -> tuple[int, ...]:
-        """A point inside, where points are alike."""
+    def _middle(self) -> tuple[int, ...]:
+        """The point in the middle, as a rule inside, where points are alike."""
         return tuple(m // 2 for m in self.gap.shape)
 
     @cached_property
     def can_touch(self) -> Grid:
         """Points with an obstacle within reach whose normal displacement no side fixes."""
         near = self.xp.isfinite(self.gap)
-        return near if self.fixed is None else near & ~self.fixed
+        return near if self.fixed is None else near & ~self.fixed[0]
 
     @cached_property
     def fixed(self) -> Grid | None:
-        """Points whose normal displacement a side fixes, None where there are no such sides."""
+        """Components of points that a side fixes, (dim, nx[, ny]), None without such sides."""
         fixed = getattr(self.compliance, "fixed", None)
-        return None if fixed is None else self.xp.asarray(fixed[self.order[0][0]])
+        return None if fixed is None or not np.any(fixed) else self.xp.asarray(fixed[self.order[0]])
+
+    @cached_property
+    def swept(self) -> Grid | None:
+        """Length by which an obstacle in given motion moves along points that a side fixes.
+
+        No force changes it: they slip. Zero at all others; None where there are none of them.
+        """
+        xp, given = self.xp, [i for i in range(1, len(self.v0)) if i not in self.free]
+        if self.fixed is None or not given:
+            return None
+        moves = xp.where(self.fixed[given], self.v0[given], 0.0)
+        length = xp.sqrt((moves * moves).sum(axis=0))
+        length[length <= _UNMOVED * float(xp.abs(self.v0).max())] = 0.0
+        return length if bool(length.any()) else None
 
     def moved(self, a: Any) -> Grid:
         """a as an array that adds to displacements, (dim, 1[, 1])."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from contact.errors import InputError, numbers
+from contact.errors import InputError, array_of, numbers
 from contact.spectral.filtered_compliance import FilteredCompliance
 from contact.spectral.real_symbol import RealSymbol
 
@@ -83,7 +83,10 @@ class HalfSpace(FilteredCompliance):
         normal: Sequence[float] | None = None,
         xp: Any = np,
     ) -> None:
-        sides, points = np.atleast_1d(numbers("lengths", lengths)), np.atleast_1d(shape)
+        sides, points = (
+            np.atleast_1d(numbers("lengths", lengths)),
+            np.atleast_1d(array_of("shape", shape)),
+        )
         if sides.shape not in ((1,), (2,)) or not np.all((sides > 0) & np.isfinite(sides)):
             raise InputError(f"lengths={lengths!r}: expected one or two positive numbers")
         if points.dtype.kind not in "iu" or points.shape != sides.shape or np.any(points < 2):

@@ -12,7 +12,7 @@ from contact.body.elastic_body import ElasticBody
 from contact.body.layers.lateral_sides import Sides
 from contact.body.layers.layers import Layer
 from contact.body.rigid_modes import dof_kinds
-from contact.errors import InputError
+from contact.errors import InputError, array_of
 
 
 def node_kinds(body: ElasticBody) -> NDArray[np.int64]:
@@ -58,7 +58,10 @@ def read_cells(cells: Any, sides: Sides) -> tuple[int, ...]:
     ------
     InputError
     """
-    given, least = np.atleast_1d(cells), [2 if fixed is None else 1 for fixed in sides]
+    given, least = (
+        np.atleast_1d(array_of("cells", cells)),
+        [2 if fixed is None else 1 for fixed in sides],
+    )
     if given.shape != (len(sides),) or given.dtype.kind not in "iu" or np.any(given < least):
         raise InputError(
             f"cells={cells!r}: expected {len(sides)} whole numbers from "

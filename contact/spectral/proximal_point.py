@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from contact.errors import NotConverged
@@ -17,7 +17,7 @@ _STEPS = 30  # of Newton's method each
 
 @dataclass(frozen=True)
 class Softened(GridProblem):
-    """A problem with springs at its points.
+    """A problem with springs at its points, but not where a side fixes them.
 
     Attributes
     ----------
@@ -31,17 +31,18 @@ class Softened(GridProblem):
     def near(cls, problem: GridProblem, forces: Grid, delta: float) -> Softened:
         """The problem whose springs are at rest under given forces."""
         normal, along = (delta / c for c in problem.scale)
-        v0 = problem.v0.copy()
-        v0[0] += normal * forces[0]
-        v0[1:] += along * forces[1:]
-        return cls(problem.compliance, v0, problem.gap, problem.force, (normal, along))
+        step = cls(problem.compliance, problem.v0, problem.gap, problem.force, (normal, along))
+        return replace(step, v0=problem.v0 + step._shortened(forces))
 
     def W(self, forces: Grid) -> Grid:
         """Compliance of the body and of the springs times forces."""
-        u = super().W(forces)
-        u[0] += self.springs[0] * forces[0]
-        u[1:] += self.springs[1] * forces[1:]
-        return u
+        return super().W(forces) + self._shortened(forces)
+
+    def _shortened(self, forces: Grid) -> Grid:
+        """Of the springs; what a side fixes has none."""
+        normal, along = self.springs
+        u = self.xp.concatenate((normal * forces[:1], along * forces[1:]))
+        return u if self.fixed is None else self.xp.where(self.fixed, 0.0, u)
 
 
 def proximal_point(

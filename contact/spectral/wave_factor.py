@@ -182,6 +182,7 @@ class WaveFactor:
         except np.linalg.LinAlgError:
             return False
         inverse = np.linalg.inv(symbol)
+        inverse[at, k, k] = 0.0  # a one there would leave its rounding in any unit of stiffness
         self._inverse = self.xp.asarray(0.5 * (inverse + inverse.transpose(0, 2, 1)))
         return True
 

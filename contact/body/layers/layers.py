@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from skfem import MeshQuad
 
 from contact.body.axisymmetry import AXISYMMETRIC
+from contact.body.elasticity import lame
 from contact.body.material import checked_plane
 from contact.errors import InputError, numbers
 
@@ -40,7 +41,7 @@ class CellRows(NamedTuple):
 
 
 def read_layers(layers: Any) -> list[Layer]:
-    """Check ``[(height, cells, E, nu), ...]``, from the bottom up; materials are checked later.
+    """Check ``[(height, cells, E, nu), ...]``, from the bottom up.
 
     Raises
     ------
@@ -61,6 +62,10 @@ def read_layers(layers: Any) -> list[Layer]:
             raise InputError(f"layers[{k}]: the height must be positive, got {height}")
         if cells < 1 or cells != int(cells):
             raise InputError(f"layers[{k}]: cells must be a whole number from 1, got {cells}")
+        try:
+            lame(E, nu)
+        except InputError as error:
+            raise InputError(f"layers[{k}]: {error}") from None
         found.append(Layer(height, int(cells), E, nu, bottom, first))
         bottom, first = bottom + height, first + int(cells)
     return found
@@ -155,4 +160,16 @@ def grid(x: Array, y: Array) -> MeshQuad:
     i, j = np.meshgrid(np.arange(columns), np.arange(rows))
     corner = (i + (columns + 1) * j).ravel()
     t = np.vstack((corner, corner + 1, corner + columns + 2, corner + columns + 1))
-    return MeshQuad(np.vstack((X.ravel(), Y.ravel())), t, sort_t=False).with_defaults()
+    mesh = MeshQuad(np.vstack((X.ravel(), Y.ravel())), t, sort_t=False)
+    ends = {"left": (0, x[0]), "right": (0, x[-1]), "bottom": (1, y[0]), "top": (1, y[-1])}
+    return named_by_place(mesh, ends)
+
+
+def named_by_place(mesh: Any, ends: dict[str, tuple[int, float]]) -> Any:
+    """A tensor mesh with names for its sides, each the axis and the place of its vertices.
+
+    Places are exactly those of the facets' middles, however flat a cell is.
+    """
+    return mesh.with_boundaries(
+        {name: lambda x, axis=axis, at=at: x[axis] == at for name, (axis, at) in ends.items()}
+    )

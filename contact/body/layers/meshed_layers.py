@@ -11,7 +11,7 @@ from scipy import sparse
 
 from contact.body.elastic_body import ElasticBody
 from contact.body.layers.lateral_sides import Sides, odd_unknowns
-from contact.body.layers.layers import Layer
+from contact.body.layers.layers import Layer, named_by_place
 from contact.body.rigid_modes import dof_kinds
 
 SIDES = (("left", "right"), ("front", "back"))  # across x and across y
@@ -43,13 +43,7 @@ def meshed(
     ends = {"bottom": (dim - 1, 0.0), "top": (dim - 1, levels[-1])}
     for axis, length in enumerate(lengths):
         ends |= {SIDES[axis][0]: (axis, 0.0), SIDES[axis][1]: (axis, length)}
-    size = max(*lengths, levels[-1])
-    mesh = mesh.with_boundaries(
-        {
-            name: lambda x, axis=axis, at=at: np.abs(x[axis] - at) < 1e-9 * size
-            for name, (axis, at) in ends.items()
-        }
-    )
+    mesh = named_by_place(mesh, ends)
     middle = mesh.p[-1][mesh.t].mean(axis=0)
     tops = [layer.bottom + layer.height for layer in layers[:-1]]
     return mesh, np.searchsorted(tops, middle)

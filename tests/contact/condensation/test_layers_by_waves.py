@@ -142,6 +142,43 @@ def test_without_a_mesh(sides, fixed, top, functional):
     assert P.shape[1] == Q.shape[1] == block.constraint[0].shape[1]
 
 
+@pytest.mark.parametrize(("unit", "modulus"), [(1.0, 2e11), (1e-9, 1e12), (1e6, 1e-12)])
+@pytest.mark.parametrize("kind", [{"columns": 5}, {"cells": 5}, {"cells": (3, 4)}])
+def test_units_of_length_and_stiffness(kind, unit, modulus):
+    """With an obstacle that also moves along the sides."""
+    layers = [(0.55 * unit, 4, 1.8 * modulus, 0.0), (0.2 * unit, 2, 1.5 * modulus, 0.3)]
+    dim = 3 if kind == {"cells": (3, 4)} else 2
+    sides, lengths = ("x", unit) if dim == 2 else (("x", "y"), (unit, unit))
+    block = LayeredBlock(lengths, layers, sides, "xyz"[: dim - 1], path="fourier", **kind)
+    block.fix("top", "xyz"[dim - 1], -0.01 * unit)
+
+    def bowl(x):
+        return 3e-3 * unit * sum((p / unit - 0.3) ** 2 for p in x[:-1])
+
+    motion = (1e-3 * unit, *[0.0] * (dim - 1))
+    compare(block, Rigid(bowl, displacement=motion), functional="nodal" if dim == 3 else None)
+
+
+@pytest.mark.parametrize(
+    "more", [{"columns": 4}, {"columns": 4, "path": "fourier"}, {"cells": 4}, {"cells": (3, 3)}]
+)
+@pytest.mark.parametrize("height", [1e-2, 1e-4])
+def test_layers_much_thinner_than_cells_are_wide(height, more):
+    """First and last layer; sides of the block are found however flat its cells are."""
+    flat, thick = (height, 4, 3.0, 0.3), (0.5, 3, 1.0, 0.2)
+    dim = 3 if more == {"cells": (3, 3)} else 2
+    sides, lengths = ("x", 1.0) if dim == 2 else (("x", "y"), (1.0, 1.0))
+    for layers in ([flat, thick], [thick, flat]):
+        block = LayeredBlock(lengths, layers, sides, "x", **more)
+        block.fix("top", "xyz"[dim - 1], -0.03)
+        ours, sparse = (
+            ContactProblem(body, "bottom", hill, 0.3).solve() for body in (block, block.elastic())
+        )
+        assert sparse.mu.max() > 0
+        assert np.abs(ours.mu - sparse.mu).max() < 1e-9 * sparse.mu.max()
+        assert np.abs(ours.u - sparse.u).max() < 1e-9 * np.abs(sparse.u).max()
+
+
 def test_sides_that_move_and_supports_besides_without_a_mesh():
     block = LayeredBlock(1.3, COATED, "x", "x", columns=9, path="fourier")
     block.fix("top", "y", -0.03)

@@ -97,7 +97,9 @@ def test_points_outside_are_refused(points):
         block.sample(np.zeros((2, 4)), points)
 
 
-@pytest.mark.parametrize("forces", [np.zeros((2, 5)), np.full((2, 4), np.nan), np.zeros(4)])
+@pytest.mark.parametrize(
+    "forces", [np.zeros((2, 5)), np.full((2, 4), np.nan), np.zeros(4), [[1.0], [1.0, 2.0]]]
+)
 def test_forces_that_do_not_fit_are_refused(forces):
     block = PeriodicLayers(1.0, [(0.6, 2, 1.0, 0.3)], 4)
     with pytest.raises(InputError, match="forces: expected finite numbers of shape"):

@@ -8,6 +8,7 @@ from contact import (
     HalfSpace,
     Infeasible,
     InputError,
+    LayeredBlock,
     NotConverged,
     PeriodicLayers,
     Plane,
@@ -201,6 +202,9 @@ SPACE = HalfSpace((1.0, 1.0), (8, 8), 1.0, 0.3)
     ("obstacle", "settings", "words"),
     [
         (np.zeros((8, 7)), {}, "^obstacle"),
+        (np.zeros(8), {}, r"^obstacle: gap of shape \(8,\) for points of shape \(8, 8\)"),
+        (lambda x: np.zeros(8), {}, r"^obstacle: gap of shape \(8,\)"),
+        (np.zeros((8, 8), dtype=complex), {}, "^obstacle"),
         (np.full((8, 8), np.nan), {}, "^obstacle"),
         (0.0, {"friction": -0.1}, "^friction"),
         (0.0, {"friction": np.full((8, 8), np.nan)}, "^friction"),
@@ -213,6 +217,12 @@ SPACE = HalfSpace((1.0, 1.0), (8, 8), 1.0, 0.3)
 def test_refused(obstacle, settings, words):
     with pytest.raises(InputError, match=words):
         GridContact(SPACE, obstacle, **settings)
+
+
+@pytest.mark.parametrize("body", [None, 3.0, LayeredBlock(1.0, [(1.0, 2, 1.0, 0.3)], "x")])
+def test_what_is_no_compliance_is_refused(body):
+    with pytest.raises(InputError, match="compliance: expected HalfSpace"):
+        GridContact(body, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from contact import ContactProblem, Cylinder, Infeasible, InputError, Sphere
+from contact import ContactProblem, Cylinder, Infeasible, InputError, Sphere, Status
 from contact.obstacles.rigid import Rigid
 from contact.spectral.grid_contact import GridContact
 from contact.spectral.periodic_layers import PeriodicLayers
@@ -137,3 +137,57 @@ def test_an_obstacle_that_enters_a_held_side_is_named():
     block = PeriodicLayers(1.0, COATED, 8, sides="y")
     with pytest.raises(Infeasible, match=r"enters grid point \(0,\) by 0.01, where a side holds"):
         GridContact(block, Rigid(np.zeros(9), displacement=(0.0, 0.01))).solve()
+
+
+@pytest.mark.parametrize("motion", [1e-5, 1e-3])
+@pytest.mark.parametrize("friction", [0.05, 0.3, 3.0])
+def test_an_obstacle_moved_along_points_that_rollers_hold(motion, friction):
+    """They slip, however little it moves; elsewhere forces are those of the sparse path."""
+    block = PeriodicLayers(1.0, COATED, 8, sides="x")
+    moved = (motion, 0.01)
+    heights = 0.02 * (np.arange(9) / 8 - 0.3) ** 2
+    grid = GridContact(block, Rigid(heights, displacement=moved), friction).solve()
+    assert grid.pressure[0] > 0
+    assert grid.status[0] == Status.SLIP
+    assert grid.shear[0, 0] == pytest.approx(friction * grid.pressure[0])
+    bowl = Rigid(lambda x: 0.02 * (x[0] - 0.3) ** 2, displacement=moved)
+    sparse = ContactProblem(block.elastic(), "bottom", bowl, friction).solve()
+    order = np.argsort(sparse.x_nominal[0])
+    size = sparse.mu.max()
+    assert np.abs(grid.forces[0] - sparse.mu[order]).max() < 1e-11 * size
+    along = np.abs(grid.shear[0] * block.weights / 8)[1:-1]
+    assert np.abs(along - np.abs(sparse.t.ravel()[order][1:-1])).max() < 1e-11 * size
+
+
+@pytest.mark.parametrize("law", ["coulomb", "tresca"])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_an_obstacle_driven_by_a_force_along_sides_that_hold_it(dim, law):
+    """Points on the sides stick and take what the others do not, so that it does not move."""
+    sides, cells = (("x",), (6,)) if dim == 2 else (("x", "y"), (6, 5))
+    block = PeriodicLayers((1.0,) * (dim - 1), COATED, cells, sides=sides)
+    heights = 0.01 * np.random.default_rng(2).uniform(0, 1, block.shape)
+    heights[(0,) * (dim - 1)] = 0.0
+    drag = (0.002,) * (dim - 1)
+    friction = 0.5 if law == "coulomb" else 0.02
+    result = GridContact(block, Rigid(heights, force=(*drag, 0.02)), friction, law).solve()
+    assert result.resultant == pytest.approx((*drag, 0.02))
+    assert np.abs(result.motion[:-1]).max() < 1e-12
+    assert max(result.kkt.values()) < 1e-10
+    assert result.status[(0,) * (dim - 1)] == Status.STICK
+
+
+def test_given_friction_cycles_within_coulomb_friction():
+    """A bending plate between held sides: Newton's method cycles with given friction, too."""
+    layers = [(0.4, 4, 1700.0, -0.3), (6e-4, 3, 2.4, 0.49), (0.37, 4, 2.4, 0.499)]
+    block = PeriodicLayers(0.9, layers, 16, sides="y", top="x", plane="stress")
+    gaps = 1e-5 * np.random.default_rng(0).integers(3, 34, 17)
+    gaps[[0, -1]] = 1.0
+    ground = Rigid(gaps, displacement=(-4.4e-5, 3.4e-4))
+    result = GridContact(block, ground, 0.3).solve()
+    assert max(result.kkt.values()) < 1e-10
+
+
+def test_sides_that_hold_all_points_are_named():
+    block = PeriodicLayers((1.0, 1.0), COATED, (1, 3), sides=("yz", "periodic"))
+    with pytest.raises(InputError, match="compliance: its sides fix the normal displacement"):
+        GridContact(block, Rigid(0.0, displacement=(0.0, 0.0, 0.1)))

@@ -204,15 +204,24 @@ def test_the_kernel_compiles(compile_cuda, unknowns, dim, inner):
 
 
 @pytest.mark.gpu
+@pytest.mark.parametrize("layers", [COATED, STIFF, DEEP], ids=["coated", "stiff", "deep"])
 @pytest.mark.parametrize("element", ELEMENTS, ids=NAMES)
-def test_a_device_condenses_as_the_host(element):
+def test_a_device_condenses_as_the_host(element, layers):
+    """To the digits that rounding of the cells leaves: springs to the ground, as above.
+
+    The device contracts products and sums, in another order. Entries of the cells changed by eps at
+    random move the stiffness by up to 1.4 r such springs on the host, with r unknowns a node.
+    """
     cupy = pytest.importorskip("cupy")
     dim = element.dim
-    for layers in (COATED, DEEP):
-        body = column(element, layers, (0.17, 0.125)[: dim - 1])
-        ours = condensed(body, steps(dim))
-        theirs = condensed(body, [cupy.asarray(step) for step in steps(dim)])
-        size = abs(body.tables).max() * abs(ours[1]).max()
-        for one, other in zip(ours, theirs, strict=True):
-            # The device contracts products and sums: another rounding, times the condition.
-            assert abs(one - other.get()).max() < 1e-13 * size * abs(one).max()
+    body = column(element, layers, (0.17, 0.125)[: dim - 1])
+    ours = condensed(body, steps(dim))
+    theirs = condensed(body, [cupy.asarray(step) for step in steps(dim)])
+    sizes = [abs(table).max() for table in body.tables]
+    ground = sum(m * size for m, size in zip(body.counts, sizes, strict=True))
+    lost = 4 * (len(body.tables[0]) // 2) * np.finfo(float).eps * ground
+    stiffness, compliance = (
+        abs(one - other.get()).max() for one, other in zip(ours, theirs, strict=True)
+    )
+    assert stiffness < lost
+    assert compliance < lost * abs(ours[1]).max() ** 2
