@@ -56,7 +56,7 @@ def gmres(
             e[0] = size
             least = np.asarray(np.linalg.lstsq(H[: j + 2, : j + 1], e, rcond=None)[0], dtype=float)
             left = float(np.linalg.norm(e - H[: j + 2, : j + 1] @ least))
-            if left <= goal or H[j + 1, j] <= 1e-14 * size:
+            if left <= goal or H[j + 1, j] <= 1e-14 * np.linalg.norm(H[: j + 2, j]):
                 break
             basis.append(w / H[j + 1, j])
         step = basis.combined(least)

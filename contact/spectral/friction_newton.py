@@ -135,10 +135,11 @@ class _Zones:
         active = trial > 0
         g = friction.bound(xp.where(active, trial, 0.0))
         along = c[1]
-        if problem.swept is not None:  # the c with which they slip from the first step on
-            most = 4.0 * (g + xp.sqrt((l[1:] ** 2).sum(axis=0)))
-            moves = xp.where(problem.swept > 0, problem.swept, 1.0)
-            along = c[1] + xp.where(problem.swept > 0, most / moves, 0.0)
+        if problem.swept is not None:  # they slip from the first step on, by another c if need be
+            size, moves = (xp.sqrt((w[1:] ** 2).sum(axis=0)) for w in (l, v))
+            length = xp.sqrt(((l[1:] + along * v[1:]) ** 2).sum(axis=0))
+            more = 4.0 * (g + size) / xp.where(problem.swept, moves, 1.0)
+            along = c[1] + xp.where(problem.swept & (length <= g), more, 0.0)
         q = l[1:] + along * v[1:]
         length = xp.sqrt((q * q).sum(axis=0))
         return cls(active, (g > 0) & (length <= g), (g > 0) & (length > g), along, q, g)

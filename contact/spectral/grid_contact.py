@@ -232,9 +232,10 @@ class GridContact:
         area = 1.0 if coulomb else host(self._areas)
         law = GridFriction(xp.asarray(friction * area), coulomb)
         if np.any(friction > 0) and (bool((mu > 0).any()) or not coulomb):
+            share = mu if bool((mu > 0).any()) else xp.broadcast_to(law.value, mu.shape)
             for i in problem.free:
                 if i:
-                    l[i] = mu * (problem.force[i] / max(float(mu.sum()), 1e-300))
+                    l[i] = share / share.sum() * problem.force[i]
             l, a = _with_friction(problem, law, (l, a), inner, report)
         return certified(problem, law, (l, a), self._controls()[0], tol, tuple(history))
 

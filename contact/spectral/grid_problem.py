@@ -139,17 +139,16 @@ class GridProblem:
 
     @cached_property
     def swept(self) -> Grid | None:
-        """Length by which an obstacle in given motion moves along points that a side fixes.
+        """Points that a side fixes while an obstacle moves along them as given: they slip.
 
-        No force changes it: they slip. Zero at all others; None where there are none of them.
+        No force changes that. None where there are no such points.
         """
         xp, given = self.xp, [i for i in range(1, len(self.v0)) if i not in self.free]
         if self.fixed is None or not given:
             return None
-        moves = xp.where(self.fixed[given], self.v0[given], 0.0)
-        length = xp.sqrt((moves * moves).sum(axis=0))
-        length[length <= _UNMOVED * float(xp.abs(self.v0).max())] = 0.0
-        return length if bool(length.any()) else None
+        moves = xp.where(self.fixed[given], xp.abs(self.v0[given]), 0.0).max(axis=0)
+        points = moves > _UNMOVED * float(xp.abs(self.v0).max())
+        return points if bool(points.any()) else None
 
     def moved(self, a: Any) -> Grid:
         """a as an array that adds to displacements, (dim, 1[, 1])."""

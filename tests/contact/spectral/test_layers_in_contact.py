@@ -191,3 +191,13 @@ def test_sides_that_hold_all_points_are_named():
     block = PeriodicLayers((1.0, 1.0), COATED, (1, 3), sides=("yz", "periodic"))
     with pytest.raises(InputError, match="compliance: its sides fix the normal displacement"):
         GridContact(block, Rigid(0.0, displacement=(0.0, 0.0, 0.1)))
+
+
+def test_given_friction_holds_a_drag_without_contact():
+    """Tresca's bound acts on open points, too: they stick and share the force, in pascals."""
+    layers = [(height, cells, 1e11 * E, nu) for height, cells, E, nu in COATED]
+    block = PeriodicLayers(1.0, layers, 6, top="y")
+    ground = Rigid(0.02, displacement=(None, 0.01), force=(3e8, None))
+    result = GridContact(block, ground, 1e9, "tresca").solve()
+    assert not result.pressure.any()
+    assert result.shear[0] == pytest.approx(np.full(6, 3e8))
