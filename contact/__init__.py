@@ -43,6 +43,7 @@ from contact.spectral.grid_contact import GridContact
 from contact.spectral.grid_result import GridResult
 from contact.spectral.half_space import HalfSpace
 from contact.spectral.periodic_layers import PeriodicLayers
+from contact.spectral.slices import Slice
 
 __all__ = [
     "Anisotropic",
@@ -81,6 +82,7 @@ __all__ = [
     "Rigid",
     "Rough",
     "SignedDistance",
+    "Slice",
     "Sphere",
     "Status",
     "Surface",

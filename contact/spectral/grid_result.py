@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.arrays.namespace import host
-from contact.errors import InputError, MissingDependency, NotConverged
+from contact.errors import InputError, NotConverged
 from contact.laws.iteration import Iteration
 from contact.laws.status import Status
 from contact.spectral.contact_area import corrected_area, perimeter
@@ -17,12 +17,13 @@ from contact.spectral.contact_edge import ContactEdge, contact_edge
 from contact.spectral.friction_newton import GridFriction
 from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import Grid, GridProblem, project
+from contact.spectral.slices import FieldsInside, image_data
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GridResult:
+class GridResult(FieldsInside):
     """Pressure, shear and displacement of a surface grid, on the host.
 
     From a device each field comes when it is first asked for.
@@ -234,23 +235,14 @@ class GridResult:
         MissingDependency
             pyvista is not installed.
         """
-        try:
-            import pyvista
-        except ImportError as error:
-            raise MissingDependency(
-                "image data need pyvista: pip install 'pyvista>=0.47'"
-            ) from error
-        grid = self.pressure.ndim
-        shape = (*self.pressure.shape, 1, 1)[:3]
-        spacing = (*self.compliance.spacing, 1.0, 1.0)[:3]
-        image = pyvista.ImageData(dimensions=shape, spacing=spacing)
+        image = image_data(self._lateral())
         for name in ("pressure", "opening", "status"):
             image.point_data[name] = getattr(self, name).ravel(order="F")
         for name in ("shear", "u"):
             rows = [part.ravel(order="F") for part in getattr(self, name)]
             blank = [np.zeros_like(rows[0])] * (3 - len(rows))
             image.point_data[name] = np.column_stack(rows + blank)
-        image.field_data["directions"] = np.array([grid])
+        image.field_data["directions"] = np.array([self.pressure.ndim])
         return image
 
 
