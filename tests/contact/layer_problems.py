@@ -31,8 +31,11 @@ class SparseCompliance:
         places = body.mesh.p
         low = np.flatnonzero(
             (abs(places[-1]) < 1e-9 * places[-1].max())
-            & np.all([places[a] < (1 - 1e-9) * block.lengths[a] for a in range(dim - 1)], axis=0)
-        )
+            & np.all(
+                [(places[a] < (1 - 1e-9) * block.lengths[a]) | block.mirrored[a]
+                 for a in range(dim - 1)], axis=0,
+            )
+        )  # fmt: skip
         at = [np.rint(places[a, low] / block.spacing[a]).astype(int) for a in range(dim - 1)]
         order = np.argsort(np.ravel_multi_index(at, block.shape))
         dofs = body.basis.nodal_dofs[:dim, low[order]].ravel()
@@ -41,8 +44,9 @@ class SparseCompliance:
         loads = np.zeros((body.basis.N, dofs.size))
         loads[dofs, np.arange(dofs.size)] = 1.0
         parts = loads.reshape(body.basis.N, dim, -1)
+        shares = block.weights.ravel() / block.weights.sum()
         for c in np.flatnonzero(block.constant):
-            parts[:, c] -= parts[:, c].mean(axis=1, keepdims=True)
+            parts[dofs.reshape(dim, -1)[c], c] -= shares[:, None]
         unit = 1.0 / np.sqrt(np.diag(S))
         scaled = S * unit * unit[:, None]
         solve = np.linalg.inv if not block.constant.any() else _pseudo_inverse
@@ -65,7 +69,7 @@ def _centred(columns, block):
     """Displacements without the mean of components that nothing holds."""
     parts = columns.reshape(block.dim, -1, columns.shape[1]).copy()
     for c in np.flatnonzero(block.constant):
-        parts[c] -= parts[c].mean(axis=0)
+        parts[c] -= block.weights.ravel() @ parts[c] / block.weights.sum()
     return parts.reshape(columns.shape)
 
 
