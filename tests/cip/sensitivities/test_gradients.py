@@ -48,7 +48,8 @@ def test_the_adjoint_is_the_transpose(dim, profile, form, flow, a, b, d, dt, see
     solver = Solver(Grid([ends] * dim, n, periodic=periodic), velocity, form, profile)
     rng = np.random.default_rng(seed)
     run = solver.run(solver.state(FIELDS[dim]), 0.2, dt=dt)
-    assert dot_test(solver, run, rng) <= 1e-13
+    # The steps of a quintic's second derivatives are larger than what is left of them at the end.
+    assert dot_test(solver, run, rng) <= (1e-12 if profile == "quintic" else 1e-13)
 
 
 @pytest.mark.sampled(3)
