@@ -26,7 +26,7 @@ class ContactError(Exception):
     ...     ElasticBody.from_mesh(MeshQuad().refined(1), E=1.0, nu=0.5)
     ... except ContactError as error:
     ...     print(error)
-    nu=array(0.5): Poisson's ratio must lie in (-1, 1/2)
+    nu=0.5: Poisson's ratio must lie in (-1, 1/2)
     """
 
 
