@@ -299,22 +299,24 @@ if hasattr(os, "register_at_fork"):
 
 
 @functools.cache
-def _library() -> Any:
-    """Return MKL's function ``pardiso`` from the library that pypardiso has loaded."""
+def _mkl() -> Any:
+    """Return MKL as pypardiso has loaded it; cached, because a factor's release must not import."""
     from pypardiso import ps
 
-    function = ps.libmkl["pardiso"]  # a new function object: pypardiso's has other argtypes
+    return ps.libmkl
+
+
+@functools.cache
+def _library() -> Any:
+    """Return MKL's function ``pardiso``."""
+    function = _mkl()["pardiso"]  # a new function object: pypardiso's has other argtypes
     function.argtypes, function.restype = None, None
     return function
 
 
 def _threads() -> int:
     """Return the number of threads that MKL may use for the caller; 1 in a forked process."""
-    if _forked:
-        return 1
-    from pypardiso import ps
-
-    return int(ps.libmkl["MKL_Get_Max_Threads"]())
+    return 1 if _forked else int(_mkl()["MKL_Get_Max_Threads"]())
 
 
 @contextmanager
@@ -323,9 +325,7 @@ def _held_to(threads: int) -> Iterator[None]:
 
     With another number of threads PARDISO misreads two-level factors and returns no error.
     """
-    from pypardiso import ps
-
-    set_threads = ps.libmkl["MKL_Set_Num_Threads_Local"]
+    set_threads = _mkl()["MKL_Set_Num_Threads_Local"]
     before = set_threads(ctypes.c_int(threads))
     try:
         yield

@@ -1,5 +1,7 @@
 """The one call of PARDISO: phases, Schur complements, partial solutions, errors, release."""
 
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -106,5 +108,19 @@ def test_memory_is_given_back(monkeypatch):
     monkeypatch.setattr(pardiso, "_library", lambda: watched)
     solver = pardiso.Pardiso(definite(5, 0), pardiso.DEFINITE)
     solver(12)
+    del solver
+    assert phases == [12, -1]
+
+
+def test_memory_is_given_back_where_nothing_can_be_imported(monkeypatch):
+    """The garbage collector may release a factor anywhere, with any modules hidden."""
+    phases = []
+    library = pardiso._library()
+    monkeypatch.setattr(
+        pardiso, "_library", lambda: lambda *a: (phases.append(a[4]._obj.value), library(*a))
+    )
+    solver = pardiso.Pardiso(definite(5, 0), pardiso.DEFINITE)
+    solver(12)
+    monkeypatch.setitem(sys.modules, "pypardiso", None)
     del solver
     assert phases == [12, -1]
