@@ -145,8 +145,10 @@ def quintic(
     c4 = -15.0 * A + 7.0 * B - 2.0 * C
     c5 = 6.0 * A - 3.0 * B + C
     value = a + s * (va + s * (wa + s * (c3 + s * (c4 + s * c5))))
-    first = va + s * (2.0 * wa + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))
-    second = 2.0 * wa + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))
+    # What is added to the ends vanishes at both: by the powers of s, digits are lost at the right.
+    r = 1.0 - s
+    first = va + s * (vb - va + r * (s * (3.0 * c3 - B - 5.0 * s * c5) - B))
+    second = 2.0 * (wa + s * (C + r * (3.0 * c3 - C - 10.0 * s * c5)))
     third = 6.0 * c3 + s * (24.0 * c4 + s * 60.0 * c5)
     return value, first, second, third
 
