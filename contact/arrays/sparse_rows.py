@@ -79,13 +79,13 @@ class DeviceRows(SparseRows):
     Parameters
     ----------
     matrix : sparse array, shape (n, m)
-        On the host.
+        On the host, or by rows on the device.
     xp
         CuPy.
     """
 
     def __init__(self, matrix: Any, xp: Any) -> None:
-        rows = sparse.csr_array(matrix)
+        rows = sparse.csr_array(matrix) if isinstance(matrix.data, np.ndarray) else matrix
         starts = xp.asarray(rows.indptr.astype(np.int32, copy=False))
         columns = xp.asarray(rows.indices.astype(np.int32, copy=False))
         self.placed = starts, columns, xp.asarray(rows.data)

@@ -62,6 +62,9 @@ class AxisymmetricLaw:
         """See `contact.body.axisymmetry.stiffness`."""
         return stiffness(basis, *self.elastic(basis.mesh.nelements, mean_dilatation))
 
+    def classes(self, basis: Basis, mean_dilatation: bool = False) -> None:
+        """Return None: cells at different radii are not congruent."""
+
     def elastic(self, cells: int, mean_dilatation: bool = False) -> tuple[Array, Array | None]:
         """Matrices of the strains rr, zz, theta theta, 2 rz, and lambda if it is left out of them.
 

@@ -107,6 +107,11 @@ class BasisSolid(Solid):
     def _kept(self) -> KeptVectors:
         return KeptVectors()
 
+    def stiffness_on(self, xp: Any) -> Any | None:
+        """S of NumPy or CuPy by rows, assembled there; None where cells have too many shapes."""
+        few = self.law.classes(self.basis, self.dilatation == "mean")
+        return None if few is None else few[0].matrix(few[1], xp)
+
     @property
     def vectors(self) -> BasisVectors:
         """What computes with vectors of all dofs, shared by all copies of the body."""

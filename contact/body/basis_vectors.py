@@ -35,10 +35,10 @@ class BasisVectors:
     """
 
     def __init__(self, body: Any, arrays: HostArrays, stiffness: SparseRows | None = None) -> None:
-        S, P = body.stiffness, body.constraint[0]
-        self.arrays, self._of = arrays, (S, P)
+        P = body.constraint[0]
+        self.arrays, self._of = arrays, (body.materials, P)
         put = arrays.xp.asarray
-        self._S = stiffness or arrays.rows(S)
+        self._S = stiffness or arrays.rows(body.stiffness)
         self._P, self._transposed = (arrays.rows(A) for A in (P, transposed(P, body.chosen)))
         self._picked, self._picks = self._P, self._transposed
         if body.picked is not P:
@@ -54,7 +54,9 @@ class BasisVectors:
 
     def are_of(self, body: Any) -> bool:
         """Whether the body still has the matrices that this was made of."""
-        return self._of[0] is body.stiffness and self._of[1] is body.constraint[0]
+        materials, P = self._of
+        same = all(a is b for a, b in zip(materials, body.materials, strict=True))
+        return same and P is body.constraint[0]
 
     @staticmethod
     def bytes(body: Any, stiffness: SparseRows | None = None) -> int:

@@ -15,7 +15,14 @@ from scipy import sparse
 from skfem import Basis
 
 from contact.body.anisotropic import VOIGT, tensor_of
-from contact.body.elasticity import stiffness_matrix, stress, tensor_stiffness
+from contact.body.elasticity import (
+    Classes,
+    isotropic_classes,
+    stiffness_matrix,
+    stress,
+    tensor_classes,
+    tensor_stiffness,
+)
 from contact.errors import InputError
 
 Array = NDArray[np.float64]
@@ -55,6 +62,10 @@ class StressLaw(Protocol):
 
     def stiffness(self, basis: Basis, mean_dilatation: bool = False) -> sparse.csr_array:
         """Stiffness matrix of a basis whose cells are those of the law."""
+        ...
+
+    def classes(self, basis: Basis, mean_dilatation: bool = False) -> Classes | None:
+        """Few classes of congruent cells with the local stiffness of each, or None."""
         ...
 
 
@@ -107,6 +118,10 @@ class IsotropicLaw:
     def stiffness(self, basis: Basis, mean_dilatation: bool = False) -> sparse.csr_array:
         """See `contact.body.elasticity.stiffness_matrix`."""
         return stiffness_matrix(basis, self.lam, self.mu, mean_dilatation)
+
+    def classes(self, basis: Basis, mean_dilatation: bool = False) -> Classes | None:
+        """See `contact.body.elasticity.isotropic_classes`."""
+        return isotropic_classes(basis, self.lam, self.mu, mean_dilatation)
 
     def strain_rows(self, gradients: Array, volumetric: bool = True) -> list[Array]:
         """Strains whose squares sum to twice the energy density, for each basis function.
@@ -231,6 +246,10 @@ class TensorLaw:
     def stiffness(self, basis: Basis, mean_dilatation: bool = False) -> sparse.csr_array:
         """See `contact.body.elasticity.tensor_stiffness`."""
         return tensor_stiffness(basis, self.tensor)
+
+    def classes(self, basis: Basis, mean_dilatation: bool = False) -> Classes | None:
+        """See `contact.body.elasticity.tensor_classes`."""
+        return tensor_classes(basis, self.tensor)
 
     def strain_rows(self, gradients: Array, volumetric: bool = True) -> list[Array]:
         """Rows of the root of the tensor as a matrix of the independent strains."""

@@ -307,6 +307,9 @@ class CutBody(ElasticBody):
             total = total + self.law.at(basis.tind).stiffness(basis)
         return sparse.csr_array(total)
 
+    def stiffness_on(self, xp: Any) -> None:
+        """Return None: cut cells are not congruent."""
+
     @cached_property
     def extension(self) -> AdiniExtension:
         """The extension to the nodes outside, which respects the supports."""

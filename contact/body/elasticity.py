@@ -35,7 +35,7 @@ its pressure begins to oscillate; plane stress does not lock.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -55,6 +55,9 @@ from skfem_adini import AffineCells, CongruentCells
 
 if TYPE_CHECKING:
     from skfem import Basis
+
+Classes = tuple[CongruentCells, NDArray[np.float64]]  # with the local matrix of each
+Local = Iterator[tuple[slice, NDArray[np.float64]]]  # cells with their local matrices
 
 _LOCKS_AT, _OSCILLATES_AT = 0.48, 0.4995  # Poisson's ratios, from the tables above
 _CHUNK = 16384  # cells whose element matrices are held in memory at a time
@@ -181,23 +184,59 @@ def stiffness_matrix(
     T. J. R. Hughes, The Finite Element Method, Prentice-Hall 1987, sections 4.4 and 4.5 (selective
     reduced integration, equivalence with mixed methods).
     """
-    classes = CongruentCells.of(basis, lame_lambda, lame_mu)
-    if classes is not None and 2 * len(classes.cells) <= basis.nelems:
-        lam, mu = (v[classes.cells] if v.ndim else v for v in (lame_lambda, lame_mu))
-        parts = [local for _, local in _local_matrices(classes.part, lam, mu, mean_dilatation)]
-        # Exactly symmetric: other solvers converge on it where rounding had broken the symmetry.
-        whole = np.concatenate(parts)
-        return _as_array(classes.matrix(0.5 * (whole + whole.transpose(0, 2, 1))))
+    few = isotropic_classes(basis, lame_lambda, lame_mu, mean_dilatation)
+    if few is not None:
+        return _as_array(few[0].matrix(few[1]))
     # Means of a cell are no products of gradients.
     straight = None if mean_dilatation else AffineCells.of(basis)
     if straight is not None:
         tensor = isotropic_tensor(lame_lambda, lame_mu, basis.mesh.dim())
         return _as_array(straight.matrix(tensor))
-    total = sparse.csr_array((basis.N, basis.N))
-    for cells, local in _local_matrices(basis, lame_lambda, lame_mu, mean_dilatation):
-        total = total + _scattered(basis, cells, local)
-    total.sort_indices()
-    return total
+    return _summed(basis, _local_matrices(basis, lame_lambda, lame_mu, mean_dilatation))
+
+
+def isotropic_classes(
+    basis: Basis,
+    lame_lambda: NDArray[np.float64],
+    lame_mu: NDArray[np.float64],
+    mean_dilatation: bool = False,
+) -> Classes | None:
+    """Classes of congruent cells with the stiffness of each, if these are few; else None.
+
+    Parameters
+    ----------
+    basis, lame_lambda, lame_mu, mean_dilatation
+        As for `stiffness_matrix`.
+
+    Returns
+    -------
+    tuple of CongruentCells and ndarray, shape (classes, dofs of a cell, dofs of a cell), or None
+    """
+
+    def of_each(part: Basis, cells: Any) -> Local:
+        lam, mu = (v[cells] if v.ndim else v for v in (lame_lambda, lame_mu))
+        return _local_matrices(part, lam, mu, mean_dilatation)
+
+    return _few(basis, of_each, lame_lambda, lame_mu)
+
+
+def tensor_classes(basis: Basis, tensor: NDArray[np.float64]) -> Classes | None:
+    """As `isotropic_classes`, for a `tensor_stiffness`."""
+
+    def of_each(part: Basis, cells: Any) -> Local:
+        return _tensor_matrices(part, tensor[..., cells] if tensor.ndim == 5 else tensor)
+
+    fields = tensor.reshape(-1, basis.nelems) if tensor.ndim == 5 else ()
+    return _few(basis, of_each, *fields)
+
+
+def _few(basis: Basis, of_each: Callable[..., Local], *fields: Any) -> Classes | None:
+    classes = CongruentCells.of(basis, *fields)
+    if classes is None or 2 * len(classes.cells) > basis.nelems:
+        return None
+    whole = np.concatenate([local for _, local in of_each(classes.part, classes.cells)])
+    # Exactly symmetric: other solvers converge on it where rounding had broken the symmetry.
+    return classes, 0.5 * (whole + whole.transpose(0, 2, 1))
 
 
 def isotropic_tensor(
@@ -224,7 +263,7 @@ def _local_matrices(
     lame_lambda: NDArray[np.float64],
     lame_mu: NDArray[np.float64],
     mean_dilatation: bool,
-) -> Iterator[tuple[slice, NDArray[np.float64]]]:
+) -> Local:
     """Cells, and their stiffness matrices (cells, dofs of a cell, dofs of a cell)."""
     dim, n_cells = basis.mesh.dim(), len(basis.dx)
     lame_lambda = np.broadcast_to(lame_lambda, (n_cells,))[:, None, None]
@@ -258,20 +297,25 @@ def tensor_stiffness(basis: Basis, tensor: NDArray[np.float64]) -> sparse.csr_ar
     -------
     csr_array, shape (ndofs, ndofs)
     """
+    few = tensor_classes(basis, tensor)
+    if few is not None:
+        return _as_array(few[0].matrix(few[1]))
     if (straight := AffineCells.of(basis)) is not None:
         return _as_array(straight.matrix(tensor))
+    return _summed(basis, _tensor_matrices(basis, tensor))
+
+
+def _tensor_matrices(basis: Basis, tensor: NDArray[np.float64]) -> Local:
+    """Cells, and their stiffness matrices (cells, dofs of a cell, dofs of a cell)."""
     dim, n_cells = basis.mesh.dim(), len(basis.dx)
     constant = tensor if tensor.ndim == 5 else tensor[..., None]
     C = np.broadcast_to(constant, (*tensor.shape[:4], n_cells))[..., None, None]
-    total = sparse.csr_array((basis.N, basis.N))
     for cells, _, K in _products(basis):
         local = _empty_blocks(basis, cells)
         for c in range(dim):
             for d in range(dim):
                 local[:, :, c, :, d] = sum(C[c, a, d, b, cells] * K[a, b] for a, b in K)
-        total = total + _scattered(basis, cells, local)
-    total.sort_indices()
-    return total
+        yield cells, local.reshape(len(local), basis.Nbfun, basis.Nbfun)
 
 
 def _products(basis: Basis) -> Iterator[tuple[slice, Any, dict[tuple[int, int], Any]]]:
@@ -300,6 +344,14 @@ def _as_array(matrix: sparse.csr_matrix) -> sparse.csr_array:
     result = sparse.csr_array(matrix)
     result.has_canonical_format = matrix.has_canonical_format
     return result
+
+
+def _summed(basis: Basis, matrices: Local) -> sparse.csr_array:
+    total = sparse.csr_array((basis.N, basis.N))
+    for cells, local in matrices:
+        total = total + _scattered(basis, cells, local)
+    total.sort_indices()
+    return total
 
 
 def _scattered(basis: Basis, cells: slice, local: NDArray[np.float64]) -> sparse.csr_array:

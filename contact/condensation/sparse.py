@@ -100,7 +100,7 @@ class SparseBody(CondensedBody):
         u0 = body.constraint[1]
         self.body = body
         self._u0 = u0
-        self._lifted = forces_of_supports(body, u0) if u0.any() else None
+        self._lifted = forces_of_supports(body, u0, self._on_device) if u0.any() else None
 
     def unbalanced(self, rest: Array, u: Array) -> Array | None:
         """Residual forces on free dofs, for a step of iterative refinement.
@@ -143,10 +143,10 @@ class SparseBody(CondensedBody):
         return np.asarray(self.arrays.get(u))
 
 
-def forces_of_supports(body: Any, u0: Array) -> Array:
+def forces_of_supports(body: Any, u0: Array, on_device: bool) -> Array:
     """Internal forces of prescribed displacements, which are zero but at few dofs."""
     moved = np.flatnonzero(u0)
-    if body.slender or _MANY * moved.size > u0.size:
+    if on_device or body.slender or _MANY * moved.size > u0.size:
         return np.asarray(body.internal(u0))
     forces: Array = body.stiffness[moved].T @ u0[moved]
     return forces

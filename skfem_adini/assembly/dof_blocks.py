@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -73,19 +74,21 @@ class DofBlocks:
     def of_basis(cls, basis: Any) -> DofBlocks:
         """Return the blocks of all cells of the mesh of a basis, whatever its numbering."""
         blocks = cls.from_mesh(basis.mesh, basis.elem)
-        if np.array_equal(blocks.element_dofs(), basis.dofs.element_dofs):
-            return blocks
-        return cls.from_dofs(basis.dofs)
-
-    def element_dofs(self) -> Integers:
-        """Return the dofs of the cells, shape (dofs of a cell, cells)."""
-        return np.vstack(
-            [
-                self.start[blocks] + k
-                for blocks, size in zip(self.of_cells, np.diff(self.local), strict=True)
-                for k in range(size)
-            ]
+        numbers = basis.dofs.element_dofs
+        same = len(numbers) == blocks.local[-1] and all(
+            np.array_equal(first + k, numbers[begin + k])
+            for first, begin, size in blocks._firsts()
+            for k in range(size)
         )
+        return blocks if same else cls.from_dofs(basis.dofs)
+
+    def _firsts(self) -> Iterator[tuple[Integers, int, int]]:
+        """First dof of a block in each cell, its place among the dofs of a cell, and its size."""
+        start = self.start.astype(np.int32) if self.size < 2**31 else self.start
+        for blocks, begin, size in zip(
+            self.of_cells, self.local[:-1].tolist(), np.diff(self.local).tolist(), strict=True
+        ):
+            yield start[blocks], begin, size
 
     def restricted(self, cells: Integers | None) -> DofBlocks:
         """Return the blocks of some of the cells; None means all cells."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +20,13 @@ class Restricted:
     Attributes
     ----------
     matrix
-        Sparse matrix A by rows.
+        Sparse matrix A by rows; or, if it is `placed`, what returns it when it is asked for.
     free
         Ascending numbers of the rows and columns that remain, shape (n,).
     scale
         Diagonal of D, shape (n,).
     placed
-        Row starts, columns and values of A, where they lie on the device already.
+        Row starts, columns (ascending) and values of A, where they lie on the device already.
     """
 
     matrix: Any
@@ -39,10 +39,19 @@ class Restricted:
         """Rows and columns that remain."""
         return self.free.size, self.free.size
 
+    @property
+    def whole(self) -> Any:
+        """A on the host."""
+        return self.matrix() if callable(self.matrix) else self.matrix
+
     def on_host(self) -> Any:
         """The same matrix of SciPy."""
         D = sparse.diags_array(self.scale)
-        return sparse.csr_array(D @ self.matrix[self.free][:, self.free] @ D)
+        return sparse.csr_array(D @ self.whole[self.free][:, self.free] @ D)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what a copy is made of, on the host alone."""
+        return type(self), (self.whole, self.free, self.scale)
 
 
 class DeviceTriangle:
@@ -63,19 +72,20 @@ class DeviceTriangle:
 
     def __init__(self, xp: Any, A: Any) -> None:
         self._xp, (whole, self._free, _) = xp, _parts(A)
-        self._indptr, self._indices = whole.indptr, whole.indices  # to know the pattern again
+        self._pattern = whole.indptr, whole.indices  # to know it again
         self._taken: Any = None
         if not whole.has_canonical_format:
             return
-        n = A.shape[0]
-        starts, columns = (_placed(xp, A, part) for part in ("indptr", "indices"))
-        rows = xp.searchsorted(starts[1:], xp.arange(whole.nnz, dtype=starts.dtype), side="right")
+        n, size = A.shape[0], whole.indptr.size - 1
+        starts, columns = map(xp.asarray, self._pattern)
+        entries = xp.arange(columns.size, dtype=starts.dtype)
+        rows = xp.searchsorted(starts[1:], entries, side="right")
         if self._free is not None:
-            number = xp.full(whole.shape[0], -1, dtype=np.int32)
+            number = xp.full(size, -1, dtype=np.int32)
             number[xp.asarray(self._free)] = xp.arange(n, dtype=np.int32)
             rows, columns = number[rows], number[columns]
         taken = (columns >= rows) & (rows >= 0)
-        before = xp.zeros(whole.nnz + 1, dtype=np.int64)
+        before = xp.zeros(columns.size + 1, dtype=np.int64)
         xp.cumsum(taken, dtype=np.int64, out=before[1:])
         firsts = starts[:-1] if self._free is None else starts[xp.asarray(self._free)]
         if int(((columns == rows) & taken).sum()) == n:
@@ -104,17 +114,18 @@ class DeviceTriangle:
             The pattern is another one.
         """
         whole, free, scale = _parts(A)
-        before, now = (self._indptr, self._indices), (whole.indptr, whole.indices)
-        same = all(a is b or np.array_equal(a, b) for a, b in zip(before, now, strict=True))
+        now = whole.indptr, whole.indices
+        same = all(map(self._equal, self._pattern, now))
         if not (same and np.array_equal(free, self._free)):
             raise InputError(
-                f"A: its {whole.nnz} entries are not in the places of the {self._indices.size} "
-                "entries that were analysed; call factorize for another pattern"
+                f"A: its {now[1].size} entries are not in the places of the "
+                f"{self._pattern[1].size} entries that were analysed; call factorize for another "
+                "pattern"
             )
         xp = self._xp
         if self._taken is None:
             return xp.asarray(upper_triangle(_on_host(A)).data.astype(np.float64))
-        values = _placed(xp, A, "data")[self._taken].astype(np.float64, copy=False)
+        values = xp.asarray(whole.data)[self._taken].astype(np.float64, copy=False)
         if scale is not None:
             places = xp.arange(values.size, dtype=np.int32)
             rows = xp.searchsorted(self._starts[1:], places, side="right")
@@ -123,20 +134,32 @@ class DeviceTriangle:
             values *= scale[self._columns]
         return values
 
+    def _equal(self, one: Any, other: Any) -> bool:
+        """Whether two arrays are equal, compared on the device unless both are on the host."""
+        if one is other:
+            return True
+        if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+            return np.array_equal(one, other)
+        return bool(self._xp.array_equal(self._xp.asarray(one), self._xp.asarray(other)))
+
+
+class _Placed(NamedTuple):
+    """A matrix by rows on the device, in canonical form."""
+
+    indptr: Any
+    indices: Any
+    data: Any
+    has_canonical_format: bool = True
+
 
 def _parts(A: Any) -> tuple[Any, Any, Any]:
     """Return the whole matrix by rows, what remains of it, and the scale; None for all and 1."""
-    whole = A.matrix if isinstance(A, Restricted) else A
+    if isinstance(A, Restricted) and A.placed is not None:
+        return _Placed(*A.placed), A.free, A.scale
+    whole = A.whole if isinstance(A, Restricted) else A
     if not isinstance(whole, sparse.csr_array):  # a copy would not know that it is canonical
         whole = sparse.csr_array(whole)
     return (whole, A.free, A.scale) if isinstance(A, Restricted) else (whole, None, None)
-
-
-def _placed(xp: Any, A: Any, part: str) -> Any:
-    """Return row starts, columns or values of the whole matrix on the device."""
-    if isinstance(A, Restricted) and A.placed is not None:
-        return A.placed[("indptr", "indices", "data").index(part)]
-    return xp.asarray(getattr(_parts(A)[0], part))
 
 
 def on_host_alone(A: Any) -> Any:

@@ -11,6 +11,7 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 from skfem import (
     Basis,
+    BilinearForm,
     ElementQuad1,
     ElementQuad2,
     ElementTriP2,
@@ -19,6 +20,7 @@ from skfem import (
     MeshQuad,
     MeshTri,
 )
+from skfem.helpers import sym_grad
 
 from contact import (
     Anisotropic,
@@ -141,6 +143,27 @@ def test_isotropy_given_as_a_tensor(element, plane):
     rows, dofs = strain_rows(tensor), tensor.basis.element_dofs.T
     energy = sum(np.sum((A @ u[at]) ** 2) for A, at in zip(rows, dofs, strict=True))
     assert energy == pytest.approx(u @ forces, rel=1e-12)
+
+
+@pytest.mark.parametrize("element", [ElementQuadAdini, ElementQuad1, ElementTriP2])
+def test_few_classes_of_cells_give_the_matrix_of_all(element):
+    """Two materials on equal cells: four local matrices at most, against scikit-fem's sum."""
+    kind = MeshTri if element is ElementTriP2 else MeshQuad
+    mesh = kind.init_tensor(np.linspace(0, 1, 9), np.linspace(0, 2, 5))
+    angle = np.where(np.arange(mesh.nelements) % 3, 0.4, -0.7)
+    body = ElasticBody.from_mesh(mesh, element(), material=Orthotropic(E, NU, G, rotation=angle))
+    classes, local = body.law.classes(body.basis)
+    assert len(classes.cells) == len(local) <= 4
+    basis = Basis(mesh, ElementVector(element()))
+    tensor = np.broadcast_to(body.law.tensor[..., None], (2, 2, 2, 2, *basis.dx.shape))
+
+    @BilinearForm
+    def energy(u, v, w):
+        return np.einsum("ijkleq,kleq,ijeq->eq", tensor, sym_grad(u), sym_grad(v))
+
+    expected = energy.assemble(basis)
+    assert abs(body.stiffness - expected).max() < 1e-13 * abs(expected).max()
+    assert abs(body.stiffness - body.stiffness.T).max() == 0.0
 
 
 def test_energy_of_the_strain_rows_with_a_tensor_a_cell():

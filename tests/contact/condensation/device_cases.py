@@ -3,8 +3,9 @@
 import numpy as np
 from skfem import ElementHex1, ElementQuad1, ElementTetP2, ElementTriP2, MeshQuad
 
-from contact import ContactProblem, CutBody, ElasticBody, Plane
+from contact import ContactProblem, CutBody, ElasticBody, Orthotropic, Plane
 from contact.arrays.dense_arrays import DeviceMatrix, HostArrays
+from contact.arrays.sparse_rows import SparseRows
 from skfem_adini import ElementQuadAdini
 
 
@@ -16,6 +17,14 @@ class Elsewhere(HostArrays):
 
     def values(self, W):
         return W.values
+
+    def room(self):
+        return 2**40
+
+    def rows(self, matrix):
+        rows = SparseRows(matrix)
+        rows.placed = matrix.indptr, matrix.indices, matrix.data
+        return rows
 
 
 def box_body(make, element, cells=None, **material):
@@ -46,6 +55,16 @@ def floating(make, element):
 def nearly_incompressible(make, element):
     body = box_body(make, element, E=2.0, nu=0.4999, dilatation="mean")
     return ContactProblem(body.fix("top", "y", -0.05).fix("top", "x"), "bottom", bowl, 0.3)
+
+
+def turned_wood(make, element):
+    """A third of it with its axes turned by another angle."""
+    dim, cells = element().dim, 8 if element().dim == 2 else 4
+    angles = np.where(np.arange(cells**dim) % 3, 0.4, -0.7)
+    wood = Orthotropic((11.0, 2.0, 1.0), (0.35, 0.3, 0.4), (0.9, 0.7, 0.3), rotation=angles)
+    body = box_body(make, element, cells, material=wood)
+    body.fix("top", "xyz"[:dim], -0.03)
+    return ContactProblem(body, "bottom", bowl, 0.3)
 
 
 def cut(make, element):
@@ -82,6 +101,8 @@ CASES = {
     "floating Adini": (floating, ElementQuadAdini),
     "floating Quad1": (floating, ElementQuad1),
     "floating Hex1": (floating, ElementHex1),
+    "turned wood": (turned_wood, ElementQuadAdini),
+    "turned bricks of wood": (turned_wood, ElementHex1),
     "cut": (cut, ElementQuadAdini),
     "mean dilatation": (nearly_incompressible, ElementQuad1),
 }

@@ -2,6 +2,7 @@
 
 import copy
 import gc
+import pickle
 import re
 
 import numpy as np
@@ -205,6 +206,37 @@ def test_auto_names_what_is_missing(make, monkeypatch):
     where, why = device_choice.choose_device(body, "auto")
     assert where == "cpu"
     assert "skfem-adini[cudss]" in why
+
+
+ALIKE = ["Adini", "Hex1", "floating Quad1", "turned wood", "mean dilatation"]
+
+
+@pytest.mark.parametrize("case", ALIKE)
+def test_the_stiffness_of_congruent_cells_is_assembled_on_the_device(engine, make, case):
+    """In the bits of the host, where it is computed when somebody asks for it."""
+    pose, element = CASES[case]
+    problem = pose(make, element)
+    parts = problem.condense(device="cuda").parts
+    problem.solve()
+    for part in parts:
+        assert "stiffness" not in vars(part.body)
+        factor, there = part._factor, part.body.vectors._S.placed
+        host = part.body.stiffness
+        for ours, name in zip(there, ("indptr", "indices", "data"), strict=True):
+            np.testing.assert_array_equal(on_host(ours), getattr(host, name))
+        part.body.E = None if part.body.E is None else 7.0 * part.body.E
+        copied = pickle.loads(pickle.dumps(factor))  # factors anew, and not the other material
+        np.testing.assert_allclose(on_host(copied.schur), on_host(factor.schur), rtol=0, atol=1e-12)
+
+
+def test_cells_that_differ_are_assembled_on_the_host(engine, make):
+    uneven = ElasticBody.from_mesh(
+        make.box(ElementQuadAdini, np.linspace(0.0, 1.0, 6) ** 1.5, np.linspace(0.0, 1.0, 7) ** 2),
+        ElementQuadAdini(), E=2.0, nu=0.3,
+    ).fix("top", value=-0.05)  # fmt: skip
+    for problem in (ContactProblem(uneven, "bottom", bowl), CASES["cut"][0](make, None)):
+        problem.condense(device="cuda")
+        assert "stiffness" in vars(problem.body)
 
 
 @pytest.mark.parametrize("case", ["Adini", "P2", "Hex1", "TetP2"])

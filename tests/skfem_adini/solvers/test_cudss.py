@@ -501,5 +501,16 @@ def test_a_restricted_matrix_is_that_of_the_host(fake):
         np.testing.assert_array_equal(ours, theirs)
     with pytest.raises(InputError, match="not in the places"):
         triangle.values(Restricted(A, free[1:], scale[1:]))
+    A.sum_duplicates()
+    asked = []
+    there = Restricted(lambda: asked.append(1) or A, free, scale, (A.indptr, A.indices, A.data))
+    placed = DeviceTriangle(np, there)
+    for ours, theirs in zip(placed.arrays(there), triangle.arrays(restricted), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    np.testing.assert_array_equal(placed.values(restricted), triangle.values(there))
+    assert not asked  # for the matrix on the host, which only a copy needs
+    copied = pickle.loads(pickle.dumps(there))
+    assert copied.placed is None
+    assert abs(copied.on_host() - restricted.on_host()).max() == 0.0
     S = CudssSchur(restricted, [3, 5]).complement
     np.testing.assert_allclose(S, CudssSchur(restricted.on_host(), [3, 5]).complement, atol=1e-12)
