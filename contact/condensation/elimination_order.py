@@ -47,18 +47,19 @@ def elimination_tree(
     if parts is None:
         return None
     entity, dissection = parts
-    last = np.zeros(entity.size, dtype=bool)
-    last[kept] = True
+    entities = dissection.part.size
+    others = np.bincount(entity, minlength=entities) - np.bincount(entity[kept], minlength=entities)
     for depth in range(min(_DEEPEST, dissection.levels + 1), _FLATTEST - 1, -1):
         order, block = dissection.breadth_first(depth)
-        blocks = np.where(last, (1 << depth) - 2, block[entity])
-        sizes = np.bincount(blocks, minlength=(1 << depth) - 1)
+        sizes = np.bincount(block, others, minlength=(1 << depth) - 1).astype(np.int64)
+        sizes[-1] += kept.size
         if sizes.min() > 0:
-            rank = np.empty_like(order)
-            rank[order] = np.arange(order.size)
             # Ranks ascend with the blocks; those that are kept stay in their own order.
-            ranks = np.where(last, order.size, rank[entity])
-            return counted_order(ranks, order.size + 1), sizes
+            rank = np.empty(entities, dtype=np.int32)
+            rank[order] = np.arange(entities)
+            ranks = rank[entity]
+            ranks[kept] = entities
+            return counted_order(ranks, entities + 1), sizes
     return None
 
 

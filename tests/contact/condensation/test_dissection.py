@@ -7,7 +7,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from skfem import ElementTetP1, ElementTriP1, MeshTet, MeshTri
 
-from contact.condensation.dissection import nested_dissection
+from contact.condensation.dissection import counted_order, nested_dissection
 
 
 def grid(*counts):
@@ -107,6 +107,53 @@ def test_blocks_touch_what_they_must_not_only_through_their_ancestors(name):
         for i, j in zip(graph.row, graph.col, strict=True):
             up, down = (i, j) if level[i] <= level[j] else (j, i)
             assert place[down] >> (level[down] - level[up]) == place[up]
+
+
+def halves(middles, cells):
+    """A set of cells in two: along its longest coordinate, between different ones if there are."""
+    if not cells.size:
+        return cells, cells
+    cells = np.sort(cells)
+    places = middles[:, cells]
+    along = places[np.argmax(np.ptp(places, axis=1))]
+    cells, along = cells[np.argsort(along, kind="stable")], np.sort(along)
+    half = cells.size // 2
+    between = [k for k in range(1, cells.size) if along[k] > along[k - 1]]
+    cut = min(between, key=lambda k: (abs(k - half), k), default=half)
+    return cells[:cut], cells[cut:]
+
+
+@pytest.mark.parametrize("name", GRAPHS)
+@pytest.mark.parametrize("leaf_size", [1, 7])
+def test_a_vertex_belongs_to_the_smallest_set_that_holds_its_cells(name, leaf_size):
+    points, cells = GRAPHS[name]()
+    dissection = nested_dissection(points, cells, leaf_size)
+    middles = points[:, cells].mean(axis=1)
+    if cells.size:  # in steps of a part of the size: rounding decides nothing
+        middles = middles - middles.min(axis=1, keepdims=True)
+        middles = np.rint(middles / (middles.max() or 1.0) * 2.0**26)
+    sets = [np.arange(cells.shape[1])]
+    level = [sets]
+    for _ in range(dissection.levels):
+        sets = [half for whole in sets for half in halves(middles, whole)]
+        level.append(sets)
+    of_level = [[set(one) for one in sets] for sets in level]
+    for vertex in range(points.shape[1]):
+        own = set(np.flatnonzero((cells == vertex).any(axis=0)))
+        height, part = next(
+            (height, part)
+            for height, members in enumerate(reversed(of_level))
+            for part, one in enumerate(members)
+            if own <= one
+        )
+        assert dissection.height[vertex] == height
+        assert dissection.part[vertex] == (part if own else 0)
+
+
+@pytest.mark.parametrize("count", [1, 5, 1000])
+def test_counted_order_is_a_stable_sort(count):
+    keys = np.random.default_rng(1).integers(0, count, 3000)
+    np.testing.assert_array_equal(counted_order(keys, count), np.argsort(keys, kind="stable"))
 
 
 @pytest.mark.parametrize("k", [15, 31])
