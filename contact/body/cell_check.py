@@ -11,8 +11,8 @@ from skfem import Basis, MappingIsoparametric, Mesh
 
 from contact.arrays.ranges import in_ranges
 from contact.body.deferred_basis import DeferredBasis
-from contact.body.jacobians import determinants, is_straight, jacobians
-from contact.body.mesh_facets import number_facets
+from contact.body.jacobians import is_straight, jacobians, measures
+from contact.body.mesh_facets import facet_kernel, number_facets
 from contact.errors import InputError
 from contact.facet_basis import places_on_facets
 from skfem_adini.arguments.kept_functions import functions_of_another_mesh
@@ -40,15 +40,15 @@ def check_cells(mesh: Mesh) -> None:
 
 def _sound(mesh: Mesh, cells: slice) -> NDArray[np.bool_]:
     """Cells that are not flat, nor folded over at a corner or at a node of a curved one."""
-    J = jacobians(mesh, cells, mesh.elem.refdom.p[:, :1] if mesh.affine else mesh.elem.doflocs.T)
+    places = mesh.elem.refdom.p[:, :1] if mesh.affine else mesh.elem.doflocs.T
     size = np.ptp(mesh.p[:, mesh.t[:, cells]], axis=1).max(axis=0)
     with np.errstate(all="ignore"):
-        det = determinants(J)
+        det = measures(mesh, cells, places)[0]
         limit = FLAT * size[:, None] ** mesh.dim()
         sound = np.all(det > limit, axis=1) | np.all(det < -limit, axis=1)
     # Needles of many times their width in two directions: the determinant does not tell.
     doubtful = np.flatnonzero(~sound & (size > 0))
-    near = np.moveaxis(J[:, :, doubtful], (0, 1), (-2, -1))
+    near = jacobians(mesh, cells.start + doubtful, places)
     sign = np.sign(np.linalg.det(near))
     thin = np.linalg.svd(near, compute_uv=False)[..., -1] <= FLAT * size[doubtful, None]
     sound[doubtful] = (np.abs(sign.sum(axis=1)) == sign.shape[1]) & ~thin.any(axis=1)
@@ -75,42 +75,13 @@ def _check_beside(mesh: Mesh) -> None:
 
 
 def _on_one_side(mesh: Mesh, facets: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Positive where the middles of both cells lie on one side of the plane in a facet's middle.
-
-    From the middle of a facet, the middle of a straight cell lies in the direction of the opposite
-    vertex or facet: that in which the mapping's normal derivative points. Differences of vertices
-    come before their sums, whose rounding would be that of the distance from the origin.
-    """
-    to_middle = np.empty((mesh.dim(), mesh.nelements))  # from the first vertex of each cell
-
-    def measure(some: slice) -> None:
-        x = mesh.p[:, mesh.t[:, some]]
-        to_middle[:, some] = (x - x[:, :1]).mean(axis=1)
-
-    in_ranges(measure, mesh.nelements)
+    """See `contact.body.facet_kernels.on_one_side`."""
+    of_mesh = mesh.p, mesh.t, mesh.facets, mesh.f2t
 
     def compared(some: slice) -> NDArray[np.float64]:
-        here, product = facets[some], np.ones(1)
-        corners = mesh.p[:, mesh.facets[:, here]]
-        first, corners = corners[:, 0], corners - corners[:, :1]
-        normal, middle = _normal_of_ring(corners), corners.mean(axis=1)
-        for side in (0, 1):
-            cell = mesh.f2t[side, here]
-            way = (mesh.p[:, mesh.t[0, cell]] - first) + to_middle[:, cell]
-            product = product * np.sign(np.sum(normal * (way - middle), axis=0))
-        return product
+        return np.asarray(facet_kernel("on_one_side")(*of_mesh, facets[some]))
 
     return np.concatenate([np.zeros(0), *in_ranges(compared, facets.size)])
-
-
-def _normal_of_ring(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A normal, of any length, in the middle of facets whose first corner is at zero."""
-    if len(corners) == 2:
-        return np.array([-corners[1, 1], corners[0, 1]])
-    one, other = corners[:, 1], corners[:, 2]
-    if corners.shape[1] == 4:  # the diagonals of a bilinear facet are parallel to its middle
-        one, other = corners[:, 2], corners[:, 3] - corners[:, 1]
-    return np.array([one[a] * other[b] - one[b] * other[a] for a, b in ((1, 2), (2, 0), (0, 1))])
 
 
 def _normals_agree(mesh: Mesh, facets: NDArray[np.int64]) -> NDArray[np.float64]:

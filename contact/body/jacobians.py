@@ -1,59 +1,99 @@
-"""Derivatives of the mapping of cells, for all cells of a mesh by one product of matrices."""
+"""Derivatives of the mapping of cells, by a compiled kernel."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from skfem import Mesh, MeshHex, MeshQuad
 
+from skfem_adini.jit import compiled
+
 Array = NDArray[np.float64]
 
 
-def jacobians(mesh: Mesh, cells: slice, places: Array) -> Array:
-    """d x_i / d X_k of some cells at places of the reference cell, shape (i, k, cells, n).
+def jacobians(mesh: Mesh, cells: NDArray[np.integer], places: Array) -> Array:
+    """d x_i / d X_k of some cells at places of the reference cell, shape (cells, n, i, k).
 
     scikit-fem sums over the nodes for each place and derivative anew.
 
     Parameters
     ----------
     mesh : Mesh
-    cells : slice
+    cells : ndarray of int, shape (ncells,)
     places : ndarray, shape (dim, n)
     """
-    nodes = mesh.t if is_straight(mesh) else mesh.dofs.element_dofs
-    element, x = mesh.elem(), mesh.doflocs[:, nodes[:, cells]]
-    dim, n = places.shape
-    slopes = np.empty((len(nodes), dim, n))
-    for v in range(len(nodes)):
-        slope = np.asarray(element.lbasis(places, v)[1])
-        slopes[v] = slope.reshape(dim, -1)
-    # In corners of straight cells sums of products with 0 and +-1: differences, rounded once.
-    flat = np.ascontiguousarray(x.swapaxes(1, 2)) @ slopes.reshape(len(nodes), -1)
-    return np.asarray(flat.reshape(len(x), -1, dim, n).swapaxes(1, 2))
+    return np.asarray(_kernel()(*_arguments(mesh, places), cells)[0])
 
 
-def determinants(J: Array) -> Array:
-    """Determinants of matrices (i, k, ...), without the copies of `numpy.linalg.det`."""
-    if len(J) == 2:
-        return np.asarray(J[0, 0] * J[1, 1] - J[0, 1] * J[1, 0])
-    return np.asarray(sum(J[0, k] * _minor(J[1], J[2], k) for k in range(3)))
+def measures(mesh: Mesh, cells: slice, places: Array) -> tuple[Array, Array]:
+    """Determinants of the derivatives, and Frobenius norms of these times those of their cofactors.
 
+    Parameters
+    ----------
+    mesh : Mesh
+    cells : slice
+    places : ndarray, shape (dim, n)
 
-def cofactors(J: Array) -> Array:
-    """Cofactors of matrices (i, k, ...): det J times the transpose of the inverse."""
-    if len(J) == 2:
-        return np.array([[J[1, 1], -J[1, 0]], [-J[0, 1], J[0, 0]]])
-    return np.array(
-        [[_minor(J[(i + 1) % 3], J[(i + 2) % 3], k) for k in range(3)] for i in range(3)]
-    )
-
-
-def _minor(one: Array, other: Array, k: int) -> Array:
-    """Component k of the cross product of two rows."""
-    m, n = (k + 1) % 3, (k + 2) % 3
-    return np.asarray(one[m] * other[n] - one[n] * other[m])
+    Returns
+    -------
+    det, norms : ndarray, shape (ncells, n)
+    """
+    some = np.arange(cells.start, cells.stop)
+    _, det, norms = _kernel()(*_arguments(mesh, places), some)
+    return det, norms
 
 
 def is_straight(mesh: Mesh) -> bool:
     """Whether the vertices alone determine the cells: simplices or Q1 cells of first order."""
     return bool(mesh.affine) or type(mesh) in (MeshQuad, MeshHex)
+
+
+def _arguments(mesh: Mesh, places: Array) -> tuple[Array, NDArray[np.integer], Array]:
+    """Places of nodes, nodes of cells, derivatives of the functions of nodes (nodes, dim, n)."""
+    nodes = np.ascontiguousarray(mesh.t if is_straight(mesh) else mesh.dofs.element_dofs)
+    element, slopes = mesh.elem(), np.empty((len(nodes), *places.shape))
+    for v in range(len(nodes)):
+        slopes[v] = np.asarray(element.lbasis(places, v)[1]).reshape(places.shape)
+    return np.ascontiguousarray(mesh.doflocs), nodes, slopes
+
+
+@cache
+def _kernel() -> Callable[..., Any]:
+    return compiled(_derivatives)
+
+
+def _derivatives(x: Any, nodes: Any, slopes: Any, cells: Any) -> Any:
+    """Return the derivatives, their determinants and their norms, for numba.
+
+    In corners of straight cells sums of products with 0 and +-1: differences, rounded once.
+    """
+    (dim, _), n, half = x.shape, slopes.shape[2], x.shape[0] - 1
+    J = np.empty((cells.size, n, dim, dim))
+    det, norms = np.empty((cells.size, n)), np.empty((cells.size, n))
+    for c in range(cells.size):
+        for q in range(n):
+            here, squares, cofactors, product = J[c, q], 0.0, 0.0, 0.0
+            for i in range(dim):
+                for k in range(dim):
+                    total = 0.0
+                    for v in range(nodes.shape[0]):
+                        total += x[i, nodes[v, cells[c]]] * slopes[v, k, q]
+                    here[i, k] = total
+                    squares += total * total
+            if half == 1:
+                product = here[0, 0] * here[1, 1] - here[0, 1] * here[1, 0]
+                cofactors = squares
+            else:
+                for i in range(3):
+                    for k in range(3):
+                        a, b, c1, c2 = (i + 1) % 3, (i + 2) % 3, (k + 1) % 3, (k + 2) % 3
+                        minor = here[a, c1] * here[b, c2] - here[a, c2] * here[b, c1]
+                        cofactors += minor * minor
+                        if i == 0:
+                            product += here[0, k] * minor
+            det[c, q], norms[c, q] = product, np.sqrt(squares) * np.sqrt(cofactors)
+    return J, det, norms

@@ -17,7 +17,6 @@ from skfem import (
     MeshWedge1,
 )
 
-from contact.body import mesh_facets
 from contact.body.mesh_facets import number_facets
 
 
@@ -75,14 +74,6 @@ def test_other_cells_are_left_alone(kind):
     mesh = kind()
     number_facets(mesh)
     assert not hasattr(mesh, "_t2f")
-
-
-def test_more_vertices_than_fit_into_a_number(monkeypatch):
-    monkeypatch.setattr(mesh_facets, "_LARGEST", 10**4)
-    mesh = MESHES["tetrahedra"]()
-    number_facets(mesh)
-    assert not hasattr(mesh, "_t2f")
-    agree(mesh, MESHES["tetrahedra"]())
 
 
 def test_numbers_that_are_there_are_kept():
