@@ -41,9 +41,8 @@ def check_cells(mesh: Mesh) -> None:
 def _sound(mesh: Mesh, cells: slice) -> NDArray[np.bool_]:
     """Cells that are not flat, nor folded over at a corner or at a node of a curved one."""
     places = mesh.elem.refdom.p[:, :1] if mesh.affine else mesh.elem.doflocs.T
-    size = np.ptp(mesh.p[:, mesh.t[:, cells]], axis=1).max(axis=0)
+    det, _, size = measures(mesh, cells, places)
     with np.errstate(all="ignore"):
-        det = measures(mesh, cells, places)[0]
         limit = FLAT * size[:, None] ** mesh.dim()
         sound = np.all(det > limit, axis=1) | np.all(det < -limit, axis=1)
     # Needles of many times their width in two directions: the determinant does not tell.

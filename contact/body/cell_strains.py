@@ -35,7 +35,7 @@ def has_slender_cells(mesh: Mesh) -> bool:
     middle = mesh.elem.refdom.p.mean(axis=1)[:, None]
 
     def slender(cells: slice) -> bool:
-        det, norms = (found[:, 0] for found in measures(mesh, cells, middle))
+        det, norms = (found[:, 0] for found in measures(mesh, cells, middle)[:2])
         # No ratio of singular values exceeds the product of the Frobenius norms of J and J^-1.
         near = cells.start + np.flatnonzero(norms > 0.99 * SLENDER * np.abs(det))
         size = np.linalg.svd(jacobians(mesh, near, middle)[:, 0], compute_uv=False)

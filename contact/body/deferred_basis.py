@@ -12,6 +12,7 @@ from skfem.assembly.basis.abstract_basis import AbstractBasis
 from skfem.quadrature import get_quadrature
 
 from contact.arrays.ranges import in_ranges
+from contact.body.dof_numbers import DofNumbers
 from contact.body.jacobians import is_straight, measures
 
 # Of Gauss' rule with two points in each direction, exact for the determinant of straight cells.
@@ -32,8 +33,9 @@ class DeferredBasis(CellBasis):
     """
 
     def __init__(self, mesh: Any, elem: Any, intorder: int) -> None:
+        dofs = DofNumbers(mesh, elem)
         AbstractBasis.__init__(
-            self, mesh, elem, None, intorder, None, mesh.refdom, disable_doflocs=True
+            self, mesh, elem, None, intorder, None, mesh.refdom, dofs, disable_doflocs=True
         )
         self.tind = None
         self.nelems = mesh.nelements

@@ -19,6 +19,7 @@ from contact.body.boundary_names import select_components, select_facets
 from contact.body.cell_check import check_basis, check_cells
 from contact.body.coupled_body import CoupledBody
 from contact.body.deferred_basis import DeferredBasis
+from contact.body.dof_numbers import DofNumbers
 from contact.body.facet_dofs import dofs_on_facets
 from contact.body.mesh_file import read_mesh
 from contact.body.multipoint import column_lengths, coupled
@@ -180,9 +181,7 @@ class ElasticBody(CoupledBody, HeatedBody):
     @cached_property
     def scalar_dofs(self) -> Any:
         """Dof numbering of the scalar element; vector dof = dim * scalar dof + component."""
-        from skfem.assembly import Dofs
-
-        return Dofs(self.mesh, self.element)
+        return DofNumbers(self.mesh, self.element)
 
     def facets(self, boundary: str | Sequence[str] | ArrayLike) -> NDArray[np.int64]:
         """Facet numbers of a boundary of this body; see

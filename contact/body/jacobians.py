@@ -26,11 +26,12 @@ def jacobians(mesh: Mesh, cells: NDArray[np.integer], places: Array) -> Array:
     cells : ndarray of int, shape (ncells,)
     places : ndarray, shape (dim, n)
     """
-    return np.asarray(_kernel()(*_arguments(mesh, places), cells)[0])
+    x, nodes, slopes = _arguments(mesh, places)
+    return np.einsum("ivc,vkq->cqik", x[:, nodes[:, cells]], slopes)
 
 
-def measures(mesh: Mesh, cells: slice, places: Array) -> tuple[Array, Array]:
-    """Determinants of the derivatives, and Frobenius norms of these times those of their cofactors.
+def measures(mesh: Mesh, cells: slice, places: Array) -> tuple[Array, Array, Array]:
+    """Determinants and norms of the derivatives, and sizes of cells.
 
     Parameters
     ----------
@@ -40,11 +41,15 @@ def measures(mesh: Mesh, cells: slice, places: Array) -> tuple[Array, Array]:
 
     Returns
     -------
-    det, norms : ndarray, shape (ncells, n)
+    det : ndarray, shape (ncells, n)
+    norms : ndarray, shape (ncells, n)
+        Frobenius norms times those of the cofactors.
+    size : ndarray, shape (ncells,)
+        Largest extent of the vertices along a coordinate.
     """
-    some = np.arange(cells.start, cells.stop)
-    _, det, norms = _kernel()(*_arguments(mesh, places), some)
-    return det, norms
+    arguments = *_arguments(mesh, places), cells.start, cells.stop, len(mesh.t)
+    det, norms, size = _kernel()(*arguments)
+    return det, norms, size
 
 
 def is_straight(mesh: Mesh) -> bool:
@@ -63,37 +68,49 @@ def _arguments(mesh: Mesh, places: Array) -> tuple[Array, NDArray[np.integer], A
 
 @cache
 def _kernel() -> Callable[..., Any]:
-    return compiled(_derivatives)
+    return compiled(_measures)
 
 
-def _derivatives(x: Any, nodes: Any, slopes: Any, cells: Any) -> Any:
-    """Return the derivatives, their determinants and their norms, for numba.
+def _measures(x: Any, nodes: Any, slopes: Any, start: Any, stop: Any, corners: Any) -> Any:
+    """Return determinants, norms and sizes, for numba.
 
     In corners of straight cells sums of products with 0 and +-1: differences, rounded once.
     """
-    (dim, _), n, half = x.shape, slopes.shape[2], x.shape[0] - 1
-    J = np.empty((cells.size, n, dim, dim))
-    det, norms = np.empty((cells.size, n)), np.empty((cells.size, n))
-    for c in range(cells.size):
+    dim, n, J = x.shape[0], slopes.shape[2], np.empty((3, 3))
+    here = np.empty((dim, nodes.shape[0]))
+    det, norms, size = (
+        np.empty((stop - start, n)),
+        np.empty((stop - start, n)),
+        np.zeros(stop - start),
+    )
+    for c in range(start, stop):
+        for i in range(dim):
+            for v in range(nodes.shape[0]):
+                here[i, v] = x[i, nodes[v, c]]
+            low = high = here[i, 0]
+            for v in range(1, corners):
+                low, high = min(low, here[i, v]), max(high, here[i, v])
+            size[c - start] = max(size[c - start], high - low)
         for q in range(n):
-            here, squares, cofactors, product = J[c, q], 0.0, 0.0, 0.0
+            squares, cofactors, product = 0.0, 0.0, 0.0
             for i in range(dim):
                 for k in range(dim):
                     total = 0.0
                     for v in range(nodes.shape[0]):
-                        total += x[i, nodes[v, cells[c]]] * slopes[v, k, q]
-                    here[i, k] = total
+                        total += here[i, v] * slopes[v, k, q]
+                    J[i, k] = total
                     squares += total * total
-            if half == 1:
-                product = here[0, 0] * here[1, 1] - here[0, 1] * here[1, 0]
+            if dim == 2:
+                product = J[0, 0] * J[1, 1] - J[0, 1] * J[1, 0]
                 cofactors = squares
             else:
                 for i in range(3):
                     for k in range(3):
-                        a, b, c1, c2 = (i + 1) % 3, (i + 2) % 3, (k + 1) % 3, (k + 2) % 3
-                        minor = here[a, c1] * here[b, c2] - here[a, c2] * here[b, c1]
+                        a, b, one, two = (i + 1) % 3, (i + 2) % 3, (k + 1) % 3, (k + 2) % 3
+                        minor = J[a, one] * J[b, two] - J[a, two] * J[b, one]
                         cofactors += minor * minor
                         if i == 0:
-                            product += here[0, k] * minor
-            det[c, q], norms[c, q] = product, np.sqrt(squares) * np.sqrt(cofactors)
-    return J, det, norms
+                            product += J[0, k] * minor
+            det[c - start, q] = product
+            norms[c - start, q] = np.sqrt(squares) * np.sqrt(cofactors)
+    return det, norms, size

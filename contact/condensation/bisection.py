@@ -1,6 +1,7 @@
 """Kernels of the nested dissection: cells cut in halves again and again, and counting sorts.
 
-Plain Python that numba can compile, each function by itself; `dissection` compiles them.
+Plain Python that numba can compile; `dissection` compiles `leaves_of` with what it calls, and the
+others by themselves.
 """
 
 from __future__ import annotations
@@ -10,6 +11,25 @@ from typing import Any
 import numpy as np
 
 _DIGIT = 14  # bits that one pass of the sort takes; two take all steps up to 2^28
+
+
+def sort_steps(steps: Any, order: Any, spare: Any) -> None:
+    """Write the stable order of steps (n,) from 0 to 2^28 - 1, by counting their digits."""
+    count = np.empty((1 << _DIGIT) + 1, dtype=np.int64)
+    mask = (1 << _DIGIT) - 1
+    for k in range(order.size):
+        order[k] = k
+    for shift in (0, _DIGIT):
+        count[:] = 0
+        for step in steps:
+            count[((step >> shift) & mask) + 1] += 1
+        for k in range(mask):
+            count[k + 1] += count[k]
+        for cell in order:
+            digit = (steps[cell] >> shift) & mask
+            spare[count[digit]] = cell
+            count[digit] += 1
+        order[:] = spare
 
 
 def leaves_of(steps: Any, levels: int) -> Any:
@@ -26,25 +46,9 @@ def leaves_of(steps: Any, levels: int) -> Any:
     levels : int
     """
     dim, n = steps.shape
-    orders = np.empty((dim, n), dtype=np.int32)
-    spare = np.empty(n, dtype=np.int32)
-    count = np.empty((1 << _DIGIT) + 1, dtype=np.int64)
-    mask = (1 << _DIGIT) - 1
+    orders, spare = np.empty((dim, n), dtype=np.int32), np.empty(n, dtype=np.int32)
     for a in range(dim):
-        for k in range(n):
-            orders[a, k] = k
-        for shift in (0, _DIGIT):
-            count[:] = 0
-            for k in range(n):
-                count[((steps[a, k] >> shift) & mask) + 1] += 1
-            for k in range(mask):
-                count[k + 1] += count[k]
-            for k in range(n):
-                cell = orders[a, k]
-                digit = (steps[a, cell] >> shift) & mask
-                spare[count[digit]] = cell
-                count[digit] += 1
-            orders[a] = spare
+        sort_steps(steps[a], orders[a], spare)
     in_second = np.empty(n, dtype=np.bool_)
     bounds = np.array([0, n])
     for level in range(levels):

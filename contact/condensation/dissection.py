@@ -125,4 +125,5 @@ def nested_dissection(points: NDArray[np.float64], cells: Index, leaf_size: int 
 
 @cache
 def _kernel(name: str) -> Callable[..., Any]:
-    return compiled(getattr(bisection, name))
+    parts = [bisection.sort_steps] if name == "leaves_of" else []
+    return compiled(getattr(bisection, name), parts)

@@ -5,8 +5,16 @@ import pytest
 from skfem import (
     Basis,
     ElementHex1,
+    ElementHex2,
+    ElementHexS2,
+    ElementQuad1,
     ElementQuad2,
+    ElementTetP1,
     ElementTetP2,
+    ElementTriCR,
+    ElementTriMini,
+    ElementTriMorley,
+    ElementTriP1,
     ElementTriP2,
     ElementVector,
     MeshHex,
@@ -14,10 +22,13 @@ from skfem import (
     MeshTet,
     MeshTri,
 )
+from skfem.assembly import Dofs
 from skfem.models.elasticity import linear_elasticity
+from skfem.refdom import RefHex, RefQuad, RefTet, RefTri
 
 from contact import ContactProblem, ElasticBody
 from contact.body.deferred_basis import DeferredBasis
+from contact.body.dof_numbers import DofNumbers
 from skfem_adini import ElementHexAdini, ElementQuadAdini
 
 TICKS = np.array([0.0, 0.3, 0.5, 0.9, 1.0])
@@ -29,6 +40,18 @@ MESHES = {
     "HexAdini": (MeshHex.init_tensor(*[TICKS[1:]] * 3), ElementHexAdini()),
     "TetP2": (MeshTet().refined(1), ElementTetP2()),
 }
+
+ELEMENTS = [element for _, element in MESHES.values()] + [
+    *(
+        ElementTriP1(),
+        ElementTriMorley(),
+        ElementTetP1(),
+        ElementQuad1(),
+        ElementHex2(),
+        ElementHexS2(),
+    ),
+    *(ElementTriCR(), ElementTriMini()),
+]
 
 
 def skewed():
@@ -47,6 +70,21 @@ def test_tables_are_those_of_a_basis(case):
     for one, other in zip(ours.basis, whole.basis, strict=True):
         np.testing.assert_array_equal(one[0], other[0])
         np.testing.assert_array_equal(one[0].grad, other[0].grad)
+
+
+@pytest.mark.parametrize("element", ELEMENTS, ids=lambda element: type(element).__name__)
+def test_dofs_are_numbered_as_scikit_fem_does(element):
+    mesh = {RefTri: MeshTri, RefQuad: MeshQuad, RefTet: MeshTet, RefHex: MeshHex}[element.refdom]
+    lonely = np.array([[5.0]] * element.dim)  # a vertex of no cell
+    mesh = mesh().refined(1)
+    mesh = type(mesh)(np.hstack([mesh.p, lonely]), mesh.t)
+    for one in (element, ElementVector(element)):
+        ours, theirs = DofNumbers(mesh, one), Dofs(mesh, one)
+        assert ours.N == theirs.N
+        for name in ("nodal", "edge", "facet", "interior", "element"):
+            numbers, expected = (getattr(dofs, f"{name}_dofs") for dofs in (ours, theirs))
+            np.testing.assert_array_equal(numbers, expected)
+            assert numbers.dtype == expected.dtype
 
 
 @pytest.mark.parametrize("mesh", [skewed(), MESHES["Adini"][0], MESHES["TetP2"][0]])

@@ -135,7 +135,8 @@ def test_jacobians_are_those_of_the_mapping(kind):
     expected = mesh.mapping().DF(places)[:, :, 3:7]
     found = jacobians.jacobians(mesh, np.arange(3, 7), places)
     np.testing.assert_allclose(found.transpose(2, 3, 0, 1), expected, atol=1e-14)
-    det, norms = jacobians.measures(mesh, slice(3, 7), places)
+    det, norms, extent = jacobians.measures(mesh, slice(3, 7), places)
+    np.testing.assert_array_equal(extent, np.ptp(mesh.p[:, mesh.t[:, 3:7]], axis=1).max(axis=0))
     np.testing.assert_allclose(det, np.linalg.det(found), atol=1e-14)
     size = [np.linalg.norm(J, axis=(2, 3)) for J in (found, np.linalg.inv(found))]
     np.testing.assert_allclose(norms / np.abs(det), size[0] * size[1], rtol=1e-10)
