@@ -14,6 +14,7 @@ from contact.laws.friction import Coulomb, Friction, Tresca
 
 GROUP = 4  # neighbouring contact points that become one point of the coarse problem
 FEW = 100  # with fewer contact points a coarse problem saves no time
+ON_HOST = 400  # rows up to which steps on a device take as long as its calls, longer than the host
 
 
 @dataclass(frozen=True)
@@ -75,9 +76,10 @@ class CoarseProblem:
         scale = np.where(scale > 0, scale, 1.0)
         share = np.empty(first.size)
         share[number[there]] = 1.0 / np.broadcast_to(scale[:, None], there.shape)[there]
+        W = W * arrays.put(share) * arrays.put(share)[:, None]
         gap = np.bincount(group, np.where(fine.can_touch, fine.gap, 0.0), count) / scale
         problem = BoundaryProblem(
-            W=arrays.matrix(W * arrays.put(share) * arrays.put(share)[:, None]),
+            W=arrays.get(W) if first.size <= ON_HOST else arrays.matrix(W),
             v0=np.add.reduceat(fine.v0[used], first) * share,
             C=np.add.reduceat(fine.C[used], first, axis=0) * share[:, None],
             s=fine.s,
