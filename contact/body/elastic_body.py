@@ -377,8 +377,9 @@ class ElasticBody(CoupledBody, HeatedBody):
     @cached_property
     def lengths(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lengths that make each dof, and each free unknown, a displacement; see `dof_lengths`."""
-        of_dof = dof_lengths(self)
-        return of_dof, column_lengths(self.picked, of_dof)
+        of_dof, chosen = dof_lengths(self), self.chosen
+        of_free = column_lengths(self.picked, of_dof) if chosen is None else of_dof[chosen]
+        return of_dof, of_free
 
 
 def _constant(value: Any) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:

@@ -87,7 +87,17 @@ class CongruentCells:
     @cached_property
     def part(self) -> Any:
         """Basis of one cell of each class."""
-        element, quadrature = self._basis.elem, self._basis.quadrature
+        return self.basis_of(self._basis.elem)
+
+    def basis_of(self, element: Any) -> CellBasis:
+        """Return a basis of one cell of each class with another element, as that of a component.
+
+        Parameters
+        ----------
+        element
+            Element of the same cells, whose functions depend on nothing else.
+        """
+        quadrature = self._basis.quadrature
         on, own = Space(element, self._basis.mapping, *quadrature).on(self.cells)
         return CellBasis(
             on.mesh, element, on, elements=own, quadrature=quadrature, disable_doflocs=True
