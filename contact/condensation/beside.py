@@ -50,5 +50,11 @@ class Beside:
         return tree.result
 
     def _begin_motions(self) -> Future[NDArray[np.float64]]:
-        self._later = self._later or self._pool.submit(free_motions, self._body)
+        self._later = self._later or self._pool.submit(_motions, self._body)
         return self._later
+
+
+def _motions(body: Any) -> NDArray[np.float64]:
+    """The free motions, after what vectors of dofs on a device need of the host."""
+    _ = body.lengths, body.are_values, body.picked
+    return free_motions(body)

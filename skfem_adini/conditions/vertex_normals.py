@@ -37,25 +37,28 @@ def vertex_normals(mesh: Any, facets: Indices, turn: Array) -> Array:
     outward = mesh.p[:, vertices].mean(axis=1) - mesh.p[:, cells].mean(axis=1)
     normals = normals * np.where(np.sum(normals * outward[:, None], axis=0) < 0, -1.0, 1.0)
     # Inside the mesh the first cell may be on either side: align the normals at each vertex.
-    first = np.zeros((len(mesh.p), mesh.nvertices))
-    first[:, vertices] = normals
-    against = (mesh.f2t[1, facets] >= 0) & (np.sum(normals * first[:, vertices], axis=0) < 0)
+    nodes, place = np.unique(vertices, return_inverse=True)
+    place = place.reshape(vertices.shape)
+    first = np.zeros((len(mesh.p), nodes.size))
+    first[:, place] = normals
+    against = (mesh.f2t[1, facets] >= 0) & (np.sum(normals * first[:, place], axis=0) < 0)
     normals = np.where(against, -normals, normals)
 
-    mean = _mean(mesh, vertices, normals * corner_weights(mesh.p[:, vertices], axis=1))
+    mean = _mean(nodes.size, place, normals * corner_weights(mesh.p[:, vertices], axis=1))
     # Normals differ by half of the turn from their unweighted mean, in 2-D for facets of any
     # lengths. Distances are compared, because cosines do not resolve small angles.
-    middle = _mean(mesh, vertices, normals) if len(mean) == 2 else mean
-    off = np.linalg.norm(normals - middle[:, vertices], axis=0)
-    corner = np.zeros(mesh.nvertices, dtype=bool)
-    np.logical_or.at(corner, vertices, off > 2.0 * np.sin(0.25 * turn))
-    mean[:, corner] = 0.0
-    return mean
+    middle = _mean(nodes.size, place, normals) if len(mean) == 2 else mean
+    off = np.linalg.norm(normals - middle[:, place], axis=0)
+    corner = np.zeros(nodes.size, dtype=bool)
+    np.logical_or.at(corner, place, off > 2.0 * np.sin(0.25 * turn))
+    whole = np.zeros((len(mesh.p), mesh.nvertices))
+    whole[:, nodes] = np.where(corner, 0.0, mean)
+    return whole
 
 
-def _mean(mesh: Any, vertices: Indices, parts: Array) -> Array:
+def _mean(count: int, vertices: Indices, parts: Array) -> Array:
     """Return sums of vectors (dim, corners, facets) at the vertices, scaled to unit length."""
-    total = np.zeros((len(mesh.p), mesh.nvertices))
+    total = np.zeros((len(parts), count))
     for row, part in zip(total, parts, strict=True):
         np.add.at(row, vertices, part)
     size = np.linalg.norm(total, axis=0)
