@@ -100,7 +100,11 @@ class SparseBody(CondensedBody):
         u0 = body.constraint[1]
         self.body = body
         self._u0 = u0
-        self._lifted = forces_of_supports(body, u0, self._on_device) if u0.any() else None
+        self._lifted: Any = None  # where factors on a device take it, or on all dofs
+        if u0.any() and self._there is None:
+            self._lifted = forces_of_supports(body, u0, self._on_device)
+        elif u0.any():
+            self._lifted = self._gathered(body.internal(body.placed(u0)))
 
     def unbalanced(self, rest: Array, u: Array) -> Array | None:
         """Residual forces on free dofs, for a step of iterative refinement.
@@ -133,6 +137,25 @@ class SparseBody(CondensedBody):
             return super()._gathered(forces)
         dofs, unit = self._there
         return unit * self.arrays.xp.asarray(forces)[dofs]
+
+    def reduce(self, load: Array) -> Array:
+        """Load vector of all dofs, carried to the contact boundary's unknowns, shape (nb,)."""
+        if self._there is None:
+            return super().reduce(load)
+        reduced: Array = self._factor.reduce(self._rest(load))
+        return reduced
+
+    def expand(self, load: Array, z_b: Array) -> Array:
+        """Displacement of all dofs from the contact boundary's unknowns."""
+        if self._there is None:
+            return super().expand(load, z_b)
+        u = self._spread(self._factor.expand(self._rest(load), z_b))
+        return u if self._u0 is None else u + self._u0
+
+    def _rest(self, load: Array) -> Any:
+        """The load less the forces of prescribed displacements, in the factors' unknowns there."""
+        gathered = self._gathered(load)
+        return gathered if self._lifted is None else gathered - self._lifted
 
     def _spread(self, z: Any) -> Array:
         if self._there is None:
