@@ -30,6 +30,29 @@ class DamagedFile(InputError):
     """The file is cut short, or its bits have changed: it cannot be read."""
 
 
+def named_archive(path: str | Path) -> Path:
+    """The name with its suffix .npz.
+
+    Raises
+    ------
+    InputError
+        No name, or another suffix.
+    """
+    try:
+        path = Path(path)
+    except TypeError:
+        raise InputError(f"path={path!r}: expected the name of a file") from None
+    suffix = path.suffix
+    if suffix.lower() == ".npz":
+        return path
+    if suffix and not suffix[1:].isdecimal():  # "step.1" and "load_0.25" are names
+        raise InputError(
+            f"path: a result is an archive of NumPy, {path.with_suffix('.npz').name!r}; got "
+            f"{path.name!r}. For ParaView: result.to_pyvista().save('name.vtu')"
+        )
+    return path.with_name(path.name + ".npz")
+
+
 def checksum(arrays: Mapping[str, Any]) -> str:
     """SHA-256 of names, types, shapes and values.
 

@@ -26,7 +26,7 @@ from contact.laws.iteration import Iteration
 from contact.laws.options import default_tolerance
 from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.obstacles.rigid import ObstacleMotion
-from contact.output.archive import DamagedFile, read_arrays, write_arrays
+from contact.output.archive import DamagedFile, named_archive, read_arrays, write_arrays
 from contact.result.certify import as_lines, certify
 from contact.result.consistency import check_mesh, check_problem, check_state
 from contact.result.contact_state import ContactState
@@ -34,6 +34,7 @@ from contact.result.contact_system import ContactSystem
 from contact.result.stored_pieces import words_of_distributed
 from contact.result.stored_rows import OWN, pack, rows_arrays, rows_from, unpack
 from contact.rows.contact_rows import ContactRows
+from contact.spectral.stored_grid import KIND
 from skfem_adini import ElementHexAdini, ElementQuadAdini, ElementQuadBFS
 
 # Several bodies have a format of their own: versions that know one body only refuse it.
@@ -64,7 +65,7 @@ def write(state: ContactState, path: str | Path) -> Path:
     InputError
         See `ContactResult.save`.
     """
-    path = _named(path)
+    path = named_archive(path)
     if isinstance(state.system.body, DistributedBody):
         raise InputError(
             "result: that of a DistributedBody is not in one file; write "
@@ -74,23 +75,6 @@ def write(state: ContactState, path: str | Path) -> Path:
     _certify(state, "result: it would be refused when it is read")
     write_arrays(path, arrays)
     return path
-
-
-def _named(path: str | Path) -> Path:
-    """The name with its suffix .npz."""
-    try:
-        path = Path(path)
-    except TypeError:
-        raise InputError(f"path={path!r}: expected the name of a file") from None
-    suffix = path.suffix
-    if suffix.lower() == ".npz":
-        return path
-    if suffix and not suffix[1:].isdecimal():  # "step.1" and "load_0.25" are names
-        raise InputError(
-            f"path: a result is an archive of NumPy, {path.with_suffix('.npz').name!r}; got "
-            f"{path.name!r}. For ParaView: result.to_pyvista().save('name.vtu')"
-        )
-    return path.with_name(path.name + ".npz")
 
 
 def problem_arrays(system: ContactSystem) -> dict[str, Any]:
@@ -206,7 +190,7 @@ def state_arrays(state: ContactState) -> dict[str, Any]:
 
 def read(path: str | Path) -> ContactState:
     """Read what `write` wrote; see `ContactResult.load`."""
-    name = _named(path)
+    name = named_archive(path)
     arrays, checksum = read_arrays(name)
     return rebuild(name, arrays, checksum is not None)
 
@@ -269,6 +253,8 @@ def _rebuild(
     arrays: dict[str, Any], with_checksum: bool, near: ContactSystem | None
 ) -> ContactState:
     about = json.loads(str(arrays["about"]))
+    if about.get("kind") == KIND:
+        raise InputError("it holds a GridResult; GridResult.load reads it")
     if about["format"] not in ((_FORMAT, _SEVERAL) if with_checksum else (_BEFORE_CHECKSUMS,)):
         beside = "with" if with_checksum else "without"
         raise InputError(

@@ -18,6 +18,7 @@ from contact.obstacles.rough import Rough
 from contact.obstacles.shapes import ObstacleLike, evaluate_gap
 from contact.spectral.friction_newton import GridFriction, friction_newton
 from contact.spectral.frictionless import frictionless
+from contact.spectral.grid_case import GridCase
 from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import GridProblem
 from contact.spectral.grid_result import GridResult, certified
@@ -161,11 +162,6 @@ class GridContact:
         normal = normal.reshape((-1,) + (1,) * (x.ndim - 1))
         return evaluate_gap(self._rigid.obstacle, x, np.broadcast_to(normal, x.shape))
 
-    @property
-    def _areas(self) -> Any:
-        """Area of each point, a number or of the shape of the grid."""
-        return float(np.prod(self.compliance.spacing)) * getattr(self.compliance, "weights", 1.0)
-
     def _friction(self) -> Array:
         return self._given_friction
 
@@ -210,7 +206,8 @@ class GridContact:
         if numbers("tol", tol).shape != () or not 0 < tol < 1:
             raise InputError(f"tol={tol!r}: expected a number between 0 and 1")
         self._check_after(after)
-        problem, history = self._problem(after), []
+        case, history = self._case(after), []
+        problem = case.problem()
 
         def report(iteration: Iteration) -> None:
             history.append(iteration)
@@ -218,7 +215,7 @@ class GridContact:
                 print(iteration)
 
         friction = self._friction()
-        self._check_forces(problem, friction)
+        _check_forces(case, problem)
         inner = _INNER * tol
         before = None
         if after is not None and np.any(after.pressure > 0):
@@ -228,16 +225,15 @@ class GridContact:
         l, a = xp.zeros_like(problem.v0), np.zeros(len(problem.v0))
         l[0], a[0] = mu, lift
         _check_fixed(problem, l, a)
-        coulomb = self.law == "coulomb"
-        area = 1.0 if coulomb else host(self._areas)
-        law = GridFriction(xp.asarray(friction * area), coulomb)
-        if np.any(friction > 0) and (bool((mu > 0).any()) or not coulomb):
+        law = case.friction_law(xp)
+        if np.any(friction > 0) and (bool((mu > 0).any()) or not law.coulomb):
             share = mu if bool((mu > 0).any()) else xp.broadcast_to(law.value, mu.shape)
             for i in problem.free:
                 if i:
                     l[i] = share / share.sum() * problem.force[i]
             l, a = _with_friction(problem, law, (l, a), inner, report)
-        return certified(problem, law, (l, a), self._controls()[0], tol, tuple(history))
+        result = certified(problem, law, (l, a), case.motion, tol, tuple(history))
+        return replace(result, _proof=(case, a, tol))
 
     def history(
         self, obstacles: Sequence[Rigid], *, tol: float = 1e-10, verbose: bool = False
@@ -271,21 +267,11 @@ class GridContact:
             results.append(step.solve(tol=tol, after=last, verbose=verbose))
         return results
 
-    def _problem(self, after: GridResult | None) -> GridProblem:
-        initial = self.compliance.initial
+    def _case(self, after: GridResult | None) -> GridCase:
         motion, force = self._controls()
-        if not np.any(self._friction() > 0):  # what is not felt is not balanced either
-            across = np.asarray(self.compliance.normal) == 0
-            motion, force = np.where(across, 0.0, motion), np.where(across, np.nan, force)
-        problem = GridProblem(self.compliance, initial, initial[0], force)
-        xp = problem.xp
-        order, sign = problem.order
-        turn = np.array([sign] + [1.0] * (len(order) - 1))
-        moved = problem.moved(turn * np.nan_to_num(motion)[order])
-        v0 = problem.turned(initial) - moved
-        if after is not None:
-            v0[1:] -= xp.asarray(after.slip)
-        return GridProblem(self.compliance, v0, xp.asarray(self._gap), -turn * force[order])
+        since = None if after is None else after.slip
+        friction = self._friction()
+        return GridCase(self.compliance, self._gap, friction, self.law, motion, force, since)
 
     def _check_after(self, after: Any) -> None:
         expected = (len(self.compliance.shape) + 1, *self.compliance.shape)
@@ -296,23 +282,21 @@ class GridContact:
                 f"after: a result on {after.pressure.shape} points, not on {self.compliance.shape}"
             )
 
-    def _check_forces(self, problem: GridProblem, friction: Array) -> None:
-        total = problem.force[0]
-        if total < 0:
-            raise Infeasible("obstacle: the force pulls it off the body; turn it round")
-        if total > 0 and not bool(problem.can_touch.any()):
-            raise Infeasible("obstacle: it is within reach of no point that the force could press")
-        drag = np.linalg.norm(np.nan_to_num(problem.force[1:]))
-        most = (
-            friction.max() * total
-            if self.law == "coulomb"
-            else float((friction * host(self._areas)).sum())
+
+def _check_forces(case: GridCase, problem: GridProblem) -> None:
+    total, friction = problem.force[0], case.friction
+    if total < 0:
+        raise Infeasible("obstacle: the force pulls it off the body; turn it round")
+    if total > 0 and not bool(problem.can_touch.any()):
+        raise Infeasible("obstacle: it is within reach of no point that the force could press")
+    drag = np.linalg.norm(np.nan_to_num(problem.force[1:]))
+    held = friction.max() * total if case.coulomb else (friction * host(case.areas)).sum()
+    most = float(held)
+    if np.any(friction > 0) and drag > 0 and drag >= most * (1 - 1e-12):
+        raise Infeasible(
+            f"obstacle: the force {drag:.6g} along the surface is beyond the friction, which "
+            f"holds {most:.6g}; let it move by a displacement"
         )
-        if np.any(friction > 0) and drag > 0 and drag >= most * (1 - 1e-12):
-            raise Infeasible(
-                f"obstacle: the force {drag:.6g} along the surface is beyond the friction, which "
-                f"holds {most:.6g}; let it move by a displacement"
-            )
 
 
 def _check_fixed(problem: GridProblem, l: Any, a: Any) -> None:

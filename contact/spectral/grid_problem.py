@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from contact.arrays.namespace import namespace
+from contact.errors import InputError
 from contact.spectral.grid_compliance import GridCompliance
 
 Grid = Any  # an array of NumPy or CuPy
@@ -177,3 +178,45 @@ def project(q: Grid, g: Grid) -> Grid:
     xp = namespace(q)
     length = xp.sqrt((q * q).sum(axis=0))
     return q * xp.where(length > g, g / xp.where(length > 0, length, 1.0), 1.0)
+
+
+def residuals(problem: GridProblem, l: Grid, v: Grid, bound: Grid) -> dict[str, float]:
+    """Relative residuals of the laws and of the balance, with the words of `ContactResult.kkt`.
+
+    Parameters
+    ----------
+    problem : GridProblem
+    l : array, shape (dim, nx[, ny])
+        Forces.
+    v : array, shape (dim, nx[, ny])
+        Displacements relative to the obstacle.
+    bound : array, shape (nx[, ny])
+        Of friction.
+
+    Raises
+    ------
+    InputError
+        Forces or displacements that are not finite.
+    """
+    xp, size = problem.xp, problem.size(l)
+    length = max(float(xp.abs(v).max()), size / problem.scale_normal)
+    through = xp.where(problem.can_touch, v[0] - problem.gap, -np.inf)
+    t = l[1:]
+    returned = t - project(t + size / length * v[1:], bound)
+    excess = xp.sqrt((t * t).sum(axis=0)) - bound
+    least = xp.minimum(xp.abs(l[0]) / size, xp.abs(through) / length)
+    worst = {
+        "penetration": xp.maximum(through, 0.0).max() / length,
+        "sign": xp.maximum(-l[0], 0.0).max() / size,
+        "complementarity": least.max(),
+        "cone": xp.maximum(excess, 0.0).max() / size,
+        "slip": xp.abs(returned).max() / size,
+    }
+    kkt = {name: float(value) for name, value in worst.items()}
+    if problem.free:
+        off = (problem.sums(l) - problem.force)[problem.free]
+        whole = float(xp.abs(l).sum()) + float(np.abs(problem.force[problem.free]).max())
+        kkt["obstacle"] = float(np.abs(off).max()) / (whole or 1.0)
+    if not all(np.isfinite(value) for value in kkt.values()):
+        raise InputError("kkt: forces or displacements are not finite")
+    return kkt

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,11 @@ from contact.laws.status import Status
 from contact.spectral.contact_area import corrected_area, perimeter
 from contact.spectral.contact_edge import ContactEdge, contact_edge
 from contact.spectral.friction_newton import GridFriction
+from contact.spectral.grid_case import GridCase
 from contact.spectral.grid_compliance import GridCompliance
-from contact.spectral.grid_problem import Grid, GridProblem, project
+from contact.spectral.grid_problem import Grid, GridProblem, residuals
 from contact.spectral.slices import FieldsInside, image_data
+from contact.spectral.stored_grid import GridState, read, write
 
 Array = NDArray[np.float64]
 
@@ -71,6 +74,7 @@ class GridResult(FieldsInside):
     kkt: dict[str, float]
     history: tuple[Iteration, ...]
     _fields: dict[str, Grid]  # where they were computed, until they are asked for
+    _proof: tuple[GridCase, Array, float] | None = None  # case, motions found, tolerance
 
     def __getattr__(self, name: str) -> Any:
         """A field, brought to the host when it is first asked for."""
@@ -84,6 +88,81 @@ class GridResult(FieldsInside):
         """Bring all fields to the host, which frees the memory of a device."""
         for name in list(self._fields):
             getattr(self, name)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the result, problem included, to one compressed file; see `load`.
+
+        Parameters
+        ----------
+        path : str or Path
+            Ends in .npz, which is added to a name that has no suffix, or only a number as suffix.
+
+        Returns
+        -------
+        Path
+            The file, complete and on the disk.
+
+        Raises
+        ------
+        InputError
+            Another suffix; a compliance or an element that cannot be stored; a result that no
+            `GridContact` made.
+        """
+        if self._proof is None:
+            raise InputError("result: it does not know its problem; GridContact.solve returns one")
+        case, a, tol = self._proof
+        return write(GridState(case, self.forces, np.asarray(a), tol, self.history), path)
+
+    @classmethod
+    def load(cls, path: str | Path, xp: Any = np) -> GridResult:
+        """Read a file written by `save`: nothing is lost, and the certificate is computed anew.
+
+        The compliance is built from its arguments in the file, and all fields are computed from it
+        and the contact forces, so that the residuals show whether problem and solution still belong
+        together. A checksum covers what does not enter them, such as gaps of open points. The next
+        step of a history may start from the result as from the one that was saved. Functions are
+        not stored: the file has the values that obstacle and friction took.
+
+        Parameters
+        ----------
+        path : str or Path
+        xp : module
+            `numpy`, or `cupy` for a compliance on a device.
+
+        Returns
+        -------
+        GridResult
+
+        Raises
+        ------
+        InputError
+            The file does not exist, is damaged, changed or of another kind, or its solution does
+            not solve its problem.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> from contact import GridContact, HalfSpace, Parabola, Rigid
+        >>> ball = Rigid(Parabola((0.5, 0.5, 0.0), radius=2.0), force=(0.0, 0.0, 1e-3))
+        >>> result = GridContact(HalfSpace((1.0, 1.0), (32, 32), E=1.0, nu=0.3), ball).solve()
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     again = GridResult.load(result.save(f"{folder}/ball"))
+        >>> bool((again.pressure == result.pressure).all())
+        True
+        """
+        case, forces, a, tol, history = read(path, xp)
+        problem = case.problem()
+        law = case.friction_law(problem.xp)
+        # On another processor residuals near their limit may round up.
+        limit = max(2 * tol, 1e-12)
+        try:
+            state = problem.xp.asarray(forces), a
+            result = certified(problem, law, state, case.motion, limit, history)
+        except NotConverged as error:
+            raise InputError(
+                f"result file {path}: its solution does not solve the problem beside it: {error}"
+            ) from error
+        return replace(result, _proof=(case, a, tol))
 
     def __repr__(self) -> str:
         size = " x ".join(map(str, self.pressure.shape))
@@ -261,7 +340,7 @@ def certified(
     (l, a), xp = state, problem.xp
     pressed, bound = problem.W(l), law.bound(xp.maximum(l[0], 0.0))
     v = problem.v0 - pressed + problem.moved(a)
-    kkt = _kkt(problem, l, v, bound)
+    kkt = residuals(problem, l, v, bound)
     missed = {name: value for name, value in kkt.items() if not value <= tol}
     if missed:
         found = ", ".join(f"{name} {value:.1e}" for name, value in missed.items())
@@ -298,28 +377,3 @@ def certified(
             "forces": l,
         },
     )
-
-
-def _kkt(problem: GridProblem, l: Grid, v: Grid, bound: Grid) -> dict[str, float]:
-    xp, size = problem.xp, problem.size(l)
-    length = max(float(xp.abs(v).max()), size / problem.scale_normal)
-    through = xp.where(problem.can_touch, v[0] - problem.gap, -np.inf)
-    t = l[1:]
-    returned = t - project(t + size / length * v[1:], bound)
-    excess = xp.sqrt((t * t).sum(axis=0)) - bound
-    least = xp.minimum(xp.abs(l[0]) / size, xp.abs(through) / length)
-    worst = {
-        "penetration": xp.maximum(through, 0.0).max() / length,
-        "sign": xp.maximum(-l[0], 0.0).max() / size,
-        "complementarity": least.max(),
-        "cone": xp.maximum(excess, 0.0).max() / size,
-        "slip": xp.abs(returned).max() / size,
-    }
-    kkt = {name: float(value) for name, value in worst.items()}
-    if problem.free:
-        off = (problem.sums(l) - problem.force)[problem.free]
-        whole = float(xp.abs(l).sum()) + float(np.abs(problem.force[problem.free]).max())
-        kkt["obstacle"] = float(np.abs(off).max()) / (whole or 1.0)
-    if not all(np.isfinite(value) for value in kkt.values()):
-        raise InputError("kkt: forces or displacements are not finite")
-    return kkt

@@ -45,6 +45,8 @@ class HalfSpace(FilteredCompliance):
 
     Attributes
     ----------
+    lengths, E, nu
+        As they were given, the lengths as a tuple.
     stiffness : array, shape (dim, dim, nx // 2 + 1) or (dim, dim, nx, ny // 2 + 1)
         Forces on points per displacement, for each wave of a real transform; for the mean those of
         the longest wave.
@@ -102,6 +104,7 @@ class HalfSpace(FilteredCompliance):
             raise InputError(f"normal={normal!r}: expected a direction along one of {dim} axes")
         self.shape: tuple[int, ...] = tuple(int(m) for m in points)
         self.spacing: tuple[float, ...] = tuple((sides / points).tolist())
+        self.lengths, self.E, self.nu = tuple(sides.tolist()), float(young), float(ratio)
         self.normal = np.sign(given)
         self.contact_modulus = float(young / (1 - ratio**2))
         self.constant = np.zeros(dim, dtype=bool)

@@ -39,7 +39,7 @@ def test_forces_are_those_of_the_dense_solver(shape, nu, friction, law, sign, by
     result = contact.solve(tol=1e-10)
     cell = np.prod(space.spacing)
     g = friction if law == "coulomb" or friction is None else friction * cell
-    wanted = forces_of(contact._problem(None), g, law)
+    wanted = forces_of(contact._case(None).problem(), g, law)
     assert np.any(wanted[0] > 0)
     assert result.forces == pytest.approx(wanted, abs=1e-10 * np.abs(wanted).max())
     assert result.pressure == pytest.approx(result.forces[0] / cell)
@@ -69,7 +69,7 @@ def test_history_equals_dense_steps(shape, law):
     results = GridContact(space, 0.0, F, law).history(obstacles)
     slip = np.zeros((dim - 1, *shape))
     for obstacle, result in zip(obstacles, results, strict=True):
-        alone = GridContact(space, obstacle, F, law)._problem(None)
+        alone = GridContact(space, obstacle, F, law)._case(None).problem()
         v0 = alone.v0.copy()
         v0[1:] -= slip
         step = GridProblem(space, v0, alone.gap, alone.force)
@@ -95,7 +95,7 @@ def test_layers_on_a_half_space(shape, law):
     contact = GridContact(block, ground, given, law)
     result = contact.solve()
     bound = given if law == "coulomb" else given * result.cell
-    wanted = forces_of(contact._problem(None), bound, law)
+    wanted = forces_of(contact._case(None).problem(), bound, law)
     assert result.forces == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())
     assert result.resultant == pytest.approx((*drag, load))
     assert {Status.STICK, Status.SLIP} <= set(result.status.ravel())

@@ -170,7 +170,7 @@ def test_light_contact_is_linear_in_the_load():
 def test_certificate_finds_wrong_forces():
     result = solved()
     contact = GridContact(result.compliance, PRESSED, 0.4)
-    problem, given = contact._problem(None), contact._controls()[0]
+    problem, given = contact._case(None).problem(), contact._controls()[0]
     law = GridFriction(np.full((32, 32), 0.4), True)
     a = problem.turned(-result.motion.reshape(3, 1, 1)).ravel()
     good = certified(problem, law, (result.forces, a), given, 1e-9, ())

@@ -27,7 +27,7 @@ def difference(seed):
     contact, kind = random_problem(seed)
     result = contact.solve()
     sparse = replace(contact, compliance=SparseCompliance.of(contact.compliance))
-    problem, coulomb = sparse._problem(None), contact.law == "coulomb"
+    problem, coulomb = sparse._case(None).problem(), contact.law == "coulomb"
     friction = contact._friction() * (1.0 if coulomb else result.cell)
     a = -problem.turned(result.motion.reshape(-1, *[1] * (kind["dim"] - 1))).ravel()
     a[np.isnan(problem.force)] = 0.0

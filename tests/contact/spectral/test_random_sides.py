@@ -63,10 +63,12 @@ def check(seed):
     contact = random_contact(seed)
     result, dim = contact.solve(), contact.compliance.dim
     sparse = replace(contact, compliance=SparseCompliance.of(contact.compliance))
-    problem, coulomb = sparse._problem(None), contact.law == "coulomb"
+    problem, coulomb = sparse._case(None).problem(), contact.law == "coulomb"
     a = -problem.turned(result.motion.reshape(-1, *[1] * (dim - 1))).ravel()
     a[np.isnan(problem.force)] = 0.0
-    law = GridFriction(contact._friction() * (1.0 if coulomb else contact._areas), coulomb)
+    law = GridFriction(
+        contact._friction() * (1.0 if coulomb else contact._case(None).areas), coulomb
+    )
     certified(problem, law, (result.forces, a), contact._controls()[0], 1e-8, ())
 
 

@@ -1,0 +1,74 @@
+"""What states a contact problem on a grid: a compliance, and numbers on the host."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact.arrays.namespace import host
+from contact.spectral.friction_newton import GridFriction
+from contact.spectral.grid_compliance import GridCompliance
+from contact.spectral.grid_problem import GridProblem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class GridCase:
+    """A step of contact on a grid, from which its `GridProblem` follows.
+
+    Attributes
+    ----------
+    compliance : GridCompliance
+    gap : ndarray, shape (nx[, ny])
+        Before the obstacle moves.
+    friction : ndarray, shape (nx[, ny])
+        Coulomb's coefficient, or Tresca's bound, a traction.
+    law : {"coulomb", "tresca"}
+    motion, force : ndarray, shape (dim,)
+        Of the obstacle; for each component one of the two is NaN.
+    slip_from : ndarray, shape (dim - 1, nx[, ny]), optional
+        The slip of the step before, which friction does not act on.
+    """
+
+    compliance: GridCompliance
+    gap: Array
+    friction: Array
+    law: str
+    motion: Array
+    force: Array
+    slip_from: Array | None
+
+    @property
+    def areas(self) -> Any:
+        """Area of each point, a number or of the shape of the grid."""
+        return float(np.prod(self.compliance.spacing)) * getattr(self.compliance, "weights", 1.0)
+
+    @property
+    def coulomb(self) -> bool:
+        """Whether friction follows Coulomb's law."""
+        return self.law == "coulomb"
+
+    def problem(self) -> GridProblem:
+        """The problem in normal and tangential components, where the compliance computes."""
+        initial, motion, force = self.compliance.initial, self.motion, self.force
+        if not np.any(self.friction > 0):  # what is not felt is not balanced either
+            across = np.asarray(self.compliance.normal) == 0
+            motion, force = np.where(across, 0.0, motion), np.where(across, np.nan, force)
+        problem = GridProblem(self.compliance, initial, initial[0], force)
+        xp = problem.xp
+        order, sign = problem.order
+        turn = np.array([sign] + [1.0] * (len(order) - 1))
+        moved = problem.moved(turn * np.nan_to_num(motion)[order])
+        v0 = problem.turned(initial) - moved
+        if self.slip_from is not None:
+            v0[1:] -= xp.asarray(self.slip_from)
+        return GridProblem(self.compliance, v0, xp.asarray(self.gap), -turn * force[order])
+
+    def friction_law(self, xp: Any) -> GridFriction:
+        """The law for forces on points, with arrays of NumPy or CuPy."""
+        area = 1.0 if self.coulomb else host(self.areas)
+        return GridFriction(xp.asarray(self.friction * area), self.coulomb)
