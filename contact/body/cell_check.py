@@ -24,6 +24,12 @@ def check_cells(mesh: Mesh) -> None:
     """Raise unless every cell is mapped one to one and lies beside its neighbours, not on them."""
     if not mesh.nelements:
         raise InputError("mesh: has no cells")
+    if mesh.t.min() < 0 or mesh.t.max() >= mesh.p.shape[1]:  # which compiled code does not see
+        wrong = int(np.argmax((mesh.t < 0).any(axis=0) | (mesh.t >= mesh.p.shape[1]).any(axis=0)))
+        raise InputError(
+            f"mesh: cell {wrong} has the vertices {mesh.t[:, wrong].tolist()}, of 0 to "
+            f"{mesh.p.shape[1] - 1}; it names one that does not exist"
+        )
     if not np.all(np.isfinite(mesh.doflocs)):
         raise InputError("mesh: has coordinates that are not finite")
     if not is_straight(mesh):

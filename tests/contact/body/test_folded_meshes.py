@@ -99,6 +99,15 @@ def test_what_is_accepted(plain, curved, element):
     body(grid(plain, curved, needle), element)
 
 
+@pytest.mark.parametrize("vertex", [-1, -(10**7), 25, 10**8])
+def test_cells_name_vertices_that_exist(vertex):
+    mesh = MeshQuad().refined(2)
+    t = mesh.t.copy()
+    t[1, 3] = vertex
+    with pytest.raises(InputError, match=f"cell 3 has the vertices .*{vertex}.*, of 0 to 24"):
+        body(MeshQuad(mesh.p, t), ElementQuad1)
+
+
 def test_flat_cells_are_refused():
     """Also where a determinant is exactly zero, of which scikit-fem makes a bare Exception."""
     for plain, element in (
