@@ -47,8 +47,10 @@ def complete_file(path: Path, *, exclusive: bool = False) -> Iterator[IO[bytes]]
     >>> path.read_text()
     'one'
     """
-    descriptor, temporary = _unfinished(path.parent)
-    try:
+    temporary, descriptor = _beside(path), None
+    try:  # begins before the file is there: an interruption may come between
+        while (descriptor := _locked(temporary)) is None:
+            temporary = _beside(path)
         with os.fdopen(descriptor, "wb") as file:
             yield file
             file.flush()
@@ -57,8 +59,9 @@ def complete_file(path: Path, *, exclusive: bool = False) -> Iterator[IO[bytes]]
                 _move(temporary, path, exclusive)
         if os.name != "posix":  # no open file can be moved there
             _move(temporary, path, exclusive)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
+    except BaseException as error:
+        if descriptor is not None or not isinstance(error, OSError):  # else it was not made
+            temporary.unlink(missing_ok=True)
         raise
     _sync_folder(path.parent)
 
@@ -84,17 +87,20 @@ def remove_unfinished(folder: Path) -> None:
             os.close(descriptor)
 
 
-def _unfinished(folder: Path) -> tuple[int, Path]:
-    """Create and lock a new file with a random name; return its descriptor and path."""
+def _beside(path: Path) -> Path:
+    return path.parent / f"tmp{token_hex(16)}"
+
+
+def _locked(path: Path) -> int | None:
+    """Create and lock a new file; return its descriptor, or None if it is gone again."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
     flags |= getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
-    while True:
-        path = folder / f"tmp{token_hex(16)}"
-        descriptor = os.open(path, flags, 0o666)
-        # Before it was locked, `remove_unfinished` may have removed it as that of a killed process.
-        if try_lock(descriptor) is not False and path.exists():
-            return descriptor, path
-        os.close(descriptor)
+    descriptor = os.open(path, flags, 0o666)
+    # Before it was locked, `remove_unfinished` may have removed it as that of a killed process.
+    if try_lock(descriptor) is not False and path.exists():
+        return descriptor
+    os.close(descriptor)
+    return None
 
 
 def _move(temporary: Path, path: Path, exclusive: bool) -> None:

@@ -134,3 +134,15 @@ def test_remnants_of_a_kill_are_removed(tmp_path):
         remove_unfinished(tmp_path)
     assert (tmp_path / "one").read_bytes() == b"whole"
     assert sorted(tmp_path.iterdir()) == sorted([*others, tmp_path / "one"])
+
+
+def test_interrupted_before_the_file_is_written(tmp_path, monkeypatch):
+    """Ctrl-C when the temporary file has just been made, and nothing was handed out yet."""
+
+    def interrupt(descriptor):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("skfem_adini.output.complete_file.try_lock", interrupt)
+    with pytest.raises(KeyboardInterrupt), complete_file(tmp_path / "one"):
+        pass
+    assert not list(tmp_path.iterdir())
