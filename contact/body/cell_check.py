@@ -24,16 +24,9 @@ def check_cells(mesh: Mesh) -> None:
     """Raise unless every cell is mapped one to one and lies beside its neighbours, not on them."""
     if not mesh.nelements:
         raise InputError("mesh: has no cells")
-    if mesh.t.min() < 0 or mesh.t.max() >= mesh.p.shape[1]:  # which compiled code does not see
-        wrong = int(np.argmax((mesh.t < 0).any(axis=0) | (mesh.t >= mesh.p.shape[1]).any(axis=0)))
-        raise InputError(
-            f"mesh: cell {wrong} has the vertices {mesh.t[:, wrong].tolist()}, of 0 to "
-            f"{mesh.p.shape[1] - 1}; it names one that does not exist"
-        )
+    _check_numbers(mesh)
     if not np.all(np.isfinite(mesh.doflocs)):
         raise InputError("mesh: has coordinates that are not finite")
-    if not is_straight(mesh):
-        _ = mesh.dofs  # which all threads read
     sound = np.concatenate(in_ranges(partial(_sound, mesh), mesh.nelements))
     if not np.all(sound):
         raise InputError(
@@ -42,6 +35,27 @@ def check_cells(mesh: Mesh) -> None:
         )
     number_facets(mesh)
     _check_beside(mesh)
+
+
+def _check_numbers(mesh: Mesh) -> None:
+    """Raise where compiled code would read past an array."""
+    if len(mesh.doflocs) != mesh.dim():
+        raise InputError(
+            f"mesh: {type(mesh).__name__} has points of {mesh.dim()} coordinates, got "
+            f"{len(mesh.doflocs)}"
+        )
+    wrong = np.flatnonzero(((mesh.t < 0) | (mesh.t >= mesh.p.shape[1])).any(axis=0))
+    if wrong.size:
+        raise InputError(
+            f"mesh: cell {wrong[0]} has the vertices {mesh.t[:, wrong[0]].tolist()}, of 0 to "
+            f"{mesh.p.shape[1] - 1}; it names one that does not exist"
+        )
+    # The numbering of a curved mesh, which all threads read later.
+    if not is_straight(mesh) and mesh.doflocs.shape[1] < mesh.dofs.N:
+        raise InputError(
+            f"mesh: its cells have {mesh.dofs.N} nodes, and places are given for "
+            f"{mesh.doflocs.shape[1]}"
+        )
 
 
 def _sound(mesh: Mesh, cells: slice) -> NDArray[np.bool_]:

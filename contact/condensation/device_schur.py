@@ -99,8 +99,7 @@ def restricted(system: ScaledStiffness) -> Restricted | None:
     if system.free is None or np.any(np.diff(system.free) <= 0):
         return None
     placed = None if system.placed is None else system.placed.placed
-    whole = system.whole if placed is None else system.of_body
-    return Restricted(whole, system.free, system.unit, placed)
+    return Restricted(system.given, system.free, system.unit, placed)
 
 
 def on_device(factored: Callable[[bool], Factors], hybrid: bool = True) -> Factors:

@@ -28,48 +28,48 @@ class ScaledStiffness:
 
     Attributes
     ----------
-    of_body : callable () -> csr_array
-        S on the host, which need not be there where it is assembled on a device.
+    given : csr_array, or callable () -> csr_array
+        S on the host, or what computes it where it was assembled on a device.
     free : ndarray, shape (n,), or None
         Rows and columns of S that remain; None for all.
     unit : ndarray, shape (n,)
         Diagonal of D. The magnitudes of values and derivatives, and of directions, then depend
         neither on the unit of length nor on the aspect ratio of cells. Powers of two cause no
         rounding.
+    diagonal : ndarray, shape (n,)
+        Of ``D S D``.
     placed : SparseRows, optional
         S where dense matrices lie, if it is that of the body and there is room.
     """
 
-    of_body: Callable[[], sparse.csr_array]
+    given: sparse.csr_array | Callable[[], sparse.csr_array]
     free: NDArray[np.integer] | None
     unit: Array
+    diagonal: Array
     placed: SparseRows | None = None
 
     @classmethod
     def of(cls, body: Any, arrays: HostArrays) -> ScaledStiffness:
         """The stiffness of a body in its free unknowns z of ``u = P z + u0``."""
-        P, free, placed = body.constraint[0], body.chosen, None
+        P, free = body.constraint[0], body.chosen
+        placed = None if free is None else _placed(body, arrays)
+        given: Any
         if free is None:
-            S = sparse.csr_array(P.T @ body.stiffness @ P)
-            diagonal, of_body = S.diagonal(), partial(_kept, S)
+            given = sparse.csr_array(P.T @ body.stiffness @ P)
+            diagonal = given.diagonal()
+        elif placed is None:
+            given, diagonal = body.stiffness, body.diagonal[free]
         else:
-            placed = _placed(body, arrays)
-            diagonal = body.diagonal[free] if placed is None else placed.diagonal()[free]
-            of_body = partial(_stiffness, copy(body))  # whose material nobody changes
+            given, diagonal = partial(_stiffness, body, copy(body)), placed.diagonal()[free]
         unit = unit_of(diagonal, np if placed is None else arrays.xp)
-        return cls(of_body, free, np.asarray(arrays.get(unit)), placed)
+        unit, diagonal = (np.asarray(arrays.get(v)) for v in (unit, unit**2 * diagonal))
+        return cls(given, free, unit, diagonal, placed)
 
     @property
     def whole(self) -> sparse.csr_array:
-        """S."""
-        return self.of_body()
-
-    @property
-    def diagonal(self) -> Array:
-        """Diagonal of ``D S D``, shape (n,)."""
-        own = self.whole.diagonal()
-        found: Array = self.unit**2 * (own if self.free is None else own[self.free])
-        return found
+        """S on the host."""
+        S: sparse.csr_array = self.given() if callable(self.given) else self.given
+        return S
 
     def matrix(self) -> sparse.csr_array:
         """``D S D`` on the host."""
@@ -80,12 +80,10 @@ class ScaledStiffness:
         return S
 
 
-def _kept(S: sparse.csr_array) -> sparse.csr_array:
-    return S
-
-
-def _stiffness(body: Any) -> sparse.csr_array:
-    S: sparse.csr_array = body.stiffness
+def _stiffness(body: Any, then: Any) -> sparse.csr_array:
+    """That of a body, or of its copy as it was then if its material was changed since."""
+    same = all(a is b for a, b in zip(body.materials, then.materials, strict=True))
+    S: sparse.csr_array = (body if same else then).stiffness
     return S
 
 

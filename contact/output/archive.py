@@ -6,7 +6,8 @@ import errno
 import hashlib
 import math
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -124,6 +125,17 @@ def read_arrays(path: Path) -> tuple[dict[str, Any], str | None]:
             "it was changed since"
         )
     return arrays, None if given is None else found
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Re-raise errors from arrays that contradict each other as those of this package."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"result file {path}: {error}") from error
+    except Exception as error:
+        raise DamagedFile(f"result file {path} cannot be read: {error!r}") from error
 
 
 def _check_sizes(path: Path, archive: zipfile.ZipFile) -> None:

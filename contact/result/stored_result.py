@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
@@ -26,7 +24,7 @@ from contact.laws.iteration import Iteration
 from contact.laws.options import default_tolerance
 from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.obstacles.rigid import ObstacleMotion
-from contact.output.archive import DamagedFile, named_archive, read_arrays, write_arrays
+from contact.output.archive import named_archive, read_arrays, reading, write_arrays
 from contact.result.certify import as_lines, certify
 from contact.result.consistency import check_mesh, check_problem, check_state
 from contact.result.contact_state import ContactState
@@ -215,7 +213,7 @@ def rebuild(
     ------
     InputError
     """
-    with _told(path):
+    with reading(path):
         state = _rebuild(arrays, with_checksum, near)
         check_state(state)
     _certify(state, f"result file {path}: its solution does not solve the problem beside it")
@@ -226,17 +224,6 @@ def rebuild(
             *(path, _BEFORE_CHECKSUMS),
         )
     return state
-
-
-@contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """Re-raise errors from arrays that contradict each other as those of this package."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"result file {path}: {error}") from error
-    except Exception as error:
-        raise DamagedFile(f"result file {path} cannot be read: {error!r}") from error
 
 
 def _certify(state: ContactState, consequence: str) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +13,7 @@ from numpy.typing import NDArray
 
 from contact.errors import InputError, numbers
 from contact.laws.iteration import Iteration
-from contact.output.archive import DamagedFile, named_archive, read_arrays, write_arrays
+from contact.output.archive import named_archive, read_arrays, reading, write_arrays
 from contact.spectral.grid_case import GridCase
 from contact.spectral.half_space import HalfSpace
 from contact.spectral.periodic_layers import PeriodicLayers
@@ -84,7 +82,7 @@ def read(path: str | Path, xp: Any) -> GridState:
     """Read what `write` wrote, without a certificate; see `contact.GridResult.load`."""
     file = named_archive(path)
     arrays, checksum = read_arrays(file)
-    with _told(file):
+    with reading(file):
         about = json.loads(str(arrays["about"])) if "about" in arrays else {}
         if about.get("kind") != KIND:
             raise InputError("it holds no GridResult; ContactResult.load reads those of bodies")
@@ -122,17 +120,6 @@ def _state(arrays: dict[str, Any], about: dict[str, Any], xp: Any) -> GridState:
     )  # fmt: skip
     lines = tuple(Iteration(**line) for line in about["history"])
     return GridState(case, found["forces"], found["a"], about["tol"], lines)
-
-
-@contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """Re-raise errors from arrays that contradict each other as those of this package."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"result file {path}: {error}") from error
-    except Exception as error:
-        raise DamagedFile(f"result file {path} cannot be read: {error!r}") from error
 
 
 def _words(compliance: Any) -> dict[str, Any]:

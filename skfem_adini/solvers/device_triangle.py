@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -72,12 +73,14 @@ class DeviceTriangle:
 
     def __init__(self, xp: Any, A: Any) -> None:
         self._xp, (whole, self._free, _) = xp, _parts(A)
-        self._pattern = whole.indptr, whole.indices  # to know it again
+        # To know the pattern again. What lies on the device stays with those who placed it there.
+        host = None if isinstance(whole, _Placed) else (whole.indptr, whole.indices)
+        self._pattern = partial(_pattern, host or on_host_alone(A))
         self._taken: Any = None
         if not whole.has_canonical_format:
             return
         n, size = A.shape[0], whole.indptr.size - 1
-        starts, columns = map(xp.asarray, self._pattern)
+        starts, columns = xp.asarray(whole.indptr), xp.asarray(whole.indices)
         entries = xp.arange(columns.size, dtype=starts.dtype)
         rows = xp.searchsorted(starts[1:], entries, side="right")
         if self._free is not None:
@@ -96,7 +99,7 @@ class DeviceTriangle:
     def arrays(self, A: Any) -> tuple[Any, Any, Any]:
         """Return row starts and columns (int32) and values of the matrix, on the device."""
         if self._taken is not None:
-            return self._starts, self._columns, self.values(A)
+            return self._starts, self._columns, self._values(A)
         upper, put = upper_triangle(_on_host(A)), self._xp.asarray
         _countable(upper.nnz)
         return (
@@ -113,16 +116,17 @@ class DeviceTriangle:
         InputError
             The pattern is another one.
         """
-        whole, free, scale = _parts(A)
-        now = whole.indptr, whole.indices
-        same = all(map(self._equal, self._pattern, now))
-        if not (same and np.array_equal(free, self._free)):
+        before, now = self._pattern(), _pattern(on_host_alone(A))
+        same = all(a is b or np.array_equal(a, b) for a, b in zip(before, now, strict=True))
+        if not (same and np.array_equal(_parts(A)[1], self._free)):
             raise InputError(
-                f"A: its {now[1].size} entries are not in the places of the "
-                f"{self._pattern[1].size} entries that were analysed; call factorize for another "
-                "pattern"
+                f"A: its {now[1].size} entries are not in the places of the {before[1].size} "
+                "entries that were analysed; call factorize for another pattern"
             )
-        xp = self._xp
+        return self._values(A)
+
+    def _values(self, A: Any) -> Any:
+        xp, (whole, _, scale) = self._xp, _parts(A)
         if self._taken is None:
             return xp.asarray(upper_triangle(_on_host(A)).data.astype(np.float64))
         values = xp.asarray(whole.data)[self._taken].astype(np.float64, copy=False)
@@ -134,13 +138,13 @@ class DeviceTriangle:
             values *= scale[self._columns]
         return values
 
-    def _equal(self, one: Any, other: Any) -> bool:
-        """Whether two arrays are equal, compared on the device unless both are on the host."""
-        if one is other:
-            return True
-        if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
-            return np.array_equal(one, other)
-        return bool(self._xp.array_equal(self._xp.asarray(one), self._xp.asarray(other)))
+
+def _pattern(known: Any) -> tuple[Any, Any]:
+    """Row starts and columns on the host, of a matrix or as they are."""
+    if isinstance(known, tuple):
+        return known
+    whole = _parts(known)[0]
+    return whole.indptr, whole.indices
 
 
 class _Placed(NamedTuple):

@@ -23,6 +23,7 @@ from skfem import (
 
 from contact import ElasticBody, InputError
 from contact.body import cell_check, jacobians
+from contact.body.cell_check import check_cells
 from contact.facet_basis import places_on_facets
 
 KINDS = [
@@ -106,6 +107,27 @@ def test_cells_name_vertices_that_exist(vertex):
     t[1, 3] = vertex
     with pytest.raises(InputError, match=f"cell 3 has the vertices .*{vertex}.*, of 0 to 24"):
         body(MeshQuad(mesh.p, t), ElementQuad1)
+
+
+@pytest.mark.parametrize("plain", [MeshTri, MeshQuad, MeshTet, MeshHex])
+@pytest.mark.parametrize("more", [-1, 1])
+def test_points_have_the_coordinates_of_the_mesh(plain, more):
+    mesh = plain().refined(1)
+    rows = mesh.p[:-1] if more < 0 else np.vstack([mesh.p, mesh.p[:1] ** 2])
+    mesh.doflocs = rows
+    with pytest.raises(InputError, match=rf"points of {mesh.dim()} coordinates, got {len(rows)}"):
+        check_cells(mesh)
+
+
+@pytest.mark.parametrize("plain", [MeshTri2, MeshQuad2, MeshTet2, MeshHex2])
+def test_curved_cells_have_places_for_all_nodes(plain):
+    mesh = plain()
+    count = mesh.doflocs.shape[1]
+    mesh.doflocs = mesh.doflocs[:, :-1].copy()
+    with pytest.raises(
+        InputError, match=f"have {count} nodes, and places are given for {count - 1}"
+    ):
+        check_cells(mesh)
 
 
 def test_flat_cells_are_refused():

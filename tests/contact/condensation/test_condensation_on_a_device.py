@@ -229,6 +229,17 @@ def test_the_stiffness_of_congruent_cells_is_assembled_on_the_device(engine, mak
         np.testing.assert_allclose(on_host(copied.schur), on_host(factor.schur), rtol=0, atol=1e-12)
 
 
+def test_a_device_path_that_eliminates_nothing_assembles_nothing_on_the_host(engine, make):
+    problem = held(make, ElementQuadAdini)
+    (part,) = problem.condense(device="cuda", deterministic=True).parts
+    problem.solve()
+    assert "stiffness" not in vars(part.body)
+    P = part.body.constraint[0]
+    expected = (P.T @ part.body.stiffness @ P).diagonal() * part._factor.system.unit**2
+    np.testing.assert_allclose(part.diagonal, expected, rtol=1e-15)
+    assert part._factor.system.whole is part.body.stiffness  # one matrix, and not a copy's
+
+
 def test_cells_that_differ_are_assembled_on_the_host(engine, make):
     uneven = ElasticBody.from_mesh(
         make.box(ElementQuadAdini, np.linspace(0.0, 1.0, 6) ** 1.5, np.linspace(0.0, 1.0, 7) ** 2),

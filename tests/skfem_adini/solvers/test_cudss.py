@@ -507,8 +507,10 @@ def test_a_restricted_matrix_is_that_of_the_host(fake):
     placed = DeviceTriangle(np, there)
     for ours, theirs in zip(placed.arrays(there), triangle.arrays(restricted), strict=True):
         np.testing.assert_array_equal(ours, theirs)
+    assert not asked  # for the matrix on the host, which only another pattern or a copy needs
     np.testing.assert_array_equal(placed.values(restricted), triangle.values(there))
-    assert not asked  # for the matrix on the host, which only a copy needs
+    with pytest.raises(InputError, match="not in the places"):
+        placed.values(Restricted(A, free[1:], scale[1:]))
     copied = pickle.loads(pickle.dumps(there))
     assert copied.placed is None
     assert abs(copied.on_host() - restricted.on_host()).max() == 0.0
