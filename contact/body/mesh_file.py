@@ -15,6 +15,7 @@ from contact.errors import InputError
 # Boundary cells of second order; scikit-fem names facets by their corners.
 _FIRST_ORDER = {"line3": ("line", 2), "triangle6": ("triangle", 3), "quad9": ("quad", 4)}
 _DIMENSION = {"triangle": 2, "quad": 2, "tetra": 3, "hexahedron": 3, "wedge": 3, "pyramid": 3}
+_SPARSE = 10_000_000  # largest number of a node in a small file, of which meshio makes an array
 _CORNERS = {"triangle6": 3, "quad9": 4, "tetra10": 4, "hexahedron27": 8}
 
 
@@ -47,6 +48,8 @@ def read_mesh(path: str | Path) -> Mesh:
     try:
         quiet = io.StringIO()  # its Gmsh reader prints empty lines, and errors besides raising
         with contextlib.redirect_stdout(quiet), contextlib.redirect_stderr(quiet):
+            if path.suffix == ".msh":
+                _check_gmsh_nodes(path.read_bytes())
             file = meshio.read(path)
         mesh = from_meshio(_named(file), ignore_orientation=True)
     except (Exception, SystemExit) as error:  # meshio raises whatever its readers meet
@@ -59,6 +62,49 @@ def read_mesh(path: str | Path) -> Mesh:
     if height > 1e-9 * np.ptp(mesh.p, axis=1).max():
         raise InputError(f"mesh file {path}: a surface in space, not in the plane of x and y")
     return mesh
+
+
+def _check_gmsh_nodes(data: bytes) -> None:
+    """Refuse node numbers that are out of proportion, repeated, or other than announced.
+
+    meshio makes an array as long as the largest number, and leaves those that are missing to
+    chance. Formats 2.2, 4.0 and 4.1 (Gmsh reference manual, "MSH file format").
+    """
+    words, begin, end = data[:80].split(), data.find(b"$Nodes\n"), data.find(b"$EndNodes")
+    if words[:1] != [b"$MeshFormat"] or min(begin, end) < 0:
+        return  # meshio says what is wrong
+    version, at = float(words[1]), begin + len(b"$Nodes\n")
+    integer, size, real = "<i4", "<u8", "<f8"
+    if words[2] == b"0":  # text: the same as binary numbers of one type
+        data, at = np.array(data[at:end].split(), dtype=float).tobytes(), 0
+        integer = size = real
+
+    def take(kind: Any, count: int) -> Any:
+        nonlocal at
+        found = np.frombuffer(data, kind, int(count), at)
+        at += found.nbytes
+        return found
+
+    rows = [("tag", integer), ("place", real, 3)]
+    if version < 4:
+        line = at if at == 0 else data.index(b"\n", at) + 1  # a text in binary files, too
+        total = take(size, 1)[0] if at == 0 else int(data[at:line])
+        at = max(at, line)
+        tags = [take(rows, total)["tag"]]
+    else:
+        blocks, total = take(size, 4 if version > 4 else 2)[:2]
+        tags = []
+        for _ in range(int(blocks)):
+            take(integer, 3)
+            count = take(size, 1)[0]
+            tags.append(take(size, count) if version > 4 else take(rows, count)["tag"])
+            if version > 4:
+                take(real, 3 * count)
+    numbers = np.concatenate(tags).astype(np.int64)
+    if numbers.size != total or np.unique(numbers).size != total:
+        raise InputError(f"{total:.0f} nodes are announced, {np.unique(numbers).size} found")
+    if numbers.min(initial=1) < 1 or numbers.max(initial=1) > max(_SPARSE, len(data)):
+        raise InputError(f"a node has the number {max(numbers, key=abs)}; renumber them from 1")
 
 
 def _named(file: Any) -> Any:
@@ -80,6 +126,10 @@ def _named(file: Any) -> Any:
         )
     cells = []
     for block in file.cells:
+        named = np.asarray(block.data)
+        wrong = named[(named < 0) | (named >= len(file.points))]
+        if wrong.size:
+            raise InputError(f"a cell names point {wrong[0]} of {len(file.points)}, counted from 0")
         kind, corners = _FIRST_ORDER.get(block.type, (block.type, None))
         on_boundary = _DIMENSION.get(kind, 1) < body
         if on_boundary and corners:

@@ -19,6 +19,7 @@ Index = NDArray[np.int64]
 # Beside the size of the surface. Files in single precision know places to some 1e-7 only: points
 # nearer than that are the same, and thinner facets have no normal that means anything.
 SAME = 1e-7
+LARGEST = 1e75  # whose fourth powers are numbers: solid angles multiply three lengths
 _NAMES = {2: ("segment", "end"), 3: ("triangle", "edge")}
 
 
@@ -34,6 +35,8 @@ def read_points(points: Any) -> Array:
     if not np.all(np.isfinite(array)):
         bad = int(np.flatnonzero(~np.isfinite(array).all(axis=0))[0])
         raise InputError(f"points: point {bad} is not finite: {array[:, bad].tolist()}")
+    if array.size and (largest := float(np.abs(array).max())) > LARGEST:
+        raise InputError(f"points: a coordinate is {largest:g}, expected at most {LARGEST:g}")
     return array
 
 

@@ -43,16 +43,18 @@ def read_heights(path: str | PathLike[str]) -> Array:
         if kind == ".xyz":
             return _points(place)
         return _table(place) if kind in TABLES else _image(place)
-    except (OSError, EOFError, SyntaxError, TypeError, ValueError) as error:  # of PNG: SyntaxError
-        raise InputError(f"path={path!r}: not readable as {kind} ({error})") from error
+    except Exception as error:  # readers raise whatever they meet
+        said = str(error) or type(error).__name__
+        raise InputError(f"path={path!r}: not readable as {kind} ({said})") from error
 
 
 def _array(place: Path) -> Array:
-    found = np.load(place, allow_pickle=False)
+    # Mapped: a header that claims more numbers than the file holds is refused before any is read.
+    found = np.load(place, mmap_mode="r", allow_pickle=False)
     kind = found.dtype if isinstance(found, np.ndarray) else type(found).__name__
     if getattr(kind, "kind", "") not in tuple("biuf"):
         raise ValueError(f"expected real numbers, not {kind}")
-    return np.asarray(found, dtype=float)
+    return np.array(found, dtype=float)
 
 
 def _table(place: Path) -> Array:

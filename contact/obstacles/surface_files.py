@@ -1,10 +1,14 @@
-"""Surfaces of facets from files and as VTK data."""
+"""Surfaces of facets from files and as VTK data.
+
+Damaged files must not end the process: VTK's readers of PLY and OBJ read past their arrays.
+"""
 
 from __future__ import annotations
 
+import re
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,15 +39,24 @@ def read_surface(path: str | PathLike[str]) -> tuple[Array, Index]:
         raise InputError(f"path={path!r}: surfaces are read from {', '.join(FORMATS)} files")
     if not place.is_file():
         raise InputError(f"path={path!r}: there is no such file")
+    pyvista = _import_pyvista()
     try:
-        found = _import_pyvista().read(place)
-    except (OSError, RuntimeError, ValueError) as error:
-        raise InputError(f"path={path!r}: not readable as {place.suffix} ({error})") from error
-    if np.asarray(found.faces).size:
-        solid = found if found.is_all_triangles else found.triangulate()
-        return np.asarray(solid.points, dtype=float).T, np.asarray(solid.regular_faces, int).T
-    ends = _segments(np.asarray(found.lines, dtype=np.int64))
-    points = np.asarray(found.points, dtype=float).T
+        if place.suffix.lower() == ".vtp":
+            _check_claims(place.read_bytes())
+        found = _READERS.get(place.suffix.lower(), pyvista.read)(place)
+        points, polygons, lines = found if isinstance(found, _Facets) else _facets(found)
+        _check(len(points), polygons, lines)
+        if polygons.length.size:
+            faces = np.insert(polygons.vertices, polygons.starts, polygons.length)
+            solid = pyvista.PolyData(points, faces=faces).triangulate()
+            return np.asarray(solid.points, dtype=float).T, np.asarray(solid.regular_faces, int).T
+    except Exception as error:  # readers raise whatever they meet
+        said = str(error) or type(error).__name__
+        raise InputError(f"path={path!r}: not readable as {place.suffix} ({said})") from error
+    first = np.ones(lines.vertices.size, dtype=bool)
+    first[lines.starts + lines.length - 1] = False
+    begin = np.flatnonzero(first)
+    ends, points = lines.vertices[np.stack((begin, begin + 1))], points.T
     if not ends.size:
         raise InputError(f"path={path!r}: holds no faces and no lines")
     if np.ptp(points[2]) > 1e-7 * np.ptp(points[:2]):
@@ -63,13 +76,178 @@ def polydata(points: Array, facets: Index, normals: Array) -> Any:
     return surface
 
 
-def _segments(lines: Index) -> Index:
-    """Ends (2, nsegments) of polylines in VTK's order: length, points, length, ..."""
-    ends = [np.zeros((2, 0), dtype=np.int64)]
-    while lines.size:
-        one, lines = lines[1 : lines[0] + 1], lines[lines[0] + 1 :]
-        ends.append(np.stack((one[:-1], one[1:])))
-    return np.concatenate(ends, axis=1)
+class _Cells(NamedTuple):
+    """Lengths of polygons or lines, and the vertices that they name, one after the other."""
+
+    length: Index
+    vertices: Index
+
+    @property
+    def starts(self) -> Index:
+        """Places of their first vertices."""
+        return np.cumsum(self.length) - self.length
+
+
+class _Facets(NamedTuple):
+    points: Array  # (npoints, 3)
+    polygons: _Cells
+    lines: _Cells
+
+
+def _check(count: int, polygons: _Cells, lines: _Cells) -> None:
+    """Refuse indices that name no point, before VTK reads where they point to."""
+    for what, least, cells in (("face", 3, polygons), ("line", 2, lines)):
+        length, named = cells
+        fewest = int(length.min(initial=least))
+        if length.sum() != named.size or fewest < least:
+            raise ValueError(f"a {what} of {fewest} points; expected {least} or more")
+        wrong = named[(named < 0) | (named >= count)]
+        if wrong.size:
+            raise ValueError(f"a {what} names point {wrong[0]} of {count}, counted from 0")
+
+
+def _check_claims(data: bytes) -> None:
+    """Refuse counts of a VTP file that its bytes cannot hold: VTK ends where memory does.
+
+    Zlib packs at most 1032 bytes into one (zlib.net/zlib_tech.html).
+    """
+    claims = re.findall(rb"NumberOf(\w+)\s*=\s*[\"']\s*(\d+)", data)
+    wide, many = (
+        max((int(n) for of, n in claims if (of == b"Components") == inner), default=1)
+        for inner in (True, False)
+    )
+    if wide * many > 1100 * len(data):
+        raise ValueError(f"{many} rows of {wide} numbers in a file of {len(data)} bytes")
+
+
+def _facets(found: Any) -> _Facets:
+    """Those of a pyvista.PolyData, read by NumPy, which checks the places that it reads."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    cells = []
+    for own in (found.GetPolys(), found.GetLines()):
+        starts = vtk_to_numpy(own.GetOffsetsArray()).astype(np.int64)
+        cells.append(_Cells(np.diff(starts), vtk_to_numpy(own.GetConnectivityArray()).astype(int)))
+    return _Facets(np.asarray(found.points, dtype=float), *cells)
+
+
+def _obj(place: Path) -> _Facets:
+    """The lines v, f and l of a Wavefront file; vertices count from 1, or from the last as -1."""
+    points: list[list[float]] = []
+    facets: dict[str, list[Index]] = {"f": [], "l": []}
+    for line in place.read_text(errors="replace").replace("\\\n", " ").splitlines():
+        kind, *words = line.split() or [""]
+        if kind == "v":
+            x, y, z = map(float, words[:3])
+            points.append([x, y, z])
+        elif kind in facets:
+            named = np.array([int(word.partition("/")[0]) for word in words], dtype=np.int64)
+            if np.any(named == 0):
+                raise ValueError("a facet names point 0; the first is 1")
+            facets[kind].append(np.where(named < 0, len(points) + named, named - 1))
+    return _Facets(np.array(points).reshape(-1, 3), _joined(facets["f"]), _joined(facets["l"]))
+
+
+def _joined(cells: list[Index]) -> _Cells:
+    empty = np.zeros(0, dtype=np.int64)
+    return _Cells(np.array([c.size for c in cells], dtype=int), np.concatenate([empty, *cells]))
+
+
+_PLY_TYPES = {
+    name: code
+    for code, names in {
+        "i1": "char int8", "u1": "uchar uint8", "i2": "short int16", "u2": "ushort uint16",
+        "i4": "int int32", "u4": "uint uint32", "f4": "float float32", "f8": "double float64",
+    }.items()
+    for name in names.split()
+}  # fmt: skip
+
+
+def _ply(place: Path) -> _Facets:
+    """Vertices and faces of a PLY file (Turk 1994), as text or binary of either order of bytes."""
+    head, mark, data = place.read_bytes().partition(b"end_header")
+    lines = [line.split() for line in head.decode("ascii", "replace").splitlines() if line.strip()]
+    if not mark or lines[0] != ["ply"]:
+        raise ValueError("its header is none of PLY")
+    data = data[data.index(b"\n") + 1 :]
+    order, elements = "", list[tuple[str, int, list[list[str]]]]()
+    for kind, *words in lines[1:]:
+        if kind == "format":
+            order = {"ascii": "text", "binary_little_endian": "<", "binary_big_endian": ">"}[
+                words[0]
+            ]
+        elif kind == "element":
+            elements.append((words[0], int(words[1]), []))
+        elif kind == "property":
+            elements[-1][2].append(words)
+    if order == "text":  # the same as binary numbers of one type
+        data, code = np.array(data.split(), dtype="<f8").tobytes(), dict.fromkeys(_PLY_TYPES, "<f8")
+    else:
+        code = {name: order + kind for name, kind in _PLY_TYPES.items()}
+    at, points, faces = 0, np.zeros((0, 3)), []
+    for name, count, properties in elements:
+        runs, at = _ply_records(data, at, name, count, properties, code)
+        if name == "vertex" and runs:
+            rows = np.concatenate(runs)
+            points = np.column_stack([rows[axis] for axis in "xyz"]).astype(float)
+        elif name == "face":
+            lists = [words[-1] for words in properties if words[0] == "list"]
+            if not {"vertex_indices", "vertex_index"} & set(lists[:1]):
+                raise ValueError("its faces have no list vertex_indices")
+            faces = [rows[lists[0]].astype(np.int64) for rows in runs]
+    polygons = _joined([rows.ravel() for rows in faces])
+    length = np.repeat([rows.shape[1] for rows in faces], [len(rows) for rows in faces])
+    return _Facets(points, _Cells(length.astype(int), polygons.vertices), _joined([]))
+
+
+def _ply_records(
+    data: bytes, at: int, name: str, count: int, properties: list[list[str]], code: dict[str, str]
+) -> tuple[list[Any], int]:
+    """Records of one element, in runs whose lists are equally long, and where the next begins.
+
+    Raises
+    ------
+    ValueError
+        The data end before.
+    """
+    runs, done, most = [], 0, count
+    while done < count and properties:
+        kind, length = _ply_record(data, at, properties, code)
+        room = (len(data) - at) // kind.itemsize
+        if not room:
+            raise ValueError(f"element {name}: {count} announced, the file ends after {done}")
+        rows = np.frombuffer(data, kind, min(room, most, count - done), at)
+        same = np.ones(rows.size, dtype=bool)
+        for of, value in length.items():
+            same &= rows[of] == value
+        rows = rows[: same.size if same.all() else int(np.argmin(same))]
+        most = 2 * rows.size  # of lists that change from record to record few are read in vain
+        runs.append(rows)
+        done, at = done + rows.size, at + rows.nbytes
+    return runs, at
+
+
+def _ply_record(
+    data: bytes, at: int, properties: list[list[str]], code: dict[str, str]
+) -> tuple[np.dtype[Any], dict[str, float]]:
+    """Type of the record that begins at a byte, and the lengths of its lists by their names."""
+    fields: list[Any] = []
+    length: dict[str, float] = {}
+    for kind, *words in properties:
+        if kind != "list":
+            fields.append((words[0], code[kind]))
+            continue
+        of, item, name = words
+        place = at + np.dtype(fields).itemsize
+        number = np.frombuffer(data, code[of], 1, place)[0]
+        if not 0 <= number <= len(data) or number % 1:
+            raise ValueError(f"a list of {number:.0f} entries")
+        length[f"length of {name}"] = float(number)
+        fields += [(f"length of {name}", code[of]), (name, code[item], (int(number),))]
+    return np.dtype(fields), length
+
+
+_READERS = {".obj": _obj, ".ply": _ply}
 
 
 def _import_pyvista() -> Any:
