@@ -111,13 +111,15 @@ def _check_claims(data: bytes) -> None:
 
     Zlib packs at most 1032 bytes into one (zlib.net/zlib_tech.html).
     """
-    claims = re.findall(rb"NumberOf(\w+)\s*=\s*[\"']\s*(\d+)", data)
+    claims = re.findall(rb"NumberOf(\w+)\s*=\s*[\"']\s*(-?\d+)", data)
     wide, many = (
         max((int(n) for of, n in claims if (of == b"Components") == inner), default=1)
         for inner in (True, False)
     )
-    if wide * many > 1100 * len(data):
-        raise ValueError(f"{many} rows of {wide} numbers in a file of {len(data)} bytes")
+    least = min((int(n) for _, n in claims), default=0)
+    if least < 0 or wide * many > 1100 * len(data):
+        claim = f"{least} rows or numbers" if least < 0 else f"{many} rows of {wide} numbers"
+        raise ValueError(f"{claim} in a file of {len(data)} bytes")
 
 
 def _facets(found: Any) -> _Facets:

@@ -202,3 +202,14 @@ def test_numbers_of_nodes_in_gmsh_files(tmp_path, version, binary):
         if new != data:
             with pytest.raises(InputError, match=r"a node has the number|are announced"):
                 read(path)
+
+
+@pytest.mark.parametrize("claim", ["-1", "2000000000"])
+@pytest.mark.parametrize("name", [b"NumberOfComponents", b"NumberOfPoints"])
+def test_counts_of_a_vtp_file(tmp_path, name, claim):
+    data = whole_file(tmp_path, ("vtp", True)).read_bytes()
+    spoilt = re.sub(name + rb'="\d+"', name + b'="' + claim.encode() + b'"', data, count=1)
+    assert spoilt != data
+    (tmp_path / "ball.vtp").write_bytes(spoilt)
+    with pytest.raises(InputError, match=f"{claim}.* in a file of"):
+        SurfaceMesh.from_file(tmp_path / "ball.vtp")
