@@ -96,7 +96,7 @@ class GivenFriction:
                 return semismooth_newton(
                     problem, near, friction, form=kind, tol=tol, phase=phase, report=report
                 )
-        if problem.compliance is not None and problem.tangent.shape[1] == 1:
+        if problem.tangent.shape[1] == 1:
             with suppress(NotConverged, LinAlgError, GpuError):  # from hard surfaces, a box QP
                 hard = replace(problem, compliance=None)
                 near = signorini(hard, bound=friction.given, start=start, tol=tol, report=report)
