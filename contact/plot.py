@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.errors import InputError, numbers
+from contact.laws.status import Status
 from contact.output.contact_runs import arc_length
 from contact.output.drawn import Drawn, DrawnBody
 from contact.output.pictures import (
@@ -18,7 +19,7 @@ from contact.output.pictures import (
     pressed_faces,
     triangulated,
 )
-from contact.output.sides import drawn_bodies
+from contact.output.sides import drawn_bodies, pair_name
 
 Array = NDArray[np.float64]
 
@@ -28,7 +29,8 @@ def plot_tractions(
 ) -> Any:
     """Contact pressure and shear along the boundary, coloured by open, stick and slip.
 
-    In 3-D the pressure on the faces in contact, see `plot_pressure`.
+    Tractions of ties have lines of their own. In 3-D the pressure on the faces in contact, see
+    `plot_pressure`.
 
     Parameters
     ----------
@@ -67,34 +69,50 @@ def plot_tractions(
         s = numbers("abscissa", abscissa)
         if s.shape != run.shape:
             raise InputError(f"abscissa: expected {run.size} numbers, got shape {s.shape}")
+    ties = result.system.rows.ties
     g = result.system.bound(result.mu) / result.system.rows.weights
     whose = "shear on the body" if len(result.system.body.bodies) == 1 else "shear"
+    line: dict[str, Any] = {"color": COLOURS[Status.BONDED], "lw": 1.0}
     for k in range(run.max() + 1):
-        here = run == k
+        here, tied = (run == k) & ~ties, (run == k) & ties
         ax.plot(s[here], result.pressure[here], color="0.25", lw=1.2, zorder=2)
-        if result.system.law is not None:
-            first = k == 0
-            label = whose if first else None
-            ax.plot(s[here], result.shear[here, 0], color="0.25", lw=1.0, ls="--", label=label)
-            label = "friction bound" if first else None
-            ax.fill_between(s[here], -g[here], g[here], color="0.92", zorder=0, label=label)
+        if result.system.law is not None and here.any():
+            ax.plot(s[here], result.shear[here, 0], color="0.25", lw=1.0, ls="--", label=whose)
+            bound = {"color": "0.92", "zorder": 0, "label": "friction bound"}
+            ax.fill_between(s[here], -g[here], g[here], **bound)
+        if tied.any():
+            ax.plot(s[tied], result.tie_pressure[tied], label="tie, normal", **line)
+            ax.plot(s[tied], result.tie_shear[tied, 0], ls="--", label="tie, shear", **line)
     ax.axhline(0.0, color="0.7", lw=0.8, zorder=1)
+    normal = result.pressure + result.tie_pressure
     for status, colour in COLOURS.items():
         at = result.status == status
         if at.any():
-            ax.plot(s[at], result.pressure[at], "o", ms=4, color=colour, label=status.name.lower())
+            name = status.name.lower()
+            ax.plot(s[at], normal[at], "o", ms=4, color=colour, label=name)
     if abscissa is None:
         _name_parts(ax, result, s)
     ax.set_xlabel(xlabel or "arc length along the contact boundary")
     ax.set_ylabel("contact traction")
-    ax.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=5)
+    handles, names = ax.get_legend_handles_labels()
+    once = dict(zip(names, handles, strict=True))  # of several runs
+    ax.legend(
+        once.values(),
+        once.keys(),
+        frameon=False,
+        fontsize=8,
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.18),
+        ncols=5,
+    )
     return ax
 
 
 def plot_pressure(result: Drawn, ax: Any = None) -> Any:
     """Contact pressure on the faces of bodies in 3-D, on each the mean of its contact points.
 
-    Where two bodies meet it is drawn once, on the one that carries the contact points.
+    Where two bodies meet it is drawn once, on the one that carries the contact points. Ties are
+    drawn where there is no contact at all.
 
     Parameters
     ----------
@@ -122,7 +140,8 @@ def plot_pressure(result: Drawn, ax: Any = None) -> Any:
     from matplotlib import cm
     from mpl_toolkits.mplot3d import art3d  # type: ignore[import-untyped]
 
-    drawn = [_faces(result, k) for k in _owners(result)]
+    tied = bool(result.system.rows.ties.all())
+    drawn = [_faces(result, k, tied) for k in _owners(result, tied)]
     if ax is None:
         import matplotlib.pyplot as plt
 
@@ -140,7 +159,9 @@ def plot_pressure(result: Drawn, ax: Any = None) -> Any:
     room = 0.05 * float((high - low).max())
     for axis, a, b in zip("xyz", low - room, high + room, strict=True):
         getattr(ax, f"set_{axis}lim")(a, b)
-    ax.figure.colorbar(faces, ax=ax, shrink=0.7, label="contact pressure")
+    ax.figure.colorbar(
+        faces, ax=ax, shrink=0.7, label="pressure of the tie" if tied else "contact pressure"
+    )
     return ax
 
 
@@ -176,7 +197,7 @@ def face_pressure(result: Drawn, body: Any = None) -> tuple[NDArray[np.int64], A
     >>> facets.size, bool((pressure > 0).all())
     (4, True)
     """
-    owners = _owners(result)
+    owners = _owners(result, False)
     if body is None and len(owners) > 1:
         raise InputError(f"body: bodies {owners} have contact points; say which one is meant")
     k = owners[0] if body is None else result.system.body.number_of(body)
@@ -351,20 +372,22 @@ def _name_parts(ax: Any, result: Drawn, s: Array) -> None:
     for k in range(count):
         own = s[result.part == k]
         over = ax.get_xaxis_transform()
-        ax.text(own.mean(), 1.01, f"contact {k}", transform=over, ha="center", va="bottom", size=8)
+        name = pair_name(result, k)
+        ax.text(own.mean(), 1.01, name, transform=over, ha="center", va="bottom", size=8)
         if k:
             left = s[result.part == k - 1].max()
             ax.axvline(0.5 * (left + own.min()), color="0.8", lw=0.8, ls=":", zorder=0)
 
 
-def _owners(result: Drawn) -> list[int]:
-    """Numbers of the bodies that contact points lie on."""
-    owner = result.system.rows.owner
-    return np.unique(owner).tolist() if owner.size else [0]
+def _owners(result: Drawn, tied: bool) -> list[int]:
+    """Numbers of the bodies that contact points lie on, or tied ones."""
+    rows = result.system.rows
+    owner = rows.owner if rows.owner.size else np.zeros(rows.gap.size, dtype=np.int64)
+    return np.unique(owner[rows.ties == tied]).tolist()
 
 
-def _faces(result: Drawn, k: int) -> tuple[Array, Array]:
+def _faces(result: Drawn, k: int, tied: bool) -> tuple[Array, Array]:
     """Corners (n, corners, 3) and pressures (n,) of the faces of body k in contact."""
     mesh = result.system.body.bodies[k].trace.mesh
-    facets, pressure = pressed_faces(result, k)
+    facets, pressure = pressed_faces(result, k, tied)
     return mesh.p[:, mesh.facets[:, facets]].transpose(2, 1, 0), pressure

@@ -210,6 +210,19 @@ class BasisSolid(Solid):
             self._slender = has_slender_cells(self.mesh)
         return self._slender
 
+    def take_strains(self) -> bool:
+        """Compute forces from strains from now on, with the digits that a slender body needs.
+
+        Returns
+        -------
+        bool
+            False if they are already, or cannot be.
+        """
+        if self.slender or type(self)._slender is False:
+            return False
+        self._slender, self.vectors._last = True, None
+        return True
+
     @property
     def are_values(self) -> NDArray[np.bool_]:
         """Dofs that are displacements, not derivatives, shape (ndofs,)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from functools import cached_property
 from typing import Any, NoReturn, Self
 
@@ -12,15 +13,24 @@ from scipy import sparse
 from skfem import Basis, ElementVector, MeshQuad
 
 from contact.body.axisymmetry import AXISYMMETRIC
+from contact.body.cell_finder import find_cells
 from contact.body.cut_arc import CutArc
 from contact.body.elastic_body import ElasticBody, Field
 from contact.errors import InputError, array_of, evaluated, function_of_places, numbers
 from contact.settled import settled
-from skfem_adini import AdiniExtension, CutDomain, ElementQuadAdini, LevelSet, Polygon
+from skfem_adini import (
+    AdiniExtension,
+    CutDomain,
+    CutQuadrature,
+    ElementQuadAdini,
+    LevelSet,
+    Polygon,
+)
 from skfem_adini import InputError as AdiniInputError
 from skfem_adini.arguments.pointwise_function import pointwise
 
 Array = NDArray[np.float64]
+_LATTICE = 4  # intervals along a cell, as many as pictures have by default
 
 
 @settled("make a new CutBody", "domain", "threshold", "level_set")
@@ -60,11 +70,10 @@ class CutBody(ElasticBody):
 
     Notes
     -----
-    A level set is a function, which no file holds, so `ContactResult.save` refuses a cut body.
-    Keep ``result.u``, ``result.mu`` and ``result.t`` in an archive of NumPy instead; with the
-    problem built again by the script that made it, ``ContactResult(problem.system_of(body), u, mu,
-    t, method, ())`` is the same result, and its `kkt` is recomputed. Pictures and values for
-    other programs come from `ContactResult.to_pyvista`.
+    A level set is a function, which no file holds. `ContactResult.save` keeps the quadrature of the
+    cut cells and of the curve, from which everything is computed, and for pictures the values of
+    the level set at the places where `ContactResult.to_pyvista` takes them by default; between
+    these the loaded body interpolates.
 
     Examples
     --------
@@ -104,16 +113,45 @@ class CutBody(ElasticBody):
             whole = CutDomain(mesh, level_set, q=q)
         except AdiniInputError as error:
             raise InputError(str(error)) from error
-        self.domain, self.threshold = whole.on_active_cells(), threshold
-        self.level_set = level_set
         E, nu = (
             _of_active("E", E, mesh.nelements, whole.active),
             _of_active("nu", nu, mesh.nelements, whole.active),
         )
-        super().__init__(
-            Basis(self.domain.mesh, ElementVector(ElementQuadAdini(derivatives=1))), E, nu, plane
-        )
+        self._begin(whole.on_active_cells(), level_set, E, nu, plane, threshold)
         _ = self.extension
+
+    def _begin(
+        self, domain: CutDomain, level_set: Any, E: Any, nu: Any, plane: Any, threshold: float
+    ) -> None:
+        self.domain, self.level_set, self.threshold = domain, level_set, threshold
+        element = ElementVector(ElementQuadAdini(derivatives=1))
+        super().__init__(Basis(domain.mesh, element), E, nu, plane)
+
+    def stored(self) -> dict[str, Any]:
+        """The arrays that a file keeps of the cut: its quadrature, and the level set on lattices.
+
+        These are what pictures are clipped by; nothing is computed from them.
+        """
+        rule = self.domain.quadrature
+        lattice = np.moveaxis(_lattice(rule.lower, rule.upper), 0, -1)
+        level = self.level_at(lattice.reshape(-1, 2).T).reshape(lattice.shape[:-1])
+        return {"level": level, **{f.name: getattr(rule, f.name) for f in fields(CutQuadrature)}}
+
+    @classmethod
+    def from_stored(
+        cls, mesh: MeshQuad, arrays: dict[str, Any], E: Any, nu: Any, plane: Any, threshold: float
+    ) -> CutBody:
+        """The body of such arrays, without its supports and its extension to the nodes outside."""
+        level = arrays["level"]
+        if level.shape != (mesh.nelements, _LATTICE + 1, _LATTICE + 1):
+            raise InputError(f"cut/level: its shape {level.shape} does not fit the mesh")
+        rule = CutQuadrature(**{f.name: arrays[f.name] for f in fields(CutQuadrature)})
+        domain = CutDomain.from_quadrature(mesh, rule)
+        body = cls.__new__(cls)
+        body._begin(
+            domain, LatticeLevel(mesh, rule.lower, rule.upper, level), E, nu, plane, threshold
+        )
+        return body
 
     @classmethod
     def from_mesh(cls, *args: Any, **options: Any) -> NoReturn:
@@ -287,17 +325,18 @@ class CutBody(ElasticBody):
         grid : pyvista.UnstructuredGrid
             Grid of linear cells, fine enough to resolve the curve.
         """
-        x = np.asarray(grid.points, dtype=float).T[:2]
+        grid.point_data["level_set"] = self.level_at(np.asarray(grid.points, dtype=float).T[:2])
+        return grid.clip_scalar(scalars="level_set", value=0.0)
+
+    def level_at(self, x: Array) -> Array:
+        """The level set, of a polygon the signed distance, at points (2, n), shape (n,)."""
         if isinstance(self.level_set, Polygon):
             a, b = self.level_set.start[:, :, None], self.level_set.end[:, :, None]
             along = np.sum((x[:, None] - a) * (b - a), axis=0) / np.sum((b - a) ** 2, axis=0)
             foot = a + np.clip(along, 0.0, 1.0) * (b - a)
             distance = np.hypot(*(x[:, None] - foot)).min(axis=0)
-            value = np.where(self.level_set.contains(x), -distance, distance)
-        else:
-            value = np.asarray(self.level_set(x[:, :, None]), dtype=float).ravel()
-        grid.point_data["level_set"] = value
-        return grid.clip_scalar(scalars="level_set", value=0.0)
+            return np.asarray(np.where(self.level_set.contains(x), -distance, distance))
+        return np.asarray(self.level_set(x[:, :, None]), dtype=float).ravel()
 
     @cached_property
     def stiffness(self) -> sparse.csr_array:
@@ -358,6 +397,37 @@ class CutBody(ElasticBody):
         for derived in ("extension", "picked"):
             self.__dict__.pop(derived, None)
         return super().fix(boundary, components, value, smooth)
+
+
+class LatticeLevel:
+    """A level set known on a lattice in each cell, and interpolated bilinearly between."""
+
+    def __init__(self, mesh: MeshQuad, lower: Array, upper: Array, values: Array) -> None:
+        self.mesh, self.lower, self.upper, self.values = mesh, lower, upper, values
+
+    def __call__(self, x: Array) -> Array:
+        """Values at points (2, n, k), shape (n, k)."""
+        points = x.reshape(2, -1)
+        cell = find_cells(self.mesh, points)
+        low = self.lower[:, cell]
+        at = _LATTICE * (points - low) / (self.upper[:, cell] - low)
+        at = np.where(np.abs(at - np.rint(at)) < 1e-9, np.rint(at), at)  # known there
+        i, j = np.clip(at.astype(np.int64), 0, _LATTICE - 1)
+        s, t = at - (i, j)
+        v = self.values
+        below = (1 - s) * v[cell, i, j] + s * v[cell, i + 1, j]
+        above = (1 - s) * v[cell, i, j + 1] + s * v[cell, i + 1, j + 1]
+        return np.asarray((1 - t) * below + t * above).reshape(x.shape[1:])
+
+
+def _lattice(lower: Array, upper: Array) -> Array:
+    """Places of the lattices of cells, shape (2, ncells, n + 1, n + 1)."""
+    s = np.arange(_LATTICE + 1) / _LATTICE
+    along = lower[..., None] + (upper - lower)[..., None] * s
+    shape = along.shape[1], s.size, s.size
+    return np.stack(
+        [np.broadcast_to(along[0][:, :, None], shape), np.broadcast_to(along[1][:, None], shape)]
+    )
 
 
 def _pointwise(name: str, value: Field) -> Field:

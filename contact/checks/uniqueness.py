@@ -207,7 +207,7 @@ def _starts(
 
 def _apart(one: ContactResult, other: ContactResult) -> bool:
     """Whether displacements or contact forces differ by more than rounding."""
-    body, forces = one.system.body, (one.contact_forces, other.contact_forces)
+    body, forces = one.system.body, [r.contact_forces + r.tie_forces for r in (one, other)]
     length = max(
         *(body.reach(result.u) for result in (one, other)),
         *(body.give(force) for force in forces),

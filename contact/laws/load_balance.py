@@ -57,7 +57,7 @@ def check_held(problem: BoundaryProblem, friction: Friction | None) -> None:
 
 def _unresisted(problem: BoundaryProblem, friction: Friction | None) -> tuple[str, Array] | None:
     """What is wrong, and the motion a, where `check_held` raises; no points may be bonded."""
-    k = problem.s.size
+    k, loads = problem.s.size, float(np.abs(problem.s).max(initial=0.0))
     if k == 0:
         return None
     touch = problem.can_touch
@@ -85,7 +85,10 @@ def _unresisted(problem: BoundaryProblem, friction: Friction | None) -> tuple[st
         contact[both, k + at] = friction.coefficient[points[at]]
     elif isinstance(friction, Tresca):
         price = friction.given[points]
-    gain = np.concatenate((problem.s, -problem.s, -price))
+    if loads == 0.0:
+        return None
+    # Relative to the loads: the program's tolerances are absolute.
+    gain = np.concatenate((problem.s, -problem.s, -price)) / loads
     total = np.r_[np.ones(2 * k), np.zeros(points.size)][None]
     cuts = [
         np.hstack((sign * V_t.swapaxes(1, 2) @ direction, -np.eye(points.size)))
@@ -100,7 +103,7 @@ def _unresisted(problem: BoundaryProblem, friction: Friction | None) -> tuple[st
         )
         # A gain this small may be rounding. The cuts underestimate the moduli and overestimate the
         # gain: if it is not positive, the body is held.
-        if found.x is None or gain @ found.x <= _GAIN * float(np.abs(problem.s).max()):
+        if found.x is None or gain @ found.x <= _GAIN:
             return None
         motion = found.x[:k] - found.x[k : 2 * k]
         v = V_t @ motion
@@ -144,11 +147,12 @@ def by_friction_alone(problem: BoundaryProblem) -> Array | None:
     normal = problem.C[problem.normal[problem.can_touch]] / size
     A = np.vstack((np.hstack((normal, -normal)), np.ones((1, 2 * k))))
     b = np.r_[np.full(len(normal), _PRESSES), 1.0]
-    found = scipy.optimize.linprog(-np.r_[problem.s, -problem.s], A_ub=A, b_ub=b, method="highs")
+    s = problem.s / np.abs(problem.s).max()  # the program's tolerances are absolute
+    found = scipy.optimize.linprog(-np.r_[s, -s], A_ub=A, b_ub=b, method="highs")
     if found.x is None:
         return None
     motion: Array = found.x[:k] - found.x[k:]
-    driven = problem.s @ motion > _DRIVEN * float(np.abs(problem.s).max())
+    driven = s @ motion > _DRIVEN
     return allowed @ motion if driven else None
 
 

@@ -88,6 +88,14 @@ class Drawn(DrawnBody, Protocol):
         """Traction on the body along the tangents, shape (m, dim - 1)."""
 
     @property
+    def tie_pressure(self) -> Array:
+        """Normal traction of ties, zero elsewhere, shape (m,)."""
+
+    @property
+    def tie_shear(self) -> Array:
+        """Tangential traction of ties on the body, zero elsewhere, shape (m, dim - 1)."""
+
+    @property
     def slip(self) -> Array:
         """Tangential displacement relative to the obstacle, shape (m, dim - 1)."""
 

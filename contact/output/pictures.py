@@ -75,12 +75,13 @@ def deformed_edges(one: DrawnBody, magnification: float, outline: bool) -> list[
     return list(x.transpose(1, 2, 0))
 
 
-def pressed_faces(result: Drawn, k: int) -> tuple[Index, Array]:
-    """Facets of body k in 3-D that contact points of it lie on, and the mean pressure of each."""
+def pressed_faces(result: Drawn, k: int, tied: bool = False) -> tuple[Index, Array]:
+    """Facets of body k in 3-D that its contact, or tied, points lie on; mean pressure of each."""
     rows, mesh = result.system.rows, result.system.body.bodies[k].trace.mesh
-    own = rows.owner == k if rows.owner.size else np.ones(rows.weights.size, dtype=bool)
+    own = (rows.ties == tied) & (rows.owner == k if rows.owner.size else True)
     nominal, normals = rows.x_nominal[:, own], rows.normals[:, own]
-    values, weights = result.pressure[own], rows.weights[own]
+    values = (result.tie_pressure if tied else result.pressure)[own]
+    weights = rows.weights[own]
     facets = mesh.boundary_facets()
     corner = mesh.p[:, mesh.facets[:, facets]]
     middle = corner.mean(axis=1)

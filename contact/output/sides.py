@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.body.layers.layered_block import LayeredBlock
 from contact.body.rigid_modes import rigid_field
 from contact.output.drawn import Drawn, DrawnBody
 
@@ -43,6 +44,11 @@ def side(result: Drawn, points: Index) -> Side:
     return Side(body.bodies[k], rows.G[points][:, body.slices[k]])
 
 
+def pair_name(result: Drawn, k: int) -> str:
+    """Contact boundary k as texts, pictures and blocks call it: "contact 0", or "tie 0"."""
+    return f"{'tie' if result.system.rows.ties[result.part == k].all() else 'contact'} {k}"
+
+
 def is_elastic(result: Drawn, points: Index) -> bool:
     """Whether a body is opposite to points of one contact boundary, and no rigid obstacle.
 
@@ -66,6 +72,11 @@ def drawn_bodies(result: DrawnBody) -> list[Any]:
     """The part of a result in each of its bodies; the result itself if there is one only."""
     system = getattr(result, "system", None)
     if system is None or len(system.body.bodies) == 1:
-        return [result]
+        return [meshed(result)]
     several: Any = result
-    return [several[k] for k in range(len(system.body.bodies))]
+    return [meshed(several[k]) for k in range(len(system.body.bodies))]
+
+
+def meshed(one: Any) -> Any:
+    """The part of a result in one body; in a `LayeredBlock` with the mesh that this stands for."""
+    return one.on_mesh if isinstance(one.body, LayeredBlock) else one

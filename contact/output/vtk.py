@@ -12,7 +12,7 @@ from contact.body.cut_body import CutBody
 from contact.errors import InputError, MissingDependency, numbers
 from contact.output.contact_runs import Run, contact_runs
 from contact.output.drawn import Drawn, DrawnBody
-from contact.output.sides import drawn_bodies, is_elastic
+from contact.output.sides import drawn_bodies, is_elastic, meshed, pair_name
 from skfem_adini import to_pyvista, von_mises
 
 
@@ -35,6 +35,7 @@ def body_grid(result: DrawnBody, subdivide: int | None = None) -> Any:
     given = None if subdivide is None else numbers("subdivide", subdivide)
     if given is not None and (given.shape != () or not 1 <= given < np.inf or given % 1):
         raise InputError(f"subdivide={subdivide!r}: expected a whole number from 1")
+    result = meshed(result)
     body, cell, nodal = result.body, result.cell_stress(), result.nodal_stress()
     pairs = [(0, 0), (1, 1), (0, 1)] if body.dim == 2 else [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2)]
     pairs += [] if body.dim == 2 else [(0, 2)]
@@ -63,7 +64,7 @@ def boundary_grid(result: Drawn) -> Any:
     -------
     pyvista.PolyData
         Point data ``pressure``, ``shear`` and ``slip`` (vectors), ``gap``, ``status``,
-        ``normal``.
+        ``normal``; where there are ties also ``tie_pressure`` and ``tie_shear``.
     """
     return next(boundary_grids([result]))
 
@@ -78,9 +79,9 @@ def block_sets(results: Iterable[Drawn], subdivide: int | None = None) -> Iterat
     """Bodies and contact surfaces of several results, a pyvista.MultiBlock each.
 
     There is a block for each body, called by its name or "body 0", ...; one for the contact surface
-    of each pair, "contact 0", ..., as `boundary_grid` has it; and, if a body is opposite,
-    "contact 0 opposite": the points moved by the gap onto it, with its normals, and the tractions
-    that act on it.
+    of each pair, "contact 0", ..., or "tie 0", ..., as `boundary_grid` has it; and, if a body is
+    opposite, "contact 0 opposite": the points moved by the gap onto it, with its normals, and the
+    tractions that act on it.
     """
     pyvista = _import_pyvista()
     for result, runs in _joined(results):
@@ -96,12 +97,12 @@ def block_sets(results: Iterable[Drawn], subdivide: int | None = None) -> Iterat
                 replace(run, points=number[run.points]) for run in runs if k == _part(result, run)
             ]
             x, here = result.system.rows.x[:, chosen], {n: v[chosen] for n, v in fields.items()}
-            blocks.append(_grid(x, own, here), f"contact {k}")
+            blocks.append(_grid(x, own, here), pair_name(result, k))
             if is_elastic(result, chosen):
                 n, gap = result.system.rows.normals[:, chosen], result.system.rows.gap[chosen]
-                for name in ("shear", "slip", "normal"):
+                for name in {"shear", "slip", "normal", "tie_shear"} & here.keys():
                     here[name] = -here[name]
-                blocks.append(_grid(x + n * gap, own, here), f"contact {k} opposite")
+                blocks.append(_grid(x + n * gap, own, here), f"{pair_name(result, k)} opposite")
         yield blocks
 
 
@@ -123,12 +124,18 @@ def _fields(result: Drawn) -> dict[str, Any]:
     for name, forces in (("mu", result.mu), ("t", result.t)):
         if not np.all(np.isfinite(forces)):
             raise InputError(f"{name}: the result holds NaN or infinity, which cannot be written")
-    tangents = result.system.rows.tangents
+    rows = result.system.rows
+
+    def in_space(along: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+        return _vectors(np.einsum("mj,djm->md", along, rows.tangents))
+
+    ties = {"tie_pressure": result.tie_pressure, "tie_shear": in_space(result.tie_shear)}
     return {
         "pressure": result.pressure,
-        "shear": _vectors(np.einsum("mj,djm->md", result.shear, tangents)),
-        "slip": _vectors(np.einsum("mj,djm->md", result.slip, tangents)),
-        "normal": _vectors(result.system.rows.normals.T),
+        "shear": in_space(result.shear),
+        **(ties if rows.ties.any() else {}),
+        "slip": in_space(result.slip),
+        "normal": _vectors(rows.normals.T),
         "gap": np.where(np.isfinite(result.gap), result.gap, np.nan),
         "status": result.status,
     }

@@ -68,8 +68,8 @@ def _interpolated(result: ContactResult, system: ContactSystem) -> tuple[Array, 
     inverse of their distances: linear interpolation between neighbours in two dimensions.
     """
     rows, theirs = system.rows, result.system.rows
-    shear = np.einsum("djm,mj->dm", theirs.tangents, result.shear)
-    traction = np.vstack((result.pressure, shear))
+    shear = np.einsum("djm,mj->dm", theirs.tangents, result.shear + result.tie_shear)
+    traction = np.vstack((result.pressure + result.tie_pressure, shear))
     part = rows.part if rows.part.size else np.zeros(rows.gap.size, dtype=np.int64)
     if part.max() != result.part.max():  # other boundaries: points are matched by position alone
         pairs = [(np.full(part.size, True), np.full(result.part.size, True))]

@@ -66,8 +66,9 @@ def warn_of_sagitta(
         start = start_forces(result, system, boundary, scale)
         with one_blas_thread(condensed.size):
             forces, _ = solve_boundary(boundary, friction, options, start, scale, lambda line: None)
-        size = float(np.linalg.norm(np.sqrt(w) * forces.mu / scale / w))
-        change = float(np.linalg.norm(np.sqrt(w) * (forces.mu / scale / w - result.pressure)))
+        pressure = np.where(system.rows.ties, 0.0, forces.mu / scale / w)
+        size = float(np.linalg.norm(np.sqrt(w) * pressure))
+        change = float(np.linalg.norm(np.sqrt(w) * (pressure - result.pressure)))
         if change <= _ERROR * size or not max(change, size) > 0:
             return
         off = change / size if size > 0 else np.inf

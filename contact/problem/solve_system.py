@@ -24,7 +24,7 @@ from contact.problem.equilibrium import doubt, driven, undetermined
 from contact.problem.nested_start import start_forces
 from contact.problem.small_displacements import warn_of_large_displacements
 from contact.problem.stiffness_form import fits, refined, solved_stiffly
-from contact.result.certify import certify
+from contact.result.certify import certify, take_strains
 from contact.result.contact_result import ContactResult
 from contact.result.contact_state import ContactState
 from contact.result.contact_system import ContactSystem
@@ -131,8 +131,11 @@ def _solved(
         certify(answer, options.tol, slack)
     except NotConverged:
         if whole and options.method in STIFF:
-            with suppress(NotConverged, LinAlgError):
-                return solved_stiffly(system, condensed, options, result, report, history)
+            for _ in range(2):
+                with suppress(NotConverged, LinAlgError):
+                    return solved_stiffly(system, condensed, options, result, report, history)
+                if not take_strains(system.body):
+                    break
         raise
     warn_of_large_displacements(answer)
     result.keep_facts_of_many()

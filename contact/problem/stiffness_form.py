@@ -12,6 +12,7 @@ Newton's method solves it, with a larger matrix.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -162,12 +163,12 @@ class StiffnessForm:
     def _change(self, problem: BoundaryProblem, start: Forces, tol: float, note: Report) -> Forces:
         scale = self.point_scale
         friction = self._system.scaled_friction(scale) or Tresca(np.zeros(scale.size))
-        try:
-            return semismooth_newton(
-                problem, start, friction, tol=tol, phase="stiff newton", report=note
-            )
-        except (NotConverged, LinAlgError):
-            return proximal_point(problem, friction, start, tol=tol, report=note)
+        for form in ("switched", "damped", "radial"):
+            with suppress(NotConverged, LinAlgError):
+                return semismooth_newton(
+                    problem, start, friction, form=form, tol=tol, phase="stiff newton", report=note
+                )
+        return proximal_point(problem, friction, start, tol=tol, report=note)
 
     def _of_boundary(self, a: Array) -> Array:
         """The boundary's unknowns z of the motions a, elastic and rigid."""

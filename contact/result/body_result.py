@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact.body.constitutive import total_stress
+from contact.body.layers.layered_block import LayeredBlock
 from contact.errors import InputError, numbers
 from contact.output.vtk import body_grid
 from contact.result.recovery import cell_stress, nodal_stress
@@ -44,10 +45,27 @@ class BodyFields:
             """Contact forces on every dof, with the opposite sign, shape (ndofs,)."""
             ...
 
+        @property
+        def tie_forces(self) -> Array:
+            """Forces of ties on every dof, with the opposite sign, shape (ndofs,)."""
+            ...
+
+    @cached_property
+    def _meshed(self) -> Any:
+        """The body; of a `LayeredBlock` its cells on a mesh, whose dofs are numbered alike."""
+        return self.body.meshed() if isinstance(self.body, LayeredBlock) else self.body
+
+    @property
+    def on_mesh(self) -> BodyResult:
+        """The same fields of a body with a Basis, which pictures and VTK data are made of."""
+        forces = self.contact_forces, self.tie_forces
+        return BodyResult(self._meshed, self.u, self.applied, *forces)
+
     @cached_property
     def reactions(self) -> Array:
         """Forces of the supports on all dofs, shape (ndofs,)."""
-        return np.asarray(self.solid.internal(self.u) + self.contact_forces - self.applied)
+        forces = self.contact_forces + self.tie_forces
+        return np.asarray(self.solid.internal(self.u) + forces - self.applied)
 
     def balance(self) -> dict[str, Array]:
         """Applied load, support reactions, contact force, and the residual of their sum.
@@ -57,7 +75,8 @@ class BodyFields:
         dict
             ``load``, ``support``, ``contact``: resultants, shape (dim,); ``residual``: their sum
             divided by the largest of them, or by the internal forces of the body if all resultants
-            are rounding errors of these. Only reactions at prescribed displacements count.
+            are rounding errors of these. Only reactions at prescribed displacements count. With
+            ties also ``tie``, their resultant, which is zero of all bodies together.
         """
         body = self.solid
         parts = {
@@ -65,8 +84,11 @@ class BodyFields:
             "support": body.total(body.at_supports(self.reactions)),
             "contact": body.total(-self.contact_forces),
         }
+        if np.any(self.tie_forces):
+            parts["tie"] = body.total(-self.tie_forces)
         largest = max(float(np.abs(part).max()) for part in parts.values())
-        _, cancelling = body.equilibrium(self.u, self.contact_forces, self.applied)
+        forces = self.contact_forces + self.tie_forces
+        _, cancelling = body.equilibrium(self.u, forces, self.applied)
         if largest <= 1e-12 * cancelling:  # nothing but the rounding of forces inside
             largest = cancelling or 1.0
         parts["residual"] = sum(parts.values(), start=np.zeros(body.dim)) / largest
@@ -89,9 +111,9 @@ class BodyFields:
         InputError
             Points of another shape, not finite, or outside the body.
         """
-        body = self.body
         if points is not None:
-            return np.asarray(body.stress_at(self.u, self._points(points)))
+            return np.asarray(self.body.stress_at(self.u, self._points(points)))
+        body = self._meshed
         local = body.basis.X  # bodies without one basis refuse here, and name the way out
         mean, gradient = body.mean_dilatation(self.u), body.gradients(self.u)
         volume = None if mean is None else mean[:, None]
@@ -107,7 +129,7 @@ class BodyFields:
             In the unit of E; from the dofs of Adini's and the BFS element, see
             `skfem_adini.nodal_stress`, else means over the cells around a vertex.
         """
-        return nodal_stress(self.body, self.u)
+        return nodal_stress(self._meshed, self.u)
 
     def cell_stress(self) -> Array:
         """Mean Cauchy stress of each cell, shape (3, 3, ncells).
@@ -118,7 +140,7 @@ class BodyFields:
             In the unit of E, shape (3, 3, ncells); in 2-D the last row and column hold only
             sigma_zz, of an axisymmetric body the hoop stress.
         """
-        return cell_stress(self.body, self.stress())
+        return cell_stress(self._meshed, self.stress())
 
     def von_mises(self, points: ArrayLike | None = None) -> Array:
         """Von Mises stress, in the places of `stress`; with sigma_zz, or the hoop stress.
@@ -137,7 +159,7 @@ class BodyFields:
         InputError
             Points of another shape, not finite, or outside the body.
         """
-        body = self.body
+        body = self._meshed if points is None else self.body
         sigma = self.stress(points)
         trace = np.trace(sigma)
         if len(sigma) == 2:
@@ -212,6 +234,8 @@ class BodyResult(BodyFields):
         The load.
     contact_forces : ndarray, shape (ndofs,)
         ``G^T mu + T^T t`` on its dofs: the contact forces with the opposite sign.
+    tie_forces : ndarray, shape (ndofs,)
+        The same of bonded points.
 
     Examples
     --------
@@ -229,6 +253,7 @@ class BodyResult(BodyFields):
     u: Array
     applied: Array
     contact_forces: Array
+    tie_forces: Array
 
     def __repr__(self) -> str:
         return f"BodyResult({self.body!r}; displacement at most {self.body.reach(self.u):.6g})"
@@ -240,5 +265,10 @@ class BodyResult(BodyFields):
 
     @property
     def resultant(self) -> Array:
-        """Force of everything in contact with the body on it, shape (dim,)."""
+        """Force of everything in contact with the body on it, without its ties, shape (dim,)."""
         return np.asarray(self.body.total(-self.contact_forces))
+
+    @property
+    def tie_resultant(self) -> Array:
+        """Force of everything tied to the body on it, shape (dim,)."""
+        return np.asarray(self.body.total(-self.tie_forces))

@@ -44,6 +44,12 @@ def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
     return kkt
 
 
+def take_strains(body: Any) -> bool:
+    """Whether some body computes forces from strains from now on, and did not before."""
+    taken = [one.take_strains() for one in body.bodies if isinstance(one, BasisSolid)]
+    return any(taken)
+
+
 def refuse_residuals(state: ContactState, kkt: dict[str, float], tol: float, slack: float) -> None:
     """Raise unless all residuals of a state are below the tolerance.
 

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from contact.body.layers.layered_block import LayeredBlock
 from contact.body.rigid_modes import rigid_field
 from contact.body.several_bodies import Bodies
 from contact.errors import InputError
 
 if TYPE_CHECKING:
-    from contact.body.elastic_body import ElasticBody
     from contact.body.solid import Solid
     from contact.result.contact_state import ContactState
     from contact.rows.contact_rows import ContactRows
@@ -80,7 +80,9 @@ def check_problem(body: Solid, rows: ContactRows) -> None:
         _check_along(_means(body, rows), frame)
 
 
-def _check_body(body: ElasticBody) -> None:
+def _check_body(body: Any) -> None:
+    if isinstance(body, LayeredBlock):  # made anew from its arguments, which it has checked
+        return
     mesh, n = body.mesh, body.basis.N
     P, u0 = body.constraint
     for name, facets in (mesh.boundaries or {}).items():
@@ -98,9 +100,15 @@ def _check_body(body: ElasticBody) -> None:
 def _means(body: Any, rows: ContactRows, own: slice = slice(None)) -> Array:
     """Rows G and T applied to the translations of a body with dofs `own`, (m, dim, dim)."""
     m, dim = rows.G.shape[0], body.dim
+    G, T = rows.G[:, own], rows.T[:, own]
+    if isinstance(body, LayeredBlock):  # the rows are those of its lowest cells
+        n, body = body.trace.ndofs, body.trace
+        if G[:, n:].nnz or T[:, n:].nnz:
+            raise InputError("rows: G and T lie on more of a block than its lowest cells")
+        G, T = G[:, :n], T[:, :n]
     modes = rigid_field(body, np.zeros(dim))[:, :dim]
-    along = (rows.T[:, own] @ modes).reshape(m, dim - 1, dim)
-    return np.concatenate(((rows.G[:, own] @ modes)[:, None], along), axis=1)
+    along = (T @ modes).reshape(m, dim - 1, dim)
+    return np.concatenate(((G @ modes)[:, None], along), axis=1)
 
 
 def _check_along(means: Array, frame: Array) -> None:

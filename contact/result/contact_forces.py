@@ -1,4 +1,7 @@
-"""What happens on the contact boundary: gap and slip, pressure and shear, and their resultants."""
+"""What happens on the contact boundary: gap and slip, pressure and shear, and their resultants.
+
+Bonded points transmit forces of ties, not of contact: these have names of their own.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from contact.laws.status import Status
 from contact.result.contact_state import ContactState
 
 Array = NDArray[np.float64]
+Chosen = NDArray[np.bool_]
 
 
 class ContactForces(ContactState):
@@ -31,16 +35,36 @@ class ContactForces(ContactState):
 
     @property
     def pressure(self) -> Array:
-        """Contact pressure at `x`, force per area, positive in compression, shape (m,)."""
-        return self.mu / self.system.rows.weights
+        """Contact pressure at `x`, force per area, positive in compression, shape (m,).
+
+        Zero at bonded points, which have `tie_pressure`.
+        """
+        return self._normal(~self.system.rows.ties)
 
     @property
     def shear(self) -> Array:
         """Shear traction that acts on the body at `x`, along the tangents, (m, dim - 1).
 
-        Zero where the whole tangential displacement is prescribed.
+        Zero where the whole tangential displacement is prescribed, and at bonded points, which have
+        `tie_shear`.
         """
-        return -self.t / self.system.rows.weights[:, None]
+        return self._tangential(~self.system.rows.ties)
+
+    @property
+    def tie_pressure(self) -> Array:
+        """Normal traction of ties at `x`, negative where they pull, shape (m,); else zero."""
+        return self._normal(self.system.rows.ties)
+
+    @property
+    def tie_shear(self) -> Array:
+        """Tangential traction of ties on the body at `x`, shape (m, dim - 1); else zero."""
+        return self._tangential(self.system.rows.ties)
+
+    def _normal(self, chosen: Chosen) -> Array:
+        return np.where(chosen, self.mu / self.system.rows.weights, 0.0)
+
+    def _tangential(self, chosen: Chosen) -> Array:
+        return np.where(chosen[:, None], -self.t / self.system.rows.weights[:, None], 0.0)
 
     @cached_property
     def normal_displacement(self) -> Array:
@@ -92,7 +116,8 @@ class ContactForces(ContactState):
 
         NaN where nothing is in contact; bonded points do not count.
         """
-        loaded = (self.mu > 1e-12 * float(self.mu.max(initial=0.0))) & ~self.system.rows.ties
+        p = self.mu[~self.system.rows.ties]
+        loaded = (self.mu > 1e-12 * float(p.max(initial=0.0))) & ~self.system.rows.ties
         if not loaded.any():
             return np.full((self.x.shape[0], 2), np.nan)
         where = self.x_nominal[:, loaded]
@@ -102,7 +127,7 @@ class ContactForces(ContactState):
     def resultant(self) -> Array:
         """Force of the obstacle on the body, pressure and friction together, shape (dim,).
 
-        Where bodies touch each other: the sum of the `resultants`.
+        Where bodies touch each other: the sum of the `resultants`. Ties have `tie_resultants`.
         """
         if self.system.rows.axes.size:
             return np.asarray(self.resultants.sum(axis=0))
@@ -113,9 +138,17 @@ class ContactForces(ContactState):
         """The resultant of each contact boundary, shape (nboundaries, dim).
 
         Where two bodies meet it is the force on the one that carries the contact points; the force
-        on the other is equal and opposite.
+        on the other is equal and opposite. Zero where they are tied, see `tie_resultants`.
         """
-        boundaries = [self.part == k for k in range(self.part.max() + 1)]
+        return self._totals(~self.system.rows.ties)
+
+    @property
+    def tie_resultants(self) -> Array:
+        """The resultants of ties, as `resultants` are those of contact, (nboundaries, dim)."""
+        return self._totals(self.system.rows.ties)
+
+    def _totals(self, chosen: Chosen) -> Array:
+        boundaries = [chosen & (self.part == k) for k in range(self.part.max() + 1)]
         axes = self.system.rows.axes
         if not axes.size:
             return np.array([self.system.body.total(-self._forces(p)) for p in boundaries])
@@ -124,20 +157,29 @@ class ContactForces(ContactState):
             on_points[:, 0] = 0.0  # around the ring these cancel
         return np.array([on_points[p].sum(axis=0) for p in boundaries])
 
-    def _forces(self, chosen: NDArray[np.bool_]) -> Array:
+    def _forces(self, chosen: Chosen) -> Array:
         rows, t = self.system.rows, np.where(chosen[:, None], self.t, 0.0)
         return np.asarray(rows.G.T @ np.where(chosen, self.mu, 0.0) + rows.T.T @ t.ravel())
 
     @property
     def contact_force(self) -> float:
-        """Sum of the normal forces."""
-        return float(self.mu.sum())
+        """Sum of the normal forces of contact."""
+        return float(self.mu[~self.system.rows.ties].sum())
+
+    @property
+    def tie_force(self) -> float:
+        """Sum of the normal forces of ties, negative where they pull."""
+        return float(self.mu[self.system.rows.ties].sum())
 
     @cached_property
     def contact_forces(self) -> Array:
         """``G^T mu + T^T t`` on all dofs: the contact forces with the opposite sign."""
-        rows = self.system.rows
-        return np.asarray(rows.G.T @ self.mu + rows.T.T @ self.t.ravel())
+        return self._forces(~self.system.rows.ties)
+
+    @cached_property
+    def tie_forces(self) -> Array:
+        """As `contact_forces`, of the bonded points."""
+        return self._forces(self.system.rows.ties)
 
     @property
     def centre_of_pressure(self) -> Array:
@@ -146,6 +188,7 @@ class ContactForces(ContactState):
         NaN where nothing is in contact. The forces act at the nominal places: the moment about
         any point is that which the body feels.
         """
-        parts = [self.part == k for k in range(self.part.max() + 1)]
+        contact = ~self.system.rows.ties
+        parts = [contact & (self.part == k) for k in range(self.part.max() + 1)]
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.array([self.x_nominal[:, p] @ self.mu[p] / self.mu[p].sum() for p in parts])

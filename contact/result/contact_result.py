@@ -132,7 +132,11 @@ class ContactResult(BodyFields, ContactForces):
         k = self.solid.number_of(body)
         own = self.solid.slices[k]
         return BodyResult(
-            self.solid.bodies[k], self.u[own], self.applied[own], self.contact_forces[own]
+            self.solid.bodies[k],
+            self.u[own],
+            self.applied[own],
+            self.contact_forces[own],
+            self.tie_forces[own],
         )
 
     @property
@@ -212,8 +216,8 @@ class ContactResult(BodyFields, ContactForces):
         -------
         pyvista.UnstructuredGrid or pyvista.MultiBlock
             Of several bodies: a block for each, by its name or as "body 0", ...; for each pair its
-            contact surface, "contact 0", ..., as `boundary_to_pyvista` has it; and the opposite
-            face if it is elastic, "contact 0 opposite", with the tractions on it.
+            contact surface, "contact 0", ..., or "tie 0", ..., as `boundary_to_pyvista` has it; and
+            the opposite face if it is elastic, "contact 0 opposite", with the tractions on it.
 
         Raises
         ------

@@ -56,7 +56,8 @@ def save_pvtu(path: str | Path, result: ContactResult) -> Path:
             "result.to_pyvista() instead"
         )
     u, applied = body.to_local(result.u), body.to_local(result.applied)
-    piece = BodyResult(body.local, u, applied, body.to_local(result.contact_forces))
+    forces = (body.to_local(f) for f in (result.contact_forces, result.tie_forces))
+    piece = BodyResult(body.local, u, applied, *forces)
 
     def grid() -> Any:
         own = body.space.own_cells

@@ -16,6 +16,7 @@ from contact.body.anisotropic import Anisotropic
 from contact.body.cut_body import CutBody
 from contact.body.distributed_body import DistributedBody
 from contact.body.elastic_body import ElasticBody
+from contact.body.layers.layered_block import LayeredBlock
 from contact.body.several_bodies import Bodies
 from contact.body.solid import Solid
 from contact.body.thermal_strain import checked_thermal
@@ -25,7 +26,7 @@ from contact.laws.options import default_tolerance
 from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.obstacles.rigid import ObstacleMotion
 from contact.output.archive import named_archive, read_arrays, reading, write_arrays
-from contact.result.certify import as_lines, certify
+from contact.result.certify import as_lines, certify, take_strains
 from contact.result.consistency import check_mesh, check_problem, check_state
 from contact.result.contact_state import ContactState
 from contact.result.contact_system import ContactSystem
@@ -105,14 +106,18 @@ def _thermal_name(body: Solid, k: int) -> str:
 
 def _body_arrays(body: Any, rows: dict[str, str]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Mesh, material and supports of a body, and what describes them and its rows in words."""
-    if isinstance(body, CutBody):
-        raise InputError(
-            "result: a CutBody holds a level set, a function, and cannot be saved; save u, mu and "
-            "t with numpy.savez, build the problem again from its script, and make "
-            "ContactResult(problem.system_of(body), u, mu, t, method, ()); its kkt is computed anew"
-        )
     if isinstance(body, DistributedBody):
         return words_of_distributed(body, rows)
+    if isinstance(body, LayeredBlock):
+        named = {"name": body.name} if body.name else {}
+        held = np.zeros(body.ndofs, dtype=bool)
+        held[body.prescribed[0]] = True
+        return {"block/held": held}, {
+            "mesh": "LayeredBlock",
+            "block": body.stored(),
+            **rows,
+            **named,
+        }
     mesh, basis = body.mesh, body.basis
     for what, known in ((body.element, _ELEMENTS), (mesh, _MESHES)):
         name = type(what).__name__
@@ -149,6 +154,9 @@ def _body_arrays(body: Any, rows: dict[str, str]) -> tuple[dict[str, Any], dict[
         "boundaries": list(boundaries),
         "subdomains": list(subdomains),
     }
+    if isinstance(body, CutBody):
+        arrays |= {f"cut/{name}": array for name, array in body.stored().items()}
+        about["threshold"] = body.threshold
     return arrays, about | ({"name": body.name} if body.name else {})
 
 
@@ -229,8 +237,14 @@ def rebuild(
 def _certify(state: ContactState, consequence: str) -> None:
     """Certify a result again; on another processor residuals near their limit may round up."""
     tol = default_tolerance(state.method) if state.tol is None else state.tol
+    limits = max(2 * tol, 1e-12), 2 * state.slack
     try:
-        kkt = certify(state, max(2 * tol, 1e-12), 2 * state.slack)
+        try:
+            kkt = certify(state, *limits)
+        except NotConverged:  # as when it was solved
+            if not take_strains(state.system.body):
+                raise
+            kkt = certify(state, *limits)
     except NotConverged as error:
         raise InputError(f"{consequence}: {error}") from error
     logger.info("%s", as_lines(kkt))
@@ -285,10 +299,8 @@ def _rebuild(
     )
 
 
-def _rebuild_problem(
-    arrays: dict[str, Any], about: dict[str, Any]
-) -> tuple[ElasticBody | Bodies, ContactRows]:
-    body: ElasticBody | Bodies
+def _rebuild_problem(arrays: dict[str, Any], about: dict[str, Any]) -> tuple[Any, ContactRows]:
+    body: Any
     if about["format"] == _SEVERAL:
         body = Bodies([_body_of(arrays, k, words) for k, words in enumerate(about["bodies"])])
     else:
@@ -298,15 +310,20 @@ def _rebuild_problem(
     return body, rows
 
 
-def _body_of(arrays: dict[str, Any], k: int, about: dict[str, Any]) -> ElasticBody:
+def _body_of(arrays: dict[str, Any], k: int, about: dict[str, Any]) -> Any:
     """Body k of several."""
     prefix = _prefix(k)
     own = {name.removeprefix(prefix): a for name, a in arrays.items() if name.startswith(prefix)}
     return _rebuild_body(own, about)
 
 
-def _rebuild_body(arrays: dict[str, Any], about: dict[str, Any]) -> ElasticBody:
+def _rebuild_body(arrays: dict[str, Any], about: dict[str, Any]) -> Any:
     """A body under no load, with displacements prescribed as zero."""
+    if about["mesh"] == "LayeredBlock":
+        block = LayeredBlock.from_stored(about["block"], arrays["block/held"].size)
+        if not np.array_equal(block.prescribed[0], np.flatnonzero(arrays["block/held"])):
+            raise InputError("block: its supports hold other unknowns than when it was saved")
+        return block.named(about["name"]) if "name" in about else block
     for kind, known in (("mesh", _MESHES), ("element", _ELEMENTS)):
         if about[kind] not in known:
             raise InputError(f"{kind} {about[kind]!r} is none of {', '.join(known)}")
@@ -318,6 +335,8 @@ def _rebuild_body(arrays: dict[str, Any], about: dict[str, Any]) -> ElasticBody:
     if about.get("subdomains"):
         cells = {name: arrays[f"subdomain/{i}"] for i, name in enumerate(about["subdomains"])}
         mesh = mesh.with_subdomains(cells)
+    if "threshold" in about:
+        return _rebuild_cut_body(mesh, arrays, about)
     element = skfem.ElementVector(_ELEMENTS[about["element"]]())
     rule = (arrays["quadrature/X"], arrays["quadrature/W"]) if "quadrature/X" in arrays else None
     body = ElasticBody(
@@ -328,6 +347,14 @@ def _rebuild_body(arrays: dict[str, Any], about: dict[str, Any]) -> ElasticBody:
         about.get("dilatation", "pointwise"),
         Anisotropic(arrays["C"]) if "C" in arrays else None,
     )
+    body.constraint = unpack(arrays, "constraint"), np.zeros(body.basis.N)
+    return body.named(about["name"]) if "name" in about else body
+
+
+def _rebuild_cut_body(mesh: Any, arrays: dict[str, Any], about: dict[str, Any]) -> CutBody:
+    cut = {k.removeprefix("cut/"): value for k, value in arrays.items() if k.startswith("cut/")}
+    material = arrays.get("E"), arrays.get("nu"), about["plane"]
+    body = CutBody.from_stored(mesh, cut, *material, about["threshold"])
     body.constraint = unpack(arrays, "constraint"), np.zeros(body.basis.N)
     return body.named(about["name"]) if "name" in about else body
 

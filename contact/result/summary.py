@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from contact.output.sides import pair_name
+
 
 def counts(result: Any) -> str:
     """How many contact points are open, stick and slip, and are bonded, if any are."""
@@ -27,7 +29,7 @@ def facts(result: Any) -> dict[str, str]:
     result : ContactResult
     """
     system, kkt = result.system, result.kkt
-    highest = int(np.argmax(result.pressure)) if np.any(result.mu) else None
+    highest = int(np.argmax(result.pressure)) if np.any(result.pressure) else None
     worst = max(kkt, key=lambda name: kkt[name])
     law = system.law
     if law is not None:
@@ -57,15 +59,16 @@ def _bodies(body: Any) -> dict[str, str]:
 
 
 def _forces(result: Any) -> dict[str, str]:
-    """The resultant; of several bodies that of each pair, and how its points are."""
+    """The resultant; of several bodies that of each contact and tie, and how its points are."""
     body, owner = result.system.body, result.system.rows.owner
     if len(body.bodies) == 1:
         return {"resultant": vector(result.resultant)}
     found = {}
-    for k, force in enumerate(result.resultants):
+    # Points of one pair are all bonded or all free.
+    for k, force in enumerate(result.resultants + result.tie_resultants):
         own = result.part == k
         whose = body.called(int(owner[own][0]))
-        found[f"contact {k}"] = f"{_counted(result.status[own])}; {vector(force)} on {whose}"
+        found[pair_name(result, k)] = f"{_counted(result.status[own])}; {vector(force)} on {whose}"
     return found
 
 

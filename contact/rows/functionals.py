@@ -213,7 +213,7 @@ _OF_ELEMENT: dict[str, tuple[FacetFunctional, ...]] = {
     "ElementHex1": (_NODAL_QUAD,),
     "ElementTetP2": (_quadratic_triangle(),),
     "ElementHex2": (_quadratic_square(), _GAUSS_SQUARE),
-    "ElementHexAdini": (replace(_NODAL_QUAD, name="centroid", mean=True),),
+    "ElementHexAdini": (replace(_NODAL_QUAD, name="centroid", mean=True), _NODAL_QUAD),
     "ElementQuadBFS": (*_CUBIC_LINES,),
     "ElementQuadAdini": (
         *_CUBIC_LINES,

@@ -93,6 +93,35 @@ class CutDomain:
                 "level_set: no cell of the mesh lies inside; it must be negative there"
             )
 
+    @classmethod
+    def from_quadrature(cls, mesh: MeshQuad, quadrature: CutQuadrature) -> CutDomain:
+        """Return the domain whose points, weights and normals are known, as from a file.
+
+        Parameters
+        ----------
+        mesh
+            `MeshQuad` of axis-parallel rectangles.
+        quadrature
+            Of all cells of this mesh.
+
+        Returns
+        -------
+        CutDomain
+
+        Raises
+        ------
+        InputError
+            The arrays do not fit each other or the mesh: shapes, cells that do not exist, points
+            outside their cells, weights that are not positive, normals that have not length one.
+        """
+        corners = axis_parallel_cells(mesh)
+        if not all(map(np.array_equal, corners, (quadrature.lower, quadrature.upper))):
+            raise InputError("quadrature: its cells are not those of the mesh")
+        quadrature.check()
+        domain = cls.__new__(cls)
+        domain.mesh, domain.quadrature = mesh, quadrature
+        return domain
+
     @cached_property
     def full(self) -> Indices:
         """Cells inside."""

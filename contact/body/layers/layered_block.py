@@ -32,7 +32,7 @@ from contact.body.layers.layers import (
     read_sides,
 )
 from contact.body.layers.meshed_block import meshed_block
-from contact.body.layers.mirrored import elastic_of, hold, vanishing
+from contact.body.layers.mirrored import elastic_of, hold, meshed_of, vanishing
 from contact.body.material import checked_plane
 from contact.body.supports import live_rows
 from contact.errors import InputError
@@ -346,6 +346,35 @@ class LayeredBlock(BlockVectors):
     def elastic(self) -> ElasticBody:
         """The same body as an `ElasticBody`, with loads and supports; dofs are numbered as here."""
         return elastic_of(self)
+
+    def meshed(self) -> ElasticBody:
+        """Its cells alone, for pictures and stresses: as `elastic`, without supports and loads."""
+        return meshed_of(self)
+
+    def stored(self) -> dict[str, Any]:
+        """What a file keeps of it: the arguments, and the supported components of its sides."""
+        return {
+            "lengths": [self.width, self.height],
+            "layers": [[l.height, l.cells, l.E, l.nu] for l in self.layers],
+            "columns": self.columns,
+            "plane": self.plane,
+            "path": self.path,
+            "sides": self.sides if self.path else None,
+            "supports": [[name, int(c)] for name, c, _ in self._supports],
+        }
+
+    @classmethod
+    def from_stored(cls, words: dict[str, Any], ndofs: int) -> LayeredBlock:
+        """The block that `stored` describes, its supports at rest; of so many dofs, or refused."""
+        rows = sum(cells for _, cells, *_ in words["layers"])
+        if PER_NODE * (words["columns"] + 1) * (rows + 1) != ndofs:
+            raise InputError(f"block: its cells do not make the {ndofs} dofs of its supports")
+        options = {key: words[key] for key in ("columns", "plane", "path")}
+        block: LayeredBlock = cls(words["lengths"], words["layers"], words["sides"], **options)
+        block._supports = []
+        for name, c in words["supports"]:
+            block.fix(name, c)
+        return block
 
     @property
     def basis(self) -> Any:

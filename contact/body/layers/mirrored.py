@@ -47,12 +47,17 @@ def hold(body: ElasticBody, dofs: NDArray[np.int64]) -> ElasticBody:
     return body
 
 
-def elastic_of(block: Any) -> ElasticBody:
-    """The `ElasticBody` that a block without a mesh stands for; dofs are numbered alike."""
+def meshed_of(block: Any) -> ElasticBody:
+    """The cells of a block as an `ElasticBody` without supports and loads; dofs numbered alike."""
     mesh = grid(block.x, block.y)
     cells = [block.columns * layer.cells for layer in block.layers]
     E, nu = (np.repeat([getattr(l, key) for l in block.layers], cells) for key in ("E", "nu"))
-    body = ElasticBody.from_mesh(mesh, ElementQuadAdini(), E=E, nu=nu, plane=block.plane)
+    return ElasticBody.from_mesh(mesh, ElementQuadAdini(), E=E, nu=nu, plane=block.plane)
+
+
+def elastic_of(block: Any) -> ElasticBody:
+    """The `ElasticBody` that a block without a mesh stands for; dofs are numbered alike."""
+    body = meshed_of(block)
     for name, c, value in block._supports:
         body.fix(name, c, value)
     body.f = block.f.copy()

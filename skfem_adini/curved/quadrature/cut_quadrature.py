@@ -94,6 +94,36 @@ class CutQuadrature:
         volume = np.bincount(self.cells, self.weights, len(self.full))
         return np.where(self.full, 1.0, volume / np.prod(self.upper - self.lower, axis=0))
 
+    def check(self) -> None:
+        """Check that the arrays fit each other.
+
+        Raises
+        ------
+        InputError
+            See `CutDomain.from_quadrature`.
+        """
+        count = self.full.size
+        slack = 1e-9 * (self.upper - self.lower)  # rounding of a place in a cell
+        inside = (self.cells, self.points, self.weights)
+        line = (self.boundary_cells, self.boundary_points, self.boundary_weights)
+        for kind, (cells, points, weights) in (("points", inside), ("boundary_points", line)):
+            if points.shape != (2, cells.size) or weights.shape != cells.shape or cells.ndim != 1:
+                raise InputError(f"quadrature: {kind} have other shapes than their cells")
+            if cells.dtype.kind != "i" or np.any((cells < 0) | (cells >= count)):
+                raise InputError(f"quadrature: {kind} lie in cells that do not exist")
+            if np.any(np.diff(cells) < 0):
+                raise InputError(f"quadrature: {kind} are not in the order of their cells")
+            low, high = self.lower - slack, self.upper + slack
+            if not np.all((points >= low[:, cells]) & (points <= high[:, cells])):
+                raise InputError(f"quadrature: {kind} lie outside their cells")
+            if not np.all((weights > 0) & np.isfinite(weights)):
+                raise InputError(f"quadrature: weights of {kind} are not positive")
+        shape = self.boundary_points.shape
+        if self.full.dtype != bool or self.parts.shape != shape[1:] or self.normals.shape != shape:
+            raise InputError("quadrature: full, normals or parts have other shapes than the points")
+        if not np.all(np.abs(np.hypot(*self.normals) - 1.0) < 1e-9):
+            raise InputError("quadrature: normals have not length one")
+
     @property
     def area(self) -> float:
         """Area of the domain."""

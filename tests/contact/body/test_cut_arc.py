@@ -7,7 +7,6 @@ from skfem import MeshQuad
 
 from contact import (
     ContactProblem,
-    ContactResult,
     CutBody,
     InputError,
     NotConverged,
@@ -169,29 +168,6 @@ def test_vtk_holds_the_part_inside():
     solid = result.to_pyvista()
     assert solid.compute_cell_sizes()["Area"].sum() == pytest.approx(np.pi * R**2 / 2, rel=2e-3)
     assert result.boundary_to_pyvista().n_points == result.mu.size
-
-
-def test_a_result_is_kept_by_its_arrays(tmp_path):
-    """What the refusal of `save` recommends: the same result, certified from the arrays."""
-
-    def problem():
-        mesh = MeshQuad.init_tensor(np.linspace(-1, 1, 12), np.linspace(0, 1, 6)).with_defaults()
-        body = CutBody(mesh, circle(0.02, 0, R), E=1.0, nu=0.3, q=4).fix("bottom")
-        return ContactProblem(body, body.arc(), -1e-3, friction=0.2)
-
-    result = problem().solve()
-    with pytest.raises(InputError, match="cannot be saved; save u, mu and t"):
-        result.save(tmp_path / "refused.npz")
-    assert not any(tmp_path.iterdir())
-    np.savez(tmp_path / "kept.npz", u=result.u, mu=result.mu, t=result.t)
-    kept, again = np.load(tmp_path / "kept.npz"), problem()
-    system = again.system_of(again.body)
-    copy = ContactResult(system, kept["u"], kept["mu"], kept["t"], "newton", ())
-    assert copy.kkt == pytest.approx(result.kkt, abs=1e-15)
-    np.testing.assert_array_equal(copy.status, result.status)
-    np.testing.assert_array_equal(copy.pressure, result.pressure)
-    wrong = ContactResult(system, 1.01 * kept["u"], kept["mu"], kept["t"], "newton", ())
-    assert max(wrong.kkt.values()) > 1e-4
 
 
 BAD = {

@@ -137,7 +137,7 @@ def test_tie_of_either_sign_keeps_a_lifted_body():
         ContactProblem(body, "bottom", 0.0).solve()
     problem = ContactProblem(body, "bottom", 0.0)
     result = tied(problem, np.ones(problem.rows.gap.size)).solve()
-    assert result.resultant == pytest.approx([0.0, -40.0], rel=1e-9, abs=1e-8)
+    assert result.tie_resultants[0] == pytest.approx([0.0, -40.0], rel=1e-9, abs=1e-8)
 
 
 def test_one_bonded_point_leaves_a_rotation_about_it():

@@ -112,7 +112,7 @@ def test_layers_have_no_outline():
 def test_parts_are_named():
     ax = stack().solve().plot()
     words = [text.get_text() for text in ax.texts]
-    assert words == ["contact 0", "contact 1", "contact 2"]
+    assert words == ["contact 0", "tie 1", "contact 2"]
     names = [text.get_text() for text in ax.figure.axes[1].get_legend().get_texts()]
     assert names[:3] == ["top block", "body 1", "low/block"]
     assert "bonded" in names

@@ -14,7 +14,8 @@ pytestmark = pytest.mark.filterwarnings("ignore::contact.ContactWarning")
 def traction(result):
     """Traction on the body with the multipliers at its places, shape (dim, m)."""
     rows = result.system.rows
-    return np.einsum("mj,djm->dm", result.shear, rows.tangents) - result.pressure * rows.normals
+    p, t = result.pressure + result.tie_pressure, result.shear + result.tie_shear
+    return np.einsum("mj,djm->dm", t, rows.tangents) - p * rows.normals
 
 
 def same(found, expected, pose, tol):

@@ -63,7 +63,8 @@ def solved(make, element, parts, kind, functional, friction=0.5):
 
 def traction(result):
     rows = result.system.rows
-    return np.einsum("mj,djm->dm", result.shear, rows.tangents) - result.pressure * rows.normals
+    p, t = result.pressure + result.tie_pressure, result.shear + result.tie_shear
+    return np.einsum("mj,djm->dm", t, rows.tangents) - p * rows.normals
 
 
 def compare(part, whole, tol):

@@ -21,13 +21,15 @@ def test_pairs_of_a_stack():
         *("top block", "body 1", "low/block")
     ]
     for k, whose in enumerate(("'top block'", "body 1", "'low/block'")):
-        line = said[f"contact {k}"]
+        line = said["tie 1" if k == 1 else f"contact {k}"]
         assert line.endswith(f"on {whose}")
         assert line.startswith(f"{np.sum(result.part == k)} points: ")
         force = [float(v) for v in re.search(r"; \((.*)\)", line)[1].split(", ")]
         # Six digits are printed.
-        assert force == pytest.approx(result.resultants[k], rel=1e-5, abs=1e-12)
-    assert "15 bonded" in said["contact 1"]
+        assert force == pytest.approx(
+            (result.tie_resultants if k == 1 else result.resultants)[k], rel=1e-5, abs=1e-12
+        )
+    assert "15 bonded" in said["tie 1"]
     assert "bonded" not in said["contact 0"]
 
 
