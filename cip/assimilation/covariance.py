@@ -20,7 +20,7 @@ from cip.errors import InputError
 from cip.grid import Grid
 from cip.profiles.catalogue import moments
 from cip.reals import real_array, real_number
-from cip.stages.state import State
+from cip.stages.state import State, state_of
 
 Array = NDArray[np.float64]
 
@@ -208,7 +208,7 @@ class Covariance:
         numbers = np.random.default_rng(seed).standard_normal(self.root.shape[1])
         count = len(moments(self.profile, self.grid.dim))
         data = np.reshape(self.root @ numbers, (count, *self.grid.nodes))
-        return State(self.grid, self.profile, data, t)
+        return state_of(self.grid, self.profile, data, t)
 
 
 def _positive(given: ArrayLike, shape: tuple[int, ...], name: str) -> Array:

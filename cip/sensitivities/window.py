@@ -29,7 +29,7 @@ from cip.sensitivities.path_tangent import PathTangent
 from cip.sensitivities.wall_derivatives import WallDerivatives
 from cip.sources.half_step import HalfStep
 from cip.stages.stage import Correction, Stage, StageFeet
-from cip.stages.state import State, on_host
+from cip.stages.state import State, on_host, state_of
 
 Array = Any  # arrays of NumPy or CuPy
 # Bytes that the states of a window may take without being asked for: states between checkpoints
@@ -178,6 +178,8 @@ class Window:
 
     def _given(self, x: Any) -> Array:
         """The vector that the operator is applied to."""
+        if np.ma.is_masked(x):
+            raise InputError("x: some values are masked; fill them")
         x = self._xp.ravel(self._xp.asarray(x))
         if x.dtype.kind not in "biuf":
             raise InputError(f"x: expected real values instead of {x.dtype}")
@@ -187,7 +189,7 @@ class Window:
     def _tangent(self, x: Any) -> Array:
         x = self._given(x)
         state, size = self._start, self._start.data.size
-        change = State(state.grid, state.profile, x[:size].reshape(state.data.shape).copy())
+        change = state_of(state.grid, state.profile, x[:size].reshape(state.data.shape).copy())
         given = on_host(x[size:])
         varies = self._varies and given.any()
         known: dict[Any, Array] = {}
@@ -197,7 +199,7 @@ class Window:
             more = self._along(n, state, given, known)
             if more is not None:
                 data = new.data + more.reshape(new.data.shape)
-                new = State(state.grid, state.profile, data, new.t)
+                new = state_of(state.grid, state.profile, data, new.t)
             if varies:
                 state = self._advance(n, state)
             change = new

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from typing import Any, Literal
 
@@ -25,7 +25,7 @@ from cip.solver.choices import Form, bounds_of, check_choices, check_state, form
 from cip.solver.derivatives import derivative
 from cip.solver.parameters import parameters_of, with_values
 from cip.solver.step_stages import advanced, made_stages
-from cip.solver.time_loop import run, step_length
+from cip.solver.time_loop import checked_callback, run, step_length
 from cip.sources.reaction import reaction
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State, _real, default_profile
@@ -173,7 +173,7 @@ class Solver(Parametrised):
         if store_feet not in (None, True, False):
             raise InputError(f"store_feet: expected True, False or None, got {store_feet!r}")
         self.store_feet = store_feet
-        self._boundary = boundary
+        self._boundary = dict(boundary) if isinstance(boundary, Mapping) else boundary
         self.source, self.decay = Source.of(source, "source"), Source.of(decay, "decay")
         self._parameters = parameters_of(self.velocity, self.source, self.decay, boundary)
         setting = Setting(
@@ -262,7 +262,7 @@ class Solver(Parametrised):
         dt: float | None = None,
         cfl: float | None = None,
         snapshots: int | Sequence[float] | None = None,
-        callback: Callable[[State], Any] | None = None,
+        callback: Callable[[State], State | Any] | None = None,
         progress: bool = False,
     ) -> Any:
         """Steps to `t_end`, landing exactly on it and on every snapshot's time.
@@ -281,7 +281,9 @@ class Solver(Parametrised):
             The number of equal intervals whose ends are kept, or the times to keep; default start
             and end.
         callback : callable, optional
-            Called with the state after every step; it may raise StopIteration to end the run.
+            Called with the state after every step. A State that it returns takes the place of this
+            one, for instance with a field that was corrected; `tangent` and `adjoint` refuse such
+            a run. What else it returns is ignored. It may raise StopIteration to end the run.
         progress : bool
             Log one line for each snapshot at level INFO.
 
@@ -299,7 +301,8 @@ class Solver(Parametrised):
             return Trajectory(tuple(states), self, length, interrupted)
 
         loop = (self._advance, self._kernels.begin, record)
-        return run(state, t_end, length, snapshots, callback, progress, *loop)
+        change = checked_callback(callback, self._accept, self._kernels.place)
+        return run(state, t_end, length, snapshots, change, progress, *loop)
 
     def tangent(self, run: Trajectory, checkpoints: int | None = None) -> LinearOperator:
         """The derivative of a run's last state in its first one and in the solver's parameters.

@@ -50,7 +50,9 @@ def test_any_shape(reports, unknowns, seed, spread):
 @pytest.mark.parametrize("unknowns", range(1, 61))
 def test_all_shapes(unknowns):
     for reports in range(1, 61):
-        check_against_dense(reports, unknowns, 61 * reports + unknowns, [0.0, 1.0, 3.0][reports % 3])
+        check_against_dense(
+            reports, unknowns, 61 * reports + unknowns, [0.0, 1.0, 3.0][reports % 3]
+        )
 
 
 @pytest.mark.parametrize("deviation", [0.3, 1e-6])
@@ -67,9 +69,7 @@ def test_a_window_with_few_unknowns(patterns, points, times, deviation):
     values = rng.standard_normal((times, points))
     sensors = Sensors(places, clock, values, deviation)
     B = Covariance.patterns(shapes)
-    found = four_d_var(
-        solver, solver.state(0.0), B, sensors, dt=1.0, vectors=values.size, tol=1e-9
-    )
+    found = four_d_var(solver, solver.state(0.0), B, sensors, dt=1.0, vectors=values.size, tol=1e-9)
     rows = sensors.rows(grid, "cubic")
     once = np.stack([rows @ one.data.ravel() for one in shapes], axis=1)
     A, b = np.tile(once, (times, 1)) / deviation, values.ravel() / deviation
