@@ -59,9 +59,9 @@ class Source(Parametrised):
             self._text = s
             parse(s, self._name)
         elif not callable(s):
-            kinds = "source: expected a number, a text, a callable or an array"
-            self._value = own_array(s, kinds)
+            self._value = own_array(s, "source")
             if not self._value.ndim:
+                kinds = "source: expected a number, a text, a callable or an array"
                 self._value = real_number(s, kinds)
                 if not np.isfinite(self._value):
                     raise InputError(f"source: expected a finite number, got {s!r}")

@@ -81,7 +81,7 @@ def run(
                     length = dt
                 t = target if last else start + (k + 1) * dt
                 state = advance(state, length)
-                state = state_of(state.grid, state.profile, state.data, t)
+                state = state_of(state.grid, state.profile, state.data, t, state._bounded)
                 if callback is not None:
                     state = callback(state)
             kept.append(state.host().require_finite())

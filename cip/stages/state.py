@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -50,6 +50,7 @@ class State:
     profile: str
     data: Any
     t: float = 0.0
+    _bounded: ClassVar[tuple[float, float] | None] = None
 
     def __post_init__(self) -> None:
         """Copy the moments: what the caller does with his array changes no state."""
@@ -167,7 +168,7 @@ class State:
         """
         if isinstance(self.data, np.ndarray):
             return self
-        return state_of(self.grid, self.profile, on_host(self.data), self.t)
+        return state_of(self.grid, self.profile, on_host(self.data), self.t, self._bounded)
 
     def check(self, name: str = "state") -> None:
         """Raise `InputError` unless the moments are real, finite and of the right shape.
@@ -238,10 +239,21 @@ class State:
         return f"moment {self.names[q]!r} is {host[q, flat]} at {node_name(self.grid, flat)}"
 
 
-def state_of(grid: Grid, profile: str, data: Any, t: float = 0.0) -> State:
-    """The state of an array that nobody else changes, which is not copied."""
+def state_of(
+    grid: Grid,
+    profile: str,
+    data: Any,
+    t: float = 0.0,
+    bounded: tuple[float, float] | None = None,
+) -> State:
+    """The state of an array that nobody else changes, which is not copied.
+
+    `bounded` are the bounds of the limiter whose step made it: it may exceed them as that may.
+    """
     state = object.__new__(State)
     state.__dict__.update(grid=grid, profile=profile, data=data, t=t)
+    if bounded is not None:
+        state.__dict__["_bounded"] = bounded
     return state
 
 
