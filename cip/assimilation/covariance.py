@@ -1,8 +1,8 @@
 r"""Covariances of states as operators, by a square root: :math:`B = S S^T`.
 
 Errors are functions: the values of an error have the covariance that is asked for, and its other
-moments are the derivatives of its spline. So B has the rank of the values, and no increment has
-gradients that contradict its values.
+moments are the derivatives and means of its spline. So B has the rank of the values, and no
+increment has gradients or means that contradict its values.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ class Covariance:
         ----------
         grid : Grid
         profile : str
-            Of point values.
+            Means over cells, of csl2 and csl4, are those of the spline through the values.
         deviation : float or array_like
             Standard deviation of the values, positive; a number, or an array at the nodes.
         length : float, or one for each direction
