@@ -59,8 +59,9 @@ class Source(Parametrised):
             self._text = s
             parse(s, self._name)
         elif not callable(s):
-            self._value = own_array(s, "source")
-            if not self._value.ndim:
+            if not isinstance(s, Mapping):
+                self._value = own_array(s, "source")
+            if not np.ndim(self._value):
                 kinds = "source: expected a number, a text, a callable or an array"
                 self._value = real_number(s, kinds)
                 if not np.isfinite(self._value):

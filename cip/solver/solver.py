@@ -340,9 +340,10 @@ class Solver(Parametrised):
 
         It is that of the discrete steps with the sub-steps that the characteristics took, exact to
         rounding (`cip.sensitivities.window`); for cubic, quintic, csl2, csl4, adini and bicubic,
-        with sources, decay, and what enters through walls. If a foot lies on the edge of
-        a cell, where derivatives of the profile may jump, one side is taken. A uniform velocity
-        takes one sub-step: for changes that are not uniform dt should be short there.
+        with sources, decay, and what enters through walls. Where a foot lies on an edge of a cell,
+        as at rest or after whole cells, derivatives of the profile may jump: the mean of both sides
+        is taken, as by a central difference. A uniform velocity takes one sub-step: for changes
+        that are not uniform dt should be short there.
 
         Parameters
         ----------
