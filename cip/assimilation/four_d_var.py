@@ -178,7 +178,7 @@ def _step(
         new = control + length * direction
         try:
             there = window.path(new)
-        except (LeftDomain, NotConverged, NotFinite):  # a velocity too far from any sensible one
+        except (InputError, LeftDomain, NotConverged, NotFinite):  # far from any sensible velocity
             length *= 0.5
             continue
         if _cost(new, there) <= before + _DECREASE * length * slope + _ROUNDING * before:

@@ -12,6 +12,7 @@ from cip.errors import InputError, PeriodicityWarning
 from cip.formulas.expression import COORDINATES
 from cip.formulas.formula import Formula
 from cip.formulas.snapshots import SnapshotFormula
+from cip.formulas.spline_basis import SplineFormula
 from cip.grid import AXES, Grid
 
 # Jumps relative to the largest value in the box. Below the first one they are rounding, also of
@@ -41,6 +42,8 @@ def check_periodic(velocity: Sequence[Formula], grid: Grid) -> None:
         if not grid.periodic[axis]:
             continue
         for q, formula in enumerate(velocity):
+            if isinstance(formula, SplineFormula):  # its basis is periodic where the grid is
+                continue
             if COORDINATES[axis] in formula.expression.variables():
                 _compare(formula, f"c{q + 1}", grid, axis)
 
@@ -85,7 +88,7 @@ def _compare(formula: Formula, name: str, grid: Grid, axis: int) -> None:
                     "the grid not periodic"
                 )
             warnings.warn(
-                f"{text}; the field is wrong near there", PeriodicityWarning, stacklevel=5
+                f"{text}; the field is wrong near there", PeriodicityWarning, stacklevel=4
             )
             return
 
