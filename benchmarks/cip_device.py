@@ -30,7 +30,8 @@ from machine import describe
 
 from cip import Grid, Solver, Velocity
 
-ROTATION = ("x2", "-x1")
+# About the centre, and periodic with its derivatives.
+ROTATION = ("x2*(1 - x2*x2)", "x1*(x1*x1 - 1)")
 SWIRL = ("sin(pi*x1)**2*sin(2*pi*x2)*cos(pi*t)", "-sin(pi*x2)**2*sin(2*pi*x1)*cos(pi*t)")
 DIRECT = ("adini", "bicubic")
 # Numbers a node: moments in and out, and the feet where they are stored.

@@ -17,6 +17,7 @@ from cip.errors import (
     NotConverged,
     NotFinite,
     NotSupported,
+    PeriodicityWarning,
 )
 from cip.formulas.source import Source
 from cip.formulas.spline_velocity import SplineVelocity
@@ -45,6 +46,7 @@ __all__ = [
     "NotConverged",
     "NotFinite",
     "NotSupported",
+    "PeriodicityWarning",
     "Placement",
     "Sensors",
     "Solver",

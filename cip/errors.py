@@ -75,6 +75,26 @@ class MissingDependency(CipError, ImportError):
     """
 
 
+class PeriodicityWarning(UserWarning):
+    """A velocity is not quite periodic where its grid is.
+
+    It jumps a little, or its derivative across the sides does. Near these the field is less
+    accurate; make the velocity periodic, or the direction of the grid not.
+
+    Examples
+    --------
+    A parabola that vanishes at both ends, with slopes of opposite signs:
+
+    >>> import warnings
+    >>> from cip import Grid, PeriodicityWarning, Solver
+    >>> with warnings.catch_warnings(record=True) as said:
+    ...     warnings.simplefilter("always")
+    ...     solver = Solver(Grid((0, 1), 16, periodic=True), lambda x: x * (1 - x))
+    >>> said[0].category is PeriodicityWarning
+    True
+    """
+
+
 class LeftDomain(CipError):
     """A backward characteristic leaves the domain where no boundary data is given.
 

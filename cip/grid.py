@@ -62,15 +62,10 @@ class Grid:
         self, bounds: ArrayLike, shape: int | Sequence[int], periodic: bool | Sequence[bool] = False
     ) -> None:
         try:
-            counts = np.atleast_1d(np.asarray(shape))
-        except (TypeError, ValueError) as error:
+            counts = np.atleast_1d(real_array(shape, "shape"))
+        except InputError as error:
             raise InputError(f"shape: expected whole numbers of cells, got {shape!r}") from error
-        if (
-            np.ma.is_masked(shape)
-            or counts.ndim != 1
-            or counts.size not in (1, 2, 3)
-            or counts.dtype.kind not in "iu"
-        ):
+        if counts.ndim != 1 or counts.size not in (1, 2, 3) or counts.dtype.kind not in "iu":
             raise InputError(f"shape: expected 1 to 3 whole numbers of cells, got {shape!r}")
         box = real_array(bounds, "bounds: expected pairs (low, high)").astype(float)
         if box.shape == (2,):
@@ -151,8 +146,8 @@ class Grid:
 
     def _set(self, lines: list[Array], periodic: bool | Sequence[bool]) -> None:
         try:
-            flags = np.atleast_1d(np.asarray(periodic))
-        except ValueError as error:
+            flags = np.atleast_1d(real_array(periodic, "periodic"))
+        except InputError as error:
             raise InputError(f"periodic: expected True or False, got {periodic!r}") from error
         if flags.dtype != bool or flags.shape not in ((1,), (len(lines),)):
             raise InputError(

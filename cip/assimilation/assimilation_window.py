@@ -18,7 +18,7 @@ from cip.output.trajectory import Trajectory
 from cip.reals import real_number
 from cip.solver.derivatives import derivative
 from cip.solver.solver import Solver
-from cip.stages.state import State
+from cip.stages.state import State, state_of
 
 Array = NDArray[np.float64]
 # Reports this close to the start, as a fraction of dt, are of the start.
@@ -128,7 +128,7 @@ class AssimilationWindow:
 
     def _moved(self, state: State, change: Any) -> State:
         data = state.data + np.reshape(change, state.data.shape)
-        return State(state.grid, state.profile, data, state.t)
+        return state_of(state.grid, state.profile, data, state.t)
 
 
 def _fitting(covariance: Any, solver: Solver, name: str) -> Covariance:

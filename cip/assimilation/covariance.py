@@ -1,8 +1,8 @@
 r"""Covariances of states as operators, by a square root: :math:`B = S S^T`.
 
 Errors are functions: the values of an error have the covariance that is asked for, and its other
-moments are the derivatives of its spline. So B has the rank of the values, and no increment has
-gradients that contradict its values.
+moments are the derivatives and means of its spline. So B has the rank of the values, and no
+increment has gradients or means that contradict its values.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cip.errors import InputError
 from cip.grid import Grid
 from cip.profiles.catalogue import moments
 from cip.reals import real_array, real_number
-from cip.stages.state import State
+from cip.stages.state import State, state_of
 
 Array = NDArray[np.float64]
 
@@ -117,7 +117,7 @@ class Covariance:
         ----------
         grid : Grid
         profile : str
-            Of point values.
+            Means over cells, of csl2 and csl4, are those of the spline through the values.
         deviation : float or array_like
             Standard deviation of the values, positive; a number, or an array at the nodes.
         length : float, or one for each direction
@@ -208,7 +208,7 @@ class Covariance:
         numbers = np.random.default_rng(seed).standard_normal(self.root.shape[1])
         count = len(moments(self.profile, self.grid.dim))
         data = np.reshape(self.root @ numbers, (count, *self.grid.nodes))
-        return State(self.grid, self.profile, data, t)
+        return state_of(self.grid, self.profile, data, t)
 
 
 def _positive(given: ArrayLike, shape: tuple[int, ...], name: str) -> Array:

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import svd
+from scipy.linalg import lstsq, svd
 from scipy.sparse.linalg import LinearOperator
 
 Array = NDArray[np.float64]
@@ -53,6 +53,21 @@ class Combined:
     singular_values: Array
     residual: float
     complete: bool
+
+    def variances(self, prior: Array, moved: Array) -> Array:
+        """What is left of variances when those along the directions have shrunk.
+
+        Parameters
+        ----------
+        prior : ndarray, shape (n,)
+        moved : ndarray, shape (k, n)
+            Each direction times a square root of the prior covariance.
+        """
+        left = 1.0 / (1.0 + self.singular_values**2)
+        if len(self.directions) == self.directions.shape[1]:  # a sum of what is left: no difference
+            return np.asarray(left @ moved**2)
+        share = self.singular_values**2 * left
+        return np.asarray(np.maximum(prior - share @ moved**2, 0.0))
 
 
 class _Basis:
@@ -94,16 +109,21 @@ class _Search:
         self._next, _ = self.U.orthogonal(b)
         self._left = 0.0  # norm of the part of A v outside U, for the last v
         self._largest = 0.0
+        self._rest_is_blind = False
         self.running = self._next is not None
 
     @property
     def exhausted(self) -> bool:
-        """Whether the data can determine nothing more."""
-        return self.U.count == self.A.shape[0] or self.V.count == self.A.shape[1]
+        """Whether the data can determine nothing more: U spans the range of A.
+
+        A V lies in U and the next combination; while one stands, a full V is not enough.
+        """
+        full = self.V.count == self.A.shape[1] and self._next is None
+        return self.U.count == self.A.shape[0] or full or self._rest_is_blind
 
     def step(self) -> None:
         """Another combination of the data; a random one when those from b are exhausted."""
-        u = self._next
+        u, drawn = self._next, self._next is None
         if u is None:
             u, _ = self.U.orthogonal(self._random.standard_normal(self.A.shape[0]))
             assert u is not None  # not exhausted, so random data have a part outside U
@@ -117,6 +137,8 @@ class _Search:
             row = np.append(row, alpha)
             self.V.append(v)
             self._next, self._left = self.U.orthogonal(np.asarray(self.A.matvec(v), dtype=float))
+        elif drawn:  # A^T is 0 at random data outside U, so at all of them
+            self._rest_is_blind = True
         self._rows.append(row)
         self.running = self.running and self._next is not None
 
@@ -130,7 +152,10 @@ class _Search:
     def solution(self) -> tuple[Array, float]:
         """Coefficients of w in V, and the residual: all of it comes from the last v."""
         C, right = self.coefficients(), self.U.rows @ self.b
-        y = C.T @ np.linalg.solve(np.eye(len(C)) + C @ C.T, right)
+        # C^T (1 + C C^T)^-1 U^T b as a least-squares problem, whose condition is not squared.
+        rows = np.concatenate([C, np.eye(C.shape[1])])
+        data = np.append(right, np.zeros(C.shape[1]))
+        y = lstsq(rows, data, lapack_driver="gelsy", check_finite=False)[0]
         scale = float(np.linalg.norm(self.b)) * float(np.linalg.norm(C[0]))
         if not self.running or scale == 0.0:
             return y, 0.0

@@ -178,7 +178,7 @@ def _step(
         new = control + length * direction
         try:
             there = window.path(new)
-        except (LeftDomain, NotConverged, NotFinite):  # a velocity too far from any sensible one
+        except (InputError, LeftDomain, NotConverged, NotFinite):  # far from any sensible velocity
             length *= 0.5
             continue
         if _cost(new, there) <= before + _DECREASE * length * slope + _ROUNDING * before:
@@ -208,18 +208,16 @@ def _analysis(
     gradient: float,
     iterations: int,
 ) -> Analysis:
-    share = found.singular_values**2 / (1.0 + found.singular_values**2)
-    spread = np.sqrt(np.maximum(1.0 - share @ found.directions**2, 0.0))
-    layout = window.layout
-    variance = window.covariance.deviations.ravel() ** 2
-    size = variance.size
-    for weight, direction in zip(share, found.directions, strict=True):
-        moved = window.covariance.root.matvec(direction[layout.background])
-        variance = variance - weight * moved[:size] ** 2
+    layout, root = window.layout, window.covariance.root
+    spread = np.sqrt(found.variances(np.ones(layout.size), found.directions))
+    prior = window.covariance.deviations.ravel() ** 2
+    moved = np.zeros((len(found.directions), prior.size))
+    for row, direction in zip(moved, found.directions, strict=True):
+        row[:] = root.matvec(direction[layout.background])[: prior.size]
     own = window.spreads * spread[layout.parameters]
     return Analysis(
         states=path.states,
-        deviations=np.sqrt(np.maximum(variance, 0.0)).reshape(window.solver.grid.nodes),
+        deviations=np.sqrt(found.variances(prior, moved)).reshape(window.solver.grid.nodes),
         velocity=path.solver.velocity,
         parameters=window.parameters(control),
         parameter_deviations=dict(zip(window.names, own.tolist(), strict=True)),

@@ -16,7 +16,7 @@ from cip.assimilation.linearised import Linearised
 from cip.assimilation.sensors import Sensors
 from cip.errors import InputError
 from cip.grid import Grid
-from cip.reals import real_number
+from cip.reals import real_array, real_number
 from cip.solver.solver import Solver
 from cip.stages.state import State
 
@@ -194,7 +194,7 @@ def place_sensors(
 def _allowed(excluded: Any, points: Array) -> NDArray[np.bool_]:
     if excluded is None:
         return np.ones(points.shape[1], dtype=bool)
-    mask = np.asarray(excluded(*points) if callable(excluded) else excluded)
+    mask = real_array(excluded(*points) if callable(excluded) else excluded, "excluded")
     if mask.shape != points.shape[1:] or mask.dtype != bool:
         raise InputError(
             f"excluded: expected True or False for each of {points.shape[1]} candidates, got "

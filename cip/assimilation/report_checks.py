@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cip.errors import InputError
-from cip.reals import real_array
+from cip.reals import masked_array, real_array
 
 Array = NDArray[np.float64]
 
@@ -25,9 +25,10 @@ def checked_values(values: ArrayLike | None, shape: tuple[int, int]) -> Array:
     """Reports, NaN where none arrived; all 0 without any."""
     if values is None:
         return np.zeros(shape)
-    if np.ma.isMaskedArray(values):
-        values = np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)
-    found = real_array(values, "values").astype(float)
+    given, hidden = masked_array(values, "values")
+    found = given.astype(float)
+    if hidden is not None:
+        found[hidden] = np.nan
     if found.shape != shape:
         raise InputError(
             f"values: expected one for each of {shape[0]} times and {shape[1]} points, shape "

@@ -306,10 +306,11 @@ class Sensors:
         InputError
             No point is chosen, or one that does not exist.
         """
-        if not np.size(chosen):
+        places = real_array(chosen, "chosen")
+        if not places.size:
             raise InputError("chosen: expected at least one point, got none")
         try:
-            kept = np.atleast_1d(np.arange(self.points.shape[1])[np.asarray(chosen)])
+            kept = np.atleast_1d(np.arange(self.points.shape[1])[places])
         except IndexError as error:
             raise InputError(f"chosen: expected numbers of points or a mask: {error}") from None
         if kept.ndim != 1 or not kept.size:

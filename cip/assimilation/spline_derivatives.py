@@ -1,4 +1,4 @@
-"""Derivatives of the interpolating spline of nodal values, as one matrix for each direction.
+"""Derivatives and means of the spline through nodal values, as one matrix for each direction.
 
 They are those that `State.from_function` takes of an array.
 """
@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cip.errors import NotSupported
 from cip.grid import Grid
 from cip.profiles.catalogue import moments
 
 Array = NDArray[np.float64]
+# In the place of the order of a derivative.
+_MEAN = -1
 
 
 class SplineDerivatives:
@@ -24,21 +25,20 @@ class SplineDerivatives:
     ----------
     grid : Grid
     profile : str
-
-    Raises
-    ------
-    NotSupported
-        A profile that carries means over cells.
     """
 
     def __init__(self, grid: Grid, profile: str) -> None:
         wanted = moments(profile, grid.dim)
-        if any(moment.averaged for moment in wanted):
-            raise NotSupported(f"profile: {profile!r} carries means; take one of point values")
-        self._orders = [moment.orders[: grid.dim] for moment in wanted]
+        self._orders = [
+            tuple(
+                _MEAN if axis in moment.averaged else moment.orders[axis]
+                for axis in range(grid.dim)
+            )
+            for moment in wanted
+        ]
         self.nodes, self.count = grid.nodes, len(wanted)
         needed = {(axis, n) for orders in self._orders for axis, n in enumerate(orders) if n}
-        self._matrices = {key: _derivative(grid, *key) for key in needed}
+        self._matrices = {key: _matrix(grid, *key) for key in needed}
 
     def moments(self, values: Array) -> Array:
         """The moments of nodal values, shape (moments,) + nodes."""
@@ -62,8 +62,11 @@ def along(matrix: Array, values: Array, axis: int) -> Array:
     return np.moveaxis(np.tensordot(matrix, values, axes=(1, axis)), 0, axis)
 
 
-def _derivative(grid: Grid, axis: int, order: int) -> Array:
-    """Columns: the derivative at the nodes of the spline that is 1 at one node and 0 at others."""
+def _matrix(grid: Grid, axis: int, order: int) -> Array:
+    """Columns: a derivative at the nodes of the spline that is 1 at one node and 0 at others.
+
+    Or its means over the cells that begin at the nodes; where none begins, 0.
+    """
     from scipy.interpolate import make_interp_spline
 
     n, periodic = grid.nodes[axis], grid.periodic[axis]
@@ -74,4 +77,11 @@ def _derivative(grid: Grid, axis: int, order: int) -> Array:
     spline = make_interp_spline(
         grid.edges[axis], ones, k=degree, bc_type="periodic" if periodic else None
     )
-    return np.asarray(spline(grid.coordinates[axis], nu=order))
+    if order != _MEAN:
+        return np.asarray(spline(grid.coordinates[axis], nu=order))
+    found = np.zeros((n, n))
+    places, weights = np.polynomial.legendre.leggauss(4)  # exact to degree 7
+    for place, weight in zip(places, weights, strict=True):
+        inside = grid.edges[axis][:-1] + 0.5 * (1.0 + place) * grid.widths[axis]
+        found[: grid.cells[axis]] += 0.5 * weight * spline(inside)
+    return found

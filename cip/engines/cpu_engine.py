@@ -12,7 +12,7 @@ from cip.engines.engine import Engine
 from cip.engines.setting import Setting
 from cip.profiles.records import Limits, Line, Update
 from cip.stages.stage import Stage, StageFeet
-from cip.stages.state import State
+from cip.stages.state import State, state_of
 
 
 class CpuEngine(Engine):
@@ -35,7 +35,7 @@ class CpuEngine(Engine):
     def place(self, state: State) -> State:
         """The state in a NumPy array of the setting's precision."""
         data = np.ascontiguousarray(state.host().data, dtype=self.dtype)
-        return State(self.grid, state.profile, data, state.t)
+        return state_of(self.grid, state.profile, data, state.t)
 
     def place_feet(self, feet: StageFeet) -> StageFeet:
         """Feet in the setting's precision."""

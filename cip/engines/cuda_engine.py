@@ -15,7 +15,7 @@ from cip.engines.setting import Setting
 from cip.errors import InputError, MissingDependency
 from cip.formulas.snapshots import snapshots_of
 from cip.stages.stage import Stage, StageFeet
-from cip.stages.state import State
+from cip.stages.state import State, state_of
 
 # Options for NVRTC.
 OPTIONS = ("--std=c++14",)
@@ -256,7 +256,7 @@ class CudaEngine(Engine):
     def place(self, state: State) -> State:
         """The state in a CuPy array of the setting's precision."""
         data = self._cupy.ascontiguousarray(self._cupy.asarray(state.data, dtype=self.dtype))
-        return State(self.grid, state.profile, data, state.t)
+        return state_of(self.grid, state.profile, data, state.t)
 
     def place_feet(self, feet: StageFeet) -> StageFeet:
         """Feet on the device, in the setting's precision."""

@@ -11,24 +11,37 @@ from cip.errors import InputError
 from cip.formulas.expression import raised
 from cip.formulas.formula import Formula, Orders
 from cip.grid import Grid
-from cip.reals import real_number
+from cip.reals import own_array, real_number
 
 _ORDERS: tuple[Orders, ...] = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0))
 
 
 def given_components(c: Any) -> list[Any]:
-    """The components of a velocity given by numbers, arrays, callables or a sequence of them."""
+    """The components of a velocity given by numbers, arrays, callables or a sequence of them.
+
+    Arrays are copied.
+    """
     if isinstance(c, bool | int | float | np.number) or (isinstance(c, np.ndarray) and not c.ndim):
         return [real_number(c, "c")]
     if isinstance(c, np.ndarray):
-        return [c] if c.ndim == 1 or c.ndim != len(c) + 1 else list(c)
+        values = own_array(c, "c")
+        return [values] if values.ndim == 1 or values.ndim != len(values) + 1 else list(values)
     if isinstance(c, Sequence):
         if len(c) > 3 and all(np.ndim(part) == 0 and not callable(part) for part in c):
-            return [np.asarray(c)]
+            return [own_array(c, "c")]
         if not 1 <= len(c) <= 3:
             raise InputError(f"c: expected 1 to 3 components, got {len(c)}")
-        return list(c)
+        return [
+            part if callable(part) or isinstance(part, str) else _part(part, f"c{q + 1}")
+            for q, part in enumerate(c)
+        ]
     raise InputError(f"c: expected a callable or arrays, got {type(c).__name__}")
+
+
+def _part(value: Any, name: str) -> Any:
+    """A component as a number or as an array of its own."""
+    values = own_array(value, name)
+    return values if values.ndim else real_number(value, name)
 
 
 def formulas_by_values(

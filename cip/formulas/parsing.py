@@ -45,6 +45,12 @@ def parse(text: str, name: str = "expression", parameters: Collection[str] = ())
     """
     if not isinstance(text, str):
         raise InputError(f"{name}: expected a text such as 'x2 * sin(t)', got {text!r}")
+    if not text.isascii():  # Python reads letters of other scripts as the Latin ones like them
+        odd = next(letter for letter in text if not letter.isascii())
+        raise InputError(
+            f"{name}: {odd!r} in {text!r} is no ASCII; write formulas in Latin letters, digits and "
+            "+ - * / **"
+        )
     try:
         tree = ast.parse(text.strip(), mode="eval").body
         found = _parsed(tree, text, name, parameters)
@@ -69,6 +75,8 @@ def parse(text: str, name: str = "expression", parameters: Collection[str] = ())
 
 def _parsed(tree: ast.expr, text: str, name: str, parameters: Collection[str]) -> Expression:
     if isinstance(tree, ast.Constant) and isinstance(tree.value, int | float):
+        if isinstance(tree.value, bool):  # to Python an int
+            raise InputError(f"{name}: {tree.value} in {text!r} is no number")
         return constant(tree.value)
     if isinstance(tree, ast.Name):
         if tree.id in _CONSTANTS:

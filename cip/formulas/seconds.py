@@ -30,6 +30,8 @@ def seconds(times: Any, name: str, since: Any = None) -> Array:
     InputError
         Times of another type; `since` that is no date, or given with times that are none.
     """
+    if np.ma.is_masked(times):
+        raise InputError(f"{name} holds masked times; leave them out")
     found = np.asarray(times)
     if since is not None and found.dtype.kind != "M":
         raise InputError(f"since: {name} holds {found.dtype}, no dates; leave since out")

@@ -18,7 +18,7 @@ from cip.formulas.pointwise_check import Box
 from cip.formulas.snapshots import SnapshotFormula, Snapshots
 from cip.formulas.traced_function import portable
 from cip.grid import Grid
-from cip.reals import real_number
+from cip.reals import own_array, real_number
 
 
 class Source(Parametrised):
@@ -29,8 +29,8 @@ class Source(Parametrised):
     s : float, str, callable or array
         A number; a formula in x1, x2, x3 (or x, y, z) and t; a callable of the coordinates as
         arrays, and of the time if it has an argument ``t`` (or ``time``), the last; or values at
-        the nodes of the grid, shape ``grid.nodes``, between which it is a quintic spline. In the
-        unit of the field over that of time.
+        the nodes of the grid, shape ``grid.nodes``, copied, between which it is a quintic spline.
+        In the unit of the field over that of time.
 
     Raises
     ------
@@ -58,10 +58,14 @@ class Source(Parametrised):
         if isinstance(s, str):
             self._text = s
             parse(s, self._name)
-        elif not callable(s) and not _several(s):
-            number = real_number(s, "source: expected a number, a text, a callable or an array")
-            if not np.isfinite(number):
-                raise InputError(f"source: expected a finite number, got {s!r}")
+        elif not callable(s):
+            if not isinstance(s, Mapping):
+                self._value = own_array(s, "source")
+            if not np.ndim(self._value):
+                kinds = "source: expected a number, a text, a callable or an array"
+                self._value = real_number(s, kinds)
+                if not np.isfinite(self._value):
+                    raise InputError(f"source: expected a finite number, got {s!r}")
 
     @classmethod
     def from_expression(cls, text: str, parameters: Mapping[str, float] | None = None) -> Source:
@@ -228,14 +232,6 @@ class Source(Parametrised):
             return found
 
         return {**self.__dict__, "_value": portable(self._value, self._name, trace)}
-
-
-def _several(value: Any) -> bool:
-    """Whether a value that is not callable is an array, or a list that makes one."""
-    try:
-        return bool(np.ndim(value))
-    except ValueError:  # rows of several lengths
-        raise InputError(f"source: expected an array at the nodes, got {value!r}") from None
 
 
 def _takes_time(function: Any) -> bool:

@@ -33,8 +33,8 @@ class Velocity(Parametrised):
         functions is traced once: its derivatives are exact and it is compiled for CPU and GPU.
         Of any other callable only values are used; its value at a point must not depend on the
         other points of the call, so callables that subtract a mean or shift the array are refused.
-        Arrays are nodal values, one for each component, interpolated by quintic splines; they are
-        steady.
+        Arrays are nodal values, one for each component, copied and interpolated by quintic splines;
+        they are steady.
     jacobian : callable, optional
         ``jacobian(x1, x2)[i][k]`` = dc_i / dx_k, for callables that cannot be traced; default
         sixth-order differences.
@@ -92,7 +92,7 @@ class Velocity(Parametrised):
         elif isinstance(c, str):
             raise InputError("c: for a text use Velocity.from_expression")
         else:
-            parts = given_components(c)
+            self._c = parts = given_components(c)
             self.dim = len(parts)
             if not steady and any(np.ndim(part) > 0 for part in parts):
                 raise InputError("steady: velocities given by arrays are steady")
@@ -122,8 +122,9 @@ class Velocity(Parametrised):
         Raises
         ------
         InputError
-            A text that is not of this form, or whose numbers overflow; a parameter that no formula
-            holds, or whose value is not a finite number.
+            A text that is not of this form (ASCII only), or whose numbers overflow; a parameter
+            that no formula holds, whose value is not a finite number, or whose name is a keyword or
+            reserved in Python, C or CUDA.
 
         Examples
         --------
@@ -138,6 +139,8 @@ class Velocity(Parametrised):
         values = checked(parameters)
         formulas = []
         for q, text in enumerate(components):
+            if isinstance(text, bool):
+                raise InputError(f"component {q + 1}: expected a text or a number, got {text!r}")
             if isinstance(text, int | float | np.integer | np.floating):
                 text = repr(float(text))
             expression = parse(text, f"component {q + 1}", values)
@@ -321,7 +324,7 @@ class Velocity(Parametrised):
                 or formulas_by_values(self._c, self._jacobian, self._hessian, self.steady, grid),
                 grid,
             )
-        parts = given_components(self._c)
+        parts = self._c
         if len(parts) != grid.dim:
             raise InputError(
                 f"velocity: {len(parts)} components on a grid of {grid.dim} directions"

@@ -12,7 +12,7 @@ from scipy.sparse import csr_array, issparse
 from cip.assimilation.sensors import Sensors
 from cip.errors import InputError
 from cip.grid import Grid
-from cip.reals import real_array, real_number
+from cip.reals import masked_array, real_array, real_number
 
 Array = NDArray[np.float64]
 _ENTRIES = "data: entries of the operators"
@@ -87,7 +87,8 @@ class Data:
         sizes = [one.size for one in self.values]
         if not sum(sizes):
             raise InputError("data: every value is masked or missing")
-        if isinstance(given, Mapping) and np.ndim(noise) and list(given) != sorted(given):
+        several = noise is not None and real_array(noise, "noise").ndim > 0
+        if isinstance(given, Mapping) and several and list(given) != sorted(given):
             raise InputError(
                 "noise: with one for each time give the data in the order of time, too"
             )
@@ -123,9 +124,8 @@ def _snapshots(
         raise InputError("data: expected finite times")
     for t, key in keys:
         name = f"data: snapshot at t = {t:.6g}"
-        hidden = np.ma.getmaskarray(given[key]) if np.ma.isMaskedArray(given[key]) else None
-        filled = np.ma.filled(given[key], 0.0) if hidden is not None else given[key]
-        array = real_array(filled, name).astype(float)
+        array, hidden = masked_array(given[key], name)
+        array = array.astype(float)
         if array.shape != grid.nodes:
             raise InputError(
                 f"{name}: expected nodal values, shape {grid.nodes}, got {array.shape}"

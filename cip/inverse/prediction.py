@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cip.errors import LeftDomain, NotConverged, NotFinite
+from cip.errors import InputError, LeftDomain, NotConverged, NotFinite
 from cip.formulas.velocity import Velocity
 from cip.inverse.observations import Data
 from cip.solver.solver import Solver
@@ -96,7 +96,7 @@ class Prediction:
         """Predicted minus given data over the deviations; NaN where the model cannot be run."""
         try:
             found = self.values(values)
-        except (LeftDomain, NotConverged, NotFinite):
+        except (InputError, LeftDomain, NotConverged, NotFinite):
             if self._last is None:
                 raise
             return np.full(self._data.size, np.nan)

@@ -57,9 +57,8 @@ class DeviceWindow(Window):
     def _new_tangent(self, stage: Stage) -> DevicePathTangent:
         return DevicePathTangent(self._engine, stage)
 
-    def _push_forward(self, n: int, z: Any, changes: Any) -> Any:
+    def _push_forward(self, n: int, z: Any, feet: Any, changes: Any) -> Any:
         stage = self._moves[n].stage
         if stage not in self._pushes:
             self._pushes[stage] = DevicePush(self._engine, stage)
-        feet = self._flat(self._feet(n).data)
         return self._pushes[stage].forward(self._blocks_of(stage), z, feet, changes)

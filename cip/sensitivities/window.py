@@ -23,18 +23,21 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
 from cip.errors import InputError, NotSupported
+from cip.formulas.expression import COORDINATES
 from cip.sensitivities.blocks import Block, blocks_of
 from cip.sensitivities.mass_derivatives import whole_cells
 from cip.sensitivities.path_tangent import PathTangent
 from cip.sensitivities.wall_derivatives import WallDerivatives
 from cip.sources.half_step import HalfStep
 from cip.stages.stage import Correction, Stage, StageFeet
-from cip.stages.state import State, on_host
+from cip.stages.state import State, on_host, state_of
 
 Array = Any  # arrays of NumPy or CuPy
 # Bytes that the states of a window may take without being asked for: states between checkpoints
 # cost another run, which is a quarter of a gradient.
 KEPT = 2**30
+# A foot this near to an edge of a cell, in cells, is on it up to rounding.
+_EDGE = 2.0**-42
 
 
 @dataclass(frozen=True)
@@ -178,6 +181,8 @@ class Window:
 
     def _given(self, x: Any) -> Array:
         """The vector that the operator is applied to."""
+        if np.ma.is_masked(x):
+            raise InputError("x: some values are masked; fill them")
         x = self._xp.ravel(self._xp.asarray(x))
         if x.dtype.kind not in "biuf":
             raise InputError(f"x: expected real values instead of {x.dtype}")
@@ -187,7 +192,7 @@ class Window:
     def _tangent(self, x: Any) -> Array:
         x = self._given(x)
         state, size = self._start, self._start.data.size
-        change = State(state.grid, state.profile, x[:size].reshape(state.data.shape).copy())
+        change = state_of(state.grid, state.profile, x[:size].reshape(state.data.shape).copy())
         given = on_host(x[size:])
         varies = self._varies and given.any()
         known: dict[Any, Array] = {}
@@ -197,7 +202,7 @@ class Window:
             more = self._along(n, state, given, known)
             if more is not None:
                 data = new.data + more.reshape(new.data.shape)
-                new = State(state.grid, state.profile, data, new.t)
+                new = state_of(state.grid, state.profile, data, new.t)
             if varies:
                 state = self._advance(n, state)
             change = new
@@ -221,8 +226,7 @@ class Window:
             key = self._key(n)
             if key not in known:
                 known[key] = self._foot_changes(n, own)
-            more = self._push_forward(n, self._flat(state.data), known[key])
-            found += more.ravel()
+            found += self._pushed(n, self._flat(state.data), known[key]).ravel()
             if not self._steady:
                 known.clear()
         for wall in self._walls(n):
@@ -240,11 +244,59 @@ class Window:
     def _new_tangent(self, stage: Stage) -> PathTangent:
         return PathTangent(stage)
 
-    def _push_forward(self, n: int, z: Array, changes: Array) -> Array:
-        """The change of the new moments of move n with its feet."""
+    def _edges(self, stage: Stage, feet: StageFeet) -> list[tuple[Any, Array, Array]]:
+        """The feet on edges of cells, across which derivatives of the profile may jump.
+
+        For each direction in which parameters move feet: the rows of its displacements, where these
+        are whole cells, and all components with such feet on the other side of their edges.
+        """
+        xp, found, components = self._xp, [], self._flat(feet.data)
+        for q, axis in enumerate(stage.moving):
+            if axis not in varying_axes(stage):
+                continue
+            rows = [block.components.start + q for block in self._blocks_of(stage)]
+            d = components[rows]
+            whole = xp.rint(d)
+            on_edge = xp.abs(d - whole) <= _EDGE * (1.0 + xp.abs(d))
+            if bool(on_edge.any()):
+                beside = xp.where(d >= whole, whole - 2.0 * _EDGE * (1.0 + xp.abs(d)), whole)
+                other = components.copy()
+                other[rows] = xp.where(on_edge, beside, d)
+                found.append((rows, on_edge, other))
+        return found
+
+    def _pushed(self, n: int, z: Array, changes: Array) -> Array:
+        """The change of the new moments of move n: on edges of cells the mean of both sides."""
+        edges, feet = self._once(n, self._steady, self._edges), self._flat(self._feet(n).data)
+        if not edges:
+            return self._push_forward(n, z, feet, changes)
+        here, found = changes.copy(), self._xp.zeros_like(z)
+        for rows, on_edge, other in edges:
+            there = self._xp.zeros_like(changes)
+            there[rows] = 0.5 * on_edge * changes[rows]
+            here[rows] -= there[rows]
+            found += self._push_forward(n, z, other, there)
+        return found + self._push_forward(n, z, feet, here)
+
+    def _pulled(self, n: int, z: Array, weight: Array, feet: Array, g: Array, held: bool) -> Array:
+        """The transposed update of move n; `g` is the transpose of what `_pushed` does."""
+        moved = self._columns[n] and not held
+        edges = self._once(n, self._steady, self._edges) if moved else []
+        if not edges:
+            return self._pull_back(n, z, weight, feet, g)
+        here = self._xp.zeros_like(g)
+        found = self._pull_back(n, z, weight, feet, here)
+        for rows, on_edge, other in edges:
+            there = self._xp.zeros_like(g)
+            self._pull_back(n, z, weight, other, there)
+            here[rows] += 0.5 * on_edge * (there[rows] - here[rows])
+        g += here
+        return found
+
+    def _push_forward(self, n: int, z: Array, feet: Array, changes: Array) -> Array:
+        """The change of the new moments of move n with its feet, at their components."""
         from cip.sensitivities.tangent_loops import push_forward
 
-        feet = self._flat(self._feet(n).data)
         return push_forward(self._blocks_of(self._moves[n].stage), z, feet, changes)
 
     def _adjoint(self, x: Any, held: bool = False) -> Array:
@@ -278,7 +330,7 @@ class Window:
             # Moves with the same feet in a steady velocity, whose derivatives are therefore applied
             # once, to the sum over these moves.
             _, _, g = gathered.setdefault(self._key(n), (n, feet, xp.zeros(components.shape)))
-            weight = self._pull_back(n, z, weight, components, g)
+            weight = self._pulled(n, z, weight, components, g, held)
             if not (self._steady or held):
                 self._spread(gathered, found)
         if not held:
@@ -321,6 +373,13 @@ class Window:
         for n in range(first, last):
             found.append(self._advance(n, found[-1]))
         return found
+
+
+def varying_axes(stage: Stage) -> set[int]:
+    """Directions in which the feet of a stage move with the parameters of the velocity."""
+    needs = {axis: stage.velocity[axis].expression.variables() for axis in stage.moving}
+    own = {axis for axis, names in needs.items() if any(name.startswith("p_") for name in names)}
+    return own | {axis for axis in needs if needs[axis] & {COORDINATES[other] for other in own}}
 
 
 def names_of(variables: Iterable[str]) -> list[str]:

@@ -74,6 +74,33 @@ def bounds_of(bounds: Any) -> tuple[float, float]:
     return low, high
 
 
+def check_within(
+    values: Any, bounds: tuple[float, float], tolerance: float, what: str, remedy: str
+) -> None:
+    """Raise `InputError` for values outside the bounds by more than a tolerance and rounding."""
+    low, high = float(values.min()), float(values.max())
+    slack = tolerance + 8.0 * float(np.finfo(values.dtype).eps) * max(abs(low), abs(high))
+    if low < bounds[0] - slack or high > bounds[1] + slack:
+        worst = low if low < bounds[0] - slack else high
+        raise InputError(
+            f"{what} reaches {worst:.6g}, outside the bounds {bounds} of the limiter, which cannot "
+            f"keep what was never inside; {remedy}"
+        )
+
+
+def check_bounded(state: State, bounds: tuple[float, float], tolerance: float) -> None:
+    """Raise `InputError` for values or means outside the bounds of the limiter.
+
+    A state that this limiter has stepped is taken as it is: sources and splitting may exceed them.
+    """
+    if state._bounded == bounds:
+        return
+    for moment in moments(state.profile, state.grid.dim):
+        if not any(moment.orders):
+            what = f"state: moment {moment.name!r}"
+            check_within(state[moment.name], bounds, tolerance, what, "clip it, or widen bounds")
+
+
 def check_state(state: Any, grid: Grid, profile: str) -> None:
     """Raise `InputError` unless it is a state on this grid with the moments of this profile."""
     if not isinstance(state, State):

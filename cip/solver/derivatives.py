@@ -12,7 +12,7 @@ from cip.sensitivities.window import Move, Window, check_differentiable, checkpo
 from cip.solver.time_loop import run as repeat
 from cip.sources.half_step import HalfStep, halves
 from cip.stages.stage import StageFeet
-from cip.stages.state import State
+from cip.stages.state import State, state_of
 
 # Bytes that feet of unsteady velocities may take beside the states.
 FEET = 2**28
@@ -46,7 +46,10 @@ def derivative(solver: Any, run: Trajectory, checkpoints: int | None = None) -> 
     )  # fmt: skip
     window = _device_window(kernels, *arguments) if solver.backend == "cupy" else Window(*arguments)
     if not bool((window.follow().data == kernels.place(run.final).data).all()):
-        raise InputError("run: it is not a run of this solver, whose steps end elsewhere")
+        raise InputError(
+            "run: it is not a run of this solver, whose steps end elsewhere, or its callback has "
+            "changed states; differentiate the runs between these changes one by one"
+        )
     return window
 
 
@@ -120,7 +123,7 @@ class Replay:
             if new:
                 self._memory.append((left, kernels.substep_counts))
             data = move.linear(state.data) if homogeneous else move.applied(state.data)
-            return State(state.grid, state.profile, data, state.t)
+            return state_of(state.grid, state.profile, data, state.t)
         if not new:
             self._recall(n)
         known = self._feet.get(n)
@@ -132,7 +135,7 @@ class Replay:
             self._feet[n] = kept[0]
         if new:
             self._memory.append((left, kernels.substep_counts))
-        return State(state.grid, state.profile, data, move.t + move.stage.end * move.dt)
+        return state_of(state.grid, state.profile, data, move.t + move.stage.end * move.dt)
 
     def feet(self, n: int) -> StageFeet:
         """The feet of move n, which was taken before."""

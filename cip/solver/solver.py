@@ -2,34 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import DTypeLike
+from numpy.typing import DTypeLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
 from cip.characteristics.feet import check_step
 from cip.engines.engine import Engine
 from cip.engines.setting import Setting
 from cip.errors import InputError
+from cip.formulas.formula import Formula
 from cip.formulas.parameters import Parametrised
+from cip.formulas.periodicity import check_periodic
 from cip.formulas.snapshots import snapshots_of
 from cip.formulas.source import Source
 from cip.formulas.velocity import Velocity
 from cip.grid import Grid
 from cip.output.trajectory import Trajectory
 from cip.reals import real_number
-from cip.solver.choices import Form, bounds_of, check_choices, check_state, form_of
+from cip.solver.choices import (
+    Form,
+    bounds_of,
+    check_bounded,
+    check_choices,
+    check_state,
+    check_within,
+    form_of,
+)
 from cip.solver.derivatives import derivative
 from cip.solver.parameters import parameters_of, with_values
 from cip.solver.step_stages import advanced, made_stages
-from cip.solver.time_loop import run, step_length
+from cip.solver.time_loop import checked_callback, run, step_length
 from cip.sources.reaction import reaction
 from cip.stages.stage import Stage, StageFeet
 from cip.stages.state import State, _real, default_profile
-from cip.stages.walls import portable_boundary
+from cip.stages.walls import portable_boundary, walls
+
+# Times at which data on walls are compared with the bounds of the limiter in a run or a step.
+_INFLOW_TIMES = 65
 
 
 class Solver(Parametrised):
@@ -67,7 +80,8 @@ class Solver(Parametrised):
     backend : {"cpu", "cupy"}
     dtype : float64 or float32
     bounds : (low, high)
-        For the limiter ``"bounds"``, in the unit of the field.
+        For the limiter ``"bounds"``, in the unit of the field; data that begin or enter outside are
+        refused.
     bounds_tolerance : float
         The limiter leaves a profile unchanged that exceeds the bounds by less than this, in the
         unit of the field; it should exceed the rounding errors of the field.
@@ -114,6 +128,13 @@ class Solver(Parametrised):
     Raises
     ------
     InputError, NotSupported, MissingDependency
+        Among others for a velocity that jumps between the sides of a periodic direction, and for
+        data outside the bounds of the limiter ``"bounds"``.
+
+    Warns
+    -----
+    PeriodicityWarning
+        A velocity whose derivative jumps there, or which itself does a little.
 
     References
     ----------
@@ -169,11 +190,12 @@ class Solver(Parametrised):
         if not self.bounds_tolerance >= 0.0:
             raise InputError(f"bounds_tolerance: expected >= 0, got {bounds_tolerance!r}")
         self._formulas = self.velocity.on(grid)
+        check_periodic(self._formulas, grid)
         self.steady = self.velocity.steady and all(c.steady for c in self._formulas)
         if store_feet not in (None, True, False):
             raise InputError(f"store_feet: expected True, False or None, got {store_feet!r}")
         self.store_feet = store_feet
-        self._boundary = boundary
+        self._boundary = dict(boundary) if isinstance(boundary, Mapping) else boundary
         self.source, self.decay = Source.of(source, "source"), Source.of(decay, "decay")
         self._parameters = parameters_of(self.velocity, self.source, self.decay, boundary)
         setting = Setting(
@@ -189,6 +211,14 @@ class Solver(Parametrised):
 
             self._kernels = CpuEngine(setting)
         self._reaction = reaction(grid, self.profile, self.source, self.decay, self._kernels.xp)
+        self._inflow = {
+            f"{'xyz'[axis]}{'-+'[side]}": formula
+            for (axis, side), formula in walls(boundary, grid).items()
+        }
+        if limiter == "bounds":
+            for name, formula in self._inflow.items():
+                if formula.exact and formula.steady:
+                    self._check_inflow(name, formula, np.zeros(1))
         self._stages = made_stages(
             grid, self._formulas, self.profile, self.form == "advection", boundary, self._reaction
         )
@@ -224,6 +254,7 @@ class Solver(Parametrised):
             Where the solver works: in host memory, or on the device.
         """
         made = State.from_function(f, self.grid, self.profile, derivatives, t, self.dtype)
+        self._accept(made)
         return self._kernels.place(made)
 
     def step(self, state: State, dt: float) -> State:
@@ -262,7 +293,7 @@ class Solver(Parametrised):
         dt: float | None = None,
         cfl: float | None = None,
         snapshots: int | Sequence[float] | None = None,
-        callback: Callable[[State], Any] | None = None,
+        callback: Callable[[State], State | Any] | None = None,
         progress: bool = False,
     ) -> Any:
         """Steps to `t_end`, landing exactly on it and on every snapshot's time.
@@ -281,7 +312,9 @@ class Solver(Parametrised):
             The number of equal intervals whose ends are kept, or the times to keep; default start
             and end.
         callback : callable, optional
-            Called with the state after every step; it may raise StopIteration to end the run.
+            Called with the state after every step. A State that it returns takes the place of this
+            one, for instance with a field that was corrected; `tangent` and `adjoint` refuse such
+            a run. What else it returns is ignored. It may raise StopIteration to end the run.
         progress : bool
             Log one line for each snapshot at level INFO.
 
@@ -299,16 +332,18 @@ class Solver(Parametrised):
             return Trajectory(tuple(states), self, length, interrupted)
 
         loop = (self._advance, self._kernels.begin, record)
-        return run(state, t_end, length, snapshots, callback, progress, *loop)
+        change = checked_callback(callback, self._accept, self._kernels.place)
+        return run(state, t_end, length, snapshots, change, progress, *loop)
 
     def tangent(self, run: Trajectory, checkpoints: int | None = None) -> LinearOperator:
         """The derivative of a run's last state in its first one and in the solver's parameters.
 
         It is that of the discrete steps with the sub-steps that the characteristics took, exact to
         rounding (`cip.sensitivities.window`); for cubic, quintic, csl2, csl4, adini and bicubic,
-        with sources, decay, and what enters through walls. If a foot lies on the edge of
-        a cell, where derivatives of the profile may jump, one side is taken. A uniform velocity
-        takes one sub-step: for changes that are not uniform dt should be short there.
+        with sources, decay, and what enters through walls. Where a foot lies on an edge of a cell,
+        as at rest or after whole cells, derivatives of the profile may jump: the mean of both sides
+        is taken, as by a central difference. A uniform velocity takes one sub-step: for changes
+        that are not uniform dt should be short there.
 
         Parameters
         ----------
@@ -369,15 +404,39 @@ class Solver(Parametrised):
 
     def _accept(self, state: State) -> None:
         check_state(state, self.grid, self.profile)
+        if self.limiter == "bounds":
+            check_bounded(state, self.bounds, self.bounds_tolerance)
 
     def _check_times(self, start: float, end: float) -> None:
-        """Raise `InputError` if velocity or source are not known from `start` to `end`."""
+        """Raise `InputError` if velocity or source are not known from `start` to `end`.
+
+        Or if data on walls leave the bounds of the limiter then.
+        """
         for known in (snapshots_of(self._formulas), self._reaction):
             if known is not None:
                 known.check_times(start, end)
+        if self.limiter == "bounds" and np.isfinite(end):
+            for name, formula in self._inflow.items():
+                if not formula.steady:
+                    self._check_inflow(name, formula, np.linspace(start, end, _INFLOW_TIMES))
+
+    def _check_inflow(self, name: str, formula: Formula, times: NDArray[np.float64]) -> None:
+        """Raise `InputError` for data on a wall outside the bounds of the limiter."""
+        axis, side = "xyz".index(name[0]), "-+".index(name[1])
+        lines = [*self.grid.coordinates]
+        lines[axis] = np.array([self.grid.bounds[axis][side]])
+        points = np.meshgrid(*lines, times, indexing="ij")
+        point = [*points[:-1], *([np.zeros(())] * (3 - self.grid.dim)), points[-1]]
+        found = formula.derivative((0, 0, 0, 0), (*self.grid.spacing, 1.0, 1.0, 1.0))(*point)
+        if np.isfinite(found).all():
+            what, remedy = f"boundary {name!r}: the field there", "change it, or widen bounds"
+            check_within(found, self.bounds, self.bounds_tolerance, what, remedy)
 
     def _advance(self, state: State, dt: float) -> State:
-        return advanced(self._kernels, self._stages, self._reaction, state, dt)
+        new = advanced(self._kernels, self._stages, self._reaction, state, dt)
+        if self.limiter == "bounds":
+            new.__dict__["_bounded"] = self.bounds
+        return new
 
     def feet(self, stage: Stage, t: float, dt: float) -> StageFeet:
         """Feet of a stage in the precision of the solver, kept for a steady velocity.

@@ -12,7 +12,7 @@ from cip.sources.half_step import halves
 from cip.sources.reaction import Reaction
 from cip.sources.wall_data import reacted
 from cip.stages.stage import Stage, stages
-from cip.stages.state import State
+from cip.stages.state import State, state_of
 from cip.stages.walls import check_split, walls
 
 
@@ -65,4 +65,4 @@ def advanced(
         data = kernels.apply(stage, data, t, dt)
     if after is not None:
         data = after.applied(data)
-    return State(state.grid, state.profile, data, t + dt)
+    return state_of(state.grid, state.profile, data, t + dt)

@@ -14,7 +14,7 @@ from cip.errors import CipError, InputError
 from cip.formulas.formula import Formula
 from cip.grid import Grid
 from cip.reals import real_array, real_number
-from cip.stages.state import State
+from cip.stages.state import State, state_of
 
 Record = TypeVar("Record")
 
@@ -32,7 +32,7 @@ def run(
     t_end: float,
     dt: float,
     snapshots: int | Sequence[float] | None,
-    callback: Callable[[State], Any] | None,
+    callback: Callable[[State], State] | None,
     progress: bool,
     advance: Callable[[State, float], State],
     place: Callable[[State], State],
@@ -44,6 +44,8 @@ def run(
     ----------
     dt : float
         Length of the full steps.
+    callback : callable, optional
+        From `checked_callback`.
     advance : callable
         The state after a step: ``advance(state, dt)``.
     place : callable
@@ -54,14 +56,11 @@ def run(
     Raises
     ------
     InputError
-        Times that cannot be reached, a callback that is not callable, or `dt` lost in the rounding
-        of t.
+        Times that cannot be reached, or `dt` lost in the rounding of t.
     CipError
         Raised by a step; its attribute ``trajectory`` holds what was recorded before.
     """
     times = output_times(state.t, t_end, snapshots)
-    if callback is not None and not callable(callback):
-        raise InputError(f"callback: expected a callable, got {callback!r}")
     # Relative to dt, with the rounding of the times added: see `_NO_STEP`.
     no_step = _NO_STEP + 4.0 * np.finfo(float).eps * max(abs(state.t), abs(times[-1])) / dt
     if no_step > _LOST:
@@ -69,7 +68,7 @@ def run(
             f"dt: {dt:.6g} is lost in the rounding of t = {times[-1]:.6g}; count t from the start"
         )
     state = place(state)
-    kept = [state.host()]
+    kept = [replace(state.host())]  # a copy: the caller may go on to change his own
     found = record(kept, False)
     try:
         for target in times:
@@ -81,9 +80,10 @@ def run(
                 if abs(length - dt) <= no_step * dt:
                     length = dt
                 t = target if last else start + (k + 1) * dt
-                state = replace(advance(state, length), t=t)
+                state = advance(state, length)
+                state = state_of(state.grid, state.profile, state.data, t, state._bounded)
                 if callback is not None:
-                    callback(state)
+                    state = callback(state)
             kept.append(state.host().require_finite())
             found = record(kept, False)
             if progress:
@@ -96,6 +96,48 @@ def run(
         error.trajectory = found  # type: ignore[attr-defined]
         raise
     return found
+
+
+def checked_callback(
+    callback: Any, accept: Callable[[State], Any], place: Callable[[State], State]
+) -> Callable[[State], State] | None:
+    """The callback of a run as a function whose result is the state to go on with.
+
+    Parameters
+    ----------
+    callback : callable or None
+        As for `Solver.run`.
+    accept : callable
+        Raises `InputError` for a state that the solver cannot take.
+    place : callable
+        The state in the memory in which the solver works.
+
+    Raises
+    ------
+    InputError
+        Something that is not callable; a returned state of another grid, profile or time.
+    """
+    if callback is None:
+        return None
+    if not callable(callback):
+        raise InputError(f"callback: expected a callable, got {callback!r}")
+
+    def call(state: State) -> State:
+        found = callback(state)
+        if not isinstance(found, State) or found is state:
+            return state
+        try:
+            accept(found)
+        except InputError as error:
+            raise InputError(f"callback: it returned what does not fit: {error}") from error
+        if found.t != state.t:
+            raise InputError(
+                f"callback: it returned a state at t = {found.t!r}, expected one at the time of "
+                f"the step, {state.t!r}"
+            )
+        return place(replace(found))
+
+    return call
 
 
 def output_times(t: float, t_end: float, snapshots: int | Sequence[float] | None) -> list[float]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -32,9 +32,9 @@ class State:
     grid : Grid
     profile : str
     data : ndarray
-        All moments, shape ``(number of moments, *grid.nodes)``; on the device for the CuPy backend.
-        A mean belongs to the cell that begins at the node; in a direction that is not periodic no
-        cell begins at the last node, and the entry there is unused.
+        All moments, copied, shape ``(number of moments, *grid.nodes)``; on the device for the CuPy
+        backend. A mean belongs to the cell that begins at the node; in a direction that is not
+        periodic no cell begins at the last node, and the entry there is unused.
     t : float
 
     Examples
@@ -50,6 +50,16 @@ class State:
     profile: str
     data: Any
     t: float = 0.0
+    _bounded: ClassVar[tuple[float, float] | None] = None
+
+    def __post_init__(self) -> None:
+        """Copy the moments: what the caller does with his array changes no state."""
+        if isinstance(self.data, np.ndarray):
+            if np.ma.is_masked(self.data):
+                raise InputError("data: some moments are masked; fill them")
+            object.__setattr__(self, "data", np.array(self.data))
+        elif hasattr(self.data, "get") and hasattr(self.data, "copy"):  # CuPy's
+            object.__setattr__(self, "data", self.data.copy())
 
     @classmethod
     def from_function(
@@ -113,7 +123,7 @@ class State:
                 values = formula.derivative(moment.orders, steps)
             with np.errstate(over="ignore"):  # `check` reports overflow in single precision
                 row[...] = averaged(values, grid, moment, t)
-        state = cls(grid, profile, data, t)
+        state = state_of(grid, profile, data, t)
         state.check("f")
         return state
 
@@ -158,7 +168,7 @@ class State:
         """
         if isinstance(self.data, np.ndarray):
             return self
-        return State(self.grid, self.profile, on_host(self.data), self.t)
+        return state_of(self.grid, self.profile, on_host(self.data), self.t, self._bounded)
 
     def check(self, name: str = "state") -> None:
         """Raise `InputError` unless the moments are real, finite and of the right shape.
@@ -181,8 +191,6 @@ class State:
                 f"{name}: the moments {', '.join(self.names)} on this grid have shape {expected}, "
                 f"got {getattr(self.data, 'shape', type(self.data).__name__)}"
             )
-        if np.ma.is_masked(self.data):
-            raise InputError(f"{name}: some moments are masked; fill them")
         if self.data.dtype not in (np.float64, np.float32):
             raise InputError(f"{name}: expected float64 or float32, got {self.data.dtype}")
         if not np.isfinite(real_number(self.t, f"{name}: t")):
@@ -229,6 +237,24 @@ class State:
             return None
         q, flat = (int(i) for i in np.argwhere(~np.isfinite(host))[0])
         return f"moment {self.names[q]!r} is {host[q, flat]} at {node_name(self.grid, flat)}"
+
+
+def state_of(
+    grid: Grid,
+    profile: str,
+    data: Any,
+    t: float = 0.0,
+    bounded: tuple[float, float] | None = None,
+) -> State:
+    """The state of an array that nobody else changes, which is not copied.
+
+    `bounded` are the bounds of the limiter whose step made it: it may exceed them as that may.
+    """
+    state = object.__new__(State)
+    state.__dict__.update(grid=grid, profile=profile, data=data, t=t)
+    if bounded is not None:
+        state.__dict__["_bounded"] = bounded
+    return state
 
 
 def default_profile(grid: Grid) -> str:

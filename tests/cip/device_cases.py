@@ -26,10 +26,10 @@ def solver_of(profile, limiter=None, dim=1, dtype=np.float64, **more):
     form = more.pop("form", "advection" if profile.startswith("csl") else "transport")
     return Solver(
         grid, Velocity.from_expression(*field[:dim]), form, profile, limiter, splitting,
-        dtype=dtype, bounds=(-0.5, 0.5), **more,
+        dtype=dtype, bounds=(-0.8, 1.2), **more,
     )  # fmt: skip
 
 
 def field(*x):
-    """A smooth periodic field with values on both sides of the bounds."""
+    """A smooth periodic field that reaches both bounds."""
     return 0.2 + np.sin(2 * np.pi * x[0]) * np.cos(4 * np.pi * x[-1])

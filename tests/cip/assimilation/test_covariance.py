@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cip import Covariance, Grid, InputError, NotSupported, State
+from cip import Covariance, Grid, InputError, State
 
 UNEVEN = np.linspace(0, 1, 41) + 0.004 * np.sin(2 * np.pi * np.linspace(0, 1, 41))
 GRIDS = {
@@ -22,7 +22,7 @@ def dense(B):
 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", GRIDS)
-@pytest.mark.parametrize("profile", ["cubic", "quintic"])
+@pytest.mark.parametrize("profile", ["cubic", "quintic", "csl2", "csl4"])
 def test_variances_are_exact_and_the_root_has_its_transpose(name, profile):
     grid = GRIDS[name]
     wanted = 0.5 + np.random.default_rng(1).random(grid.nodes)
@@ -74,7 +74,7 @@ def test_correlations_have_the_same_length_in_every_direction():
 
 
 @pytest.mark.parametrize("name", GRIDS)
-@pytest.mark.parametrize("profile", ["cubic", "quintic"])
+@pytest.mark.parametrize("profile", ["cubic", "quintic", "csl2", "csl4"])
 def test_errors_are_functions(name, profile):
     """The moments of an error are those of the state with its values."""
     grid = GRIDS[name]
@@ -109,8 +109,6 @@ def test_what_is_refused():
     ]:
         with pytest.raises(InputError, match=message):
             Covariance.diffusion(*arguments)
-    with pytest.raises(NotSupported, match="carries means"):
-        Covariance.diffusion(grid, "csl2", 1.0, 0.1)
     with pytest.raises(InputError, match="root: expected 62 rows"):
         Covariance(grid, "cubic", np.ones((5, 2)), np.ones(31))
     with pytest.raises(InputError, match="states: expected at least one"):

@@ -27,6 +27,8 @@ SCHEMES = {
         ["1 + 0.3*cos(2*pi*x1)"],
     ),
     "open": (Grid((-1, 1), 20), "cubic", ["x1"]),
+    "csl2": (Grid((0, 1), 16, periodic=True), "csl2", ["1 + 0.3*sin(2*pi*x1 + t)"]),
+    "open csl4": (Grid((-1, 1), 12), "csl4", ["x1"]),
     "bicubic": (
         Grid([(0, 1), (0, 2)], (6, 8), periodic=True),
         "bicubic",
@@ -43,7 +45,8 @@ TIMES = np.array([0.0, 0.07, 0.2, 0.3])
 
 def problem(name, seed=0, dropouts=0.2):
     grid, profile, text = SCHEMES[name]
-    solver = Solver(grid, Velocity.from_expression(*text), profile=profile)
+    form = "advection" if profile.startswith("csl") else "transport"
+    solver = Solver(grid, Velocity.from_expression(*text), form, profile)
     low, high = np.array(grid.bounds).T
     rng = np.random.default_rng(seed)
     points = low[:, None] + (high - low)[:, None] * rng.random((grid.dim, 5))

@@ -1,13 +1,16 @@
 """Named parameters of formulas: the same steps as with numbers, and no compilation."""
 
+import keyword
 import pickle
+import re
 from copy import deepcopy
 
 import numpy as np
 import pytest
 from compilations import compilations
 
-from cip import Grid, InputError, Solver, Velocity
+from cip import Grid, InputError, Solver, Source, Velocity
+from cip.engines.cuda_engine import OPTIONS, device_source
 
 VALUES = {"a": 0.7, "b": 0.3, "w": 2.5}
 FIELDS = {
@@ -121,6 +124,91 @@ def test_copies_keep_the_values():
 def test_bad_parameters_are_named(texts, parameters, message):
     with pytest.raises(InputError, match=message):
         Velocity.from_expression(*texts, parameters=parameters)
+
+
+RESERVED = (
+    "int double __global__ threadIdx _ __device__ __shared__ blockDim warpSize dim3 float4 "
+    "longlong2 struct typedef register restrict volatile template namespace this bool wchar_t "
+    "size_t uint32_t None True False async await nonlocal match type case _a a__b __init__ "
+    "NAN INFINITY HUGE_VAL M_PI M_SQRT1_2 NULL EOF errno DBL_MAX FLT_EPSILON FP_NAN CUDART_PI "
+    "pow atan2 fma fmaf sinf coshl erfc lgamma hypot floor fabsf rsqrt min max nan inf isnan "
+    "cudaMalloc "
+)
+
+
+@pytest.mark.parametrize("name", RESERVED.split())
+def test_reserved_names_are_refused(name):
+    """Keywords and reserved names of Python, C and CUDA, by every way to a parameter."""
+    for make in (Velocity.from_expression, Source.from_expression):
+        with pytest.raises(InputError, match=f"parameters: '{name}' is no name .* reserved in Py"):
+            make(f"{name}*x1", parameters={name: 1.0})
+
+
+def test_python_knows_no_more_keywords():
+    for name in (*keyword.kwlist, *keyword.softkwlist):
+        with pytest.raises(InputError):
+            Velocity.from_expression("x1", parameters={name: 1.0})
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("True", "x1*False", "x1**True", "sin(True)", True, np.True_, "1j*x1", "None", "not x1"),
+        *("\uff581", "x\uff11", "\uff53in(x1)", "\u212f*x1", "\U0001d431", "x1 \u2212 1", "\xa0x1"),
+    ],
+)  # full-width, script and mathematical letters, the minus of print, a space that does not break
+def test_what_only_looks_like_a_formula(text):
+    """Python takes True for 1, and letters of other scripts for the Latin ones."""
+    for make in (Velocity.from_expression, Source, Source.from_expression):
+        with pytest.raises(InputError, match=r"component 1|source"):
+            make(text)
+    if isinstance(text, str):
+        with pytest.raises(InputError, match="boundary"):
+            Solver(Grid((0, 1), 8), 1.0, boundary=text)
+        with pytest.raises(InputError, match="f: "):
+            Solver(Grid((0, 1), 8), 1.0).state(text)
+
+
+def odd_names(source):
+    """Every name in some code that a parameter may have."""
+    names = sorted({*re.findall(r"[A-Za-z_]\w*", source)} - {"x", "y", "z", "t", "e", "pi"})
+    found = []
+    for name in names:
+        try:
+            Velocity.from_expression(f"{name}*x1", parameters={name: 1.0})
+        except InputError:
+            continue
+        found.append(name)
+    assert len(found) > 50
+    return found
+
+
+def velocity_of(names):
+    values = {name: 0.01 * (q + 1) for q, name in enumerate(names)}
+    text = "+".join(f"{name}*{q + 1}" for q, name in enumerate(names))
+    return Velocity.from_expression(f"({text})*sin(x1 + t)", parameters=values)
+
+
+def cuda_source(velocity):
+    (stage,) = Solver(Grid((0, 1), 8, periodic=True), velocity)._stages
+    return device_source(stage, "node_cubic", 0, True, "double", "int")
+
+
+def test_the_oddest_names_compile_for_the_device(compile_cuda):
+    """Parameters named as everything in the kernel's own source."""
+    names = odd_names(cuda_source(velocity_of(["a"])))
+    assert b".text.run" in compile_cuda(cuda_source(velocity_of(names)), "sm_90", OPTIONS)
+
+
+def test_the_oddest_names_have_their_values_on_the_host():
+    """Names of the device's code, of its C, and of the generated Python."""
+    grid = Grid((0, 1), 16, periodic=True)
+    odd = odd_names(cuda_source(velocity_of(["a"])))
+    names = list(dict.fromkeys([*odd, "numba", "np", "evaluate", "out0", "p_a"]))
+    found = velocity_of(names).on(grid)[0].derivative((1, 0, 0, 0), (1.0,) * 4)
+    total = sum(0.01 * (q + 1) ** 2 for q in range(len(names)))
+    expected = total * np.cos(grid.coordinates[0] + 0.3)
+    np.testing.assert_allclose(found(grid.coordinates[0], 0.0, 0.0, 0.3), expected, rtol=1e-12)
 
 
 def test_bad_new_values_are_named():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from full_disk import errors_without_space
 
-from cip import Grid, InputError, MissingDependency, Solver, Velocity
+from cip import Grid, InputError, MissingDependency, Solver, State, Velocity
 
 
 def wave(x):
@@ -249,3 +249,37 @@ def test_callback_sees_every_step(caplog):
     assert len(seen) == 17
     assert seen[-1] == 0.5
     assert "mass" in caplog.text
+
+
+def test_a_state_from_the_callback_goes_on():
+    """A field that is halved after each step; other results of a callback are ignored."""
+    solver = Solver(Grid((0, 1), 20, periodic=True), 1.0)
+    start = solver.state(wave)
+
+    def halved(state):
+        return State(state.grid, state.profile, 0.5 * state.data, state.t)
+
+    run = solver.run(start, 0.4, dt=0.1, snapshots=4, callback=halved)
+    plain = solver.run(start, 0.4, dt=0.1, snapshots=4, callback=lambda state: state.mass)
+    for q, (one, other) in enumerate(zip(run, plain, strict=True)):
+        np.testing.assert_allclose(one.data, 0.5**q * other.data, rtol=0, atol=1e-13)
+    with pytest.raises(InputError, match="or its callback has changed states"):
+        solver.tangent(run)
+    assert solver.tangent(plain).shape == (40, 40)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda s: State(s.grid, s.profile, s.data, s.t + 1), "a state at t = 1.1"),
+        (
+            lambda s: State(s.grid, "linear", s.data[:1], s.t),
+            "what does not fit: state: it carries",
+        ),
+        (lambda s: State(s.grid, s.profile, s.data * np.nan, s.t), "what does not fit: .* is nan"),
+    ],
+)
+def test_a_state_from_the_callback_has_to_fit(change, message):
+    solver = Solver(Grid((0, 1), 20, periodic=True), 1.0)
+    with pytest.raises(InputError, match=f"callback: it returned {message}"):
+        solver.run(solver.state(wave), 0.2, dt=0.1, callback=change)

@@ -1,12 +1,14 @@
 """Bounds, oscillation and conservation: the Jiang-Shu profile and Zalesak's disk."""
 
+import pickle
+
 import numpy as np
 import pytest
 from example_scripts import load
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cip import Grid, Solver, Velocity
+from cip import Grid, InputError, Solver, State, Velocity
 
 
 def jiang_shu(profile, limiter, cfl=0.4, n=200):
@@ -140,7 +142,10 @@ def test_clamp_keeps_the_range_in_two_dimensions(seed, dt):
     grid = Grid([(0, 1)] * 2, (8, 8), periodic=True)
     for profile in ("adini", "bicubic"):
         solver = Solver(
-            grid, Velocity.from_expression("sin(2*pi*x2)", "x1"), profile=profile, limiter="clamp"
+            grid,
+            Velocity.from_expression("sin(2*pi*x2)", "cos(2*pi*x1)"),
+            profile=profile,
+            limiter="clamp",
         )
         state = solver.state(0.0)
         state.data[...] = rng.uniform(-1, 1, state.data.shape) * 10
@@ -191,3 +196,49 @@ def test_eno_on_a_jump_in_two_dimensions(profile):
     assert final.min() >= -0.01
     assert final.max() <= 1.01
     assert final.max() >= 0.99
+
+
+BOUNDED = {"form": "advection", "limiter": "bounds", "bounds": (0.0, 1.0)}
+RING, OPEN = Grid((0, 1), 24, periodic=True), Grid((0, 1), 24)
+
+
+@pytest.mark.parametrize("profile", ["csl2", "csl4"])
+def test_data_outside_the_bounds_are_refused(profile):
+    """However they come in: as a state of this or another solver, from a callback, by a wall."""
+    solver = Solver(RING, 1.0, profile=profile, **BOUNDED)
+    other = Solver(RING, 1.0, "advection", profile)
+    wide = "3*sin(2*pi*x1)"
+    outside = r"state: moment '\w+' reaches -?[23].*outside the bounds \(0.0, 1.0\)"
+    for make in (
+        lambda: solver.state(wide),
+        lambda: solver.run(State.from_function(wide, RING, profile), 0.1, dt=0.05),
+        lambda: solver.step(other.state(wide), 0.05),
+        lambda: solver.run(other.run(other.state(wide), 0.1, dt=0.1).final, 0.2, dt=0.1),
+    ):
+        with pytest.raises(InputError, match=outside):
+            make()
+    inside = solver.state("0.5 + 0.5*sin(2*pi*x1)")
+    with pytest.raises(InputError, match=r"callback: .* outside the bounds"):
+        solver.run(inside, 0.2, dt=0.1, callback=lambda s: State(RING, profile, s.data + 2, s.t))
+    assert solver.run(inside, 0.2, dt=0.1).final["u"].max() <= 1 + 1e-12
+
+
+def test_inflow_outside_the_bounds_is_refused():
+    for data in (2.0, -0.1, "1 + x1 + 0.5"):
+        with pytest.raises(InputError, match=r"boundary 'x-': the field there reaches"):
+            Solver(OPEN, 1.0, profile="csl2", boundary={"x-": data}, **BOUNDED)
+    solver = Solver(OPEN, 1.0, profile="csl2", boundary={"x-": "1.5*sin(t)"}, **BOUNDED)
+    start = solver.state(0.0)
+    assert solver.run(start, 0.5, dt=0.1).final["u"].max() <= 1.0  # it is inside until then
+    with pytest.raises(InputError, match="boundary 'x-': the field there reaches 1"):
+        solver.run(start, 1.5, dt=0.1)
+
+
+def test_what_a_source_has_moved_goes_on():
+    """A source may leave the bounds; the run is taken up again from there, also from a copy."""
+    solver = Solver(RING, 1.0, profile="csl2", source=2.0, **BOUNDED)
+    middle = solver.run(solver.state(0.5), 0.5, dt=0.1).final
+    assert middle["u"].max() > 1.4
+    for state in (middle, pickle.loads(pickle.dumps(middle))):
+        end = solver.run(state, 0.6, dt=0.1).final
+        np.testing.assert_allclose(end["u"], 1.7, rtol=0, atol=1e-12)

@@ -9,7 +9,7 @@ from cip.sensitivities.device_tangent import push_all, tangent_all
 from cip.sensitivities.path_tangent import PathTangent
 from gpu.cuda.catalogue import ARCHITECTURES
 
-FLOW = ["0.5 + a*sin(2*pi*x1)*cos(t)", "b*cos(2*pi*x1)", "a*x2"]
+FLOW = ["0.5 + a*sin(2*pi*x1)*cos(t)", "b*cos(2*pi*x1)", "a*sin(2*pi*x2)"]
 FAST = [("cubic", 1, True), ("csl4", 1, False), ("adini", 2, True), ("cubic", 3, False)]
 PROFILES = [
     *(("cubic", 1), ("quintic", 1), ("csl2", 1), ("csl4", 1), ("adini", 2), ("bicubic", 2)),

@@ -135,7 +135,7 @@ def test_compiled_code_and_numpy_agree(form):
 @pytest.mark.parametrize(("shape", "profile"), [((60,), "quintic"), ((9, 8), "bicubic")])
 def test_changes_of_feet_compiled_and_by_numpy_agree(shape, profile, monkeypatch):
     """Feet and, of the plane, the logarithm of their determinant; along two parameters at once."""
-    phase = "2*pi*x1" + " + x2" * (len(shape) - 1)
+    phase = "2*pi*x1" + " + 2*pi*x2" * (len(shape) - 1)
     texts = (f"a + b*sin({phase} + t)*exp(a*x1)", f"b*cos({phase})/(2 + a)")[: len(shape)]
     velocity = Velocity.from_expression(*texts, parameters={"a": 0.4, "b": 0.2})
     grid = Grid([(-1, 1), (0, 1)][: len(shape)], shape, periodic=(False, True)[: len(shape)])

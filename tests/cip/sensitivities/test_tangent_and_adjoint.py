@@ -215,7 +215,7 @@ def test_parameters_are_found_from_snapshots():
         ({"limiter": "clamp"}, "limiter: 'clamp' is not differentiable"),
         ({"limiter": "rational"}, "limiter: 'rational' is not differentiable"),
         (
-            {"profile": "csl2", "form": "advection", "limiter": "bounds"},
+            {"profile": "csl2", "form": "advection", "limiter": "bounds", "bounds": (-2, 2)},
             "limiter: 'bounds' is not differentiable",
         ),
     ],

@@ -203,7 +203,7 @@ NAN[7] = np.nan
         ({"source": "x1*x2"}, r"source: \['x2'\] occur, but the grid has 1"),
         ({"source": "log(x1)"}, "source: it, or a derivative that the profile needs, is NaN"),
         ({"source": [1j]}, "source: expected real values"),
-        ({"source": [[1.0], [1.0, 2.0]]}, "source: expected an array at the nodes"),
+        ({"source": [[1.0], [1.0, 2.0]]}, "source: expected numbers, got"),
         ({"source": {}}, "source: expected a number, a text"),
         ({"decay": -0.1}, "decay: expected a rate >= 0, got -0.1"),
         ({"decay": np.inf}, "decay: expected a finite number"),
