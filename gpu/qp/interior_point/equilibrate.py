@@ -21,6 +21,8 @@ from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 
 # Each takes about the square root of all sizes: twelve turn sixteen decades into 16 / 2^12.
 SCALING_ROUNDS = 12
+# Of the largest: curvatures from here on tell with the linear term how long x is.
+SMALL_CURVATURE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ def equilibrate(p: StandardQP) -> tuple[StandardQP, Scaling]:
         D = D / xp.sqrt(xp.where(column > 0, column, 1.0))
         E = E / xp.sqrt(xp.where(row > 0, row, 1.0))
     # Entries keep their size when variables and sides change theirs.
-    length = xp.sqrt(max(largest_side(E * p.row_low, E * p.row_high, p.lb / D, p.ub / D), 1.0))
+    length = _length(p, D, E, sizes[0])
     D, E = xp.exp2(xp.round(xp.log2(D * length))), xp.exp2(xp.round(xp.log2(E / length)))
     P, q = _scale(p.P, D, D, xp), D * p.q
     curvature = float(sizes[0].columns(D, D).mean()) if D.size else 0.0
@@ -61,6 +63,19 @@ def equilibrate(p: StandardQP) -> tuple[StandardQP, Scaling]:
         P * c, q * c, _scale(p.C, E, D, xp), E * p.row_low, E * p.row_high, p.lb / D, p.ub / D
     )
     return scaled, Scaling(D, E, c)
+
+
+def _length(p: StandardQP, D: Array, E: Array, curvature: _Sizes) -> Any:
+    """The unit of length: what is far below one would drown in the first iterates."""
+    xp = p.xp
+    side = largest_side(E * p.row_low, E * p.row_high, p.lb / D, p.ub / D)
+    if side >= 1.0:
+        return xp.sqrt(side)
+    columns = curvature.columns(D, D)
+    curved = columns > SMALL_CURVATURE * (float(columns.max()) if D.size else 0.0)
+    if bool(curved.any()):
+        side = max(side, float((xp.abs(D * p.q)[curved] / columns[curved]).max()))
+    return xp.asarray(min(side, 1.0) or 1.0)
 
 
 def largest_side(*sides: Array) -> float:

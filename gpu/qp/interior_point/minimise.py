@@ -24,6 +24,8 @@ logger = logging.getLogger(__name__)
 # Separate steps for x and for the multipliers or not, and the size of the first multipliers;
 # zero lets them follow from the data.
 ATTEMPTS = ((True, 0.0), (True, 1.0), (False, 1e3), (True, 1e6), (False, 1.0))
+# Residuals of the origin from which on it counts, beside those of a point that tends to it.
+NEAR_ORIGIN = 1e-6
 # What the polish aims at: the accuracy of the arithmetic.
 POLISH_TARGET = 1e-14
 # Below this residual no other choice of multipliers is tried: it would gain no digit that counts.
@@ -69,14 +71,21 @@ class NoBound(Exception):
 def certified(p: StandardQP, x: Array, y: Array) -> Point:
     """The point next to (x, y) whose bounds and signs hold, and its residuals.
 
-    Without a linear term the minimum may be at zero, where all multipliers vanish. Residuals
-    relative to multipliers that converge to zero are never small: zero itself is tried too.
+    Without a linear term the minimum may be at zero, where all multipliers vanish; and where zero
+    is feasible it may be the solution. Residuals relative to multipliers, or to an x, that converge
+    to zero are never small: zero itself is tried too.
     """
     point = _certified(p, x, y)
-    if point.residuals.sharp <= CLEAN_RESIDUAL or bool(p.q.any()):
+    if point.residuals.sharp <= CLEAN_RESIDUAL:
         return point
-    free = _certified(p, x, p.xp.zeros_like(y))
-    return min(point, free, key=lambda found: found.residuals.worst)
+    if not bool(p.q.any()):
+        free = _certified(p, x, p.xp.zeros_like(y))
+        return min(point, free, key=lambda found: found.residuals.worst)
+    if p.holds_at_origin:
+        origin = _certified(p, p.xp.zeros_like(x), p.sided(y))
+        if origin.residuals.worst <= min(NEAR_ORIGIN, point.residuals.worst):
+            return origin
+    return point
 
 
 def _certified(p: StandardQP, x: Array, y: Array) -> Point:
