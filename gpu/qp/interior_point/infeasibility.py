@@ -176,7 +176,7 @@ def _falls(p: StandardQP, cone: StandardQP, v: Array) -> bool:
     # What entries of q fall by that are rounding beside its others proves nothing.
     least = PROOF_MARGIN * float(xp.abs(p.q) @ length)
     least += TERM_ROUNDING * float(xp.abs(p.q).max()) * float(length.max())
-    return straight and inside and float(p.q @ v) < -least
+    return bool(straight and inside and float(p.q @ v) < -least)
 
 
 def _straightened(cone: StandardQP, v: Array) -> Array:

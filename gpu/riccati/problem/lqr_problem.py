@@ -22,6 +22,8 @@ from gpu.riccati.problem.weights import Weight
 WEIGHT_ASYMMETRY = 1e-12
 # Q counts as semidefinite if so large a shift, relative to its diagonal, makes it definite.
 DEFINITENESS = 1e-12
+# From here on squares of entries, and their sums, leave the range of double precision.
+LARGEST = 1e150
 
 
 NOT_SEMIDEFINITE = (
@@ -182,7 +184,9 @@ def check_lqr(
     n, xp = state.n, state.xp
     B = columns("B", B, n, xp)
     m = B.shape[1]
-    if float(abs(B).max()) > 1e150:
+    if state.kind != "operator" and float(abs(state.A).max()) > LARGEST:
+        raise InputError("A is too large, its squares overflow: measure time in other units")
+    if float(abs(B).max()) > LARGEST:
         raise InputError("B is too large, its squares overflow: measure inputs in other units")
     R_host = _input_cost(R, m)
     try:
