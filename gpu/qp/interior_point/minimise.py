@@ -5,9 +5,10 @@ from __future__ import annotations
 import functools
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import sparse
 
 from gpu.errors import NotConverged
 from gpu.qp.data.standard_qp import Array, Residuals, StandardQP, one_sided, residuals
@@ -33,6 +34,8 @@ CLEAN_RESIDUAL = 1e-12
 # No proof is sought where all residuals are already below this: an attempt with other multipliers
 # is likelier to find the solution.
 PLAUSIBLE_RESIDUAL = 1e-7
+# Residual of the point that shows that there are feasible ones.
+FEASIBLE = 1e-9
 # The objective over the terms of x'Px: less is rounding of P's entries.
 LOST_CURVATURE = 1e-13
 # No condition number that double precision can bear takes x so far beyond the data.
@@ -337,8 +340,16 @@ def _no_bound(
     small: StandardQP, scaling: Scaling, solve: Solve, towards: Array | None = None
 ) -> None:
     direction = ray(small, solve, None if towards is None else towards / scaling.variables)
-    if direction is not None:
-        raise NoBound(scaling.variables * direction)
+    if direction is None:
+        return
+    # Without a feasible point a ray says nothing: the one nearest to zero is sought.
+    one = small.xp.ones_like(small.q)
+    P = sparse.diags_array(one, format="csr") if small.is_sparse else small.xp.diag(one)
+    try:
+        minimise(replace(small, P=P, q=0.0 * one), FEASIBLE)
+    except NoPoint as error:
+        raise NoPoint(scaling.rows * error.certificate) from None
+    raise NoBound(scaling.variables * direction)
 
 
 def _violated(p: StandardQP, x: Array) -> Array:
