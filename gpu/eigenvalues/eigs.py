@@ -381,8 +381,10 @@ def _decomposed(task: _Task, judged: bool = False) -> Pairs:
 
 def _warn_of(condition: np.ndarray, values: np.ndarray, sigma: Any, full: np.ndarray) -> None:
     """Warn where rounding of A moves the wanted values visibly, as they lie about sigma."""
-    moved = min(float(condition.max()) * EPS, 1.0) * float(np.linalg.norm(full))
-    if moved > VISIBLE * float(np.abs(values - sigma).max()):
+    size, reach = float(np.linalg.norm(full)), float(np.abs(values - sigma).max())
+    moved = min(float(condition.max()) * EPS, 1.0) * size
+    # Values that are sigma itself have no other digits.
+    if moved > VISIBLE * reach > VISIBLE * 1e-10 * size:
         warnings.warn(
             f"A is far from normal: its eigenvalues have condition numbers up to "
             f"{condition.max():.0e}, and its rounding alone moves them by up to {moved:.0e}; trust "

@@ -15,6 +15,7 @@ from scipy.sparse import linalg as sparse_linalg
 from gpu.arguments import unmasked
 from gpu.arrays.device_lu import device_lu
 from gpu.arrays.namespace import cupy, namespace, to_host
+from gpu.arrays.sparse_factor import structurally_regular
 from gpu.cuda.modulus import SOURCE as MODULUS
 from gpu.errors import InputError
 
@@ -210,6 +211,8 @@ def factorized(A: Any, xp: Any) -> Callable[[Any], Any] | None:
     """A function that solves with a stored matrix by its LU factors; None if it is singular."""
     if xp is np:
         if hasattr(A, "tocsr"):
+            if not structurally_regular(A):
+                return None
             try:
                 factors = sparse_linalg.splu(sparse.csc_matrix(A))
             except RuntimeError:
