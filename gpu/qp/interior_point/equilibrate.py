@@ -23,6 +23,8 @@ from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 SCALING_ROUNDS = 12
 # Of the largest: curvatures from here on tell with the linear term how long x is.
 SMALL_CURVATURE = 1e-6
+# Lengths up to which iterates go without another unit.
+MODERATE = 1e3
 
 
 @dataclass(frozen=True)
@@ -69,13 +71,15 @@ def _length(p: StandardQP, D: Array, E: Array, curvature: _Sizes) -> Any:
     """The unit of length: what is far below one would drown in the first iterates."""
     xp = p.xp
     side = largest_side(E * p.row_low, E * p.row_high, p.lb / D, p.ub / D)
-    if side >= 1.0:
-        return xp.sqrt(side)
-    columns = curvature.columns(D, D)
+    columns, force = curvature.columns(D, D), 0.0
     curved = columns > SMALL_CURVATURE * (float(columns.max()) if D.size else 0.0)
     if bool(curved.any()):
-        side = max(side, float((xp.abs(D * p.q)[curved] / columns[curved]).max()))
-    return xp.asarray(min(side, 1.0) or 1.0)
+        force = float((xp.abs(D * p.q)[curved] / columns[curved]).max())
+    if side < 1.0:
+        return xp.asarray(min(max(side, force), 1.0) or 1.0)
+    # A side may be far from the solution: only what curvature makes as long is taken whole.
+    whole = max(min(side, force) / MODERATE, 1.0)
+    return xp.asarray(whole * np.sqrt(side / whole))
 
 
 def largest_side(*sides: Array) -> float:
