@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
+# How NumPy shows its numbers, alone or in a tuple; what is said is the number.
+_NUMPY_SCALAR = re.compile(
+    r"\bnp\.(?:(?:u?int|float|complex|c?longdouble|str_|bool)\d*\(([^()]*|\(.*?\))\)|(True|False)_)"
+)
+
 
 class CipError(Exception):
     """Base class of every error raised on purpose by `cip`.
@@ -18,6 +25,9 @@ class CipError(Exception):
     ...     print(error)
     shape: expected at least 4 cells in each direction, got 3
     """
+
+    def __str__(self) -> str:
+        return _NUMPY_SCALAR.sub(r"\1\2", str(self.args[0]) if self.args else "")
 
 
 class InputError(CipError, ValueError):

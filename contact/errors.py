@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import sys
 import warnings
 from collections.abc import Callable
@@ -10,6 +11,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+# How NumPy shows its numbers, alone or in a tuple; what is said is the number.
+_NUMPY_SCALAR = re.compile(
+    r"\bnp\.(?:(?:u?int|float|complex|c?longdouble|str_|bool)\d*\(([^()]*|\(.*?\))\)|(True|False)_)"
+)
 
 
 class ContactError(Exception):
@@ -28,6 +34,9 @@ class ContactError(Exception):
     ...     print(error)
     nu=0.5: Poisson's ratio must lie in (-1, 1/2)
     """
+
+    def __str__(self) -> str:
+        return _NUMPY_SCALAR.sub(r"\1\2", str(self.args[0]) if self.args else "")
 
 
 class InputError(ContactError, ValueError):
@@ -127,9 +136,6 @@ class Unbounded(ContactError):
     def __init__(self, message: str, mode: NDArray[np.float64]) -> None:
         super().__init__(message, mode)  # both: pickle makes errors anew from these
         self.mode = mode
-
-    def __str__(self) -> str:
-        return str(self.args[0])
 
 
 class ContactWarning(UserWarning):

@@ -64,5 +64,5 @@ def shown(value: Any) -> str:
     if isinstance(value, int) and abs(value) > 1e18:
         return "a whole number beyond 1e18"
     if isinstance(value, int | float | complex | np.number | str | None):
-        return f"{value!r:.60}"
+        return f"{value.item() if isinstance(value, np.generic) else value!r:.60}"
     return type(value).__name__

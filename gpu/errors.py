@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
+
+# How NumPy shows its numbers, alone or in a tuple; what is said is the number.
+_NUMPY_SCALAR = re.compile(
+    r"\bnp\.(?:(?:u?int|float|complex|c?longdouble|str_|bool)\d*\(([^()]*|\(.*?\))\)|(True|False)_)"
+)
 
 
 class GpuError(Exception):
@@ -22,6 +28,9 @@ class GpuError(Exception):
     ...     print(type(error).__name__)
     Infeasible
     """
+
+    def __str__(self) -> str:
+        return _NUMPY_SCALAR.sub(r"\1\2", str(self.args[0]) if self.args else "")
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (type(self), self.args, self.__dict__)
@@ -174,9 +183,6 @@ class Infeasible(GpuError):
         super().__init__(message, certificate)  # both: pickle makes errors anew from these
         self.certificate = certificate
 
-    def __str__(self) -> str:
-        return str(self.args[0])
-
 
 class Unbounded(GpuError):
     """The objective has no lower bound.
@@ -203,6 +209,3 @@ class Unbounded(GpuError):
     def __init__(self, message: str, ray: np.ndarray) -> None:
         super().__init__(message, ray)
         self.ray = ray
-
-    def __str__(self) -> str:
-        return str(self.args[0])

@@ -1,5 +1,12 @@
 """Exceptions and warnings of the package, all under :class:`AdiniError`."""
 
+import re
+
+# How NumPy shows its numbers, alone or in a tuple; what is said is the number.
+_NUMPY_SCALAR = re.compile(
+    r"\bnp\.(?:(?:u?int|float|complex|c?longdouble|str_|bool)\d*\(([^()]*|\(.*?\))\)|(True|False)_)"
+)
+
 
 class AdiniError(Exception):
     """Base class of every exception raised by `skfem_adini`.
@@ -16,6 +23,9 @@ class AdiniError(Exception):
     ...     print(type(error).__name__)
     InputError
     """
+
+    def __str__(self) -> str:
+        return _NUMPY_SCALAR.sub(r"\1\2", str(self.args[0]) if self.args else "")
 
 
 class InputError(AdiniError, ValueError):

@@ -105,3 +105,38 @@ def test_numbers_that_are_none_are_not_shown_as_zero():
 def test_packages_show_their_public_names(package):
     assert package.__version__ == version("skfem-adini")
     assert {name for name in dir(package) if not name.startswith("_")} == set(package.__all__)
+
+
+@pytest.mark.parametrize(
+    "base", [cip.CipError, contact.ContactError, gpu.GpuError, skfem_adini.AdiniError]
+)
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (np.float64(2.5), "2.5"),
+        ((np.int32(1), np.float32(-0.5)), "(1, -0.5)"),
+        ([np.True_, np.bool_(False)], "[True, False]"),
+        (np.complex128(1 + 2j), "(1+2j)"),
+        ({np.str_("a"): np.uint8(3)}, "{'a': 3}"),
+    ],
+)
+def test_errors_show_numbers_of_numpy_as_numbers(base, value, shown):
+    error = base(f"size={value!r}: expected np.zeros(3)")
+    assert str(error) in (
+        f"size={shown}: expected np.zeros(3)",
+        f"size={shown[1:-1]}: expected np.zeros(3)",
+    )
+
+
+def test_calls_show_numbers_of_numpy_as_numbers():
+    two = np.float64(2.0)
+    calls = (
+        lambda: gpu.solve_qp([[1.0]], [0.0], tol=two),
+        lambda: gpu.eigs(np.eye(3), tol=two),
+        lambda: gpu.eigs(np.eye(3), np.float64(1.5)),
+        lambda: cip.Grid((np.float64(1.0), np.float64(0.0)), 8),
+    )
+    for call in calls:
+        with pytest.raises((gpu.GpuError, cip.CipError)) as caught:
+            call()
+        assert "np." not in str(caught.value)

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse import csgraph
 from scipy.sparse.linalg import splu
 
 Vector = np.ndarray
@@ -74,8 +75,21 @@ class SuperLUFactor:
         return np.where(self._lu.perm_r == self._lu.perm_c, pivots, -1.0)
 
 
+def structurally_regular(A: Any) -> bool:
+    """Whether some choice of entries makes a host matrix of this pattern regular.
+
+    SuperLU calls BLAS with wrong arguments where none does, and may return factors all the same.
+    """
+    if bool((A.diagonal() != 0.0).all()):
+        return True
+    pattern = sparse.csr_array(A != 0.0)
+    return bool(csgraph.structural_rank(pattern) == A.shape[0])
+
+
 def is_positive_definite(K: sparse.csc_array) -> bool:
     """Whether all pivots of a symmetric matrix are positive, taken from its diagonal."""
+    if not bool((K.diagonal() > 0.0).all()):
+        return False
     factors = SuperLUFactor(K)
     try:
         factors.factor(K.diagonal())

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import logging
+import warnings
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, sparse
 
 from gpu.arguments import choice, flag, is_finite_number, shown, unmasked, whole
 from gpu.arrays.namespace import namespace
 from gpu.eigenvalues.certificate import certify
 from gpu.eigenvalues.eigenpairs import Eigenpairs, Pairs
-from gpu.eigenvalues.iteration_operator import EigenProblem, shifts, told_apart
+from gpu.eigenvalues.iteration_operator import EigenProblem, even_units, shifts, told_apart
 from gpu.eigenvalues.krylov.krylov_schur import ROUNDING_RESIDUAL, krylov_schur
 from gpu.eigenvalues.krylov.restart import RESTART_KINDS, Limits, Wanted, room_for
 from gpu.eigenvalues.operator import Matrix, as_matrix, ordinary
@@ -20,8 +22,11 @@ from gpu.eigenvalues.schur.order import ORDERS, best_first, edge_of, rank_of
 from gpu.eigenvalues.schur.ordered_schur import Rank
 from gpu.errors import GpuError, InputError, NotConverged
 
+logger = logging.getLogger(__name__)
 DENSE = 256  # up to this order all eigenvalues are computed: it is fast, and none can be missed
 PRODUCTS = 128  # the same for operators, whose entries cost a product for each column
+EPS = np.finfo(float).eps
+VISIBLE = 1e-3  # of the distance of the wanted values from sigma: what a warning is worth
 FALLBACK = 4096  # up to this order they are if the iteration fails and the entries are stored
 
 
@@ -108,7 +113,11 @@ def eigs(
     Eigenvalues of a matrix far from normal, such as a convection operator at large cell Peclet
     numbers, are determined only up to the residual times their condition number. The returned
     values are then eigenvalues of a matrix within `tol` of A, and an eigenvalue that is better by
-    less than this uncertainty does not count as missed.
+    less than this uncertainty does not count as missed. With `sigma`, stored entries of the host
+    whose moduli across the diagonal can be made alike by other units of the unknowns, as for
+    convection and diffusion on a line or grid, are solved in such units, where they are nearly
+    normal. Where all eigenvalues are computed because an iteration does not converge, a
+    `RuntimeWarning` tells where the condition of the wanted ones leaves them few digits.
 
     References
     ----------
@@ -145,6 +154,14 @@ def eigs(
     if sigma is None and which == "SM" and _stored(matrix, mass):
         sigma, which = 0.0, "LM"
     sigma = float(np.real(sigma)) if sigma is not None and np.imag(sigma) == 0 else sigma
+    units = even_units(matrix) if sigma is not None and mass is None else None
+    if units is not None:
+        try:
+            settings = (sigma, which, None if start is None else start / units, ncv, maxiter, tol)
+            found = _in_units(matrix, units, k, settings, restart)
+            return found if return_eigenvectors else found[0]
+        except NotConverged as error:
+            logger.debug("eigenvalues in the units given, as in even ones %s", error)
     task = _Task(matrix, mass, sigma, which, k)
     if start is not None and start.dtype.kind == "c" and task.real:
         raise InputError("v0 is complex, but A, M and sigma are real: pass its real part")
@@ -171,6 +188,21 @@ def eigs(
             raise
         values, vectors = _certified(task, _decomposed(task), tol, scale)
     return (values, vectors) if return_eigenvectors else values
+
+
+def _in_units(
+    matrix: Matrix, units: Any, k: int, settings: tuple[Any, ...], restart: str
+) -> tuple[Any, Any]:
+    """The certified result by way of the similar matrix of other units of the unknowns."""
+    D = sparse.diags_array(units)
+    similar = sparse.csr_array(sparse.diags_array(1.0 / units) @ matrix.explicit @ D)
+    sigma, which, v0, ncv, maxiter, tol = settings
+    values, vectors = eigs(similar, k, None, sigma, which, v0, ncv, maxiter, tol, restart=restart)
+    vectors = units[:, None] * vectors
+    vectors /= np.abs(vectors).max(axis=0)
+    vectors /= np.linalg.norm(vectors, axis=0)
+    certify(matrix, None, values, vectors, tol, 0.0)
+    return values, vectors
 
 
 @dataclass(frozen=True)
@@ -228,7 +260,7 @@ def _by_iteration(
     elif unseen and task.matrix.unit != 1.0:
         found, pairs, reason = _iterated(task, limits, tol, start)
     if spare and (reason or not found.complete):
-        return task, _decomposed(task), 0.0
+        return task, _decomposed(task, judged=True), 0.0
     if reason:
         raise reason
     scale = found.scale / task.matrix.unit if task.plain else 0.0
@@ -301,8 +333,11 @@ def _iterated(
     return found, pairs, reason
 
 
-def _decomposed(task: _Task) -> Pairs:
-    """The k best of all eigenvalues, computed by LAPACK on the host."""
+def _decomposed(task: _Task, judged: bool = False) -> Pairs:
+    """The k best of all eigenvalues, computed by LAPACK on the host.
+
+    If `judged`, a warning says where the condition of those of A leaves them few digits.
+    """
     matrix, mass, sigma, k = task.matrix, task.mass, task.sigma, task.k
     unit = matrix.unit
     full = matrix.dense() * unit  # LAPACK scales too, but does not scale all eigenvalues back
@@ -310,8 +345,14 @@ def _decomposed(task: _Task) -> Pairs:
         raise InputError("A: A v is not finite")
     if sigma is not None:
         sigma = sigma * unit
+    condition = None
     if mass is None:
-        values, vectors = linalg.eig(full)
+        if judged:
+            decompose: Any = linalg.eig
+            values, left, vectors = decompose(full, left=True)
+            condition = 1.0 / np.maximum(np.abs(np.vecdot(left.T, vectors.T)), EPS**2)
+        else:
+            values, vectors = linalg.eig(full)
         finite = np.ones(values.size, dtype=bool)
     else:
         (alpha, beta), vectors = linalg.eig(full, mass.dense(), homogeneous_eigvals=True)
@@ -333,7 +374,24 @@ def _decomposed(task: _Task) -> Pairs:
         tiny = 1e-300 + 1e-15 * np.abs(values).max(initial=0.0)
         key = 1.0 / np.where(np.abs(distance) < tiny, tiny, distance)
     order = best_first(key, task.rank, k, task.real, values)
+    if condition is not None:
+        _warn_of(condition[order], values[order], 0.0 if sigma is None else sigma, full)
     return Pairs(values[order] / unit, None, vectors[:, order], None)
+
+
+def _warn_of(condition: np.ndarray, values: np.ndarray, sigma: Any, full: np.ndarray) -> None:
+    """Warn where rounding of A moves the wanted values visibly, as they lie about sigma."""
+    size, reach = float(np.linalg.norm(full)), float(np.abs(values - sigma).max())
+    moved = min(float(condition.max()) * EPS, 1.0) * size
+    # Values that are sigma itself have no other digits.
+    if moved > VISIBLE * reach > VISIBLE * 1e-10 * size:
+        warnings.warn(
+            f"A is far from normal: its eigenvalues have condition numbers up to "
+            f"{condition.max():.0e}, and its rounding alone moves them by up to {moved:.0e}; trust "
+            "no digits below that, and measure unknowns in units that make A more nearly normal",
+            RuntimeWarning,
+            stacklevel=5,
+        )
 
 
 def _stored(matrix: Matrix, mass: Matrix | None) -> bool:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
 
 from gpu.eigenvalues.operator import Matrix, factorized
 from gpu.errors import InputError
@@ -17,6 +19,10 @@ DROWNED = 1e-6
 # The shift must be this many times nearer to sigma than the farthest wanted eigenvalue, or this
 # many times farther away; otherwise eigenvalues nearest to the shift need not be nearest to sigma.
 APART = 1e3
+# Logarithms to base 2, of moduli that count as different, and of the largest unit.
+UNEVEN, MOST_UNEVEN = 1e-6, 400.0
+# Parts without connection for which units are sought.
+MOST_PARTS = 100
 
 
 def shifts(matrix: Matrix, mass: Matrix | None, sigma: Any) -> Iterator[Any]:
@@ -86,6 +92,41 @@ class EigenProblem:
             return cls(solve, dtype, lambda theta: shift + 1.0 / (theta * unit))
         weigh, inverse = mass.apply, solve
         return cls(lambda x: inverse(weigh(x)), dtype, lambda theta: shift + 1.0 / (theta * unit))
+
+
+def even_units(matrix: Matrix) -> Any:
+    r"""Units d of the unknowns in which moduli of entries across the diagonal are alike, or None.
+
+    :math:`|a_{ij}| d_j / d_i = |a_{ji}| d_i / d_j` for all entries, up to a factor of two as the d
+    are powers of two. Where such units exist, as for convection and diffusion on a line or grid,
+    they make a matrix that may be far from normal nearly normal; None where they change nothing.
+    """
+    A = matrix.explicit
+    if A is None or matrix.xp is not np or matrix.n < 2:
+        return None
+    A = abs(sparse.csr_array(A))
+    A.eliminate_zeros()
+    twin = sparse.csr_array(A.T)
+    A.sort_indices()
+    twin.sort_indices()
+    if not np.array_equal(A.indptr, twin.indptr) or not np.array_equal(A.indices, twin.indices):
+        return None
+    half = sparse.csr_array((0.5 * np.log2(A.data / twin.data), A.indices, A.indptr), A.shape)
+    if not np.abs(half.data).max(initial=0.0) > UNEVEN:
+        return None
+    log = np.zeros(matrix.n)
+    count, label = csgraph.connected_components(A, directed=False)
+    for first in np.unique(label, return_index=True)[1] if count <= MOST_PARTS else ():
+        order, before = csgraph.breadth_first_order(A, first)
+        step = half[order[1:], before[order[1:]]]
+        for i, j, change in zip(order[1:].tolist(), before[order[1:]].tolist(), step, strict=True):
+            log[i] = log[j] + change
+        log[order] -= (log[order].max() + log[order].min()) / 2.0
+    rows = np.repeat(np.arange(matrix.n), np.diff(A.indptr))
+    wrong = np.abs(log[rows] - log[A.indices] - half.data).max()
+    if not wrong <= UNEVEN or not 1.0 <= np.abs(log).max() <= MOST_UNEVEN:
+        return None
+    return np.exp2(np.round(log))
 
 
 def told_apart(theta: np.ndarray, rounding: float, away: np.ndarray, moved: float) -> bool:

@@ -15,10 +15,13 @@ from scipy.sparse import linalg as sparse_linalg
 from gpu.arguments import unmasked
 from gpu.arrays.device_lu import device_lu
 from gpu.arrays.namespace import cupy, namespace, to_host
+from gpu.arrays.sparse_factor import structurally_regular
 from gpu.cuda.modulus import SOURCE as MODULUS
 from gpu.errors import InputError
 
 MOST_COUNTED = 1 << 30  # most entries for one call: the library counts them in 32 bits
+# Of the largest entry of a product: imaginary parts that are rounding of zero.
+IMAGINARY_ROUNDING = 1e-10
 
 
 @dataclass(frozen=True)
@@ -129,7 +132,7 @@ def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
                 f"{name}: a callable has no shape; pass v0, numbers of shape (n,), to give it one"
             )
         real = start.dtype.kind != "c" and _real_result(name, A, start * 1.0)
-        return Matrix(start.size, real, xp, A, None)
+        return Matrix(start.size, real, xp, real_products(name, A, xp) if real else A, None)
     shape = getattr(A, "shape", None)
     if shape is None:
         A = np.asarray(A)
@@ -142,7 +145,8 @@ def as_matrix(name: str, A: Any, start: Any = None) -> Matrix:
     dtype = complex if kind == "c" else float
     if hasattr(A, "matvec"):
         xp = namespace(A)
-        return Matrix(int(shape[0]), kind != "c", xp, A.matvec, None)
+        apply = A.matvec if kind == "c" else real_products(name, A.matvec, xp)
+        return Matrix(int(shape[0]), kind != "c", xp, apply, None)
     if hasattr(A, "tocsr"):
         xp = np if sparse.issparse(A) else cupy()
         A = A.tocsr().astype(dtype)
@@ -185,10 +189,30 @@ def _real_result(name: str, A: Callable[[Any], Any], x: Any) -> bool:
     return bool(y.dtype.kind != "c")
 
 
+def real_products(name: str, apply: Callable[[Any], Any], xp: Any) -> Callable[[Any], Any]:
+    """The products of an operator that says it is real; `InputError` where one is not."""
+
+    def product(x: Any) -> Any:
+        y = apply(x)
+        if getattr(y, "dtype", np.dtype(float)).kind != "c" or x.dtype.kind == "c":
+            return y
+        # A transform and its inverse leave rounding in the imaginary part.
+        if not float(abs(y.imag).max()) <= IMAGINARY_ROUNDING * float(abs(y).max()):
+            raise InputError(
+                f"{name} says that it is real, and maps a real vector to a complex one: give the "
+                "operator dtype=complex"
+            )
+        return y.real
+
+    return product
+
+
 def factorized(A: Any, xp: Any) -> Callable[[Any], Any] | None:
     """A function that solves with a stored matrix by its LU factors; None if it is singular."""
     if xp is np:
         if hasattr(A, "tocsr"):
+            if not structurally_regular(A):
+                return None
             try:
                 factors = sparse_linalg.splu(sparse.csc_matrix(A))
             except RuntimeError:

@@ -10,6 +10,7 @@ from scipy import sparse
 from gpu.arguments import choice, flag, unmasked, whole
 from gpu.arrays.namespace import cupy, namespace, to_host
 from gpu.eigenvalues.eigs import DENSE, FALLBACK, PRODUCTS, eigs, start_vector
+from gpu.eigenvalues.operator import real_products
 from gpu.errors import InputError, NotConverged
 
 # Largest |A v - s u| and |A^* u - s v| over |A| of a certified triplet: more than rounding, because
@@ -137,6 +138,10 @@ class _Factors:
         if hasattr(A, "matvec"):
             self.xp = namespace(A)
             self._left, self._right = A.matvec, A.rmatvec
+            if kind != "c":
+                self._left, self._right = (
+                    real_products("A", f, self.xp) for f in (self._left, self._right)
+                )
             try:
                 A.rmatvec(self.xp.zeros(self.shape[0], dtype=self.dtype))
             except NotImplementedError:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from gpu.errors import Infeasible, MissingDependency, NotConverged, Unbounded
+from gpu.errors import Infeasible, InputError, MissingDependency, NotConverged, Unbounded
 from gpu.qp.solve_qp import solve_qp
+
+OPTIONS = ("h_low", "host_below", "start", "tol")
 
 
 def pdas_solve_problem(
@@ -13,9 +15,17 @@ def pdas_solve_problem(
 ) -> Any:
     """Solve a `qpsolvers.Problem`; a `qpsolvers.Solution`, not found where `solve_qp` raises.
 
-    `options` are those of `solve_qp`. The error stands in ``extras["error"]``.
+    `options` are those of `solve_qp`; others are an `InputError`. An error of the problem stands in
+    ``extras["error"]``.
     """
     import qpsolvers
+
+    unknown = options.keys() - OPTIONS
+    if unknown:
+        raise InputError(
+            f"{min(unknown)}: the solver 'pdas' knows {', '.join(OPTIONS)}; leave out the options "
+            "of other solvers"
+        )
 
     solution = qpsolvers.Solution(problem)
     start = options.pop("start", initvals)

@@ -99,11 +99,14 @@ class BoxQP:
             [np.where(held, pressure, x - self.lb), np.where(held, np.inf, self.ub - x)]
         )
 
+    def row_rounding(self) -> np.ndarray:
+        """What rounding in x ~ q does to the rows."""
+        return SUM_ROUNDING * np.abs(self.A).sum(axis=1) * np.abs(self.q).max()
+
     def row_error(self, x: np.ndarray) -> float:
         """Largest residual of a row over the terms added up in it, beyond rounding in x ~ q."""
         terms = np.abs(self.A) @ np.abs(x) + np.abs(self.b)
-        rounding = SUM_ROUNDING * np.abs(self.A).sum(axis=1) * np.abs(self.q).max()
-        residual = np.maximum(np.abs(self.A @ x - self.b) - rounding, 0.0)
+        residual = np.maximum(np.abs(self.A @ x - self.b) - self.row_rounding(), 0.0)
         return float(np.max(residual / np.where(terms > 0, terms, 1.0)))
 
     def separator(self, state: np.ndarray, y: np.ndarray, tol: float) -> np.ndarray | None:
@@ -119,7 +122,7 @@ class BoxQP:
         corner = np.where(c > 0, self.ub, np.where(c < 0, self.lb, 0.0))
         margin = y @ self.b - c @ corner
         terms = np.abs(y) @ np.abs(self.b) + np.abs(c) @ np.abs(corner)
-        return y if margin > tol * terms else None
+        return y if margin > tol * terms + np.abs(y) @ self.row_rounding() else None
 
     def guess(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """State in which each variable alone, the others kept, would be optimal."""

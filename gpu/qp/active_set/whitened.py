@@ -39,6 +39,8 @@ from gpu.qp.data.step import Step
 HOPELESS_EXCHANGES, MOST_EXCHANGES = 3, 60
 # Of the terms of a sum: a violation below it is none.
 SUM_ROUNDING = 64 * np.finfo(float).eps
+# Of the forces, in units where P has a diagonal of one: an x below it may be their rounding.
+ORIGIN = 1e-10
 # Of the largest diagonal entry of W: rows that depend on each other share their multiplier.
 SOFTNESS = 1e-12
 # Part of the unknowns that active rows may take away: with as many rows as unknowns W is singular.
@@ -72,6 +74,7 @@ class WhitenedActiveSet:
         xp = self.xp
         self.Y, self.W, self.count = xp.empty((0, self.n)), xp.empty((0, 0)), 0
         self.t0 = -self.solve(p.q)
+        self.force = float(xp.abs(p.q).max())
         self.history: list[Step] = []
 
     def values(self, x: Array) -> Array:
@@ -174,7 +177,10 @@ class WhitenedActiveSet:
                 raise GaveUp("rows depend on each other") from None
             multiplier = np.zeros(self.m + self.n)
             multiplier[self.active] = self.to_host(mu)
-            size = SUM_ROUNDING * (1.0 + np.abs(value) + np.abs(value[self.m :]).max())
+            length = float(np.abs(value[self.m :]).max())
+            # Where x is nothing but rounding of the forces, it has their size: P has a diagonal one
+            unit = self.force if length <= ORIGIN * self.force else min(1.0, self.force)
+            size = SUM_ROUNDING * (unit + np.abs(value) + length)
             below, above = self.low - value, value - self.high
             off = (state == 0) & ~self.equal
             add = off & ((below > size) | (above > size))

@@ -41,7 +41,8 @@ class KKT:
     gap : float
         Difference of primal and dual objective,
         :math:`|x^T(Px + q) + y^Tb + z_\mathrm{box}^Ts|`, s the bounds that the multipliers point
-        to, over :math:`|x|^T(|P||x| + |q| + |A|^T|y|) + |y|^T|b| + |z_\mathrm{box}|^T|s|`.
+        to, over :math:`|x|^T(|P||x| + |q| + |A|^T|y|) + |y|^T|b| + |z_\mathrm{box}|^T|s|`; what is
+        not counted in rows is not counted here, times :math:`|y|`.
 
     Examples
     --------
@@ -122,6 +123,7 @@ def kkt_residuals(problem: QPProblem, x: np.ndarray, y: np.ndarray, z_box: np.nd
     at, side = pushed[held], side[held]
     parts = np.concatenate([x * (Px + q), y * b, z_box[at] * side])
     size = np.abs(x) @ terms + np.abs(parts[x.size :]).sum()
+    unseen = np.abs(y) @ rounding  # the same shift of x, in the objective
     distance = distance[held]
     distance = _relative(distance, largest(length.max(), distance.max(initial=0.0)))
     return KKT(
@@ -129,7 +131,7 @@ def kkt_residuals(problem: QPProblem, x: np.ndarray, y: np.ndarray, z_box: np.nd
         primal=largest(rows.max(initial=0.0), bounds.max()),
         sign=float(force[~held].max(initial=0.0)),
         complementarity=float(np.minimum(force[held], distance).max(initial=0.0)),
-        gap=float(_relative(np.abs(parts.sum(keepdims=True)), size)[0]),
+        gap=float(_relative(np.maximum(np.abs(parts.sum(keepdims=True)) - unseen, 0.0), size)[0]),
     )
 
 

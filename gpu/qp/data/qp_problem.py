@@ -270,11 +270,16 @@ def _bound(name: str, value: ArrayLike | None, n: int, missing: float, xp: Any) 
     if bound.ndim == 0:
         bound = xp.full(n, float(bound))
     bound = _shaped(name, bound, (n,), xp)
+    given = bound
     bound = xp.where(xp.abs(bound) >= INFINITE, xp.copysign(xp.inf, bound), bound)
     wrong = xp.isnan(bound) | (bound == -missing)
     if bool(wrong.any()):
         i = int(wrong.argmax())
-        raise InputError(f"{name}[{i}] is {bound[i]}: it must be a number or {missing}")
+        infinite = f", and from {INFINITE:.0e} on one counts as infinite"
+        raise InputError(
+            f"{name}[{i}] is {given[i]}: it must be a number or {missing}"
+            f"{infinite if bool(xp.isfinite(given[i])) else ''}"
+        )
     return bound
 
 

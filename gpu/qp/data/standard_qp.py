@@ -41,6 +41,10 @@ class Remote:
     def __abs__(self) -> Remote:
         return Remote(abs(self.matrix))
 
+    def diagonal(self) -> np.ndarray:
+        """Its diagonal, on the host."""
+        return to_host(self.matrix.diagonal())
+
     @property
     def T(self) -> Remote:
         """Its transpose."""
@@ -111,6 +115,48 @@ class StandardQP:
             high, low = high | above, low | below
         return low & high
 
+    @cached_property
+    def holds_at_origin(self) -> bool:
+        """Whether x = 0 is feasible."""
+        pairs = ((self.row_low, self.row_high), (self.lb, self.ub))
+        return all(bool(((low <= 0.0) & (high >= 0.0)).all()) for low, high in pairs)
+
+    def sided(self, y: Array) -> Array:
+        """The multipliers that x = 0 can have: those of sides at zero."""
+        at_side = ((y > 0) & (self.row_high == 0.0)) | ((y < 0) & (self.row_low == 0.0))
+        return self.xp.where(at_side, y, 0.0)
+
+    @cached_property
+    def lengths(self) -> Array:
+        r"""What curvature and linear term make each x: their rounding moves x by a part of it.
+
+        With :math:`D = \mathrm{diag}(P)^{-1/2}`, :math:`D_j|Dq|_\infty`, or :math:`D_j` times the
+        largest side in these units where that is less and not rounding itself; 0 without curvature.
+        """
+        xp, diagonal = self.xp, self.P.diagonal()
+        D = xp.where(diagonal > 0.0, 1.0 / xp.sqrt(xp.where(diagonal > 0.0, diagonal, 1.0)), 0.0)
+        if not self.q.size:
+            return D
+        size, unit = float((D * xp.abs(self.q)).max()), abs(self.C) @ D
+        sides = 0.0
+        for units, pair in ((unit, (self.row_low, self.row_high)), (D, (self.lb, self.ub))):
+            for side in pair:
+                counts = xp.isfinite(side) & (units > 0.0)
+                if bool(counts.any()):
+                    sides = max(sides, float((xp.abs(side[counts]) / units[counts]).max()))
+        return D * (sides if SIDE_ROUNDING * size < sides < size else size)
+
+    @cached_property
+    def least_sizes(self) -> tuple[float, float, float]:
+        """Sizes of rows, of the objective and of x, below which none is taken to be."""
+        near = LEAST_SIZE * self.lengths
+        rows = abs(self.C) @ near
+        return (
+            float(rows.max()) if rows.size else 0.0,
+            float(self.xp.abs(self.q) @ near),
+            float(near.max()) if near.size else 0.0,
+        )
+
     def gradient(self, x: Array, y: Array) -> Array:
         """``P x + q + C'y``."""
         return self.P @ x + self.q + self.C.T @ y
@@ -134,11 +180,19 @@ CANCELLATION = 1e-3
 PRODUCT_ROUNDING = 16 * np.finfo(float).eps
 # Residuals below this need no closer look.
 SHARP_RESIDUAL = 1e-13
+# Of the lengths of a program, the least size that x is given: an x beside which the rounding of
+# forces is all there is cannot be measured against itself.
+LEAST_SIZE = 1e-6
+# Sides below this part of the lengths may be what is left of a difference.
+SIDE_ROUNDING = 1e-14
 
 
 @dataclass(frozen=True)
 class Residuals:
     r"""Relative residuals of an approximate solution of a `StandardQP`.
+
+    No x counts for less than a millionth of `StandardQP.lengths`: at the origin it is rounding,
+    which is never small beside itself.
 
     Attributes
     ----------
@@ -202,12 +256,12 @@ def residuals(
     primal = _over(
         largest(float(outside.max()) if outside.size else 0.0, 0.0),
         size_of(Cx, near),
-        lambda: size_of(abs(p.C) @ size[0]),
+        lambda: largest(CANCELLATION * size_of(abs(p.C) @ size[0]), p.least_sizes[0]),
     )
     dual = _over(
         size_of(Px + p.q + Cy + z_box),
         size_of(Px, p.q, Cy, z_box),
-        lambda: size_of(abs(p.P) @ size[0] + abs(p.C).T @ size[1]),
+        lambda: CANCELLATION * size_of(abs(p.P) @ size[0] + abs(p.C).T @ size[1]),
     )
     row = xp.where(y > 0, p.row_high, xp.where(y < 0, p.row_low, 0.0))
     bound = xp.where(z_box > 0, p.ub, xp.where(z_box < 0, p.lb, 0.0))
@@ -221,45 +275,60 @@ def residuals(
         largest(*(abs(part) for part in parts[:2])),
         lambda: largest(
             # Without q nothing else has a size where Px = 0, and no x runs away.
-            float(size[0] @ (xp.abs(Px) if bool(p.q.any()) else abs(p.P) @ size[0])),
-            float(xp.abs(p.q) @ size[0]),
-            float(size[1] @ xp.abs(row)),
-            float(xp.abs(z_box * bound).sum()),
+            CANCELLATION * float(size[0] @ (xp.abs(Px) if bool(p.q.any()) else abs(p.P) @ size[0])),
+            CANCELLATION * float(xp.abs(p.q) @ size[0]),
+            CANCELLATION * float(size[1] @ xp.abs(row)),
+            CANCELLATION * float(xp.abs(z_box * bound).sum()),
+            p.least_sizes[1],
         ),
     )
     force, length = size_of(Px, p.q, Cy, z_box), size_of(x)
-    pairs = (
-        _pairs(y, Cx, p.row_low, p.row_high, force, largest(length, size_of(Cx))),
-        _pairs(z_box, x, p.lb, p.ub, force, length),
-    )
-    product, lesser = (largest(*(pair[i] for pair in pairs)) for i in (0, 1))
+    sizes = largest(length, size_of(Cx)), length
+    product, lesser = _pairs(p, y, z_box, Cx, x, force, sizes)
+    if largest(product, lesser) > SHARP_RESIDUAL and length <= p.least_sizes[2]:
+        least = p.least_sizes
+        sizes = largest(sizes[0], least[0], least[2]), least[2]
+        product, lesser = _pairs(p, y, z_box, Cx, x, force, sizes)
     return Residuals(primal, dual, gap, product, lesser)
 
 
 def _pairs(
-    multiplier: Array, value: Array, low: Array, high: Array, force: float, length: float
+    p: StandardQP,
+    y: Array,
+    z_box: Array,
+    Cx: Array,
+    x: Array,
+    force: float,
+    lengths: tuple[float, float],
 ) -> tuple[float, float]:
     """Of multipliers and distances to their sides, each over its size: see `Residuals`.
 
     The largest product (`complementarity`), and the largest value of min(multiplier, distance)
-    (`pairing`).
+    (`pairing`); `lengths` are those of rows and of bounds.
     """
-    if not value.size:
-        return 0.0, 0.0
-    xp = namespace(value)
-    side = xp.where(multiplier > 0, high, xp.where(multiplier < 0, low, value))
-    near = xp.abs(xp.where(xp.isinf(side), 0.0, value - side)) / (length or 1.0)
-    push = xp.abs(multiplier) / (force or 1.0)
-    return float((push * near).max()), float(xp.minimum(push, near).max())
+    xp = p.xp
+    product = lesser = 0.0
+    for multiplier, value, low, high, length in (
+        (y, Cx, p.row_low, p.row_high, lengths[0]),
+        (z_box, x, p.lb, p.ub, lengths[1]),
+    ):
+        if not value.size:
+            continue
+        side = xp.where(multiplier > 0, high, xp.where(multiplier < 0, low, value))
+        near = xp.abs(xp.where(xp.isinf(side), 0.0, value - side)) / (length or 1.0)
+        push = xp.abs(multiplier) / (force or 1.0)
+        product = largest(product, float((push * near).max()))
+        lesser = largest(lesser, float(xp.minimum(push, near).max()))
+    return product, lesser
 
 
 def _over(value: float, size: float, terms: Callable[[], float]) -> float:
-    """`value` over `size`, or over `terms`, the size of what cancels, computed where it matters."""
+    """`value` over `size`, or over `terms`, the least that it counts for, where it matters."""
     if not np.isfinite(size):
         return np.nan
     if not value or value <= SHARP_RESIDUAL * size:
         return value / size if value else 0.0
-    size = largest(size, CANCELLATION * terms())
+    size = largest(size, terms())
     if not np.isfinite(size):
         return np.nan
-    return value / size if size else np.inf
+    return float(value / size) if size else np.inf

@@ -21,6 +21,10 @@ from gpu.qp.data.standard_qp import Array, Matrix, StandardQP, is_sparse
 
 # Each takes about the square root of all sizes: twelve turn sixteen decades into 16 / 2^12.
 SCALING_ROUNDS = 12
+# Of the largest: curvatures from here on tell with the linear term how long x is.
+SMALL_CURVATURE = 1e-6
+# Lengths up to which iterates go without another unit.
+MODERATE = 1e3
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,7 @@ def equilibrate(p: StandardQP) -> tuple[StandardQP, Scaling]:
         D = D / xp.sqrt(xp.where(column > 0, column, 1.0))
         E = E / xp.sqrt(xp.where(row > 0, row, 1.0))
     # Entries keep their size when variables and sides change theirs.
-    length = xp.sqrt(max(largest_side(E * p.row_low, E * p.row_high, p.lb / D, p.ub / D), 1.0))
+    length = _length(p, D, E, sizes[0])
     D, E = xp.exp2(xp.round(xp.log2(D * length))), xp.exp2(xp.round(xp.log2(E / length)))
     P, q = _scale(p.P, D, D, xp), D * p.q
     curvature = float(sizes[0].columns(D, D).mean()) if D.size else 0.0
@@ -61,6 +65,21 @@ def equilibrate(p: StandardQP) -> tuple[StandardQP, Scaling]:
         P * c, q * c, _scale(p.C, E, D, xp), E * p.row_low, E * p.row_high, p.lb / D, p.ub / D
     )
     return scaled, Scaling(D, E, c)
+
+
+def _length(p: StandardQP, D: Array, E: Array, curvature: _Sizes) -> Any:
+    """The unit of length: what is far below one would drown in the first iterates."""
+    xp = p.xp
+    side = largest_side(E * p.row_low, E * p.row_high, p.lb / D, p.ub / D)
+    columns, force = curvature.columns(D, D), 0.0
+    curved = columns > SMALL_CURVATURE * (float(columns.max()) if D.size else 0.0)
+    if bool(curved.any()):
+        force = float((xp.abs(D * p.q)[curved] / columns[curved]).max())
+    if side < 1.0:
+        return xp.asarray(min(max(side, force), 1.0) or 1.0)
+    # A side may be far from the solution: only what curvature makes as long is taken whole.
+    whole = max(min(side, force) / MODERATE, 1.0)
+    return xp.asarray(whole * np.sqrt(side / whole))
 
 
 def largest_side(*sides: Array) -> float:

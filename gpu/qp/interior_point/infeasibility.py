@@ -25,6 +25,8 @@ from gpu.qp.interior_point.equilibrate import largest_side
 ZERO_SUM = 1e-12
 # Part of its terms by which the inequality of a proof holds: what was taken for zero cannot decide.
 PROOF_MARGIN = 1e-9
+# Of the largest entry of q: what a difference may leave of others.
+TERM_ROUNDING = 64 * np.finfo(float).eps
 # A proof with a component of C'y taken for zero at an infinite bound excludes no points that are
 # far away: they must be this many times farther than the largest side of the program.
 FARTHER = 1e4
@@ -171,7 +173,10 @@ def _falls(p: StandardQP, cone: StandardQP, v: Array) -> bool:
         (outside <= RAY_ROUNDING * terms + ENTRY_ROUNDING * size * float(length.max())).all()
     )
     inside = bool(((cone.lb <= v) & (v <= cone.ub)).all())
-    return straight and inside and float(p.q @ v) < -PROOF_MARGIN * float(xp.abs(p.q) @ length)
+    # What entries of q fall by that are rounding beside its others proves nothing.
+    least = PROOF_MARGIN * float(xp.abs(p.q) @ length)
+    least += TERM_ROUNDING * float(xp.abs(p.q).max()) * float(length.max())
+    return bool(straight and inside and float(p.q @ v) < -least)
 
 
 def _straightened(cone: StandardQP, v: Array) -> Array:

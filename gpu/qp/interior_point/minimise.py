@@ -5,9 +5,10 @@ from __future__ import annotations
 import functools
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import sparse
 
 from gpu.errors import NotConverged
 from gpu.qp.data.standard_qp import Array, Residuals, StandardQP, one_sided, residuals
@@ -24,6 +25,8 @@ logger = logging.getLogger(__name__)
 # Separate steps for x and for the multipliers or not, and the size of the first multipliers;
 # zero lets them follow from the data.
 ATTEMPTS = ((True, 0.0), (True, 1.0), (False, 1e3), (True, 1e6), (False, 1.0))
+# Residuals of the origin from which on it counts, beside those of a point that tends to it.
+NEAR_ORIGIN = 1e-6
 # What the polish aims at: the accuracy of the arithmetic.
 POLISH_TARGET = 1e-14
 # Below this residual no other choice of multipliers is tried: it would gain no digit that counts.
@@ -31,6 +34,8 @@ CLEAN_RESIDUAL = 1e-12
 # No proof is sought where all residuals are already below this: an attempt with other multipliers
 # is likelier to find the solution.
 PLAUSIBLE_RESIDUAL = 1e-7
+# Residual of the point that shows that there are feasible ones.
+FEASIBLE = 1e-9
 # The objective over the terms of x'Px: less is rounding of P's entries.
 LOST_CURVATURE = 1e-13
 # No condition number that double precision can bear takes x so far beyond the data.
@@ -69,14 +74,21 @@ class NoBound(Exception):
 def certified(p: StandardQP, x: Array, y: Array) -> Point:
     """The point next to (x, y) whose bounds and signs hold, and its residuals.
 
-    Without a linear term the minimum may be at zero, where all multipliers vanish. Residuals
-    relative to multipliers that converge to zero are never small: zero itself is tried too.
+    Without a linear term the minimum may be at zero, where all multipliers vanish; and where zero
+    is feasible it may be the solution. Residuals relative to multipliers, or to an x, that converge
+    to zero are never small: zero itself is tried too.
     """
     point = _certified(p, x, y)
-    if point.residuals.sharp <= CLEAN_RESIDUAL or bool(p.q.any()):
+    if point.residuals.sharp <= CLEAN_RESIDUAL:
         return point
-    free = _certified(p, x, p.xp.zeros_like(y))
-    return min(point, free, key=lambda found: found.residuals.worst)
+    if not bool(p.q.any()):
+        free = _certified(p, x, p.xp.zeros_like(y))
+        return min(point, free, key=lambda found: found.residuals.worst)
+    if p.holds_at_origin:
+        origin = _certified(p, p.xp.zeros_like(x), p.sided(y))
+        if origin.residuals.worst <= min(NEAR_ORIGIN, point.residuals.worst):
+            return origin
+    return point
 
 
 def _certified(p: StandardQP, x: Array, y: Array) -> Point:
@@ -328,8 +340,16 @@ def _no_bound(
     small: StandardQP, scaling: Scaling, solve: Solve, towards: Array | None = None
 ) -> None:
     direction = ray(small, solve, None if towards is None else towards / scaling.variables)
-    if direction is not None:
-        raise NoBound(scaling.variables * direction)
+    if direction is None:
+        return
+    # Without a feasible point a ray says nothing: the one nearest to zero is sought.
+    one = small.xp.ones_like(small.q)
+    P = sparse.diags_array(one, format="csr") if small.is_sparse else small.xp.diag(one)
+    try:
+        minimise(replace(small, P=P, q=0.0 * one), FEASIBLE)
+    except NoPoint as error:
+        raise NoPoint(scaling.rows * error.certificate) from None
+    raise NoBound(scaling.variables * direction)
 
 
 def _violated(p: StandardQP, x: Array) -> Array:

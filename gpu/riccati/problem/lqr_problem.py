@@ -12,7 +12,7 @@ from scipy import linalg, sparse
 from gpu.arguments import is_finite_number, shown, unmasked
 from gpu.arrays.device_lu import device_solver
 from gpu.arrays.namespace import namespace, to_host
-from gpu.arrays.sparse_factor import is_positive_definite
+from gpu.arrays.sparse_factor import is_positive_definite, structurally_regular
 from gpu.errors import InputError
 from gpu.riccati.problem.standard_form import DenseProblem, balance
 from gpu.riccati.problem.state_matrix import EPS, StateMatrix, stored, symmetric
@@ -22,6 +22,8 @@ from gpu.riccati.problem.weights import Weight
 WEIGHT_ASYMMETRY = 1e-12
 # Q counts as semidefinite if so large a shift, relative to its diagonal, makes it definite.
 DEFINITENESS = 1e-12
+# From here on squares of entries, and their sums, leave the range of double precision.
+LARGEST = 1e150
 
 
 NOT_SEMIDEFINITE = (
@@ -182,7 +184,9 @@ def check_lqr(
     n, xp = state.n, state.xp
     B = columns("B", B, n, xp)
     m = B.shape[1]
-    if float(abs(B).max()) > 1e150:
+    if state.kind != "operator" and float(abs(state.A).max()) > LARGEST:
+        raise InputError("A is too large, its squares overflow: measure time in other units")
+    if float(abs(B).max()) > LARGEST:
         raise InputError("B is too large, its squares overflow: measure inputs in other units")
     R_host = _input_cost(R, m)
     try:
@@ -203,7 +207,8 @@ def check_lqr(
     else:
         C, weight = None, Weight(state, _weight_argument(Q, n))
     problem = LQRProblem(state, B, B @ xp.asarray(unit.T), root, weight, C, N, R_host)
-    if state.E is not None and (problem.dense or state.E.ndim == 1) and not _regular(state.E, xp):
+    known = problem.dense or (state.E is not None and state.E.ndim == 1) or sparse.issparse(state.E)
+    if state.E is not None and known and not _regular(state.E, xp, problem.dense):
         raise InputError(SINGULAR_MASS)
     return problem
 
@@ -380,7 +385,11 @@ def _sparse_semidefinite(Q: Any) -> bool:
     return is_positive_definite(scaled + shift * sparse.eye_array(Q.shape[0], format="csc"))
 
 
-def _regular(E: Any, xp: Any) -> bool:
+def _regular(E: Any, xp: Any, dense: bool) -> bool:
+    if sparse.issparse(E) and not structurally_regular(E):
+        return False
+    if sparse.issparse(E) and not dense:
+        return True
     if E.ndim == 1:
         return bool(xp.all(E != 0.0))
     if xp is not np:

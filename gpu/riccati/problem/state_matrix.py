@@ -13,6 +13,7 @@ from scipy.sparse.linalg import splu
 from gpu.arguments import unmasked
 from gpu.arrays.device_lu import device_lu
 from gpu.arrays.namespace import cupy, namespace, to_host
+from gpu.arrays.sparse_factor import structurally_regular
 from gpu.errors import InputError
 
 EPS = float(np.finfo(float).eps)
@@ -224,6 +225,8 @@ def _factor_sparse(A: Any, xp: Any) -> Factors | None:
     options: dict[str, Any] = {}
     if xp is np:
         A = sparse.csc_array(A)
+        if not structurally_regular(A):
+            return None
         build = splu
         if symmetric(A):
             # SuperLU's default order is for unsymmetric patterns and fills in more.

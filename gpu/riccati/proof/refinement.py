@@ -88,7 +88,8 @@ def refine(problem: LQRProblem, S: Any, steps: int) -> tuple[Any, int]:
         previous = S
         S = S + change
         S = (S + S.T) / 2
-        left = size / _balanced_norm(problem, S, unit) if size > 0.0 else 0.0
+        whole = _balanced_norm(problem, S, unit)
+        left = (size / whole if whole > 0.0 else np.inf) if size > 0.0 else 0.0
         slowly, before, taken = size > 1e-3 * before, size, taken + 1
         if left <= (1e-3 * EPS if slowly else EPS):
             break

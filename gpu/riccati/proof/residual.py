@@ -9,6 +9,8 @@ import numpy as np
 from gpu.arrays.namespace import to_host
 from gpu.riccati.problem.lqr_problem import LQRProblem
 
+# Powers of two from here on have squares near the ends of the range of double precision.
+FAR = 250
 EXTENDED = 128  # up to this order residuals are computed in extended precision on the host
 
 
@@ -63,17 +65,19 @@ def riccati_residual(
         inputs = cross.T
     quadratic = inputs.T @ inputs
     R = half + half.T + Q - quadratic
-    if extended:
-        R, half, quadratic = (M.astype(float) for M in (R, half, quadratic))
-        Q = Q.astype(float)
     R = (R + R.T) / 2
     weights = 1.0 if unit is None else unit * unit[:, None]
+    # Squares of the terms may leave the range of double precision where they do not.
+    largest = max(float(xp.abs(M * weights).max()) for M in (half, quadratic, Q))
+    top = np.log2(largest) if 0.0 < largest < np.inf else 0.0
+    weights = weights * 2.0 ** -np.round(top) if abs(top) > FAR else weights
     size = (
         2.0 * float(xp.linalg.norm(half * weights))
         + float(xp.linalg.norm(quadratic * weights))
         + float(xp.linalg.norm(Q * weights))
     )
     error = float(xp.linalg.norm(R * weights))
+    R = R.astype(float)
     if not np.isfinite(error + size):
         return Residual(R, np.inf)  # what overflows says nothing about the equation
     return Residual(R, error / size if size > 0.0 else error)

@@ -143,3 +143,93 @@ def test_callables_take_lists_and_say_what_they_lack():
     for start in (None, 3.0, [], [[1.0]], ["a"]):
         with pytest.raises(InputError, match="pass v0"):
             eigs(lambda x: d * x, 2, v0=start)
+
+
+def convection(n, c):
+    """The tridiagonal matrix (-1, 2, -c) and its eigenvalues."""
+    T = sparse.diags_array(
+        [-np.ones(n - 1), 2 * np.ones(n), -c * np.ones(n - 1)], offsets=[-1, 0, 1]
+    )
+    k = np.arange(1, n + 1)
+    return sparse.csr_array(T), 2 - 2 * np.sqrt(c + 0j) * np.cos(k * np.pi / (n + 1))
+
+
+@pytest.mark.parametrize("stored", [sparse.csr_array, sparse.csr_array.toarray])
+@pytest.mark.parametrize(
+    ("n", "c"), [(300, 1.5), (1000, 1.05), (1000, 1.1), (3000, 1.1), (301, -2)]
+)
+def test_convection_is_nearly_normal_in_other_units(iterate, stored, n, c):
+    """Entries differ across the diagonal by a factor that the units of the unknowns make up."""
+    if stored is not sparse.csr_array and n > 1000:
+        return
+    T, exact = convection(n, c)
+    w, v = eigs(stored(T), 6, sigma=0)
+    exact = exact[np.argsort(np.abs(exact))]
+    apart = np.abs(w[:, None] - exact[None, :8])
+    assert apart.min(axis=1).max() < 1e-12
+    assert np.abs(w).max() <= np.abs(exact[5]) + 1e-12
+    assert np.linalg.norm(T @ v - v * w, axis=0).max() < 1e-12
+    np.testing.assert_allclose(np.linalg.norm(v, axis=0), 1.0)
+
+
+def test_convection_on_a_grid(iterate):
+    """Two directions with velocities of their own, unknowns in any order, two parts."""
+    (X, x), (Y, y) = convection(31, 3.0), convection(23, 1.4)
+    K = sparse.kron(X, sparse.eye_array(23)) + sparse.kron(sparse.eye_array(31), Y)
+    K = sparse.block_diag([K, 1.01 * K], format="csr")
+    order = np.random.default_rng(0).permutation(K.shape[0])
+    exact = np.sort((x[:, None] + y).real.ravel())
+    exact = np.concatenate([exact, 1.01 * exact])
+    exact = exact[np.argsort(np.abs(exact - 3.0))][:6]
+    w = eigs(K[order][:, order], 6, sigma=3.0, return_eigenvectors=False)
+    np.testing.assert_allclose(np.sort(w.real), np.sort(exact), atol=1e-11)
+
+
+def test_ill_conditioned_eigenvalues_are_said_to_be():
+    """No units make up for a one-sided matrix: all are computed, and few digits hold."""
+    rng = np.random.default_rng(0)
+    A = np.triu(rng.standard_normal((400, 400)), 1) + np.diag(rng.uniform(1.0, 2.0, 400))
+    Q = np.linalg.qr(rng.standard_normal((400, 400)))[0]
+    with pytest.warns(RuntimeWarning, match="condition numbers up to"):
+        eigs(Q @ A @ Q.T, 4, sigma=1.5)
+
+
+@pytest.mark.parametrize("n", [100, 300])
+@pytest.mark.parametrize("which", ["LM", "LI"])
+def test_operators_that_say_real_and_are_not(n, which):
+    """Half of each value was dropped."""
+    d = 1 + 1j * np.arange(n)
+    A = LinearOperator((n, n), matvec=lambda v: d * v.ravel(), dtype=float)
+    with pytest.raises(InputError, match="give the operator dtype=complex"):
+        eigs(A, 2, which=which)
+    B = LinearOperator(
+        (n, n), matvec=lambda v: d * v.ravel(), rmatvec=lambda v: d.conj() * v, dtype=float
+    )
+    with pytest.raises(InputError, match="give the operator dtype=complex"):
+        svds(B, 2)
+    true = LinearOperator((n, n), matvec=lambda v: d * v.ravel(), dtype=complex)
+    w = eigs(true, 2, which="LI", return_eigenvectors=False)
+    np.testing.assert_allclose(np.sort(w.imag), [n - 2, n - 1], atol=1e-9)
+
+
+def test_rounding_in_imaginary_parts_is_no_reason_to_refuse():
+    n = 256
+    symbol = 2 - 2 * np.cos(2 * np.pi * np.arange(n) / n)
+    A = LinearOperator(
+        (n, n), matvec=lambda v: np.fft.ifft(symbol * np.fft.fft(v.ravel())), dtype=float
+    )
+    w = eigs(A, 3, return_eigenvectors=False)
+    np.testing.assert_allclose(np.sort(w.real), np.sort(symbol)[-3:], atol=1e-12)
+
+
+def test_structurally_singular_matrices_are_decomposed_without_words_of_blas(capfd):
+    """SuperLU calls BLAS with arguments that it refuses."""
+    A = sparse.lil_array(
+        sparse.random_array((300, 300), density=0.017, rng=0) + sparse.eye_array(300)
+    )
+    A[:3, :] = 0.0
+    A[:3, 0] = 1.0
+    w = eigs(sparse.csr_array(A), 2, sigma=0.0, return_eigenvectors=False)
+    assert np.abs(w).max() < 1e-8
+    out, err = capfd.readouterr()
+    assert "illegal value" not in out + err

@@ -139,6 +139,8 @@ def test_qpsolvers_knows_the_name():
     solution = qpsolvers.solve_problem(problem, "pdas")
     assert solution.is_optimal(1e-9)
     nothing = qpsolvers.Problem(np.eye(1), np.zeros(1), np.array([[1.0], [-1.0]]), -np.ones(2))
-    lost = qpsolvers.solve_problem(nothing, "pdas")
+    lost = qpsolvers.solve_problem(nothing, "pdas", tol=1e-8)
+    with pytest.raises(InputError, match=r"eps_abs: .*knows h_low, host_below, start, tol"):
+        qpsolvers.solve_problem(problem, "pdas", eps_abs=1e-9)
     assert not lost.found
     assert isinstance(lost.extras["error"], GpuError)

@@ -1,6 +1,7 @@
 """Malformed, unsupported and infeasible input, each with its own error and a message."""
 
 import importlib.util
+import re
 import subprocess
 import sys
 
@@ -104,6 +105,13 @@ def test_semidefinite_and_unbounded(P):
     ray = caught.value.ray
     assert Q @ ray < 0
     np.testing.assert_allclose(P @ ray, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "value"), [("h", -1e200), ("h_low", 3e20), ("lb", 1e21)])
+def test_numbers_that_count_as_infinite_are_shown_as_given(name, value):
+    given = {"G": [[1.0, 0.0]], name: value} if name.startswith("h") else {name: value}
+    with pytest.raises(InputError, match=re.escape(f"{name}[0] is {value}: ") + ".*from 1e.20 on"):
+        solve_qp(np.eye(2), [0.0, 1.0], **given)
 
 
 def test_empty_row():

@@ -1,9 +1,13 @@
 """Units, order of the variables and repetition do not matter."""
 
+from types import SimpleNamespace
+
+import convex_problems as problems
 import numpy as np
 import pytest
+from scipy import sparse
 
-from gpu import solve_qp
+from gpu import QPFactor, batch_solve_qp, solve_qp
 
 SEEDS = [3, 7, 13, 26, 41, 60, 77, 83]
 
@@ -79,3 +83,123 @@ def test_order_of_the_variables(qps, seed):
     # Both are stationary to rounding; the condition of P, up to 1e8, separates the points.
     distance = root[order] * np.abs(permuted.x - result.x[order])
     assert distance.max() <= 1e-7 * (root * np.abs(result.x)).max()
+
+
+def differs(value, terms):
+    """A difference whose rounding is zero."""
+    return np.where(abs(value) <= 1e-12 * terms, 0.0, value)
+
+
+def moved(p, x):
+    """The problem in x - x0: what holds at x0 is exactly zero."""
+
+    def side(M, r):
+        finite = np.where(np.isfinite(r), r, 0.0)
+        difference = differs(finite - M @ x, abs(finite) + abs(M) @ abs(x))
+        return np.where(np.isfinite(r), difference, r)
+
+    unit = np.eye(len(x))
+    q = differs(p.q + p.P @ x, abs(p.q) + abs(p.P) @ abs(x))
+    return SimpleNamespace(
+        P=p.P, q=q, G=p.G, A=p.A, h=side(p.G, p.h), h_low=side(p.G, p.h_low), b=side(p.A, p.b),
+        lb=side(unit, p.lb), ub=side(unit, p.ub),
+    )  # fmt: skip
+
+
+def in_lengths(p, unit):
+    sides = {name: unit * getattr(p, name) for name in ("q", "h", "h_low", "b", "lb", "ub")}
+    return SimpleNamespace(**{**vars(p), **sides})
+
+
+def run(p, stored=np.asarray):
+    arguments, keywords = problems.arguments(p)
+    arguments = [stored(a) if np.ndim(a) == 2 else a for a in arguments]
+    return solve_qp(*arguments, **keywords)
+
+
+def objective(p, x):
+    return 0.5 * x @ p.P @ x + p.q @ x
+
+
+SEEDS_OF_LENGTHS = [
+    range(0, 10),
+    pytest.param(range(10, 500), marks=pytest.mark.slow),
+    pytest.param(range(500, 1250), marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize("stored", [np.asarray, sparse.csr_array], ids=["dense", "sparse"])
+@pytest.mark.parametrize("seeds", SEEDS_OF_LENGTHS, ids=str)
+def test_the_origin_and_lengths_are_nothing_special(seeds, stored):
+    """Sizes relative to an x that is zero were no sizes: the problems were given up."""
+    for seed in seeds:
+        p = problems.convex_problem(seed, 25)
+        if p.fate != "solvable":
+            continue
+        x = run(p).x
+        origin = moved(p, x)
+        for unit in (1.0, 1e-12, 1e12) if seed % 5 == 0 else (1.0,):
+            for program, here in ((origin, 0.0 * x), (p, x)):
+                result = run(in_lengths(program, unit), stored)
+                assert result.kkt.worst <= 1e-9, seed
+                found, known = (objective(program, v) for v in (result.x / unit, here))
+                terms = abs(program.q) @ (abs(x) + abs(result.x / unit))
+                assert abs(found - known) <= 1e-8 * max(terms, abs(x @ p.P @ x)), seed
+                if "strict" in p.kind:
+                    np.testing.assert_allclose(
+                        result.x / unit, here, rtol=1e-6, atol=1e-8 * abs(x).max()
+                    )
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_projections_on_plane_cones(seed):
+    """Onto G x <= 0, of points that the cone sends to its apex."""
+    rng = np.random.default_rng(seed)
+    m, n = int(rng.integers(1, 9)), int(rng.integers(2, 6))
+    G = rng.standard_normal((m, n))
+    far = G.T @ rng.exponential(size=m)
+    for unit in (1.0, 1e-12, 1e12):
+        result = solve_qp(np.eye(n), -unit * far, G, np.zeros(m))
+        assert abs(result.x).max() <= 1e-12 * unit * abs(far).max()
+        assert result.kkt.worst <= 1e-9
+        assert result.path == "interior point" or result.iterations <= 20
+    for result in batch_solve_qp(QPFactor(np.eye(n)), [-far, -2.0 * far], G, np.zeros((2, m))):
+        assert abs(result.x).max() <= 1e-12 * abs(far).max()
+
+
+@pytest.mark.parametrize("stored", [np.asarray, sparse.csr_array], ids=["dense", "sparse"])
+@pytest.mark.parametrize("curved", [0, 1, 2], ids=["linear", "semidefinite", "strict"])
+@pytest.mark.parametrize("seed", range(6))
+def test_rows_through_the_origin(seed, curved, stored):
+    """Some rows pass through it, others do not; linear programs have no length but theirs."""
+    rng = np.random.default_rng([seed, curved])
+    n, m = int(rng.integers(2, 8)), int(rng.integers(1, 10))
+    G, A = rng.standard_normal((m, n)), rng.standard_normal((int(rng.integers(0, n // 2 + 1)), n))
+    M = rng.standard_normal((max(1, n // 2), n))
+    P = [0.0 * np.eye(n), M.T @ M, M.T @ M + np.eye(n)][curved]
+    away = rng.random(m) < 0.4 * (seed % 2)
+    low = np.where(rng.random(n) < 0.5, 0.0, -np.inf)
+    push = np.where(low == 0.0, rng.exponential(size=n), 0.0)
+    q = push - G.T @ (rng.exponential(size=m) * ~away) - A.T @ rng.standard_normal(len(A))
+    h = np.where(away, rng.exponential(size=m), 0.0)
+    for unit in (1.0, 1e-12, 1e12):
+        result = solve_qp(
+            stored((P + P.T) / 2), unit * q, stored(G), unit * h, stored(A), np.zeros(len(A)), low
+        )
+        assert result.kkt.worst <= 1e-9
+        x = result.x / unit
+        assert abs(0.5 * x @ P @ x + q @ x) <= 1e-9 * abs(q).max()
+
+
+@pytest.mark.parametrize("seed", range(0, 160, 8))
+def test_boxes_with_equality_rows_at_the_origin(qps, seed):
+    p = feasible(qps, seed)
+    x = solved(p).x
+    for unit in (1.0, 1e-12, 1e12):
+        result = solve_qp(
+            p.P, unit * (p.q + p.P @ x), A=p.A, b=unit * (p.b - p.A @ x),
+            lb=unit * (p.lb - x), ub=unit * (p.ub - x),
+        )  # fmt: skip
+        root = np.sqrt(np.diag(p.P))
+        force = (abs(p.q) + abs(p.P) @ abs(x)) / root
+        assert (root * abs(result.x)).max() <= 1e-7 * unit * force.max()

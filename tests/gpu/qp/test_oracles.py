@@ -5,9 +5,10 @@ import itertools
 import numpy as np
 import pytest
 import qpsolvers
+from scipy.optimize import linprog
 from scipy.sparse import csc_matrix
 
-from gpu import Infeasible, solve_qp
+from gpu import GpuError, Infeasible, Unbounded, solve_qp
 
 
 def enumerate_states(p):
@@ -103,3 +104,59 @@ def test_other_solvers(solver, rows):
     assert ours.primal_residual() < 1e-12
     assert ours.dual_residual() < 1e-12
     assert ours.duality_gap() < 1e-11
+
+
+def random_program(seed):
+    """A small program of few different numbers, feasible or not, bounded or not; P may be zero."""
+    rng = np.random.default_rng([seed, 3])
+    n, m, l = (int(rng.integers(least, most)) for least, most in ((1, 6), (0, 4), (0, 6)))
+    A, G = (rng.integers(-2, 3, (rows, n)).astype(float) for rows in (m, l))
+    x = rng.integers(-2, 3, n) / 2
+    b = A @ x + (rng.random(m) < 0.3) * rng.integers(-2, 3, m) / 2
+    h = G @ x + rng.integers(-2, 4, l) / 2
+    lb = np.where(rng.random(n) < 0.4, x - rng.integers(-1, 4, n) / 2, -np.inf)
+    ub = np.where(rng.random(n) < 0.4, x + rng.integers(-1, 4, n) / 2, np.inf)
+    M = rng.integers(-1, 2, (max(1, n // 2), n)) * (seed % 3 == 0)
+    return M.T @ M * 1.0, rng.integers(-2, 3, n) * 1.0, G, h, A, b, lb, np.maximum(lb, ub)
+
+
+def fate(P, q, G, h, A, b, lb, ub):
+    """What HiGHS says: a point first, then a ray among the directions that are feasible."""
+    n, sides = q.size, list(zip(lb, ub, strict=True))
+    if linprog(np.zeros(n), G, h, A, b, sides).status == 2:
+        return Infeasible
+    low, high = np.where(np.isfinite(lb), 0.0, -1.0), np.where(np.isfinite(ub), 0.0, 1.0)
+    flat = np.vstack([A, P])
+    ray = linprog(q, G, 0.0 * h, flat, np.zeros(len(flat)), list(zip(low, high, strict=True)))
+    return Unbounded if ray.fun < -1e-9 else None
+
+
+@pytest.mark.parametrize("stored", [np.asarray, csc_matrix], ids=["dense", "sparse"])
+@pytest.mark.parametrize(
+    "seeds", [range(0, 60), pytest.param(range(60, 2100), marks=pytest.mark.slow)], ids=str
+)
+def test_feasibility_is_known_before_a_ray_counts(stored, seeds):
+    """Infeasible programs whose objective falls along a ray were called unbounded."""
+    for seed in seeds if stored is np.asarray else seeds[::5]:
+        P, q, G, h, A, b, lb, ub = program = random_program(seed)
+        found = None
+        try:
+            solve_qp(stored(P), q, stored(G), h, stored(A), b, lb, ub)
+        except GpuError as error:
+            found = type(error)
+        assert found is fate(*program), seed
+
+
+@pytest.mark.parametrize("stored", [np.asarray, csc_matrix], ids=["dense", "sparse"])
+@pytest.mark.parametrize("start", [None, np.zeros(3)], ids=["cold", "warm"])
+def test_an_infeasible_program_with_a_ray(stored, start):
+    A, b = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, -1.0]]), np.array([-0.5, 1.0])
+    lb, ub = [-3.0, -np.inf, -np.inf], [-2.0, np.inf, np.inf]
+    with pytest.raises(Infeasible) as caught:
+        solve_qp(
+            stored(np.zeros((3, 3))), [0.0, -1.0, -1.0], A=stored(A), b=b, lb=lb, ub=ub, start=start
+        )
+    y = caught.value.certificate
+    c = A.T @ y
+    assert c[1] == c[2] == 0.0
+    assert max(c[0] * lb[0], c[0] * ub[0]) < y @ b

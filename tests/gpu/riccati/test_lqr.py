@@ -308,6 +308,7 @@ GOOD = {"A": -np.eye(3), "B": np.ones((3, 1)), "Q": np.eye(3), "R": np.eye(1)}
         ("B", None, "B is None"),
         ("Q", None, "Q is None"),
         ("B", np.full((3, 1), 1e200), "B is too large"),
+        ("A", 1e154 * np.eye(3), "A is too large"),
         ("R", -np.eye(1), "R is not positive definite"),
         ("R", np.zeros((1, 1)), "R is not positive definite"),
         ("R", np.eye(2), "R has shape"),
@@ -347,3 +348,32 @@ def test_bad_input_of_filters_is_named(name, value, message):
 def test_bad_input_of_riccati_equations():
     with pytest.raises(InputError, match="R is not positive definite"):
         care(np.eye(2), np.ones((2, 1)), np.eye(2), -np.eye(1))
+
+
+@pytest.mark.parametrize("solve", [lqr, care])
+def test_an_unstable_mode_without_any_input_is_named(solve):
+    """The zero matrix came up as a solution, and a step was divided by it."""
+    with pytest.raises(RiccatiError, match="no input moves it"):
+        solve([[2, -1], [2, 2]], np.zeros((2, 1)), [[1, -1], [-1, 2]], [[2]])
+
+
+@pytest.mark.parametrize("size", [1e-140, 1e-100, 1e99, 1e101, 1e149])
+@pytest.mark.parametrize("n", [1, 3])
+def test_residuals_of_huge_and_tiny_models_are_numbers(size, n):
+    """Squares of the terms overflow, the terms do not; unstable: K = 2 a."""
+    result = lqr(size * np.eye(n), np.eye(n), size**2 * np.zeros((n, n)), np.eye(n))
+    np.testing.assert_allclose(result.K, 2 * size * np.eye(n), rtol=1e-12)
+    assert result.residual < 1e-12
+
+
+def test_a_structurally_singular_mass_is_refused_without_words_of_blas(capfd):
+    n = 300
+    E = sparse.lil_array(
+        sparse.random_array((n, n), density=0.02, rng=0) + sparse.eye_array(n), dtype=float
+    )
+    E[10:14, :] = 0.0
+    E[10:14, 3] = 1.0
+    with pytest.raises(InputError, match="E is singular"):
+        lqr(-sparse.eye_array(n, format="csr"), np.ones((n, 1)), 1.0, 1.0, E=sparse.csr_array(E))
+    out, err = capfd.readouterr()
+    assert "illegal value" not in out + err
