@@ -170,12 +170,11 @@ class CondensedContact(CondensedBodies):
                 "fix less of it or choose another contact boundary"
             )
         normal = np.where(live_n, np.cumsum(live_n) - 1, -1)
-        # If supports prescribe one component of the slip, it still affects the direction of
-        # friction: its row is kept, without compliance. If they prescribe all of it, friction acts
-        # on supports alone, and the rows are dropped.
+        # A component of the slip that supports prescribe still affects the direction of friction,
+        # and friction there acts on obstacles: its row is kept, without compliance.
         alive = live_t.reshape(live_n.size, -1)
         half: NDArray[np.bool_] = ~alive & np.any(alive, axis=1, keepdims=True)
-        self._half_held, self._stiff = half, half & self._keeps_stiff
+        self._half_held, self._stiff = half, ~alive & self._keeps_stiff
         seen = self._stiff.ravel() | live_t
         number = live_n.sum() + np.cumsum(seen) - 1
         self.points = PointRows(normal, np.where(seen, number, -1).reshape(alive.shape))
@@ -297,7 +296,7 @@ class CondensedContact(CondensedBodies):
             s=np.concatenate((self.resultants(load), per_unit * force)),
             gap=gap / scale,
             normal=self.points.normal,
-            tangent=self.points.tangent,
+            tangent=self.rubbing(motion),
             prescribed_slip=fixed_t / scale[:, None],
             bonded=self.rows.ties if self.rows.bonded.size else None,
         )
@@ -342,6 +341,17 @@ class CondensedContact(CondensedBodies):
                 f"displacement {fixed_n[i]:.6g}, {where} its gap {gap[i]:.6g}"
             )
         return fixed_n, fixed_t
+
+    def rubbing(self, motion: ObstacleMotion | None) -> NDArray[np.int64]:
+        """Rows of tangents whose forces act on a free unknown, of body or obstacle; -1 elsewhere.
+
+        Where the whole slip is prescribed, friction follows from the normal force and acts on
+        supports alone, see `ContactSystem.with_held_points`.
+        """
+        held = self._stiff.all(axis=1)
+        if motion is not None and np.any(motion.free):
+            held &= ~motion.drags
+        return np.where(held[:, None], -1, self.points.tangent)
 
     def driven(self, motion: ObstacleMotion | None, scale: Array) -> tuple[Array, Array]:
         """Columns of C for the free motions of obstacles, and physical over scaled motion."""

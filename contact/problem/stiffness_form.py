@@ -90,7 +90,7 @@ class StiffnessForm:
             s=np.zeros(S.shape[0] + rigid),
             gap=system.rows.gap / self.point_scale,
             normal=points.normal,
-            tangent=points.tangent,
+            tangent=condensed.rubbing(motion),
             prescribed_slip=fixed_t / self.point_scale[:, None],
             K=block_diag(S, np.zeros((rigid, rigid))),
             compliance=system.compliance(self.point_scale),
@@ -218,6 +218,7 @@ def solved_stiffly(
     """
     form = StiffnessForm(condensed, system)
     (u, mu, t), motion = form.solve(near, INNER * options.tol, report)
+    t = system.with_held_points(u, mu, t, motion)
     result = ContactResult(system, u, mu, t, options.method, tuple(history), motion, options.tol)
     certify(result, options.tol, 0.0)
     return result

@@ -38,7 +38,9 @@ class ContactForces(ContactState):
     def shear(self) -> Array:
         """Shear traction that acts on the body at `x`, along the tangents, (m, dim - 1).
 
-        Zero where the whole tangential displacement is prescribed.
+        Where supports prescribe the whole slip and it is not zero, the shear opposes it at its
+        bound. Where they prescribe that there is none, the shear cannot be told apart from their
+        reactions and counts as part of these: it is zero, see `Status.UNDETERMINED`.
         """
         return -self.t / self.system.rows.weights[:, None]
 
@@ -82,8 +84,11 @@ class ContactForces(ContactState):
         force = np.linalg.norm(self.t, axis=1)
         # What rounding leaves of a displacement is no slip.
         moves = np.linalg.norm(self.slip_increment, axis=1) > 1e-10 * self.system.body.reach(self.u)
+        held, rubs = self.system.held, loaded & (g > 0)
+        moves = np.where(held & rubs, force > 0, moves)  # where it is zero, so is the slip
         slides = loaded & moves & (force >= g * (1 - 1e-9))
         status = np.where(slides, Status.SLIP, np.where(loaded, Status.STICK, Status.OPEN))
+        status = np.where(held & rubs & ~slides, Status.UNDETERMINED, status)
         return np.where(self.system.rows.ties, Status.BONDED, status).astype(np.int8)
 
     @property

@@ -151,6 +151,14 @@ class GridProblem:
         points = moves > _UNMOVED * float(xp.abs(self.v0).max())
         return points if bool(points.any()) else None
 
+    @cached_property
+    def held(self) -> Grid:
+        """Points whose whole slip is prescribed to be zero, a mask (nx[, ny])."""
+        if self.fixed is None or any(i in self.free for i in range(1, len(self.v0))):
+            return self.xp.zeros(self.gap.shape, dtype=bool)
+        still = self.fixed[1:].all(axis=0)
+        return still if self.swept is None else still & ~self.swept
+
     def moved(self, a: Any) -> Grid:
         """a as an array that adds to displacements, (dim, 1[, 1])."""
         return self.xp.asarray(a).reshape((-1,) + (1,) * self.gap.ndim)
