@@ -296,7 +296,7 @@ class CondensedContact(CondensedBodies):
             s=np.concatenate((self.resultants(load), per_unit * force)),
             gap=gap / scale,
             normal=self.points.normal,
-            tangent=self.rubbing(motion),
+            tangent=self.rubbing(fixed_t, motion),
             prescribed_slip=fixed_t / scale[:, None],
             bonded=self.rows.ties if self.rows.bonded.size else None,
         )
@@ -342,16 +342,24 @@ class CondensedContact(CondensedBodies):
             )
         return fixed_n, fixed_t
 
-    def rubbing(self, motion: ObstacleMotion | None) -> NDArray[np.int64]:
-        """Rows of tangents whose forces act on a free unknown, of body or obstacle; -1 elsewhere.
+    def rubbing(self, fixed_t: Array, motion: ObstacleMotion | None) -> NDArray[np.int64]:
+        """Rows of tangents whose forces are unknowns, -1 for the others, shape (m, dim - 1).
 
         Where the whole slip is prescribed, friction follows from the normal force and acts on
-        supports alone, see `ContactSystem.with_held_points`.
+        supports alone, see `ContactSystem.with_held_points`. Along a component without slip it
+        cannot be told apart from their reactions.
+
+        Parameters
+        ----------
+        fixed_t : ndarray, shape (m, dim - 1)
+            The prescribed part of the slip.
+        motion : ObstacleMotion or None
         """
-        held = self._stiff.all(axis=1)
+        known = self._stiff.copy()
         if motion is not None and np.any(motion.free):
-            held &= ~motion.drags
-        return np.where(held[:, None], -1, self.points.tangent)
+            known &= ~motion.drags
+        known &= known.all(axis=1, keepdims=True) | (fixed_t == 0.0)
+        return np.where(known, -1, self.points.tangent)
 
     def driven(self, motion: ObstacleMotion | None, scale: Array) -> tuple[Array, Array]:
         """Columns of C for the free motions of obstacles, and physical over scaled motion."""

@@ -145,9 +145,10 @@ class ObstacleMotion:
 
     @property
     def drags(self) -> NDArray[np.bool_]:
-        """Points along whose tangents free motions move the obstacle, shape (m,)."""
-        along = np.abs(self.tangent[:, self.free]).reshape(self.normal.shape[0], -1)
-        return along.max(axis=1, initial=0.0) > _ACROSS * along.max(initial=0.0)
+        """Tangents of points along which free motions move the obstacle, shape (m, dim - 1)."""
+        along = np.abs(self.tangent[:, self.free]).max(axis=1, initial=0.0)
+        moved = along > _ACROSS * along.max(initial=0.0)
+        return np.asarray(moved.reshape(self.normal.shape[0], -1))
 
     def displacement(self, motion: Array) -> tuple[Array, Array]:
         """w_n (m,) and w_t (m, dim - 1) of the contact points; a NaN motion counts as zero."""

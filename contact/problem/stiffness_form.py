@@ -90,7 +90,7 @@ class StiffnessForm:
             s=np.zeros(S.shape[0] + rigid),
             gap=system.rows.gap / self.point_scale,
             normal=points.normal,
-            tangent=condensed.rubbing(motion),
+            tangent=condensed.rubbing(fixed_t, motion),
             prescribed_slip=fixed_t / self.point_scale[:, None],
             K=block_diag(S, np.zeros((rigid, rigid))),
             compliance=system.compliance(self.point_scale),

@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 # machine precisions are 1e-10 of them.
 _TRAVEL = 1e-3
 _DIGITS = 1e-12  # rounding of sums, below which the motion need not be looked at
+ON_AXIS = 1e-9  # radius over the extent of the body, and radial part of a normal: rounding
 UNMOVED = 1e-12  # prescribed slip over the largest displacement: what is less is rounding
 # Part of the forces that cancel inside a body below which a contact force is their rounding: that
 # at which the Newton method ends, see `contact.laws.residual.rounding`.
@@ -81,12 +82,17 @@ class ContactSystem:
     def held(self) -> NDArray[np.bool_]:
         """Points whose whole slip is prescribed, by supports and given motions, shape (m,).
 
-        Forces along their tangents act on supports and on no unknown of the problem.
+        Forces along their tangents act on supports and on no unknown of the problem. Points of a
+        ring on its axis are not meant: there is no shear across the axis, by symmetry.
         """
-        free = self.body.live(self.rows.T).reshape(self.rows.gap.size, -1).any(axis=1)
+        rows = self.rows
+        free = self.body.live(rows.T).reshape(rows.gap.size, -1).any(axis=1)
+        if self.body.is_ring:
+            on_axis = np.abs(rows.x_nominal[0]) <= ON_AXIS * self.body.extent
+            free = free | (on_axis & (np.abs(rows.normals[0]) <= ON_AXIS))
         if self.motion is not None and np.any(self.motion.free):
-            free = free | self.motion.drags
-        return np.asarray(~free & ~self.rows.ties)
+            free = free | self.motion.drags.any(axis=1)
+        return np.asarray(~free & ~rows.ties)
 
     def with_held_points(self, u: Array, mu: Array, t: Array, w: Array | None) -> Array:
         """t with the friction law where the whole slip is prescribed: g along it, shape (m, dim - 1).

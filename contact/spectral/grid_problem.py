@@ -152,12 +152,17 @@ class GridProblem:
         return points if bool(points.any()) else None
 
     @cached_property
-    def held(self) -> Grid:
-        """Points whose whole slip is prescribed to be zero, a mask (nx[, ny])."""
-        if self.fixed is None or any(i in self.free for i in range(1, len(self.v0))):
-            return self.xp.zeros(self.gap.shape, dtype=bool)
-        still = self.fixed[1:].all(axis=0)
-        return still if self.swept is None else still & ~self.swept
+    def at_rest(self) -> Grid | None:
+        """Tangential components of points that a side fixes where nothing moves along them.
+
+        Friction there cannot be told apart from the reactions of the side, (dim - 1, nx[, ny]);
+        None without such sides.
+        """
+        if self.fixed is None:
+            return None
+        given = self.xp.asarray([i not in self.free for i in range(1, len(self.v0))])
+        still = self.xp.abs(self.v0[1:]) <= _UNMOVED * float(self.xp.abs(self.v0).max())
+        return still & self.fixed[1:] & given.reshape((-1,) + (1,) * self.gap.ndim)
 
     def moved(self, a: Any) -> Grid:
         """a as an array that adds to displacements, (dim, 1[, 1])."""

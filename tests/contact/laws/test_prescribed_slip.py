@@ -81,10 +81,12 @@ def test_a_block_pushed_along_a_wall_has_all_of_its_friction(element, n) -> None
 def test_every_method_and_law(method, law) -> None:
     if (law, method) == ("tresca", "tresca_loop"):
         pytest.skip("given friction needs no loop")
-    problem = ContactProblem(block(push=-0.1), "bottom", 0.0, F if law == "coulomb" else 0.01, law=law)
+    problem = ContactProblem(
+        block(push=-0.1), "bottom", 0.0, F if law == "coulomb" else 0.01, law=law
+    )
     result = problem.solve(method=method)
     bound = F * result.resultant[1] if law == "coulomb" else 0.01
-    rel = 1e-4 if method == "fixed_point" else 1e-8
+    rel = {"fixed_point": 1e-4, "qp:osqp": 1e-6}.get(method, 1e-9)
     assert result.resultant[0] == pytest.approx(bound, rel=rel)
     corner = result.x_nominal[0] < 1e-9
     assert np.all(result.status[corner] == Status.SLIP)
@@ -142,21 +144,20 @@ def test_one_component_is_given_and_the_law_couples_the_other(law) -> None:
 @pytest.mark.parametrize("moves", ["body", "obstacle", "both"])
 def test_motions_of_the_obstacle_count(moves) -> None:
     own = {"body": 0.1, "obstacle": 0.0, "both": 0.03}[moves]
-    body = block().fix("bottom", "x", own)
-    result = ContactProblem(body, "bottom", Rigid(Plane((0, 0), (0, 1)), displacement=(own - 0.1, 0)), F)
-    result = result.solve()
+    body = block(push=own).fix("bottom", "x", own)
+    ground = Rigid(Plane((0, 0), (0, 1)), displacement=(own - 0.1, 0))
+    result = ContactProblem(body, "bottom", ground, F).solve()
     assert result.resultant[0] == pytest.approx(-F * result.resultant[1], rel=1e-12)
 
 
 def test_an_obstacle_pulled_over_held_points_is_held_by_their_friction() -> None:
     """Below F N the foundation sticks to points that supports hold; the force is theirs."""
-    body = block().fix("bottom", "x", 0.0)
+    body = block(push=0.0).fix("bottom", "x", 0.0)
     ground = Rigid(Plane((0, 0), (0, 1)), displacement=(None, 0.0), force=(0.01, None))
-    result = ContactProblem(block(push=0.0).fix("bottom", "x", 0.0), "bottom", ground, F).solve()
+    result = ContactProblem(body, "bottom", ground, F).solve()
     assert F * result.resultant[1] > 0.01
     assert result.resultant[0] == pytest.approx(0.01, rel=1e-9)
     assert max(result.kkt.values()) < 1e-10
-    assert body is not result.body
 
 
 def test_a_history_that_grows_returns_and_stops() -> None:
@@ -164,7 +165,7 @@ def test_a_history_that_grows_returns_and_stops() -> None:
     body = block(push=0.0)
     problem = ContactProblem(body, "bottom", 0.0, F)
     stepper = LoadStepper(problem)
-    stepper.support("left", "x", lambda t: float(np.interp(t, range(len(path)), path)))
+    stepper.move("left", "x", 1.0, lambda t: float(np.interp(t, range(len(path)), path)))
     history = stepper.run(np.arange(1.0, len(path)))
     corner = history[0].x_nominal[0] < 1e-9
     for result, step in zip(history, np.diff(path), strict=True):
@@ -191,7 +192,9 @@ def test_the_certificate_misses_the_shear() -> None:
 @pytest.mark.parametrize("push", [0.0, 0.1])
 @pytest.mark.parametrize("law", ["coulomb", "tresca"])
 def test_checks_agree_and_files_keep_it(law, push, tmp_path) -> None:
-    problem = ContactProblem(block(push=push), "bottom", 0.0, F if law == "coulomb" else 0.01, law=law)
+    problem = ContactProblem(
+        block(push=push), "bottom", 0.0, F if law == "coulomb" else 0.01, law=law
+    )
     result = problem.solve()
     assert max(recheck(result).values()) < 1e-10
     for condensed in (True, False):
