@@ -286,7 +286,7 @@ class CondensedContact(CondensedBodies):
         """
         fixed_n, fixed_t = self.prescribed(gap, slip_from, motion)
         v0 = self.B @ self.flexed(self.reduce(load)) + self.points.stacked(fixed_n, fixed_t)
-        scale = self.point_scale
+        scale, tangent = self.point_scale, self.rubbing(fixed_t, motion)
         R, per_unit = self.driven(motion, self._scale)
         force = np.zeros(0) if motion is None else motion.force[motion.free]
         return BoundaryProblem(
@@ -296,9 +296,10 @@ class CondensedContact(CondensedBodies):
             s=np.concatenate((self.resultants(load), per_unit * force)),
             gap=gap / scale,
             normal=self.points.normal,
-            tangent=self.rubbing(fixed_t, motion),
+            tangent=tangent,
             prescribed_slip=fixed_t / scale[:, None],
             bonded=self.rows.ties if self.rows.bonded.size else None,
+            swept=self.swept(tangent, fixed_t, motion),
         )
 
     def prescribed(
@@ -360,6 +361,15 @@ class CondensedContact(CondensedBodies):
             known &= ~motion.drags
         known &= known.all(axis=1, keepdims=True) | (fixed_t == 0.0)
         return np.where(known, -1, self.points.tangent)
+
+    def swept(
+        self, tangent: NDArray[np.int64], fixed_t: Array, motion: ObstacleMotion | None
+    ) -> NDArray[np.bool_] | None:
+        """`BoundaryProblem.swept`, of the rows that `rubbing` has; None without such points."""
+        given = self._stiff & (tangent >= 0) & (fixed_t != 0.0) & ~self.rows.ties[:, None]
+        if motion is not None and np.any(motion.free):
+            given &= ~motion.drags
+        return given.any(axis=1) if given.any() else None
 
     def driven(self, motion: ObstacleMotion | None, scale: Array) -> tuple[Array, Array]:
         """Columns of C for the free motions of obstacles, and physical over scaled motion."""

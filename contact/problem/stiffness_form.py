@@ -83,6 +83,7 @@ class StiffnessForm:
         self._resting = np.concatenate(
             (self._turn * condensed.resultants(system.load), self._per_unit * force)
         )
+        tangent = condensed.rubbing(fixed_t, motion)
         self.problem = BoundaryProblem(
             W=np.zeros((scale.size, scale.size)),
             v0=np.zeros(scale.size),
@@ -90,11 +91,12 @@ class StiffnessForm:
             s=np.zeros(S.shape[0] + rigid),
             gap=system.rows.gap / self.point_scale,
             normal=points.normal,
-            tangent=condensed.rubbing(fixed_t, motion),
+            tangent=tangent,
             prescribed_slip=fixed_t / self.point_scale[:, None],
             K=block_diag(S, np.zeros((rigid, rigid))),
             compliance=system.compliance(self.point_scale),
             bonded=system.rows.ties if system.rows.bonded.size else None,
+            swept=condensed.swept(tangent, fixed_t, motion),
         )
 
     def solve(

@@ -95,7 +95,7 @@ class ContactSystem:
         return np.asarray(~free & ~rows.ties)
 
     def with_held_points(self, u: Array, mu: Array, t: Array, w: Array | None) -> Array:
-        """t with the friction law where the whole slip is prescribed: g along it, shape (m, dim - 1).
+        """t, (m, dim - 1), with the friction law where the whole slip is prescribed: g along it.
 
         Where it is prescribed to be zero, any force within the bound satisfies the law, and none
         can be told apart from the reactions of the supports: there t is zero.

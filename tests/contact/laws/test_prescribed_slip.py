@@ -2,11 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from skfem import (
     ElementHex1,
-    ElementHex2,
     ElementQuad1,
     ElementQuad2,
     ElementTriP1,

@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from skfem import ElementHex1, ElementQuad1
 
 from contact import ContactProblem, LoadStepper, Plane, Rigid, Sphere, Status
 from contact.spectral.grid_contact import GridContact
 from contact.spectral.periodic_layers import PeriodicLayers
-from skfem_adini import ElementQuadAdini
 
 LAYERS = [(0.2, 2, 3.0, 0.2), (0.4, 3, 1.0, 0.3)]
 F = 0.3
@@ -28,7 +26,6 @@ CASES = {
     "across one roller": ((1.0, 0.75), (6, 7), {"sides": ("x", "periodic")}, (0.02, 0.0, 0.1)),
     "along one roller": ((1.0, 0.75), (6, 7), {"sides": ("x", "periodic")}, (0.0, 0.01, 0.1)),
     "askew": ((1.0, 0.75), (6, 7), {"sides": ("x", "periodic")}, (0.001, 0.002, 0.1)),
-    "held along the sides": ((1.0, 0.75), (7, 6), {"sides": ("periodic", "xz")}, (0.01, 0.0, 0.1)),
 }
 
 
@@ -90,7 +87,7 @@ def test_histories_agree(case) -> None:
     block = PeriodicLayers(lengths, LAYERS, cells, **given)
     dim = block.dim
     path = np.array([0.0, 0.01, 0.02, 0.012, 0.012, 0.0])
-    ways = [tuple([x] * (dim - 1)) + (0.03,) for x in path[1:]]
+    ways = [(*tuple([x] * (dim - 1)), 0.03) for x in path[1:]]
     grids = GridContact(block, flat(dim, *ways[0]), F).history([flat(dim, *way) for way in ways])
     problem = ContactProblem(block.elastic(), "bottom", flat(dim, *ways[0]), F)
     stepper = LoadStepper(problem)
