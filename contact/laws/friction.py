@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+UNMOVED = 1e-12  # prescribed slip over the largest displacement: what is less is rounding
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.errors import InputError
-from contact.laws.friction import Coulomb, Friction, Tresca, against, project
+from contact.laws.friction import UNMOVED, Coulomb, Friction, Tresca, against, project
 from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.laws.surface_compliance import SurfaceCompliance
 from contact.obstacles.rigid import ObstacleMotion
@@ -21,7 +21,6 @@ Array = NDArray[np.float64]
 _TRAVEL = 1e-3
 _DIGITS = 1e-12  # rounding of sums, below which the motion need not be looked at
 ON_AXIS = 1e-9  # radius over the extent of the body, and radial part of a normal: rounding
-UNMOVED = 1e-12  # prescribed slip over the largest displacement: what is less is rounding
 # Part of the forces that cancel inside a body below which a contact force is their rounding: that
 # at which the Newton method ends, see `contact.laws.residual.rounding`.
 NOISE = 10 * float(np.finfo(float).eps)
