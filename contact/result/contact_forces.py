@@ -84,11 +84,12 @@ class ContactForces(ContactState):
         force = np.linalg.norm(self.t, axis=1)
         # What rounding leaves of a displacement is no slip.
         moves = np.linalg.norm(self.slip_increment, axis=1) > 1e-10 * self.system.body.reach(self.u)
-        held, rubs = self.system.held, loaded & (g > 0)
-        moves = np.where(held & rubs, force > 0, moves)  # where it is zero, so is the slip
+        held = loaded & (g > 0)
+        held = held & self.system.held if held.any() else held
+        moves = np.where(held, force > 0, moves)  # where it is zero, so is the slip
         slides = loaded & moves & (force >= g * (1 - 1e-9))
         status = np.where(slides, Status.SLIP, np.where(loaded, Status.STICK, Status.OPEN))
-        status = np.where(held & rubs & ~slides, Status.UNDETERMINED, status)
+        status = np.where(held & ~slides, Status.UNDETERMINED, status)
         return np.where(self.system.rows.ties, Status.BONDED, status).astype(np.int8)
 
     @property

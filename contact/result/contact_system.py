@@ -99,8 +99,8 @@ class ContactSystem:
         Where it is prescribed to be zero, any force within the bound satisfies the law, and none
         can be told apart from the reactions of the supports: there t is zero.
         """
-        held = self.held
-        if not held.any() or not np.any(self.friction > 0):
+        held = self.held if np.any(self.friction > 0) else np.zeros(mu.size, dtype=bool)
+        if not held.any():
             return t
         u_t = self.relative(u, w)[1]
         slip = self.slip_increment(u_t)

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from skfem import (
     ElementHex1,
     ElementQuad1,
@@ -210,3 +212,34 @@ def test_cones_agree() -> None:
     assert np.all(result.status == Status.SLIP)
     assert cross_check(problem, result, "clarabel").multipliers < 1e-5
     assert max(recheck(result).values()) < 1e-10
+
+
+SLIPS = st.floats(-5.0, -1.0).flatmap(lambda e: st.sampled_from((-(10.0**e), 10.0**e)))
+
+
+@settings(max_examples=15, deadline=None)
+@given(push=SLIPS, friction=st.floats(0.05, 0.9), law=st.sampled_from(("coulomb", "tresca")))
+def test_any_push_in_the_plane(make, push, friction, law) -> None:
+    given_bound = friction if law == "coulomb" else 0.02 * friction
+    result = ContactProblem(block(push=push), "bottom", 0.0, given_bound, law=law).solve()
+    assert make.law_error(result) < 1e-9
+    corner = result.x_nominal[0] < 1e-9
+    bound = friction * result.pressure[corner] if law == "coulomb" else given_bound
+    np.testing.assert_allclose(result.shear[corner, 0], -np.sign(push) * bound, rtol=1e-9)
+    np.testing.assert_allclose(reaction(result), -result.resultant, atol=1e-12)
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    slip=SLIPS,
+    drag=st.floats(-0.1, 0.1),
+    where=st.sampled_from(("bottom", "left")),
+    friction=st.floats(0.05, 1.0),
+    law=st.sampled_from(("coulomb", "tresca")),
+)
+def test_any_slip_of_one_component_in_space(make, slip, drag, where, friction, law) -> None:
+    body = cube(2).fix(where, "x", slip).fix("top", "z", -0.05).fix("top", "y", drag)
+    bound = friction if law == "coulomb" else 0.02 * friction
+    result = ContactProblem(body, "bottom", 0.0, bound, law=law).solve()
+    assert make.law_error(result) < 1e-9
+    np.testing.assert_allclose(reaction(result), -result.resultant, atol=1e-12)
