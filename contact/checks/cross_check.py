@@ -177,6 +177,7 @@ def cross_check(
         P, u0 = body.constraint
         u = P @ answer.z + u0
     bound, surfaces = system.bound(result.mu), SurfaceSlacks.of(system)
+    t = _with_prescribed(result, bound, u, t)
     free, usable = ~system.rows.ties, np.isfinite(system.rows.gap)
 
     def energy(u: Array) -> float:
@@ -226,6 +227,18 @@ def _check(problem: ContactProblem, result: ContactResult, solver: str) -> None:
 
 def _has_cones(result: ContactResult) -> bool:
     return result.system.body.dim == 3 and result.system.law is not None
+
+
+def _with_prescribed(result: ContactResult, bound: Array, u: Array, t: Array) -> Array:
+    """The peer's t with the law where the whole slip is prescribed, which is not asked of it.
+
+    Where free obstacles alone move a point along its tangents, their forces decide: it is ours.
+    """
+    system = result.system
+    asked = replace(system, law=None if system.law is None else "tresca", friction=bound)
+    dead = ~system.body.live(system.rows.T).reshape(t.shape).any(axis=1) & ~system.rows.ties
+    t = np.where((dead & ~system.held)[:, None], result.t, t)
+    return asked.with_held_points(u, result.mu, t, result.motion) if np.isfinite(u).all() else t
 
 
 def _effect(result: ContactResult, mu: Array, t: Array) -> float:

@@ -106,8 +106,8 @@ class FrozenProblem:
         m, columns = result.t.shape
         ties, bound = rows.ties, system.bound(result.mu)
         rubs = (bound > 0) & ~ties
-        if cones:  # friction of points whose whole slip is prescribed acts on supports alone
-            rubs &= system.body.live(rows.T).reshape(m, columns).any(axis=1)
+        # Friction of points whose whole slip is prescribed acts on supports alone.
+        rubs &= system.body.live(rows.T).reshape(m, columns).any(axis=1)
         normal, tangential = _targets(result)
         all_rows: Any = sparse.vstack((rows.G, rows.T), format="csr")
         targets = np.concatenate((normal, tangential.ravel())) - all_rows @ u0

@@ -103,11 +103,10 @@ class PairedResiduals:
         factor = g / Pairs.where(beyond, length, 1.0)
         slipped = q * factor.reshape(-1, 1)
         returned = (t - Pairs.where(beyond[:, None], slipped, q)).rounded
-        live = system.body.live(self.rows.T).reshape(self.t.shape) & free[:, None]
         over = ((t * t).sum(axis=1).sqrt() - g).rounded
         return {
             "cone": _beyond(over[free], self.noise) / self.size,
-            "slip": _beyond(np.abs(returned[live]), self.noise) / self.size,
+            "slip": _beyond(np.abs(returned[free]), self.noise) / self.size,
         }
 
     def _on_obstacles(self, motion: Any) -> float:

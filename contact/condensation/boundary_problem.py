@@ -52,7 +52,7 @@ class BoundaryProblem:
         Row of each point's normal; -1 where the normal displacement is prescribed.
     tangent : ndarray of int, shape (m, dim - 1)
         Rows of each point's tangents; -1 where the tangential displacement is prescribed. If only
-        one of two components is prescribed, its row is kept and has no compliance.
+        one of two components is prescribed and not zero, its row is kept and has no compliance.
     prescribed_slip : ndarray, shape (m, dim - 1)
         Tangential displacement where it is prescribed.
     K : ndarray, shape (k, k), optional
@@ -63,6 +63,8 @@ class BoundaryProblem:
         sign and no bound. None: no point is.
     compliance : Compliance, optional
         The law ``u_n - d = h(mu)`` of compliant surfaces takes the place of ``u_n = d``.
+    swept : ndarray of bool, shape (m,), optional
+        Points of which one of two components slips as prescribed: no force lets them stick.
     """
 
     W: Array
@@ -76,6 +78,7 @@ class BoundaryProblem:
     K: Array | None = None
     bonded: NDArray[np.bool_] | None = None
     compliance: Compliance | None = None
+    swept: NDArray[np.bool_] | None = None
 
     @property
     def ties(self) -> NDArray[np.bool_]:

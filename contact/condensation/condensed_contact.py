@@ -170,12 +170,11 @@ class CondensedContact(CondensedBodies):
                 "fix less of it or choose another contact boundary"
             )
         normal = np.where(live_n, np.cumsum(live_n) - 1, -1)
-        # If supports prescribe one component of the slip, it still affects the direction of
-        # friction: its row is kept, without compliance. If they prescribe all of it, friction acts
-        # on supports alone, and the rows are dropped.
+        # A component of the slip that supports prescribe still affects the direction of friction,
+        # and friction there acts on obstacles: its row is kept, without compliance.
         alive = live_t.reshape(live_n.size, -1)
         half: NDArray[np.bool_] = ~alive & np.any(alive, axis=1, keepdims=True)
-        self._half_held, self._stiff = half, half & self._keeps_stiff
+        self._half_held, self._stiff = half, ~alive & self._keeps_stiff
         seen = self._stiff.ravel() | live_t
         number = live_n.sum() + np.cumsum(seen) - 1
         self.points = PointRows(normal, np.where(seen, number, -1).reshape(alive.shape))
@@ -287,7 +286,7 @@ class CondensedContact(CondensedBodies):
         """
         fixed_n, fixed_t = self.prescribed(gap, slip_from, motion)
         v0 = self.B @ self.flexed(self.reduce(load)) + self.points.stacked(fixed_n, fixed_t)
-        scale = self.point_scale
+        scale, tangent = self.point_scale, self.rubbing(fixed_t, motion)
         R, per_unit = self.driven(motion, self._scale)
         force = np.zeros(0) if motion is None else motion.force[motion.free]
         return BoundaryProblem(
@@ -297,9 +296,10 @@ class CondensedContact(CondensedBodies):
             s=np.concatenate((self.resultants(load), per_unit * force)),
             gap=gap / scale,
             normal=self.points.normal,
-            tangent=self.points.tangent,
+            tangent=tangent,
             prescribed_slip=fixed_t / scale[:, None],
             bonded=self.rows.ties if self.rows.bonded.size else None,
+            swept=self.swept(tangent, fixed_t, motion),
         )
 
     def prescribed(
@@ -342,6 +342,34 @@ class CondensedContact(CondensedBodies):
                 f"displacement {fixed_n[i]:.6g}, {where} its gap {gap[i]:.6g}"
             )
         return fixed_n, fixed_t
+
+    def rubbing(self, fixed_t: Array, motion: ObstacleMotion | None) -> NDArray[np.int64]:
+        """Rows of tangents whose forces are unknowns, -1 for the others, shape (m, dim - 1).
+
+        Where the whole slip is prescribed, friction follows from the normal force and acts on
+        supports alone, see `ContactSystem.with_held_points`. Along a component without slip it
+        cannot be told apart from their reactions.
+
+        Parameters
+        ----------
+        fixed_t : ndarray, shape (m, dim - 1)
+            The prescribed part of the slip.
+        motion : ObstacleMotion or None
+        """
+        known = self._stiff.copy()
+        if motion is not None and np.any(motion.free):
+            known &= ~motion.drags
+        known &= known.all(axis=1, keepdims=True) | (fixed_t == 0.0)
+        return np.where(known, -1, self.points.tangent)
+
+    def swept(
+        self, tangent: NDArray[np.int64], fixed_t: Array, motion: ObstacleMotion | None
+    ) -> NDArray[np.bool_] | None:
+        """`BoundaryProblem.swept`, of the rows that `rubbing` has; None without such points."""
+        given = self._stiff & (tangent >= 0) & (fixed_t != 0.0) & ~self.rows.ties[:, None]
+        if motion is not None and np.any(motion.free):
+            given &= ~motion.drags
+        return given.any(axis=1) if given.any() else None
 
     def driven(self, motion: ObstacleMotion | None, scale: Array) -> tuple[Array, Array]:
         """Columns of C for the free motions of obstacles, and physical over scaled motion."""

@@ -54,11 +54,12 @@ class LoadStep:
     seconds: float
 
     def __str__(self) -> str:
-        free, stick, slip = np.bincount(self.result.status, minlength=3)[:3]
+        free, stick, slip, _, held = np.bincount(self.result.status, minlength=5)
+        more = f", undetermined {held:4d}" if held else ""
         return (
             f"step {self.number:4d}/{self.count}   t = {self.time:<9.4g} contact force "
-            f"{self.result.contact_force:.4e}   open {free:4d}, stick {stick:4d}, slip {slip:4d}   "
-            f"{len(self.result.history):2d} iterations, {self.seconds:.2f} s"
+            f"{self.result.contact_force:.4e}   open {free:4d}, stick {stick:4d}, "
+            f"slip {slip:4d}{more}   {len(self.result.history):2d} iterations, {self.seconds:.2f} s"
         )
 
 

@@ -85,4 +85,5 @@ def newton_step(
     forces = semismooth_newton(problem, start, friction, tol=INNER * tol)
     l = problem.forces(forces.mu, forces.t) / of_rows
     du = condensed.moved(left, response[:, 0] - response[:, 1:] @ l)
-    return u + du, forces.mu / scale, forces.t / scale[:, None]
+    u, mu = u + du, forces.mu / scale
+    return u, mu, system.with_held_points(u, mu, forces.t / scale[:, None], last.motion)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+UNMOVED = 1e-12  # prescribed slip over the largest displacement: what is less is rounding
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,15 @@ class Tresca:
 
 
 Friction = Coulomb | Tresca
+
+
+def against(slip: Array, g: Array) -> Array:
+    """Forces of size g, shape (m,), along slips that are known, (m, dim - 1); zero where none is.
+
+    They are those on the obstacle, as t is: the shear on the body opposes its slip.
+    """
+    length = np.linalg.norm(slip, axis=1)
+    return slip * np.where(length > 0, g / np.where(length > 0, length, 1.0), 0.0)[:, None]
 
 
 def project(q: Array, g: Array) -> Array:

@@ -124,7 +124,7 @@ def _zones_of(problem: PrimalProblem, now: PrimalForces, friction: Friction) -> 
     slip = rubs & (np.linalg.norm(now.t, axis=1) >= 0.999 * g)
     q = np.where(slip[:, None], 1.5 * now.t, now.t)
     none = np.zeros(now.mu.size)
-    return Zones(touches, rubs & ~slip, slip, q, g, none, none)
+    return Zones(touches, rubs & ~slip, slip, q, g, none, none, np.ones(g.size))
 
 
 def _stuck(problem: PrimalProblem, friction: Friction, report: Report) -> PrimalForces:
@@ -135,7 +135,7 @@ def _stuck(problem: PrimalProblem, friction: Friction, report: Report) -> Primal
     rubs = (rubs | problem.ties) & np.any(problem.tangent >= 0, axis=1)
     if isinstance(friction, Coulomb):
         rubs &= touch
-    zones = Zones(touch, rubs, np.zeros_like(touch), t, none, none, none)
+    zones = Zones(touch, rubs, np.zeros_like(touch), t, none, none, none, np.ones(none.size))
     own = np.zeros(problem.load.size)
     return _step(problem, PrimalForces(mu, t, np.zeros(problem.s.size), own), zones, friction, "")
 
@@ -191,7 +191,9 @@ def _slipping(
     b = q / length[:, None]
     a = b if form == "radial" else t / np.maximum(g, np.linalg.norm(t, axis=1))[:, None]
     factor = g / np.maximum(length - g, _STIFFEST * length)
-    of_v = factor[:, None, None] * (np.eye(q.shape[1]) - a[:, :, None] * b[:, None, :])
+    of_v = (zones.c[points] * factor)[:, None, None] * (
+        np.eye(q.shape[1]) - a[:, :, None] * b[:, None, :]
+    )
     n, at = held.size, problem.tangent[points]
     row, column, entry = [], [], []
     normal: list[list[Array]] = [[], [], []]

@@ -66,6 +66,7 @@ def proximal_point(
             problem,
             W=arrays_of(problem.W).shifted(problem.W, delta),
             v0=problem.v0 + delta * problem.forces(now.mu, now.t),
+            swept=None,  # the springs yield
         )
         try:
             now = semismooth_newton(

@@ -61,6 +61,7 @@ class SlipLaw:
             own = np.broadcast_to(identity, (points.size, *identity.shape))
             of_v = (g / (length - g))[:, None, None] * (identity - a[:, :, None] * b[:, None, :])
             direction = a
+        of_v = zones.c[points, None, None] * of_v
         zero = np.zeros(points.size)
         if isinstance(friction, Coulomb):
             bound, coefficient = zero, friction.coefficient[points]

@@ -8,17 +8,20 @@ from enum import IntEnum
 class Status(IntEnum):
     """State of a contact point.
 
-    ======  =====================================================================
-    OPEN    no pressure (Tresca without an obstacle: friction at rest or sliding)
-    STICK   in contact, no slip
-    SLIP    in contact, the shear is at its bound
-    BONDED  tied to the obstacle: forces of either sign, no friction
-    ======  =====================================================================
+    ============  ===================================================================
+    OPEN          no pressure (Tresca without an obstacle: friction at rest or sliding)
+    STICK         in contact, no slip
+    SLIP          in contact, the shear is at its bound
+    BONDED        tied to the obstacle: forces of either sign, no friction
+    UNDETERMINED  in contact, held by supports at no slip: the shear may be anything up
+                  to its bound, cannot be told apart from the reactions of the
+                  supports, and counts as part of these; it is reported as zero
+    ============  ===================================================================
 
     Attributes
     ----------
-    OPEN, STICK, SLIP, BONDED : Status
-        Integers 0, 1, 2 and 3, as `ContactResult.status` holds them.
+    OPEN, STICK, SLIP, BONDED, UNDETERMINED : Status
+        Integers 0, 1, 2, 3 and 4, as `ContactResult.status` holds them.
 
     Examples
     --------
@@ -37,3 +40,4 @@ class Status(IntEnum):
     STICK = 1
     SLIP = 2
     BONDED = 3
+    UNDETERMINED = 4

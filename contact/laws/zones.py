@@ -22,12 +22,14 @@ class Zones:
     active, stick, slip : ndarray of bool, shape (m,)
         Points in contact, points that stick, and points whose friction is at its bound.
     q : ndarray, shape (m, dim - 1)
-        ``t + u_t``, which the friction law projects onto the ball of radius g.
+        ``t + c u_t``, which the friction law projects onto the ball of radius g.
     g : ndarray, shape (m,)
         Friction bound; bonded points are active, and stick under an infinite one.
     opening, slope : ndarray, shape (m,)
         The linearised law of compliant surfaces, ``u_n - d = opening + slope mu``; both zero for
         hard contact.
+    c : ndarray, shape (m,)
+        One; larger where supports prescribe that a point slips, so that it does from the start.
     """
 
     active: NDArray[np.bool_]
@@ -37,6 +39,7 @@ class Zones:
     g: Array
     opening: Array
     slope: Array
+    c: Array
 
     @classmethod
     def of(cls, problem: BoundaryProblem, now: Forces, friction: Friction) -> Zones:
@@ -49,7 +52,15 @@ class Zones:
             opening = h - slope * contact
         active = (contact > 0) | (problem.ties & problem.can_touch)
         g = problem.bound(friction.bound(np.where(active, contact, 0.0)))
-        q = np.where(problem.tangent >= 0, now.t + u_t, 0.0)
+        c, live = np.ones(g.size), problem.tangent >= 0
+        q = np.where(live, now.t + u_t, 0.0)
         length = np.linalg.norm(q, axis=1)
-        rubs = (g > 0) & np.any(problem.tangent >= 0, axis=1)
-        return cls(active, rubs & (length <= g), rubs & (length > g), q, g, opening, slope)
+        if problem.swept is not None:
+            moves = np.linalg.norm(np.where(live, u_t, 0.0), axis=1)
+            stuck = problem.swept & (length <= g) & (moves > 0)
+            size = 4.0 * (g + np.linalg.norm(now.t, axis=1))
+            c[stuck] += (size / np.where(stuck, moves, 1.0))[stuck]
+            q = np.where(live, now.t + c[:, None] * u_t, 0.0)
+            length = np.linalg.norm(q, axis=1)
+        rubs = (g > 0) & np.any(live, axis=1)
+        return cls(active, rubs & (length <= g), rubs & (length > g), q, g, opening, slope, c)

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from contact.errors import InputError, array_of, numbers
 from contact.obstacles.shapes import ObstacleLike
 
+_ACROSS = 1e-12  # of the largest: a displacement along a tangent that is rounding
+
 Array = NDArray[np.float64]
 Components = float | Sequence[float | None]
 
@@ -140,6 +142,13 @@ class ObstacleMotion:
     def free(self) -> NDArray[np.bool_]:
         """Whether each motion is free, driven by a force, shape (k,)."""
         return np.isnan(self.prescribed)
+
+    @property
+    def drags(self) -> NDArray[np.bool_]:
+        """Tangents of points along which free motions move the obstacle, shape (m, dim - 1)."""
+        along = np.abs(self.tangent[:, self.free]).max(axis=1, initial=0.0)
+        moved = along > _ACROSS * along.max(initial=0.0)
+        return np.asarray(moved.reshape(self.normal.shape[0], -1))
 
     def displacement(self, motion: Array) -> tuple[Array, Array]:
         """w_n (m,) and w_t (m, dim - 1) of the contact points; a NaN motion counts as zero."""

@@ -23,6 +23,7 @@ COLOURS = {
     Status.STICK: "#1f6f8b",
     Status.SLIP: "#d1495b",
     Status.BONDED: "#5b4a8a",
+    Status.UNDETERMINED: "#d9a441",
 }
 
 

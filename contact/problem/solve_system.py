@@ -121,6 +121,7 @@ def _solved(
         more = doubt(condensed, _boundary_problem(system, condensed, system.load), friction)
         raise NotConverged(f"{error}{more}", tuple(history)) from error
     (u, mu, t), motion = state, condensed.obstacle_motion(system.motion, forces)
+    t = system.with_held_points(u, mu, t, motion)
     answer = ContactState(  # displacements lie where they were computed
         system, u, mu, t, options.method, tuple(history), motion, options.tol, slack
     )

@@ -84,6 +84,7 @@ class StiffnessForm:
         self._resting = np.concatenate(
             (self._turn * condensed.resultants(system.load), self._per_unit * force)
         )
+        tangent = condensed.rubbing(fixed_t, motion)
         self.problem = BoundaryProblem(
             W=np.zeros((scale.size, scale.size)),
             v0=np.zeros(scale.size),
@@ -91,11 +92,12 @@ class StiffnessForm:
             s=np.zeros(S.shape[0] + rigid),
             gap=system.rows.gap / self.point_scale,
             normal=points.normal,
-            tangent=points.tangent,
+            tangent=tangent,
             prescribed_slip=fixed_t / self.point_scale[:, None],
             K=block_diag(S, np.zeros((rigid, rigid))),
             compliance=system.compliance(self.point_scale),
             bonded=system.rows.ties if system.rows.bonded.size else None,
+            swept=condensed.swept(tangent, fixed_t, motion),
         )
 
     def solve(
@@ -219,6 +221,7 @@ def solved_stiffly(
     """
     form = StiffnessForm(condensed, system)
     (u, mu, t), motion = form.solve(near, INNER * options.tol, report)
+    t = system.with_held_points(u, mu, t, motion)
     result = ContactResult(system, u, mu, t, options.method, tuple(history), motion, options.tol)
     certify(result, options.tol, 0.0)
     return result

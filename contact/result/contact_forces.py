@@ -45,8 +45,10 @@ class ContactForces(ContactState):
     def shear(self) -> Array:
         """Shear traction that acts on the body at `x`, along the tangents, (m, dim - 1).
 
-        Zero where the whole tangential displacement is prescribed, and at bonded points, which have
-        `tie_shear`.
+        Where supports prescribe the whole slip and it is not zero, the shear opposes it at its
+        bound. Where they prescribe that there is none, the shear cannot be told apart from their
+        reactions and counts as part of these: it is zero, see `Status.UNDETERMINED`.
+        Zero at bonded points, which have `tie_shear`.
         """
         return self._tangential(~self.system.rows.ties)
 
@@ -106,8 +108,12 @@ class ContactForces(ContactState):
         force = np.linalg.norm(self.t, axis=1)
         # What rounding leaves of a displacement is no slip.
         moves = np.linalg.norm(self.slip_increment, axis=1) > 1e-10 * self.system.body.reach(self.u)
+        held = loaded & (g > 0)
+        held = held & self.system.held if held.any() else held
+        moves = np.where(held, force > 0, moves)  # where it is zero, so is the slip
         slides = loaded & moves & (force >= g * (1 - 1e-9))
         status = np.where(slides, Status.SLIP, np.where(loaded, Status.STICK, Status.OPEN))
+        status = np.where(held & ~slides, Status.UNDETERMINED, status)
         return np.where(self.system.rows.ties, Status.BONDED, status).astype(np.int8)
 
     @property

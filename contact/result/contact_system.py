@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.errors import InputError
-from contact.laws.friction import Coulomb, Friction, Tresca, project
+from contact.laws.friction import UNMOVED, Coulomb, Friction, Tresca, against, project
 from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.laws.surface_compliance import SurfaceCompliance
 from contact.obstacles.rigid import ObstacleMotion
@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 # machine precisions are 1e-10 of them.
 _TRAVEL = 1e-3
 _DIGITS = 1e-12  # rounding of sums, below which the motion need not be looked at
+ON_AXIS = 1e-9  # radius over the extent of the body, and radial part of a normal: rounding
 # Part of the forces that cancel inside a body below which a contact force is their rounding: that
 # at which the Newton method ends, see `contact.laws.residual.rounding`.
 NOISE = 10 * float(np.finfo(float).eps)
@@ -75,6 +76,41 @@ class ContactSystem:
     def slip_increment(self, u_t: Array) -> Array:
         """Tangential displacement since the last step, that of the friction law, (m, dim - 1)."""
         return u_t if self.slip_from is None else u_t - self.slip_from
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """Points whose whole slip is prescribed, by supports and given motions, shape (m,).
+
+        Forces along their tangents act on supports and on no unknown of the problem. Points of a
+        ring on its axis are not meant: there is no shear across the axis, by symmetry.
+        """
+        rows = self.rows
+        free = self.body.live(rows.T).reshape(rows.gap.size, -1).any(axis=1)
+        if self.body.is_ring:
+            on_axis = np.abs(rows.x_nominal[0]) <= ON_AXIS * self.body.extent
+            free = free | (on_axis & (np.abs(rows.normals[0]) <= ON_AXIS))
+        if self.motion is not None and np.any(self.motion.free):
+            free = free | self.motion.drags.any(axis=1)
+        return np.asarray(~free & ~rows.ties)
+
+    def with_held_points(self, u: Array, mu: Array, t: Array, w: Array | None) -> Array:
+        """t, (m, dim - 1), with the friction law where the whole slip is prescribed: g along it.
+
+        Where it is prescribed to be zero, any force within the bound satisfies the law, and none
+        can be told apart from the reactions of the supports: there t is zero.
+        """
+        held = self.held if np.any(self.friction > 0) else np.zeros(mu.size, dtype=bool)
+        if not held.any():
+            return t
+        u_t = self.relative(u, w)[1]
+        slip = self.slip_increment(u_t)
+        parts = [u_t] if self.slip_from is None else [u_t, self.slip_from]
+        if self.motion is not None and w is not None:
+            parts.append(self.motion.displacement(w)[1])
+        size = max(self.body.reach(self.body.placed(u)), *map(_largest, parts))
+        moves = np.linalg.norm(slip, axis=1) > UNMOVED * size
+        known = against(np.where(moves[:, None], slip, 0.0), self.bound(mu))
+        return np.where(held[:, None], known, t)
 
     def bound(self, mu: Array) -> Array:
         """Friction bound g of every point for the normal forces mu, shape (m,)."""
@@ -143,7 +179,6 @@ class ContactSystem:
         through = np.where(reachable, u_n - np.where(reachable, rows.gap, 0.0), -np.inf)
         u_t = self.slip_increment(u_t)
         g = self.bound(mu)
-        live = self.body.live(rows.T).reshape(t.shape) & free[:, None]
         returned = t - project(t + size / length * u_t, g)
         result = {
             "equilibrium": unbalanced / (cancelling or 1.0),
@@ -157,7 +192,7 @@ class ContactSystem:
                 ]
             ),
             "cone": _beyond((np.linalg.norm(t, axis=1) - g)[free], noise) / size,
-            "slip": _beyond(np.abs(returned[live]), noise) / size,
+            "slip": _beyond(np.abs(returned[free]), noise) / size,
         }
         if self.overclosure:
             result |= self.off_the_curve(mu, through, size, length)

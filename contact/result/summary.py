@@ -11,14 +11,15 @@ from contact.output.sides import pair_name
 
 
 def counts(result: Any) -> str:
-    """How many contact points are open, stick and slip, and are bonded, if any are."""
+    """How many contact points are open, stick and slip, and are bonded or held, if any are."""
     return _counted(result.status)
 
 
 def _counted(status: Any) -> str:
-    free, stick, slip, bonded = np.bincount(status, minlength=4)[:4]
-    tied = f", {bonded} bonded" if bonded else ""
-    return f"{status.size} points: {free} open, {stick} stick, {slip} slip{tied}"
+    free, stick, slip, bonded, held = np.bincount(status, minlength=5)
+    more = f", {bonded} bonded" if bonded else ""
+    more += f", {held} undetermined" if held else ""
+    return f"{status.size} points: {free} open, {stick} stick, {slip} slip{more}"
 
 
 def facts(result: Any) -> dict[str, str]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact.arrays.namespace import host
+from contact.laws.friction import UNMOVED
 from contact.spectral.friction_newton import GridFriction
 from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import GridProblem
@@ -65,7 +66,12 @@ class GridCase:
         moved = problem.moved(turn * np.nan_to_num(motion)[order])
         v0 = problem.turned(initial) - moved
         if self.slip_from is not None:
-            v0[1:] -= xp.asarray(self.slip_from)
+            since = xp.asarray(self.slip_from)
+            v0[1:] -= since
+            if problem.fixed is not None:  # rounding of what was dragged far is no slip
+                size = max(float(xp.abs(part).max()) for part in (since, moved))
+                still = problem.fixed[1:] & (xp.abs(v0[1:]) <= UNMOVED * size)
+                v0[1:] = xp.where(still, 0.0, v0[1:])
         return GridProblem(self.compliance, v0, xp.asarray(self.gap), -turn * force[order])
 
     def friction_law(self, xp: Any) -> GridFriction:

@@ -232,6 +232,8 @@ class GridContact:
                 if i:
                     l[i] = share / share.sum() * problem.force[i]
             l, a = _with_friction(problem, law, (l, a), inner, report)
+            if problem.at_rest is not None:
+                l[1:] = xp.where(problem.at_rest, 0.0, l[1:])
         result = certified(problem, law, (l, a), case.motion, tol, tuple(history))
         return replace(result, _proof=(case, a, tol))
 

@@ -151,6 +151,19 @@ class GridProblem:
         points = moves > _UNMOVED * float(xp.abs(self.v0).max())
         return points if bool(points.any()) else None
 
+    @cached_property
+    def at_rest(self) -> Grid | None:
+        """Tangential components of points that a side fixes where nothing moves along them.
+
+        Friction there cannot be told apart from the reactions of the side, (dim - 1, nx[, ny]);
+        None without such sides.
+        """
+        if self.fixed is None:
+            return None
+        given = self.xp.asarray([i not in self.free for i in range(1, len(self.v0))])
+        still = self.xp.abs(self.v0[1:]) <= _UNMOVED * float(self.xp.abs(self.v0).max())
+        return still & self.fixed[1:] & given.reshape((-1,) + (1,) * self.gap.ndim)
+
     def moved(self, a: Any) -> Grid:
         """a as an array that adds to displacements, (dim, 1[, 1])."""
         return self.xp.asarray(a).reshape((-1,) + (1,) * self.gap.ndim)

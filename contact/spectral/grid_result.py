@@ -352,6 +352,9 @@ def certified(
     moves = xp.sqrt((v[1:] ** 2).sum(axis=0)) > 1e-10 * max(float(xp.abs(u).max()), 1e-300)
     slips = moves & (xp.sqrt((l[1:] ** 2).sum(axis=0)) >= bound * (1 - 1e-9))
     rubs = xp.where(slips, int(Status.SLIP), int(Status.STICK))
+    if problem.at_rest is not None:
+        open_ = problem.at_rest.all(axis=0) & (bound > 0)
+        rubs = xp.where(open_, int(Status.UNDETERMINED), rubs)
     touches = (l[0] > 0) | ((bound > 0) & (not law.coulomb))
     order, sign = problem.order
     motion = np.empty(len(order))

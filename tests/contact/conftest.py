@@ -94,17 +94,14 @@ def law_error(result):
     g = (system.friction * (result.mu if coulomb else 1.0) if system.law else 0 * result.mu) / force
     size = np.linalg.norm(result.t / force, axis=1)
     # Power of friction g |u_t| is reached: t . u_t = g |u_t|, which holds for stick and for slip.
-    P, _ = system.body.constraint
-    left = np.abs((rows.T @ P).toarray()).sum(axis=1)  # of rows that supports may have fixed
-    live = left.reshape(result.t.shape) > 1e-12 * np.abs(rows.T.toarray()).sum(axis=1).max()
-    power = np.where(live, result.t / force * u_t / length, 0.0).sum(axis=1)
-    power = power - g * np.linalg.norm(np.where(live, u_t, 0.0), axis=1) / length
+    power = (result.t / force * u_t / length).sum(axis=1)
+    power = power - g * np.linalg.norm(u_t, axis=1) / length
     errors = {
         "penetration": np.max(-open_, initial=0.0),
         "tension": np.max(-mu, initial=0.0),
         "complementarity": np.abs(mu * open_).max(initial=0.0),
         "out of reach": np.abs(result.mu[~reach]).max(initial=0.0) / force,
-        "cone": np.max(np.where(live.any(axis=1), size - g, 0.0), initial=0.0),
+        "cone": np.max(size - g, initial=0.0),
         "power": np.abs(power).max(initial=0.0),
     }
     return max(errors.values())

@@ -40,6 +40,15 @@ def held(make, element, unit=1.0, cells=None):
     return ContactProblem(body, "bottom", bowl, 0.3)
 
 
+def pushed(make, element):
+    """A block pressed and pushed at its end, where supports prescribe the slip."""
+    body = box_body(make, element, E=2.0, nu=0.3)
+    body.fix("top", "xyz"[body.dim - 1], -0.05).fix("left", "x", 0.04)
+    if body.dim == 3:
+        body.fix("front", "y", 0.01)
+    return ContactProblem(body, "bottom", 0.0, 0.3)
+
+
 def bowl(x):
     return 0.04 * np.sum((x[:-1] - 0.45) ** 2, axis=0)
 
@@ -98,6 +107,8 @@ CASES = {
     "P2": (held, ElementTriP2),
     "Hex1": (held, ElementHex1),
     "TetP2": (held, ElementTetP2),
+    "pushed Adini": (pushed, ElementQuadAdini),
+    "pushed Hex1": (pushed, ElementHex1),
     "floating Adini": (floating, ElementQuadAdini),
     "floating Quad1": (floating, ElementQuad1),
     "floating Hex1": (floating, ElementHex1),
