@@ -22,6 +22,7 @@ from contact.obstacles.facet_checks import (
 )
 from contact.obstacles.facet_rays import gap_to_facets
 from contact.obstacles.flat_facets import FlatFacets
+from contact.obstacles.rigid_motion import RigidMotion, fitted
 from contact.obstacles.surface_files import polydata, read_surface
 
 Array = NDArray[np.float64]
@@ -288,6 +289,17 @@ class SurfaceMesh:
         moved = copy.copy(self)
         moved._set(points=self.points + move[:, None], _shift=self._shift + move)
         return moved
+
+    def motion_from(self, before: SurfaceMesh) -> RigidMotion | None:
+        """The motion of the points, if it is a rigid one."""
+        if (before.hollow, before.sheet) != (self.hollow, self.sheet):
+            return None
+        if before._flat is self._flat:  # `translated`
+            return RigidMotion.between(before._shift, self._shift)
+        same = before.points.shape == self.points.shape
+        if not same or not np.array_equal(before.facets, self.facets):
+            return None
+        return fitted(before.points, self.points)
 
     def to_pyvista(self) -> Any:
         """The surface with its cell data ``normal``.
