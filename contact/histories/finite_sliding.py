@@ -238,7 +238,7 @@ class FiniteSliding:
         )
         was, w = np.full(rows.gap.size, np.nan), travel.copy()
         was[at] = gap[of]
-        if before is not None and last is not None:
+        if before is not None and last is not None and last.motion is not None:
             w[at] = before.displacement(last.motion)[1][of]
             if before.travel is not None:
                 travel[at] = before.travel[of]

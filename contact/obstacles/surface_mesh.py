@@ -258,7 +258,7 @@ class SurfaceMesh:
         return np.asarray((near.foot + self._shift).T.reshape(places.shape))
 
     def translated(self, displacement: Sequence[float]) -> SurfaceMesh:
-        """The same surface elsewhere, for `LoadStepper.obstacle`; nothing is checked anew.
+        """The same surface elsewhere; nothing is checked anew. `Moved` turns it as well.
 
         Parameters
         ----------

@@ -262,9 +262,10 @@ class Interfaces:
         paths = []
         for number, (side, last, o, own, at) in enumerate(each):
             if isinstance(side, ContactBoundaries):
-                here = {"unchanged": unchanged[at], "felt": felt[at], "first": first}
+                still, rubs = unchanged[at], felt[at]
                 with _said_of(self.bodies, self.pairs[number]):
-                    paths.append(side.travel(last, o, own, **here))
+                    path = side.travel(last, o, own, unchanged=still, felt=rubs, first=first)
+                paths.append(path)
             else:
                 paths.append(np.zeros((at.size, self.rows.tangents.shape[1])))
         return np.concatenate(paths)

@@ -301,14 +301,15 @@ class GridContact:
         if isinstance(motion, str) or np.ndim(motion) == 0 or len(motion) != len(each):
             raise InputError(f"motion={motion!r}: expected a list of {len(each)}, one a step")
         results: list[GridResult] = []
-        last, before = self._case(None), 0.0
+        last, before = self._case(None), said_motion(0.0, len(self.compliance.normal))
         for obstacle, now in zip(each, motion, strict=True):
             step = replace(self, obstacle=obstacle)
             after = results[-1] if results else None
             if after is not None:
                 after.to_host()  # a history may be longer than the memory of a device
-            said = None if now is None or before is None else numbers("motion", now) - before
-            before = None if now is None else numbers("motion", now)
+            place = said_motion(now, len(self.compliance.normal))
+            said = None if place is None or before is None else place - before
+            before = place
             step._check(tol)
             last = replace(step._case(after), travel=step._travel(last, said, after is None))
             results.append(step._solved(last, after, tol, verbose))
