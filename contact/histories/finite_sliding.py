@@ -214,7 +214,8 @@ class FiniteSliding:
             slip_from = (rows.T @ last.u).reshape(rows.gap.size, -1) - before
             slip_from[rows.ties] = 0.0
         law, laws = problem.law, problem.overclosure
-        system = ContactSystem(body, rows, body.f, law, friction, slip_from, motion, laws, now)
+        rigid = problem.rigid(now)
+        system = ContactSystem(body, rows, body.f, law, friction, slip_from, motion, laws, rigid)
         return system, here
 
     def _motion(

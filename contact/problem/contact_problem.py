@@ -270,7 +270,15 @@ class ContactProblem(Portable):
             motion = self.with_travel(motion, since, now, said, after, rows.gap)
         slip_from = None if after is None else np.where(rows.ties[:, None], 0.0, after.slip)
         loads, law, laws = body.loads, self.law, self.overclosure
-        return ContactSystem(body, rows, loads, law, friction, slip_from, motion, laws, now)
+        rigid = self.rigid(now)
+        return ContactSystem(body, rows, loads, law, friction, slip_from, motion, laws, rigid)
+
+    def rigid(self, opposite: Any) -> Any:
+        """The obstacles alone, of pairs with None where the other side is elastic."""
+        if not self.pairs:
+            return opposite
+        each = zip(self.pairs, opposite, strict=True)
+        return [None if pair.two_bodies else o for pair, o in each]
 
     def with_travel(
         self,

@@ -256,7 +256,8 @@ class GridContact:
                 if i:
                     l[i] = share / share.sum() * problem.force[i]
             l, a = _with_friction(problem, law, (l, a), inner, report)
-        result = certified(problem, law, (l, a), case, tol, tuple(history))
+        lines, given, way = tuple(history), case.motion, case.travel
+        result = certified(problem, law, (l, a), given, tol, lines, way)
         return replace(result, _proof=(case, a, tol))
 
     def history(

@@ -157,7 +157,7 @@ class GridResult(FieldsInside):
         limit = max(2 * tol, 1e-12)
         try:
             state = problem.xp.asarray(forces), a
-            result = certified(problem, law, state, case, limit, history)
+            result = certified(problem, law, state, case.motion, limit, history, case.travel)
         except NotConverged as error:
             raise InputError(
                 f"result file {path}: its solution does not solve the problem beside it: {error}"
@@ -329,11 +329,16 @@ def certified(
     problem: GridProblem,
     law: GridFriction,
     state: tuple[Grid, Any],
-    case: GridCase,
+    given: Array,
     tol: float,
     history: tuple[Iteration, ...],
+    travel: Array | None = None,
 ) -> GridResult:
-    """The result of forces and motions, or `NotConverged` where a residual exceeds tol."""
+    """The result of forces and motions, or `NotConverged` where a residual exceeds tol.
+
+    `given` are the prescribed motions of the obstacle, NaN where it is driven by a force, and
+    `travel` is the path of its shape.
+    """
     (l, a), xp = state, problem.xp
     pressed, bound = problem.W(l), law.bound(xp.maximum(l[0], 0.0))
     v = problem.v0 - pressed + problem.moved(a)
@@ -353,9 +358,9 @@ def certified(
     order, sign = problem.order
     motion = np.empty(len(order))
     motion[order] = -np.asarray(a) * np.array([sign] + [1.0] * (len(order) - 1))
-    motion = np.where(np.isnan(case.motion), motion, case.motion)
+    motion = np.where(np.isnan(given), motion, given)
     across = order[1:]
-    moved = (motion if case.travel is None else motion + case.travel)[across]
+    moved = (motion if travel is None else motion + travel)[across]
     relative = u[across] - xp.asarray(moved).reshape((-1,) + (1,) * (u.ndim - 1))
     area = float(np.prod(problem.compliance.spacing))
     if hasattr(problem.compliance, "weights"):
