@@ -343,7 +343,17 @@ class Rough:
         return float(np.sqrt(np.sum(np.sum(q**2, axis=0) * C) / np.prod(self._surface.lengths)))
 
     def motion_from(self, before: Rough) -> RigidMotion | None:
-        """The motion of `point` and of the axes of the grid, where the heights are the same."""
+        """How `point` and the axes of the grid have moved.
+
+        Parameters
+        ----------
+        before : Rough
+
+        Returns
+        -------
+        RigidMotion or None
+            None where the heights are not the same.
+        """
         same = before.heights is self.heights or np.array_equal(before.heights, self.heights)
         settings = ("lengths", "periodic", "interpolation")
         if not same or any(getattr(before, name) != getattr(self, name) for name in settings):

@@ -291,7 +291,17 @@ class SurfaceMesh:
         return moved
 
     def motion_from(self, before: SurfaceMesh) -> RigidMotion | None:
-        """The motion of the points, if it is a rigid one."""
+        """How the points have moved.
+
+        Parameters
+        ----------
+        before : SurfaceMesh
+
+        Returns
+        -------
+        RigidMotion or None
+            None where it is no rigid motion.
+        """
         if (before.hollow, before.sheet) != (self.hollow, self.sheet):
             return None
         if before._flat is self._flat:  # `translated`
