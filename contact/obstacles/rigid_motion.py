@@ -133,7 +133,10 @@ def turn_of(R: Array) -> Array | None:
         turn = np.array([np.arctan2(R[1, 0], R[0, 0])])
     else:
         turn = np.asarray(scipy.spatial.transform.Rotation.from_matrix(R).as_rotvec())
-    return None if np.linalg.norm(turn) > _HALF_TURN else turn
+    angle = np.linalg.norm(turn)
+    if angle > _HALF_TURN:
+        return None
+    return turn if angle > 1e-14 else 0.0 * turn  # the rounding of a product of matrices
 
 
 def matrix_of(rotation: Array) -> Array:

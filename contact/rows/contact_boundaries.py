@@ -244,7 +244,10 @@ class ContactBoundaries:
 
 def _is_axial(motion: RigidMotion) -> bool:
     """Whether a motion of the section is one of the ring: along the axis y."""
-    return motion.still or not (motion.translation[0] or np.any(motion.rotation))
+    if motion.still:
+        return True
+    size = np.abs(motion.about).max() + np.abs(motion.translation).max()
+    return abs(motion.translation[0]) <= 1e-12 * size and not np.any(motion.rotation)
 
 
 def _refuse_overlap(places: list[NDArray[np.int64]], name: str) -> None:

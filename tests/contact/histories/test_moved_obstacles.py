@@ -418,6 +418,13 @@ def test_rings():
     same(shaft, pushed(lambda t: Rigid(Plane((1.01, 0.0), (1, 0)), displacement=(None, 0.3 * t))))
     with pytest.raises(InputError, match="motion"):
         pushed(lambda t: Plane((1.01 + 0.01 * t, 0.3 * t), (1, 0)))
+    tube = np.array([[0.5, 1.01, 1.01, 0.5], [-2.0, -2.0, 2.0, 2.0]])
+    mesh = SurfaceMesh(tube, [[0, 1, 2, 3], [1, 2, 3, 0]])
+    for drawn in (lambda t: Moved(mesh, (0.0, 0.3 * t)), lambda t: mesh.translated((0, 0.3 * t))):
+        assert pushed(drawn).resultant[1] == pytest.approx(shaft.resultant[1], rel=1e-9)
+    along = np.array([[0.0], [0.3]])
+    made = pushed(lambda t: SurfaceMesh(tube + t * along, mesh.facets))
+    assert made.resultant[1] == pytest.approx(shaft.resultant[1], rel=1e-9)
     grown = pushed(lambda t: Plane((1.0 + 0.01 * t, 0.0), (1, 0)), motion=lambda t: (0.0, 0.3 * t))
     assert grown.resultant[1] == pytest.approx(F * grown.mu.sum(), rel=1e-9)
 
