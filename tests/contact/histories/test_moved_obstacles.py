@@ -165,7 +165,7 @@ def balls(c, R):
     yield "Moved Plane", Moved(Plane((0, 0, 0), (0, 0, -1)), c, rotvec, pole), True
     yield "Cylinder", Cylinder(np.array(pole) + c, 1.0, R @ (0.0, 1.0, 0.0)), True
     yield "Rough", Moved(Rough(heights, (2.0, 2.0), normal=(0, 0, -1)), c, rotvec, pole), True
-    yield "Cone", Cone(at, R @ (0.0, 0.0, 1.0), 1.4), False
+    yield "Cone", Cone(at, R @ (0.0, 0.0, 1.0), 1.52), False
 
 
 @pytest.mark.sampled(6)
