@@ -28,7 +28,7 @@ from contact.obstacles.cone import Cone
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.rough import Rough
 from contact.obstacles.self_affine import self_affine
-from contact.obstacles.shapes import ClosestPoint, Cylinder, Parabola, Plane, Sphere
+from contact.obstacles.shapes import ClosestPoint, Cylinder, Moved, Parabola, Plane, Sphere
 from contact.obstacles.signed_distance import SignedDistance
 from contact.obstacles.surface_mesh import SurfaceMesh
 from contact.problem.contact_problem import ContactProblem
@@ -72,6 +72,7 @@ __all__ = [
     "LoadStep",
     "LoadStepper",
     "MissingDependency",
+    "Moved",
     "NotConverged",
     "Orthotropic",
     "Pair",

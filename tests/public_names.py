@@ -80,7 +80,8 @@ _REASONS = {
         gpu.KKT gpu.LQRResult gpu.QPFactor
         gpu.QPResult gpu.Status gpu.Step""",
     "geometry of school": """
-        contact.ClosestPoint contact.Cylinder contact.Plane contact.Rigid contact.Sphere""",
+        contact.ClosestPoint contact.Cylinder contact.Moved contact.Plane contact.Rigid
+        contact.Sphere""",
     "follows from the dofs of the elements, whose docstrings have the source": """
         skfem_adini.essential_constraints skfem_adini.essential_dofs skfem_adini.hanging_constraints
         skfem_adini.nodal_gradient skfem_adini.nodal_stress skfem_adini.project_trace""",

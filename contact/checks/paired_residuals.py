@@ -76,6 +76,8 @@ class PairedResiduals:
             u_n = u_n - rows_times(motion.normal, known)
             u_t = u_t - rows_times(motion.tangent, known)
         u_t = u_t.reshape(*self.t.shape)
+        if motion is not None and motion.travel is not None:
+            u_t = u_t - motion.travel
         return u_n, u_t if self.system.slip_from is None else u_t - self.system.slip_from
 
     def _contact(self, through: Array) -> dict[str, float]:

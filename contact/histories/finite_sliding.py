@@ -31,10 +31,13 @@ from contact.histories.rotations import refuse_large_rotations
 from contact.histories.sliding_newton import newton_step
 from contact.laws.iteration import Iteration
 from contact.laws.status import Status
+from contact.obstacles.rigid import ObstacleMotion
+from contact.obstacles.rigid_motion import same_gaps
 from contact.result.certify import certify
 from contact.result.contact_result import ContactResult
 from contact.result.contact_system import ContactSystem
 from contact.rows.contact_boundaries import ContactBoundaries
+from contact.rows.contact_rows import ContactRows
 from contact.rows.interfaces import Interfaces
 
 if TYPE_CHECKING:
@@ -97,7 +100,12 @@ class FiniteSliding:
         self._condensed: tuple[Any, CondensedContact] | None = None
 
     def step(
-        self, body: Any, last: ContactResult | None, near: Array | None, options: Options
+        self,
+        body: Any,
+        last: ContactResult | None,
+        near: Array | None,
+        options: Options,
+        moving: dict[str, Any],
     ) -> ContactResult:
         """Solve one step.
 
@@ -110,6 +118,8 @@ class FiniteSliding:
         near : ndarray, shape (ndofs,), or None
             Where to look first; default: the last step.
         options : Options
+        moving : dict
+            Rigid obstacles that vary, as for `ContactProblem.system_of`.
 
         Raises
         ------
@@ -123,7 +133,7 @@ class FiniteSliding:
         u, result, change = (rest if near is None else near), last, np.inf
         kept, lines = self._all_kept(), list[Iteration]()
         for k in range(PROJECTIONS):
-            system, here = self._system(body, u, last)
+            system, here = self._system(body, u, last, moving)
             condensed = kept.touched_by(body, system.rows)
             found = self._newton(system, here, condensed, rest, result, options) if k else None
             if found is None:
@@ -137,7 +147,7 @@ class FiniteSliding:
             ahead = change if found is None else min(change, change**2 / before)
             if ahead <= SETTLED * options.tol * size:
                 break
-        again, _ = self._system(body, u, last)
+        again, _ = self._system(body, u, last, moving)
         if result is not None and again.rows.gap.size == result.mu.size:
             result = replace(result, system=again, history=tuple(lines))
             certify(result, options.tol, result.slack)
@@ -183,7 +193,7 @@ class FiniteSliding:
         return kept[1]
 
     def _system(
-        self, body: Any, u: Array, last: ContactResult | None
+        self, body: Any, u: Array, last: ContactResult | None, moving: dict[str, Any]
     ) -> tuple[ContactSystem, Interfaces]:
         """The system of small sliding about the displacement u, and its projected rows."""
         problem = self._problem
@@ -192,19 +202,65 @@ class FiniteSliding:
         except InputError:  # perhaps because of a rotation
             refuse_large_rotations(self._interfaces, u, self._angle)
             raise
-        rows, motion = here.rows, here.motion(None)
+        rows, now = here.rows, moving.get("obstacle", problem.opposite)
+        if moving:
+            rows = replace(rows, gap=here.gap(now))
         friction = here.friction(problem.given_friction)
+        motion, before = self._motion(here, rows, friction, last, moving)
         if problem.law == "tresca":
             friction = friction * rows.weights
         slip_from = None
         if last is not None:
-            slip_from = (rows.T @ last.u).reshape(rows.gap.size, -1)
+            slip_from = (rows.T @ last.u).reshape(rows.gap.size, -1) - before
             slip_from[rows.ties] = 0.0
-            if motion is not None and last.motion is not None:
-                slip_from = slip_from - motion.displacement(last.motion)[1]
         law, laws = problem.law, problem.overclosure
-        system = ContactSystem(body, rows, body.f, law, friction, slip_from, motion, laws)
+        rigid = problem.rigid(now)
+        system = ContactSystem(body, rows, body.f, law, friction, slip_from, motion, laws, rigid)
         return system, here
+
+    def _motion(
+        self,
+        here: Interfaces,
+        rows: ContactRows,
+        friction: Array,
+        last: ContactResult | None,
+        moving: dict[str, Any],
+    ) -> tuple[ObstacleMotion | None, Array]:
+        """Motions of rigid obstacles now, and their w_t of the last step at the present points."""
+        now = moving.get("obstacle", self._problem.opposite)
+        motion = here.motion(now)
+        travel = np.zeros((rows.gap.size, rows.tangents.shape[1]))
+        gap, before = self._problem.rows.gap, None
+        if last is not None:  # rigid sides keep their points, whose numbers change
+            gap, before = last.system.rows.gap, last.system.motion
+        at, of = (
+            _rigid_points(r, self._interfaces)
+            for r in (rows, last.system.rows if last else self._problem.rows)
+        )
+        was, w = np.full(rows.gap.size, np.nan), travel.copy()
+        was[at] = gap[of]
+        if before is not None and last is not None and last.motion is not None:
+            w[at] = before.displacement(last.motion)[1][of]
+            if before.travel is not None:
+                travel[at] = before.travel[of]
+        if moving:
+            travel = travel + here.travel(
+                moving["since"],
+                now,
+                moving["said"],
+                unchanged=same_gaps(was, rows.gap),
+                felt=friction,
+                first=last is None,
+            )
+        if np.any(travel):
+            motion = ObstacleMotion.with_travel(motion, travel)
+        return motion, w
+
+
+def _rigid_points(rows: ContactRows, interfaces: Interfaces) -> NDArray[np.int64]:
+    """Contact points opposite rigid obstacles, in their order."""
+    rigid = [isinstance(side, ContactBoundaries) for side in interfaces.sides]
+    return np.flatnonzero(np.array(rigid)[rows.part])
 
 
 def _line(k: int, result: ContactResult, change: float) -> Iteration:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from contact.body.elastic_body import Field
     from contact.body.solid import Solid
     from contact.problem.contact_problem import ContactProblem
+    from contact.rows.pairs import Pair
 
 Array = NDArray[np.float64]
 Boundary = str | Sequence[str] | ArrayLike
@@ -40,7 +41,7 @@ class LoadProgram(Portable):
         self._loads: list[tuple[Array, Factor]] = []
         self._heats: list[tuple[int, Array, Factor]] = []
         self._motions: list[tuple[Array, Factor]] = []
-        self._obstacle: Callable[[float], ObstacleLike] | None = None
+        self._obstacle: list[tuple[int | None, Callable[[float], ObstacleLike], Any]] = []
 
     def load(
         self,
@@ -200,30 +201,84 @@ class LoadProgram(Portable):
         self._motions.append((moved_by, checked_factor(factor)))
         return self
 
-    def obstacle(self, of_time: Callable[[float], ObstacleLike]) -> Self:
+    def obstacle(
+        self,
+        of_time: Callable[[float], ObstacleLike],
+        *,
+        motion: Callable[[float], Any] | float | None = None,
+        pair: Pair | int | None = None,
+    ) -> Self:
         """Let the obstacle vary: what `ContactProblem` takes as obstacle, as a function of time.
+
+        Friction acts on the slip along the obstacle where it is, so its motion must be known. A
+        shape that stays the same tells it from step to step: a `Moved` every motion; a Plane, Cone
+        or Rough the translation of its point and the smallest rotation of its direction; a Cylinder
+        likewise and a Sphere that of its centre, not a spin about them; a SurfaceMesh that of its
+        points. The first step is counted from the obstacle of the problem. A plain number moves
+        along the normal. Where the gap changes otherwise and friction is not zero, `motion` is
+        asked for.
 
         Parameters
         ----------
         of_time : callable t -> obstacle, number, array or callable
-            E.g. ``lambda t: Plane((0, -0.03 + 0.01 * t), (0, 1))``, or a `Rigid` whose motion or
-            force depends on t: friction then sees it move. A `ClosestPoint` must keep its
-            directions, those of the problem's own: within a `Rigid` it may move.
+            E.g. ``lambda t: Moved(tool, (0.3 * t, -0.02))``, or a `Rigid` whose small motion or
+            force depends on t. A `ClosestPoint` must keep its directions, those of the problem's
+            own: within a `Rigid` it may move.
+        motion : callable t -> sequence of float, or 0, optional
+            Displacement of the obstacle since the state of rest, of its points where they touch,
+            where its shape does not tell it or tells another one: that of a `Rigid` is counted on
+            its own. 0, for all times or returned: it moves along the normal only. Of several
+            boundaries a list, with None for what the shapes tell.
+        pair : Pair or int, optional
+            Which one, or its number, in a problem given as pairs: its rigid obstacle varies.
 
         Raises
         ------
         InputError
-            Not a function.
+            Not a function; no pair of the problem, or one of two elastic bodies.
         """
-        if self.problem.pairs:
-            raise InputError(
-                "obstacle: where bodies touch each other, let a Rigid move by its displacement or "
-                "force, or move the supports of a body"
-            )
         if not callable(of_time):
             raise InputError(f"obstacle: expected a function of time, got {of_time!r}")
-        self._obstacle = of_time
+        is_zero = isinstance(motion, int | float) and motion == 0
+        if not (motion is None or callable(motion) or is_zero):
+            raise InputError(f"motion={motion!r}: expected a function of time, or 0")
+        which = self._rigid_pair(pair)
+        self._obstacle = [entry for entry in self._obstacle if entry[0] != which]
+        self._obstacle.append((which, of_time, motion))
         return self
+
+    def _rigid_pair(self, pair: Any) -> int | None:
+        """The number of a pair whose obstacle is rigid; None in a problem without pairs."""
+        pairs = self.problem.pairs
+        if not pairs and pair is None:
+            return None
+        number = pair if isinstance(pair, int) and not isinstance(pair, bool) else None
+        if number is None:
+            number = next((k for k, one in enumerate(pairs) if one is pair), None)
+        rigid = [k for k, one in enumerate(pairs) if not one.two_bodies]
+        if number not in rigid:
+            known = ", ".join(f"pair={k}" for k in rigid) or "none has a rigid obstacle"
+            raise InputError(
+                f"pair={pair!r}: expected a Pair of the problem whose obstacle is rigid, or its "
+                f"number ({known}); elastic bodies are moved by their supports, `move`"
+            )
+        return number
+
+    def _obstacle_at(self, t: float) -> Any:
+        """The obstacle at a time, NaN in rest, or a list with what lies opposite in each pair."""
+        found = self.problem.opposite
+        for which, way, _ in [] if np.isnan(t) else self._obstacle:
+            if which is None:
+                return way(t)
+            found[which] = way(t)
+        return found
+
+    def _said_between(self, begin: float, end: float) -> Any:
+        """How far obstacles have moved, as far as the caller says it; begin is NaN in rest."""
+        said = {which: _change(motion, begin, end) for which, _, motion in self._obstacle}
+        if not self.problem.pairs:
+            return said.get(None)
+        return [said.get(k) for k in range(len(self.problem.pairs))]
 
     def _body_at(self, t: float) -> Any:
         base = self.problem.body
@@ -243,3 +298,25 @@ class LoadProgram(Portable):
         vectors = [vector for vector, _ in (*self._loads, *self._motions)]
         vectors += [strain for _, strain, _ in self._heats]
         return fingerprint(self.problem.system, vectors)
+
+
+def _change(motion: Any, begin: float, end: float) -> Any:
+    """The change of a displacement, number by number, of a list entry by entry."""
+    if motion is None or not callable(motion):
+        return motion
+    now, before = motion(end), 0.0 if np.isnan(begin) else motion(begin)
+    several = isinstance(now, list | tuple) and any(v is None or np.ndim(v) for v in now)
+    if not several:
+        return _difference(now, before)
+    were = before if isinstance(before, list | tuple) else [before] * len(now)
+    if len(were) != len(now):
+        raise InputError(f"motion: {len(now)} at t={end}, {len(were)} at t={begin}")
+    return [_difference(one, was) for one, was in zip(now, were, strict=True)]
+
+
+def _difference(now: Any, before: Any) -> Any:
+    return (
+        None
+        if now is None or before is None
+        else numbers("motion", now) - numbers("motion", before)
+    )

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +26,6 @@ from contact.settled import settled
 if TYPE_CHECKING:
     from contact.problem.contact_problem import ContactProblem
     from contact.result.contact_result import ContactResult
-    from contact.result.contact_system import ContactSystem
 
 Array = NDArray[np.float64]
 Boundary = str | Sequence[str] | ArrayLike
@@ -137,7 +136,7 @@ class LoadStepper(LoadProgram):
         return len(body._supports), len(body._couplings)
 
     def __repr__(self) -> str:
-        varied = len(self._loads) + len(self._motions) + (self._obstacle is not None)
+        varied = len(self._loads) + len(self._motions) + len(self._obstacle)
         return f"LoadStepper({self.problem!r}; {varied} vary; {len(self.history)} steps finished)"
 
     def step(self, time: float) -> ContactResult:
@@ -264,7 +263,8 @@ class LoadStepper(LoadProgram):
         with folder.locked():
             history = LoadHistory()
             for t, result in zip(folder.times, folder.finished(self.problem.system), strict=False):
-                now = self._system_at(float(t), None)
+                moving = {"obstacle": self._obstacle_at(float(t))} if self._obstacle else {}
+                now = self.problem.system_of(self._body_at(float(t)), **moving)
                 if not same_conditions(now, result.system, self._finite is None):
                     raise another  # another function of time
                 history = history.extended(float(t), result)
@@ -302,7 +302,8 @@ class LoadStepper(LoadProgram):
         try:
             if self._finite is not None:
                 near = None if last is None else self._extrapolated(last, begin, end).u
-                return self._finite.step(self._body_at(end), last, near, self.options)
+                moving = self._moving(last, begin, end)
+                return self._finite.step(self._body_at(end), last, near, self.options, moving)
             return self._small_step(last, begin, end)
         except NotConverged:
             if halvings == 0 or last is None:
@@ -315,18 +316,24 @@ class LoadStepper(LoadProgram):
     def _small_step(self, last: ContactResult | None, begin: float, end: float) -> ContactResult:
         problem = self.problem
         condensed = problem.condense()  # from now on the body computes where it was condensed
-        system = self._system_at(end, last)
+        system = problem.system_of(self._body_at(end), last, **self._moving(last, begin, end))
         condensed = condensed.under(system.body)
         start = last if last is None else self._extrapolated(last, begin, end)
-        obstacle = problem.obstacle if self._obstacle is None else self._obstacle(end)
         result = problem.solve_system(system, condensed, self.options, start)
-        warn_of_sagitta(result, problem.boundaries.rise(obstacle), condensed, self.options)
+        rise = problem.boundaries.rise(system.obstacle)
+        warn_of_sagitta(result, rise, condensed, self.options)
         return result
 
-    def _system_at(self, t: float, last: ContactResult | None) -> ContactSystem:
-        """The discrete system at a time, after the last step."""
-        obstacle = () if self._obstacle is None else (self._obstacle(t),)
-        return self.problem.system_of(self._body_at(t), last, *obstacle)
+    def _moving(self, last: ContactResult | None, begin: float, end: float) -> dict[str, Any]:
+        """The obstacle, where it was in the last step, and what is said of the way between."""
+        if not self._obstacle:
+            return {}
+        before = np.nan if last is None else begin
+        return {
+            "obstacle": self._obstacle_at(end),
+            "since": self._obstacle_at(before),
+            "said": self._said_between(before, end),
+        }
 
     def _extrapolated(self, last: ContactResult, begin: float, end: float) -> ContactResult:
         """Linear extrapolation of the last two steps: a start that saves about one Newton step."""

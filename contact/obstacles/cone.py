@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from contact.errors import InputError
 from contact.obstacles.arguments import column, finite_number, keep_vectors, vector
+from contact.obstacles.rigid_motion import RigidMotion, turn_between
 
 Array = NDArray[np.float64]
 
@@ -79,3 +80,10 @@ class Cone:
         inside = (rest <= 0) & (h >= 0)
         reach = h + d * c >= -1e-12 * np.abs(h)
         return np.where(enters & reach & ((d >= 0) | inside), d, np.inf)
+
+    def motion_from(self, before: Cone) -> RigidMotion | None:
+        """The motion of the apex, with the smallest rotation between the axes."""
+        if before.half_angle != self.half_angle:
+            return None
+        turn = turn_between(vector("axis", before.axis), vector("axis", self.axis))
+        return None if turn is None else RigidMotion.between(before.apex, self.apex, turn)

@@ -11,7 +11,7 @@ from skfem import Mesh
 
 from contact.errors import InputError, warn
 from contact.facet_basis import facet_basis
-from contact.obstacles.shapes import ClosestPoint, Cylinder, Plane, Sphere
+from contact.obstacles.shapes import ClosestPoint, Cylinder, Moved, Plane, Sphere
 from contact.obstacles.surface_mesh import SurfaceMesh
 
 Array = NDArray[np.float64]
@@ -46,6 +46,8 @@ def check_placement(obstacle: Any, gap: Array, x: Array, n: Array, size: float) 
         return
     plain = obstacle.obstacle if isinstance(obstacle, ClosestPoint) else obstacle
     x, n = x.reshape(x.shape[0], -1), n.reshape(n.shape[0], -1)
+    if isinstance(plain, Moved):
+        (x, n), plain = plain.at_home(x, n), plain.obstacle
     if isinstance(plain, Plane):
         _check_facing(plain, n)
     share = float(np.mean(_within(plain, x, n, size)))

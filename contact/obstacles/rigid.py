@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact.errors import InputError, array_of, numbers
-from contact.obstacles.shapes import ObstacleLike
 
 _ACROSS = 1e-12  # of the largest: a displacement along a tangent that is rounding
 
 Array = NDArray[np.float64]
 Components = float | Sequence[float | None]
+ObstacleLike = Any  # an obstacle, a number, a callable x -> d, an array of one gap a point, or None
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,9 @@ class Rigid:
     The contact law acts on the relative displacement: :math:`u_n - w_n \le d`, and friction on
     :math:`u_t - w_t`. Every component of the translation c and of the rotation theta is either
     prescribed or free; a free one is found such that the contact forces balance the given force or
-    moment. Motions are assumed small: for a large motion along a curved obstacle define the
-    obstacle at its new position.
+    moment. Motions are assumed small: the gap changes by w_n at the place where the contact was.
+    For a large motion give the obstacle at its new place, in a history as a `Moved`, which may be
+    within: friction acts on the sum of both.
 
     Parameters
     ----------
@@ -131,12 +132,25 @@ class ObstacleMotion:
         NaN for a free motion.
     force : ndarray, shape (k,)
         External force or moment on a free motion; NaN elsewhere.
+    travel : ndarray, shape (m, dim - 1), optional
+        Tangential path of the obstacles' own shapes, from the state of rest through all steps of a
+        history; their normal one is in the gap.
     """
 
     normal: Array
     tangent: Array
     prescribed: Array
     force: Array
+    travel: Array | None = None
+
+    @classmethod
+    def with_travel(cls, motion: ObstacleMotion | None, travel: Array) -> ObstacleMotion:
+        """The motion besides, or only, the path of the shapes."""
+        if motion is not None:
+            return replace(motion, travel=travel)
+        m, slips = travel.shape
+        none = np.zeros(0)
+        return cls(np.zeros((m, 0)), np.zeros((m * slips, 0)), none, none, travel)
 
     @property
     def free(self) -> NDArray[np.bool_]:
@@ -153,7 +167,8 @@ class ObstacleMotion:
     def displacement(self, motion: Array) -> tuple[Array, Array]:
         """w_n (m,) and w_t (m, dim - 1) of the contact points; a NaN motion counts as zero."""
         known = np.nan_to_num(motion)
-        return self.normal @ known, (self.tangent @ known).reshape(self.normal.shape[0], -1)
+        along = (self.tangent @ known).reshape(self.normal.shape[0], -1)
+        return self.normal @ known, along if self.travel is None else along + self.travel
 
     def unbalanced(self, mu: Array, t: Array) -> Array:
         """Contact forces on the free motions plus the given forces: zero in equilibrium."""

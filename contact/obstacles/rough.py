@@ -15,6 +15,7 @@ from contact.errors import InputError, array_of, evaluated, numbers
 from contact.obstacles.arguments import column, flag, positive_number, vector
 from contact.obstacles.height_files import read_heights
 from contact.obstacles.height_spline import DEGREES, HeightSpline
+from contact.obstacles.rigid_motion import RigidMotion, turn_of
 from contact.obstacles.signed_distance import SignedDistance
 
 Array = NDArray[np.float64]
@@ -340,6 +341,26 @@ class Rough:
         """Root mean square of the gradient's length, by the derivative of the Fourier series."""
         q, C = self.spectrum()
         return float(np.sqrt(np.sum(np.sum(q**2, axis=0) * C) / np.prod(self._surface.lengths)))
+
+    def motion_from(self, before: Rough) -> RigidMotion | None:
+        """How `point` and the axes of the grid have moved.
+
+        Parameters
+        ----------
+        before : Rough
+
+        Returns
+        -------
+        RigidMotion or None
+            None where the heights are not the same.
+        """
+        same = before.heights is self.heights or np.array_equal(before.heights, self.heights)
+        settings = ("lengths", "periodic", "interpolation")
+        if not same or any(getattr(before, name) != getattr(self, name) for name in settings):
+            return None
+        (p, *was), (q, *now) = before._frame, self._frame
+        turn = turn_of(np.vstack(now).T @ np.vstack(was))
+        return None if turn is None else RigidMotion.between(p, q, turn)
 
     def _on_plane(self, x: Array) -> Array:
         """Coordinates on the plane (dim - 1, ...) of places x."""

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact.errors import InputError, evaluated
+from contact.errors import InputError, evaluated, numbers
 from contact.obstacles.arguments import (
     column,
     finite_number,
@@ -26,12 +26,19 @@ from contact.obstacles.arguments import (
     vector,
 )
 from contact.obstacles.cone import Cone
+from contact.obstacles.rigid import ObstacleLike as ObstacleLike
+from contact.obstacles.rigid_motion import (
+    RigidMotion,
+    matrix_of,
+    motion_between,
+    turn_between,
+    turn_of,
+)
 from contact.obstacles.rough import Rough
 from contact.obstacles.signed_distance import SignedDistance
 from contact.obstacles.surface_mesh import SurfaceMesh
 
 Array = NDArray[np.float64]
-ObstacleLike = Any  # an obstacle, a number, a callable x -> d, an array of one gap a point, or None
 
 
 @dataclass(frozen=True)
@@ -75,6 +82,11 @@ class Plane:
             raise InputError("normal: the zero vector is no direction")
         unit = column(normal / np.linalg.norm(normal), x)
         return np.sum((x - column(point, x)) * unit, axis=0), np.broadcast_to(unit, x.shape)
+
+    def motion_from(self, before: Plane) -> RigidMotion | None:
+        """The motion of `point`, with the smallest rotation between the normals."""
+        turn = turn_between(vector("normal", before.normal), vector("normal", self.normal))
+        return None if turn is None else RigidMotion.between(before.point, self.point, turn)
 
 
 def _first_meeting(x: Array, n: Array, radius: float) -> Array:
@@ -149,6 +161,16 @@ class Cylinder:
         centre = column(vector("centre", self.centre), x)
         return _from_centre(self, self._across(x - centre))
 
+    def motion_from(self, before: Cylinder) -> RigidMotion | None:
+        """The motion of the centre, with the smallest rotation between the axes."""
+        if (before.radius, before.hollow) != (self.radius, self.hollow):
+            return None
+        if len(self.centre) == 2:
+            return RigidMotion.between(before.centre, self.centre)
+        one, other = vector("axis", before.axis), vector("axis", self.axis)
+        turn = turn_between(one, other if one @ other >= 0 else -other)  # an axis has no sense
+        return RigidMotion.between(before.centre, self.centre, turn)
+
 
 @dataclass(frozen=True)
 class Sphere:
@@ -183,6 +205,12 @@ class Sphere:
         """Signed distance of x and its gradient."""
         centre = column(vector("centre", self.centre), x)
         return _from_centre(self, x - centre)
+
+    def motion_from(self, before: Sphere) -> RigidMotion | None:
+        """The motion of the centre, without rotation."""
+        if (before.radius, before.hollow) != (self.radius, self.hollow):
+            return None
+        return RigidMotion.between(before.centre, self.centre)
 
 
 @dataclass(frozen=True)
@@ -225,6 +253,12 @@ class Parabola:
             2 * positive_number("radius", self.radius)
         )
 
+    def motion_from(self, before: Parabola) -> RigidMotion | None:
+        """The motion of the apex; `offset` is one along the normal."""
+        if before.radius != self.radius:
+            return None
+        return RigidMotion.between(before.apex, self.apex)
+
 
 @dataclass(frozen=True)
 class ClosestPoint:
@@ -237,7 +271,7 @@ class ClosestPoint:
 
     Parameters
     ----------
-    obstacle : Plane, Cylinder, Sphere, SurfaceMesh, SignedDistance or Rough
+    obstacle : Plane, Cylinder, Sphere, SurfaceMesh, SignedDistance, Rough, or one of them `Moved`
 
     Raises
     ------
@@ -256,7 +290,8 @@ class ClosestPoint:
 
     def __post_init__(self) -> None:
         known = (Plane, Cylinder, Sphere, SurfaceMesh, SignedDistance, Rough)
-        if not isinstance(self.obstacle, known):
+        within = self.obstacle.obstacle if isinstance(self.obstacle, Moved) else self.obstacle
+        if not isinstance(within, known):
             raise InputError(
                 f"ClosestPoint: a {type(self.obstacle).__name__} has no distance; use a Plane, "
                 "Cylinder, Sphere, SurfaceMesh, SignedDistance or Rough"
@@ -269,6 +304,117 @@ class ClosestPoint:
     def direction(self, x: Array) -> Array:
         """Unit vectors from x towards the closest point of the obstacle's surface, (dim, ...)."""
         return -np.asarray(self.obstacle.distance(x)[1])
+
+    def motion_from(self, before: ClosestPoint) -> RigidMotion | None:
+        """That of the obstacle within."""
+        return motion_between(before.obstacle, self.obstacle)
+
+
+@dataclass(frozen=True)
+class Moved:
+    r"""A shape at another place, by any distance and angle: ``x -> R (x - centre) + centre + c``.
+
+    It is the way to give a tool with a large motion to `LoadStepper.obstacle`: gaps are those of
+    the tool where it is, and friction sees every point of its surface move, from step to step. A
+    `Rigid` instead makes small motions, by forces too, and may hold a `Moved`.
+
+    Parameters
+    ----------
+    obstacle : Plane, Cylinder, Sphere, Cone, SurfaceMesh, Rough or SignedDistance
+        The same in every step of a history.
+    displacement : sequence of float
+        Translation c, one number a direction.
+    rotation : float (2-D) or sequence of 3 (3-D)
+        Angle in radians, counter-clockwise, or the rotation vector; whole turns count.
+    centre : sequence of float, optional
+        The point that the rotation leaves in its place. Default: the origin.
+
+    Raises
+    ------
+    InputError
+        An obstacle that is no such shape, wrong lengths, numbers that are not finite.
+
+    Examples
+    --------
+    >>> wheel = Cylinder((0.0, -1.0), 1.0)
+    >>> moved = Moved(wheel, (0.5, -0.1), rotation=-0.5, centre=(0.0, -1.0))
+    >>> moved(np.array([[0.5], [0.0]]), np.array([[0.0], [-1.0]])).round(12).tolist()
+    [0.1]
+    """
+
+    obstacle: Any
+    displacement: Sequence[float]
+    rotation: float | Sequence[float] = 0.0
+    centre: Sequence[float] | None = None
+
+    def __post_init__(self) -> None:
+        known = (Plane, Cylinder, Sphere, Cone, SurfaceMesh, Rough, SignedDistance)
+        if not isinstance(self.obstacle, known):
+            raise InputError(
+                f"Moved: a {type(self.obstacle).__name__} is no shape to be moved and turned; "
+                f"expected one of {', '.join(kind.__name__ for kind in known)}. Move the apex and "
+                "the offset of a Parabola; put a Moved into Rigid and ClosestPoint"
+            )
+        c = vector("displacement", self.displacement)
+        size = 1 if c.size == 2 else 3
+        turn = np.atleast_1d(numbers("rotation", self.rotation))
+        if turn.size == 1 and not np.any(turn):
+            turn = np.zeros(size)
+        if turn.shape != (size,) or not np.all(np.isfinite(turn)):
+            raise InputError(
+                f"rotation={self.rotation!r}: expected {'an angle' if size == 1 else '3 numbers'}"
+            )
+        centre = np.zeros(c.size) if self.centre is None else vector("centre", self.centre)
+        if centre.size != c.size:
+            raise InputError(f"centre={self.centre!r}: expected {c.size} finite numbers")
+        for name, value in (("displacement", c), ("rotation", turn), ("centre", centre)):
+            object.__setattr__(self, name, tuple(value.tolist()))
+
+    def __call__(self, x: Array, n: Array) -> Array:
+        """Return the gap along n from x; both of shape (dim, ...)."""
+        return np.asarray(self.obstacle(*self.at_home(x, n)))
+
+    def distance(self, x: Array) -> tuple[Array, Array]:
+        """Signed distance of x and its gradient."""
+        d, gradient = self.obstacle.distance(self.at_home(x, x)[0])
+        return d, np.tensordot(self._matrix, gradient, axes=1)
+
+    def at_home(self, x: Array, n: Array) -> tuple[Array, Array]:
+        """Places and directions as the obstacle sees them where it is given."""
+        centre, c = np.asarray(self.centre), np.asarray(self.displacement)
+        back, away = self._matrix.T, x - column(centre + c, x)
+        return np.tensordot(back, away, axes=1) + column(centre, x), np.tensordot(back, n, axes=1)
+
+    @property
+    def _matrix(self) -> Array:
+        return matrix_of(np.asarray(self.rotation))
+
+    @staticmethod
+    def moved_between(before: Any, now: Any) -> RigidMotion | None:
+        """The motion of one shape from one place to another, either of which may be its own."""
+        dim = len(next(o.displacement for o in (before, now) if isinstance(o, Moved)))
+        one, other = (o if isinstance(o, Moved) else _unmoved(o, dim) for o in (before, now))
+        if one is None or other is None:
+            return None
+        within = one.obstacle is other.obstacle or motion_between(one.obstacle, other.obstacle)
+        if within is None or (isinstance(within, RigidMotion) and not within.still):
+            return None
+        first, last = np.asarray(one.rotation), np.asarray(other.rotation)
+        turn: Array | None = last - first  # with whole turns, where the axis is the same
+        if first.size == 3 and np.linalg.norm(np.cross(first, last)) > 1e-14:
+            turn = turn_of(other._matrix @ one._matrix.T)
+        if turn is None:
+            return None
+        end, was = np.asarray(other.centre), np.asarray(one.centre)
+        start = one._matrix @ (end - was) + was + np.asarray(one.displacement)
+        return RigidMotion.between(start, end + np.asarray(other.displacement), turn)
+
+
+def _unmoved(obstacle: Any, dim: int) -> Moved | None:
+    try:
+        return Moved(obstacle, (0.0,) * dim)
+    except InputError:  # no shape
+        return None
 
 
 def _from_centre(obstacle: Cylinder | Sphere, x: Array) -> tuple[Array, Array]:
@@ -304,7 +450,7 @@ def evaluate_gap(obstacle: ObstacleLike, x: Array, n: Array) -> Array:
             f"obstacle: {obstacle.__name__} is a class; give one, {obstacle.__name__}(...)"
         )
     shapes = (Plane, Cylinder, Sphere, Parabola, Cone, SurfaceMesh, Rough)
-    if isinstance(obstacle, (*shapes, SignedDistance, ClosestPoint)):
+    if isinstance(obstacle, (*shapes, SignedDistance, ClosestPoint, Moved)):
         gap = obstacle(x, n)
     else:
         gap = evaluated("obstacle", obstacle, x)

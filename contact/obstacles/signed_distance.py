@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError, evaluated, numbers
+from contact.obstacles.rigid_motion import RigidMotion
 
 Array = NDArray[np.float64]
 
@@ -90,6 +91,10 @@ class SignedDistance:
         if np.any(length < 1e-3 * step):
             raise InputError("SignedDistance: the function is flat at a contact point")
         return self._at(flat).reshape(x.shape[1:]), (gradient / length).reshape(x.shape)
+
+    def motion_from(self, before: SignedDistance) -> RigidMotion | None:
+        """None unless it is the same function, which does not move: see `Moved`."""
+        return RigidMotion.at_rest() if before.function is self.function else None
 
     def _at(self, x: Array) -> Array:
         if not callable(self.function):

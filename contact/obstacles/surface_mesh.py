@@ -22,6 +22,7 @@ from contact.obstacles.facet_checks import (
 )
 from contact.obstacles.facet_rays import gap_to_facets
 from contact.obstacles.flat_facets import FlatFacets
+from contact.obstacles.rigid_motion import RigidMotion, fitted
 from contact.obstacles.surface_files import polydata, read_surface
 
 Array = NDArray[np.float64]
@@ -257,7 +258,7 @@ class SurfaceMesh:
         return np.asarray((near.foot + self._shift).T.reshape(places.shape))
 
     def translated(self, displacement: Sequence[float]) -> SurfaceMesh:
-        """The same surface elsewhere, for `LoadStepper.obstacle`; nothing is checked anew.
+        """The same surface elsewhere; nothing is checked anew. `Moved` turns it as well.
 
         Parameters
         ----------
@@ -288,6 +289,27 @@ class SurfaceMesh:
         moved = copy.copy(self)
         moved._set(points=self.points + move[:, None], _shift=self._shift + move)
         return moved
+
+    def motion_from(self, before: SurfaceMesh) -> RigidMotion | None:
+        """How the points have moved.
+
+        Parameters
+        ----------
+        before : SurfaceMesh
+
+        Returns
+        -------
+        RigidMotion or None
+            None where it is no rigid motion.
+        """
+        if (before.hollow, before.sheet) != (self.hollow, self.sheet):
+            return None
+        if before._flat is self._flat:  # `translated`
+            return RigidMotion.between(before._shift, self._shift)
+        same = before.points.shape == self.points.shape
+        if not same or not np.array_equal(before.facets, self.facets):
+            return None
+        return fitted(before.points, self.points)
 
     def to_pyvista(self) -> Any:
         """The surface with its cell data ``normal``.

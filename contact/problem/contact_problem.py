@@ -21,6 +21,7 @@ from contact.laws.iteration import Iteration
 from contact.laws.options import Options
 from contact.laws.pressure_overclosure import PressureOverclosure, checked
 from contact.obstacles.rigid import ObstacleMotion
+from contact.obstacles.rigid_motion import same_gaps
 from contact.obstacles.shapes import ObstacleLike
 from contact.portable import Portable
 from contact.problem.coarse_facets import warn_of_coarse_facets
@@ -191,7 +192,8 @@ class ContactProblem(Portable):
         self.body.check_unchanged()
         supports = len(self.body._supports)
         found = self._boundaries(laws[0])
-        gap, motion = found.gap(laws[0]), found.motion(laws[0])
+        opposite = [pair.opposite for pair in self.pairs] if self.pairs else laws[0]
+        gap, motion = found.gap(opposite), found.motion(opposite)
         self._take(laws, found)
         G, T = (self.body.embed(part) for part in (found.rows.G, found.rows.T))
         rows = replace(found.rows, G=G, T=T, gap=gap)
@@ -203,6 +205,11 @@ class ContactProblem(Portable):
         if self.pairs:
             return Interfaces.of(self.body, self.pairs)
         return ContactBoundaries.of(self.body.trace, self.boundary, obstacle, self.functional)
+
+    @property
+    def opposite(self) -> Any:
+        """The obstacle; of pairs a list with what lies opposite in each."""
+        return [pair.opposite for pair in self.pairs] if self.pairs else self.obstacle
 
     def _take(self, laws: Laws, boundaries: ContactBoundaries | Interfaces) -> None:
         """Check and store obstacle, friction and law."""
@@ -235,20 +242,69 @@ class ContactProblem(Portable):
         return self.system_of(self.body)
 
     def system_of(
-        self, body: Solid, after: ContactResult | None = None, obstacle: ObstacleLike = _SAME
+        self,
+        body: Solid,
+        after: ContactResult | None = None,
+        obstacle: ObstacleLike = _SAME,
+        *,
+        since: ObstacleLike = _SAME,
+        said: Any = None,
     ) -> ContactSystem:
-        """The discrete system of a body under other loads, with another obstacle, after a step."""
+        """The discrete system of a body under other loads, with another obstacle, after a step.
+
+        `since` is the obstacle of the last step, by default that of `after`, and `said` how far it
+        has moved, where the caller knows. The obstacles of pairs are lists, one for each pair.
+        """
         self._follow_body()
-        rows, motion = self.rows, self.motion
+        rows, motion, now = self.rows, self.motion, obstacle
         if obstacle is not _SAME:
             rows = replace(rows, gap=self.boundaries.gap(obstacle))
             motion = self.boundaries.motion(obstacle)
+        else:
+            now = self.opposite
         friction = self.friction * rows.weights if self.law == "tresca" else self.friction
         if after is not None:
             refuse_other_points(rows, after.system.rows)
+            since = after.system.obstacle if since is _SAME else since
+        if since is not _SAME:
+            motion = self.with_travel(motion, since, now, said, after, rows.gap)
         slip_from = None if after is None else np.where(rows.ties[:, None], 0.0, after.slip)
-        laws = self.overclosure
-        return ContactSystem(body, rows, body.loads, self.law, friction, slip_from, motion, laws)
+        loads, law, laws = body.loads, self.law, self.overclosure
+        rigid = self.rigid(now)
+        return ContactSystem(body, rows, loads, law, friction, slip_from, motion, laws, rigid)
+
+    def rigid(self, opposite: Any) -> Any:
+        """The obstacles alone, of pairs with None where the other side is elastic."""
+        if not self.pairs:
+            return opposite
+        each = zip(self.pairs, opposite, strict=True)
+        return [None if pair.two_bodies else o for pair, o in each]
+
+    def with_travel(
+        self,
+        motion: ObstacleMotion | None,
+        since: Any,
+        now: Any,
+        said: Any,
+        after: ContactResult | None,
+        gap: Array,
+    ) -> ObstacleMotion | None:
+        """The motion of obstacles with the path that their shapes have made up to this step."""
+        last = self.rows.gap if after is None else after.system.rows.gap
+        moved = self.boundaries.travel(
+            since,
+            now,
+            said,
+            unchanged=same_gaps(last, gap),
+            felt=self.friction,
+            first=after is None,
+        )
+        before = None if after is None else after.system.motion
+        if before is not None and before.travel is not None:
+            moved = moved + before.travel
+        elif not np.any(moved):
+            return motion
+        return ObstacleMotion.with_travel(motion, moved)
 
     def condense(
         self, device: str | Sequence[str] | None = None, deterministic: bool | None = None
@@ -300,6 +356,7 @@ class ContactProblem(Portable):
         max_iterations: int | None = None,
         start: ContactResult | None = None,
         after: ContactResult | None = None,
+        motion: Any = None,
         eps: float | None = None,
         callback: Callable[[Iteration], None] | None = None,
         verbose: bool = False,
@@ -331,6 +388,10 @@ class ContactProblem(Portable):
         after : ContactResult, optional
             The last step of a load history: friction opposes the slip since then, and the solver
             starts from there. See `LoadStepper`.
+        motion : sequence of float, or 0, optional
+            Only with `after`: displacement of the obstacle since then, of its points where they
+            touch; 0 where it is along the normal. Default: as the obstacle's shapes tell; asked for
+            where they do not. Of several boundaries a list, with None for what the shapes tell.
         eps : float, optional
             Only ``fixed_point``: slip below which friction is linear. Default 1e-5 of the
             largest displacement of the contact boundary.
@@ -359,6 +420,8 @@ class ContactProblem(Portable):
                 raise InputError(f"{name}: expected a ContactResult, got {type(value).__name__}")
         if callback is not None and not callable(callback):
             raise InputError(f"callback={callback!r}: expected a function of an Iteration")
+        if motion is not None and after is None:
+            raise InputError("motion: that of the obstacle since the step given as after")
         options = Options.checked(self.law, self.body.dim, method, tol, max_iterations, eps)
 
         def report(line: Iteration) -> None:
@@ -370,9 +433,9 @@ class ContactProblem(Portable):
 
         start = after if start is None else start
         condensed = self.condense()
-        system = self.system_of(self.body.snapshot(), after)
+        system = self.system_of(self.body.snapshot(), after, said=motion)
         result = self.solve_system(system, condensed, options, start, report)
-        warn_of_sagitta(result, self.boundaries.rise(self.obstacle), condensed, options)
+        warn_of_sagitta(result, self.boundaries.rise(self.opposite), condensed, options)
         if isinstance(self.boundaries, Interfaces):
             warn_of_coarse_facets(result, self.boundaries.facet_ratio)
         return result

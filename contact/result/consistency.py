@@ -178,6 +178,8 @@ def check_state(state: ContactState) -> None:
         free = system.motion.free
         _finite("motion.prescribed", system.motion.prescribed[~free], (k - int(free.sum()),))
         _finite("motion.force", system.motion.force[free], (int(free.sum()),))
+        if system.motion.travel is not None:
+            _finite("motion.travel", system.motion.travel, (m, columns))
         if np.any(state.motion[~free] != system.motion.prescribed[~free]):
             raise InputError("motion: differs from the prescribed one")
 

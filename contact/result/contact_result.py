@@ -44,7 +44,8 @@ class ContactResult(BodyFields, ContactForces):
     history : tuple of Iteration
         One entry an iteration of the solver.
     motion : ndarray, shape (k,), or None
-        Of `Rigid` obstacles: translations, then rotation, one obstacle after the other.
+        Of `Rigid` obstacles: translations, then rotation, one obstacle after the other. None, or
+        empty, where there is none; the way of shapes that moved is in ``slip``.
     tol, slack : float
         What the certificate was held to, see `certify`; tol None stands for that of the method.
 

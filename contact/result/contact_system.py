@@ -13,6 +13,7 @@ from contact.laws.friction import UNMOVED, Coulomb, Friction, Tresca, against, p
 from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.laws.surface_compliance import SurfaceCompliance
 from contact.obstacles.rigid import ObstacleMotion
+from contact.portable import carried
 from contact.rows.contact_rows import ContactRows
 
 Array = NDArray[np.float64]
@@ -46,6 +47,8 @@ class ContactSystem:
         Motions of obstacles, if any move; displacements of contact points are then relative.
     overclosure : tuple of PressureOverclosure or None
         Law of compliant surfaces of each contact boundary; empty for hard contact.
+    obstacle : obstacle, list of these, or None
+        From which the gap is, if known; the next step asks it how it has moved.
     """
 
     body: Any
@@ -56,6 +59,10 @@ class ContactSystem:
     slip_from: Array | None = None
     motion: ObstacleMotion | None = None
     overclosure: tuple[PressureOverclosure | None, ...] = ()
+    obstacle: Any = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"obstacle": carried(self.obstacle)}
 
     def relative(self, u: Array, w: Array | None) -> tuple[Array, Array]:
         """Normal (m,) and tangential (m, dim - 1) displacement relative to the obstacles.
@@ -68,8 +75,9 @@ class ContactSystem:
         """
         u_n = self.body.at_points(self.rows.G, u)
         u_t = self.body.at_points(self.rows.T, u).reshape(u_n.size, -1)
-        if self.motion is None or w is None:
+        if self.motion is None:
             return u_n, u_t
+        w = np.zeros(self.motion.prescribed.size) if w is None else w
         w_n, w_t = self.motion.displacement(w)
         return u_n - w_n, u_t - w_t
 

@@ -178,8 +178,9 @@ def state_arrays(state: ContactState) -> dict[str, Any]:
     if system.slip_from is not None:
         arrays["slip_from"] = system.slip_from
     if system.motion is not None and state.motion is not None:
-        for field in fields(ObstacleMotion):
-            arrays[f"motion/{field.name}"] = getattr(system.motion, field.name)
+        for name, value in vars(system.motion).items():
+            if value is not None:
+                arrays[f"motion/{name}"] = value
         arrays["motion"] = state.motion
     step: dict[str, Any] = {
         "law": system.law,
@@ -277,7 +278,10 @@ def _rebuild(
     rows = replace(rows, gap=arrays["rows/gap"])
     motion = None
     if "motion" in arrays:
-        parts = {field.name: arrays[f"motion/{field.name}"] for field in fields(ObstacleMotion)}
+        names = {field.name: f"motion/{field.name}" for field in fields(ObstacleMotion)}
+        parts = {name: arrays[key] for name, key in names.items() if key in arrays}
+        if missing := {"normal", "tangent", "prescribed", "force"} - set(parts):
+            raise KeyError(f"motion/{min(missing)}")
         motion = ObstacleMotion(**parts)
     laws = tuple(PressureOverclosure.from_stored(law) for law in step.get("overclosure", ()))
     since = arrays.get("slip_from")

@@ -17,6 +17,13 @@ from contact.body.rigid_modes import rigid_field
 from contact.errors import InputError, evaluated
 from contact.obstacles.placement import check_placement, outward_normals
 from contact.obstacles.rigid import ObstacleMotion, Rigid
+from contact.obstacles.rigid_motion import (
+    RigidMotion,
+    along_normal,
+    motion_between,
+    said_motion,
+    unknown_motion,
+)
 from contact.obstacles.shapes import ClosestPoint, ObstacleLike
 from contact.rows.arc_rows import ArcGap, arc_rows
 from contact.rows.contact_rows import ContactRows
@@ -162,6 +169,60 @@ class ContactBoundaries:
             np.hstack(normals), np.hstack(tangents), np.concatenate(motions), np.concatenate(forces)
         )
 
+    def travel(
+        self,
+        before: Any,
+        now: Any,
+        said: Any,
+        *,
+        unchanged: NDArray[np.bool_],
+        felt: Array,
+        first: bool = False,
+    ) -> Array:
+        """Tangential path of the obstacles' shapes since the last step, (m, dim - 1).
+
+        Parameters
+        ----------
+        before, now
+            Obstacles of both steps as given to `ContactProblem`.
+        said : displacement since the last step, None, or a list of these for several boundaries
+            As the caller said it; None: what the shapes tell.
+        unchanged : ndarray of bool, shape (m,)
+            Points whose gap is that of the last step.
+        felt : ndarray, shape (m,)
+            Friction; where it is zero the motion need not be known.
+        first : bool
+            The first step of a history: a shape after a plain number is set down where it is.
+
+        Raises
+        ------
+        InputError
+            The motion is not known and felt.
+        """
+        dim, start, path = self.body.dim, 0, np.zeros(self.rows.T.shape[0])
+        each = _each("motion", said, self.several, len(self.rules), shared=(type(None),))
+        listed = self.several and isinstance(before, list | tuple) and len(before) == len(each)
+        was = before if listed else [None if self.several else before] * len(each)
+        for rule, o, last, own in zip(self.rules, self._obstacles(now), was, each, strict=True):
+            here = slice(start, start + rule.order.size)
+            start = here.stop
+            given = said_motion(own, dim)
+            motion = motion_between(last, o)
+            if given is not None:
+                motion = RigidMotion.between(0.0 * given, given)
+            if self.body.is_ring and motion is not None and not _is_axial(motion):
+                motion = None  # of the section, not of the ring
+            if motion is None:
+                known = along_normal(last, o, first) or bool(np.all(unchanged[here]))
+                if not known and np.any(felt[here] > 0):
+                    raise unknown_motion(last, o)
+                continue
+            if not motion.still:
+                along = slice(here.start * (dim - 1), here.stop * (dim - 1))
+                unit = rigid_field(self.body, motion.about)
+                path[along] = self.rows.T[along] @ (unit @ motion.components)
+        return path.reshape(-1, dim - 1)
+
     def friction(self, friction: Any) -> Array:
         """Coefficient or bound of every contact point, shape (m,).
 
@@ -179,6 +240,14 @@ class ContactBoundaries:
     def _of_each(self, x: Array) -> list[Array]:
         """Values at all contact points, split by boundary."""
         return np.split(x, np.cumsum([rule.order.size for rule in self.rules])[:-1], axis=1)
+
+
+def _is_axial(motion: RigidMotion) -> bool:
+    """Whether a motion of the section is one of the ring: along the axis y."""
+    if motion.still:
+        return True
+    size = np.abs(motion.about).max() + np.abs(motion.translation).max()
+    return abs(motion.translation[0]) <= 1e-12 * size and not np.any(motion.rotation)
 
 
 def _refuse_overlap(places: list[NDArray[np.int64]], name: str) -> None:

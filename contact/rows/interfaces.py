@@ -220,34 +220,62 @@ class Interfaces:
         """Values at all contact points, their last axis split by pair."""
         return np.split(values, np.cumsum(self._sizes)[:-1], axis=-1)
 
-    def gap(self, pairs: Any) -> Array:
-        """Gap of every contact point, shape (m,)."""
+    def gap(self, opposites: Sequence[Any]) -> Array:
+        """Gap of every contact point, shape (m,); the rigid obstacles among the opposites."""
         return np.concatenate(
             [
-                side.gap(pair.opposite) if isinstance(side, ContactBoundaries) else gap
-                for pair, side, gap in zip(
-                    self.pairs, self.sides, self._of_each(self.rows.gap), strict=True
+                side.gap(o) if isinstance(side, ContactBoundaries) else gap
+                for o, side, gap in zip(
+                    opposites, self.sides, self._of_each(self.rows.gap), strict=True
                 )
             ]
         )
 
-    def rise(self, pairs: Any) -> Array:
+    def rise(self, opposites: Sequence[Any]) -> Array:
         """Gap from the curve that straight facets approximate minus the gap from them, (m,)."""
         return np.concatenate(
             [
-                side.rise(pair.opposite) if isinstance(side, ContactBoundaries) else own
-                for pair, side, own in zip(
-                    self.pairs, self.sides, self._of_each(self.risen), strict=True
+                side.rise(o) if isinstance(side, ContactBoundaries) else own
+                for o, side, own in zip(
+                    opposites, self.sides, self._of_each(self.risen), strict=True
                 )
             ]
         )
 
-    def motion(self, pairs: Any) -> ObstacleMotion | None:
+    def travel(
+        self,
+        before: Any,
+        now: Sequence[Any],
+        said: Any,
+        *,
+        unchanged: NDArray[np.bool_],
+        felt: Array,
+        first: bool = False,
+    ) -> Array:
+        """Tangential path of rigid obstacles in a step; see `ContactBoundaries.travel`."""
+        none, count = [None] * len(self.sides), len(self.sides)
+        if said is not None and not (isinstance(said, list | tuple) and len(said) == count):
+            raise InputError(f"motion: expected a list of {count}, one for each pair, or None")
+        known = isinstance(before, list | tuple) and len(before) == count
+        was = before if known else none
+        each = zip(self.sides, was, now, said or none, self._points, strict=True)
+        paths = []
+        for number, (side, last, o, own, at) in enumerate(each):
+            if isinstance(side, ContactBoundaries):
+                still, rubs = unchanged[at], felt[at]
+                with _said_of(self.bodies, self.pairs[number]):
+                    path = side.travel(last, o, own, unchanged=still, felt=rubs, first=first)
+                paths.append(path)
+            else:
+                paths.append(np.zeros((at.size, self.rows.tangents.shape[1])))
+        return np.concatenate(paths)
+
+    def motion(self, opposites: Sequence[Any]) -> ObstacleMotion | None:
         """The motions of those obstacles that are `Rigid`; None when none is."""
         m, slips = self.rows.gap.size, self.rows.tangents.shape[1]
         start, found = 0, []
-        for pair, side, size in zip(self.pairs, self.sides, self._sizes, strict=True):
-            own = side.motion(pair.opposite) if isinstance(side, ContactBoundaries) else None
+        for o, side, size in zip(opposites, self.sides, self._sizes, strict=True):
+            own = side.motion(o) if isinstance(side, ContactBoundaries) else None
             if own is not None:
                 normal = np.zeros((m, own.normal.shape[1]))
                 tangent = np.zeros((m * slips, own.normal.shape[1]))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from contact.arrays.namespace import host
 from contact.laws.friction import UNMOVED
+from contact.portable import carried
 from contact.spectral.friction_newton import GridFriction
 from contact.spectral.grid_compliance import GridCompliance
 from contact.spectral.grid_problem import GridProblem
@@ -33,6 +34,10 @@ class GridCase:
         Of the obstacle; for each component one of the two is NaN.
     slip_from : ndarray, shape (dim - 1, nx[, ny]), optional
         The slip of the step before, which friction does not act on.
+    travel : ndarray, shape (dim,), optional
+        Path of the obstacle's own shape along the surface, through all steps of a history.
+    obstacle : obstacle, optional
+        From which the gap is, if known; the next step asks it how it has moved.
     """
 
     compliance: GridCompliance
@@ -42,6 +47,11 @@ class GridCase:
     motion: Array
     force: Array
     slip_from: Array | None
+    travel: Array | None = None
+    obstacle: Any = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"obstacle": carried(self.obstacle)}
 
     @property
     def areas(self) -> Any:
@@ -56,14 +66,16 @@ class GridCase:
     def problem(self) -> GridProblem:
         """The problem in normal and tangential components, where the compliance computes."""
         initial, motion, force = self.compliance.initial, self.motion, self.force
+        travel = np.zeros(motion.size) if self.travel is None else self.travel
         if not np.any(self.friction > 0):  # what is not felt is not balanced either
             across = np.asarray(self.compliance.normal) == 0
             motion, force = np.where(across, 0.0, motion), np.where(across, np.nan, force)
+            travel = np.zeros(motion.size)
         problem = GridProblem(self.compliance, initial, initial[0], force)
         xp = problem.xp
         order, sign = problem.order
         turn = np.array([sign] + [1.0] * (len(order) - 1))
-        moved = problem.moved(turn * np.nan_to_num(motion)[order])
+        moved = problem.moved(turn * (np.nan_to_num(motion) + travel)[order])
         v0 = problem.turned(initial) - moved
         if self.slip_from is not None:
             since = xp.asarray(self.slip_from)

@@ -14,6 +14,14 @@ from contact.arrays.namespace import host
 from contact.errors import Infeasible, InputError, NotConverged, evaluated, numbers
 from contact.laws.iteration import Iteration
 from contact.obstacles.rigid import Rigid
+from contact.obstacles.rigid_motion import (
+    RigidMotion,
+    along_normal,
+    motion_between,
+    said_motion,
+    same_gaps,
+    unknown_motion,
+)
 from contact.obstacles.rough import Rough
 from contact.obstacles.shapes import ObstacleLike, evaluate_gap
 from contact.spectral.friction_newton import GridFriction, friction_newton
@@ -175,7 +183,12 @@ class GridContact:
         return np.broadcast_to(value, shape)
 
     def solve(
-        self, *, tol: float = 1e-10, after: GridResult | None = None, verbose: bool = False
+        self,
+        *,
+        tol: float = 1e-10,
+        after: GridResult | None = None,
+        motion: Any = None,
+        verbose: bool = False,
     ) -> GridResult:
         """Forces, displacements and their certificate.
 
@@ -186,6 +199,8 @@ class GridContact:
         after : GridResult, optional
             The step before: friction acts on the displacement since then, and the iteration starts
             there.
+        motion : sequence of float, or 0, optional
+            Only with `after`: displacement of the obstacle since then; see `history`.
         verbose : bool
             Print a line an iteration.
 
@@ -203,10 +218,19 @@ class GridContact:
         NotConverged
             The iteration does not settle, or its result fails the certificate.
         """
-        if numbers("tol", tol).shape != () or not 0 < tol < 1:
-            raise InputError(f"tol={tol!r}: expected a number between 0 and 1")
-        self._check_after(after)
-        case, history = self._case(after), []
+        self._check(tol, after)
+        if motion is not None and after is None:
+            raise InputError("motion: that of the obstacle since the step given as after")
+        case = self._case(after)
+        if after is not None:
+            last = after._proof[0] if after._proof is not None else case
+            case = replace(case, travel=self._travel(last, motion))
+        return self._solved(case, after, tol, verbose)
+
+    def _solved(
+        self, case: GridCase, after: GridResult | None, tol: float, verbose: bool
+    ) -> GridResult:
+        history: list[Iteration] = []
         problem = case.problem()
 
         def report(iteration: Iteration) -> None:
@@ -234,18 +258,31 @@ class GridContact:
             l, a = _with_friction(problem, law, (l, a), inner, report)
             if problem.at_rest is not None:
                 l[1:] = xp.where(problem.at_rest, 0.0, l[1:])
-        result = certified(problem, law, (l, a), case.motion, tol, tuple(history))
+        lines, given, way = tuple(history), case.motion, case.travel
+        result = certified(problem, law, (l, a), given, tol, lines, way)
         return replace(result, _proof=(case, a, tol))
 
     def history(
-        self, obstacles: Sequence[Rigid], *, tol: float = 1e-10, verbose: bool = False
+        self,
+        obstacles: Sequence[Rigid],
+        *,
+        motion: Sequence[Any] | None = None,
+        tol: float = 1e-10,
+        verbose: bool = False,
     ) -> list[GridResult]:
         """Solve for one motion or force of the obstacle after the other, with friction's memory.
+
+        A shape that is moved from step to step, a `Rough` to another `point`, say, tells its motion
+        to friction; the first step is counted from the obstacle of this problem, unless that is a
+        plain number. Heights that change, as an array does that is rolled, do not tell it.
 
         Parameters
         ----------
         obstacles : sequence of Rigid
             The obstacle of each step, with its displacement or force from the beginning.
+        motion : sequence, optional
+            For each step the displacement of the obstacle's shape since the beginning, dim numbers,
+            besides that of its `Rigid`; 0 for along the normal only, None for what the shape tells.
         tol, verbose
             See `solve`.
 
@@ -256,26 +293,61 @@ class GridContact:
         Raises
         ------
         InputError
-            Something that is no sequence of obstacles; and what `solve` raises.
+            Something that is no sequence of obstacles; a motion that friction needs and no shape
+            tells; and what `solve` raises.
         """
         if isinstance(obstacles, str) or not isinstance(obstacles, Iterable):
             raise InputError(f"obstacles={obstacles!r}: expected a sequence, one a step")
+        each = list(obstacles)
+        if motion is None:
+            motion = [None] * len(each)
+        if isinstance(motion, str) or np.ndim(motion) == 0 or len(motion) != len(each):
+            raise InputError(f"motion={motion!r}: expected a list of {len(each)}, one a step")
         results: list[GridResult] = []
-        for obstacle in obstacles:
+        last, before = self._case(None), said_motion(0.0, len(self.compliance.normal))
+        for obstacle, now in zip(each, motion, strict=True):
             step = replace(self, obstacle=obstacle)
-            last = results[-1] if results else None
-            if last is not None:
-                last.to_host()  # a history may be longer than the memory of a device
-            results.append(step.solve(tol=tol, after=last, verbose=verbose))
+            after = results[-1] if results else None
+            if after is not None:
+                after.to_host()  # a history may be longer than the memory of a device
+            place = said_motion(now, len(self.compliance.normal))
+            said = None if place is None or before is None else place - before
+            before = place
+            step._check(tol)
+            last = replace(step._case(after), travel=step._travel(last, said, after is None))
+            results.append(step._solved(last, after, tol, verbose))
         return results
+
+    def _travel(self, last: GridCase, said: Any, first: bool = False) -> Array | None:
+        """Path of the obstacle's shape along the surface up to this step, (dim,)."""
+        across = np.asarray(self.compliance.normal) == 0
+        now, given = self._rigid.obstacle, said_motion(said, across.size)
+        motion = motion_between(last.obstacle, now)
+        if given is not None:
+            motion = RigidMotion.between(0.0 * given, given)
+        if motion is None or np.any(motion.rotation):
+            known = along_normal(last.obstacle, now, first)
+            known = known or bool(np.all(same_gaps(last.gap, self._gap)))
+            if not known and np.any(self._friction() > 0):
+                raise unknown_motion(last.obstacle, now)
+            return last.travel
+        if motion.still:
+            return last.travel
+        moved = np.where(across, motion.translation, 0.0)
+        return moved if last.travel is None else last.travel + moved
 
     def _case(self, after: GridResult | None) -> GridCase:
         motion, force = self._controls()
         since = None if after is None else after.slip
         friction = self._friction()
-        return GridCase(self.compliance, self._gap, friction, self.law, motion, force, since)
+        obstacle = self._rigid.obstacle
+        return GridCase(
+            self.compliance, self._gap, friction, self.law, motion, force, since, None, obstacle
+        )
 
-    def _check_after(self, after: Any) -> None:
+    def _check(self, tol: Any, after: Any = None) -> None:
+        if numbers("tol", tol).shape != () or not 0 < tol < 1:
+            raise InputError(f"tol={tol!r}: expected a number between 0 and 1")
         expected = (len(self.compliance.shape) + 1, *self.compliance.shape)
         if after is not None and not isinstance(after, GridResult):
             raise InputError(f"after: expected a GridResult, got {type(after).__name__}")

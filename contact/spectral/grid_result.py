@@ -157,7 +157,7 @@ class GridResult(FieldsInside):
         limit = max(2 * tol, 1e-12)
         try:
             state = problem.xp.asarray(forces), a
-            result = certified(problem, law, state, case.motion, limit, history)
+            result = certified(problem, law, state, case.motion, limit, history, case.travel)
         except NotConverged as error:
             raise InputError(
                 f"result file {path}: its solution does not solve the problem beside it: {error}"
@@ -332,10 +332,12 @@ def certified(
     given: Array,
     tol: float,
     history: tuple[Iteration, ...],
+    travel: Array | None = None,
 ) -> GridResult:
     """The result of forces and motions, or `NotConverged` where a residual exceeds tol.
 
-    `given` are the prescribed motions of the obstacle, NaN where it is driven by a force.
+    `given` are the prescribed motions of the obstacle, NaN where it is driven by a force, and
+    `travel` is the path of its shape.
     """
     (l, a), xp = state, problem.xp
     pressed, bound = problem.W(l), law.bound(xp.maximum(l[0], 0.0))
@@ -361,7 +363,8 @@ def certified(
     motion[order] = -np.asarray(a) * np.array([sign] + [1.0] * (len(order) - 1))
     motion = np.where(np.isnan(given), motion, given)
     across = order[1:]
-    relative = u[across] - xp.asarray(motion[across]).reshape((-1,) + (1,) * (u.ndim - 1))
+    moved = (motion if travel is None else motion + travel)[across]
+    relative = u[across] - xp.asarray(moved).reshape((-1,) + (1,) * (u.ndim - 1))
     area = float(np.prod(problem.compliance.spacing))
     if hasattr(problem.compliance, "weights"):
         area = area * problem.compliance.weights

@@ -73,8 +73,9 @@ def write(state: GridState, path: str | Path) -> Path:
         "gap": case.gap, "friction": case.friction, "motion": case.motion, "force": case.force,
         "forces": state.forces, "a": state.a, "about": np.array(json.dumps(about)),
     }  # fmt: skip
-    if case.slip_from is not None:
-        arrays["slip_from"] = case.slip_from
+    for name in ("slip_from", "travel"):
+        if getattr(case, name) is not None:
+            arrays[name] = getattr(case, name)
     return write_arrays(file, arrays)
 
 
@@ -100,12 +101,13 @@ def _state(arrays: dict[str, Any], about: dict[str, Any], xp: Any) -> GridState:
     expected = {
         "gap": shape, "friction": shape, "motion": (dim,), "force": (dim,),
         "forces": (dim, *shape), "a": (dim,), "slip_from": (dim - 1, *shape),
+        "travel": (dim,),
     }  # fmt: skip
     found = {name: numbers(name, arrays[name]) for name in expected if name in arrays}
     for name, value in found.items():
         if value.shape != expected[name]:
             raise InputError(f"{name}: expected shape {expected[name]}, got {value.shape}")
-    for name in ("forces", "a", "friction", "slip_from"):
+    for name in ("forces", "a", "friction", "slip_from", "travel"):
         if not np.all(np.isfinite(found.get(name, 0.0))):
             raise InputError(f"{name}: holds numbers that are not finite")
     if np.any(np.isnan(found["gap"])) or np.any(found["friction"] < 0):
@@ -116,7 +118,7 @@ def _state(arrays: dict[str, Any], about: dict[str, Any], xp: Any) -> GridState:
         raise InputError(f"law {about['law']!r} or tolerance {about['tol']!r} out of range")
     case = GridCase(
         compliance, found["gap"], found["friction"], about["law"], found["motion"], found["force"],
-        found.get("slip_from"),
+        found.get("slip_from"), found.get("travel"),
     )  # fmt: skip
     lines = tuple(Iteration(**line) for line in about["history"])
     return GridState(case, found["forces"], found["a"], about["tol"], lines)

@@ -1,0 +1,200 @@
+r"""The rigid motion that takes an obstacle from its place in one step of a history to the next.
+
+Friction acts on the slip, and the obstacle's part of it is the path of the points of its surface. A
+shape tells that path by where it was and where it is: its method ``motion_from(before)`` returns
+the motion, or None where the two are not the same shape. Between the two places the motion is
+
+.. math::
+    w(x) = c + \theta \times (x - m),
+
+with the translation c of a point of the shape, half way of which is m, and the rotation theta. It
+is evaluated where the contact is, so a wheel that turns by any angle slips by the length of the arc
+that has passed, and one that rolls does not slip at all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike, NDArray
+
+from contact.errors import InputError, numbers
+from contact.obstacles.rigid import Rigid
+
+Array = NDArray[np.float64]
+
+_SAME = 1e-9  # of the size of a surface: its points, moved rigidly, fit to this
+_HALF_TURN = np.pi - 1e-6  # about which axis, and which way round, is not known any longer
+
+
+@dataclass(frozen=True)
+class RigidMotion:
+    """The motion ``w(x) = translation + rotation x (x - about)``.
+
+    Attributes
+    ----------
+    translation, about : ndarray, shape (dim,)
+    rotation : ndarray, shape (1,) in 2-D and (3,) in 3-D
+        Radians, counter-clockwise.
+    """
+
+    translation: Array
+    rotation: Array
+    about: Array
+
+    @classmethod
+    def between(cls, p: ArrayLike, q: ArrayLike, rotation: ArrayLike | None = None) -> RigidMotion:
+        """The motion that takes the place p of a point of the obstacle to q."""
+        start, end = np.asarray(p, dtype=float), np.asarray(q, dtype=float)
+        turn = np.zeros(end.size * (end.size - 1) // 2)
+        if rotation is not None:
+            turn = turn + np.asarray(rotation, dtype=float)
+        return cls(end - start, turn, 0.5 * (start + end))
+
+    @classmethod
+    def at_rest(cls) -> RigidMotion:
+        """No motion, in any dimension."""
+        return cls(np.zeros(0), np.zeros(0), np.zeros(0))
+
+    @property
+    def components(self) -> Array:
+        """Translation, then rotation, as of `Rigid.components`."""
+        return np.concatenate((self.translation, self.rotation))
+
+    @property
+    def still(self) -> bool:
+        """Whether nothing moves."""
+        return not np.any(self.components)
+
+
+def motion_between(before: Any, now: Any) -> RigidMotion | None:
+    """How an obstacle moved from step to step; None where its shapes do not tell.
+
+    The motion of a `Rigid` is its own and comes on top of that of the obstacle within.
+    """
+    before, now = (o.obstacle if isinstance(o, Rigid) else o for o in (before, now))
+    for moved in (now, before):  # a Moved knows the shape within, whichever side it is on
+        if hasattr(moved, "moved_between"):
+            known: RigidMotion | None = moved.moved_between(before, now)
+            return known
+    if type(now) is not type(before) or not hasattr(now, "motion_from"):
+        return None
+    found: RigidMotion | None = now.motion_from(before)
+    return found
+
+
+def along_normal(before: Any, now: Any, first: bool = False) -> bool:
+    """Whether a plain number, a gap that has no place beside the normal, stays one.
+
+    In the first step of a history a shape may take its place, too: it is set down where it is.
+    """
+    before, now = (o.obstacle if isinstance(o, Rigid) else o for o in (before, now))
+    return is_number(before) and (is_number(now) or first)
+
+
+def is_number(obstacle: Any) -> bool:
+    """Whether an obstacle is one gap for all points."""
+    return isinstance(obstacle, int | float | np.number) or (
+        isinstance(obstacle, np.ndarray) and obstacle.ndim == 0
+    )
+
+
+def same_gaps(one: Array, other: Array) -> NDArray[np.bool_]:
+    """Where gaps are the same up to rounding, 1e-12 of the largest."""
+    if one.shape != other.shape:
+        return np.zeros(other.shape, dtype=bool)
+    size = np.abs(other[np.isfinite(other)]).max(initial=0.0)
+    near = np.isclose(one, other, rtol=0.0, atol=1e-12 * size)
+    return np.asarray(near)
+
+
+def turn_between(one: Array, other: Array) -> Array | None:
+    """The smallest rotation from one direction to another; None for opposite ones."""
+    one, other = one / np.linalg.norm(one), other / np.linalg.norm(other)
+    if one.size == 2:
+        across = np.array([one[0] * other[1] - one[1] * other[0]])
+    else:
+        across = np.cross(one, other)
+    length = float(np.linalg.norm(across))
+    angle = np.arctan2(length, one @ other)
+    if angle > _HALF_TURN:
+        return None
+    return np.asarray(across * (angle / length if length > 0 else 1.0))
+
+
+def turn_of(R: Array) -> Array | None:
+    """Angle, or rotation vector, of an orthogonal matrix; None for a reflection or half a turn."""
+    if np.linalg.det(R) < 0:
+        return None
+    if len(R) == 2:
+        turn = np.array([np.arctan2(R[1, 0], R[0, 0])])
+    else:
+        turn = np.asarray(scipy.spatial.transform.Rotation.from_matrix(R).as_rotvec())
+    angle = np.linalg.norm(turn)
+    if angle > _HALF_TURN:
+        return None
+    return turn if angle > 1e-14 else 0.0 * turn  # the rounding of a product of matrices
+
+
+def matrix_of(rotation: Array) -> Array:
+    """Orthogonal matrix of an angle (1,), or of a rotation vector (3,)."""
+    if rotation.size == 1:
+        c, s = np.cos(rotation[0]), np.sin(rotation[0])
+        return np.array([[c, -s], [s, c]])
+    return np.asarray(scipy.spatial.transform.Rotation.from_rotvec(rotation).as_matrix())
+
+
+def fitted(before: Array, now: Array) -> RigidMotion | None:
+    """The motion that takes points (dim, n) to their new places; None if none does.
+
+    References
+    ----------
+    W. Kabsch, Acta Cryst. A 32 (1976), 922-923.
+    """
+    p, q = before.mean(axis=1), now.mean(axis=1)
+    here, there = before - p[:, None], now - q[:, None]
+    size = float(np.abs(here).max())
+    if np.abs(there - here).max() <= 1e-12 * size:
+        return RigidMotion.between(p, q)
+    U, _, V = np.linalg.svd(there @ here.T)
+    U[:, -1] *= np.sign(np.linalg.det(U @ V))
+    turn = turn_of(U @ V)
+    if turn is None or np.abs(there - U @ V @ here).max() > _SAME * size:
+        return None
+    return RigidMotion.between(p, q, turn)
+
+
+def said_motion(said: Any, dim: int) -> Array | None:
+    """A displacement as the caller said it: dim numbers, or 0 for none; None where not said.
+
+    Raises
+    ------
+    InputError
+        Anything else.
+    """
+    if said is None:
+        return None
+    value = numbers("motion", said)
+    if value.shape == () and value == 0.0:
+        return np.zeros(dim)
+    if value.shape != (dim,) or not np.all(np.isfinite(value)):
+        raise InputError(
+            f"motion={said!r}: expected the {dim} components of the obstacle's displacement, or 0 "
+            "where it moves along the normal only"
+        )
+    return value
+
+
+def unknown_motion(before: Any, now: Any, where: str = "") -> InputError:
+    """The error that asks for a motion which friction needs and the shapes do not tell."""
+    one, other = (type(o.obstacle if isinstance(o, Rigid) else o).__name__ for o in (before, now))
+    return InputError(
+        f"motion: the obstacle{where} changes from one step to the next ({one}, then {other}), and "
+        "how far its surface moved along the boundary, which friction needs, cannot be read from "
+        "it; say how far it has moved, motion=lambda t: (x, y) of LoadStepper.obstacle, or motion= "
+        "of solve and of GridContact.history, where 0 stands for along the normal only; or give "
+        "the same shape in every step, as Moved(shape, displacement) does"
+    )
