@@ -20,6 +20,7 @@ from contact.histories.load_history import LoadHistory, LoadStep, as_path, check
 from contact.histories.load_program import LoadProgram
 from contact.histories.spread_folder import SpreadFolder
 from contact.laws.options import Options
+from contact.problem.large_motion import check_motion
 from contact.problem.sagitta import warn_of_sagitta
 from contact.settled import settled
 
@@ -302,7 +303,9 @@ class LoadStepper(LoadProgram):
         try:
             if self._finite is not None:
                 near = None if last is None else self._extrapolated(last, begin, end).u
-                return self._finite.step(self._body_at(end), last, near, self.options)
+                result = self._finite.step(self._body_at(end), last, near, self.options)
+                check_motion(result, self.problem.boundaries, None, sliding=True)
+                return result
             return self._small_step(last, begin, end)
         except NotConverged:
             if halvings == 0 or last is None:
@@ -320,6 +323,7 @@ class LoadStepper(LoadProgram):
         start = last if last is None else self._extrapolated(last, begin, end)
         obstacle = problem.obstacle if self._obstacle is None else self._obstacle(end)
         result = problem.solve_system(system, condensed, self.options, start)
+        check_motion(result, problem.boundaries, obstacle)
         warn_of_sagitta(result, problem.boundaries.rise(obstacle), condensed, self.options)
         return result
 

@@ -3,8 +3,8 @@
 An obstacle is called as ``obstacle(x, n)`` with points and unit normals of shape (dim, ...) and
 returns the signed distance d along n to its surface: positive where there is a gap, zero where they
 touch, negative where body and obstacle overlap at rest (a press fit), and ``inf`` where the ray
-meets nothing, or a surface that it does not face: flat ones at an angle of less than a degree. The contact condition is u_n <= d. Instead of an obstacle, a function of x that
-returns d may be given.
+meets nothing, or at an angle of less than a degree. The contact condition is u_n <= d. Instead of
+an obstacle, a function of x that returns d may be given.
 """
 
 from __future__ import annotations

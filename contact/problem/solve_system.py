@@ -22,7 +22,6 @@ from contact.laws.methods import solve_boundary
 from contact.laws.options import Options
 from contact.problem.equilibrium import doubt, driven, undetermined
 from contact.problem.nested_start import start_forces
-from contact.problem.small_displacements import warn_of_large_displacements
 from contact.problem.stiffness_form import fits, refined, solved_stiffly
 from contact.result.certify import certify
 from contact.result.contact_result import ContactResult
@@ -134,7 +133,6 @@ def _solved(
             with suppress(NotConverged, LinAlgError):
                 return solved_stiffly(system, condensed, options, result, report, history)
         raise
-    warn_of_large_displacements(answer)
     result.keep_facts_of_many()
     return result
 

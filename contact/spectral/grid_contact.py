@@ -9,9 +9,19 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from contact.arrays.namespace import host
-from contact.errors import Infeasible, InputError, NotConverged, evaluated, numbers
+from contact.errors import (
+    CHANGED,
+    Infeasible,
+    InputError,
+    LargeMotionWarning,
+    NotConverged,
+    evaluated,
+    numbers,
+    warn,
+)
 from contact.laws.iteration import Iteration
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.rough import Rough
@@ -27,6 +37,7 @@ from contact.spectral.proximal_point import proximal_point
 Array = NDArray[np.float64]
 
 _INNER = 1e-2  # tolerance of the solvers relative to that of the certificate
+_LOADED = 1e-3  # part of the largest pressure: less hardly presses
 _LOOPS = 6  # Tresca solves that lead to Coulomb's law where Newton's method stalls
 
 
@@ -202,6 +213,11 @@ class GridContact:
             point is within its reach.
         NotConverged
             The iteration does not settle, or its result fails the certificate.
+
+        Warns
+        -----
+        LargeMotionWarning
+            Loaded points have moved past the next one, to where the gap is another one.
         """
         if numbers("tol", tol).shape != () or not 0 < tol < 1:
             raise InputError(f"tol={tol!r}: expected a number between 0 and 1")
@@ -233,6 +249,7 @@ class GridContact:
                     l[i] = share / share.sum() * problem.force[i]
             l, a = _with_friction(problem, law, (l, a), inner, report)
         result = certified(problem, law, (l, a), case.motion, tol, tuple(history))
+        _check_motion(problem, result)
         return replace(result, _proof=(case, a, tol))
 
     def history(
@@ -296,6 +313,34 @@ def _check_forces(case: GridCase, problem: GridProblem) -> None:
         raise Infeasible(
             f"obstacle: the force {drag:.6g} along the surface is beyond the friction, which "
             f"holds {most:.6g}; let it move by a displacement"
+        )
+
+
+def _check_motion(problem: GridProblem, result: GridResult) -> None:
+    """Warn where points slip past others and the gap changes noticeably on their way."""
+    xp, slip, p = problem.xp, result._fields["slip"], result._fields["pressure"]
+    steps = slip / xp.asarray(problem.compliance.spacing).reshape((-1,) + (1,) * p.ndim)
+    far = (xp.abs(steps).max(axis=0) > 1.0) & (p > _LOADED * p.max())
+    if not bool(far.any()):
+        return
+    far, steps, gap = host(far), host(steps), host(problem.gap)
+    places = np.array(np.nonzero(far)) + steps[:, far]
+    mode = "nearest" if hasattr(problem.compliance, "weights") else "grid-wrap"
+    open_ = ~np.isfinite(gap)
+    there, lost = (
+        map_coordinates(values, places, order=1, mode=mode)
+        for values in (np.where(open_, 0.0, gap), open_.astype(float))
+    )
+    change = np.where(lost > 0, np.inf, there - gap[far])
+    u_n = problem.turned(result._fields["u"])[0]
+    depth = max(float(u_n.max() - u_n.min()), float(xp.abs(u_n).max()))
+    if np.abs(change).max() > CHANGED * depth:
+        warn(
+            f"grid points in contact have moved by up to {np.abs(steps[:, far]).max():.3g} spacings"
+            f" along the obstacle, where the gap is {change[np.abs(change).argmax()]:+.3g} off that"
+            " at rest, on which the linearised problem stands; give the heights or the obstacle "
+            "where it has moved to",
+            LargeMotionWarning,
         )
 
 
