@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-
 CHANGED = 0.25  # change of the gap along a motion, over the penetration, that is warned of
 
 

@@ -22,6 +22,7 @@ from contact.body.elastic_body import ElasticBody
 from contact.errors import CHANGED, InputError, LargeMotionWarning, warn
 from contact.rows.contact_boundaries import ContactBoundaries
 from contact.rows.interfaces import Interfaces
+from contact.rows.mortar.resolution import facet_lengths
 
 if TYPE_CHECKING:
     from contact.result.contact_result import ContactResult
@@ -30,8 +31,9 @@ Array = NDArray[np.float64]
 
 # Points with less than this part of the largest force hardly press.
 _LOADED = 1e-3
-# Part of the volume in cells that are turned inside out.
-_TURNED = 0.01
+# Volume of cells that are turned inside out over that of a cube as wide as the contact.
+_TURNED = 0.1
+_VOLUMES = {RefTri: 1 / 2, RefQuad: 1.0, RefTet: 1 / 6, RefHex: 1.0}  # of the reference cells
 _CORNERS = {
     RefTri: ElementTriP1,
     RefQuad: ElementQuad1,
@@ -44,7 +46,7 @@ _TOUCHES = 1e-9
 
 @dataclass(frozen=True)
 class _Motion:
-    """Points that press and have moved by more than the distance of contact points.
+    """Points that have moved by more than the distance of contact points.
 
     Attributes
     ----------
@@ -53,11 +55,14 @@ class _Motion:
         Their tangential displacements relative to the obstacle.
     spacing : ndarray, shape (k,)
         Distance to the next contact point.
+    loaded : ndarray of bool, shape (k,)
+        Those that press.
     """
 
     points: NDArray[np.int64]
     moves: Array
     spacing: Array
+    loaded: NDArray[np.bool_]
 
 
 def check_motion(
@@ -81,7 +86,7 @@ def check_motion(
     -----
     LargeMotionWarning
         The gap changes along the motion by a quarter of the penetration; points of two bodies have
-        moved past the next contact point; cells are turned inside out.
+        moved past a facet; cells are turned inside out.
 
     Raises
     ------
@@ -99,7 +104,8 @@ def check_motion(
         elastic = np.zeros(motion.points.size, dtype=bool)
     overlap = -np.minimum(result.gap[motion.points], 0.0).min()  # of compliant surfaces
     depth = max(result.system.body.deformation(result.u), float(overlap))
-    off = np.abs(change)
+    # An open point is off where it would have gone through.
+    off = np.where(motion.loaded, np.abs(change), -(result.gap[motion.points] + change))
     worst = int(off.argmax())
     far = np.linalg.norm(motion.moves, axis=0)
     warned = elastic | (off > CHANGED * depth)
@@ -129,6 +135,8 @@ def check_motion(
 
 def _check_cells(result: ContactResult) -> None:
     """Warn if more cells are turned inside out than at a singular place of the stresses."""
+    zone = np.linalg.norm(np.ptp(result.zone, axis=1))
+    size = float(zone) if zone > 0 else result.solid.extent
     for body, own in zip(result.solid.bodies, result.solid.slices, strict=True):
         if not isinstance(body, ElasticBody):
             continue
@@ -137,26 +145,28 @@ def _check_cells(result: ContactResult) -> None:
         element = _CORNERS[mesh.elem.refdom]()
         slopes = np.array([element.lbasis(middle, v)[1][:, 0] for v in range(len(mesh.t))])
         u = result.u[own]
-        moved = mesh.p + np.array([u[body.dim * dofs + c] for c in range(body.dim)])
+        place = mesh.p[:, : dofs.size]  # without the nodes of curved cells
+        moved = place + np.array([u[body.dim * dofs + c] for c in range(body.dim)])
         rest, now = (
-            np.linalg.det(np.einsum("ive,vk->eik", p[:, mesh.t], slopes)) for p in (mesh.p, moved)
+            np.linalg.det(np.einsum("ive,vk->eik", p[:, mesh.t], slopes)) for p in (place, moved)
         )
-        turned = np.abs(rest[rest * now <= 0]).sum() / np.abs(rest).sum()
-        if turned > _TURNED:
+        turned = np.abs(rest[rest * now <= 0]).sum() * _VOLUMES[mesh.elem.refdom]
+        if turned > _TURNED * size**body.dim:
             warn(
-                f"{turned:.0%} of the body are turned inside out by the displacements, in a theory "
-                "of small ones: the obstacle presses too deep, or the loads are too large for E",
+                f"cells of the volume {turned:.3g} are turned inside out by the displacements, "
+                "in a theory of small ones: the obstacle presses too deep, or the loads are "
+                "too large for E",
                 LargeMotionWarning,
             )
 
 
 def _large(result: ContactResult) -> _Motion:
-    """Loaded points, not bonded, that have moved further than to the next contact point."""
+    """Points, not bonded, that have moved further than to the next contact point."""
     rows = result.system.rows
     slip = result.system.relative(result.u, result.motion)[1]
     far = np.linalg.norm(slip, axis=1)
     loaded = result.mu > _LOADED * result.mu.max(initial=0.0)
-    points = np.flatnonzero(loaded & ~rows.ties & np.isfinite(rows.gap) & (far > 0))
+    points = np.flatnonzero(~rows.ties & np.isfinite(rows.gap) & (far > 0))
     spacing = np.full(points.size, np.inf)
     part = result.part
     for k in np.unique(part[points]):
@@ -169,13 +179,13 @@ def _large(result: ContactResult) -> _Motion:
     moved = far[points] > spacing
     points, spacing = points[moved], spacing[moved]
     moves = np.einsum("cjm,mj->cm", rows.tangents[:, :, points], slip[points])
-    return _Motion(points, moves, spacing)
+    return _Motion(points, moves, spacing, loaded[points])
 
 
 def _of_pairs(
     result: ContactResult, interfaces: Interfaces, motion: _Motion, sliding: bool
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Change of the gap at the points, and which of them lie between two bodies that do not slide.
+    """Change of the gap at the points, and which of them have moved past a facet of another body.
 
     The change is zero where it is not known.
     """
@@ -191,8 +201,13 @@ def _of_pairs(
             own = motion.points[here] - first[k]
             change[here] = side.change_of_gap(pair.opposite, own, motion.moves[:, here])
         elif not sliding:
-            elastic[here] = True
-            if meshed and side.first.body is not side.second.body:
+            outline, x = side.first, result.x_nominal[:, motion.points[here]]
+            middle = outline.body.mesh.p[:, outline.corners].mean(axis=2)
+            nearest = scipy.spatial.KDTree(middle.T).query(x.T)[1]
+            far = np.linalg.norm(motion.moves[:, here], axis=0)
+            elastic[here] = motion.loaded[here] & (far > facet_lengths(outline)[nearest])
+            here = here[motion.loaded[here]]
+            if here.size and meshed and side.first.body is not side.second.body:
                 change[here] = _projected(result, interfaces, k, motion.points[here])
     return change, elastic
 
