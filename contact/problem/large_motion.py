@@ -42,6 +42,10 @@ _CORNERS = {
 }
 # Part of the penetration below which the body has only been moved until it touches.
 _TOUCHES = 1e-9
+_REMEDY = (
+    "; let bodies slide with LoadStepper(..., sliding='finite'), place a rigid obstacle where it "
+    "has moved to (LoadStepper.obstacle), or measure its gap by ClosestPoint"
+)
 
 
 @dataclass(frozen=True)
@@ -117,20 +121,17 @@ def check_motion(
         f"the contact point at {where} has moved by {far[k]:.3g} along the obstacle, past "
         f"contact points {motion.spacing[k]:.3g} away"
     )
-    remedy = (
-        "; let bodies slide with LoadStepper(..., sliding='finite'), place a rigid obstacle where "
-        "it has moved to (LoadStepper.obstacle), or measure its gap by ClosestPoint"
+    if off[worst] <= depth:
+        found = f", and its gap changes by {change[k]:+.3g}" if off[k] > 0 else ""
+        warn(f"{moved}{found}: contact is linearised at rest{_REMEDY}", LargeMotionWarning)
+        return
+    there = (
+        "where nothing lies opposite"
+        if np.isinf(off[worst])
+        else f"where the gap is {change[worst]:+.3g} off the linearised one, more than the "
+        f"penetration of about {depth:.3g}"
     )
-    if off[worst] > depth:
-        there = (
-            "where nothing lies opposite"
-            if np.isinf(off[worst])
-            else f"where the gap is {change[worst]:+.3g} off the linearised one, more than the "
-            f"penetration of about {depth:.3g}"
-        )
-        raise InputError(f"displacement: {moved}, {there}{remedy}")
-    found = f", and its gap changes by {change[k]:+.3g}" if off[k] > 0 else ""
-    warn(f"{moved}{found}: contact is linearised at rest{remedy}", LargeMotionWarning)
+    raise InputError(f"displacement: {moved}, {there}{_REMEDY}")
 
 
 def _check_cells(result: ContactResult) -> None:

@@ -40,7 +40,7 @@ def test_load_at_the_friction_limit(element, length, E, make):
 @pytest.mark.parametrize("element", [ElementQuad1, ElementHex1])
 def test_loads_beside_the_friction_limit(element, law, make):
     """Solved below, refused above; within 1e-6 a slip without digits may be refused as well."""
-    near = 2e-6 if element is ElementQuad1 else 2e-4  # nearer, the slip exceeds the body's size
+    near = 2e-6 if element is ElementQuad1 else 1e-3  # nearer, the slip exceeds the body's size
     below = pushed(make, element, 0.5 * (1 - near), law=law).solve()
     # In the plane the last point still sticks; in space friction turns, and the slip that it needs
     # to point the right way grows like the root of what is left.
