@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from contact.arrays.namespace import host
 from contact.errors import (
@@ -325,10 +325,10 @@ def _check_motion(problem: GridProblem, result: GridResult) -> None:
         return
     far, steps, gap = host(far), host(steps), host(problem.gap)
     places = np.array(np.nonzero(far)) + steps[:, far]
-    mode = "nearest" if hasattr(problem.compliance, "weights") else "grid-wrap"
+    mode: Any = "nearest" if hasattr(problem.compliance, "weights") else "grid-wrap"
     open_ = ~np.isfinite(gap)
     there, lost = (
-        map_coordinates(values, places, order=1, mode=mode)
+        scipy.ndimage.map_coordinates(values, places, order=1, mode=mode)
         for values in (np.where(open_, 0.0, gap), open_.astype(float))
     )
     change = np.where(lost > 0, np.inf, there - gap[far])
