@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+CHANGED = 0.25  # change of the gap along a motion, over the penetration, that is warned of
 # How NumPy shows its numbers, alone or in a tuple; what is said is the number.
 _NUMPY_SCALAR = re.compile(
     r"\bnp\.(?:(?:u?int|float|complex|c?longdouble|str_|bool)\d*\(([^()]*|\(.*?\))\)|(True|False)_)"
@@ -146,18 +147,44 @@ class ContactWarning(UserWarning):
 
     Examples
     --------
-    A load of Young's modulus itself, which suggests other units than those of E:
+    A roller that lies beside the block:
 
     >>> import warnings
-    >>> from contact import ContactProblem, ElasticBody
+    >>> from contact import ContactProblem, Cylinder, ElasticBody
     >>> from skfem import MeshQuad
     >>> body = ElasticBody.from_mesh(MeshQuad().refined(1).with_defaults(), E=1.0, nu=0.3)
-    >>> body = body.fix("top", "xy").load("left", (1.0, 0.0))
     >>> with warnings.catch_warnings(record=True) as found:
     ...     warnings.simplefilter("always")
-    ...     result = ContactProblem(body, "bottom", 0.0).solve()
+    ...     problem = ContactProblem(body.fix("top", "xy"), "bottom", Cylinder((5.0, -1.0), 1.0))
     >>> print(found[0].message)
-    displacements reach ... check the units of E and of the loads, ...
+    obstacle: no normal of the contact boundary meets the Cylinder, so that nothing can touch; ...
+    """
+
+
+class LargeMotionWarning(ContactWarning):
+    """Loaded points have moved along the obstacle so far that their gaps are others by now.
+
+    Contact is linearised at rest: points keep the partners, normals and gaps which they have there.
+    Let bodies slide with `LoadStepper(..., sliding="finite")`; place a rigid obstacle where it has
+    moved to, as `LoadStepper.obstacle` does, instead of a large motion of a `Rigid`; or measure the
+    gap by `ClosestPoint`, which a motion along a plane does not change. Where the gaps are off by
+    more than bodies are pressed together, the result is refused with an `InputError`.
+
+    Examples
+    --------
+    A roller of radius 1, pressed into a block by .02 and rolled on by .05:
+
+    >>> import warnings
+    >>> from contact import ContactProblem, Cylinder, ElasticBody, Rigid
+    >>> from skfem import MeshQuad
+    >>> mesh = MeshQuad().refined(5).translated((-0.5, -1.0)).with_defaults()
+    >>> body = ElasticBody.from_mesh(mesh, E=1.0, nu=0.3).fix("bottom", "xy")
+    >>> roller = Rigid(Cylinder((0.0, 1.0), 1.0), displacement=(0.05, -0.02))
+    >>> with warnings.catch_warnings(record=True) as found:
+    ...     warnings.simplefilter("always")
+    ...     result = ContactProblem(body, "top", roller).solve()
+    >>> print(found[0].category.__name__)
+    LargeMotionWarning
     """
 
 
@@ -183,12 +210,12 @@ class MissingDependency(ContactError, ImportError):
     """
 
 
-def warn(message: str) -> None:
-    """Issue a `ContactWarning` that points at the line which called this package."""
+def warn(message: str, category: type[ContactWarning] = ContactWarning) -> None:
+    """Issue a warning that points at the line which called this package."""
     depth, frame = 2, sys._getframe(1)
     while frame.f_back is not None and frame.f_globals["__name__"].startswith("contact."):
         depth, frame = depth + 1, frame.f_back
-    warnings.warn(message, ContactWarning, stacklevel=depth)
+    warnings.warn(message, category, stacklevel=depth)
 
 
 def numbers(name: str, value: ArrayLike) -> NDArray[np.float64]:

@@ -20,6 +20,7 @@ from contact.histories.load_history import LoadHistory, LoadStep, as_path, check
 from contact.histories.load_program import LoadProgram
 from contact.histories.spread_folder import SpreadFolder
 from contact.laws.options import Options
+from contact.problem.large_motion import check_motion
 from contact.problem.sagitta import warn_of_sagitta
 from contact.settled import settled
 
@@ -303,7 +304,11 @@ class LoadStepper(LoadProgram):
             if self._finite is not None:
                 near = None if last is None else self._extrapolated(last, begin, end).u
                 moving = self._moving(last, begin, end)
-                return self._finite.step(self._body_at(end), last, near, self.options, moving)
+                body = self._body_at(end)
+                result = self._finite.step(body, last, near, self.options, moving)
+                opposite = moving.get("obstacle")
+                check_motion(result, self.problem.boundaries, opposite, sliding=True)
+                return result
             return self._small_step(last, begin, end)
         except NotConverged:
             if halvings == 0 or last is None:
@@ -320,8 +325,9 @@ class LoadStepper(LoadProgram):
         condensed = condensed.under(system.body)
         start = last if last is None else self._extrapolated(last, begin, end)
         result = problem.solve_system(system, condensed, self.options, start)
-        rise = problem.boundaries.rise(system.obstacle)
-        warn_of_sagitta(result, rise, condensed, self.options)
+        boundaries = problem.boundaries
+        check_motion(result, boundaries, system.obstacle)
+        warn_of_sagitta(result, boundaries.rise(system.obstacle), condensed, self.options)
         return result
 
     def _moving(self, last: ContactResult | None, begin: float, end: float) -> dict[str, Any]:

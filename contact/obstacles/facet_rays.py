@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from contact.obstacles.arguments import GRAZING
 from contact.obstacles.box_tree import BoxTree
 
 Array = NDArray[np.float64]
+_ENTERS, _FACES = 1, 2  # a line enters the obstacle there, by so small an angle or a larger one
 
 
 def facet_normals(corners: Array) -> Array:
@@ -37,26 +39,30 @@ def gap_to_facets(corners: Array, tree: BoxTree, x: Array, n: Array) -> Array:
     line, facet = tree.near_lines(x, n)
     c, normal = corners[facet], facet_normals(corners)[facet]
     slope = np.sum(normal * n[line], axis=1)
-    steep = np.abs(slope) > 1e-12 * np.linalg.norm(normal, axis=1)
+    size = np.linalg.norm(normal, axis=1)
+    steep = np.abs(slope) > 1e-12 * size
+    faces = np.where(slope < -GRAZING * size, _FACES, np.where(slope < 0, _ENTERS, 0))
     line, c, normal, slope = line[steep], c[steep], normal[steep], slope[steep]
     d = np.sum(normal * (c[:, 0] - x[line]), axis=1) / slope
     foot = x[line] + d[:, None] * n[line]
     inside = np.all(coordinates(c, normal, foot) >= -1e-10, axis=1)
-    line, d, enters = line[inside], d[inside], slope[inside] < 0
+    line, d, enters = line[inside], d[inside], faces[steep][inside]
     ahead, ahead_enters = _nearest(len(x), line, d, enters, d >= 0)
     behind, behind_enters = _nearest(len(x), line, -d, enters, d < 0)
-    gap = np.where(behind_enters, -behind, np.inf)
-    return np.where(ahead_enters & ~(behind_enters & (behind < ahead)), ahead, gap)
+    nearer = (behind_enters >= _ENTERS) & (behind < ahead)
+    last = np.where(behind_enters == _FACES, -behind, np.inf)
+    first = np.where(ahead_enters == _FACES, ahead, np.inf)
+    return np.where((ahead_enters >= _ENTERS) & ~nearer, first, last)
 
 
 def _nearest(
-    count: int, line: NDArray[np.int64], d: Array, enters: NDArray[np.bool_], among: Array
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Least d of each line, inf if there is none, and whether the line enters there."""
+    count: int, line: NDArray[np.int64], d: Array, enters: NDArray[np.int64], among: Array
+) -> tuple[Array, NDArray[np.int64]]:
+    """Least d of each line, inf if there is none, and how the line enters there."""
     line, d, enters = line[among], d[among], enters[among]
-    order = np.lexsort((~enters, d, line))
+    order = np.lexsort((-enters, d, line))
     first, at = np.unique(line[order], return_index=True)
-    least, entering = np.full(count, np.inf), np.zeros(count, dtype=bool)
+    least, entering = np.full(count, np.inf), np.zeros(count, dtype=np.int64)
     least[first], entering[first] = d[order][at], enters[order][at]
     return least, entering
 

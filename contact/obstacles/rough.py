@@ -12,7 +12,7 @@ import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
 from contact.errors import InputError, array_of, evaluated, numbers
-from contact.obstacles.arguments import column, flag, positive_number, vector
+from contact.obstacles.arguments import GRAZING, column, flag, positive_number, vector
 from contact.obstacles.height_files import read_heights
 from contact.obstacles.height_spline import DEGREES, HeightSpline
 from contact.obstacles.rigid_motion import RigidMotion, turn_of
@@ -237,9 +237,9 @@ class Rough:
         _, axes, unit = self._frame
         towards = -np.sum(n * column(unit, x), axis=0)
         across = np.abs(np.tensordot(axes, n, axes=1)).sum(axis=0)
-        straight = (across <= 1e-14) & (towards > 0)
+        straight = (across <= 1e-14) & (towards > GRAZING)
         gap = np.where(straight, self._above(x), np.inf)
-        skew = ~straight & (towards > 0)
+        skew = ~straight & (towards > GRAZING)
         if np.any(skew):
             march = SignedDistance(lambda y: self._above(y) / np.hypot(1.0, self._surface.steepest))
             gap[skew] = march(x[:, skew], n[:, skew])

@@ -3,8 +3,8 @@
 An obstacle is called as ``obstacle(x, n)`` with points and unit normals of shape (dim, ...) and
 returns the signed distance d along n to its surface: positive where there is a gap, zero where they
 touch, negative where body and obstacle overlap at rest (a press fit), and ``inf`` where the ray
-meets nothing. The contact condition is u_n <= d. Instead of an obstacle, a function of x that
-returns d may be given.
+meets nothing, or at an angle of less than a degree. The contact condition is u_n <= d. Instead of
+an obstacle, a function of x that returns d may be given.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from contact.errors import InputError, evaluated, numbers
 from contact.obstacles.arguments import (
+    GRAZING,
     column,
     finite_number,
     flag,
@@ -72,7 +73,7 @@ class Plane:
             raise InputError("normal: the zero vector is no direction")
         height = np.sum((x - column(point, x)) * column(normal, x), axis=0)
         slope = -np.sum(n * column(normal, x), axis=0)
-        facing = slope > 1e-12 * float(np.linalg.norm(normal))
+        facing = slope > GRAZING * float(np.linalg.norm(normal))
         return np.where(facing, height / np.where(facing, slope, 1.0), np.inf)
 
     def distance(self, x: Array) -> tuple[Array, Array]:
@@ -93,7 +94,9 @@ def _first_meeting(x: Array, n: Array, radius: float) -> Array:
     """Where the ray x + d n enters |x + d n| <= radius: the lesser root of a d^2 + 2 b d + c."""
     a, b, c = np.sum(n * n, axis=0), np.sum(x * n, axis=0), np.sum(x * x, axis=0) - radius**2
     discriminant = b**2 - a * c
-    ahead = (discriminant >= 0) & (a > 1e-24) & ((c < 0) | (b < 0))
+    # The root is the radius times the sine of the angle between ray and surface where they meet.
+    meets = (discriminant >= (GRAZING * radius) ** 2) & (a > 1e-24)
+    ahead = meets & ((c < 0) | (b < 0))
     root = np.sqrt(np.where(ahead, discriminant, 1.0))
     # c / (root - b) is the same root without cancellation where b < 0.
     towards = b < 0
@@ -460,3 +463,24 @@ def evaluate_gap(obstacle: ObstacleLike, x: Array, n: Array) -> Array:
     if np.any(np.isnan(gap)) or np.any(np.isneginf(gap)):
         raise InputError("obstacle: the gap holds NaN or minus infinity")
     return np.array(gap)
+
+
+def within_reach(obstacle: ObstacleLike, gap: Array, nearest: float, size: float) -> Array:
+    """The gap, ``inf`` where it is longer than the body's size beyond the nearest place.
+
+    Towards the equator of a ball its normals run along a plane below it, which they meet far off.
+    A body that closes such a gap has sunk into the obstacle by more than its own size elsewhere.
+
+    Parameters
+    ----------
+    obstacle : obstacle, number, callable or None
+        Gaps that are given, or do not run along normals, stay as they are.
+    gap : ndarray
+    nearest : float
+        Least modulus of a gap on the whole boundary, ``inf`` without any.
+    size : float
+        Largest extent of the body.
+    """
+    if isinstance(obstacle, (Plane, Cylinder, Sphere, Cone, SurfaceMesh, Rough, SignedDistance)):
+        gap = np.where(np.abs(gap) <= nearest + size, gap, np.inf)
+    return gap

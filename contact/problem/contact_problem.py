@@ -25,6 +25,7 @@ from contact.obstacles.rigid_motion import same_gaps
 from contact.obstacles.shapes import ObstacleLike
 from contact.portable import Portable
 from contact.problem.coarse_facets import warn_of_coarse_facets
+from contact.problem.large_motion import check_motion
 from contact.problem.sagitta import warn_of_sagitta
 from contact.problem.solve_system import solve_system
 from contact.result.contact_result import ContactResult
@@ -413,7 +414,13 @@ class ContactProblem(Portable):
         Unbounded
             The body is not held; the message names the rigid motion.
         InputError
-            A malformed argument.
+            A malformed argument; displacements beyond the size of the body, or along the obstacle
+            to where the gap is another one by more than the penetration.
+
+        Warns
+        -----
+        LargeMotionWarning
+            The gap changes noticeably along such a displacement.
         """
         for name, value in (("start", start), ("after", after)):
             if value is not None and not isinstance(value, ContactResult):
@@ -435,6 +442,7 @@ class ContactProblem(Portable):
         condensed = self.condense()
         system = self.system_of(self.body.snapshot(), after, said=motion)
         result = self.solve_system(system, condensed, options, start, report)
+        check_motion(result, self.boundaries, self.opposite)
         warn_of_sagitta(result, self.boundaries.rise(self.opposite), condensed, options)
         if isinstance(self.boundaries, Interfaces):
             warn_of_coarse_facets(result, self.boundaries.facet_ratio)

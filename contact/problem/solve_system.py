@@ -22,7 +22,6 @@ from contact.laws.methods import solve_boundary
 from contact.laws.options import Options
 from contact.problem.equilibrium import doubt, driven, undetermined
 from contact.problem.nested_start import start_forces
-from contact.problem.small_displacements import warn_of_large_displacements
 from contact.problem.stiffness_form import fits, refined, solved_stiffly
 from contact.result.certify import certify, take_strains
 from contact.result.contact_result import ContactResult
@@ -138,7 +137,6 @@ def _solved(
                 if not take_strains(system.body):
                     break
         raise
-    warn_of_large_displacements(answer)
     result.keep_facts_of_many()
     return result
 

@@ -1,15 +1,16 @@
-"""The certificate: all recomputed residuals of a result are below the tolerance."""
+"""The certificate: all recomputed residuals are below the tolerance, displacements plausible."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import skfem
 
 from contact.body.basis_solid import BasisSolid
 from contact.body.free_motions import strained_by_rotation
-from contact.errors import NotConverged
+from contact.errors import InputError, NotConverged
 from contact.result.contact_state import ContactState
 from contact.result.shared_points import refuse_shared_points
 
@@ -36,11 +37,13 @@ def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
     NotConverged
         A residual exceeds its tolerance.
     InputError
-        Points in contact share their unknowns, see `refuse_shared_points`.
+        Points in contact share their unknowns, see `refuse_shared_points`; displacements exceed the
+        size of the body.
     """
     kkt = state.system.kkt(state.u, state.mu, state.t, state.motion)
     refuse_residuals(state, kkt, tol, slack)
     refuse_shared_points(state)
+    _refuse_large_displacements(state)
     return kkt
 
 
@@ -48,6 +51,25 @@ def take_strains(body: Any) -> bool:
     """Whether some body computes forces from strains from now on, and did not before."""
     taken = [one.take_strains() for one in body.bodies if isinstance(one, BasisSolid)]
     return any(taken)
+
+
+def _refuse_large_displacements(state: ContactState) -> None:
+    """Raise if displacements exceed the size of the body: the linear theory is then invalid.
+
+    What supports and obstacles prescribe is intended: twice the largest is allowed besides.
+    """
+    system, body = state.system, state.system.body
+    size, reach = body.extent, body.reach(state.u)
+    given = body.reach(body.constraint[1])
+    if system.motion is not None and state.motion is not None:
+        known = np.where(system.motion.free, 0.0, np.nan_to_num(state.motion))
+        given = max(given, *(np.abs(w).max(initial=0.0) for w in system.motion.displacement(known)))
+    if reach > size + 2.0 * given:
+        raise InputError(
+            f"displacements reach {reach:.3g}, {reach / size:.3g} times the size of the body, in a "
+            "theory of small ones; check the units of E and of the loads, the place of the "
+            "obstacle, and what holds the body"
+        )
 
 
 def refuse_residuals(state: ContactState, kkt: dict[str, float], tol: float, slack: float) -> None:

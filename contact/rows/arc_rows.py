@@ -32,7 +32,7 @@ from scipy import sparse
 
 from contact.body.cut_arc import CutArc
 from contact.errors import InputError
-from contact.obstacles.shapes import ObstacleLike, evaluate_gap
+from contact.obstacles.shapes import ObstacleLike, evaluate_gap, within_reach
 from contact.rows.contact_rows import ContactRows
 from contact.rows.frames import tangent_frame
 from contact.rows.gap_rule import given_gaps
@@ -84,7 +84,7 @@ def arc_rows(
         tangent_frame(middle),
         HAT,
     )
-    return rows, ArcGap(arc.x, arc.normals, mean, rows.x_nominal)
+    return rows, ArcGap(arc.x, arc.normals, mean, rows.x_nominal, arc.body.extent)
 
 
 @dataclass(frozen=True)
@@ -98,12 +98,15 @@ class ArcGap:
     mean : csr_array, shape (m, n)
         Mean values of a function weighted by each hat.
     x_nominal : ndarray, shape (2, m)
+    size : float
+        Largest extent of the body.
     """
 
     x: Array
     normals: Array
     mean: sparse.csr_array
     x_nominal: Array
+    size: float
 
     @property
     def order(self) -> NDArray[np.int64]:
@@ -121,6 +124,7 @@ class ArcGap:
         if isinstance(obstacle, np.ndarray | list | tuple):
             return given_gaps(obstacle, self.x_nominal)
         at = evaluate_gap(obstacle, self.x, self.normals)
+        at = within_reach(obstacle, at, float(np.abs(at).min(initial=np.inf)), self.size)
         open_ = np.isinf(at)
         gap = self.mean @ np.where(open_, 0.0, at)
         return np.where(self.mean @ open_.astype(float) > 0, np.inf, gap)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,7 +25,7 @@ from contact.obstacles.rigid_motion import (
     said_motion,
     unknown_motion,
 )
-from contact.obstacles.shapes import ClosestPoint, ObstacleLike
+from contact.obstacles.shapes import ClosestPoint, ObstacleLike, evaluate_gap
 from contact.rows.arc_rows import ArcGap, arc_rows
 from contact.rows.contact_rows import ContactRows
 from contact.rows.discretise import contact_boundary
@@ -116,6 +117,32 @@ class ContactBoundaries:
                 n = outward_normals(self.body.mesh, rule.x)
             check_placement(o, gap, rule.x, n, size)
         return np.concatenate(gaps)
+
+    def change_of_gap(self, obstacle: Any, points: NDArray[np.int64], moves: Array) -> Array:
+        """Change of the gap where contact points move along their tangents, shape (k,).
+
+        It is ``inf`` where they lose the obstacle, and zero where it is not known: of gaps that are
+        given as numbers, and beyond the places where a function has a value.
+
+        Parameters
+        ----------
+        obstacle : obstacle, or a list of these
+        points : ndarray of int, shape (k,)
+        moves : ndarray, shape (dim, k)
+        """
+        change, start = np.zeros(points.size), 0
+        for rule, o in zip(self.rules, self._obstacles(obstacle), strict=True):
+            here = np.flatnonzero((points >= start) & (points < start + rule.order.size))
+            start += rule.order.size
+            plain = o.obstacle if isinstance(o, Rigid) else o
+            if not here.size or not callable(plain):
+                continue
+            x, n = self.rows.x_nominal[:, points[here]], self.rows.normals[:, points[here]]
+            with suppress(InputError, ValueError, ArithmeticError, LookupError):
+                rest, now = (evaluate_gap(plain, y, n) for y in (x, x + moves[:, here]))
+                known = np.isfinite(rest)
+                change[here] = np.where(known, now - np.where(known, rest, 0.0), 0.0)
+        return change
 
     def rise(self, obstacle: Any) -> Array:
         """Gap from the curve that straight facets approximate minus the gap from them, (m,)."""

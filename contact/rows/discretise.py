@@ -94,6 +94,8 @@ def contact_boundary(
         np.linalg.norm(own, axis=0),
         sharp,
         order,
+        body.extent,
+        form.between,
         offset,
         outline.raised(trace.x, np.asarray(at_points.X)),
         aside,

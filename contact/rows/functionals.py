@@ -116,6 +116,13 @@ class FacetFunctional:
         """The numbers that belong to vertices, in ring order."""
         return np.flatnonzero([isinstance(c, int) and c >= 0 for c in self.vertex])
 
+    @property
+    def between(self) -> Array:
+        """Values midway between the points, of the polynomial through them, (npoints, nplaces)."""
+        pairs = np.triu_indices(self.points.shape[1], 1)
+        middle = 0.5 * (self.points[:, pairs[0]] + self.points[:, pairs[1]])
+        return np.asarray(self.C.T @ self.basis(middle))
+
     def basis(self, points: Array) -> Array:
         """The polynomials N_k that the numbers multiply, ``v = sum_k value_k N_k``.
 

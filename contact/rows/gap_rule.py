@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact.errors import InputError, numbers
-from contact.obstacles.shapes import ObstacleLike, evaluate_gap
+from contact.obstacles.shapes import ObstacleLike, evaluate_gap, within_reach
 from contact.rows.shares import Shares
 
 Array = NDArray[np.float64]
+# Part of what a mean lies outside the gaps of its points, by which the polynomial through them may
+# miss the gap in between: it is 1/4 at a kink, more at a step, and of a higher order where smooth.
+_SMOOTH = 0.2
 
 
 @dataclass(frozen=True)
 class GapRule:
     """Evaluates the gap of a contact boundary with the same functional as the displacement.
+
+    Functionals have negative weights, as the quadratic through three gaps dips below them. This is
+    right where that polynomial is the gap; where it is not, as at a step, the mean of some gaps is
+    kept between the least and the largest of them.
 
     Attributes
     ----------
@@ -33,6 +41,10 @@ class GapRule:
         Facets meet there in a sharp corner.
     order : ndarray of int, shape (m,)
         Sorts the contact points.
+    size : float
+        Largest extent of the body, the longest gap beyond the nearest one.
+    between : ndarray, shape (npoints, nplaces)
+        Values at places between the points of a facet, of the polynomial through them.
     offset : ndarray, shape (dim, m), optional
         Vector from the vertex to the point, before sorting; for the functional ``centroid``.
     raised : ndarray, shape (dim, nfacets, npoints), optional
@@ -50,6 +62,8 @@ class GapRule:
     slant: Array
     sharp: NDArray[np.bool_]
     order: NDArray[np.int64]
+    size: float
+    between: Array
     offset: Array | None = None
     raised: Array | None = None
     aside: tuple[Array, Array] | None = None
@@ -68,7 +82,7 @@ class GapRule:
             gap = self._extrapolated(obstacle, self.offset)
         else:
             gap = self._read(obstacle)
-        return (gap + self._turned(obstacle))[self.order]
+        return (gap + self._turned(obstacle, _nearest(gap)))[self.order]
 
     def rise(self, obstacle: ObstacleLike) -> Array:
         """Gap from the curve that the facets approximate, minus the gap from them, shape (m,)."""
@@ -82,6 +96,8 @@ class GapRule:
         """Mean of the gaps of the facets at each point, before sorting."""
         shares, count = self.shares, self.order.size
         at = evaluate_gap(obstacle, self.x, self.normals)
+        nearest = _nearest(at)
+        at = within_reach(obstacle, at, nearest, self.size)
         open_ = np.isinf(at)
         value = np.einsum("fsp,fp->fs", shares.C, np.where(open_, 0.0, at))
         blind = np.einsum("fsp,fp->fs", shares.C != 0, open_.astype(float)) > 0
@@ -92,7 +108,7 @@ class GapRule:
 
         # Values of neighbouring facets are left out: they are the same where the gap is smooth, and
         # a kink or a step of the obstacle affects its own facet only.
-        gap = total(value) / total(shares.omega)
+        gap = self._bounded(obstacle, total(value) / total(shares.omega), np.where(open_, 0.0, at))
         unseen = total(blind.astype(float)) > 0
         alone = np.bincount(shares.number[own], minlength=count) == 1
         gap[unseen & alone] = np.inf
@@ -101,17 +117,46 @@ class GapRule:
         seek = np.flatnonzero(~alone & (unseen | self.sharp))
         if seek.size:
             where = self.x_nominal[:, seek], self.mean_normals[:, seek]
-            gap[seek] = evaluate_gap(obstacle, *where) * self.slant[seek]
+            found = within_reach(obstacle, evaluate_gap(obstacle, *where), nearest, self.size)
+            gap[seek] = found * self.slant[seek]
         return gap
 
-    def _turned(self, obstacle: ObstacleLike) -> Array:
+    def _bounded(self, obstacle: ObstacleLike, gap: Array, at: Array) -> Array:
+        """The means, between the gaps of their points where the gap is no polynomial."""
+        shares = self.shares
+        least, most = np.full(gap.size, np.inf), np.full(gap.size, -np.inf)
+        facet, value, point = np.nonzero((shares.C != 0) & ~shares.lent[:, :, None])
+        np.minimum.at(least, shares.number[facet, value], at[facet, point])
+        np.maximum.at(most, shares.number[facet, value], at[facet, point])
+        k, beyond = _outside(gap, least, most)
+        out = np.zeros(gap.size, dtype=bool)
+        out[k] = True
+        own = ~shares.lent
+        seen = np.flatnonzero((out[shares.number] & own).any(axis=1))
+        if seen.size:
+            x, n = self.x[:, seen] @ self.between, self.normals[:, seen] @ self.between
+            there = evaluate_gap(obstacle, x, n / np.linalg.norm(n, axis=0))
+            missed = np.zeros(gap.size)
+            off = np.abs(there - at[seen] @ self.between).max(axis=1)
+            facet, value = np.nonzero(own[seen])
+            np.maximum.at(missed, shares.number[seen[facet], value], off[facet])
+            k = k[missed[k] > _SMOOTH * beyond]
+            gap[k] = np.clip(gap[k], least[k], most[k])
+        return gap
+
+    def _turned(self, obstacle: ObstacleLike, nearest: float) -> Array:
         """Gap along the normals of the rows minus that along the facets' mean, before sorting."""
         longer = np.zeros(self.order.size)
         if self.aside is not None:
             # Normals that differ by 1e-12 at most are the same up to rounding.
             turned = np.flatnonzero(np.abs(self.aside[1] - self.aside[0]).max(axis=0) > 1e-12)
             where = self.x_nominal[:, turned]
-            one, two = (evaluate_gap(obstacle, where, n[:, turned]) for n in self.aside)
+            one, two = (
+                within_reach(
+                    obstacle, evaluate_gap(obstacle, where, n[:, turned]), nearest, self.size
+                )
+                for n in self.aside
+            )
             both = np.isfinite(one) & np.isfinite(two)
             one, two = np.where(both, one, 0.0), np.where(both, two, 0.0)
             longer[turned] = self.slant[turned] * (two - one)
@@ -120,13 +165,38 @@ class GapRule:
     def _extrapolated(self, obstacle: ObstacleLike, offset: Array) -> Array:
         """d plus its derivative along the offset, as for u; exact for quadratic d."""
         vertex = self.x_nominal - offset
-        here, half, there = (
-            evaluate_gap(obstacle, vertex + part * offset, self.mean_normals)
-            for part in (0.0, 0.5, 1.0)
-        )
-        open_ = np.isinf(here) | np.isinf(half) | np.isinf(there)
-        here, half, there = (np.where(open_, 0.0, d) for d in (here, half, there))
-        return np.where(open_, np.inf, 4 * half - 2 * here - there)
+
+        def read(parts: tuple[float, ...], k: Any = slice(None)) -> Array:
+            n = self.mean_normals[:, k]
+            return np.array(
+                [evaluate_gap(obstacle, vertex[:, k] + p * offset[:, k], n) for p in parts]
+            )
+
+        at = read((0.0, 0.5, 1.0))
+        at = within_reach(obstacle, at, _nearest(at), self.size)
+        open_ = np.isinf(at).any(axis=0)
+        at = np.where(open_, 0.0, at)
+        gap = 4 * at[1] - 2 * at[0] - at[2]
+        least, most = at.min(axis=0), at.max(axis=0)
+        k, beyond = _outside(gap, least, most)
+        if k.size:
+            quadratic = np.array([[0.375, 0.75, -0.125], [-0.125, 0.75, 0.375]]) @ at[:, k]
+            missed = np.abs(read((0.25, 0.75), k) - quadratic).max(axis=0)
+            k = k[missed > _SMOOTH * beyond]
+            gap[k] = np.clip(gap[k], least[k], most[k])
+        return np.where(open_, np.inf, gap)
+
+
+def _outside(gap: Array, least: Array, most: Array) -> tuple[NDArray[np.int64], Array]:
+    """Means that lie outside the gaps of their points by more than rounding, and by how much."""
+    beyond = np.maximum(least - gap, gap - most)
+    k = np.flatnonzero(beyond > 1e-12 * np.maximum(np.abs(least), np.abs(most)))
+    return k, beyond[k]
+
+
+def _nearest(gap: Array) -> float:
+    """Least modulus of the gaps, ``inf`` without any."""
+    return float(np.abs(gap).min(initial=np.inf))
 
 
 def given_gaps(obstacle: ObstacleLike, x: Array) -> Array:

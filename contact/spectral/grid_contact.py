@@ -8,10 +8,20 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from contact.arrays.namespace import host
-from contact.errors import Infeasible, InputError, NotConverged, evaluated, numbers
+from contact.errors import (
+    CHANGED,
+    Infeasible,
+    InputError,
+    LargeMotionWarning,
+    NotConverged,
+    evaluated,
+    numbers,
+    warn,
+)
 from contact.laws.iteration import Iteration
 from contact.obstacles.rigid import Rigid
 from contact.obstacles.rigid_motion import (
@@ -35,6 +45,7 @@ from contact.spectral.proximal_point import proximal_point
 Array = NDArray[np.float64]
 
 _INNER = 1e-2  # tolerance of the solvers relative to that of the certificate
+_LOADED = 1e-3  # part of the largest pressure: less hardly presses
 _LOOPS = 6  # Tresca solves that lead to Coulomb's law where Newton's method stalls
 
 
@@ -217,6 +228,11 @@ class GridContact:
             point is within its reach.
         NotConverged
             The iteration does not settle, or its result fails the certificate.
+
+        Warns
+        -----
+        LargeMotionWarning
+            Loaded points have moved past the next one, to where the gap is another one.
         """
         self._check(tol, after)
         if motion is not None and after is None:
@@ -260,6 +276,7 @@ class GridContact:
                 l[1:] = xp.where(problem.at_rest, 0.0, l[1:])
         lines, given, way = tuple(history), case.motion, case.travel
         result = certified(problem, law, (l, a), given, tol, lines, way)
+        _check_motion(problem, result, way)
         return replace(result, _proof=(case, a, tol))
 
     def history(
@@ -370,6 +387,36 @@ def _check_forces(case: GridCase, problem: GridProblem) -> None:
         raise Infeasible(
             f"obstacle: the force {drag:.6g} along the surface is beyond the friction, which "
             f"holds {most:.6g}; let it move by a displacement"
+        )
+
+
+def _check_motion(problem: GridProblem, result: GridResult, travel: Any) -> None:
+    """Warn where points slip past others and the gap changes noticeably on their way."""
+    xp, slip, p = problem.xp, result._fields["slip"], result._fields["pressure"]
+    if travel is not None:  # the gap is that where the shape is now
+        slip = slip + xp.asarray(travel[problem.order[0][1:]]).reshape((-1,) + (1,) * p.ndim)
+    steps = slip / xp.asarray(problem.compliance.spacing).reshape((-1,) + (1,) * p.ndim)
+    far = (xp.abs(steps).max(axis=0) > 1.0) & (p > _LOADED * p.max())
+    if not bool(far.any()):
+        return
+    far, steps, gap = host(far), host(steps), host(problem.gap)
+    places = np.array(np.nonzero(far)) + steps[:, far]
+    mode: Any = "nearest" if hasattr(problem.compliance, "weights") else "grid-wrap"
+    open_ = ~np.isfinite(gap)
+    there, lost = (
+        scipy.ndimage.map_coordinates(values, places, order=1, mode=mode)
+        for values in (np.where(open_, 0.0, gap), open_.astype(float))
+    )
+    change = np.where(lost > 0, np.inf, there - gap[far])
+    u_n = problem.turned(result._fields["u"])[0]
+    depth = max(float(u_n.max() - u_n.min()), float(xp.abs(u_n).max()))
+    if np.abs(change).max() > CHANGED * depth:
+        warn(
+            f"grid points in contact have moved by up to {np.abs(steps[:, far]).max():.3g} spacings"
+            f" along the obstacle, where the gap is {change[np.abs(change).argmax()]:+.3g} off that"
+            " at rest, on which the linearised problem stands; give the heights or the obstacle "
+            "where it has moved to",
+            LargeMotionWarning,
         )
 
 

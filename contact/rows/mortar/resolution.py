@@ -43,7 +43,10 @@ def facet_ratio(first: Outline, second: Outline, found: MortarRows) -> Array:
         Non-mortar and mortar side.
     found : MortarRows
     """
-    own, other = _lengths(first)[found.quadrature.facet], _lengths(second)[found.quadrature.other]
+    own, other = (
+        facet_lengths(first)[found.quadrature.facet],
+        facet_lengths(second)[found.quadrature.other],
+    )
     ratio, P = np.maximum(own / other, other / own), found.P
     largest = np.ones(P.shape[0])
     point = np.repeat(np.arange(P.shape[0]), np.diff(P.indptr))
@@ -60,7 +63,7 @@ def _heights(outline: Outline, facet: Index, x: Array, X: Array) -> Array:
     return np.where(outline.bent[facet], height, 0.0)
 
 
-def _lengths(outline: Outline) -> Array:
+def facet_lengths(outline: Outline) -> Array:
     """Mean length of the sides of each facet."""
     corner = outline.body.mesh.p[:, outline.corners]
     sides = np.roll(corner, -1, axis=2) - corner

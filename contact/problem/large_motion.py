@@ -1,0 +1,246 @@
+r"""Loaded points that have moved along the obstacle so far that their gaps are others by now.
+
+At a contact point with the tangential displacement v, relative to the obstacle, the gap is no
+longer d(x) but :math:`d(x + v)`; the linearised law keeps d(x). The difference is compared with
+the penetration that contact removes, for which the largest deformation of the body stands. Where
+two bodies touch it is found by projecting them anew where they are. Cells that are turned inside
+out show motions that are too large along the normal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+from skfem import ElementHex1, ElementQuad1, ElementTetP1, ElementTriP1
+from skfem.refdom import RefHex, RefQuad, RefTet, RefTri
+
+from contact.body.elastic_body import ElasticBody
+from contact.errors import CHANGED, InputError, LargeMotionWarning, warn
+from contact.rows.contact_boundaries import ContactBoundaries
+from contact.rows.interfaces import Interfaces
+from contact.rows.mortar.resolution import facet_lengths
+
+if TYPE_CHECKING:
+    from contact.result.contact_result import ContactResult
+
+Array = NDArray[np.float64]
+
+# Points with less than this part of the largest force hardly press.
+_LOADED = 1e-3
+# Volume of cells that are turned inside out over that of a cube as wide as the contact.
+_TURNED = 0.1
+_VOLUMES = {RefTri: 1 / 2, RefQuad: 1.0, RefTet: 1 / 6, RefHex: 1.0}  # of the reference cells
+_CORNERS = {
+    RefTri: ElementTriP1,
+    RefQuad: ElementQuad1,
+    RefTet: ElementTetP1,
+    RefHex: ElementHex1,
+}
+# Part of the penetration below which the body has only been moved until it touches.
+_TOUCHES = 1e-9
+_REMEDY = (
+    "; let bodies slide with LoadStepper(..., sliding='finite'), place a rigid obstacle where it "
+    "has moved to (LoadStepper.obstacle), or measure its gap by ClosestPoint"
+)
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """Points that have moved by more than the distance of contact points.
+
+    Attributes
+    ----------
+    points : ndarray of int, shape (k,)
+    moves : ndarray, shape (dim, k)
+        Their tangential displacements relative to the obstacle.
+    spacing : ndarray, shape (k,)
+        Distance to the next contact point.
+    loaded : ndarray of bool, shape (k,)
+        Those that press.
+    """
+
+    points: NDArray[np.int64]
+    moves: Array
+    spacing: Array
+    loaded: NDArray[np.bool_]
+
+
+def check_motion(
+    result: ContactResult,
+    boundaries: ContactBoundaries | Interfaces,
+    obstacle: Any,
+    sliding: bool = False,
+) -> None:
+    """Warn of, or refuse, a result whose loaded points have moved to where the gap is another one.
+
+    Parameters
+    ----------
+    result : ContactResult
+    boundaries : ContactBoundaries or Interfaces
+        Of its problem.
+    obstacle : obstacle, or a list of these
+        Where they are now; by default those of the pairs.
+    sliding : bool
+        Pairs of elastic bodies were projected at this displacement, and are not looked at.
+
+    Warns
+    -----
+    LargeMotionWarning
+        The gap changes along the motion by a quarter of the penetration; points of two bodies have
+        moved past a facet; cells are turned inside out.
+
+    Raises
+    ------
+    InputError
+        The gap changes by more than the penetration, or nothing lies opposite any more.
+    """
+    _check_cells(result)
+    motion = _large(result)
+    if not motion.points.size:
+        return
+    if isinstance(boundaries, Interfaces):
+        opposites = obstacle or [pair.opposite for pair in boundaries.pairs]
+        change, elastic = _of_pairs(result, boundaries, opposites, motion, sliding)
+    else:
+        change = boundaries.change_of_gap(obstacle, motion.points, motion.moves)
+        elastic = np.zeros(motion.points.size, dtype=bool)
+    overlap = -np.minimum(result.gap[motion.points], 0.0).min()  # of compliant surfaces
+    depth = max(result.system.body.deformation(result.u), float(overlap))
+    # An open point is off where it would have gone through.
+    off = np.where(motion.loaded, np.abs(change), -(result.gap[motion.points] + change))
+    worst = int(off.argmax())
+    far = np.linalg.norm(motion.moves, axis=0)
+    warned = elastic | (off > CHANGED * depth)
+    if not warned.any() or depth <= _TOUCHES * far.max():
+        return
+    k = worst if off[worst] > CHANGED * depth else int(np.where(elastic, far, 0.0).argmax())
+    where = tuple(float(f"{c:.4g}") for c in result.x_nominal[:, motion.points[k]])
+    moved = (
+        f"the contact point at {where} has moved by {far[k]:.3g} along the obstacle, past "
+        f"contact points {motion.spacing[k]:.3g} away"
+    )
+    if off[worst] <= depth:
+        found = f", and its gap changes by {change[k]:+.3g}" if off[k] > 0 else ""
+        warn(f"{moved}{found}: contact is linearised at rest{_REMEDY}", LargeMotionWarning)
+        return
+    there = (
+        "where nothing lies opposite"
+        if np.isinf(off[worst])
+        else f"where the gap is {change[worst]:+.3g} off the linearised one, more than the "
+        f"penetration of about {depth:.3g}"
+    )
+    raise InputError(f"displacement: {moved}, {there}{_REMEDY}")
+
+
+def _check_cells(result: ContactResult) -> None:
+    """Warn if more cells are turned inside out than at a singular place of the stresses."""
+    zone = np.linalg.norm(np.ptp(result.zone, axis=1))
+    size = float(zone) if zone > 0 else result.solid.extent
+    for body, own in zip(result.solid.bodies, result.solid.slices, strict=True):
+        if not isinstance(body, ElasticBody):
+            continue
+        mesh, dofs = body.mesh, body.scalar_dofs.nodal_dofs[0]
+        middle = mesh.elem.refdom.p.mean(axis=1)[:, None]
+        element = _CORNERS[mesh.elem.refdom]()
+        slopes = np.array([element.lbasis(middle, v)[1][:, 0] for v in range(len(mesh.t))])
+        u = result.u[own]
+        place = mesh.p[:, : dofs.size]  # without the nodes of curved cells
+        moved = place + np.array([u[body.dim * dofs + c] for c in range(body.dim)])
+        rest, now = (
+            np.linalg.det(np.einsum("ive,vk->eik", p[:, mesh.t], slopes)) for p in (place, moved)
+        )
+        turned = np.abs(rest[rest * now <= 0]).sum() * _VOLUMES[mesh.elem.refdom]
+        if turned > _TURNED * size**body.dim:
+            warn(
+                f"cells of the volume {turned:.3g} are turned inside out by the displacements, "
+                "in a theory of small ones: the obstacle presses too deep, or the loads are "
+                "too large for E",
+                LargeMotionWarning,
+            )
+
+
+def _large(result: ContactResult) -> _Motion:
+    """Points, not bonded, that have moved further than to the next contact point."""
+    rows = result.system.rows
+    slip = result.system.relative(result.u, result.motion)[1]
+    given = result.system.motion
+    if given is not None and given.travel is not None:  # the gap is that where the shape is now
+        slip = slip + given.travel
+    far = np.linalg.norm(slip, axis=1)
+    loaded = result.mu > _LOADED * result.mu.max(initial=0.0)
+    points = np.flatnonzero(~rows.ties & np.isfinite(rows.gap) & (far > 0))
+    spacing = np.full(points.size, np.inf)
+    part = result.part
+    for k in np.unique(part[points]):
+        own = np.flatnonzero(part == k)
+        if own.size > 1:
+            here = part[points] == k
+            places = rows.x_nominal[:, own].T
+            near = scipy.spatial.KDTree(places).query(rows.x_nominal[:, points[here]].T, 2)[0]
+            spacing[here] = np.asarray(near)[:, 1]
+    moved = far[points] > spacing
+    points, spacing = points[moved], spacing[moved]
+    moves = np.einsum("cjm,mj->cm", rows.tangents[:, :, points], slip[points])
+    return _Motion(points, moves, spacing, loaded[points])
+
+
+def _of_pairs(
+    result: ContactResult,
+    interfaces: Interfaces,
+    opposites: Sequence[Any],
+    motion: _Motion,
+    sliding: bool,
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Change of the gap at the points, and which of them have moved past a facet of another body.
+
+    The change is zero where it is not known.
+    """
+    change = np.zeros(motion.points.size)
+    elastic = np.zeros(motion.points.size, dtype=bool)
+    first = np.searchsorted(result.part, np.arange(len(interfaces.pairs)))
+    meshed = all(isinstance(body, ElasticBody) for body in interfaces.bodies.bodies)
+    for k, (opposite, side) in enumerate(zip(opposites, interfaces.sides, strict=True)):
+        here = np.flatnonzero(result.part[motion.points] == k)
+        if not here.size:
+            continue
+        if isinstance(side, ContactBoundaries):
+            own = motion.points[here] - first[k]
+            change[here] = side.change_of_gap(opposite, own, motion.moves[:, here])
+        elif not sliding:
+            outline, x = side.first, result.x_nominal[:, motion.points[here]]
+            middle = outline.body.mesh.p[:, outline.corners].mean(axis=2)
+            nearest = scipy.spatial.KDTree(middle.T).query(x.T)[1]
+            far = np.linalg.norm(motion.moves[:, here], axis=0)
+            elastic[here] = motion.loaded[here] & (far > facet_lengths(outline)[nearest])
+            here = here[motion.loaded[here]]
+            if here.size and meshed and side.first.body is not side.second.body:
+                change[here] = _projected(result, interfaces, k, motion.points[here])
+    return change, elastic
+
+
+def _projected(
+    result: ContactResult, interfaces: Interfaces, k: int, points: NDArray[np.int64]
+) -> Array:
+    """Gaps of a pair of bodies where they are minus the linearised ones, ``inf`` without any."""
+    try:
+        now = interfaces.displaced(result.u).rows
+    except InputError:  # no facet of a pair faces another one
+        return np.full(points.size, np.inf)
+    rows, bodies = result.system.rows, interfaces.bodies
+    of_owner = np.zeros(result.u.size)  # the displacement of the body that the points lie on
+    own = bodies.slices[rows.owner[points[0]]]
+    of_owner[own] = result.u[own]
+    n, t = (rows.G @ of_owner)[points], (rows.T @ of_owner).reshape(rows.gap.size, -1)[points]
+    moved = rows.normals[:, points] * n + np.einsum("cjm,mj->cm", rows.tangents[:, :, points], t)
+    there = np.flatnonzero(now.part == k) if now.part.size else np.arange(now.gap.size)
+    tree = scipy.spatial.KDTree(now.x_nominal[:, there].T)
+    near = scipy.spatial.KDTree(rows.x_nominal.T[result.part == k])
+    size = np.asarray(near.query(rows.x_nominal[:, points].T, 2)[0])[:, 1]
+    distance, nearest = tree.query((rows.x_nominal[:, points] + moved).T)
+    left = (now.gap - now.G @ result.u)[there[nearest]] - result.gap[points]
+    return np.where(distance <= 0.5 * size, left, np.inf)
