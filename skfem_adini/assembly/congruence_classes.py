@@ -79,7 +79,7 @@ def _merged(points: Array, nodes: Integers, words: Words) -> tuple[Integers, Int
     dim, cells = len(points), nodes.shape[1]
     sides = points[:, nodes[1:]] - points[:, nodes[:1]]
     longest = np.maximum(np.abs(sides).max(axis=(0, 1)), np.finfo(float).tiny)
-    height = np.abs(np.linalg.det((sides[:, :dim] / longest).T)) * longest
+    height = _volumes(sides[:, :dim] / longest) * longest
     tolerance = _ROUNDING * np.minimum(np.abs(points).max(), _FARTHEST * height)
     labels, count = np.zeros(cells, dtype=np.int64), 1
     several = np.arange(cells)  # those that are not yet alone in their class
@@ -102,6 +102,16 @@ def _merged(points: Array, nodes: Integers, words: Words) -> tuple[Integers, Int
     _, first, labels = np.unique(labels, return_index=True, return_inverse=True)
     order = np.argsort(first)
     return np.argsort(order)[labels].astype(np.int32), first[order]
+
+
+def _volumes(a: Array) -> Array:
+    """Return the volumes of parallelepipeds, from coordinates of their sides: (dim, dim, cells)."""
+    if len(a) == 1:
+        return np.abs(a[0, 0])
+    x, y, z = a if len(a) == 3 else (*a, np.zeros_like(a[0]))
+    normal = y[0] * z[1] - z[0] * y[1], z[0] * x[1] - x[0] * z[1], x[0] * y[1] - y[0] * x[1]
+    third = (x[2], y[2], z[2]) if len(a) == 3 else (0.0, 0.0, 1.0)
+    return np.abs(sum(n * t for n, t in zip(normal, third, strict=True)))
 
 
 @lru_cache

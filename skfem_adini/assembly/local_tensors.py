@@ -73,9 +73,11 @@ class Space:
 
     def measures(self, cells: Integers) -> Array:
         """Return the weights of the quadrature points, shape (cells, points)."""
+        return self._measures(cells, *self.on(cells))
+
+    def _measures(self, cells: Integers, mapping: Any, own: Integers) -> Array:
         try:
             with np.errstate(divide="ignore", invalid="ignore"):
-                mapping, own = self.on(cells)
                 volume = np.abs(mapping.detDF(self.X, tind=own))
         except Exception as error:  # scikit-fem has no type of its own for a zero determinant
             raise InputError(f"mesh: a cell is degenerate ({error})") from error
@@ -89,10 +91,21 @@ class Space:
         mapping, cells = self.on(cells)
         return _fields(self.element, mapping, self.X, cells, functions)
 
-    def functions(self, cells: Integers, count: int) -> list[tuple[DiscreteField, ...]]:
-        """Return the shape functions in some cells, one by one, as scikit-fem has them."""
-        mapping, cells = self.on(cells)
-        return [self.element.gbasis(mapping, self.X, i, tind=cells) for i in range(count)]
+    def functions(
+        self, cells: Integers, count: int
+    ) -> tuple[Array, list[tuple[DiscreteField, ...]]]:
+        """Return the weights and the shape functions one by one, as scikit-fem has them."""
+        mapping, own = self.on(cells)
+        dx = self._measures(cells, mapping, own)
+        if isinstance(mapping, MappingIsoparametric):
+            inverse = mapping.invDF(self.X, own)  # once for all functions, which ask for no other
+            mapping.invDF = lambda X, tind=None: inverse
+        found = [self.element.gbasis(mapping, self.X, i, tind=own) for i in range(count)]
+        for field in (field for each in found for field in each):
+            for part in (field, *vars(field).values()):
+                if isinstance(part, np.ndarray):
+                    locked(part)
+        return dx, found
 
 
 class Coefficients(NamedTuple):
@@ -243,18 +256,18 @@ class _Rows:
         """Yield all entries of some classes, each from a call of its own, as scikit-fem does."""
         needed, place = np.unique(self.shape_of[some], return_inverse=True)
         at = self._cells[self._of_shapes[needed]]
-        dx = self._spaces[0].measures(at)
         one_each = len(needed) == len(some)  # and then in this order
-        functions = []
-        for space, size in zip(self._spaces, self._sizes, strict=True):
-            if functions and space is self._spaces[0]:
-                functions *= 2
-                break
-            own = space.functions(at, size)
-            functions.append(
-                own if one_each else [[_at(f.astuple, place) for f in each] for each in own]
-            )
-        dx = dx if one_each else dx[place]
+        found = {
+            id(space): space.functions(at, n)
+            for space, n in zip(self._spaces, self._sizes, strict=True)
+        }
+        dx = found[id(self._spaces[0])][0]
+        functions: list[Any] = [found[id(space)][1] for space in self._spaces]
+        if not one_each:
+            dx = dx[place]
+            functions = [
+                [[_at(_wide(f, len(at)), place) for f in each] for each in one] for one in functions
+            ]
         w = self._parameters(some)
         for entry in range(self._entries):
             indices = (entry,) if len(functions) == 1 else divmod(entry, self._sizes[0])[::-1]
@@ -371,13 +384,32 @@ def _vectors(part: Array, dim: int, cells: int) -> Array:
 def rows_of(fields: Fields, rows: Integers) -> list[DiscreteField]:
     """Return functions in cells, chosen by their row numbers, as a form receives them."""
     return [
-        DiscreteField(*(None if part is None else part.take(rows, axis=-2) for part in parts))
+        DiscreteField(
+            *(None if part is None else locked(part.take(rows, axis=-2)) for part in parts)
+        )
         for parts in fields
     ]
 
 
-def _at(parts: list[Array | None], cells: Integers) -> DiscreteField:
+def _wide(field: DiscreteField, cells: int) -> list[Array | None]:
+    """Return the parts of a function with an axis of all cells."""
+    return [
+        None if p is None else np.broadcast_to(p, (*p.shape[:-2], cells, p.shape[-1]))
+        for p in field.astuple
+    ]
+
+
+def _at(parts: Sequence[Array | None], cells: Integers) -> DiscreteField:
     """Return a coefficient in the cells of a batch."""
     return DiscreteField(
-        *(None if part is None else np.ascontiguousarray(part[..., cells, :]) for part in parts)
+        *(
+            None if part is None else locked(np.ascontiguousarray(part[..., cells, :]))
+            for part in parts
+        )
     )
+
+
+def locked(part: Array) -> Array:
+    """Forbid to change an array: what a form writes there, scikit-fem hands to its next call."""
+    part.flags.writeable = False
+    return part

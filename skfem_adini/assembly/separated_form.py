@@ -5,10 +5,10 @@ A form with a coefficient k that is constant in each cell often is
 .. math:: a(u, v; k) = \\sum_m c_m(k) \\, a_m(u, v).
 
 Then the local matrices of congruent cells are combinations of those of the :math:`a_m`. Here the
-form itself shows these terms: it is called with a `CellNumbers` for each coefficient, which computes
-whatever the form makes of coefficients alone, such as k**3, 1 / k or a threshold, for all cells, and
-becomes a `Separated` where it meets a function. Nothing is guessed from values; any other operation
-raises `NotSeparated`.
+form itself shows these terms: it is called with a `CellNumbers` for each coefficient, which
+computes whatever the form makes of coefficients alone, such as k**3, 1 / k or a threshold, for all
+cells, and becomes a `Separated` where it meets a function. Nothing is guessed from values; any
+other operation raises `NotSeparated`.
 """
 
 from __future__ import annotations
@@ -203,8 +203,8 @@ def _termwise(function: Any, args: Any, options: Any) -> Separated:
     def each(a: Array) -> Array:
         if a.ndim != axes + 2:
             _refuse()
-        return np.asarray(np.einsum(subscripts, *(a if i == place else b for i, b in enumerate(args) if i)))
+        return np.asarray(
+            np.einsum(subscripts, *(a if i == place else b for i, b in enumerate(args) if i))
+        )
 
     return _terms(args[place])._each(each)
-
-
