@@ -98,8 +98,16 @@ class Space:
         mapping, own = self.on(cells)
         dx = self._measures(cells, mapping, own)
         if isinstance(mapping, MappingIsoparametric):
-            inverse = mapping.invDF(self.X, own)  # once for all functions, which ask for no other
-            mapping.invDF = lambda X, tind=None: inverse
+            twin = MappingIsoparametric(mapping.mesh, mapping.elem, mapping.bndelem)
+            twin._cache = mapping._cache  # Jacobians, of `dx`
+            inverses: list[Array] = []
+
+            def inverse(X: Array, tind: Integers | None = None) -> Array:
+                if not inverses:  # once for all functions, which ask for no other
+                    inverses.append(twin.invDF(X, tind))
+                return inverses[0]
+
+            mapping.invDF = inverse
         found = [self.element.gbasis(mapping, self.X, i, tind=own) for i in range(count)]
         for field in (field for each in found for field in each):
             for part in (field, *vars(field).values()):
