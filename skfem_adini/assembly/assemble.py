@@ -39,10 +39,8 @@ Integers = NDArray[np.integer]
 _log = logging.getLogger(__name__)
 
 _FEW_CELLS = 9  # an array over so few cells could as well be a tensor of 3 x 3 numbers
-# Cells that are compared first, and integrands (entries x cells x points) up to which scikit-fem is
-# quicker if no two of them are alike.
+# Cells that are compared first: if no two of them are alike, the others are not looked at.
 _SAMPLE = 512
-_WORTH_BATCHES = 2**25
 _TYPES = [np.dtype(kind) for kind in (np.float32, np.float64, np.complex64, np.complex128)]
 
 
@@ -137,9 +135,8 @@ def assemble(
     1e-14 of the largest entry if the coordinates do not exceed about 30 cell widths, and always
     below 1e-11 for cells that are not needles.
 
-    If no two cells are alike, cells are taken in batches that stay in a core's cache, and the
-    sorting and the memory of the basis are saved; where scikit-fem is quicker (triangles,
-    tetrahedra, few cells, a basis that exists) it assembles, unless ``fallback=False``.
+    If fewer than half of the cells are alike, nothing is gained, and scikit-fem assembles. With
+    ``fallback=False`` every cell then is a class of its own, and cells are taken in batches.
 
     Examples
     --------
@@ -211,7 +208,6 @@ class _Problem:
         cells: Integers | None,
     ) -> None:
         self.form, self.spaces, self.blocks, self.mesh = form, spaces, blocks, mesh
-        self.ready = False  # whether a basis has the functions already
         self.some = cells
         self.cells = np.arange(mesh.t.shape[1]) if cells is None else np.asarray(cells)
 
@@ -253,9 +249,7 @@ class _Problem:
                 raise _SlowPath("the bases have different cells")
         spaces = [Space(basis.elem, basis.mapping, basis.X, basis.W) for basis in bases]
         blocks = [DofBlocks.of_basis(basis) for basis in bases]
-        found = cls(form, spaces, blocks, first.mesh, first.tind)
-        found.ready = True
-        return found
+        return cls(form, spaces, blocks, first.mesh, first.tind)
 
     def assemble(self, parameters: dict[str, Any], spare: bool) -> tuple[Any, str]:
         """Return the result and its story; `spare` leaves to scikit-fem what it does faster."""
@@ -266,8 +260,6 @@ class _Problem:
         coefficients, words = self._coefficients(parameters, blocks[0].size)
         if len(self.cells) == 0:
             raise _SlowPath("there are no cells")
-        work = int(np.prod(sizes)) * len(self.cells) * spaces[0].W.size
-        spare &= self.ready or work < _WORTH_BATCHES or isinstance(spaces[0].mapping, MappingAffine)
         shapes = self._shapes(spare)
         classes = shapes
         if words:
