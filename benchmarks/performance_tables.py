@@ -243,6 +243,27 @@ def sparse_solving(record: Record) -> str:
     return f"{table}\n\n{'; '.join(notes).capitalize()}. Residual 1e-10. {end}"
 
 
+def _unlike_cells(record: Record) -> str:
+    """Assembly where cells are unlike, by turns with scikit-fem."""
+    unlike = rows_of(
+        "unlike cells | `assemble` | scikit-fem: Basis + asm | share, processor | share, clock",
+        (
+            (
+                row["problem"],
+                f"{1e3 * row['assemble']:.0f} ms",
+                f"{1e3 * row['scikit-fem']:.0f} ms",
+                f"**{row['share']:.2f}**",
+                f"{row['share, clock']:.2f}",
+            )
+            for row in record["rows"]
+        ),
+    )
+    return (
+        f"\n\n{unlike}\n\nBoth ways by turns, median of {record['repeats']}, processor time. "
+        + source("assembly", record, "scikit-fem")
+    )
+
+
 def assembly(record: Record) -> str:
     """Assembly against scikit-fem's, one row a matrix."""
     table = rows_of(
@@ -259,6 +280,7 @@ def assembly(record: Record) -> str:
         ),
     )
     solver, basis, cells = record["solver"], record["basis"], record["tetrahedra"]
+    table += _unlike_cells(record["irregular"]) if "irregular" in record else ""
     return (
         f"{table}\n\nElasticity on {cells['cells']:,} tetrahedra of second order, no two of them "
         f"congruent ({cells['unknowns']:,} unknowns): `AffineCells` {cells['AffineCells']:.2f} s, "

@@ -23,6 +23,7 @@ from skfem_adini.elements.element_quad_adini import ElementQuadAdini
 from skfem_adini.elements.element_quad_bfs import ElementQuadBFS
 from skfem_adini.errors import (
     AdiniError,
+    IndefiniteWarning,
     InputError,
     MissingDependency,
     NotConverged,
@@ -52,6 +53,7 @@ __all__ = [
     "ElementQuadAdiniWeighted",
     "ElementQuadBFS",
     "FieldLevelSet",
+    "IndefiniteWarning",
     "InputError",
     "LevelSet",
     "MissingDependency",

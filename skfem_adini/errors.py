@@ -130,3 +130,27 @@ class UnresolvedWarning(UserWarning):
     >>> found[0].category.__name__
     'UnresolvedWarning'
     """
+
+
+class IndefiniteWarning(UserWarning):
+    """A form that should be positive has a negative eigenvalue: the problem is another one.
+
+    Penalties that are too small, as of Nitsche's method, or a wrong sign in the form make it so. If
+    it is meant, as with K - 50 M, filter the warning.
+
+    Examples
+    --------
+    A stiffness matrix shifted below zero:
+
+    >>> import warnings
+    >>> from skfem import Basis, MeshQuad
+    >>> from skfem.models.poisson import laplace, mass
+    >>> from skfem_adini import ElementQuadAdini, lowest_eigenpairs
+    >>> basis = Basis(MeshQuad().refined(2), ElementQuadAdini())
+    >>> K, M = laplace.assemble(basis), mass.assemble(basis)
+    >>> with warnings.catch_warnings(record=True) as found:
+    ...     warnings.simplefilter("always")
+    ...     values, _ = lowest_eigenpairs(K - 50 * M, M, 1)
+    >>> found[0].category.__name__, round(float(values[0]))
+    ('IndefiniteWarning', -50)
+    """

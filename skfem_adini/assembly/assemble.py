@@ -18,8 +18,14 @@ from skfem.quadrature import get_quadrature
 from skfem_adini.assembly.congruence_classes import Classes, congruence_classes
 from skfem_adini.assembly.csr_scatter import scatter_matrix, scatter_vector
 from skfem_adini.assembly.dof_blocks import DofBlocks
-from skfem_adini.assembly.form_parameters import NotConstant, checked, constant_parts, words_of
-from skfem_adini.assembly.local_tensors import Coefficients, Space, local_tensors
+from skfem_adini.assembly.form_parameters import (
+    NotConstant,
+    checked,
+    constant_parts,
+    wide_field,
+    words_of,
+)
+from skfem_adini.assembly.local_tensors import Coefficients, Space, local_tensors, locked
 from skfem_adini.assembly.pointwise_check import FormNotPointwise
 from skfem_adini.assembly.translation_invariance import (
     orientations,
@@ -33,6 +39,8 @@ Integers = NDArray[np.integer]
 _log = logging.getLogger(__name__)
 
 _FEW_CELLS = 9  # an array over so few cells could as well be a tensor of 3 x 3 numbers
+# Cells that are compared first: if no two of them are alike, the others are not looked at.
+_SAMPLE = 512
 _TYPES = [np.dtype(kind) for kind in (np.float32, np.float64, np.complex64, np.complex128)]
 
 
@@ -62,8 +70,10 @@ def assemble(
 
     of a form whose integrand does not depend on the position depends on the cell T only through
     its shape, the orientation of its facets (for the elements that have one) and the coefficients
-    in it. It is computed once for all cells that agree in these, bit by bit, and added into the
-    rows of the global matrix by a compiled kernel that needs no sorting.
+    in it. It is computed once for all cells that agree in these, up to the rounding of coordinates,
+    and added into the rows of the global matrix by a compiled kernel that needs no sorting. A form
+    :math:`\sum_m c_m(k) \, a_m(u, v)` of a coefficient k that is constant in each cell costs one
+    local matrix for each term and shape, and a scaling for each cell.
 
     Parameters
     ----------
@@ -88,8 +98,8 @@ def assemble(
     **parameters
         Handed to the form as ``w.name``: numbers; fields over (..., cells, points), as for
         `skfem.asm`, where a single number may stand for all points; vectors with a number for
-        each cell; vectors of dofs, which scikit-fem interpolates. (If there are as many cells as
-        dofs, a vector means dofs.)
+        each cell, which the form receives at all quadrature points; vectors of dofs, which
+        scikit-fem interpolates. (If there are as many cells as dofs, a vector means dofs.)
 
     Returns
     -------
@@ -118,13 +128,15 @@ def assemble(
     cells, as with ``w.k / w.k.max()``: `pointwise_check` computes some entries again in batches of
     other cells.
 
-    The Jacobians of scikit-fem's isoparametric mapping have relative rounding errors of about
-    ``eps |x| / h``, which differ from cell to cell; here all cells of a class get those of its
-    first cell. Apart from the order of summation this is the only difference to `skfem.asm`. It is
-    below 1e-14 of the largest entry if the coordinates do not exceed about 30 cell widths.
+    Cells are congruent if the differences of their coordinates agree within
+    ``8 eps min(max|x|, 1024 a)``, where a is the height of a cell; all cells of a class get the
+    local matrix of its first. Apart from the order of summation this is the only difference to
+    `skfem.asm`, whose Jacobians have rounding errors of ``eps |x| / a`` themselves. It is below
+    1e-14 of the largest entry if the coordinates do not exceed about 30 cell widths, and always
+    below 1e-11 for cells that are not needles.
 
-    If no two cells are bitwise equal, for instance after a rotation, every cell is a class of its
-    own. Then only the sorting and the memory of the basis are saved.
+    If fewer than half of the cells are alike, nothing is gained, and scikit-fem assembles. With
+    ``fallback=False`` every cell then is a class of its own, and cells are taken in batches.
 
     Examples
     --------
@@ -164,7 +176,7 @@ def assemble(
             problem = _Problem.of_mesh(form, mesh, pair, mapping, intorder, quadrature, elements)
         else:
             problem = _Problem.of_bases(form, bases)
-        result, line = problem.assemble(parameters)
+        result, line = problem.assemble(parameters, spare=fallback)
     except _SlowPath as reason:
         line = f"assembled by scikit-fem: {reason}"
         if not fallback:
@@ -239,7 +251,8 @@ class _Problem:
         blocks = [DofBlocks.of_basis(basis) for basis in bases]
         return cls(form, spaces, blocks, first.mesh, first.tind)
 
-    def assemble(self, parameters: dict[str, Any]) -> tuple[Any, str]:
+    def assemble(self, parameters: dict[str, Any], spare: bool) -> tuple[Any, str]:
+        """Return the result and its story; `spare` leaves to scikit-fem what it does faster."""
         bilinear = isinstance(self.form, BilinearForm)
         spaces = [*self.spaces, self.spaces[-1]][:2] if bilinear else self.spaces
         blocks = [self.blocks[0], self.blocks[-1]] if bilinear else self.blocks
@@ -247,7 +260,7 @@ class _Problem:
         coefficients, words = self._coefficients(parameters, blocks[0].size)
         if len(self.cells) == 0:
             raise _SlowPath("there are no cells")
-        shapes = self._shapes()
+        shapes = self._shapes(spare)
         classes = shapes
         if words:
             none = np.zeros((1, 0)), np.zeros((1, len(self.cells)), dtype=np.int32)
@@ -270,7 +283,7 @@ class _Problem:
         count = len(classes.representatives)
         return result, f"assembled from {count} classes of {len(self.cells)} cells"
 
-    def _shapes(self) -> Classes:
+    def _shapes(self, spare: bool) -> Classes:
         """Return the classes of cells with the same shape and orientation."""
         mapping = self.spaces[0].mapping
         if isinstance(mapping, MappingAffine) or type(mapping.mesh) in (MeshQuad, MeshHex):
@@ -280,11 +293,14 @@ class _Problem:
         words = orientations([space.element for space in self.spaces], mapping)
         if self.some is not None:
             nodes, words = nodes[:, self.some], words[self.some]
-        return congruence_classes(
-            np.ascontiguousarray(mapping.mesh.doflocs),
-            np.ascontiguousarray(nodes),
-            np.ascontiguousarray(words),
-        )
+        points, count = np.ascontiguousarray(mapping.mesh.doflocs), len(self.cells)
+        if spare and count > _SAMPLE:
+            some = np.unique(np.random.default_rng(0).integers(count, size=_SAMPLE))
+            _check_alike(congruence_classes(points, nodes[:, some], words[some]), alone=1.0)
+        found = congruence_classes(points, np.ascontiguousarray(nodes), np.ascontiguousarray(words))
+        if spare and count > _FEW_CELLS:
+            _check_alike(found, alone=0.5)
+        return found
 
     def _coefficients(
         self, parameters: dict[str, Any], dofs: int
@@ -301,7 +317,7 @@ class _Problem:
                 found.withheld.add(name)
             elif not field:
                 found.numbers[name] = (
-                    DiscreteField(value) if isinstance(value, np.ndarray) else value
+                    locked(DiscreteField(value)) if isinstance(value, np.ndarray) else value
                 )
             elif cells <= _FEW_CELLS:
                 raise _SlowPath(f"there are too few cells to tell the field {name} from a tensor")
@@ -362,6 +378,11 @@ def _check_mesh(mesh: Any, element: Any, test_element: Any, intorder: Any) -> No
         raise InputError(f"intorder: expected a whole number from 0, got {intorder!r}")
 
 
+def _check_alike(found: Classes, alone: float) -> None:
+    if len(found.representatives) >= alone * len(found.labels):
+        raise _SlowPath("too few cells are alike")
+
+
 def _check_invariance(element: Any, mapping: Any, mesh: Any) -> None:
     reason = why_not_element(element) or why_not_mapping(mapping, mesh)
     if reason:
@@ -382,12 +403,10 @@ def _for_scikit_fem(parameters: dict[str, Any], basis: Any) -> dict[str, Any]:
         field = isinstance(value, DiscreteField)
         if isinstance(value, np.ndarray) and value.ndim == 1:
             if field or len(value) == basis.nelems != basis.N:
-                value = np.asarray(value)[:, None]
+                value = np.repeat(np.asarray(value)[:, None], points, axis=1)
         elif field and value.shape[-1] != points:
-            wide = (
-                None if part is None else np.broadcast_to(part, (*part.shape[:-1], points))
-                for part in value.astuple
+            value = DiscreteField(
+                *(None if p is None else p.copy() for p in wide_field(value, points).astuple)
             )
-            value = DiscreteField(*wide)
         found[name] = value
     return found

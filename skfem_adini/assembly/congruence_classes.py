@@ -1,4 +1,4 @@
-"""Cells that are translates of each other, found from the bits of their coordinates."""
+"""Cells that are translates of each other, up to the rounding of their coordinates."""
 
 from __future__ import annotations
 
@@ -14,6 +14,12 @@ from skfem_adini.jit import compiled
 Array = NDArray[np.float64]
 Integers = NDArray[np.integer]
 Words = NDArray[np.uint64]
+
+# Tolerance, relative to the coordinates: those of equal cells differ by up to 2 eps, and sums of
+# several steps, as in refined meshes, by more.
+_ROUNDING = 8 * np.finfo(float).eps
+# The largest coordinate that counts, in heights of a cell: it bounds the relative error of a class.
+_FARTHEST = 1024
 
 
 class Classes(NamedTuple):
@@ -32,16 +38,19 @@ class Classes(NamedTuple):
 
 
 def congruence_classes(points: Array, nodes: Integers, words: Words) -> Classes:
-    """Put cells whose nodes differ by a translation and whose words agree into one class.
+    r"""Put cells whose nodes differ by a translation and whose words agree into one class.
 
-    Two cells are congruent here when the differences of their coordinates are the same numbers in
-    double precision, bit by bit. That is all of the geometry that enters a local matrix, so the
-    matrix of a representative is the one that would be computed for every cell of its class, and no
-    tolerance is needed. A tolerance would have to be below 1e-14 h for the matrix to be accurate to
-    1e-14, but rounded coordinates x make equal cells of width h differ by eps x / h, relatively:
-    such a tolerance would be too small to merge them. On uniform tensor grids the differences take
-    few values, one if the spacing is a power of two and otherwise at most about ten in each
-    direction.
+    The differences of the coordinates of a cell's nodes are all of the geometry that enters a local
+    matrix. Two cells are congruent here when these agree within
+
+    .. math:: 8 \epsilon \, \min(\max |x|, 1024 \, a),
+
+    where x are all coordinates and a is the height of a cell (its volume over its longest sides).
+    Rounded coordinates make the equal cells of a grid differ by up to :math:`2 \epsilon \max |x|`,
+    unless their width is a power of two. The local matrix of a class is that of its first cell; for
+    the others it has a relative error of a small multiple of
+    :math:`8 \epsilon \min(\max |x| / a, 1024)`. The Jacobians of scikit-fem's isoparametric
+    mapping, sums of coordinates, have rounding errors of the same kind.
 
     Parameters
     ----------
@@ -53,8 +62,56 @@ def congruence_classes(points: Array, nodes: Integers, words: Words) -> Classes:
         Further bits that must agree in a class, as those of orientations and coefficients, shape
         (cells, words).
     """
-    labels, representatives = _compiled()(points, nodes, words)
-    return Classes(labels, representatives)
+    # Bits first: few classes are left to be compared with a tolerance.
+    labels, first = _compiled()(points, nodes, words)
+    if len(first) > 1 and len(nodes) > len(points):
+        merged, members = _merged(points, nodes[:, first], words[first])
+        labels, first = merged[labels], first[members]
+    return Classes(labels, first)
+
+
+def _merged(points: Array, nodes: Integers, words: Words) -> tuple[Integers, Integers]:
+    """Label cells that differ by rounding only, in the order of appearance; the first of each.
+
+    Cells are sorted by one difference after the other. A gap between the values ends a class, and
+    so does a stretch as long as the tolerance: no chain of small steps joins unlike cells.
+    """
+    dim, cells = len(points), nodes.shape[1]
+    sides = points[:, nodes[1:]] - points[:, nodes[:1]]
+    longest = np.maximum(np.abs(sides).max(axis=(0, 1)), np.finfo(float).tiny)
+    height = _volumes(sides[:, :dim] / longest) * longest
+    tolerance = _ROUNDING * np.minimum(np.abs(points).max(), _FARTHEST * height)
+    labels, count = np.zeros(cells, dtype=np.int64), 1
+    several = np.arange(cells)  # those that are not yet alone in their class
+    exact = np.zeros(cells)
+    columns = [*((word, exact) for word in words.T)]
+    columns += [(side, tolerance) for side in sides.reshape(-1, cells)]
+    for values, within in columns:
+        several = several[np.lexsort((values[several], labels[several]))]
+        value, own, most = values[several], labels[several], within[several]
+        begins = np.append(True, (own[1:] != own[:-1]) | (value[1:] - value[:-1] > most[1:]))
+        start = np.maximum.accumulate(np.where(begins, np.arange(len(several)), 0))
+        stretch = (value - value[start]) // np.maximum(most[start], np.finfo(float).tiny)
+        begins[1:] |= stretch[1:] != stretch[:-1]
+        group = np.cumsum(begins) - 1
+        labels[several] = count + group
+        count += int(group[-1]) + 1
+        several = several[np.bincount(group)[group] > 1]
+        if not several.size:
+            break
+    _, first, labels = np.unique(labels, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    return np.argsort(order)[labels].astype(np.int32), first[order]
+
+
+def _volumes(a: Array) -> Array:
+    """Return the volumes of parallelepipeds, from coordinates of their sides: (dim, dim, cells)."""
+    if len(a) == 1:
+        return np.abs(a[0, 0])
+    x, y, z = a if len(a) == 3 else (*a, np.zeros_like(a[0]))
+    normal = y[0] * z[1] - z[0] * y[1], z[0] * x[1] - x[0] * z[1], x[0] * y[1] - y[0] * x[1]
+    third = (x[2], y[2], z[2]) if len(a) == 3 else (0.0, 0.0, 1.0)
+    return np.abs(sum(n * t for n, t in zip(normal, third, strict=True)))
 
 
 @lru_cache

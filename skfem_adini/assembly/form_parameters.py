@@ -95,7 +95,9 @@ def checked(name: str, value: Any, cells: int, points: int, dofs: int) -> Any:
     Returns
     -------
     number, tuple, ndarray, DiscreteField or None
-        None for a vector of dofs, which is to be interpolated.
+        None for a vector of dofs, which is to be interpolated. Numbers of the cells, and
+        `DiscreteField` with one point, are repeated at all points, the only shape that scikit-fem
+        has for them, so that sums and sizes mean the same.
 
     Raises
     ------
@@ -120,7 +122,7 @@ def checked(name: str, value: Any, cells: int, points: int, dofs: int) -> Any:
         if len(value) == dofs and not isinstance(value, DiscreteField):
             return None
         if len(value) == cells:
-            return np.asarray(value)[:, None]
+            return np.broadcast_to(np.asarray(value)[:, None], (cells, points))
         raise InputError(
             f"{name}: expected {cells} numbers, one for each cell, or {dofs} dofs, got {len(value)}"
         )
@@ -131,7 +133,17 @@ def checked(name: str, value: Any, cells: int, points: int, dofs: int) -> Any:
             f"{name}: expected an array over (..., cells, points) with {cells} cells and 1 or "
             f"{points} quadrature points, got shape {value.shape}"
         )
+    if isinstance(value, DiscreteField) and value.shape[-1] == 1 != points:
+        return wide_field(value, points)
     return value
+
+
+def wide_field(value: DiscreteField, points: int) -> DiscreteField:
+    """Return a field that has one point in each cell with its values at all points."""
+    parts = (part if part is None else np.asarray(part) for part in value.astuple)
+    return DiscreteField(
+        *(None if p is None else np.broadcast_to(p, (*p.shape[:-1], points)) for p in parts)
+    )
 
 
 def constant_parts(value: Array, cells: int) -> list[Array | None] | None:
@@ -144,7 +156,9 @@ def constant_parts(value: Array, cells: int) -> list[Array | None] | None:
         if part is None:
             continue
         fits = part.ndim > 1 and part.shape[-2] == cells and part.dtype.itemsize <= 16
-        if not fits or not (part == part[..., :1]).all():
+        if not fits:
+            return None
+        if part.strides[-1] and not (part == part[..., :1]).all():
             return None
     return list(parts)
 

@@ -15,6 +15,7 @@ from skfem.mapping import MappingAffine, MappingIsoparametric
 from skfem_adini.assembly.congruence_classes import Classes
 from skfem_adini.assembly.form_parameters import FormParameters, NotConstant
 from skfem_adini.assembly.pointwise_check import FormNotPointwise, check_pointwise
+from skfem_adini.assembly.separated_form import CellNumbers, Separated, of_integrand
 from skfem_adini.assembly.translation_invariance import oriented
 from skfem_adini.errors import InputError
 
@@ -25,6 +26,10 @@ Integers = NDArray[np.integer]
 _POINTS_OF_CALL = 2**15
 # Values (functions x cells x points) that are prepared at a time: 8 MB for each component.
 _VALUES_PREPARED = 2**20
+# Cells from which on each entry has a call of its own: no functions need to be gathered then.
+_CELLS_OF_A_CALL = 256
+# Classes for each shape from which on the terms of a form are worth looking for.
+_CLASSES_OF_A_SHAPE = 4
 
 
 # Value, gradient, ... of all functions, (..., functions * cells, points), for each component.
@@ -68,9 +73,11 @@ class Space:
 
     def measures(self, cells: Integers) -> Array:
         """Return the weights of the quadrature points, shape (cells, points)."""
+        return self._measures(cells, *self.on(cells))
+
+    def _measures(self, cells: Integers, mapping: Any, own: Integers) -> Array:
         try:
             with np.errstate(divide="ignore", invalid="ignore"):
-                mapping, own = self.on(cells)
                 volume = np.abs(mapping.detDF(self.X, tind=own))
         except Exception as error:  # scikit-fem has no type of its own for a zero determinant
             raise InputError(f"mesh: a cell is degenerate ({error})") from error
@@ -83,6 +90,30 @@ class Space:
         """Return the shape functions in some cells."""
         mapping, cells = self.on(cells)
         return _fields(self.element, mapping, self.X, cells, functions)
+
+    def functions(
+        self, cells: Integers, count: int
+    ) -> tuple[Array, list[tuple[DiscreteField, ...]]]:
+        """Return the weights and the shape functions one by one, as scikit-fem has them."""
+        mapping, own = self.on(cells)
+        dx = self._measures(cells, mapping, own)
+        if isinstance(mapping, MappingIsoparametric):
+            twin = MappingIsoparametric(mapping.mesh, mapping.elem, mapping.bndelem)
+            twin._cache = mapping._cache  # Jacobians, of `dx`
+            inverses: list[Array] = []
+
+            def inverse(X: Array, tind: Integers | None = None) -> Array:
+                if not inverses:  # once for all functions, which ask for no other
+                    inverses.append(twin.invDF(X, tind))
+                return inverses[0]
+
+            mapping.invDF = inverse
+        found = [self.element.gbasis(mapping, self.X, i, tind=own) for i in range(count)]
+        for field in (field for each in found for field in each):
+            for part in (field, *vars(field).values()):
+                if isinstance(part, np.ndarray):
+                    locked(part)
+        return dx, found
 
 
 class Coefficients(NamedTuple):
@@ -136,21 +167,23 @@ def local_tensors(
     FormNotPointwise
         The form raised, did not return a number for each quadrature point, or mixes the cells.
     """
+    rows = _Rows(form, spaces, sizes, shapes, classes, cells, coefficients)
     local = np.zeros((len(classes.representatives), *reversed(sizes)), dtype=form.dtype)
     flat = local.reshape(len(local), -1)
-    rows = _Rows(form, spaces, sizes, shapes, classes, cells, coefficients)
-    points = spaces[0].W.size
-    order = np.argsort(rows.shape_of, kind="stable")
-    step = max(1, _VALUES_PREPARED // (max(sizes) * points))
-    for begin in range(0, len(order), step):
-        some = order[begin : begin + step]
-        rows.prepare(some)
-        for entries in _batches(
-            len(some), flat.shape[1], max(1, _POINTS_OF_CALL // points), len(cells)
-        ):
-            member, entry = np.divmod(entries, flat.shape[1])
-            flat[some[member], entry] = np.sum(rows.densities(some[member], entry), axis=1)
-    check_pointwise(rows, flat, sizes, rows.coefficients_of_classes(), len(cells))
+
+    def check() -> None:
+        check_pointwise(rows, flat, sizes, rows.coefficients_of_classes(), len(cells))
+
+    if coefficients.fields and len(local) >= _CLASSES_OF_A_SHAPE * len(shapes.representatives):
+        try:
+            rows.combine(flat)
+            check()
+            return local
+        except FormNotPointwise:
+            pass  # the form mixes cells, or its coefficients enter in another way
+    for some, entries, density in rows.all_densities():
+        flat[some, entries] = np.sum(density, axis=1)
+    check()
     return local
 
 
@@ -162,9 +195,10 @@ class _Rows:
         classes: Classes, cells: Integers, coefficients: Coefficients,
     ) -> None:  # fmt: skip
         self._form, self._spaces, self._sizes = form, spaces, sizes
-        self._cells, self._coefficients = cells, coefficients
+        self._cells, self._coefficients, self._shapes = cells, coefficients, shapes
         self._of_shapes, self._of_classes = shapes.representatives, classes.representatives
         self.shape_of = shapes.labels[classes.representatives]
+        self._entries = int(np.prod(sizes))
         self._needed: Integers = np.empty(0, dtype=int)
 
     def coefficients_of_classes(self) -> Array:
@@ -176,6 +210,79 @@ class _Rows:
                     chosen = part[..., self._of_classes, 0].reshape(-1, len(self._of_classes))
                     numbers += [chosen.real, chosen.imag] if np.iscomplexobj(chosen) else [chosen]
         return np.concatenate(numbers)
+
+    def combine(self, flat: Array) -> None:
+        """Write the local tensors as combinations of the terms that the form shows of itself."""
+        numbers, fields, withheld = self._coefficients
+        symbols = {
+            name: CellNumbers(parts[0][..., self._of_classes, 0])
+            for name, parts in fields.items()
+            if parts[0] is not None
+        }
+        known = Coefficients(numbers | symbols, {}, withheld)
+        shapes = _Rows(
+            self._form, self._spaces, self._sizes, self._shapes, self._shapes, self._cells, known
+        )
+        terms: list[tuple[Any, Array]] = []
+        for some, entries, density in shapes.all_densities():
+            found = of_integrand(density).terms
+            if not terms:
+                size = len(self._of_shapes), self._entries
+                terms = [(c, np.zeros(size, dtype=a.dtype)) for c, a in found]
+            if len(terms) != len(found):
+                raise FormNotPointwise("its terms are not the same for all entries")
+            for (_, table), (_, a) in zip(terms, found, strict=True):
+                table[some, entries] = np.sum(a, axis=1)
+        step = max(1, _POINTS_OF_CALL // self._entries)
+        for begin in range(0, len(flat), step):
+            part = slice(begin, begin + step)
+            shape = self.shape_of[part]
+            flat[part] = sum(
+                table[shape] * (c if np.ndim(c) == 0 else c[part, None]) for c, table in terms
+            )
+
+    def all_densities(self) -> Iterator[tuple[Integers, Any, Any]]:
+        """Yield classes, entries and their integrands, until all entries are done."""
+        points = self._spaces[0].W.size
+        order = np.argsort(self.shape_of, kind="stable")
+        step = max(1, _POINTS_OF_CALL // points)
+        if min(step, len(order)) >= _CELLS_OF_A_CALL:
+            for some in _pieces(order, step, len(self._cells)):
+                yield from self._entry_by_entry(some)
+            return
+        step = max(1, _VALUES_PREPARED // (max(self._sizes) * points))
+        for begin in range(0, len(order), step):
+            some = order[begin : begin + step]
+            self.prepare(some)
+            for rows in _batches(
+                len(some), self._entries, max(1, _POINTS_OF_CALL // points), len(self._cells)
+            ):
+                member, entries = np.divmod(rows, self._entries)
+                yield some[member], entries, self.densities(some[member], entries)
+
+    def _entry_by_entry(self, some: Integers) -> Iterator[tuple[Integers, int, Any]]:
+        """Yield all entries of some classes, each from a call of its own, as scikit-fem does."""
+        needed, place = np.unique(self.shape_of[some], return_inverse=True)
+        at = self._cells[self._of_shapes[needed]]
+        one_each = len(needed) == len(some)  # and then in this order
+        found = {
+            id(space): space.functions(at, n)
+            for space, n in zip(self._spaces, self._sizes, strict=True)
+        }
+        dx = found[id(self._spaces[0])][0]
+        functions: list[Any] = [found[id(space)][1] for space in self._spaces]
+        if not one_each:
+            dx = dx[place]
+            functions = [
+                [[_at(_wide(f, len(at)), place) for f in each] for each in one] for one in functions
+            ]
+        w = self._parameters(some)
+        for entry in range(self._entries):
+            indices = (entry,) if len(functions) == 1 else divmod(entry, self._sizes[0])[::-1]
+            arguments = [
+                field for one, i in zip(functions, indices, strict=True) for field in one[i]
+            ]
+            yield some, entry, _density(self._form, arguments, w, dx)
 
     def prepare(self, classes: Integers) -> None:
         """Evaluate the functions in the cells of some classes."""
@@ -191,7 +298,7 @@ class _Rows:
             self._fields.append(self._fields[0] if same else spaces[1].fields(at, sizes[1]))
         self._needed = needed
 
-    def densities(self, classes: Integers, entry: Integers) -> Array:
+    def densities(self, classes: Integers, entry: Integers) -> Any:
         """Return the integrands times the weights, shape (rows, points), in one call of the form.
 
         Parameters
@@ -207,16 +314,18 @@ class _Rows:
             for field, index in zip(self._fields, indices, strict=True)
             for argument in rows_of(field, index * len(self._needed) + place)
         ]
+        return _density(self._form, arguments, self._parameters(classes), self._dx[place])
+
+    def _parameters(self, classes: Integers) -> FormParameters:
         values = self._of_classes[classes]
         fields = self._coefficients.fields.items()
-        parameters = FormParameters(
+        return FormParameters(
             self._coefficients.numbers | {name: _at(parts, values) for name, parts in fields},
             self._coefficients.withheld,
         )
-        return _density(self._form, arguments, parameters, self._dx[place])
 
 
-def _density(form: Any, arguments: list[Any], w: FormParameters, dx: Array) -> Array:
+def _density(form: Any, arguments: list[Any], w: FormParameters, dx: Array) -> Any:
     try:
         density = form.form(*arguments, w) * dx
     except NotConstant:
@@ -225,9 +334,17 @@ def _density(form: Any, arguments: list[Any], w: FormParameters, dx: Array) -> A
         raise NotConstant(w._refused) if w._refused else FormNotPointwise(repr(error)) from error
     if w._refused:
         raise NotConstant(w._refused)
-    if np.shape(density) != dx.shape:
-        raise FormNotPointwise(f"it returned an array of shape {np.shape(density)}")
-    return np.asarray(density)
+    separated = isinstance(density, Separated)
+    shape = density.shape if separated else np.shape(density)
+    if shape != dx.shape:
+        raise FormNotPointwise(f"it returned an array of shape {shape}")
+    return density if separated else np.asarray(density)
+
+
+def _pieces(order: Integers, step: int, cells: int) -> Iterator[Integers]:
+    """Yield pieces of about equal size, none of as many members as there are cells."""
+    count = max(-(-len(order) // step), 1 + (len(order) == cells))
+    yield from np.array_split(order, count)
 
 
 def _batches(members: int, entries: int, step: int, cells: int) -> Iterator[Integers]:
@@ -275,13 +392,32 @@ def _vectors(part: Array, dim: int, cells: int) -> Array:
 def rows_of(fields: Fields, rows: Integers) -> list[DiscreteField]:
     """Return functions in cells, chosen by their row numbers, as a form receives them."""
     return [
-        DiscreteField(*(None if part is None else part.take(rows, axis=-2) for part in parts))
+        DiscreteField(
+            *(None if part is None else locked(part.take(rows, axis=-2)) for part in parts)
+        )
         for parts in fields
     ]
 
 
-def _at(parts: list[Array | None], cells: Integers) -> DiscreteField:
+def _wide(field: DiscreteField, cells: int) -> list[Array | None]:
+    """Return the parts of a function with an axis of all cells."""
+    return [
+        None if p is None else np.broadcast_to(p, (*p.shape[:-2], cells, p.shape[-1]))
+        for p in field.astuple
+    ]
+
+
+def _at(parts: Sequence[Array | None], cells: Integers) -> DiscreteField:
     """Return a coefficient in the cells of a batch."""
     return DiscreteField(
-        *(None if part is None else np.ascontiguousarray(part[..., cells, :]) for part in parts)
+        *(
+            None if part is None else locked(np.ascontiguousarray(part[..., cells, :]))
+            for part in parts
+        )
     )
+
+
+def locked(part: Array) -> Array:
+    """Forbid to change an array: what a form writes there, scikit-fem hands to its next call."""
+    part.flags.writeable = False
+    return part

@@ -12,6 +12,7 @@ from skfem_adini.distributed.communicator import INSTALLING, any_of, petsc, tota
 from skfem_adini.distributed.distributed_matrix import DistributedMatrix, to_petsc
 from skfem_adini.errors import InputError, MissingDependency, NotConverged
 from skfem_adini.solvers.lowest_eigenpairs import lowest_eigenpairs as on_one_process
+from skfem_adini.solvers.lowest_eigenpairs import warn_of_negative
 
 Array = NDArray[np.float64]
 
@@ -53,11 +54,17 @@ def lowest_eigenpairs(
     Raises
     ------
     InputError
-        Matrices of different spaces, a count that is too large, or K - sigma M not definite.
+        Matrices of different spaces, a count that is too large, or M or K - sigma M not
+        definite, by the signs of the pivots.
     MissingDependency
         petsc4py or slepc4py is not installed, on several processes.
     NotConverged
         The iteration does not converge, or a recomputed residual is too large.
+
+    Warns
+    -----
+    IndefiniteWarning
+        An eigenvalue is negative beyond rounding, so that K is not semidefinite.
 
     References
     ----------
@@ -89,6 +96,7 @@ def lowest_eigenpairs(
     scale = free / np.sqrt(diagonal)
     number = _numbers_of_free(space, free)
     stiffness, mass = (_scaled(A, scale, free, number, unknowns) for A in (K, M))
+    _check_mass(PETSc, mass)
     solver = _shift_and_invert(PETSc, SLEPc, shift)
     solver.setOperators(stiffness, mass)
     solver.setDimensions(nev=int(count))
@@ -99,6 +107,10 @@ def lowest_eigenpairs(
             "shift: K - shift M is not positive definite; take a lower shift, or fix dofs "
             f"({str(error).strip().splitlines()[-1]})"
         ) from error
+    if solver.getST().getKSP().getPC().getFactorMatrix().getMumpsInfog(12):
+        raise InputError(
+            "shift: K - shift M is not positive definite, a pivot is negative; take a lower shift"
+        )
     if solver.getConverged() < count:
         raise NotConverged(
             f"eigenpairs: {solver.getConverged()} of {count} converged; ask for fewer, or take a "
@@ -114,9 +126,34 @@ def lowest_eigenpairs(
             raise NotConverged(f"eigenpairs: pair {k} has the relative residual {residual:.1e}")
         vectors[space.owned[own], k] = x.getArray()
     order = np.argsort(values, kind="stable")
+    unit = float(stiffness.norm(PETSc.NormType.INFINITY)) or 1.0
+    warn_of_negative(float(values[order[0]]) / unit, unit)
     local = space.update(scale[:, None] * vectors[:, order])
     norms = np.sqrt(total(space.comm, np.sum(local[space.owned] * (M.rows @ local), axis=0)))
     return values[order], local / norms
+
+
+def _check_mass(PETSc: Any, mass: Any) -> None:
+    """Raise unless the scaled mass matrix is definite, by the signs of MUMPS's pivots."""
+    ksp = PETSc.KSP().create(comm=PETSc.COMM_WORLD)
+    ksp.setOperators(mass)
+    ksp.setType("preonly")
+    pc = ksp.getPC()
+    pc.setType("cholesky")
+    pc.setFactorSolverType("mumps")
+    pc.setFactorSetUpSolverType()
+    factor = pc.getFactorMatrix()
+    factor.setMumpsIcntl(13, 1)  # or the pivots of the root, on several processes, are not counted
+    try:
+        ksp.setUp()
+        refused = factor.getMumpsInfog(1) < 0 or factor.getMumpsInfog(12) > 0
+    except PETSc.Error:
+        refused = True
+    if refused:
+        raise InputError(
+            "M: the matrix is not positive definite, though its diagonal is positive; check the "
+            "signs of its coefficients"
+        )
 
 
 def _shift_and_invert(PETSc: Any, SLEPc: Any, shift: float) -> Any:

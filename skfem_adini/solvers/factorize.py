@@ -232,6 +232,13 @@ def _scaled_modes(near_null: NearNullSpace | None, scale: Array, definite: bool)
     return NearNullSpace(near_null.modes / scale[:, None], near_null.vertex)
 
 
+def require_definite(factors: Factorization) -> None:
+    """Raise if a pivot is negative: PARDISO and cuDSS find them, SuperLU goes on."""
+    inner = getattr(factors, "_factors", None)
+    if isinstance(inner, _SuperLU) and not inner.definite():
+        raise _singular(definite=True)
+
+
 def _singular(definite: bool) -> InputError:
     kind = "singular or not positive definite" if definite else "singular"
     return InputError(f"A: the matrix is {kind}; are essential conditions missing?")
@@ -289,6 +296,12 @@ class _SuperLU:
             self._factors = SuperLUFactor(A, "MMD_AT_PLUS_A", 0.0 if definite else 0.01)
         except RuntimeError as error:  # SuperLU: exactly singular
             raise _singular(definite) from error
+
+    def definite(self) -> bool:
+        """Whether all pivots are positive (Sylvester), which copies the factor to be read."""
+        factors = self._factors.factors
+        diagonal = np.array_equal(factors.perm_r, factors.perm_c)
+        return diagonal and bool((factors.U.diagonal() > 0).all())
 
     def solve(self, b: Array) -> Array:
         return self._factors.solve(b)

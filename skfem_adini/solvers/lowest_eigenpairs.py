@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from numbers import Real
 from typing import Any
 
@@ -12,8 +13,8 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from skfem_adini.arguments.dof_numbers import dof_numbers
 from skfem_adini.arguments.real_numbers import real_matrix
-from skfem_adini.errors import InputError, NotConverged
-from skfem_adini.solvers.factorize import Factorization, Solver, factorize
+from skfem_adini.errors import IndefiniteWarning, InputError, NotConverged
+from skfem_adini.solvers.factorize import Factorization, Solver, factorize, require_definite
 
 Array = NDArray[np.float64]
 
@@ -24,6 +25,11 @@ _STEP = 100.0
 # Ratio of the largest to the least distance of an eigenvalue from the shift: up to this one the
 # shift loses no more digits than the mesh does.
 _SPREAD = 1e3
+# Eigenvalue of M, of unit diagonal, that may be below zero by rounding: cells cut to slivers have
+# such in a mass matrix that is definite.
+_ROUNDING = 1e-11
+# Relative error that a recomputed pair may have in 1 / (lambda - sigma).
+_RESIDUAL = 1e-6
 
 
 def lowest_eigenpairs(
@@ -69,9 +75,14 @@ def lowest_eigenpairs(
     ------
     InputError
         Shapes that do not fit, complex numbers, a count that is too large or no whole number, fixed
-        dofs that do not exist, or K - sigma M not definite.
+        dofs that do not exist, M not definite (by its factors), or K - sigma M not definite.
     NotConverged
-        The iteration does not converge.
+        The iteration does not converge, or the residual of a pair, recomputed, is too large.
+
+    Warns
+    -----
+    IndefiniteWarning
+        An eigenvalue is negative beyond rounding, so that K is not semidefinite.
 
     References
     ----------
@@ -111,6 +122,7 @@ def lowest_eigenpairs(
     scale = 1 / np.sqrt(diagonal)
     D = sparse.diags_array(scale)
     K, M = D @ K @ D, D @ M @ D
+    _check_mass(M, solver)
     # In units in which the largest eigenvalue is about 1, whatever the unit of length.
     unit = float(abs(K).sum(axis=1).max()) or 1.0
     K = K / unit
@@ -120,9 +132,37 @@ def lowest_eigenpairs(
         sigma = float(shift) / unit
         values, z = _nearest(K, M, int(count), sigma, _factors(K, M, sigma, solver))
     order = np.argsort(values)
+    warn_of_negative(float(values[order[0]]), unit)
     vectors = np.zeros((n, count))
     vectors[kept] = scale[:, None] * z[:, order]
     return unit * values[order], vectors
+
+
+def warn_of_negative(lowest: float, unit: float) -> None:
+    """Warn of an eigenvalue below zero beyond rounding; `unit` is about the largest of all."""
+    if lowest < -_ROUNDING:
+        warnings.warn(
+            f"K: the eigenvalue {unit * lowest:.6g} is negative, so K is not "
+            "semidefinite; raise the penalty of its conditions, or check the signs of the form",
+            IndefiniteWarning,
+            stacklevel=3,
+        )
+
+
+def _check_mass(M: Any, solver: Solver) -> None:
+    """Raise unless M, of unit diagonal, is definite up to rounding."""
+    if (abs(M).sum(axis=1) <= 2).all():  # dominated by its diagonal, as a lumped one is
+        return
+    try:
+        require_definite(
+            factorize(M + _ROUNDING * sparse.eye_array(M.shape[0]), definite=True, solver=solver)
+        )
+    except InputError as error:
+        raise InputError(
+            "M: the matrix is not symmetric and positive definite, though its diagonal is "
+            "positive; integrate its form by a rule with enough points and positive weights, and "
+            "check the signs of its coefficients"
+        ) from error
 
 
 def _shifted_twice(K: Any, M: Any, count: int, solver: Solver) -> tuple[Array, Array]:
@@ -161,7 +201,9 @@ def _first_shift(K: Any, M: Any, solver: Solver) -> tuple[float, Factorization]:
 
 
 def _factors(K: Any, M: Any, shift: float, solver: Solver) -> Factorization:
-    return factorize(K - shift * M, definite=True, solver=solver)
+    factors = factorize(K - shift * M, definite=True, solver=solver)
+    require_definite(factors)
+    return factors
 
 
 def _nearest(
@@ -173,4 +215,15 @@ def _nearest(
         values, z = eigsh(K, count, M, sigma=shift, OPinv=inverse, v0=start)
     except ArpackError as error:
         raise NotConverged(f"no convergence of the eigenvalues: {error}; change shift") from error
+    theta = np.abs(1 / (values - shift))
+    residuals = np.linalg.norm(factors.solve(M @ z) - z / (values - shift), axis=0)
+    errors = residuals / (theta * np.linalg.norm(z, axis=0))
+    # Rounding moves an eigenvalue by that of the largest, about 1, and the product by that of its
+    # largest part.
+    rounding = 100 * np.finfo(float).eps * (theta + theta.max() / theta)
+    if not (errors <= _RESIDUAL + rounding).all():
+        raise NotConverged(
+            f"eigenpairs: a residual is {errors.max():.1e}, more than {_RESIDUAL:.0e}; take a "
+            "shift nearer to the eigenvalues, from below"
+        )
     return values, z

@@ -5,13 +5,16 @@ import pytest
 from skfem import (
     Basis,
     BilinearForm,
+    ElementQuad0,
     ElementQuad2,
     ElementVector,
     FacetBasis,
+    Functional,
     LinearForm,
     MeshQuad,
     asm,
 )
+from skfem.element import DiscreteField
 from skfem.helpers import ddot, div, sym_grad
 
 from skfem_adini import ElementQuadAdini, InputError, assemble
@@ -59,7 +62,36 @@ REDUCTIONS = {
     "unique": lambda k: np.searchsorted(np.unique(k), np.asarray(k)) + 1.0,
     "builtin": lambda k: k / max(np.asarray(k).ravel().tolist()),
     "spread": lambda k: (k - k.min()) / (np.ptp(k) + 1.0),
+    "of all": lambda k: k / np.sum(k),
+    "reduce of all": lambda k: k / np.add.reduce(np.add.reduce(np.asarray(k))),
+    "dot": lambda k: k / np.dot(np.ravel(k), np.ravel(k)),
+    "inner": lambda k: k / np.vdot(np.ravel(k), np.ones(k.size)),
+    "transposed": lambda k: k / np.asarray(k).T.sum(axis=1).sum(),
+    "shape": lambda k: k / (k.shape[0] * k.shape[1]),
+    "prod": lambda k: k * np.prod(np.asarray(k) ** (1 / k.size)),
+    "average": lambda k: k - np.average(k, weights=np.asarray(k) ** 2),
+    "trapezoid": lambda k: k / np.trapezoid(np.asarray(k), axis=0).sum(),
+    "nansum": lambda k: k / np.nansum(k),
+    "nanmax": lambda k: k / np.nanmax(k),
+    "nanmean": lambda k: k - np.nanmean(k),
+    "variance": lambda k: k / (1.0 + np.var(k)),
+    "any": lambda k: 2.0 * k if np.any(k > 2.5) else k,
+    "all": lambda k: 2.0 * k if np.all(k < 2.5) else k,
+    "which": lambda k: k * len(np.flatnonzero(k > 1.5)),
+    "searchsorted": lambda k: np.searchsorted(np.sort(np.ravel(k)), np.asarray(k)) + 1.0,
+    "histogram": lambda k: k * np.histogram(k, bins=4)[0].max(),
+    "iteration": lambda k: k / sum(row.sum() for row in k),
+    "items": lambda k: k / sum(np.asarray(k).flat),
+    "convolution": lambda k: np.convolve(np.ravel(k), [1, 2, 1], "same").reshape(k.shape),
+    "outer": lambda k: k * np.maximum.outer(np.ravel(k)[:9], np.ravel(k)[-9:]).sum(),
+    "interpolated": lambda k: np.interp(k, np.sort(np.ravel(k)), np.arange(k.size)) + 1.0,
+    "centred": lambda k: k / np.linalg.norm(k - k.mean(), axis=0),
+    "covariance": lambda k: k * (1.0 + np.cov(np.ravel(k))),
 }
+
+
+def at_all_points(k):
+    return np.repeat(k[:, None], BASIS.W.size, axis=1)
 
 
 def same(found, expected):
@@ -71,7 +103,8 @@ def same(found, expected):
 def test_reductions_over_cells(name, given):
     """They came back 9 to 950 % off: each batch had a largest value and an order of its own."""
     k, reduction = COEFFICIENTS[given], REDUCTIONS[name]
-    expected = asm(form := LinearForm(lambda v, w: reduction(w.k) * v), BASIS, k=k[:, None])
+    form = LinearForm(lambda v, w: reduction(w.k) * v)
+    expected = asm(form, BASIS, k=at_all_points(k))
     assert same(assemble(form, MESH, ELEMENT, k=k), expected)
 
 
@@ -79,9 +112,74 @@ def test_reductions_over_cells(name, given):
 def test_no_fast_path_for_them(name):
     form = BilinearForm(lambda u, v, w: REDUCTIONS[name](w.k) * u * v)
     k = COEFFICIENTS["random"]
-    assert same(assemble(form, BASIS, k=k), asm(form, BASIS, k=k[:, None]))
+    assert same(assemble(form, BASIS, k=k), asm(form, BASIS, k=at_all_points(k)))
     with pytest.raises(InputError, match="among other cells"):
         assemble(form, MESH, ELEMENT, fallback=False, k=k)
+
+
+def test_statistics_of_coefficients_mean_what_they_mean_to_scikit_fem():
+    """A form with k / sum(k) was wrong by the number of points, 25, for numbers of the cells."""
+    mesh = MeshQuad.init_tensor(np.linspace(0, 1, 15), np.linspace(0, 1, 15))
+    k = np.random.default_rng(7).uniform(1, 2, 196)
+    for element in (ELEMENT, ElementQuad2()):
+        basis = Basis(mesh, element)
+        wide = np.repeat(k[:, None], basis.W.size, axis=1)
+        interpolated = Basis(mesh, ElementQuad0(), quadrature=basis.quadrature).interpolate(k)
+        kinds = [(k, wide), (DiscreteField(k), wide), (DiscreteField(k[:, None]), wide)]
+        kinds += [(each, each) for each in (wide, interpolated, k[:, None])]
+        for reduction in (np.sum, np.linalg.norm, np.size, np.max, lambda k: k.shape[1]):
+            forms = [
+                BilinearForm(lambda u, v, w, of=reduction: w.k / of(w.k) * u * v),
+                LinearForm(lambda v, w, of=reduction: w.k / of(w.k) * v),
+                Functional(lambda w, of=reduction: w.k / of(w.k) + 0 * w.x[0]),
+            ]
+            for form in forms:
+                for given, meant in kinds:
+                    assert same(assemble(form, mesh, element, k=given), asm(form, basis, k=meant))
+
+
+SUMS_OF_A_CELL = {
+    "sum": lambda k: np.sum(k, axis=-1, keepdims=True),
+    "points": lambda k: k * k.shape[-1],
+    "norm": lambda k: k / np.linalg.norm(k, axis=-1, keepdims=True),
+    "trapezoid": lambda k: np.trapezoid(k, axis=-1)[:, None],
+    "cumsum": lambda k: np.cumsum(k, axis=-1),
+}
+
+
+@pytest.mark.parametrize("name", SUMS_OF_A_CELL)
+def test_sums_over_the_points_of_a_cell(name):
+    k = COEFFICIENTS["random"]
+    form = BilinearForm(lambda u, v, w: SUMS_OF_A_CELL[name](w.k) * u * v)
+    for given, meant in ((k, at_all_points(k)), (at_all_points(k), at_all_points(k))):
+        found = assemble(form, MESH, ELEMENT, fallback=False, k=given)
+        assert same(found, asm(form, BASIS, k=meant))
+    narrow = k[:, None]
+    assert same(assemble(form, MESH, ELEMENT, k=narrow), asm(form, BASIS, k=narrow))
+
+
+def doubled(k):
+    k *= 2.0
+    return k
+
+
+def filled(k):
+    k[:] = 1.0
+    return k
+
+
+@pytest.mark.parametrize("change", [doubled, filled])
+def test_forms_that_write_into_their_arguments(change):
+    """scikit-fem hands the changed array to its next call; nothing else is the same matrix."""
+    form = BilinearForm(lambda u, v, w: change(w.k) * u * v)
+    basis = Basis(MESH, ElementQuad0())
+    k = COEFFICIENTS["random"]
+    given, other = (np.repeat(k[:, None], basis.W.size, axis=1) for _ in range(2))
+    assert same(assemble(form, MESH, ElementQuad0(), k=given), asm(form, basis, k=other))
+    np.testing.assert_array_equal(given, other)
+    of_cells = COEFFICIENTS["random"].copy()
+    assemble(form, MESH, ElementQuad0(), k=of_cells)
+    np.testing.assert_array_equal(of_cells, COEFFICIENTS["random"])
 
 
 OTHER = {
