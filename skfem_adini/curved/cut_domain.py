@@ -237,9 +237,9 @@ class CutDomain:
         cells, X, W, slots = self._padded(
             rule.boundary_cells[keep], rule.boundary_points[:, keep], rule.boundary_weights[keep]
         )
-        normals = rule.normals[:, keep][:, slots]
+        normals = DiscreteField(rule.normals[:, keep][:, slots])
         return BoundaryBasis(
-            self.mesh, elem, quadrature=(X, W), elements=cells, normals=DiscreteField(normals)
+            self.mesh, elem, quadrature=(X, W), elements=cells, normals=normals, domain=self
         )
 
     def assemble(self, form: Any, elem: Any, intorder: int | None = None, **fields: Any) -> Any:
@@ -285,7 +285,9 @@ class CutDomain:
             sample.check()
         return total
 
-    def groups(self, elem: Any, intorder: int | None = None) -> Iterator[CellBasis]:
+    def groups(
+        self, elem: Any, intorder: int | None = None, cells: Indices | None = None
+    ) -> Iterator[CellBasis]:
         """Yield bases whose integrals add up to those over the domain.
 
         The full cells have one basis, as in :meth:`basis`. Cut cells are grouped by similar numbers
@@ -297,6 +299,8 @@ class CutDomain:
             Any element of quadrilaterals.
         intorder
             Order of integration on the full cells; that of `skfem.CellBasis` by default.
+        cells
+            Numbers of the cells that are wanted, all by default.
 
         Yields
         ------
@@ -305,10 +309,13 @@ class CutDomain:
         """
         _check_element(elem)
         dofs = Dofs(self.mesh, elem)
-        if self.full.size:
-            yield CellBasis(self.mesh, elem, intorder=intorder, elements=self.full, dofs=dofs)
+        full = self.full if cells is None else np.intersect1d(self.full, cells)
+        if full.size:
+            yield CellBasis(self.mesh, elem, intorder=intorder, elements=full, dofs=dofs)
         rule = self.quadrature
         count = np.bincount(rule.cells, minlength=self.mesh.t.shape[1])
+        if cells is not None:
+            count[np.setdiff1d(self.cut, cells)] = 0
         bound = int(2 ** np.floor(np.log2(count[count > 0].min()))) if count.any() else 0
         while bound and bound <= count.max():
             keep = (count[rule.cells] >= bound) & (count[rule.cells] < 2 * bound)
