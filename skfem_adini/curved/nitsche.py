@@ -207,9 +207,7 @@ def _constants(
 
 def _check_extension(boundary: Any, extension: Any) -> None:
     if not isinstance(extension, AdiniExtension):
-        raise InputError(
-            f"extension: expected an AdiniExtension, got {type(extension).__name__}"
-        )
+        raise InputError(f"extension: expected an AdiniExtension, got {type(extension).__name__}")
     other = getattr(boundary, "domain", None) not in (None, extension.domain)
     if other or extension.domain.mesh is not boundary.mesh:
         raise InputError("extension: it belongs to another domain than the boundary")
