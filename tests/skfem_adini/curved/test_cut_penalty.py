@@ -21,6 +21,7 @@ from skfem_adini import (
     nitsche,
     refined_at_boundary,
 )
+from skfem_adini.solvers.pardiso import has_pardiso
 
 ELEMENT = ElementQuadAdini()
 SLIVERS = [1e-12, 1e-8, 1e-4, 1e-3, 0.01]
@@ -274,3 +275,21 @@ def test_an_extension_of_something_else_is_refused():
     vector = AdiniExtension(Basis(mesh, ElementVector(ELEMENT)), domain)
     with pytest.raises(InputError, match="give both the same element"):
         nitsche(boundary, extension=vector)
+
+
+@pytest.mark.parametrize("solver", ["auto", "superlu"])
+def test_the_error_of_a_solution_names_the_cause(solver):
+    """A penalty below the constant, then no condition at all: constants have no energy."""
+    mesh = grid()
+    domain = CutDomain(mesh, square(1e-4))
+    extension = AdiniExtension(Basis(mesh, ELEMENT), domain)
+    K, load = domain.assemble(laplace, ELEMENT), np.ones(Basis(mesh, ELEMENT).N)
+    boundary = domain.boundary(ELEMENT)
+    weak = BilinearForm(
+        lambda u, v, w: 10 / w.h * u * v - dot(grad(u), w.n) * v - dot(grad(v), w.n) * u
+    ).assemble(boundary)
+    if solver == "auto" and has_pardiso():  # SuperLU does not see the signs of its pivots
+        with pytest.raises(InputError, match=r"the matrix is indefinite, \d+ of its .*penalty"):
+            extension.solve(K + weak, load)
+    with pytest.raises(InputError, match="the matrix is singular: some function .* constants"):
+        extension.solve(K, load, solver=solver)
