@@ -336,7 +336,7 @@ def _roots_of_component(
         outside = np.setdiff1d(vertices, mesh.t[:, good])
         roots, reach = np.zeros(0, dtype=np.int64), np.full(min(1, outside.size), np.inf)
         # A cell whose hanging vertex depends on one outside would be extrapolated from itself.
-        follows = np.zeros(mesh.p.shape[1])
+        follows = np.zeros(mesh.nvertices)
         follows[outside] = 1
         sound = good[((ends @ follows) == 0)[mesh.t[:, good]].all(axis=0)]
         if sound.size and outside.size:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem import CellBasis, Dofs, MeshQuad
+from skfem import CellBasis, Dofs, MeshQuad, MeshQuad1DG
 from skfem.assembly.form.form import Form
 from skfem.element import DiscreteField, Element
 from skfem.refdom import RefQuad
@@ -21,6 +21,7 @@ from skfem_adini.curved.quadrature.cut_quadrature import CutQuadrature, cut_quad
 from skfem_adini.curved.quadrature.level_set import LevelSet
 from skfem_adini.curved.quadrature.polygon import Polygon
 from skfem_adini.elements.reference_points import reference_points
+from skfem_adini.elements.straight_cells import straight_corners
 from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
@@ -42,7 +43,8 @@ class CutDomain:
     Parameters
     ----------
     mesh
-        `MeshQuad` of axis-parallel rectangles, graded or with hanging vertices if wanted.
+        `MeshQuad` of axis-parallel rectangles, graded or with hanging vertices if wanted, or a
+        `MeshQuad2` with its other nodes in the middle of edges and cells.
     level_set
         Function negative inside, `LevelSet`, `FieldLevelSet` or `Polygon`. Sides of the mesh need
         no level set: a domain may end on mesh lines, with conditions from `essential_dofs`.
@@ -339,7 +341,12 @@ class CutDomain:
         other = copy(self)
         for derived in ("full", "cut", "active", "ghost_facets", "outer_facets"):
             other.__dict__.pop(derived, None)
-        other.mesh = self.mesh.restrict(active)
+        mesh = self.mesh
+        if type(mesh) is not MeshQuad:  # the other nodes of a second-order mesh are not needed
+            p = np.ascontiguousarray(mesh.p[:, : mesh.nvertices])
+            named = {"_boundaries": mesh.boundaries, "_subdomains": mesh.subdomains}
+            mesh = MeshQuad(p, mesh.t, **named)
+        other.mesh = mesh.restrict(active)
         other.quadrature = replace(
             rule,
             lower=rule.lower[:, active],
@@ -376,11 +383,11 @@ def _check_element(elem: Any) -> None:
 
 def axis_parallel_cells(mesh: Any) -> tuple[Array, Array]:
     """Return lower and upper corners of the cells."""
-    if not isinstance(mesh, MeshQuad) or mesh.t.shape[0] != 4 or type(mesh).__name__ != "MeshQuad1":
+    if not isinstance(mesh, MeshQuad) or isinstance(mesh, MeshQuad1DG) or mesh.t.shape[0] != 4:
         raise InputError(f"mesh: expected a MeshQuad, got {type(mesh).__name__}")
-    corners = mesh.p[:, mesh.t]
-    if not np.isfinite(corners).all():
+    if not np.isfinite(mesh.doflocs).all():
         raise InputError("mesh: a vertex is NaN or infinite")
+    corners = straight_corners(mesh, None).swapaxes(0, 1)
     lower, upper = corners.min(axis=1), corners.max(axis=1)
     size = upper - lower
     off = np.minimum(corners - lower[:, None], upper[:, None] - corners) / size[:, None]

@@ -232,7 +232,7 @@ def _extension_of(domain: Any, elem: Any) -> AdiniExtension | None:
 
 
 def _whole(boundary: Any) -> Any:
-    """Return the basis on all of the boundary in the cells, of which the given one may be a part."""
+    """Return the basis on all of the boundary in the cells; the given one may be a part of it."""
     if isinstance(boundary, BoundaryBasis):
         domain = boundary.domain
         points = np.count_nonzero(boundary.quadrature[1])

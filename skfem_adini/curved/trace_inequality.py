@@ -38,7 +38,7 @@ def trace_constants(
     r"""Return cells K and numbers such that the sum of the fluxes over them is at most the energy.
 
     :math:`\lambda_K` is the largest eigenvalue of :math:`\int_{\Gamma_K} |t|^2` against
-    :math:`\sum_T a_T / m_T` over the cells T of the patch of K, where T lies in :math:`m_T` patches.
+    :math:`\sum_T a_T / m_T` over the cells T of the patch of K, where T is in :math:`m_T` patches.
     So every energy is spent once, and
     :math:`\sum_K \lambda_K^{-1} \int_{\Gamma_K} |t|^2 \le a(u, u)` for any cut, grading and
     material. A good cell is its own patch; to another one, which has hardly any energy of its own,
@@ -104,7 +104,7 @@ def _patches(
 ) -> tuple[Indices, Indices]:
     """Return pairs of a place in `owners` and a cell of its patch, ascending."""
     mesh, good = extension.domain.mesh, extension.good
-    vertices, cells = mesh.p.shape[1], mesh.t.shape[1]
+    vertices, cells = mesh.nvertices, mesh.t.shape[1]
     holders = _ones(
         np.append(mesh.t[:, good].ravel(), extension.outside),
         np.append(np.tile(good, 4), extension.roots),
