@@ -136,8 +136,8 @@ class AdiniExtension:
         self.domain = domain
         T, x0 = hanging_constraints(basis, essential)
         ends = _ends(hanging_constraints(basis)[0], dofs)
-        warn_of_unresolved_features(domain)
         self.threshold, self.good, self.outside, self.roots = _roots(domain, threshold, ends)
+        warn_of_unresolved_features(domain)
         follow = _following(basis, dofs, elem, self.outside, self.roots)
         active = np.unique(dofs[:, :, domain.mesh.t[:, domain.active]])
         self.P, self.x0 = _resolved(sp.csr_array(T), x0, follow, active)
