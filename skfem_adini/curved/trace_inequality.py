@@ -59,8 +59,9 @@ def trace_constants(
     """
     dofs = boundary.dofs.element_dofs
     owners = np.unique(boundary.tind)
+    patches: tuple[Indices, Indices] = (np.arange(owners.size), owners)
     if extension is None:
-        P, patches = sp.eye_array(boundary.N, format="csr"), (np.arange(owners.size), owners)
+        P = sp.eye_array(boundary.N, format="csr")
     else:
         P = sp.csr_array(extension.P)
         patches = _patches(owners, extension, P, dofs)
@@ -72,7 +73,8 @@ def trace_constants(
         energies[np.searchsorted(cells, basis.tind)] = F @ F.swapaxes(1, 2)
     energies /= count[cells, None, None]
     F = _factors(boundary, fields(boundary), flux)
-    fluxes = np.linalg.qr(_joined(F, np.searchsorted(owners, boundary.tind)), mode="r")
+    stacked = _joined(F, np.searchsorted(owners, boundary.tind))
+    fluxes = np.asarray(np.linalg.qr(stacked, mode="r"))
 
     Q, first = _parameters(patches, P, dofs)
     A = Q.T @ (_blocks(energies[np.searchsorted(cells, patches[1])]) @ Q)
@@ -83,7 +85,8 @@ def trace_constants(
 
 def _factors(basis: Any, fields: dict[str, Any], parts: Parts) -> Array:
     """Return F (cells, functions, numbers) with F F^T the integrals of the products of parts."""
-    w = FormExtraParams({**basis.default_parameters(), **fields})
+    parameters: Any = {**basis.default_parameters(), **fields}
+    w: Any = FormExtraParams(parameters)
     root = np.sqrt(basis.dx)
     rows = [np.hstack([root * part for part in parts(*function, w)]) for function in basis.basis]
     return np.stack(rows, axis=1)

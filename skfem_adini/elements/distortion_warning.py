@@ -30,7 +30,7 @@ def log_twist(twist: float, cells: Any, mapping: Any, X: NDArray[np.float64]) ->
         Those of the basis. Points with an axis of cells belong to facets or probes, for which
         nothing is logged.
     """
-    mesh = mapping.mesh
+    mesh = getattr(mapping.mesh, "part_of", mapping.mesh)
     if twist <= NEGLIGIBLE_TWIST or X.ndim > 2 or _spoken_of.get(id(mesh)) is mesh:
         return
     _spoken_of[id(mesh)] = mesh

@@ -5,8 +5,9 @@ import logging
 import numpy as np
 import pytest
 from skfem import Basis, ElementDG, ElementVector, FacetBasis, MeshQuad
+from skfem.models.poisson import laplace
 
-from skfem_adini import ElementQuadAdini
+from skfem_adini import ElementQuadAdini, assemble
 
 
 def trapezoid():
@@ -48,6 +49,17 @@ def test_once_for_each_mesh(kind, logged):
         assert len(logged(mesh, ELEMENTS[kind])) == 1
         for element in ELEMENTS.values():
             assert not logged(mesh, element)
+
+
+def test_assembly_speaks_of_the_mesh_once(caplog):
+    """It evaluates a few cells at a time, as meshes of their own."""
+    p = MeshQuad().refined(3).p
+    p = p + 0.01 * np.random.default_rng(0).uniform(-1, 1, p.shape)
+    mesh = MeshQuad(p, MeshQuad().refined(3).t)
+    for _ in range(2):
+        assemble(laplace, mesh, ElementQuadAdini())
+    Basis(mesh, ElementQuadAdini())
+    assert len(caplog.messages) == 1
 
 
 def test_probes_and_facets_are_silent(caplog):
