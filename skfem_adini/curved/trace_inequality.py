@@ -88,7 +88,7 @@ def _factors(basis: Any, fields: dict[str, Any], parts: Parts) -> Array:
     parameters: Any = {**basis.default_parameters(), **fields}
     w: Any = FormExtraParams(parameters)
     root = np.sqrt(basis.dx)
-    rows = [np.hstack([root * part for part in parts(*function, w)]) for function in basis.basis]
+    rows = [np.hstack([root * part for part in parts(function[0], w)]) for function in basis.basis]
     return np.stack(rows, axis=1)
 
 
