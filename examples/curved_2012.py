@@ -63,9 +63,9 @@ def cut_matrices(mesh: MeshQuad, chords: bool) -> tuple[Any, Any, float]:
 def extension_matrices(mesh: MeshQuad) -> Any:
     """Return stiffness and mass of the extension."""
     element, domain = ElementQuadAdini(), CutDomain(mesh, disk)
-    A = domain.assemble(laplace, element) + nitsche(domain.boundary(element))[0]
-    reduce = AdiniExtension(Basis(mesh, element, intorder=1), domain).apply
-    return reduce(A, domain.assemble(mass, element))
+    extension = AdiniExtension(Basis(mesh, element, intorder=1), domain)
+    B, _ = nitsche(domain.boundary(element), extension=extension)
+    return extension.apply(domain.assemble(laplace, element) + B, domain.assemble(mass, element))
 
 
 def error(K: Any, M: Any) -> float:

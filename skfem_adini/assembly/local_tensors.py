@@ -68,6 +68,7 @@ class Space:
             # Elements scale their rounding tolerance by the largest coordinate: keep its vertex.
             far = np.abs(p).max(axis=0).argmax()
             mesh = type(mesh)(p.take(np.append(used, far), axis=1), t.reshape(-1, len(cells)))
+            mesh.part_of = self.mapping.mesh  # what the log says of cells it says once of these
             cells = np.arange(len(cells))
         return MappingIsoparametric(mesh, self.mapping.elem, self.mapping.bndelem), cells
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from skfem import MeshHex1DG, MeshQuad1DG
 
 from skfem_adini.errors import InputError
 
@@ -30,12 +31,6 @@ def imposed_components(components: int | Sequence[int] | None, count: int) -> li
     if not chosen or chosen[0] < 0 or chosen[-1] >= count:
         raise InputError(f"components: expected some of 0 to {count - 1}, got {components!r}")
     return chosen
-
-
-def facet_vertices(mesh: Any, facets: Any) -> Indices:
-    """Return the vertices (2 or 4, facets) of facets; see `facet_numbers`."""
-    vertices: Indices = mesh.facets[:, facet_numbers(mesh, facets)]
-    return vertices
 
 
 def facet_numbers(mesh: Any, facets: Any) -> Indices:
@@ -68,6 +63,30 @@ def facet_numbers(mesh: Any, facets: Any) -> Indices:
             f"array of {index.dtype}{span}"
         )
     return np.unique(index)
+
+
+def facet_corners(mesh: Any, facets: Indices) -> Array:
+    """Return the places of the vertices of facets, shape (dim, 2 or 4, facets).
+
+    On a periodic mesh a vertex has several places; these are those of the first cell.
+    """
+    vertices = mesh.facets[:, facets]
+    if not isinstance(mesh, MeshQuad1DG | MeshHex1DG):
+        return np.asarray(mesh.p[:, vertices])
+    cells = mesh.f2t[0, facets]
+    local = (mesh.t[None, :, cells] == vertices[:, None]).argmax(axis=1)
+    nodes = np.take_along_axis(mesh.dofs.element_dofs[:, cells], local, axis=0)
+    return np.asarray(mesh.doflocs[:, nodes])
+
+
+def refuse_periodic(mesh: Any) -> None:
+    """Raise InputError where the vertices of a mesh have no places of their own."""
+    if isinstance(mesh, MeshQuad1DG | MeshHex1DG):
+        raise InputError(
+            f"basis: the mesh is periodic ({type(mesh).__name__}), where a vertex has several "
+            "places and edges no direction that could be read from them; essential_dofs(basis, "
+            "facets) finds the dofs on axis-parallel sides that are not periodic"
+        )
 
 
 def sample(value: Value, points: Array, count: int) -> Array:

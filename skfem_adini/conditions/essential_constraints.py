@@ -15,6 +15,7 @@ from skfem_adini.conditions.boundary_edges import (
     Value,
     facet_numbers,
     imposed_components,
+    refuse_periodic,
     sample,
 )
 from skfem_adini.conditions.trace_directions import TraceDirections
@@ -33,6 +34,7 @@ def essential_constraints(
     value: Value = 0.0,
     components: int | Sequence[int] | None = None,
     smooth: bool | Sequence[bool] = False,
+    clamp_normal: bool = False,
 ) -> tuple[sp.csc_array, Array]:
     r"""Return T and x0 such that u = value on the facets for every x = T z + x0.
 
@@ -93,6 +95,9 @@ def essential_constraints(
     smooth
         Whether facets that turn by less than .9 radians follow a smooth boundary; a sequence has
         one entry for each condition.
+    clamp_normal
+        Set the normal derivative at the vertices to zero too (for BFS also u_xy), for clamped
+        plates, as `essential_dofs` does.
 
     Returns
     -------
@@ -105,7 +110,7 @@ def essential_constraints(
     ------
     InputError
         No facets, an unknown boundary, another element, data that are NaN or of the wrong shape,
-        or two boundaries with different values at a common vertex.
+        two boundaries with different values at a common vertex, or a periodic mesh.
 
     Examples
     --------
@@ -121,6 +126,7 @@ def essential_constraints(
     The condensed problem is `A = T.T @ K @ T`, `b = T.T @ (f - K @ x0)`.
     """
     dofs = vertex_dofs(basis)
+    refuse_periodic(basis.mesh)
     count, vertices = dofs.shape[1:]
     conditions = _conditions(facets, value)
     if not conditions:
@@ -166,7 +172,17 @@ def essential_constraints(
             np.add.at(right, dofs[1 : 1 + dim, c, node], slope)
     right[dofs[0]] = np.nan_to_num(nodal)
     T, seen, weights = directions.split()
+    if clamp_normal:
+        T = _without(T, [dofs[:, c, edges.vertices] for _, edges, c, *_ in sampled])
     return T, seen @ ((seen.T @ right) / weights)
+
+
+def _without(T: sp.csc_array, clamped: list[Indices]) -> sp.csc_array:
+    """Return the columns that hold none of the dofs."""
+    held = np.zeros(T.shape[0], dtype=bool)
+    for dofs in clamped:
+        held[dofs] = True
+    return sp.csc_array(T[:, np.asarray(held @ abs(T)) == 0])
 
 
 def _conditions(facets: Any, value: Value) -> list[tuple[Any, Any]]:

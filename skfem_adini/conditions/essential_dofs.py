@@ -7,7 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from skfem_adini.conditions.boundary_edges import Indices, facet_vertices, imposed_components
+from skfem_adini.conditions.boundary_edges import (
+    Indices,
+    facet_corners,
+    facet_numbers,
+    imposed_components,
+)
 from skfem_adini.elements.vertex_dofs import vertex_dofs
 from skfem_adini.errors import InputError
 
@@ -79,12 +84,13 @@ def essential_dofs(
     dofs = vertex_dofs(basis)
     chosen = imposed_components(components, dofs.shape[1])
     mesh = basis.mesh
-    vertices = facet_vertices(mesh, facets)
+    numbers = facet_numbers(mesh, facets)
+    vertices = mesh.facets[:, numbers]
     if clamp_normal:
         return np.unique(dofs[:, chosen][:, :, vertices])
 
     rounding = 4 * np.finfo(float).eps * np.abs(mesh.p).max()
-    extent = np.ptp(mesh.p[:, vertices], axis=1)
+    extent = np.ptp(facet_corners(mesh, numbers), axis=1)
     normal_to = extent <= _PARALLEL * extent.max(axis=0) + rounding
     if not normal_to.any(axis=0).all():
         raise InputError(

@@ -11,7 +11,7 @@ import scipy
 import scipy.sparse as sp
 
 from skfem_adini.arguments.finite_numbers import finite_numbers
-from skfem_adini.conditions.boundary_edges import Array, BoundaryEdges, Indices
+from skfem_adini.conditions.boundary_edges import Array, BoundaryEdges, Indices, refuse_periodic
 from skfem_adini.elements.element_quad_adini import ElementQuadAdini
 from skfem_adini.elements.hermite_factors import HERMITE, SLOPE, derivatives
 from skfem_adini.elements.vertex_dofs import full_name, scalar_element, vertex_dofs
@@ -106,6 +106,7 @@ def hanging_constraints(
             f"basis: expected ElementQuadAdini or ElementVector(ElementQuadAdini()), "
             f"got {full_name(elem)}"
         )
+    refuse_periodic(basis.mesh)
     dofs = vertex_dofs(basis, weighted=True)
     hanging = _HangingVertices.find(basis.mesh)
     follow = _resolved(_one_step(dofs, hanging))

@@ -14,6 +14,7 @@ from skfem_adini.conditions.boundary_edges import (
     Value,
     facet_numbers,
     imposed_components,
+    refuse_periodic,
     sample,
 )
 from skfem_adini.conditions.boundary_trace import BoundaryTrace
@@ -73,6 +74,7 @@ def project_trace(
     dofs = vertex_dofs(basis)
     chosen = imposed_components(components, dofs.shape[1])
     mesh = basis.mesh
+    refuse_periodic(mesh)
     chosen_facets = facet_numbers(mesh, facets)
     vertices = mesh.facets[:, chosen_facets]
     edges = BoundaryEdges.of(mesh, vertices)

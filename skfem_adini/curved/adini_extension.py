@@ -19,6 +19,7 @@ from skfem_adini.elements.reference_points import reference_points
 from skfem_adini.elements.vertex_dofs import full_name, scalar_element, vertex_dofs
 from skfem_adini.errors import InputError
 from skfem_adini.solvers.factorize import Solver, factorize
+from skfem_adini.solvers.superlu import SuperLUFactor
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.integer]
@@ -33,6 +34,8 @@ _LEAST_SHARE = 0.05
 _SQUARINGS = 60
 # Rounding of shares and weights: those nearer to one, or to a threshold, are equal to it.
 _ROUNDED_ONE = 1e-12
+# Pivots of a matrix with unit diagonal: below this they are rounding, of either sign.
+_NO_PIVOT = 1e-10
 
 
 class AdiniExtension:
@@ -106,7 +109,8 @@ class AdiniExtension:
     >>> domain = CutDomain(mesh, lambda x: x[0] ** 2 + x[1] ** 2 - 0.81)
     >>> element = ElementQuadAdini()
     >>> extension = AdiniExtension(Basis(mesh, element), domain)
-    >>> A = domain.assemble(laplace, element) + nitsche(domain.boundary(element))[0]
+    >>> B, _ = nitsche(domain.boundary(element), extension=extension)
+    >>> A = domain.assemble(laplace, element) + B
     >>> M = domain.assemble(mass, element)
     >>> values, _ = lowest_eigenpairs(*extension.apply(A, M), 1)
     >>> print(np.round(values * 0.81, 4))  # square of the first zero of J_0
@@ -132,8 +136,8 @@ class AdiniExtension:
         self.domain = domain
         T, x0 = hanging_constraints(basis, essential)
         ends = _ends(hanging_constraints(basis)[0], dofs)
-        warn_of_unresolved_features(domain)
         self.threshold, self.good, self.outside, self.roots = _roots(domain, threshold, ends)
+        warn_of_unresolved_features(domain)
         follow = _following(basis, dofs, elem, self.outside, self.roots)
         active = np.unique(dofs[:, :, domain.mesh.t[:, domain.active]])
         self.P, self.x0 = _resolved(sp.csr_array(T), x0, follow, active)
@@ -231,11 +235,16 @@ class AdiniExtension:
         Raises
         ------
         InputError
-            Wrong sizes, NaN, or a matrix that `factorize` refuses.
+            Wrong sizes, NaN, or a matrix that `factorize` refuses; whether it is singular or
+            indefinite is said, with the remedy.
         """
         (reduced,) = self.apply(A)
-        z = factorize(reduced, definite=definite, solver=solver).solve(self.load(b, A))
-        return self.expand(z)
+        load = self.load(b, A)
+        try:
+            factors = factorize(reduced, definite=definite, solver=solver)
+        except InputError as error:
+            raise _cause(reduced, error) from error
+        return self.expand(factors.solve(load))
 
     def _check_matrix(self, A: Any) -> None:
         size = len(self.x0)
@@ -253,6 +262,33 @@ class AdiniExtension:
         Rounding is taken to be below 1e-10 of the largest entry.
         """
         return sp.csr_array((A + A.T) / 2) if abs(A - A.T).max() < 1e-10 * abs(A).max() else A
+
+
+def _cause(A: sp.csr_array, error: InputError) -> InputError:
+    """Return the error of a matrix that was not factored, with the cause if its pivots tell."""
+    diagonal = A.diagonal()
+    if abs(A - A.T).max() > _NO_PIVOT * abs(A).max() or not (diagonal > 0).all():
+        return error
+    scale = sp.diags_array(1 / np.sqrt(diagonal))
+    # A little off singular, so that all pivots exist.
+    shifted = scale @ A @ scale + _NO_PIVOT / 10 * sp.eye_array(len(diagonal))
+    try:
+        pivots = SuperLUFactor(shifted, "MMD_AT_PLUS_A", 0.0).factors.U.diagonal()
+    except RuntimeError:
+        return error
+    negative = np.count_nonzero(pivots < -_NO_PIVOT)
+    if negative:
+        return InputError(
+            f"A: the matrix is indefinite, {negative} of its {len(diagonal)} eigenvalues are "
+            "negative. If it holds a condition by nitsche, the penalty is too small for this "
+            "extension: nitsche(..., extension=extension) takes it from the trace inequality. "
+            "definite=False solves with an indefinite matrix"
+        )
+    return InputError(
+        "A: the matrix is singular: some function of the extension has no energy, as constants and "
+        "rigid motions have without conditions by nitsche or essential=, or the domain is too "
+        "small for the cells to tell its functions apart (UnresolvedWarning)"
+    )
 
 
 def _ends(T: Any, dofs: Indices) -> sp.csr_array:
@@ -300,7 +336,7 @@ def _roots_of_component(
         outside = np.setdiff1d(vertices, mesh.t[:, good])
         roots, reach = np.zeros(0, dtype=np.int64), np.full(min(1, outside.size), np.inf)
         # A cell whose hanging vertex depends on one outside would be extrapolated from itself.
-        follows = np.zeros(mesh.p.shape[1])
+        follows = np.zeros(mesh.nvertices)
         follows[outside] = 1
         sound = good[((ends @ follows) == 0)[mesh.t[:, good]].all(axis=0)]
         if sound.size and outside.size:

@@ -28,11 +28,15 @@ class BoundaryBasis(CellBasis):
         Those of `skfem.CellBasis`: mesh, element, and the points as ``quadrature=(X, W)``.
     normals
         Outward unit normals at the points, shape (2, cells, points).
+    domain
+        The `CutDomain` whose boundary it is, if any.
 
     Attributes
     ----------
     normals
         Outward unit normals, shape (2, cells, points).
+    domain
+        As given.
 
     Examples
     --------
@@ -48,9 +52,11 @@ class BoundaryBasis(CellBasis):
     True
     """
 
-    def __init__(self, *args: Any, normals: DiscreteField | None = None, **options: Any) -> None:
+    def __init__(
+        self, *args: Any, normals: DiscreteField | None = None, domain: Any = None, **options: Any
+    ) -> None:
         super().__init__(*args, **options)
-        self.normals = normals
+        self.normals, self.domain = normals, domain
 
     def default_parameters(self) -> dict[str, Any]:
         """Return x, h and n."""
@@ -71,6 +77,7 @@ class BoundaryBasis(CellBasis):
             quadrature=self.quadrature,
             elements=self.tind,
             normals=self.normals,
+            domain=self.domain,
         )
 
     def of_cells(self, chosen: Indices) -> BoundaryBasis:
@@ -86,4 +93,5 @@ class BoundaryBasis(CellBasis):
             quadrature=(X[:, keep], W[keep]),
             elements=self.tind[keep],
             normals=DiscreteField(np.asarray(self.normals)[:, keep]),
+            domain=self.domain,
         )

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem import CellBasis, Dofs, MeshQuad
+from skfem import CellBasis, Dofs, MeshQuad, MeshQuad1DG
 from skfem.assembly.form.form import Form
 from skfem.element import DiscreteField, Element
 from skfem.refdom import RefQuad
@@ -21,6 +21,7 @@ from skfem_adini.curved.quadrature.cut_quadrature import CutQuadrature, cut_quad
 from skfem_adini.curved.quadrature.level_set import LevelSet
 from skfem_adini.curved.quadrature.polygon import Polygon
 from skfem_adini.elements.reference_points import reference_points
+from skfem_adini.elements.straight_cells import straight_corners
 from skfem_adini.errors import InputError
 
 Array = NDArray[np.float64]
@@ -42,7 +43,8 @@ class CutDomain:
     Parameters
     ----------
     mesh
-        `MeshQuad` of axis-parallel rectangles, graded or with hanging vertices if wanted.
+        `MeshQuad` of axis-parallel rectangles, graded or with hanging vertices if wanted, or a
+        `MeshQuad2` with its other nodes in the middle of edges and cells.
     level_set
         Function negative inside, `LevelSet`, `FieldLevelSet` or `Polygon`. Sides of the mesh need
         no level set: a domain may end on mesh lines, with conditions from `essential_dofs`.
@@ -266,9 +268,9 @@ class CutDomain:
         cells, X, W, slots = self._padded(
             rule.boundary_cells[keep], rule.boundary_points[:, keep], rule.boundary_weights[keep]
         )
-        normals = rule.normals[:, keep][:, slots]
+        normals = DiscreteField(rule.normals[:, keep][:, slots])
         return BoundaryBasis(
-            self.mesh, elem, quadrature=(X, W), elements=cells, normals=DiscreteField(normals)
+            self.mesh, elem, quadrature=(X, W), elements=cells, normals=normals, domain=self
         )
 
     def assemble(self, form: Any, elem: Any, intorder: int | None = None, **fields: Any) -> Any:
@@ -314,7 +316,9 @@ class CutDomain:
             sample.check()
         return total
 
-    def groups(self, elem: Any, intorder: int | None = None) -> Iterator[CellBasis]:
+    def groups(
+        self, elem: Any, intorder: int | None = None, cells: Indices | None = None
+    ) -> Iterator[CellBasis]:
         """Yield bases whose integrals add up to those over the domain.
 
         The full cells have one basis, as in :meth:`basis`. Cut cells are grouped by similar numbers
@@ -326,6 +330,8 @@ class CutDomain:
             Any element of quadrilaterals.
         intorder
             Order of integration on the full cells; that of `skfem.CellBasis` by default.
+        cells
+            Numbers of the cells that are wanted, all by default.
 
         Yields
         ------
@@ -334,10 +340,13 @@ class CutDomain:
         """
         _check_element(elem)
         dofs = Dofs(self.mesh, elem)
-        if self.full.size:
-            yield CellBasis(self.mesh, elem, intorder=intorder, elements=self.full, dofs=dofs)
+        full = self.full if cells is None else np.intersect1d(self.full, cells)
+        if full.size:
+            yield CellBasis(self.mesh, elem, intorder=intorder, elements=full, dofs=dofs)
         rule = self.quadrature
         count = np.bincount(rule.cells, minlength=self.mesh.t.shape[1])
+        if cells is not None:
+            count[np.setdiff1d(self.cut, cells)] = 0
         bound = int(2 ** np.floor(np.log2(count[count > 0].min()))) if count.any() else 0
         while bound and bound <= count.max():
             keep = (count[rule.cells] >= bound) & (count[rule.cells] < 2 * bound)
@@ -361,7 +370,12 @@ class CutDomain:
         other = copy(self)
         for derived in ("full", "cut", "active", "ghost_facets", "outer_facets"):
             other.__dict__.pop(derived, None)
-        other.mesh = self.mesh.restrict(active)
+        mesh = self.mesh
+        if type(mesh) is not MeshQuad:  # the other nodes of a second-order mesh are not needed
+            p = np.ascontiguousarray(mesh.p[:, : mesh.nvertices])
+            named = {"_boundaries": mesh.boundaries, "_subdomains": mesh.subdomains}
+            mesh = MeshQuad(p, mesh.t, **named)
+        other.mesh = mesh.restrict(active)
         other.quadrature = replace(
             rule,
             lower=rule.lower[:, active],
@@ -398,11 +412,11 @@ def _check_element(elem: Any) -> None:
 
 def axis_parallel_cells(mesh: Any) -> tuple[Array, Array]:
     """Return lower and upper corners of the cells."""
-    if not isinstance(mesh, MeshQuad) or mesh.t.shape[0] != 4 or type(mesh).__name__ != "MeshQuad1":
+    if not isinstance(mesh, MeshQuad) or isinstance(mesh, MeshQuad1DG) or mesh.t.shape[0] != 4:
         raise InputError(f"mesh: expected a MeshQuad, got {type(mesh).__name__}")
-    corners = mesh.p[:, mesh.t]
-    if not np.isfinite(corners).all():
+    if not np.isfinite(mesh.doflocs).all():
         raise InputError("mesh: a vertex is NaN or infinite")
+    corners = straight_corners(mesh, None).swapaxes(0, 1)
     lower, upper = corners.min(axis=1), corners.max(axis=1)
     size = upper - lower
     off = np.minimum(corners - lower[:, None], upper[:, None] - corners) / size[:, None]

@@ -183,6 +183,10 @@ class ElementQuadAdiniCut(ElementH1):
                 t_part += c * b * s**a * t ** (b - 1)
         return (DiscreteField(value, np.array([s_part, t_part]) / size),)
 
+    def __repr__(self) -> str:
+        cells = self.mesh.nelements
+        return f"{type(self).__name__}({cells} cells, {self.inside.sum()} vertices inside)"
+
     def lbasis(self, X: Array, i: int) -> Any:
         """There is no reference function: every cell has its own."""
         raise NotImplementedError("ElementQuadAdiniCut has no functions on the reference cell")

@@ -90,6 +90,24 @@ class ElementQuadAdiniWeighted(ElementQuadAdini):
         self.weight, self.gradient, self.hessian = weight, gradient, hessian
         self.maxdeg = ElementQuadAdini.maxdeg + int(degree)
 
+    def _parameters(self) -> dict[str, Any]:
+        return {
+            "weight": self.weight,
+            "gradient": self.gradient,
+            "hessian": self.hessian,
+            "derivatives": self.derivatives,
+            "degree": self.maxdeg - ElementQuadAdini.maxdeg,
+        }
+
+    def __repr__(self) -> str:
+        functions = ("weight", "gradient", "hessian")
+        names = {
+            name: getattr(value, "__name__", type(value).__name__) if name in functions else value
+            for name, value in self._parameters().items()
+        }
+        given = ", ".join(f"{name}={value}" for name, value in names.items())
+        return f"{type(self).__name__}({given})"
+
     def gbasis(
         self, mapping: Any, X: Array, i: int, tind: NDArray[np.integer] | None = None
     ) -> tuple[DiscreteField]:

@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from skfem import BilinearForm, FacetBasis, LinearForm
+from skfem import Basis, BilinearForm, CellBasis, FacetBasis, LinearForm
 from skfem.element import DiscreteField, ElementVector
 from skfem.helpers import div, dot, grad, mul, sym_grad
 
 from skfem_adini.arguments.pointwise_function import pointwise
 from skfem_adini.arguments.positive_number import positive_number
 from skfem_adini.conditions.boundary_edges import Value, sample
+from skfem_adini.curved.adini_extension import AdiniExtension
 from skfem_adini.curved.boundary_basis import BoundaryBasis
-from skfem_adini.errors import InputError
+from skfem_adini.curved.trace_inequality import trace_constants
+from skfem_adini.elements.element_quad_adini import ElementQuadAdini
+from skfem_adini.elements.vertex_dofs import scalar_element
+from skfem_adini.errors import InputError, UnresolvedWarning
 
 Array = NDArray[np.float64]
 Coefficient = float | Callable[[Array], Any]
+
+# Penalty in constants of the trace inequality: the matrix is definite above 1. With 2 it is at
+# least .29 of the energy and the penalty.
+_MARGIN = 2.0
 
 
 def nitsche(
@@ -27,24 +37,30 @@ def nitsche(
     beta: float = 50.0,
     coefficient: Coefficient = 1.0,
     lame: tuple[Coefficient, Coefficient] | None = None,
+    extension: AdiniExtension | None = None,
 ) -> tuple[Any, Array]:
     r"""Return matrix and load that impose u = g weakly and symmetrically.
 
     For :math:`-\nabla \cdot k \nabla u`, to be added to stiffness matrix and load,
 
     .. math::
-        B(u, v) = \int_\Gamma \frac{\beta k}{h} u v - k \, \partial_n u \, v - u \, k \,
+        B(u, v) = \int_\Gamma \gamma k u v - k \, \partial_n u \, v - u \, k \,
         \partial_n v, \quad
-        b(v) = \int_\Gamma g \Big(\frac{\beta k}{h} v - k \, \partial_n v\Big);
+        b(v) = \int_\Gamma g (\gamma k v - k \, \partial_n v);
 
     for elasticity, with :math:`t(u) = \sigma(u) n`,
 
     .. math::
-        B(u, v) = \int_\Gamma \frac{\beta}{h} \big(2 \mu \, u \cdot v + \lambda (u \cdot n)
+        B(u, v) = \int_\Gamma \gamma \big(2 \mu \, u \cdot v + \lambda (u \cdot n)
         (v \cdot n)\big) - t(u) \cdot v - u \cdot t(v)
 
     and the load likewise. Only the penalty of the normal part contains lambda, so the tangential
     displacement of nearly incompressible bodies is not penalised with the bulk modulus.
+
+    The penalty is :math:`\gamma = \max(\beta / h, 2 \lambda_K)` with the constants of the trace
+    inequality, :math:`\sum_K \lambda_K^{-1} \int_{\Gamma_K} k |\partial_n u|^2 \le a(u, u)`, from
+    an eigenproblem in each cell K of the boundary. So the sum with the stiffness matrix is positive
+    definite on the functions of the extension, for every cut, cell and material.
 
     Parameters
     ----------
@@ -54,13 +70,18 @@ def nitsche(
         The data g: a number, a callable of points (2, cells, points) that returns (cells, points)
         or (2, cells, points), or a sequence with one of these for each component.
     beta
-        Penalty, without unit. The matrix is definite from beta = 35 with `AdiniExtension` at
-        threshold 0.5, and from beta = 50 with a ghost penalty of gamma = 0.02.
+        Least penalty, without unit: pieces of the boundary that are far smaller than a cell have
+        hardly any flux, and the condition would be lost there. It decides alone where
+        :math:`\lambda_K` is not known: for elements other than Adini's in cut cells.
     coefficient
-        The conductivity k, a positive number or function of points. Scalar fields only.
+        The conductivity k, a positive number or function of points, also of those inside, where it
+        is that of the stiffness matrix. Scalar fields only.
     lame
         Lame's constants (lambda, mu) for elasticity, numbers or functions of points.
         Functions act on each point alone: points of weight zero lie among the others.
+    extension
+        The one that the matrix will be reduced by. By default that with the threshold 0.5 and
+        without essential conditions, which is computed here. On a `FacetBasis` the default is none.
 
     Returns
     -------
@@ -78,10 +99,10 @@ def nitsche(
     nu       L2      H1      eigenvalue of torsion
     ======== ======= ======= =======================
     .3       2.1e-7  1.4e-5  6.3e-8
-    .49      2.9e-7  1.6e-5  5.5e-7
+    .49      2.9e-7  1.6e-5  5.6e-7
     .499     1.1e-6  4.6e-5  4.5e-6
     .4999    5.8e-6  1.6e-4  2.7e-5
-    .49999   2.9e-5  4.1e-4  1.7e-4
+    .49999   3.0e-5  4.1e-4  1.7e-4
     ======== ======= ======= =======================
 
     The orders 4 and 3 are kept. Up to nu = .49 hardly any accuracy is lost in L2 and H1, at .499 a
@@ -89,6 +110,11 @@ def nitsche(
     square with strong conditions the errors grow likewise (by a factor of 16 in L2 at .4999, on the
     cut disk by 28), and a ghost penalty of weight 2 mu + lambda gives the same errors as the
     extension to within a quarter.
+
+    The constants are those of the whole boundary of the domain, of which `boundary` may hold a
+    part: calls for different parts add up to the one call for both.
+
+    A ghost penalty may take the place of the extension. The proof does not cover it.
 
     *Conductivities* that vary smoothly, by factors of 1e3 and 1e6 over the disk, do not change
     orders and errors. A *jump* does: the gradient of the solution jumps with it, but that of
@@ -100,7 +126,8 @@ def nitsche(
     ------
     InputError
         A penalty that is not positive; a function that reduces over the points; constants that are
-        missing, not finite, or negative; data of the wrong shape.
+        missing, not finite, or negative; data of the wrong shape; the extension of another domain
+        or element.
 
     References
     ----------
@@ -118,7 +145,9 @@ def nitsche(
     >>> from skfem_adini import CutDomain, ElementQuadAdini
     >>> mesh = MeshQuad.init_tensor(*[np.linspace(-1, 1, 9)] * 2)
     >>> domain = CutDomain(mesh, lambda x: x[0] ** 2 + x[1] ** 2 - 0.81)
-    >>> B, b = nitsche(domain.boundary(ElementQuadAdini()), lambda x: x[0])
+    >>> element = ElementQuadAdini()
+    >>> extension = AdiniExtension(Basis(mesh, element), domain)
+    >>> B, b = nitsche(domain.boundary(element), lambda x: x[0], extension=extension)
     >>> B.shape, b.shape
     ((243, 243), (243,))
     """
@@ -134,59 +163,161 @@ def nitsche(
             "lame: give Lame's constants (lambda, mu) for vector fields, and only for them; got "
             f"{lame!r} for {type(boundary.elem).__name__}"
         )
-    x = np.asarray(boundary.global_coordinates())
     if isinstance(boundary, BoundaryBasis):
         value, coefficient, lame = (
             _pointwise(*named)
             for named in (("value", value), ("coefficient", coefficient), ("lame", lame))
         )
-    data = sample(value, x, 2 if vector else 1)
-    fields = {"g": DiscreteField(data if vector else data[0])}
-    if lame is not None:
-        if not isinstance(lame, tuple | list) or len(lame) != 2:
-            raise InputError(f"lame: expected (lambda, mu), got {lame!r}")
-        fields["bulk"] = _field("lame: lambda", lame[0], x, zero=True)
-        fields["mu"] = _field("lame: mu", lame[1], x)
-        pair = _elastic(beta)
-    else:
-        fields["k"] = _field("coefficient", coefficient, x)
-        pair = _scalar(beta)
+    if lame is not None and (not isinstance(lame, tuple | list) or len(lame) != 2):
+        raise InputError(f"lame: expected (lambda, mu), got {lame!r}")
+    x = np.asarray(boundary.global_coordinates())
+    data = sample(value, x, len(x) if vector else 1)
+    material = partial(_material, coefficient, lame)
+    fields = {"g": DiscreteField(data if vector else data[0]), **material(boundary)}
+    parts = (_traction_parts, _strain_parts) if vector else (_flux_parts, _gradient_parts)
+    h = np.asarray(boundary.default_parameters()["h"])
+    penalty = np.maximum(beta / h, _MARGIN * _constants(boundary, extension, material, *parts))
+    fields["penalty"] = DiscreteField(penalty * np.ones(x.shape[1:]))
+    pair = _elastic() if vector else _scalar()
     matrix, load = (form.assemble(boundary, **fields) for form in pair)
     return matrix, load
+
+
+def _constants(
+    boundary: Any, extension: AdiniExtension | None, material: Any, flux: Any, energy: Any
+) -> Array:
+    """Return the constants of the trace inequality, shape (cells, 1), 0 where they are unknown."""
+    domain = getattr(boundary, "domain", None)
+    if extension is not None:
+        _check_extension(boundary, extension)
+        domain = extension.domain
+    elif isinstance(boundary, BoundaryBasis):
+        extension = None if domain is None else _extension_of(domain, boundary.elem)
+        if extension is None:
+            return np.zeros((boundary.tind.size, 1))
+
+    def groups(cells: Any) -> Any:
+        if domain is not None:
+            return domain.groups(boundary.elem, cells=cells)
+        return [CellBasis(boundary.mesh, boundary.elem, boundary.mapping, elements=cells)]
+
+    cells, found = trace_constants(_whole(boundary), groups, material, flux, energy, extension)
+    return np.asarray(found[np.searchsorted(cells, boundary.tind), None])
+
+
+def _check_extension(boundary: Any, extension: Any) -> None:
+    if not isinstance(extension, AdiniExtension):
+        raise InputError(f"extension: expected an AdiniExtension, got {type(extension).__name__}")
+    other = getattr(boundary, "domain", None) not in (None, extension.domain)
+    if other or extension.domain.mesh is not boundary.mesh:
+        raise InputError("extension: it belongs to another domain than the boundary")
+    if len(extension.x0) != boundary.N:
+        raise InputError(
+            f"extension: made for a basis of {len(extension.x0)} dofs, the boundary has "
+            f"{boundary.N}; give both the same element"
+        )
+
+
+def _extension_of(domain: Any, elem: Any) -> AdiniExtension | None:
+    """Return the extension with the default threshold, None where there is none."""
+    basis = Basis(domain.mesh, elem, intorder=1)
+    if not isinstance(scalar_element(basis), ElementQuadAdini):
+        return None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnresolvedWarning)
+        try:
+            return AdiniExtension(basis, domain)
+        except InputError:
+            return None
+
+
+def _whole(boundary: Any) -> Any:
+    """Return the basis on all of the boundary in the cells; the given one may be a part of it."""
+    if isinstance(boundary, BoundaryBasis):
+        domain = boundary.domain
+        points = np.count_nonzero(boundary.quadrature[1])
+        if domain is None or points == domain.quadrature.boundary_weights.size:
+            return boundary
+        return domain.boundary(boundary.elem)
+    outer = boundary.mesh.boundary_facets()
+    outer = outer[np.isin(boundary.mesh.f2t[0, outer], boundary.tind)]
+    if type(boundary) is not FacetBasis or np.isin(outer, boundary.find).all():
+        return boundary
+    return FacetBasis(
+        boundary.mesh,
+        boundary.elem,
+        boundary.mapping,
+        quadrature=boundary.quadrature,
+        facets=np.union1d(outer, boundary.find),
+    )
 
 
 def _pointwise(name: str, data: Any) -> Any:
     """Return the data, with functions that raise an error if they mix points."""
     if isinstance(data, list | tuple):
-        return [_pointwise(name, part) for part in data]
+        return type(data)(_pointwise(name, part) for part in data)
     return pointwise(name, data) if callable(data) else data
 
 
-def _scalar(beta: float) -> tuple[BilinearForm, LinearForm]:
+def _material(coefficient: Coefficient, lame: Any, basis: Any) -> dict[str, DiscreteField]:
+    """Return the constants at the points of a basis."""
+    x = np.asarray(basis.global_coordinates())
+    if lame is None:
+        return {"k": _field("coefficient", coefficient, x)}
+    bulk, mu = lame
+    return {
+        "bulk": _field("lame: lambda", bulk, x, zero=True),
+        "mu": _field("lame: mu", mu, x),
+    }
+
+
+def _flux_parts(u: Any, w: Any) -> list[Any]:
+    return [np.sqrt(w.k) * dot(grad(u), w.n)]
+
+
+def _gradient_parts(u: Any, w: Any) -> list[Any]:
+    return [np.sqrt(w.k) * slope for slope in grad(u)]
+
+
+def _traction(u: Any, w: Any) -> Any:
+    return w.bulk * div(u) * w.n + 2 * w.mu * mul(sym_grad(u), w.n)
+
+
+def _traction_parts(u: Any, w: Any) -> list[Any]:
+    """Return parts of the traction, in the inverse of the metric that the penalty has."""
+    t = _traction(u, w)
+    along = dot(t, w.n)
+    return [along / np.sqrt(2 * w.mu + w.bulk), *((t - along * w.n) / np.sqrt(2 * w.mu))]
+
+
+def _strain_parts(u: Any, w: Any) -> list[Any]:
+    strain = sym_grad(u)
+    shear = np.sqrt(2 * w.mu)
+    return [np.sqrt(w.bulk) * div(u), *(shear * part for row in strain for part in row)]
+
+
+def _scalar() -> tuple[BilinearForm, LinearForm]:
     def flux(u: Any, w: Any) -> Any:
         return w.k * dot(grad(u), w.n)
 
     def matrix(u: Any, v: Any, w: Any) -> Any:
-        return beta * w.k / w.h * u * v - flux(u, w) * v - flux(v, w) * u
+        return w.penalty * w.k * u * v - flux(u, w) * v - flux(v, w) * u
 
     def load(v: Any, w: Any) -> Any:
-        return w.g * (beta * w.k / w.h * v - flux(v, w))
+        return w.g * (w.penalty * w.k * v - flux(v, w))
 
     return BilinearForm(matrix), LinearForm(load)
 
 
-def _elastic(beta: float) -> tuple[BilinearForm, LinearForm]:
-    def traction(u: Any, w: Any) -> Any:
-        return w.bulk * div(u) * w.n + 2 * w.mu * mul(sym_grad(u), w.n)
-
+def _elastic() -> tuple[BilinearForm, LinearForm]:
     def penalty(u: Any, v: Any, w: Any) -> Any:
-        return beta / w.h * (2 * w.mu * dot(u, v) + w.bulk * dot(u, w.n) * dot(v, w.n))
+        return w.penalty * (2 * w.mu * dot(u, v) + w.bulk * dot(u, w.n) * dot(v, w.n))
 
     def matrix(u: Any, v: Any, w: Any) -> Any:
-        return penalty(u, v, w) - dot(traction(u, w), v) - dot(traction(v, w), u)
+        return penalty(u, v, w) - dot(_traction(u, w), v) - dot(_traction(v, w), u)
 
     def load(v: Any, w: Any) -> Any:
-        return penalty(w.g, v, w) - dot(traction(v, w), w.g)
+        return penalty(w.g, v, w) - dot(_traction(v, w), w.g)
 
     return BilinearForm(matrix), LinearForm(load)
 

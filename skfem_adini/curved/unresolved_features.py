@@ -23,7 +23,7 @@ _MOST_COSINE_OF_NORMALS = -0.9
 # and if the line between the points is within 45 degrees of both normals.
 _LEAST_COSINE_AHEAD = 0.7
 # In cell sizes: in a thinner domain one polynomial represents both sides.
-_THIN_CELLS = 0.75
+_THIN_CELLS = 1.0
 # Bounds the memory of all pairs of points, (4 x 12)^2 for each vertex.
 _VERTICES_AT_A_TIME = 500
 
@@ -42,7 +42,7 @@ def warn_of_unresolved_features(domain: CutDomain) -> None:
 
     Active cells with a common vertex share its dofs, whatever lies between them: where a gap or a
     hole of the domain is narrower than two cells, both sides are coupled. Where the domain is
-    thinner than three quarters of a cell, one polynomial represents both sides.
+    thinner than a cell, one polynomial represents both sides.
 
     Warns
     -----
@@ -59,15 +59,6 @@ def warn_of_unresolved_features(domain: CutDomain) -> None:
     size = np.ptp(mesh.p[:, mesh.t[:, cells]], axis=1)
     points, normals = rule.boundary_points[:, chosen], rule.normals[:, chosen]
 
-    distance = _facing(points, normals, inside=True)
-    thin = np.flatnonzero(distance < _THIN_CELLS * size.min(axis=0))
-    if thin.size:
-        x, y = points[:, thin[0]].mean(axis=1)
-        _warn(
-            f"the domain is {distance[thin[0]]:.2g} thin in the cell at ({x:.6g}, {y:.6g}), of "
-            f"size {size[0, thin[0]]:.2g}"
-        )
-
     around = sparse.csr_array(
         (np.ones(4 * cells.size), (mesh.t[:, cells].T.ravel(), np.repeat(np.arange(cells.size), 4)))
     )
@@ -75,12 +66,21 @@ def warn_of_unresolved_features(domain: CutDomain) -> None:
     most = int(np.diff(around.indptr).max())
     slots = np.minimum(np.arange(most), np.diff(around.indptr)[vertices, None] - 1)
     patches = around.indices[around.indptr[vertices, None] + slots]
+    said = False
     for start in range(0, len(patches), _VERTICES_AT_A_TIME):
         members = patches[start : start + _VERTICES_AT_A_TIME]
         shape = 2, len(members), -1
-        distance = _facing(
-            points[:, members].reshape(shape), normals[:, members].reshape(shape), inside=False
-        )
+        places = points[:, members].reshape(shape), normals[:, members].reshape(shape)
+        distance = _facing(*places, inside=True)
+        thin = np.flatnonzero(distance < _THIN_CELLS * size[:, members].min(axis=(0, 2)))
+        if thin.size and not said:
+            said, here = True, thin[0]
+            x, y = mesh.p[:, vertices[start + here]]
+            _warn(
+                f"the domain is {distance[here]:.2g} thin in the cells at ({x:.6g}, {y:.6g}), of "
+                f"size {size[0, members[here, 0]]:.2g}"
+            )
+        distance = _facing(*places, inside=False)
         if np.isfinite(distance).any():
             nearest = int(distance.argmin())
             x, y = mesh.p[:, vertices[start + nearest]]

@@ -47,9 +47,26 @@ class ClosedFormElement(ElementH1):
     cells: ClassVar[type[QuadCells] | type[HexCells]]
 
     def __init__(self, derivatives: int = 2) -> None:
-        if np.ndim(derivatives) or derivatives not in range(_MOST_DERIVATIVES + 1):
+        whole = np.ndim(derivatives) == 0 and not isinstance(derivatives, bool | np.bool_)
+        if not whole or derivatives not in range(_MOST_DERIVATIVES + 1):
             raise InputError(f"derivatives: expected 0 to {_MOST_DERIVATIVES}, got {derivatives!r}")
         self.derivatives = int(derivatives)
+
+    def _parameters(self) -> dict[str, Any]:
+        """Return what the element was made with."""
+        return {"derivatives": self.derivatives}
+
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other) or not isinstance(other, ClosedFormElement):
+            return False
+        return self._parameters() == other._parameters()
+
+    def __hash__(self) -> int:
+        return hash((type(self), *self._parameters().values()))
+
+    def __repr__(self) -> str:
+        given = ", ".join(f"{name}={value!r}" for name, value in self._parameters().items())
+        return f"{type(self).__name__}({given})"
 
     def lbasis(self, X: Array, i: int) -> tuple[Array, Array]:
         """Return reference function i and its gradient at the reference points X, (dim, ...)."""

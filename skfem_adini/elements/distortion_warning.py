@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 NEGLIGIBLE_TWIST = 1e-3
 
 _logger = logging.getLogger(__name__)
-# Mapping and points of the basis of the last message: ElementVector and ElementComposite evaluate
-# the first function of an element several times.
-_spoken_of: list[weakref.ref[Any]] = []
+# The meshes that were spoken of, by their addresses.
+_spoken_of: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()
 
 
 def log_twist(twist: float, cells: Any, mapping: Any, X: NDArray[np.float64]) -> None:
-    """Log, once for a cell basis, that the twist of the cells over their sides is not negligible.
+    """Log, once for a mesh, that the twist of its cells over their sides is not negligible.
 
     Parameters
     ----------
@@ -31,11 +30,10 @@ def log_twist(twist: float, cells: Any, mapping: Any, X: NDArray[np.float64]) ->
         Those of the basis. Points with an axis of cells belong to facets or probes, for which
         nothing is logged.
     """
-    if twist <= NEGLIGIBLE_TWIST or X.ndim > 2:
+    mesh = getattr(mapping.mesh, "part_of", mapping.mesh)
+    if twist <= NEGLIGIBLE_TWIST or X.ndim > 2 or _spoken_of.get(id(mesh)) is mesh:
         return
-    if [known() is now for known, now in zip(_spoken_of, (mapping, X), strict=False)] == [True] * 2:
-        return
-    _spoken_of[:] = [weakref.ref(mapping), weakref.ref(X)]
+    _spoken_of[id(mesh)] = mesh
     _logger.warning(
         "the cells are not %ss (twist t = %.2g of the longest side). The error gains terms of size "
         "t^2 h^2 and t h^3: if t stays constant under refinement, the orders fall from 4 to 2 in "

@@ -73,7 +73,7 @@ class ElementHexAdini(ClosedFormElement):
     exact and the stiffness matrix has errors of 2e-10 and 1e-7; with degree 6 these are 1e-6 and
     2e-5, and the mass matrix has an error of 6e-6. The total degree of the functions is 5, but
     degree 10 with its 216 points has no effect within the accuracy of the space.
-    That a mesh is twisted is logged as a warning (`logging`), once for each cell basis.
+    That a mesh is twisted is logged as a warning (`logging`), once for each mesh.
 
     References
     ----------

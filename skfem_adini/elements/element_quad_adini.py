@@ -70,7 +70,7 @@ class ElementQuadAdini(ClosedFormElement):
     instead of 25). On cells with vertices moved by 8, 20 and 32 % of their sides the mass matrix is
     exact and the stiffness matrix has errors of 5e-9, 4e-7 and 2e-5; with degree 6 these are 2e-6,
     3e-5 and 2e-4.
-    That a mesh is twisted is logged as a warning (`logging`), once for each cell basis.
+    That a mesh is twisted is logged as a warning (`logging`), once for each mesh.
 
     References
     ----------

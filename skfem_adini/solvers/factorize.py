@@ -240,8 +240,12 @@ def require_definite(factors: Factorization) -> None:
 
 
 def _singular(definite: bool) -> InputError:
-    kind = "singular or not positive definite" if definite else "singular"
-    return InputError(f"A: the matrix is {kind}; are essential conditions missing?")
+    if definite:
+        return InputError(
+            "A: the matrix is singular or not positive definite; are essential conditions missing, "
+            "or is a penalty too small?"
+        )
+    return InputError("A: the matrix is singular; are essential conditions missing?")
 
 
 class _Scaled:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,10 +16,16 @@ Indices = NDArray[np.int64]
 
 # Relative to the area of a cell: if less than this is missing, some fifty roundings, it is full.
 _SAME_AREA = 1e-14
+# Relative to the coordinates: points of two polygons that are nearer are one.
+_ROUNDING = 64 * np.finfo(float).eps
 
 
 class Polygon:
     """A polygon, with holes if wanted.
+
+    ``a & b`` is the intersection, ``a | b`` the union and ``a - b`` the difference of two polygons,
+    which may consist of several pieces. Its sides are the parts of a's sides, in their order, then
+    those of b's. A polygon is not composed with level sets.
 
     Parameters
     ----------
@@ -30,13 +37,17 @@ class Polygon:
     Raises
     ------
     InputError
-        Fewer than three corners, two equal ones in a row, not finite, no area, or sides that cross.
+        Fewer than three corners, two equal ones in a row, not finite, no area, or sides that cross;
+        a composition of which nothing is left, or with something that is no polygon.
 
     Examples
     --------
     >>> triangle = Polygon([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     >>> triangle.start.shape
     (2, 3)
+    >>> frame = triangle - Polygon([[0.1, 0.3, 0.1], [0.1, 0.1, 0.3]])
+    >>> frame.contains(np.array([[0.05, 0.2], [0.05, 0.15]])).tolist()
+    [True, False]
     """
 
     def __init__(self, vertices: ArrayLike, holes: Sequence[ArrayLike] = ()) -> None:
@@ -52,6 +63,85 @@ class Polygon:
         with np.errstate(divide="ignore", invalid="ignore"):
             at = a[0] + (x[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
         return np.sum(spans & (at > x[0]), axis=0) % 2 == 1
+
+    def __and__(self, other: Any) -> Polygon:
+        return self._composed(other, keep=(True, True))
+
+    def __or__(self, other: Any) -> Polygon:
+        return self._composed(other, keep=(False, False))
+
+    def __sub__(self, other: Any) -> Polygon:
+        return self._composed(other, keep=(False, True))
+
+    def _composed(self, other: Any, keep: tuple[bool, bool]) -> Polygon:
+        """Return the polygon of the sides of each that lie inside, or outside, the other.
+
+        The second polygon's are reversed if one is inside and the other outside.
+        """
+        if not isinstance(other, Polygon):
+            raise InputError(
+                f"polygon: a Polygon is composed with polygons only, got {type(other).__name__}; "
+                "give its sides as half planes, LevelSet(lambda x: ...), instead"
+            )
+        turn = -1 if keep[0] != keep[1] else 1
+        first, second = _divided(self, other), _divided(other, self)
+        sides = [
+            first[:, :, _kept(first, other, keep[0], turn)],
+            second[:, ::turn, _kept(second, self, keep[1], 0)],
+        ]
+        result = Polygon.__new__(Polygon)
+        result.start, result.end = np.concatenate(sides, axis=2).swapaxes(0, 1)
+        if result.start.size == 0:
+            raise InputError("polygon: nothing is left of the two polygons")
+        return result
+
+
+def _divided(polygon: Polygon, other: Polygon) -> Array:
+    """Return the sides, divided where they meet those of the other, as (2, 2 ends, sides)."""
+    a, step = polygon.start.T, (polygon.end - polygon.start).T
+    c, other_step = other.start, other.end - other.start
+    slack = _ROUNDING * max(np.abs(polygon.start).max(), np.abs(other.start).max())
+    pieces = []
+    for origin, along in zip(a, step, strict=True):
+        length = np.hypot(*along)
+        gap = c - origin[:, None]
+        cross = along[0] * other_step[1] - along[1] * other_step[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = (gap[0] * other_step[1] - gap[1] * other_step[0]) / cross
+            s = (gap[0] * along[1] - gap[1] * along[0]) / cross
+        reach = slack / np.hypot(*other_step)
+        meets = (s >= -reach) & (s <= 1 + reach) & (np.abs(cross) > slack * length)
+        # Corners of the other polygon on this side, also where sides lie in one line.
+        foot = (along @ gap) / length**2
+        on_side = np.abs(along[0] * gap[1] - along[1] * gap[0]) <= slack * length
+        inner = np.concatenate([t[meets], foot[on_side]])
+        inner = np.sort(inner[(inner * length > slack) & ((1 - inner) * length > slack)])
+        apart = np.diff(inner, prepend=-1.0) * length > slack
+        ticks = np.concatenate([[0.0], inner[apart], [1.0]])
+        ends = origin[:, None] + along[:, None] * ticks
+        ends[:, -1] = origin + along
+        pieces.append(np.stack([ends[:, :-1], ends[:, 1:]], axis=1))
+    return np.concatenate(pieces, axis=2)
+
+
+def _kept(sides: Array, other: Polygon, inside: bool, common: int) -> NDArray[np.bool_]:
+    """Return which sides lie inside (or outside) the other polygon.
+
+    Of those on its boundary are kept those of the same direction for `common` 1, of the opposite
+    one for -1, none for 0.
+    """
+    middle = sides.mean(axis=1)
+    along = sides[:, 1] - sides[:, 0]
+    start, step = other.start[:, None], (other.end - other.start)[:, None]
+    gap = middle[:, :, None] - start
+    length = np.hypot(*step)
+    slack = _ROUNDING * max(np.abs(sides).max(), np.abs(other.start).max())
+    foot = np.sum(gap * step, axis=0) / length**2
+    off = np.abs(step[0] * gap[1] - step[1] * gap[0]) / length
+    on = (off <= slack) & (foot > 0) & (foot < 1)
+    direction = np.sign(np.sum(along[:, :, None] * step, axis=0))
+    same = (on & (direction == common)).any(axis=1)
+    return np.where(on.any(axis=1), same, other.contains(middle) == inside)
 
 
 def _loop(vertices: ArrayLike, turn: float) -> Array:

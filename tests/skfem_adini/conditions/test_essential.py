@@ -2,10 +2,29 @@
 
 import numpy as np
 import pytest
-from skfem import Basis, ElementVector, FacetBasis, LinearForm, MeshQuad, condense, solve
+from skfem import (
+    Basis,
+    ElementVector,
+    FacetBasis,
+    LinearForm,
+    MeshHex,
+    MeshHex1DG,
+    MeshQuad,
+    MeshQuad1DG,
+    condense,
+    solve,
+)
 from skfem.models.poisson import laplace
 
-from skfem_adini import ElementQuadAdini, InputError, essential_constraints, essential_dofs
+from skfem_adini import (
+    ElementHexAdini,
+    ElementQuadAdini,
+    ElementQuadBFS,
+    InputError,
+    essential_constraints,
+    essential_dofs,
+    project_trace,
+)
 
 VECTOR = ElementVector(ElementQuadAdini())
 
@@ -168,3 +187,66 @@ def test_boundaries_must_agree_where_they_meet(rectangle):
         essential_constraints(basis, {"left": 0.0, "bottom": 1.0})
     essential_constraints(basis, {"left": 0.0, "bottom": lambda x: np.sin(np.pi * x[0])})
     essential_constraints(basis, {"right": 0.0, "bottom": lambda x: np.sin(np.pi * x[0])})
+
+
+@pytest.mark.parametrize("element", [ElementQuadAdini(), ElementQuadBFS(), VECTOR])
+def test_clamped_constraints_leave_what_the_clamped_dofs_leave(rectangle, element):
+    basis = Basis(rectangle, element)
+    fixed = essential_dofs(basis, "left", clamp_normal=True)
+    T, x0 = essential_constraints(basis, "left", clamp_normal=True)
+    np.testing.assert_array_equal(T.indices, np.setdiff1d(np.arange(basis.N), fixed))
+    assert not x0.any()
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4])
+def test_clamped_data_have_no_slope_across_the_side(rectangle, angle):
+    """Of any function that satisfies the conditions: u = g and d_n u = 0 at the vertices."""
+    basis = Basis(rotated(rectangle, angle), ElementQuadAdini())
+    T, x0 = essential_constraints(basis, "bottom", lambda x: x[0] ** 2, clamp_normal=True)
+    x = T @ np.random.default_rng(0).uniform(-1, 1, T.shape[1]) + x0
+    nodes = np.unique(basis.mesh.facets[:, basis.mesh.boundaries["bottom"]])
+    nodes = nodes[(rectangle.p[0, nodes] > 0) & (rectangle.p[0, nodes] < 2)]
+    normal = np.array([-np.sin(angle), np.cos(angle)])
+    np.testing.assert_allclose(normal @ x[basis.nodal_dofs[1:, nodes]], 0, atol=1e-12)
+    tangent = np.array([np.cos(angle), np.sin(angle)])
+    slope = 2 * basis.mesh.p[0, nodes] * np.cos(angle)
+    np.testing.assert_allclose(tangent @ x[basis.nodal_dofs[1:, nodes]], slope, atol=1e-12)
+    assert trace_error(basis, x, "bottom", lambda x: x[0] ** 2) < 1e-12
+
+
+def periodic(mesh, kind):
+    ends = (mesh.nodes_satisfying(lambda x, at=at: np.isclose(x[0], at)) for at in (1, 0))
+    return kind.periodic(mesh, *ends)
+
+
+RING = periodic(MeshQuad.init_tensor(*[np.linspace(0, 1, 5)] * 2), MeshQuad1DG)
+RING_3D = periodic(MeshHex.init_tensor(*[np.linspace(0, 1, 4)] * 3), MeshHex1DG)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "element"),
+    [(RING, ElementQuadAdini()), (RING_3D, ElementHexAdini())],
+    ids=["2-D", "3-D"],
+)
+def test_sides_of_periodic_meshes(mesh, element):
+    """Poisson's equation between two walls is that of one dimension: u = y (1 - y) / 2."""
+    basis = Basis(mesh, element)
+    walls = []
+    for facet in mesh.boundary_facets():
+        cell = mesh.f2t[0, facet]
+        corners = np.isin(mesh.t[:, cell], mesh.facets[:, facet])
+        y = mesh.doflocs[1, mesh.dofs.element_dofs[corners, cell]]
+        if np.ptp(y) < 1e-9 and (np.isclose(y[0], 0) or np.isclose(y[0], 1)):
+            walls.append(facet)
+    D = essential_dofs(basis, np.array(walls))
+    K, f = laplace.assemble(basis), LinearForm(lambda v, w: v).assemble(basis)
+    x = solve(*condense(K, f, D=D))
+    height = np.zeros(mesh.nvertices)
+    height[mesh.t] = mesh.doflocs[1, mesh.dofs.element_dofs]
+    np.testing.assert_allclose(x[basis.nodal_dofs[0]], height * (1 - height) / 2, atol=1e-12)
+    for conditions in (
+        lambda: essential_constraints(basis),
+        lambda: project_trace(basis, None, 0.0),
+    ):
+        with pytest.raises(InputError, match="the mesh is periodic"):
+            conditions()

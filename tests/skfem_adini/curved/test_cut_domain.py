@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from skfem import Basis, ElementQuad1, ElementVector, MeshQuad, MeshTri
+from skfem import Basis, ElementQuad1, ElementVector, MeshQuad, MeshQuad2, MeshTri
 from skfem.models.poisson import laplace, mass
 
 from skfem_adini import (
@@ -190,3 +190,23 @@ def test_data_of_essential_conditions_need_the_matrix(cut_problems):
     )
     with pytest.raises(InputError, match="A: needed"):
         extension.load(basis.zeros())
+
+
+def test_grids_of_second_order_are_those_of_first_order():
+    """Vertices come first there, so everything is the same but the other nodes."""
+    first = MeshQuad.init_tensor(*[np.linspace(0, 1, 9)] * 2)
+    second = MeshQuad2.from_mesh(first)
+    found = []
+    for mesh in (first, second):
+        domain = CutDomain(mesh, lambda x: (x[0] - 0.5) ** 2 + (x[1] - 0.5) ** 2 - 0.411**2)
+        extension = AdiniExtension(Basis(mesh, ELEMENT), domain)
+        B, b = nitsche(domain.boundary(ELEMENT), lambda x: x[0], extension=extension)
+        found.append(extension.solve(domain.assemble(laplace, ELEMENT) + B, b))
+        active = domain.on_active_cells()
+        assert active.area == domain.area
+        assert Basis(active.mesh, ELEMENT).N > 0
+    np.testing.assert_allclose(*found, atol=1e-10)
+    curved = second.doflocs.copy()
+    curved[1, 100] += 0.01
+    with pytest.raises(InputError, match=r"mesh: .*curved"):
+        CutDomain(MeshQuad2(curved, second.t), lambda x: x[0] - 0.5)

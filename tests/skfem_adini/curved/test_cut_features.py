@@ -6,6 +6,7 @@ References are boundary integrals and Bessel roots.
 import numpy as np
 import pytest
 from skfem import Basis
+from skfem.models.poisson import laplace, unit_load
 
 from skfem_adini import (
     AdiniExtension,
@@ -16,6 +17,7 @@ from skfem_adini import (
     UnresolvedWarning,
     ghost_penalty,
     lowest_eigenpairs,
+    nitsche,
 )
 
 N = 32
@@ -166,3 +168,17 @@ def test_eigenvalues_and_measures_of_domains_that_are_not_convex(
         exact = [boundary_integrals.eigenvalue(curves, value, condition) for value in found]
         np.testing.assert_allclose(found, exact, rtol=tolerance)
         assert (found > np.array(exact) * (1 - 1e-9)).all() or condition is None
+
+
+@pytest.mark.parametrize("centre", [(0.5, 0.5), (0.53125, 0.53125), (0.52, 0.51), (0.5, 0.53125)])
+@pytest.mark.parametrize("radius", [0.03, 0.02, 0.0165])
+def test_a_disk_smaller_than_a_cell_is_warned_of_and_solved(cut_problems, centre, radius):
+    """Cells of 1/16: not singular, and Poisson's solution, which is quadratic, is exact."""
+    mesh = cut_problems.unit_square(16)
+    domain = CutDomain(mesh, ball(*centre, radius))
+    with pytest.warns(UnresolvedWarning, match="thin in the cells"):
+        extension = AdiniExtension(Basis(mesh, ELEMENT), domain)
+    B, _ = nitsche(domain.boundary(ELEMENT), extension=extension)
+    load = domain.assemble(unit_load, ELEMENT)
+    u = extension.solve(domain.assemble(laplace, ELEMENT) + B, load)
+    assert load @ u == pytest.approx(np.pi * radius**4 / 8, rel=1e-9)

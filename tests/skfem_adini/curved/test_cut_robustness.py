@@ -57,7 +57,7 @@ def check(errors, conditions):
         assert max(found) <= 1.2 * min(found)
         assert max(found) <= 2.5e-7
     assert max(conditions["extension"]) <= 6e4
-    assert max(conditions["ghost"]) <= 3e3
+    assert max(conditions["ghost"]) <= 4e3
 
 
 @pytest.mark.turns(4)
