@@ -80,8 +80,8 @@ class Polygon:
         """
         if not isinstance(other, Polygon):
             raise InputError(
-                f"polygon: a Polygon is composed with polygons only, got {type(other).__name__}; "
-                "give its sides as half planes, LevelSet(lambda x: ...), instead"
+                f"polygon: a Polygon is not composed with a {type(other).__name__}, but with other "
+                "polygons; compose its sides, half planes as LevelSet(lambda x: ...), instead"
             )
         turn = -1 if keep[0] != keep[1] else 1
         first, second = _divided(self, other), _divided(other, self)
