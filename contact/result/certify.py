@@ -56,11 +56,13 @@ def take_strains(body: Any) -> bool:
 def _refuse_large_displacements(state: ContactState) -> None:
     """Raise if displacements exceed the size of the body: the linear theory is then invalid.
 
-    What supports and obstacles prescribe is intended: twice the largest is allowed besides.
+    What supports and obstacles prescribe, and the gap that must close before anything touches, is
+    intended: twice the largest of these is allowed besides.
     """
     system, body = state.system, state.system.body
     size, reach = body.extent, body.reach(state.u)
-    given = body.reach(body.constraint[1])
+    nearest = np.abs(system.rows.gap).min(initial=np.inf)
+    given = max(body.reach(body.constraint[1]), nearest if np.isfinite(nearest) else 0.0)
     if system.motion is not None and state.motion is not None:
         known = np.where(system.motion.free, 0.0, np.nan_to_num(state.motion))
         given = max(given, *(np.abs(w).max(initial=0.0) for w in system.motion.displacement(known)))

@@ -206,7 +206,7 @@ def test_load_history_and_driven_obstacle_as_with_a_basis():
         block = LayeredBlock(1.0, [(1.0, 8, 1.0, 0.3)], top="x")
         body = kind(block)
         stepper = LoadStepper(ContactProblem(body, "bottom", 0.0, 0.4))
-        stepper.load("top", lambda x: np.array([0.0 * x[0], -1 - x[0]]))
+        stepper.load("top", lambda x: np.array([0.0 * x[0], -0.1 - 0.1 * x[0]]))
         stepper.move("top", "x", 0.05, np.sin)
         histories.append(stepper.run([0.5, 1.0, 1.5]).results[-1])
         rigid = Rigid(0.0, displacement=(0.02, None), force=(None, 0.7))
