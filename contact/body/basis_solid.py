@@ -49,6 +49,7 @@ class BasisSolid(Solid):
     _KEPT: ClassVar[tuple[str, ...]] = ("constraint",)
     _values: NDArray[np.bool_] | None = None
     _slender: bool | None = None
+    takes_strains = False  # though its cells are not slender
     _rigid: Array | None = None
 
     if TYPE_CHECKING:
@@ -197,7 +198,9 @@ class BasisSolid(Solid):
             strained = internal_forces
             on_host = vectors.arrays.get
             forces = vectors.remembered(
-                here, lambda: vectors.placed(strained(self, np.asarray(on_host(here))))
+                here,
+                lambda: vectors.placed(strained(self, np.asarray(on_host(here)))),
+                strained=True,
             )
         else:
             forces = vectors.forces(here)
@@ -220,7 +223,7 @@ class BasisSolid(Solid):
         """
         if self.slender or type(self)._slender is False:
             return False
-        self._slender, self.vectors._last = True, None
+        self._slender = self.takes_strains = True
         return True
 
     @property

@@ -49,7 +49,7 @@ class BasisVectors:
         # Those components along which a translation is rigid.
         self._moved = put(np.arange(body.dim) == 1 if body.is_ring else np.ones(body.dim, bool))
         self._count = self._values.sum(axis=0)
-        self._last: tuple[Any, Any] | None = None
+        self._last: tuple[Any, Any, bool] | None = None
         self._modes: tuple[Any, Array] | None = None
 
     def are_of(self, body: Any) -> bool:
@@ -76,17 +76,20 @@ class BasisVectors:
         """S u without the mean translations, which would only add rounding; see `remembered`."""
         return self.remembered(u, lambda: self._S @ (u - self.mean_translation(u)))
 
-    def remembered(self, u: Any, compute: Any) -> Any:
+    def remembered(self, u: Any, compute: Any, strained: bool = False) -> Any:
         """The forces of a displacement, computed unless it is the last one; nobody may change them.
 
         Parameters
         ----------
         u : array, shape (ndofs,)
         compute : callable () -> array, shape (ndofs,)
+        strained : bool
+            Whether it computes them from strains; copies of a body may do so or not.
         """
         known = self._last
-        if known is None or not bool(self.arrays.xp.array_equal(known[0], u)):
-            known = self._last = u.copy(), compute()
+        same = known is not None and known[2] is strained
+        if known is None or not (same and bool(self.arrays.xp.array_equal(known[0], u))):
+            known = self._last = u.copy(), compute(), strained
             if isinstance(known[1], np.ndarray):
                 known[1].setflags(write=False)
         return known[1]

@@ -15,6 +15,14 @@ ROUND_OFF = 1e2  # times the tolerance: below this residual a stall counts as ro
 NEAR = 0.1
 
 
+def at_rounding(problem: BoundaryProblem, best: Forces, least: float) -> bool:
+    """Whether the residual of forces near a solution is the rounding of the terms in it."""
+    if least > NEAR:
+        return False
+    size = problem.residual_size(best.mu, best.t)
+    return least <= rounding(problem, problem.forces(best.mu, best.t), best.a, size)
+
+
 class Progress:
     """Detects that an iteration has converged, has reached rounding error, or cycles.
 
@@ -49,13 +57,7 @@ class Progress:
         return self._since_best >= PATIENCE
 
     def _at_rounding(self, problem: BoundaryProblem) -> bool:
-        best = self._best
-        if best is None or self._least > NEAR:
-            return False
-        forces = problem.forces(best.mu, best.t)
-        return self._least <= rounding(
-            problem, forces, best.a, problem.residual_size(best.mu, best.t)
-        )
+        return self._best is not None and at_rounding(problem, self._best, self._least)
 
     def best_of(self, problem: BoundaryProblem, phase: str) -> Forces:
         """The forces of least residual.

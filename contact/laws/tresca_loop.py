@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from contact.condensation.boundary_problem import Array, BoundaryProblem, Forces
 from contact.errors import NotConverged
 from contact.laws.friction import Coulomb
 from contact.laws.iteration import Report, outer_step
-from contact.laws.progress import ROUND_OFF
+from contact.laws.progress import ROUND_OFF, at_rounding
 
 Tresca = Callable[[Array, Forces], Forces]
 
@@ -35,8 +37,8 @@ def tresca_loop(
     solve : callable (bound, start) -> Forces
         Solves the problem with given friction.
     tol : float
-        On the residual of Coulomb's law. If the steps end at up to 100 times as much, that counts
-        as rounding.
+        On the residual of Coulomb's law. Steps that lower it no more have ended, too, where it is
+        rounding; if the last is at up to 100 times as much, that counts as rounding.
     max_iterations : int
     report : callable
         Receives one `Iteration` per outer step.
@@ -46,15 +48,19 @@ def tresca_loop(
     NotConverged
         The map is no contraction (large friction), or `max_iterations` is too small.
     """
-    now = start
+    now, best, least = start, start, np.inf
     for step in range(1, max_iterations + 1):
         now = solve(friction.bound(now.mu), now)
         line = outer_step(problem, step, "outer", now, friction.bound(now.mu))
         report(line)
         if line.residual <= tol:
             return now
-    if line.residual <= ROUND_OFF * tol:
-        return now
+        if line.residual < least:
+            best, least = now, line.residual
+        elif at_rounding(problem, best, least):
+            return best
+    if least <= ROUND_OFF * tol or at_rounding(problem, best, least):
+        return best
     raise NotConverged(
         f"tresca loop: residual {line.residual:.1e} after {step} outer steps, tolerance {tol:.1e}; "
         "use method='newton' or raise max_iterations"

@@ -47,10 +47,17 @@ def certify(state: ContactState, tol: float, slack: float) -> dict[str, float]:
     return kkt
 
 
-def take_strains(body: Any) -> bool:
-    """Whether some body computes forces from strains from now on, and did not before."""
-    taken = [one.take_strains() for one in body.bodies if isinstance(one, BasisSolid)]
+def take_strains(body: Any, chosen: Sequence[int] | None = None) -> bool:
+    """Whether some body, or one of those chosen, computes forces from strains only from now on."""
+    bodies = body.bodies if chosen is None else [body.bodies[k] for k in chosen]
+    taken = [one.take_strains() for one in bodies if isinstance(one, BasisSolid)]
     return any(taken)
+
+
+def strained_bodies(body: Any) -> list[int]:
+    """Numbers of the bodies that were told to compute forces from strains."""
+    solids = [isinstance(one, BasisSolid) and one.takes_strains for one in body.bodies]
+    return [k for k, strained in enumerate(solids) if strained]
 
 
 def _refuse_large_displacements(state: ContactState) -> None:

@@ -26,7 +26,7 @@ from contact.laws.options import default_tolerance
 from contact.laws.pressure_overclosure import PressureOverclosure
 from contact.obstacles.rigid import ObstacleMotion
 from contact.output.archive import named_archive, read_arrays, reading, write_arrays
-from contact.result.certify import as_lines, certify, take_strains
+from contact.result.certify import as_lines, certify, strained_bodies, take_strains
 from contact.result.consistency import check_mesh, check_problem, check_state
 from contact.result.contact_state import ContactState
 from contact.result.contact_system import ContactSystem
@@ -71,7 +71,7 @@ def write(state: ContactState, path: str | Path) -> Path:
             "LoadStepper(problem).run([1.0], path=folder) and resume it, or contact.save_pvtu"
         )
     arrays = problem_arrays(state.system) | state_arrays(state)
-    _certify(state, "result: it would be refused when it is read")
+    _certified(state, "result: it would be refused when it is read")
     write_arrays(path, arrays)
     return path
 
@@ -192,6 +192,8 @@ def state_arrays(state: ContactState) -> dict[str, Any]:
     if system.overclosure:
         laws = [None if law is None else law.stored() for law in system.overclosure]
         step["overclosure"] = laws
+    if strained := strained_bodies(system.body):
+        step["strains"] = strained
     return arrays | {"step": np.array(json.dumps(step))}
 
 
@@ -225,7 +227,8 @@ def rebuild(
     with reading(path):
         state = _rebuild(arrays, with_checksum, near)
         check_state(state)
-    _certify(state, f"result file {path}: its solution does not solve the problem beside it")
+    refused = f"result file {path}: its solution does not solve the problem beside it"
+    state = _certified(state, refused)
     if not with_checksum:
         logger.warning(
             "%s has format %d, without a checksum: its residuals are right, but nothing shows "
@@ -235,20 +238,29 @@ def rebuild(
     return state
 
 
-def _certify(state: ContactState, consequence: str) -> None:
-    """Certify a result again; on another processor residuals near their limit may round up."""
+def _certified(state: ContactState, consequence: str) -> ContactState:
+    """Certify a result again; on another processor residuals near their limit may round up.
+
+    Returns
+    -------
+    ContactState
+        The same, or, if it has the digits only so, one whose bodies compute forces from strains.
+    """
     tol = default_tolerance(state.method) if state.tol is None else state.tol
     limits = max(2 * tol, 1e-12), 2 * state.slack
     try:
         try:
             kkt = certify(state, *limits)
-        except NotConverged:  # as when it was solved
-            if not take_strains(state.system.body):
+        except NotConverged:  # as when it was solved, on a copy: the caller's bodies stay
+            body = state.system.body.snapshot()
+            if not take_strains(body):
                 raise
+            state = replace(state, system=replace(state.system, body=body))
             kkt = certify(state, *limits)
     except NotConverged as error:
         raise InputError(f"{consequence}: {error}") from error
     logger.info("%s", as_lines(kkt))
+    return state
 
 
 def _rebuild(
@@ -273,6 +285,7 @@ def _rebuild(
         if arrays[name].shape != body.f.shape:
             raise InputError(f"{name}: expected shape {body.f.shape}, got {arrays[name].shape}")
     body = body.under(arrays["load"], arrays["u0"])
+    take_strains(body, step.get("strains", ()))
     for k, one in enumerate(body.bodies):
         one.thermal = checked_thermal(one, arrays.get(_thermal_name(body, k)))
     rows = replace(rows, gap=arrays["rows/gap"])

@@ -103,11 +103,13 @@ class BoxQP:
         """What rounding in x ~ q does to the rows."""
         return SUM_ROUNDING * np.abs(self.A).sum(axis=1) * np.abs(self.q).max()
 
-    def row_error(self, x: np.ndarray) -> float:
-        """Largest residual of a row over the terms added up in it, beyond rounding in x ~ q."""
+    def row_errors(self, x: np.ndarray) -> tuple[float, float]:
+        """Largest residual of a row over the terms added up in it: whole, beyond rounding of q."""
         terms = np.abs(self.A) @ np.abs(x) + np.abs(self.b)
-        residual = np.maximum(np.abs(self.A @ x - self.b) - self.row_rounding(), 0.0)
-        return float(np.max(residual / np.where(terms > 0, terms, 1.0)))
+        residual = np.abs(self.A @ x - self.b)
+        beyond = np.maximum(residual - self.row_rounding(), 0.0)
+        size = np.where(terms > 0, terms, 1.0)
+        return float(np.max(residual / size)), float(np.max(beyond / size))
 
     def separator(self, state: np.ndarray, y: np.ndarray, tol: float) -> np.ndarray | None:
         """A y with ``max (A'y)'x < y'b`` over the box, by more than `tol` times the terms.
@@ -251,12 +253,18 @@ class ActiveSet:
             self.settle(tol, max_steps)
             self.x, self.y = self.point(p, self.y)
             return
-        error = np.inf
+        error, refined = np.inf, False
         for _ in range(MAX_CENTRES):
             centre = self.y
             self.settle(tol, max_steps)
-            before, error = error, p.row_error(self.x)
-            if error <= SUM_ROUNDING / 16 or 0.5 * before < error <= 0.1 * tol:
+            before, (whole, error) = error, p.row_errors(self.x)
+            if error <= SUM_ROUNDING / 16:
+                # A bound of rounding may hide what one more centre removes.
+                if refined or whole <= SUM_ROUNDING / 16:
+                    return
+                refined = True
+                continue
+            if 0.5 * before < error <= 0.1 * tol:
                 return
             separator = p.separator(self.state, centre - self.y, tol)
             if separator is not None:

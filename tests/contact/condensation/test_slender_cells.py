@@ -224,6 +224,8 @@ def test_a_result_that_needed_strains_is_read_again(tmp_path, monkeypatch):
     again = ContactResult.load(result.save(tmp_path / "bent.npz"))
     np.testing.assert_array_equal(again.u, result.u)
     assert max(again.kkt.values()) < 2e-10
+    assert again.system.body.slender
+    assert again.kkt == result.kkt
 
 
 class Stiffly:

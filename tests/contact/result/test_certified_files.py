@@ -284,6 +284,26 @@ def test_states_that_solve_nothing_are_not_saved(make, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_refusal_leaves_the_result_as_it_was(make, tmp_path):
+    """The second look, with forces from strains, is one at a copy of the bodies."""
+    result = made(make)
+    before = result.kkt
+    for _ in range(2):
+        with pytest.raises(InputError, match="certificate"):
+            replace(result, u=1.5 * result.u).save(tmp_path / "wrong.npz")
+        assert not result.system.body.slender
+        assert result.kkt == before
+    assert ContactResult.load(result.save(tmp_path / "right.npz")).kkt == before
+
+
+@pytest.mark.parametrize("bodies", [[0.5], [3], ["0"], 1, "all"])
+def test_bodies_that_are_none_of_the_file(bodies, path):
+    """The words of a file that name bodies whose forces come from strains."""
+    edited(path, said("step", "strains", bodies), forged=True)
+    with pytest.raises(InputError, match=r"result\.npz"):
+        ContactResult.load(path)
+
+
 @pytest.mark.parametrize("name", ["x.vtu", "x.pvd", "x.h5", "x.result", "a.b/x.json"])
 def test_other_suffixes_are_refused(name, make, tmp_path):
     with pytest.raises(InputError, match=r"\.npz"):

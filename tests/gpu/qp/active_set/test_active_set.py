@@ -141,3 +141,14 @@ def test_degenerate_solution_says_so():
     assert result.status is Status.DEGENERATE
     assert "compare x" in result.status.value
     assert solve_qp(np.eye(2), [1.0, 1.0], lb=0.0).status is Status.OPTIMAL
+
+
+@pytest.mark.parametrize("side", [1e-3, 1e-7, 1e-10])
+def test_rows_beside_a_large_term_of_other_variables(side):
+    """Variables that a large q holds at zero leave the row of the others all of its digits."""
+    held, free = np.repeat([[1.0], [0.0]], 5, axis=1), np.repeat([[0.0], [1.0]], 5, axis=1)
+    P, q = np.eye(10) + 0.1, held.ravel()
+    lb = np.where(q > 0, 0.0, -np.inf)
+    x = solve_qp(P, q, A=free.reshape(1, -1), b=[side], lb=lb, ub=np.full(10, np.inf)).x
+    assert not x[:5].any()
+    assert x[5:] == pytest.approx(np.full(5, side / 5), rel=1e-14, abs=0.0)
