@@ -122,7 +122,7 @@ def test_space():
     """The last axis is swept once, so that one step of a splitting shows the feet themselves."""
     grid, h = Grid([(0, 0.5), (0, 1), (0, 1)], (24, 40, 48), periodic=True), 1 / 48
     s = f"((x3 - 0.41)/{h!r})"
-    away = f"(((x1 - 0.27)/{4 * h!r})**2 + ((x2 - 0.62)/{4 * h!r})**2)"
+    away = f"(((x1 - 0.253)/{3 * h!r})**2 + ((x2 - 0.62)/{3 * h!r})**2)"
     field = f"{0.5 * h / DT!r}*(1 + 0*t)*sin({s})*exp(-({s}/4)**2 - {away})"
     solver = Solver(
         grid, Velocity.from_expression("1e-9*cos(t)", "0*t", field + " + 0*t"), profile="linear",
@@ -130,7 +130,7 @@ def test_space():
     )  # fmt: skip
     end = solver.step(solver.state("x3"), DT)
     x, y, z = grid.mesh()
-    weight = np.exp(-(((x - 0.27) / 4 / h) ** 2) - ((y - 0.62) / 4 / h) ** 2)
+    weight = np.exp(-(((x - 0.253) / 3 / h) ** 2) - ((y - 0.62) / 3 / h) ** 2)
     near = np.abs(z - 0.41) < 12 * h
 
     def back(_, s):

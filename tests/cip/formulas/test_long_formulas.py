@@ -40,7 +40,7 @@ def test_equations_grow_with_the_formula_and_no_faster():
     for count in (50, 100, 200):
         field = Velocity.from_expression(series(count), series(count).replace("x1", "x2"))
         solver = Solver(
-            Grid([(0, 1)] * 2, (8, 8), periodic=True), field, "advection", "bicubic",
+            Grid([(0, 2 * np.pi)] * 2, (8, 8), periodic=True), field, "advection", "bicubic",
             store_feet=False,
         )  # fmt: skip
         sizes.append(len(ordered(solver._stages[0].system.rates)))

@@ -186,7 +186,7 @@ def odd_names(source):
 def velocity_of(names):
     values = {name: 0.01 * (q + 1) for q, name in enumerate(names)}
     text = "+".join(f"{name}*{q + 1}" for q, name in enumerate(names))
-    return Velocity.from_expression(f"({text})*sin(x1 + t)", parameters=values)
+    return Velocity.from_expression(f"({text})*sin(2*pi*x1 + t)", parameters=values)
 
 
 def cuda_source(velocity):
@@ -207,7 +207,7 @@ def test_the_oddest_names_have_their_values_on_the_host():
     names = list(dict.fromkeys([*odd, "numba", "np", "evaluate", "out0", "p_a"]))
     found = velocity_of(names).on(grid)[0].derivative((1, 0, 0, 0), (1.0,) * 4)
     total = sum(0.01 * (q + 1) ** 2 for q in range(len(names)))
-    expected = total * np.cos(grid.coordinates[0] + 0.3)
+    expected = total * 2 * np.pi * np.cos(2 * np.pi * grid.coordinates[0] + 0.3)
     np.testing.assert_allclose(found(grid.coordinates[0], 0.0, 0.0, 0.3), expected, rtol=1e-12)
 
 

@@ -1,5 +1,8 @@
 """A velocity on a periodic grid is periodic itself, or is refused, or warned of."""
 
+import ast
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -20,6 +23,10 @@ JUMPS = {
     "a turning plane": (PLANE, formulas("-x2", "x1 - 0.5")),
     "one component": (PLANE, [1.0, lambda x, y: np.sin(y)]),
     "one of three": (SPACE, formulas("1", "1", "x3")),
+    "a narrow stream": (
+        Grid([(0, 1)] * 2, (160, 160), periodic=True),
+        formulas("exp(-((x1 - 0.95)/0.02)**2 - ((x2 - 0.5)/0.02)**2)", "0"),
+    ),
     "in x alone": (HALF, formulas("x2", "x1")),
     "half a wave": (LINE, formulas("cos(pi*x1)")),
     "at other times than 0": (LINE, formulas("x1*sin(t)")),
@@ -33,6 +40,15 @@ FINE = {
     "a constant by its values": (LINE, lambda x: np.where(x > -9, 0.3, 0.0)),
     "far from 0": (Grid((1e6, 1e6 + 1), 16, periodic=True), lambda x: np.sin(2 * np.pi * x)),
     "it turns back itself": (LINE, lambda x: np.sin(np.pi * np.mod(x, 1.0)) ** 2),
+    "a narrow vortex": (
+        Grid([(0, 1)] * 2, (160, 160), periodic=True),
+        formulas(*["exp(-((x1 - 0.95)/0.01)**2 - ((x2 - 0.5)/0.01)**2)"] * 2),
+    ),
+    "a narrow vortex by its values": (
+        Grid([(0, 1)] * 2, (160, 160), periodic=True),
+        [lambda x, y: np.where(x > -9, np.exp(-2500 * ((x - 0.12) ** 2 + (y - 0.9) ** 2)), 0.0)]
+        * 2,
+    ),
     "far tails": (LINE, lambda x: np.exp(-200 * (x - 0.4) ** 2)),
     "a wave that moves": (LINE, formulas("sin(2*pi*(x1 - t))")),
     "not periodic across the walls": (HALF, formulas("x2", "sin(2*pi*x1)*(1 - x2)")),
@@ -48,6 +64,23 @@ def test_jumps_are_refused(name):
     grid, velocity = JUMPS[name]
     with pytest.raises(InputError, match=r"velocity: c\d is not periodic in [xyz]"):
         Solver(grid, velocity)
+
+
+@pytest.mark.parametrize(("turn", "walls"), [(PLANE, "xy"), (HALF, "x")])
+def test_the_remedy_that_the_message_names_is_one(turn, walls):
+    """A body that turns about the middle of the box, and the tracer vanishes at the sides."""
+    flow = formulas("-x2", "x1 - 0.5")
+    for wall in walls:
+        with pytest.raises(InputError) as said:
+            Solver(turn, flow)
+        known = turn.periodic
+        assert f"not periodic in {wall} (periodic=" in str(said.value)
+        text = re.search(r"\(periodic=(.*?)\) and", str(said.value))[1]
+        turn = Grid(turn.bounds, turn.cells, periodic=ast.literal_eval(text))
+        assert sum(turn.periodic) == sum(known) - 1
+    solver = Solver(turn, flow, boundary=0.0)
+    state = solver.step(solver.state("exp(-40*(x1 - 0.5)**2 - 40*x2**2)"), 0.05)
+    assert np.isfinite(state.data).all()
 
 
 @pytest.mark.parametrize("name", FINE)

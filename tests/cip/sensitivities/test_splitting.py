@@ -15,7 +15,10 @@ SPACE = Grid([(0, 1)] * 3, (6, 5, 7), periodic=(True, True, False))
 FLOWS = {
     "plane": (PLANE, ("a + b*sin(2*pi*x2 + t)", "b*cos(2*pi*x1) + 0.7*a")),
     "walls": (OPEN, ("a + b*sin(2*pi*x2 + t)*x1", "b*cos(3*x1) - a")),
-    "space": (SPACE, ("a + b*sin(2*pi*x2)", "b*cos(2*pi*x1 + 0.3) + a*x3", "a*0.5 + b*x1")),
+    "space": (
+        SPACE,
+        ("a + b*sin(2*pi*x2)", "b*cos(2*pi*x1 + 0.3) + a*x3", "a + 0.5*b*sin(2*pi*x1)"),
+    ),
 }
 CASES = [
     ("plane", "cubic", "transport"),
