@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from optional_packages import PARDISO
+from scipy import linalg
 from skfem import Basis, BilinearForm, ElementQuad1, ElementVector, MeshHex, MeshQuad
 from skfem.helpers import dot
 from skfem.models.elasticity import linear_elasticity
@@ -177,6 +178,23 @@ def test_free_body_has_three_rigid_modes():
     values, _ = lowest_eigenpairs(K, M, 7)
     np.testing.assert_allclose(values[:3], 0, atol=1e-9)
     np.testing.assert_allclose(values[4:6], 17.81, rtol=2e-3)
+
+
+@pytest.mark.parametrize("side", [1.0, 1e5])
+@pytest.mark.parametrize("count", [2, 6, 8])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_rigid_modes_of_free_bodies_have_small_residuals(dim, count, side):
+    """Rigid modes alone, all equal, next to a shift that is nearly zero."""
+    ticks = [np.linspace(0, side, 3)] * dim
+    mesh = (MeshQuad if dim == 2 else MeshHex).init_tensor(*ticks)
+    basis = Basis(mesh, ElementVector(ElementQuadAdini() if dim == 2 else ElementHexAdini()))
+    K = linear_elasticity(1.0, 1.0).assemble(basis)
+    M = BilinearForm(lambda u, v, _: dot(u, v)).assemble(basis)
+    values, x = lowest_eigenpairs(K, M, count)
+    exact = linalg.eigh(K.toarray(), M.toarray(), eigvals_only=True)
+    np.testing.assert_allclose(values, exact[:count], rtol=1e-9, atol=1e-13 * exact[-1])
+    energies = np.diag(x.T @ K @ x)
+    np.testing.assert_allclose(energies, values, rtol=1e-9, atol=1e-13 * exact[-1])
 
 
 BASIS = square(3)
