@@ -12,12 +12,13 @@ import numpy as np
 
 from gpu.arguments import choice
 from gpu.arrays.namespace import to_host
-from gpu.errors import InputError, NotConverged, NotSupported, RiccatiError
-from gpu.riccati.lqr_result import LQRResult, certified
+from gpu.errors import GpuError, InputError, NotConverged, NotSupported, RiccatiError
+from gpu.riccati.lqr_result import LQRResult, certified, in_given_units
 from gpu.riccati.methods.reduced import reduced
 from gpu.riccati.problem.candidate import Found
 from gpu.riccati.problem.lqr_problem import NOT_SEMIDEFINITE, LQRProblem, semidefinite
 from gpu.riccati.problem.state_matrix import EPS
+from gpu.riccati.problem.units import in_moderate_units
 from gpu.riccati.proof.closed_loop import ALL_POLES
 from gpu.riccati.proof.unmovable_modes import explain, named
 
@@ -53,6 +54,21 @@ def solve_problem(
 ) -> LQRResult:
     """Choose the method, solve, certify; ``indefinite`` weights may make the cost negative."""
     method = choice("method", method, ("auto", *METHODS))
+    moderate = in_moderate_units(problem)
+    if moderate is problem:
+        return _solved(problem, method, unstable, options, indefinite=indefinite)
+    if problem.squares_fit:
+        try:
+            return _solved(problem, method, unstable, options, indefinite=indefinite)
+        except (GpuError, ValueError):  # perhaps in these units only
+            pass
+    result = _solved(moderate, method, unstable, options, indefinite=indefinite)
+    return in_given_units(result, problem)
+
+
+def _solved(
+    problem: LQRProblem, method: str, unstable: str, options: dict[str, Any], *, indefinite: bool
+) -> LQRResult:
     # Whether the dense problem is at hand should the method of our choice fail.
     chosen = method == "auto" and not problem.dense and problem.n <= ALL_POLES and not options
     if method == "auto":
@@ -88,11 +104,11 @@ def solve_problem(
     if not result.stable and unstable != "ignore":
         message = (
             f"the gain of method {method!r} does not stabilise: a pole has the real part "
-            f"{result.abscissa:.3g}; {_remedy(problem)}"
+            f"{problem.rate(result.abscissa):.3g}; {_remedy(problem)}"
         )
         if unstable == "raise":
             raise NotConverged(message)
-        warnings.warn(message, RuntimeWarning, stacklevel=4)
+        warnings.warn(message, RuntimeWarning, stacklevel=5)
     return result
 
 
@@ -113,7 +129,7 @@ def _check_solution(problem: LQRProblem, found: Found, result: LQRResult, indefi
             problem,
             NotConverged(
                 f"the Riccati solution is not certified: residual {result.residual:.1e}, "
-                f"abscissa {result.abscissa:.1e}"
+                f"abscissa {problem.rate(result.abscissa):.1e}"
             ),
             indefinite,
         )

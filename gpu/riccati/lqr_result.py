@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from gpu.arrays.namespace import namespace
-from gpu.errors import GpuError, InputError
+from gpu.errors import GpuError, InputError, NotConverged
 from gpu.riccati.methods import newton_kleinman
-from gpu.riccati.problem.candidate import Found
+from gpu.riccati.problem.candidate import Found, LowRankValue
 from gpu.riccati.problem.lqr_problem import LQRProblem
+from gpu.riccati.problem.units import in_moderate_units, power_of_two
 from gpu.riccati.proof.closed_loop import ALL_POLES, dense_loop, nearest_poles, unstable_pole
 from gpu.riccati.proof.refinement import judge
 
+LEAST = 2.0**-1000  # numbers below are about to lose digits
 PROVED = 600  # up to this order all poles are computed although stability is proved without
 
 
@@ -163,8 +165,11 @@ class LQRResult:
         """
         start = self.K if self.stable else None
         problem = self._whole()
-        found = newton_kleinman.solve(problem, start=start, steps=steps, tol=tol)
-        return certified(problem, found, "newton")
+        moderate = in_moderate_units(problem)
+        if moderate is not problem and start is not None:
+            start = power_of_two(start, -moderate.units.gain)
+        found = newton_kleinman.solve(moderate, start=start, steps=steps, tol=tol)
+        return in_given_units(certified(moderate, found, "newton"), problem)
 
 
 def certified(problem: LQRProblem, found: Found, method: str) -> LQRResult:
@@ -202,6 +207,49 @@ def certified(problem: LQRProblem, found: Found, method: str) -> LQRResult:
         solves=int(info.pop("solves", 0)),
         info=info,
         problem=problem,
+    )
+
+
+def in_given_units(result: LQRResult, problem: LQRProblem) -> LQRResult:
+    """The result for the problem as given, of that in the units of `in_moderate_units`.
+
+    Raises
+    ------
+    NotConverged
+        K, S or the poles are out of the range of double precision.
+    """
+    moderate = result.problem
+    if moderate is problem:
+        return result
+    units, info = moderate.units, dict(result.info)
+    K, S = power_of_two(result.K, units.gain), result.S
+    if isinstance(S, LowRankValue):
+        S = replace(S, M=power_of_two(S.M, units.value))
+    elif S is not None:
+        S = power_of_two(S, units.value)
+    E = power_of_two(result.E, units.rate)
+    abscissa, bound = (power_of_two(float(v), units.rate) for v in (result.abscissa, result.bound))
+    if "pole_tolerance" in info:
+        info["pole_tolerance"] = power_of_two(float(info["pole_tolerance"]), units.rate)
+    largest = [K, E, S.M if isinstance(S, LowRankValue) else S]
+    fits = all(bool(namespace(M).isfinite(M).all()) for M in largest if M is not None)
+    if fits and isinstance(S, moderate.xp.ndarray):
+        # Among the least numbers digits are lost.
+        weighed = bool((problem.weight.apply(problem.xp.eye(problem.n)) != 0.0).any())
+        moved = moderate.N is None and bool((moderate.B.T @ result.S != 0.0).any())
+        for M, counts in ((result.S, weighed), (result.K, moved)):
+            fits = fits and not (counts and float(abs(M).max()) < LEAST)
+    if fits and result.stable:
+        rounded = power_of_two(K, -units.gain)
+        same = bool((rounded == result.K).all())
+        fits = abscissa < 0.0 and (same or dense_loop(moderate, rounded).is_stable())
+    if not fits:
+        raise NotConverged(
+            "the gain, the cost or the poles are beyond the range of double precision: measure "
+            "time, states, inputs or costs in other units"
+        )
+    return replace(
+        result, K=K, S=S, E=E, abscissa=abscissa, bound=bound, info=info, problem=problem
     )
 
 

@@ -1,12 +1,14 @@
 """What overflows is never certified: a residual that is not a number is no small one."""
 
+import itertools
 import warnings
+from decimal import Decimal
 
 import numpy as np
 import pytest
 from scipy import sparse
 
-from gpu import GpuError, NotConverged, QPFactor, eigs, lqr, solve_qp, svds
+from gpu import GpuError, NotConverged, QPFactor, RiccatiError, care, eigs, lqe, lqr, solve_qp, svds
 from gpu.eigenvalues.certificate import certify
 from gpu.eigenvalues.operator import as_matrix
 from gpu.qp.data.kkt import kkt_residuals
@@ -119,6 +121,77 @@ def test_a_riccati_residual_that_overflows_is_not_small():
     with np.errstate(all="ignore"):
         for S in (np.full((2, 2), np.nan), 1e200 * np.eye(2), 1e308 * np.eye(2)):
             assert riccati_residual(problem, S).relative > 1e-3
+
+
+REGULATORS = [1e-300, 1e-150, 1e-70, 1.0, 1e70, 1e154, 1e300]
+
+
+@pytest.mark.parametrize("a", [1e-150, 1.0, 1e154, 1e300])
+def test_every_size_of_one_unstable_state(a):
+    """Solved, unless a number of the solution is out of range."""
+    for b, q, r in itertools.product(REGULATORS, repeat=3):
+        effect = Decimal(b) ** 2 / Decimal(r)
+        S = (Decimal(a) + (Decimal(a) ** 2 + effect * Decimal(q)).sqrt()) / effect
+        K = S * Decimal(b) / Decimal(r)
+        pole = Decimal(a) - Decimal(b) * K
+        if not all(Decimal("1e-290") < abs(value) < Decimal("1e307") for value in (S, K, pole)):
+            continue
+        if effect * Decimal(q) < Decimal(a) ** 2 * Decimal("1e-280"):
+            continue  # beside the term of A the others are among the least numbers
+        for result in (lqr([[a]], [[b]], [[q]], [[r]]), lqe([[a]], [[1.0]], [[b]], q, r)):
+            assert result.K[0, 0] == pytest.approx(float(K), rel=1e-12, abs=0.0)
+            assert result.S[0, 0] == pytest.approx(float(S), rel=1e-12, abs=0.0)
+            assert result.E[0].real == pytest.approx(float(pole), rel=1e-12, abs=0.0)
+        cost = care([[a]], [[b]], [[q]], [[r]])
+        assert cost[0, 0] == pytest.approx(float(S), rel=1e-12, abs=0.0)
+
+
+def test_sizes_of_one_stable_state_lose_no_digit_unsaid():
+    """The gain and the cost are right, or refused: none is zero by rounding."""
+    for a, b, q, r in itertools.product([1.0, 1e154, 1e300], *3 * [REGULATORS]):
+        effect = Decimal(b) ** 2 / Decimal(r)
+        S = Decimal(q) / (Decimal(a) + (Decimal(a) ** 2 + effect * Decimal(q)).sqrt())
+        K = S * Decimal(b) / Decimal(r)
+        if min(S, K) < Decimal("1e-300"):
+            continue
+        try:
+            result = lqr([[-a]], [[b]], [[q]], [[r]])
+        except NotConverged:
+            continue
+        assert result.S[0, 0] == pytest.approx(float(S), rel=1e-12, abs=0.0)
+        assert result.K[0, 0] == pytest.approx(float(K), rel=1e-12, abs=0.0)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_units_of_regulators_change_nothing(seed):
+    """Units of time, mass, inputs and costs beyond the squares of double precision."""
+    rng = np.random.default_rng(seed)
+    n, m = int(rng.integers(1, 6)), int(rng.integers(1, 3))
+    A, B, C = (rng.standard_normal(shape) for shape in ((n, n), (n, m), (n, n)))
+    N = 0.1 * rng.standard_normal((n, m)) if seed % 2 else np.zeros((n, m))
+    Q, E = C.T @ C + N @ N.T + np.eye(n), 2.0 * np.eye(n) + 0.2 * rng.standard_normal((n, n))
+    usual = lqr(A, B, Q, np.eye(m), N, E)
+    a, e, b = (int(v) for v in rng.integers(-300, 301, 3))
+    q = 2 * int(rng.integers(-150, 151))
+    scaled = lqr(
+        np.ldexp(A, a), np.ldexp(B, b), np.ldexp(Q, q), np.ldexp(np.eye(m), q + 2 * b - 2 * a),
+        np.ldexp(N, q + b - a), np.ldexp(E, e),
+    )  # fmt: skip
+    for found in (scaled, scaled.refined()):
+        gain, value = np.ldexp(found.K, b - a), np.ldexp(found.S, a + e - q)
+        np.testing.assert_allclose(gain, usual.K, rtol=1e-9, atol=1e-10 * abs(usual.K).max())
+        np.testing.assert_allclose(value, usual.S, rtol=1e-9, atol=1e-10 * abs(usual.S).max())
+        assert isinstance(found.abscissa, float)
+        assert np.ldexp(found.abscissa, e - a) == pytest.approx(usual.abscissa, rel=1e-8)
+        assert found.residual <= 1e-9
+
+
+@pytest.mark.parametrize("size", [1.0, 1e160, 1e300])
+def test_modes_are_named_in_the_units_of_the_arguments(size):
+    with pytest.raises(RiccatiError, match="not stabilisable") as caught:
+        lqr(size * np.diag([1.0, 2.0]), [[1.0], [0.0]], np.eye(2), 1.0)
+    assert caught.value.eigenvalue == pytest.approx(2.0 * size)
+    assert f"{2.0 * size:.6g}" in str(caught.value)
 
 
 @pytest.mark.parametrize("size", [1e-300, 1e-150, 1e-100, 1e100, 1e150, 1e300])

@@ -75,6 +75,8 @@ def _length(p: StandardQP, D: Array, E: Array, curvature: _Sizes) -> Any:
     curved = columns > SMALL_CURVATURE * (float(columns.max()) if D.size else 0.0)
     if bool(curved.any()):
         force = float((xp.abs(D * p.q)[curved] / columns[curved]).max())
+    if side == 0.0 and force > 1.0:  # no side confines what curvature makes
+        return xp.asarray(max(force / MODERATE, 1.0))
     if side < 1.0:
         return xp.asarray(min(max(side, force), 1.0) or 1.0)
     # A side may be far from the solution: only what curvature makes as long is taken whole.

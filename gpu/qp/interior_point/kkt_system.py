@@ -32,6 +32,9 @@ SYSTEM_REFINEMENTS = 3
 POOR_RESIDUAL = 1e-9
 # Of GMRES, one for each perturbed pivot, which are few; all are kept.
 GMRES_DIRECTIONS = 20
+# Unknowns and rows up to which a sparse system, whose pivots are taken in a fixed order and
+# perturbed, is factored with symmetric pivoting where that failed: it takes no longer.
+MOST_STORED_DENSELY = 600
 
 
 class SparseSystem:
@@ -174,18 +177,21 @@ class DenseSystem:
 
 
 class IndefiniteSystem:
-    """The system of dense P and C on the host, factored as it stands with symmetric pivoting.
+    """The full system on the host, factored as it stands with symmetric pivoting.
 
     Slower than the condensed one, and safe where entries of D and E differ by many orders.
     """
 
     def __init__(self, program: StandardQP) -> None:
         n, m = program.q.size, program.row_low.size
+        P, C = program.P, program.C
+        if program.is_sparse:
+            P, C = P.toarray(), C.toarray()
         self.n, self.K = n, np.zeros((n + m, n + m))
-        self.K[:n, :n] = program.P
-        self.K[n:, :n] = program.C
-        self.K[:n, n:] = program.C.T
-        self.diagonal = program.P.diagonal()
+        self.K[:n, :n] = P
+        self.K[n:, :n] = C
+        self.K[:n, n:] = C.T
+        self.diagonal = P.diagonal()
 
     def factor(self, D: Array, E: Array) -> None:
         """Factor for these diagonals; raises `LinAlgError`."""
@@ -221,10 +227,16 @@ class IndefiniteSystem:
 System = SparseSystem | DenseSystem | IndefiniteSystem
 
 
-def kkt_system(program: StandardQP, solver: str = "auto", safe: bool = False) -> System:
+def kkt_system(program: StandardQP, solver: str = "auto") -> System:
     """The system of a program, by the storage of its matrices."""
     if program.is_sparse:
         return SparseSystem(program, solver)
-    if safe and program.xp is np:
-        return IndefiniteSystem(program)
     return DenseSystem(program)
+
+
+def safe_system(program: StandardQP) -> IndefiniteSystem | None:
+    """What may take the place of `kkt_system` where that failed; None where it is too large."""
+    few = program.q.size + program.row_low.size <= MOST_STORED_DENSELY
+    if program.xp is np and (few or not program.is_sparse):
+        return IndefiniteSystem(program)
+    return None

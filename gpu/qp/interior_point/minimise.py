@@ -17,7 +17,7 @@ from gpu.qp.interior_point.equilibrate import Scaling, equilibrate, largest_side
 from gpu.qp.interior_point.extended_precision import PrimalDual, extended
 from gpu.qp.interior_point.infeasibility import Solve, farkas, ray
 from gpu.qp.interior_point.interior_point import NEAR_RESIDUAL, interior_point
-from gpu.qp.interior_point.kkt_system import System, kkt_system
+from gpu.qp.interior_point.kkt_system import System, kkt_system, safe_system
 from gpu.qp.interior_point.polish import Sides, polish
 from gpu.qp.interior_point.presolve import contradiction, presolve
 
@@ -190,8 +190,8 @@ class _Search:
         sharpen = proofs and p.xp is np and p.is_sparse and small_enough
         best, steps = None, 0
         for attempt in range(len(ATTEMPTS) if proofs else 2):
-            if attempt == 1 and not self.scaled.is_sparse:
-                system = kkt_system(self.scaled, self.solver, safe=True)
+            if attempt == 1:
+                system = safe_system(self.scaled) or system
             found, count = self._attempt(attempt, system, sharpen)
             if not found:
                 continue

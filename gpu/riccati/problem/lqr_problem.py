@@ -65,6 +65,8 @@ class LQRProblem:
         The factor of ``Q = C^T C`` if Q was given by it.
     N : array, shape (n, m), or None
     R : (m, m) numpy.ndarray
+    units : gpu.riccati.problem.units.Units or None
+        Those that the numbers are in, if not in those of the arguments.
     """
 
     state: StateMatrix
@@ -75,6 +77,7 @@ class LQRProblem:
     C: Any
     N: Any
     R: np.ndarray
+    units: Any = None
 
     @property
     def n(self) -> int:
@@ -90,6 +93,11 @@ class LQRProblem:
     def dense(self) -> bool:
         """Whether A is stored as a full matrix."""
         return self.state.kind == "dense"
+
+    @property
+    def squares_fit(self) -> bool:
+        """Whether squares of the entries of a dense A and of B stay in range."""
+        return max(float(abs(M).max()) for M in (self.state.A, self.B)) <= LARGEST
 
     @cached_property
     def unit(self) -> Any:
@@ -112,6 +120,12 @@ class LQRProblem:
     def _inverse_root(self) -> np.ndarray:
         eye = np.eye(len(self.root))
         return np.asarray(linalg.solve_triangular(self.root, eye, lower=True))
+
+    def rate(self, value: complex) -> complex:
+        """A pole, real or complex, in the units of the arguments."""
+        exponent = 0 if self.units is None else self.units.rate
+        half = exponent // 2
+        return value * 2.0**half * 2.0 ** (exponent - half)
 
     def entries(self) -> LQRProblem:
         """The same problem, with a dense A if it is an operator."""
@@ -184,9 +198,10 @@ def check_lqr(
     n, xp = state.n, state.xp
     B = columns("B", B, n, xp)
     m = B.shape[1]
-    if state.kind != "operator" and float(abs(state.A).max()) > LARGEST:
+    scaled = state.kind == "dense" and not (hasattr(Q, "matvec") and not hasattr(Q, "tocsr"))
+    if not scaled and state.kind != "operator" and float(abs(state.A).max()) > LARGEST:
         raise InputError("A is too large, its squares overflow: measure time in other units")
-    if float(abs(B).max()) > LARGEST:
+    if not scaled and float(abs(B).max()) > LARGEST:
         raise InputError("B is too large, its squares overflow: measure inputs in other units")
     R_host = _input_cost(R, m)
     try:

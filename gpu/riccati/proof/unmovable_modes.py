@@ -33,6 +33,7 @@ def explain(problem: LQRProblem) -> RiccatiError | None:
     values = np.linalg.eigvals(H)
     nearest = values[np.argmin(np.abs(values.real))]
     if abs(nearest.real) <= max(AXIS * abs(nearest), 1e3 * EPS * float(np.linalg.norm(H))):
+        nearest = problem.rate(nearest)
         value = complex(0.0, abs(nearest.imag))
         return RiccatiError(
             f"the Hamiltonian has the eigenvalue {_shown(value)} on the imaginary axis (to "
@@ -59,7 +60,7 @@ def named(problem: LQRProblem) -> RiccatiError | None:
     if standard is None:
         return None
     A, B, Q = (to_host(M) for M in standard)
-    return _not_stabilisable(problem.entries(), B) or _not_detectable(A, Q)
+    return _not_stabilisable(problem.entries(), B) or _not_detectable(problem, A, Q)
 
 
 def _standard(problem: LQRProblem) -> DenseProblem | None:
@@ -79,6 +80,7 @@ def _not_stabilisable(problem: LQRProblem, B: np.ndarray) -> RiccatiError | None
     B = B / own[:, None]
     for value, size, _ in _unstable(A):
         if _loses_rank(A - value * np.eye(len(A)), B, size):
+            value = problem.rate(value)
             return RiccatiError(
                 f"the mode {_shown(value)} of A is not stabilisable: no input moves it; give it "
                 "an input, or take it out of the model",
@@ -88,13 +90,14 @@ def _not_stabilisable(problem: LQRProblem, B: np.ndarray) -> RiccatiError | None
     return None
 
 
-def _not_detectable(A: np.ndarray, Q: np.ndarray) -> RiccatiError | None:
+def _not_detectable(problem: LQRProblem, A: np.ndarray, Q: np.ndarray) -> RiccatiError | None:
     A, own = _balanced(A)
     Q = Q * own * own[:, None]
     for value, size, doubt in _unstable(A):
         if abs(value.real) > min(AXIS * max(abs(value), 0.1 * size), doubt):
             continue
         if _loses_rank((A - value * np.eye(len(A))).T, Q, size):
+            value = problem.rate(value)
             return RiccatiError(
                 f"the mode {_shown(value)} of A lies on the imaginary axis and is not detectable: "
                 "Q does not see it, so no optimal feedback moves it; give it a weight",

@@ -8,6 +8,8 @@ import pytest
 from scipy import sparse
 
 from gpu import QPFactor, batch_solve_qp, solve_qp
+from gpu.qp.data.standard_qp import StandardQP
+from gpu.qp.interior_point.kkt_system import MOST_STORED_DENSELY, safe_system
 
 SEEDS = [3, 7, 13, 26, 41, 60, 77, 83]
 
@@ -123,6 +125,7 @@ def objective(p, x):
 
 SEEDS_OF_LENGTHS = [
     range(0, 10),
+    [95, 832, 1190],  # forces without any side; sparse systems whose pivots are poor
     pytest.param(range(10, 500), marks=pytest.mark.slow),
     pytest.param(range(500, 1250), marks=pytest.mark.slow),
 ]
@@ -149,6 +152,40 @@ def test_the_origin_and_lengths_are_nothing_special(seeds, stored):
                     np.testing.assert_allclose(
                         result.x / unit, here, rtol=1e-6, atol=1e-8 * abs(x).max()
                     )
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-12, 1e6, 1e12, 1e20])
+@pytest.mark.parametrize("sides", [(), (0.0,)], ids=["no sides", "sides at zero"])
+def test_curvature_alone_makes_every_length(sides, unit):
+    """Nearly singular, and without any other length."""
+    P = np.array([[1e-3, -0.0315], [-0.0315, 1.0]])
+    x = np.array([-0.7, 0.02])
+    rows = (np.ones((len(sides), 2)), unit * np.array(sides)) if sides else (None, None)
+    result = solve_qp(
+        sparse.csr_array(P), -unit * (P @ x), None if not sides else sparse.csr_array(rows[0]),
+        rows[1],
+    )  # fmt: skip
+    assert result.kkt.worst <= 1e-12
+    np.testing.assert_allclose(result.x / unit, x, rtol=1e-9)
+
+
+def test_a_sparse_program_that_failed_is_factored_with_symmetric_pivoting():
+    rng = np.random.default_rng(0)
+    P, C = np.diag([1.0, 0.0, 2.0, 0.0]), rng.standard_normal((2, 4))
+    nothing, free = np.zeros(2), np.full(4, np.inf)
+
+    def program(P, C):
+        return StandardQP(P, np.ones(len(free)), C, nothing, nothing, -free, free)
+
+    system = safe_system(program(sparse.csr_array(P), sparse.csr_array(C)))
+    system.factor(np.full(4, 1e-12), np.full(2, 1e-12))
+    r, s = rng.standard_normal(4), rng.standard_normal(2)
+    K = np.block([[P + 1e-12 * np.eye(4), C.T], [C, -1e-12 * np.eye(2)]])
+    expected = np.linalg.solve(K, np.concatenate([r, s]))
+    np.testing.assert_allclose(np.concatenate(system.solve(r, s)), expected, rtol=1e-9)
+    free = np.full(MOST_STORED_DENSELY, np.inf)
+    P, C = sparse.eye_array(free.size, format="csr"), sparse.csr_array(np.ones((2, free.size)))
+    assert safe_system(program(P, C)) is None
 
 
 @pytest.mark.parametrize("seed", range(40))
