@@ -102,6 +102,7 @@ class Replay:
         for t, dt in plan:
             self.moves += around([Move(stage, t, dt) for stage in solver._stages], solver, t, dt)
         self._feet: dict[int, StageFeet] = {}
+        self._last: tuple[int, StageFeet] | None = None  # computed again, asked for several times
         self._kept = 0
         # For each move whether paths had left the grid before, and the sub-steps known after it.
         self._memory: list[tuple[bool, dict[Any, tuple[float, int]]]] = []
@@ -141,11 +142,12 @@ class Replay:
         """The feet of move n, which was taken before."""
         if n in self._feet:
             return self._feet[n]
-        self._recall(n)
-        move = self.moves[n]
-        assert isinstance(move, Move)
-        found: StageFeet = self.solver.feet(move.stage, move.t, move.dt)
-        return found
+        if self._last is None or self._last[0] != n:
+            self._recall(n)
+            move = self.moves[n]
+            assert isinstance(move, Move)
+            self._last = n, self.solver.feet(move.stage, move.t, move.dt)
+        return self._last[1]
 
     def _recall(self, n: int) -> None:
         kernels = self.solver._kernels

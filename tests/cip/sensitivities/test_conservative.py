@@ -14,7 +14,7 @@ GRIDS = {
     "uneven": Grid.from_coordinates(LINE + 0.01 * np.sin(2 * np.pi * LINE), periodic=True),
     "walls": Grid((0, 1), 21),
 }
-TEXTS = ("a + b*sin(2*pi*x1)", "a*sin(5*(x1 - 0.53)) + b*cos(3*t)")
+TEXTS = ("a + b*sin(2*pi*x1)", "0.8*a*sin(2*pi*(x1 - 0.53)) + b*cos(3*t)")
 every_profile = pytest.mark.parametrize("profile", ["csl2", "csl4"])
 
 
